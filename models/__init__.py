@@ -1,0 +1,1 @@
+"""The ONNX artifacts and `manifest.json`, installed as package data under the name `tinysplat_models`."""

@@ -1,0 +1,58 @@
+"""TinySplat's runtime: posed photos to a tiny 3D Gaussian scene and back, with numpy, onnxruntime and av alone.
+
+    scene = ts.load_scene("desk/")
+    gaussians = ts.predict(scene.views([0, 4]))
+    data = ts.compress(gaussians)
+    image = ts.render(ts.decompress(data), scene.cameras[2])
+
+Names are loaded on first use, so that importing the package opens no model, no file and no library.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_MODULE_OF = {
+    "Camera": "cameras",
+    "FormatError": "errors",
+    "Gaussians": "gaussians",
+    "InputError": "errors",
+    "ModelError": "errors",
+    "NumericError": "errors",
+    "Runtime": "api",
+    "Scene": "scenes",
+    "TinySplatError": "errors",
+    "compress": "api",
+    "decompress": "api",
+    "inspect": "api",
+    "load_gaussians": "interchange",
+    "load_scene": "scenes",
+    "predict": "api",
+    "render": "api",
+    "save_gaussians": "interchange",
+}
+
+__all__ = sorted(_MODULE_OF)
+
+if TYPE_CHECKING:
+    from .api import Runtime, compress, decompress, inspect, predict, render
+    from .cameras import Camera
+    from .errors import FormatError, InputError, ModelError, NumericError, TinySplatError
+    from .gaussians import Gaussians
+    from .interchange import load_gaussians, save_gaussians
+    from .scenes import Scene, load_scene
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

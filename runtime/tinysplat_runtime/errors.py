@@ -1,0 +1,50 @@
+"""Every error that this package raises on purpose.
+
+    TinySplatError
+    ├── InputError     what the user gave: photos, cameras, Gaussians, options
+    ├── FormatError    a .tsplat file that is damaged, cut short or foreign
+    ├── ModelError     an ONNX artifact that is missing or breaks its contract
+    └── NumericError   values that a transform cannot represent
+
+A message is one line: where (file, field, index), what was found, what would be accepted.
+The command line turns any of them into that line and exit status 2.
+"""
+
+from __future__ import annotations
+
+
+class TinySplatError(Exception):
+    """Base of all errors raised on purpose.
+
+    Attributes:
+        where: file, section or field at fault, outermost first, or None.
+    """
+
+    def __init__(self, message: str, *, where: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+
+    def __str__(self) -> str:
+        text = f"{self.where}: {self.message}" if self.where else self.message
+        return " ".join(text.split())
+
+    def within(self, where: str) -> TinySplatError:
+        """The same error seen from one level further out, for instance from the file that held the field."""
+        return type(self)(self.message, where=f"{where}: {self.where}" if self.where else where)
+
+
+class InputError(TinySplatError):
+    """What the user gave cannot be used as it is."""
+
+
+class FormatError(TinySplatError):
+    """A `.tsplat` file is damaged, cut short, foreign or beyond the limits."""
+
+
+class ModelError(TinySplatError):
+    """An ONNX artifact is missing, was altered, or breaks its contract."""
+
+
+class NumericError(TinySplatError):
+    """Values that the transform at hand cannot represent."""

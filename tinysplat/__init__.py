@@ -1,0 +1,1 @@
+"""TinySplat's reference side: networks, transforms, training and evaluation in torch. The runtime never imports it."""

@@ -1,0 +1,1 @@
+"""Feedforward networks: posed images in, per-pixel Gaussians out."""
