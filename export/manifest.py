@@ -1,0 +1,73 @@
+"""Write an exported graph into models/ and its entry into manifest.json, once parity has been shown."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import onnx
+
+ROOT = Path(__file__).resolve().parents[1]
+for _folder in (ROOT, ROOT / "runtime"):
+    if str(_folder) not in sys.path:
+        sys.path.insert(0, str(_folder))
+
+from tinysplat_runtime.inference import CONTRACT_VERSION  # noqa: E402
+
+MODELS = ROOT / "models"
+MAX_IR_VERSION = 10  # onnxruntime 1.20 reads no newer one
+OPSET = 18
+
+
+def add_metadata(path: Path, metadata: dict[str, Any]) -> None:
+    """Stamp role, contract, ranges, licence and provenance into the file; lower the IR version to what ORT 1.20 reads."""
+    model = onnx.load(str(path))
+    model.ir_version = min(model.ir_version, MAX_IR_VERSION)
+    model.producer_name, model.producer_version, model.doc_string = "tinysplat", "", ""
+    _drop_debris(model)
+    del model.metadata_props[:]
+    entry = model.metadata_props.add()
+    entry.key, entry.value = "tinysplat", json.dumps({"contract": CONTRACT_VERSION, **metadata}, sort_keys=True)
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
+
+
+def _drop_debris(model: onnx.ModelProto) -> None:
+    """Remove the exporter's per-node notes: they hold stack traces with paths of the exporting machine."""
+    for holder in (*model.graph.node, *model.graph.value_info, *model.graph.initializer, *model.graph.input,
+                   *model.graph.output, model.graph):  # fmt: skip
+        if hasattr(holder, "metadata_props"):
+            del holder.metadata_props[:]
+        holder.doc_string = ""
+
+
+def register(name: str, path: Path, role: str, parity: dict[str, float], **facts: Any) -> None:
+    """Write the manifest entry of an artifact.
+
+    Args:
+        name: its name for users.
+        path: the .onnx file, inside models/.
+        role: network, analysis or synthesis.
+        parity: largest torch-onnx difference by output; every one must be finite.
+        facts: licence, provenance and whatever else the entry should say.
+    """
+    if not all(value < float("inf") for value in parity.values()):
+        raise SystemExit(f"{name}: parity {parity} is not finite; no manifest entry is written")
+    target = MODELS / "manifest.json"
+    manifest = json.loads(target.read_text()) if target.exists() else {"artifacts": {}}
+    opset = next(o.version for o in onnx.load(str(path), load_external_data=False).opset_import if o.domain == "")
+    manifest["artifacts"][name] = {
+        "file": path.name,
+        "role": role,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "bytes": path.stat().st_size,
+        "opset": opset,
+        "contract": CONTRACT_VERSION,
+        "parity": {key: float(f"{value:.3g}") for key, value in parity.items()},
+        **facts,
+    }
+    manifest["artifacts"] = dict(sorted(manifest["artifacts"].items()))
+    target.write_text(json.dumps(manifest, indent=2, ensure_ascii=False) + "\n", "utf-8")

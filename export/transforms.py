@@ -1,0 +1,200 @@
+"""Export VPT, VABR and their inverses to models/*.onnx and check each graph against its torch twin.
+
+python export/transforms.py
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from manifest import MODELS, OPSET, add_metadata, register  # this folder is first on the path of a script
+from torch import Tensor, nn
+
+from tinysplat import transforms as T
+from tinysplat_runtime.artifacts import Artifact
+from tinysplat_runtime.inference import CONTRACTS, open_graph
+
+LICENCE = "Apache-2.0"
+PARITY_RTOL = 1e-5  # summation order alone moves the projections by a few ulp
+
+
+@dataclass(frozen=True)
+class Graph:
+    """What to export: role, module, and example inputs (V, H, W, degree) by name with their dynamic axes."""
+
+    role: str
+    module: nn.Module
+    inputs: Callable[[int, int, int, int], dict[str, Tensor]]
+    axes: dict[str, dict[int, str]]
+    purpose: str
+
+
+def _camera(views: int) -> dict[str, Tensor]:
+    K = torch.tensor([[120.0, 1.5, 9.0], [0.0, 110.0, 7.0], [0.0, 0.0, 1.0]]).repeat(views, 1, 1)
+    quat = T.unit_quats(torch.randn(views, 4))
+    w, x, y, z = quat.unbind(-1)
+    rows = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]  # fmt: skip
+    return {"K": K, "rotation": torch.stack(rows, -1).reshape(views, 3, 3), "rotation_quat": quat}
+
+
+def _gaussians(v: int, h: int, w: int) -> dict[str, Tensor]:
+    return {
+        "means": torch.randn(v, h, w, 3) + torch.tensor([0.0, 0.0, 6.0]),
+        "quats": torch.randn(v, h, w, 4),
+        "scales": torch.rand(v, h, w, 3) * 0.1,
+        "opacities": torch.rand(v, h, w),
+    }
+
+
+def _vpt_inputs(v: int, h: int, w: int, degree: int) -> dict[str, Tensor]:
+    camera = _camera(v)
+    camera["rotation"], camera["rotation_quat"] = torch.eye(3).repeat(v, 1, 1), torch.tensor([[1.0, 0, 0, 0]] * v)
+    return {**_gaussians(v, h, w), **camera, "centre_high": torch.randn(v, 3), "centre_low": torch.randn(v, 3) * 1e-7}
+
+
+def _sh(v: int, h: int, w: int, degree: int) -> Tensor:
+    return torch.randn(v, h, w, (degree + 1) ** 2, 3)
+
+
+def _codes(*shape: int) -> Tensor:
+    return torch.randint(0, 4096, shape, dtype=torch.uint16)
+
+
+def _synthesis_inputs(v: int, h: int, w: int, degree: int, vabr: bool) -> dict[str, Tensor]:
+    d, planes, k = 3 * (degree + 1) ** 2, 12, 5
+    mix = torch.randn(v, 11, planes) * 1e-4
+    bias = torch.rand(v, 11) + 1.5
+    return {
+        "geometry_codes": _codes(v, planes, h, w),
+        "geometry_mix": mix,
+        "geometry_bias": bias,
+        "color_codes": _codes(v, k if vabr else 3, h, w),
+        "color_mix": torch.randn(k, d) * 1e-3 if vabr else torch.rand(3) * 1e-3,
+        "color_bias": torch.randn(d if vabr else 3),
+        **_camera(v),
+        "centre": torch.randn(v, 3),
+        "inverse_depth": torch.tensor(0.0),
+        "relative_rotation": torch.tensor(0.0),
+        "depth_limits": torch.tensor([1.0, 3.0]),
+    }
+
+
+_VIEW, _GRID = {0: "V"}, {0: "V", 1: "H", 2: "W"}
+_PLANES = {0: "V", 1: "P", 2: "H", 3: "W"}
+_CAMERA_AXES = {name: _VIEW for name in ("K", "rotation", "rotation_quat")}
+_SYNTHESIS_AXES = {
+    "geometry_codes": _PLANES,
+    "geometry_mix": {0: "V", 2: "P"},
+    "geometry_bias": _VIEW,
+    **_CAMERA_AXES,
+    "centre": _VIEW,
+    "inverse_depth": {},
+    "relative_rotation": {},
+    "depth_limits": {},
+}
+
+GRAPHS = {
+    "analysis_vpt": Graph(
+        "analysis",
+        T.ViewProjection(),
+        _vpt_inputs,
+        {
+            **{name: _GRID for name in ("means", "quats", "scales", "opacities")},
+            **_CAMERA_AXES,
+            "centre_high": _VIEW,
+            "centre_low": _VIEW,
+        },
+        "VPT: Gaussians and cameras to planes, and the second moment of the rotations",
+    ),
+    "analysis_moment": Graph(
+        "analysis",
+        T.CoefficientMoment(),
+        lambda v, h, w, degree: {"sh": _sh(v, h, w, degree)},
+        {"sh": {**_GRID, 3: "B"}},
+        "VABR: second moment of the SH coefficients",
+    ),
+    "analysis_project": Graph(
+        "analysis",
+        T.CoefficientProjection(),
+        lambda v, h, w, degree: {"sh": _sh(v, h, w, degree), "projection": torch.randn(3 * (degree + 1) ** 2, 5)},
+        {"sh": {**_GRID, 3: "B"}, "projection": {0: "d", 1: "k"}},
+        "VABR: SH coefficients to k planes",
+    ),
+    "synthesis": Graph(
+        "synthesis",
+        T.Synthesis(vabr=True),
+        lambda *size: _synthesis_inputs(*size, vabr=True),
+        {**_SYNTHESIS_AXES, "color_codes": {0: "V", 1: "k", 2: "H", 3: "W"}, "color_mix": {0: "k", 1: "d"},
+         "color_bias": {0: "d"}},
+        "integer planes to Gaussians: dequantisation, inverse VABR, inverse VPT",
+    ),
+    "synthesis_dc": Graph(
+        "synthesis",
+        T.Synthesis(vabr=False),
+        lambda *size: _synthesis_inputs(*size, vabr=False),
+        {**_SYNTHESIS_AXES, "color_codes": {0: "V", 2: "H", 3: "W"}, "color_mix": {}, "color_bias": {}},
+        "integer planes to Gaussians of SH degree 0: dequantisation, inverse VPT",
+    ),
+}  # fmt: skip
+
+
+def _positional(name: str, graph: Graph, size: tuple[int, int, int, int]) -> dict[str, Tensor]:
+    """Inputs in the order of the module's forward, under the ONNX names."""
+    inputs = graph.inputs(*size)
+    order = [n for n in CONTRACTS[name].inputs]
+    torch_names = {"color_step": "color_mix"}
+    return {onnx_name: inputs[torch_names.get(onnx_name, onnx_name)] for onnx_name in order}
+
+
+def export(name: str, graph: Graph) -> dict[str, float]:
+    """Write models/NAME.onnx; returns the largest difference to torch, relative to the output's largest magnitude."""
+    path = MODELS / f"{name}.onnx"
+    inputs = _positional(name, graph, (2, 6, 5, 2 if name != "synthesis_dc" else 0))
+    dims: dict[str, torch.export.Dim] = {}
+
+    def dim(symbol: str) -> torch.export.Dim:
+        return dims.setdefault(symbol, torch.export.Dim.DYNAMIC)
+
+    torch_names = {"color_step": "color_mix"}
+    shapes = tuple({axis: dim(symbol) for axis, symbol in graph.axes[torch_names.get(n, n)].items()} for n in inputs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            graph.module.eval(), tuple(inputs.values()), str(path), input_names=list(inputs),
+            output_names=list(CONTRACTS[name].outputs), dynamic_shapes=shapes, opset_version=OPSET, dynamo=True,
+            external_data=False, verbose=False,
+        )  # fmt: skip
+    add_metadata(path, {"role": graph.role, "licence": LICENCE, "purpose": graph.purpose})
+    worst: dict[str, float] = {}
+    session = open_graph(Artifact(name, path), name)
+    for size in ((2, 6, 5, 2), (1, 1, 1, 1), (5, 17, 33, 4)):
+        inputs = _positional(name, graph, (*size[:3], size[3] if name != "synthesis_dc" else 0))
+        expected = graph.module(*inputs.values())
+        found = session.run({n: t.numpy() for n, t in inputs.items()})
+        for key, want in zip(
+            CONTRACTS[name].outputs, expected if isinstance(expected, tuple) else (expected,), strict=True
+        ):
+            error = (torch.from_numpy(found[key]) - want).abs().max() / want.abs().max().clamp_min(1e-30)
+            worst[key] = max(worst.get(key, 0.0), float(error))
+    if max(worst.values()) > PARITY_RTOL:
+        raise SystemExit(f"{name}: torch and onnx differ by {worst}; nothing was registered")
+    return worst
+
+
+def main() -> None:
+    """Export every graph of the transforms."""
+    torch.manual_seed(0)
+    for name, graph in GRAPHS.items():
+        worst = export(name, graph)
+        register(name, MODELS / f"{name}.onnx", graph.role, worst, licence=LICENCE, purpose=graph.purpose,
+                 made_by="export/transforms.py")  # fmt: skip
+        print(name, {k: f"{v:.1e}" for k, v in worst.items()})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+"""Open an ONNX artifact with onnxruntime, hold it to its role's contract, and run it.
+
+The contract fixes names, element types and ranks; sizes are dynamic. It is checked when a graph is opened, so that a
+wrong file is refused with what is wrong before any work is done.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .artifacts import Artifact
+from .errors import ModelError
+
+CONTRACT_VERSION = 1
+
+_F32, _U16 = "tensor(float)", "tensor(uint16)"
+
+
+@dataclass(frozen=True)
+class Contract:
+    """Tensors of a graph: name to (element type, rank)."""
+
+    inputs: Mapping[str, tuple[str, int]]
+    outputs: Mapping[str, tuple[str, int]]
+
+
+_CAMERA = {"K": (_F32, 3), "rotation": (_F32, 3), "rotation_quat": (_F32, 2)}
+_GEOMETRY_IN = {"geometry_codes": (_U16, 4), "geometry_mix": (_F32, 3), "geometry_bias": (_F32, 2)}
+_FORMS = {"inverse_depth": (_F32, 0), "relative_rotation": (_F32, 0), "depth_limits": (_F32, 1)}
+_GAUSSIANS_OUT = {
+    "means": (_F32, 4),
+    "quats": (_F32, 4),
+    "scales": (_F32, 4),
+    "opacities": (_F32, 3),
+    "sh": (_F32, 5),
+}
+
+CONTRACTS: dict[str, Contract] = {
+    "network": Contract(
+        {"images": (_F32, 4), "K": (_F32, 3), "c2w": (_F32, 3), "near": (_F32, 1), "far": (_F32, 1)},
+        _GAUSSIANS_OUT,
+    ),
+    "analysis_vpt": Contract(
+        {
+            "means": (_F32, 4),
+            "quats": (_F32, 4),
+            "scales": (_F32, 4),
+            "opacities": (_F32, 3),
+            **_CAMERA,
+            "centre_high": (_F32, 2),
+            "centre_low": (_F32, 2),
+        },
+        {"geometry": (_F32, 4), "rotation_moment": (_F32, 3)},
+    ),
+    "analysis_moment": Contract({"sh": (_F32, 5)}, {"moment": (_F32, 2)}),
+    "analysis_project": Contract({"sh": (_F32, 5), "projection": (_F32, 2)}, {"color": (_F32, 4)}),
+    "synthesis": Contract(
+        {
+            **_GEOMETRY_IN,
+            "color_codes": (_U16, 4),
+            "color_mix": (_F32, 2),
+            "color_bias": (_F32, 1),
+            **_CAMERA,
+            "centre": (_F32, 2),
+            **_FORMS,
+        },
+        _GAUSSIANS_OUT,
+    ),
+    "synthesis_dc": Contract(
+        {
+            **_GEOMETRY_IN,
+            "color_codes": (_U16, 4),
+            "color_step": (_F32, 1),
+            "color_bias": (_F32, 1),
+            **_CAMERA,
+            "centre": (_F32, 2),
+            **_FORMS,
+        },
+        _GAUSSIANS_OUT,
+    ),
+}
+"""By role `network`, and by name for the graphs of the roles `analysis` and `synthesis`."""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """An opened artifact.
+
+    Attributes:
+        name: the artifact's name.
+        session: onnxruntime.InferenceSession.
+        metadata: the JSON object under the file's metadata key `tinysplat`; empty if there is none.
+        output_names: all outputs in the file's order.
+    """
+
+    name: str
+    session: Any
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    output_names: tuple[str, ...] = ()
+
+    def run(self, inputs: Mapping[str, NDArray], outputs: Sequence[str] | None = None) -> dict[str, NDArray]:
+        """Run the graph.
+
+        Args:
+            inputs: every input by name, in the contract's dtype.
+            outputs: names wanted; all when None.
+
+        Returns:
+            Arrays by name.
+
+        Raises:
+            ModelError: onnxruntime refused the inputs or failed; says what it said, in one line.
+        """
+        names = list(outputs or self.output_names)
+        try:
+            values = self.session.run(names, dict(inputs))
+        except Exception as error:  # onnxruntime raises a dozen unrelated types
+            raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
+        return dict(zip(names, values, strict=True))
+
+
+def open_graph(
+    artifact: Artifact,
+    contract: str,
+    *,
+    threads: int | None = None,
+    providers: Sequence[str] = ("CPUExecutionProvider",),
+) -> Graph:
+    """Verify, load and check an artifact.
+
+    Args:
+        artifact: what to open.
+        contract: key of `CONTRACTS`.
+        threads: threads inside an operator; None for all cores this process may use.
+        providers: onnxruntime execution providers in order of preference.
+
+    Raises:
+        ModelError: unreadable, altered, not ONNX, an operator onnxruntime lacks, or another contract.
+    """
+    import onnxruntime as ort  # here, so that commands without a graph start without it
+
+    unknown = [p for p in providers if p not in ort.get_available_providers()]
+    if unknown:
+        have = ", ".join(ort.get_available_providers())
+        raise ModelError(f"execution provider {unknown[0]} is not in this onnxruntime; it has {have}", where="provider")
+    options = ort.SessionOptions()
+    options.log_severity_level = 4  # failures come back as exceptions; nothing else belongs on standard error
+    options.intra_op_num_threads = threads or available_cores()
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads must not steal x265's cores
+    # A user's network may keep its weights beside the file, which only a path can find.
+    source = artifact.read() if artifact.sha256 is not None else str(artifact.path)
+    try:
+        session = ort.InferenceSession(source, options, providers=list(providers))
+    except Exception as error:
+        raise ModelError(f"not a graph onnxruntime can run: {_first_line(error)}", where=str(artifact.path)) from error
+    graph = Graph(artifact.name, session, _metadata(session), tuple(o.name for o in session.get_outputs()))
+    _check_contract(graph, CONTRACTS[contract], str(artifact.path))
+    return graph
+
+
+@lru_cache(maxsize=1)
+def available_cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def as_input(array: NDArray | Sequence[Any] | float, dtype: type = np.float32) -> NDArray:
+    """A C-contiguous array of the graph's dtype."""
+    return np.asarray(array, dtype=dtype, order="C")
+
+
+def _metadata(session: Any) -> Mapping[str, Any]:
+    text = session.get_modelmeta().custom_metadata_map.get("tinysplat", "{}")
+    try:
+        value = json.loads(text)
+    except ValueError:
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _check_contract(graph: Graph, contract: Contract, where: str) -> None:
+    version = graph.metadata.get("contract", CONTRACT_VERSION)
+    if version != CONTRACT_VERSION:
+        raise ModelError(f"contract version {version}, this runtime speaks {CONTRACT_VERSION}", where=where)
+    found = {"input": graph.session.get_inputs(), "output": graph.session.get_outputs()}
+    for kind, wanted in (("input", contract.inputs), ("output", contract.outputs)):
+        by_name = {node.name: node for node in found[kind]}
+        for name, (dtype, rank) in wanted.items():
+            node = by_name.pop(name, None)
+            if node is None:
+                raise ModelError(f"{kind} '{name}' is missing; it has {', '.join(by_name) or 'none'}", where=where)
+            if node.type != dtype or len(node.shape) != rank:
+                raise ModelError(
+                    f"{kind} '{name}' is {node.type} of rank {len(node.shape)}, expected {dtype} of rank {rank}",
+                    where=where,
+                )
+        if kind == "input" and by_name:
+            raise ModelError(f"input '{next(iter(by_name))}' is not in the contract ({', '.join(wanted)})", where=where)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n")[0][:300]

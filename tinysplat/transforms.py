@@ -1,0 +1,201 @@
+"""The codec's transforms as torch modules: VPT, VABR and their inverses (PAPER.md; arXiv 2506.09479, section 3).
+
+`export/transforms.py` writes them to the ONNX graphs that the runtime runs. They are matrix operations in float32;
+what needs float64 (eigen-decomposition, camera inverses, folding of steps into matrices) is the caller's, on the host.
+
+A layer's geometry is one tensor (V, 11, H, W) of channels in the order of `GEOMETRY`; positions are depth along z in
+scene units and the offset from the pixel's own centre in pixels, scales are ŝ = f·s/z in pixels, rotations are in the
+camera frame.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+GEOMETRY = {"depth": slice(0, 1), "offset": slice(1, 3), "scale": slice(3, 6), "rotation": slice(6, 10),
+            "opacity": slice(10, 11)}  # fmt: skip
+"""Channels of the geometry tensor by plane class."""
+
+
+def multiply_quats(a: Tensor, b: Tensor) -> Tensor:
+    """Hamilton product of quaternions (…, 4), wxyz."""
+    aw, ax, ay, az = a.unbind(-1)
+    bw, bx, by, bz = b.unbind(-1)
+    return torch.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        dim=-1,
+    )
+
+
+def unit_quats(quats: Tensor) -> Tensor:
+    """Quaternions (…, 4) at unit length; scaled by the largest component first, so that denormal ones survive."""
+    tiny = torch.finfo(quats.dtype).tiny
+    scaled = quats / quats.abs().amax(-1, keepdim=True).clamp_min(tiny)
+    return scaled / scaled.norm(dim=-1, keepdim=True).clamp_min(tiny)
+
+
+def _columns(K: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """fx, fy, cx, cy, skew of K (V, 3, 3), each (V, 1, 1)."""
+    entries = K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2], K[:, 0, 1]
+    fx, fy, cx, cy, skew = (entry[:, None, None] for entry in entries)
+    return fx, fy, cx, cy, skew
+
+
+def _pixel_centres(height: int, width: int, like: Tensor) -> tuple[Tensor, Tensor]:
+    """u (1, W) and v (H, 1): pixel centres in pixels."""
+    u = torch.arange(width, dtype=like.dtype, device=like.device)[None, :] + 0.5
+    v = torch.arange(height, dtype=like.dtype, device=like.device)[:, None] + 0.5
+    return u, v
+
+
+class ViewProjection(nn.Module):
+    """VPT: Gaussians of V views to planes.
+
+    The camera centre comes as a sum of two float32 numbers, so that means far from the origin lose nothing in the
+    subtraction: mean − high is exact when the two are close (Sterbenz), and low corrects it.
+    """
+
+    def forward(
+        self,
+        means: Tensor,
+        quats: Tensor,
+        scales: Tensor,
+        opacities: Tensor,
+        K: Tensor,
+        rotation: Tensor,
+        rotation_quat: Tensor,
+        centre_high: Tensor,
+        centre_low: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """Project.
+
+        Args:
+            means, quats, scales, opacities: (V, H, W, …), world frame relative to the origin.
+            K: (V, 3, 3) pixels.
+            rotation: (V, 3, 3) world to camera.
+            rotation_quat: (V, 4) the same as a quaternion.
+            centre_high, centre_low: (V, 3) camera centre relative to the origin.
+
+        Returns:
+            geometry (V, 11, H, W), and the second moment Σ q qᵀ / HW of the camera-frame quaternions (V, 4, 4).
+        """
+        height, width = means.shape[1], means.shape[2]
+        fx, fy, cx, cy, skew = _columns(K)
+        relative = (means - centre_high[:, None, None]) - centre_low[:, None, None]
+        camera = torch.einsum("vij,vhwj->vhwi", rotation, relative)
+        x, y, z = camera.unbind(-1)
+        u, v = _pixel_centres(height, width, means)
+        offset_x = (x / z) * fx + (y / z) * skew + (cx - u)
+        offset_y = (y / z) * fy + (cy - v)
+        projected = scales * ((fx * fy).sqrt() / z)[..., None]
+        q = multiply_quats(rotation_quat[:, None, None], unit_quats(quats))
+        flat = q.flatten(1, 2)
+        moment = flat.transpose(1, 2) @ flat / (height * width)
+        channels = [z[..., None], offset_x[..., None], offset_y[..., None], projected, q, opacities[..., None]]
+        return torch.cat(channels, -1).permute(0, 3, 1, 2).contiguous(), moment
+
+
+class CoefficientMoment(nn.Module):
+    """Uncentred second moment of all SH coefficient vectors: (V, H, W, B, 3) to (3B, 3B)."""
+
+    def forward(self, sh: Tensor) -> Tensor:
+        """X Xᵀ / M of X ∈ R^{d×M}; weighting by Δ is a congruence of this matrix, done by the caller."""
+        x = sh.reshape(-1, sh.shape[3] * 3)
+        return x.transpose(0, 1) @ x / x.shape[0]
+
+
+class CoefficientProjection(nn.Module):
+    """VABR forward: coefficients of every pixel to k planes."""
+
+    def forward(self, sh: Tensor, projection: Tensor) -> Tensor:
+        """Z = (WᵀΔ) X: sh (V, H, W, B, 3), projection (d, k) = (WᵀΔ)ᵀ; returns (V, k, H, W)."""
+        x = sh.flatten(3)
+        return (x @ projection).permute(0, 3, 1, 2).contiguous()
+
+
+class Synthesis(nn.Module):
+    """Integer planes of one layer to Gaussians: dequantisation, VABR⁻¹, VPT⁻¹.
+
+    Dequantisation and every linear map behind it arrive folded into one matrix and bias per plane group, so that the
+    graph serves all profiles: value = mix · code + bias.
+
+    Args:
+        vabr: False builds the variant for SH degree 0 without VABR, whose colour planes are the coefficients.
+    """
+
+    def __init__(self, vabr: bool) -> None:
+        super().__init__()
+        self.vabr = vabr
+
+    def forward(
+        self,
+        geometry_codes: Tensor,
+        geometry_mix: Tensor,
+        geometry_bias: Tensor,
+        color_codes: Tensor,
+        color_mix: Tensor,
+        color_bias: Tensor,
+        K: Tensor,
+        rotation: Tensor,
+        rotation_quat: Tensor,
+        centre: Tensor,
+        inverse_depth: Tensor,
+        relative_rotation: Tensor,
+        depth_limits: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """Reconstruct.
+
+        Args:
+            geometry_codes: (V, P, H, W) uint16.
+            geometry_mix, geometry_bias: (V, 11, P) and (V, 11), codes to the channels of `GEOMETRY`.
+            color_codes: (V, k, H, W) uint16.
+            color_mix: (k, d); without VABR (3,), one step per colour.
+            color_bias: (d,).
+            K: (V, 3, 3) pixels.
+            rotation: (V, 3, 3) camera to world.
+            rotation_quat: (V, 4) camera to world, times the reference rotation if rotations are relative.
+            centre: (V, 3) camera centre relative to the origin.
+            inverse_depth: (), above 0 when the depth channel holds −1/z.
+            relative_rotation: (), above 0 when the rotation's w is to be rebuilt from its vector part.
+            depth_limits: (2,) smallest and largest z that were coded; quantisation noise may not leave them.
+
+        Returns:
+            means (V, H, W, 3), quats (V, H, W, 4), scales (V, H, W, 3), opacities (V, H, W), sh (V, H, W, B, 3).
+        """
+        views, _, height, width = geometry_codes.shape
+        fx, fy, cx, cy, skew = _columns(K)
+        values = geometry_mix @ geometry_codes.to(torch.float32).flatten(2) + geometry_bias[..., None]
+        values = values.reshape(views, 11, height, width)
+
+        depth = values[:, 0]
+        # An inverse depth may have been pushed through 0 by noise; clamping it to the limits' own inverses undoes that.
+        inverse = torch.minimum(torch.maximum(depth, -1 / depth_limits[0]), -1 / depth_limits[1])
+        z = torch.where(inverse_depth > 0, -1 / inverse, depth)
+        z = torch.minimum(torch.maximum(z, depth_limits[0]), depth_limits[1])
+        u, v = _pixel_centres(height, width, values)
+        y = (values[:, 2] + (v - cy)) / fy
+        x = (values[:, 1] + (u - cx) - skew * y) / fx
+        camera = torch.stack([x * z, y * z, z], -1)
+        means = torch.einsum("vij,vhwj->vhwi", rotation, camera) + centre[:, None, None]
+
+        scales = values[:, 3:6].clamp_min(0) * (z / (fx * fy).sqrt())[:, None]
+        vector = values[:, 7:10]
+        rebuilt = (1 - (vector * vector).sum(1, keepdim=True)).clamp_min(MIN_W**2).sqrt()
+        w = torch.where(relative_rotation > 0, rebuilt, values[:, 6:7])
+        q = unit_quats(torch.cat([w, vector], 1).permute(0, 2, 3, 1))
+        quats = multiply_quats(rotation_quat[:, None, None], q)
+
+        codes = color_codes.permute(0, 2, 3, 1).to(torch.float32)
+        color = codes @ color_mix if self.vabr else codes * color_mix
+        sh = (color + color_bias).reshape(views, height, width, -1, 3)
+        return means, quats, scales.permute(0, 2, 3, 1), values[:, 10].clamp(0, 1), sh
+
+
+MIN_W = 0.1
+"""Least w of a relative rotation rebuilt from a vector part that noise made longer than 1."""
