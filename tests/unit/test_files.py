@@ -1,0 +1,123 @@
+"""Files are read within a limit and appear whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import stat
+from pathlib import Path
+
+import pytest
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import atomic_path, read_limited, write_atomically
+
+
+def test_written_bytes_are_read_back_and_nothing_else_remains(tmp_path: Path) -> None:
+    target = tmp_path / "scene.tsplat"
+    write_atomically(target, b"first")
+    write_atomically(str(target), memoryview(b"second"))
+    assert read_limited(target, 6) == b"second"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_temporary_path_lies_beside_the_target_with_its_suffix(tmp_path: Path) -> None:
+    with atomic_path(tmp_path / "clip.mp4") as temporary:
+        assert temporary.parent == tmp_path and temporary.suffix == ".mp4" and temporary.read_bytes() == b""
+        temporary.write_bytes(b"x")
+        assert not (tmp_path / "clip.mp4").exists()
+    assert (tmp_path / "clip.mp4").read_bytes() == b"x"
+
+
+@pytest.mark.parametrize("failure", [KeyboardInterrupt(), ValueError("mid-way"), InputError("mid-way")])
+def test_failed_block_keeps_the_old_file_and_removes_the_temporary(tmp_path: Path, failure: BaseException) -> None:
+    target = tmp_path / "a.npz"
+    target.write_bytes(b"old")
+    with pytest.raises(type(failure)), atomic_path(target) as temporary:
+        temporary.write_bytes(b"half")
+        raise failure
+    assert target.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
+def test_permissions_are_those_of_any_new_file(tmp_path: Path, umask: int) -> None:
+    previous = os.umask(umask)
+    try:
+        write_atomically(tmp_path / "ours", b"x")
+        (tmp_path / "plain").write_bytes(b"x")
+    finally:
+        os.umask(previous)
+    modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("ours", "plain")]
+    assert modes[0] == modes[1] == 0o666 & ~umask
+
+
+def test_full_disk_is_an_oserror_that_names_the_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    target = tmp_path / "out.tsplat"
+    with pytest.raises(OSError, match=re.escape(str(target))) as caught:
+        write_atomically(target, b"data")
+    assert caught.value.errno == errno.ENOSPC and "tinysplat-" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_refused_folder_is_a_permission_error_that_names_the_target(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: object, *_: object) -> int:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(PermissionError) as caught:
+        write_atomically(tmp_path / "out.tsplat", b"data")
+    assert caught.value.filename == str(tmp_path / "out.tsplat")
+
+
+def test_error_about_another_file_keeps_its_name(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError) as caught, atomic_path(tmp_path / "out"):
+        (tmp_path / "other").read_bytes()
+    assert caught.value.filename == str(tmp_path / "other") or caught.value.filename == tmp_path / "other"
+
+
+def test_symbolic_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "real").write_bytes(b"old")
+    (tmp_path / "link").symlink_to("real")
+    write_atomically(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "real").read_bytes() == b"new"
+
+
+def test_targets_that_are_no_file_are_refused_by_name(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for target, words in [
+        (tmp_path, "is a folder"),
+        (tmp_path / "missing" / "out", "does not exist"),
+        (tmp_path / "pipe", "device or pipe"),
+        (Path("/dev/null"), "device or pipe"),
+    ]:
+        with pytest.raises(InputError, match=words) as caught:
+            write_atomically(target, b"x")
+        assert caught.value.where == str(target)
+    assert Path("/dev/null").is_char_device()
+
+
+def test_reader_refuses_missing_large_and_irregular_files(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "large").write_bytes(bytes(101))
+    for name, words in [("missing", "no such file"), (".", "folder"), ("pipe", "device"), ("large", "101 bytes")]:
+        with pytest.raises(InputError, match=words) as caught:
+            read_limited(tmp_path / name, 100)
+        assert caught.value.where == str(tmp_path / name)
+
+
+def test_unreadable_file_is_an_input_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Path, *_: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
+
+    (tmp_path / "file").write_bytes(b"x")
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(InputError, match="Permission denied"):
+        read_limited(tmp_path / "file", 10)
