@@ -3,7 +3,8 @@
 `export/transforms.py` writes them to the ONNX graphs that the runtime runs. They are matrix operations in float32;
 what needs float64 (eigen-decomposition, camera inverses, folding of steps into matrices) is the caller's, on the host.
 
-A layer's geometry is one tensor (V, 11, H, W) of channels in the order of `GEOMETRY`; positions are depth along z in
+A layer's geometry is one tensor (V, 11, H, W) of channels in the order of
+`tinysplat_runtime.codec.planes.GEOMETRY`; positions are depth along z in
 scene units and the offset from the pixel's own centre in pixels, scales are ŝ = f·s/z in pixels, rotations are in the
 camera frame.
 """
@@ -12,10 +13,6 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
-
-GEOMETRY = {"depth": slice(0, 1), "offset": slice(1, 3), "scale": slice(3, 6), "rotation": slice(6, 10),
-            "opacity": slice(10, 11)}  # fmt: skip
-"""Channels of the geometry tensor by plane class."""
 
 
 def multiply_quats(a: Tensor, b: Tensor) -> Tensor:
@@ -153,7 +150,7 @@ class Synthesis(nn.Module):
 
         Args:
             geometry_codes: (V, P, H, W) uint16.
-            geometry_mix, geometry_bias: (V, 11, P) and (V, 11), codes to the channels of `GEOMETRY`.
+            geometry_mix, geometry_bias: (V, 11, P) and (V, 11), codes to channels.
             color_codes: (V, k, H, W) uint16.
             color_mix: (k, d); without VABR (3,), one step per colour.
             color_bias: (d,).
@@ -188,7 +185,9 @@ class Synthesis(nn.Module):
         vector = values[:, 7:10]
         rebuilt = (1 - (vector * vector).sum(1, keepdim=True)).clamp_min(MIN_W**2).sqrt()
         w = torch.where(relative_rotation > 0, rebuilt, values[:, 6:7])
-        q = unit_quats(torch.cat([w, vector], 1).permute(0, 2, 3, 1))
+        q = torch.cat([w, vector], 1).permute(0, 2, 3, 1)
+        identity = torch.tensor([1.0, 0.0, 0.0, 0.0], device=q.device)
+        q = unit_quats(torch.where(q.abs().amax(-1, keepdim=True) > 0, q, identity))  # noise may have hit zero
         quats = multiply_quats(rotation_quat[:, None, None], q)
 
         codes = color_codes.permute(0, 2, 3, 1).to(torch.float32)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .artifacts import Artifact
+from .artifacts import Artifact, find_artifact
 from .errors import ModelError
 
 CONTRACT_VERSION = 1
@@ -165,6 +166,42 @@ def open_graph(
     graph = Graph(artifact.name, session, _metadata(session), tuple(o.name for o in session.get_outputs()))
     _check_contract(graph, CONTRACTS[contract], str(artifact.path))
     return graph
+
+
+class GraphStore:
+    """Opens each graph once, on first use; safe to share among threads.
+
+    Args:
+        threads: threads inside an operator; None for all cores this process may use.
+        providers: onnxruntime execution providers in order of preference.
+        models: folder of the artifacts; None for the usual places.
+    """
+
+    def __init__(
+        self,
+        *,
+        threads: int | None = None,
+        providers: Sequence[str] = ("CPUExecutionProvider",),
+        models: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self._threads, self._providers, self._models = threads, tuple(providers), models
+        self._graphs: dict[str, Graph] = {}
+        self._lock = threading.Lock()
+
+    def transform(self, name: str) -> Graph:
+        """A graph of the codec, by its name in `CONTRACTS`."""
+        return self._open(name, name.split("_")[0], name)
+
+    def network(self, name: str) -> Graph:
+        """A network, by its name in the manifest or the path of its file."""
+        return self._open(name, "network", "network")
+
+    def _open(self, name: str, role: str, contract: str) -> Graph:
+        with self._lock:
+            if name not in self._graphs:
+                artifact = find_artifact(name, role, self._models)
+                self._graphs[name] = open_graph(artifact, contract, threads=self._threads, providers=self._providers)
+            return self._graphs[name]
 
 
 @lru_cache(maxsize=1)

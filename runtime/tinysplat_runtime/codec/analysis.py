@@ -1,0 +1,135 @@
+"""Gaussians of one layer to real-valued planes: runs the analysis graphs (VPT and VABR) and what surrounds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import NumericError
+from ..gaussians import Gaussians
+from ..inference import GraphStore, as_input
+from ..quaternions import conjugate_quats, left_multiplication_matrices, matrices_to_quats
+from .planes import GEOMETRY, PlaneClass
+
+
+@dataclass(frozen=True)
+class ProjectedLayer:
+    """VPT's result.
+
+    Attributes:
+        geometry: (V, 11, H, W) float32, channels by `GEOMETRY`; depth is > 0 everywhere.
+        reference_quats: (V, 4) float64, dominant eigenvector of each view's Σ q qᵀ, its largest
+            component positive.
+    """
+
+    geometry: NDArray
+    reference_quats: NDArray
+
+    def planes(self, plane_class: PlaneClass) -> NDArray:
+        """(V, C, H, W) view of one class."""
+        return self.geometry[:, GEOMETRY[plane_class]]
+
+
+def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, where: str) -> ProjectedLayer:
+    """VPT (PAPER.md, Method 2): depth, pixel offset, projected scale, camera-frame rotation, opacity.
+
+    Args:
+        store: opens the graph.
+        layer: per-pixel Gaussians.
+        drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
+        where: the layer's name for messages.
+
+    Raises:
+        NumericError: Gaussians with z ≤ 0, or whose planes are beyond float32, named by view and count.
+    """
+    rotations = np.stack([camera.rotation for camera in layer.cameras])
+    centres = np.stack([camera.centre for camera in layer.cameras]) - layer.origin
+    high = centres.astype(np.float32)
+    out = store.transform("analysis_vpt").run(
+        {
+            "means": layer.means,
+            "quats": layer.quats,
+            "scales": layer.scales,
+            "opacities": layer.opacities,
+            "K": as_input([camera.K for camera in layer.cameras]),
+            "rotation": as_input(rotations),
+            "rotation_quat": as_input(matrices_to_quats(rotations)),
+            "centre_high": high,
+            "centre_low": as_input(centres - high),
+        }
+    )
+    geometry = out["geometry"]
+    valid = geometry[:, 0] > 0
+    # One sum per channel finds NaN and infinity faster than a look at every number.
+    finite = np.isfinite(geometry.sum(axis=(2, 3), dtype=np.float64)).all()
+    if not finite:
+        valid &= np.isfinite(geometry).all(axis=1)
+    moment = out["rotation_moment"]
+    if not valid.all():
+        _handle_invalid(geometry, valid, drop_invalid, where)
+        if not np.isfinite(moment).all():
+            moment = _rotation_moment(geometry)
+    reference = _dominant_quats(moment)
+    rotation = geometry[:, GEOMETRY[PlaneClass.ROTATION]]
+    # q and -q are the same rotation: the sign nearer to the reference keeps planes free of jumps.
+    similarity = np.einsum("vc,vchw->vhw", reference.astype(np.float32), rotation)
+    rotation *= np.where(similarity < 0, np.float32(-1), np.float32(1))[:, None]
+    return ProjectedLayer(geometry, reference)
+
+
+def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray) -> NDArray:
+    """Vector parts (V, 3, H, W) of reference⁻¹ ⊗ q, with the sign that makes the scalar part positive.
+
+    Args:
+        projected: VPT's result.
+        reference: (V, 4) float64 unit quaternions.
+    """
+    left = left_multiplication_matrices(conjugate_quats(reference)).astype(np.float32)
+    rotation = projected.planes(PlaneClass.ROTATION)
+    relative = (left @ rotation.reshape(*rotation.shape[:2], -1)).reshape(rotation.shape)
+    sign = np.where(relative[:, :1] < 0, np.float32(-1), np.float32(1))
+    return relative[:, 1:] * sign
+
+
+def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
+    """(d, d) float64 uncentred second moment of the layer's SH coefficients."""
+    return store.transform("analysis_moment").run({"sh": layer.sh})["moment"].astype(np.float64)
+
+
+def color_planes(store: GraphStore, layer: Gaussians, projection: NDArray) -> NDArray:
+    """(V, k, H, W) float32 planes of the layer's SH coefficients under `projection` (d, k)."""
+    inputs = {"sh": layer.sh, "projection": as_input(projection)}
+    return store.transform("analysis_project").run(inputs)["color"]
+
+
+def _handle_invalid(geometry: NDArray, valid: NDArray, drop_invalid: bool, where: str) -> None:
+    counts = (~valid).sum(axis=(1, 2))
+    view = int(np.argmax(counts > 0))
+    if not drop_invalid:
+        raise NumericError(
+            f"view {view}: {counts[view]} Gaussians at or behind their own camera (z ≤ 0) or beyond float32"
+            f" ({int(counts.sum())} in all); expected z > 0, or --drop-invalid to make them transparent",
+            where=where,
+        )
+    if not valid.any():
+        raise NumericError("no Gaussian lies in front of its own camera", where=where)
+    # A dropped pixel takes its view's median everywhere but in opacity, so that it costs next to nothing.
+    for planes, mask in zip(geometry, valid, strict=True):
+        seen = planes[:, mask] if mask.any() else np.moveaxis(geometry, 1, 0)[:, valid]
+        planes[:, ~mask] = np.median(seen, axis=1)[:, None]
+        planes[GEOMETRY[PlaneClass.OPACITY], ~mask] = 0
+
+
+def _rotation_moment(geometry: NDArray) -> NDArray:
+    q = geometry[:, GEOMETRY[PlaneClass.ROTATION]].reshape(len(geometry), 4, -1)
+    return q @ q.swapaxes(1, 2) / q.shape[2]
+
+
+def _dominant_quats(moments: NDArray) -> NDArray:
+    _, vectors = np.linalg.eigh(moments.astype(np.float64))
+    dominant = vectors[..., -1]
+    leading = np.take_along_axis(dominant, np.abs(dominant).argmax(axis=-1, keepdims=True), axis=-1)
+    return dominant * np.sign(leading)
+

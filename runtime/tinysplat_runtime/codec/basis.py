@@ -1,0 +1,100 @@
+"""Visibility-aware basis reduction (VABR): which few combinations of SH coefficients carry the colours that are seen.
+
+PAPER.md, Method 3; arXiv 2506.09479, section 3.3. All of it is d × d, in float64 on the host; the products over pixels
+are graphs (`analysis_moment`, `analysis_project`, `synthesis`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+from ..sh import sh_basis
+from .planes import Reduction
+
+GRID = 3
+"""Directions are the rays through the centres of GRID × GRID cells of every input view's image plane."""
+
+LAMBDA_FLOOR = 1e-4
+"""Least λ. It is exactly 0 for (l, m) = (4, −4) with world-aligned square cameras; 1e-4 bounds Δ's condition number by
+about 3000, so that Δ⁻¹ in float32 still returns coefficients to 1e-4 of the largest."""
+
+WEIGHT_FLOOR = 1e-3
+"""Least eigenvalue of the directions' second moment, relative to its largest, when its root is the weighting."""
+
+
+def view_directions(cameras: Sequence[Camera]) -> NDArray:
+    """Unit rays (9·V, 3) in the world through the centres of 3 × 3 cells covering every view's image plane."""
+    directions = []
+    for camera in cameras:
+        cells = (np.arange(GRID) + 0.5) / GRID
+        u, v = np.meshgrid(cells * camera.width, cells * camera.height)
+        pixels = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3)
+        directions.append(pixels @ np.linalg.inv(camera.K).T @ camera.rotation)
+    rays = np.concatenate(directions)
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def mean_magnitude_weighting(directions: NDArray, degree: int) -> NDArray:
+    """Δ of the paper: diag(max(λ, floor)) (B, B), λ_b = mean over directions of |Y_b(ω)|."""
+    magnitudes = np.abs(sh_basis(directions, degree)).mean(axis=0)
+    return np.diag(np.maximum(magnitudes, LAMBDA_FLOOR))
+
+
+def second_moment_weighting(directions: NDArray, degree: int) -> NDArray:
+    """Symmetric root of E[Y Yᵀ] (B, B): ‖Δ·x‖² is then the mean squared colour of coefficients x, not a bound on it."""
+    basis = sh_basis(directions, degree)
+    values, vectors = np.linalg.eigh(basis.T @ basis / len(basis))
+    roots = np.sqrt(np.maximum(values, WEIGHT_FLOOR**2 * values[-1]))
+    return vectors * roots @ vectors.T
+
+
+def reduce_basis(moment: NDArray, weighting: NDArray, k: int) -> Reduction:
+    """The k directions of largest weighted energy.
+
+    W are eigenvectors of Δ·E[x xᵀ]·Δᵀ by falling eigenvalue, the entry of largest magnitude positive. The inverse map
+    Δ⁻¹W is rounded to what the file stores first; the forward map is then its exact left inverse under the weighting,
+    so that rounding costs nothing, not even at k = d.
+
+    Args:
+        moment: (d, d) second moment of the coefficient vectors (coefficient-major, RGB last), d = 3B.
+        weighting: (B, B) Δ; every entry serves the three colours.
+        k: 1 to d.
+
+    Returns:
+        The maps and what they lose.
+    """
+    delta = np.kron(weighting, np.eye(3))
+    weighted = delta @ np.asarray(moment, np.float64) @ delta.T
+    values, vectors = np.linalg.eigh((weighted + weighted.T) / 2)
+    order = np.argsort(-values, kind="stable")
+    values, vectors = np.maximum(values[order], 0), vectors[:, order[:k]]
+    vectors = vectors * _signs(vectors)
+    inverse = np.linalg.solve(delta, vectors).astype(np.float16)
+    reached = delta @ inverse.astype(np.float64)
+    projection = delta.T @ np.linalg.pinv(reached).T
+    total = values.sum()
+    return Reduction(
+        inverse,
+        projection,
+        float(values[k:].sum() / total) if total > 0 else 0.0,
+        float(np.linalg.cond(weighting)),
+    )
+
+
+def weighted_energies(moment: NDArray, weighting: NDArray) -> NDArray:
+    """Eigenvalues (d,) of the weighted second moment, falling: what every further plane would carry."""
+    delta = np.kron(weighting, np.eye(3))
+    weighted = delta @ np.asarray(moment, np.float64) @ delta.T
+    return np.maximum(np.linalg.eigvalsh((weighted + weighted.T) / 2)[::-1], 0)
+
+
+def _signs(vectors: NDArray) -> NDArray:
+    """±1 per column that makes its entry of largest magnitude positive; near-ties go to the first, whatever the BLAS."""
+    magnitudes = np.abs(vectors)
+    leading = np.argmax(magnitudes >= magnitudes.max(axis=0) * (1 - 1e-6), axis=0)
+    signs = np.sign(vectors[leading, np.arange(vectors.shape[1])])
+    return np.where(signs == 0, 1.0, signs)

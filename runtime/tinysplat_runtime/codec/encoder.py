@@ -1,0 +1,191 @@
+"""Gaussians to a `.tsplat` file's bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.writer import CodedChannel, CodedLayer, write_container
+from ..errors import InputError
+from ..gaussians import Gaussians
+from ..inference import GraphStore
+from ..reports import Stopwatch
+from .adaptive import adaptive_colors, adaptive_plan
+from .analysis import project_layer
+from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
+from .paper import paper_colors, paper_plan
+from .planes import Channel, LayerPlan, PlaneClass
+from .profiles import PaperSettings, Profile
+from .quantize import CodeMap, choose_code_map
+
+FLAT_SHARE = 0.12
+"""A channel whose standard deviation is below this share of its step codes to nothing but its mean: store the mean."""
+
+MAX_VIEWS = 64
+
+
+@dataclass
+class EncodeStats:
+    """What coding did.
+
+    Attributes:
+        clipped: samples outside the representable range, by class label.
+        watch: seconds per stage.
+    """
+
+    clipped: dict[str, int] = field(default_factory=dict)
+    watch: Stopwatch = field(default_factory=Stopwatch)
+
+
+@dataclass(frozen=True)
+class _Quantised:
+    """A channel's codes, or its one value."""
+
+    channel: Channel
+    code_map: CodeMap | None
+    codes: NDArray | None
+    value: float = 0.0
+
+
+def encode_gaussians(
+    gaussians: Gaussians,
+    profile: Profile,
+    qp: float,
+    store: GraphStore,
+    *,
+    threads: int,
+    drop_invalid: bool = False,
+    stats: EncodeStats | None = None,
+) -> bytes:
+    """Code all layers.
+
+    Args:
+        gaussians: per pixel, with cameras.
+        profile: what to do.
+        qp: Q_g; every quantiser step is multiplied by 2^(qp/6).
+        store: opens the analysis graphs.
+        threads: planes coded at a time; never changes the bytes.
+        drop_invalid: make Gaussians that VPT cannot represent transparent in place of refusing them.
+        stats: filled with what was measured.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: Gaussians without pixels, more views than 64, a Q_g beyond ±60.
+        NumericError: Gaussians at or behind their own camera.
+    """
+    stats = stats or EncodeStats()
+    if not gaussians.is_per_pixel:
+        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+    if len(gaussians.cameras) > MAX_VIEWS:
+        raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
+    if not -60 <= qp <= 60:  # also refuses NaN
+        raise InputError(f"{qp:g}, accepted are -60 to 60", where="qp")
+    plans = [
+        _plan_layer(layer, profile, qp, store, drop_invalid, f"layer {index}", stats)
+        for index, layer in enumerate(gaussians.layers)
+    ]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        coded = [
+            _code_layer(layer, plan, profile.encoder, pool, stats)
+            for layer, plan in zip(gaussians.layers, plans, strict=True)
+        ]
+    with stats.watch.stage("write"):
+        return write_container(coded, gaussians.cameras, gaussians.origin, profile.name, qp)
+
+
+def _plan_layer(
+    layer: Gaussians, profile: Profile, qp: float, store: GraphStore, drop_invalid: bool, where: str, stats: EncodeStats
+) -> LayerPlan:
+    with stats.watch.stage("vpt"):
+        projected = project_layer(store, layer, drop_invalid=drop_invalid, where=where)
+    settings = profile.settings
+    with stats.watch.stage("vabr"):
+        if isinstance(settings, PaperSettings):
+            colors, reduction = paper_colors(store, layer, settings)
+        else:
+            colors, reduction = adaptive_colors(store, layer, settings, qp)
+    with stats.watch.stage("quantise"):
+        if isinstance(settings, PaperSettings):
+            return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
+        assert reduction is not None
+        return adaptive_plan(projected, colors, reduction, layer.degree, settings, qp)
+
+
+def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
+    values = channel.values
+    mean = float(values.mean(dtype=np.float64))
+    low, high = channel.window
+    spread = float(values.std(dtype=np.float64))
+    # Also flat: a spread that float32 cannot tell from its mean's rounding.
+    if not high > low or spread < FLAT_SHARE * channel.step or spread <= 1e-7 * abs(mean):
+        return _Quantised(channel, None, None, mean)
+    code_map = choose_code_map(low, high, mean, channel.step)
+    codes, _ = code_map.quantise(values)
+    label = channel.plane_class.label
+    # Codes may reach a little beyond the window, whose ends a coarse step rounds; only what lies outside it is lost.
+    clipped = int(np.count_nonzero((values < low) | (values > high)))
+    stats.clipped[label] = stats.clipped.get(label, 0) + clipped
+    return _Quantised(channel, code_map, codes)
+
+
+def _code_layer(
+    layer: Gaussians, plan: LayerPlan, encoder: EncoderSettings, pool: ThreadPoolExecutor, stats: EncodeStats
+) -> CodedLayer:
+    with stats.watch.stage("quantise"):
+        quantised = [_quantise(channel, stats) for channel in plan.channels]
+    with stats.watch.stage("x265"):
+        # Depth comes first: where it is coded twice, the second time waits for the first.
+        jobs = [(q, _submit(q, encoder, pool)) for q in quantised]
+        if plan.refine_depth is not None and quantised[0].codes is not None:
+            refinement = _refine(quantised[0], [f.result() for f in jobs[0][1]], plan.refine_depth, pool, stats)
+            jobs.insert(1, (refinement, _submit(refinement, encoder, pool)))
+        planes = [(q, [future.result() for future in futures]) for q, futures in jobs]
+    sets = {plane.parameter_sets for _, coded in planes for plane in coded}
+    assert len(sets) <= 1, "parameter sets differ among planes of one size"
+    height, width = layer.opacities.shape[1:]
+    return CodedLayer(
+        height,
+        width,
+        layer.degree,
+        plan,
+        tuple(_coded_channel(q, coded) for q, coded in planes),
+        next(iter(sets), b""),
+        layer.cameras,
+    )
+
+
+def _submit(quantised: _Quantised, encoder: EncoderSettings, pool: ThreadPoolExecutor) -> list[Future[CodedPlane]]:
+    if quantised.codes is None or quantised.code_map is None:
+        return []
+    return [pool.submit(encode_plane, codes, quantised.code_map.qp, encoder) for codes in quantised.codes]
+
+
+def _refine(
+    base: _Quantised, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor, stats: EncodeStats
+) -> _Quantised:
+    """What coding left of the base channel, as a channel of its own: it adds to the same target."""
+    assert base.codes is not None and base.code_map is not None
+    decoded = np.empty_like(base.codes)
+
+    def decode(view: int) -> None:
+        plane = coded[view]
+        PlaneDecoder(plane.parameter_sets, *decoded.shape[1:]).decode_into(plane.payload, decoded[view])
+
+    list(pool.map(decode, range(len(coded))))
+    rest = base.channel.values - base.code_map.dequantise(decoded)
+    window = (float(rest.min()), float(rest.max()))
+    return _quantise(Channel(PlaneClass.DEPTH, base.channel.target, rest, step, window), stats)
+
+
+def _coded_channel(quantised: _Quantised, planes: Sequence[CodedPlane]) -> CodedChannel:
+    channel, code_map = quantised.channel, quantised.code_map
+    if code_map is None:
+        return CodedChannel(channel.plane_class, channel.target, 0, 0.0, quantised.value)
+    payloads = tuple(plane.payload for plane in planes)
+    return CodedChannel(channel.plane_class, channel.target, code_map.qp, code_map.scale, code_map.offset, payloads)

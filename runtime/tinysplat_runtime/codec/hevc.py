@@ -1,0 +1,142 @@
+"""One 12-bit plane, one HEVC intra picture: libx265 in, libavcodec out, both through PyAV.
+
+A picture's parameter sets (VPS, SPS, PPS) depend on its size and the encoder's settings alone, never on its QP, so a
+file stores them once and this module takes them off every picture. What is left is a single slice NAL unit.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FormatError, TinySplatError
+from .planes import pad_plane, padded_size
+
+BIT_DEPTH = 12
+MAX_CODE = (1 << BIT_DEPTH) - 1
+MAX_QP = 51
+
+_PIXEL_FORMAT = "gray12le"
+_START_CODE = b"\x00\x00\x00\x01"
+_VPS, _SPS, _PPS = 32, 33, 34
+_IDR_TYPES = (19, 20)
+
+# One thread and no analysis over time: a plane's bytes depend on the plane alone. ipratio=1 keeps the QP asked for,
+# which x265 would lower by 3 for intra pictures; info=0 keeps its banner out of the stream.
+_FIXED_PARAMS = (
+    "log-level=none:info=0:keyint=1:no-scenecut=1:bframes=0:wpp=0:frame-threads=1:pools=none:aq-mode=0:ipratio=1"
+)
+
+av.logging.set_level(av.logging.PANIC)
+
+
+@dataclass(frozen=True)
+class EncoderSettings:
+    """What of libx265 a profile chooses.
+
+    Attributes:
+        preset: x265 preset.
+        params: further x265 parameters as `name=value`.
+    """
+
+    preset: str
+    params: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class CodedPlane:
+    """A coded picture: `parameter_sets` with start codes, `payload` one slice NAL unit without."""
+
+    parameter_sets: bytes
+    payload: bytes
+
+
+def encode_plane(codes: NDArray, qp: int, settings: EncoderSettings) -> CodedPlane:
+    """Code one plane.
+
+    Args:
+        codes: (H, W) uint16, 0 to 4095.
+        qp: 0 to 51.
+        settings: libx265's preset and parameters.
+
+    Returns:
+        The coded picture, of size `padded_size(H, W)`.
+    """
+    padded = pad_plane(codes)
+    context = av.CodecContext.create("libx265", "w")
+    context.height, context.width = padded.shape
+    context.pix_fmt = _PIXEL_FORMAT
+    context.time_base, context.framerate = Fraction(1, 25), Fraction(25)
+    params = ":".join((_FIXED_PARAMS, f"qp={qp}", *settings.params))
+    context.options = {"preset": settings.preset, "x265-params": params}
+    frame = av.VideoFrame.from_ndarray(padded, format=_PIXEL_FORMAT)
+    frame.pts = 0
+    stream = b"".join(bytes(packet) for packet in (*context.encode(frame), *context.encode(None)))
+    units = _nal_units(stream)
+    slices = [unit for unit in units if _nal_type(unit) in _IDR_TYPES]
+    if len(slices) != 1:
+        raise TinySplatError(f"libx265 gave {len(slices)} slices for one plane, expected 1")
+    sets = b"".join(_START_CODE + unit for unit in units if _nal_type(unit) in (_VPS, _SPS, _PPS))
+    return CodedPlane(sets, slices[0])
+
+
+class PlaneDecoder:
+    """Decodes the planes of one size; keeps libavcodec's context from plane to plane. Not for sharing among threads."""
+
+    def __init__(self, parameter_sets: bytes, height: int, width: int) -> None:
+        """Open libavcodec.
+
+        Args:
+            parameter_sets: VPS, SPS and PPS with start codes.
+            height, width: size of the plane, before padding.
+
+        Raises:
+            FormatError: libavcodec refuses the parameter sets.
+        """
+        self._size = (height, width)
+        self._coded = padded_size(height, width)
+        self._sets = parameter_sets
+        self._context = av.CodecContext.create("hevc", "r")
+        self._context.thread_count = 1
+        self._context.extradata = parameter_sets
+        # A stream that claims another size is stopped before its pictures are allocated.
+        self._context.options = {"max_pixels": str(self._coded[0] * self._coded[1])}
+
+    def decode_into(self, payload: bytes | memoryview, out: NDArray) -> None:
+        """Decode one slice NAL unit into `out` (H, W) uint16.
+
+        Raises:
+            FormatError: the payload is no single intra picture of this size.
+        """
+        data = bytes(payload)
+        if len(data) < 3 or _nal_type(data) not in _IDR_TYPES or b"\x00\x00\x01" in data:
+            raise FormatError("not a single HEVC intra slice", where="plane")
+        try:
+            frames = self._context.decode(av.Packet(_START_CODE + data))
+        except (av.FFmpegError, MemoryError) as error:
+            raise FormatError(f"libavcodec: {str(error).splitlines()[0]}", where="plane") from None
+        if len(frames) != 1:
+            raise FormatError(f"{len(frames)} pictures decoded, expected 1", where="plane")
+        frame = frames[0]
+        found = (frame.height, frame.width, frame.format.name)
+        if found != (*self._coded, _PIXEL_FORMAT):
+            expected = f"{self._coded[1]}x{self._coded[0]} {_PIXEL_FORMAT}"
+            raise FormatError(f"picture is {found[1]}x{found[0]} {found[2]}, expected {expected}", where="plane")
+        plane = frame.planes[0]
+        pixels = np.frombuffer(plane, np.uint16).reshape(frame.height, plane.line_size // 2)
+        height, width = self._size
+        out[...] = pixels[:height, :width]
+
+
+def _nal_units(stream: bytes) -> list[bytes]:
+    # A trailing zero byte belongs to the next start code: a NAL unit never ends in one.
+    return [unit.rstrip(b"\x00") for unit in re.split(b"\x00\x00\x01", stream)[1:]]
+
+
+def _nal_type(unit: bytes) -> int:
+    return (unit[0] >> 1) & 63

@@ -1,0 +1,122 @@
+"""Plane classes and the channels they consist of: the vocabulary of codec and container."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class PlaneClass(IntEnum):
+    """Class of a plane; the number is the one in the file, the order is by what a first picture needs."""
+
+    DEPTH = 0
+    COLOR = 1
+    OPACITY = 2
+    SCALE = 3
+    ROTATION = 4
+    OFFSET = 5
+
+    @property
+    def label(self) -> str:
+        """Lower-case name, as in reports."""
+        return self.name.lower()
+
+
+GEOMETRY: dict[PlaneClass, slice] = {
+    PlaneClass.DEPTH: slice(0, 1),
+    PlaneClass.OFFSET: slice(1, 3),
+    PlaneClass.SCALE: slice(3, 6),
+    PlaneClass.ROTATION: slice(6, 10),
+    PlaneClass.OPACITY: slice(10, 11),
+}
+"""Channels of the geometry tensor (V, 11, H, W) by class; see docs/CONVENTIONS.md, "Planes"."""
+
+GEOMETRY_CHANNELS = 11
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One kind of plane over all views of a layer, before quantisation.
+
+    Attributes:
+        plane_class: its class.
+        target: which channel of the class it adds to (colour: which component).
+        values: (V, H, W) float32 in the class's units.
+        step: quantiser step of the video codec's transform coefficients, same units, > 0.
+        window: smallest and largest value that will be represented; values outside are clipped and counted.
+    """
+
+    plane_class: PlaneClass
+    target: int
+    values: NDArray
+    step: float
+    window: tuple[float, float]
+
+    @property
+    def name(self) -> str:
+        """For messages and reports, for instance `scale1`."""
+        return f"{self.plane_class.label}{self.target}"
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """VABR's maps between SH coefficients and colour planes.
+
+    Attributes:
+        inverse: (d, k) float16, coefficients = inverse · planes; what the file stores.
+        projection: (d, k) float64, planes = projectionᵀ · coefficients.
+        energy_lost: share of the weighted energy that the k planes leave out.
+        condition: condition number of the weighting Δ.
+    """
+
+    inverse: NDArray
+    projection: NDArray
+    energy_lost: float
+    condition: float
+
+    @property
+    def k(self) -> int:
+        """Number of colour planes."""
+        return self.inverse.shape[1]
+
+
+@dataclass(frozen=True)
+class LayerPlan:
+    """How one layer is to be coded: its channels, and how they map back to attributes.
+
+    Attributes:
+        channels: in coding order.
+        degree: SH degree that is stored.
+        depth_limits: smallest and largest z of the layer, scene units.
+        inverse_depth: whether the depth channel holds −1/z in place of z.
+        refine_depth: code the depth's coding error once more, at `depth_step`, in a second depth channel.
+        reference_quats: (V, 4) float32 if rotations are vector parts relative to them, else None.
+        scale_mix: (3, 3) float32 and (3,) float32, ŝ = mix · planes + mean, or None for the identity.
+        reduction: VABR's maps, or None where colour planes are the three degree-0 coefficients themselves.
+    """
+
+    channels: tuple[Channel, ...]
+    degree: int
+    depth_limits: tuple[float, float]
+    inverse_depth: bool = False
+    refine_depth: float | None = None
+    reference_quats: NDArray | None = None
+    scale_mix: tuple[NDArray, NDArray] | None = None
+    reduction: Reduction | None = None
+
+
+def padded_size(height: int, width: int) -> tuple[int, int]:
+    """Size at which a plane is coded: multiples of HEVC's minimum block of 8, and at least 16 as libx265 demands."""
+    return max(16, -(-height // 8) * 8), max(16, -(-width // 8) * 8)
+
+
+def pad_plane(codes: NDArray) -> NDArray:
+    """Extend a plane (H, W) to `padded_size` by repeating its last row and column."""
+    height, width = codes.shape
+    to_height, to_width = padded_size(height, width)
+    if (to_height, to_width) == (height, width):
+        return np.ascontiguousarray(codes)
+    return np.pad(codes, ((0, to_height - height), (0, to_width - width)), mode="edge")

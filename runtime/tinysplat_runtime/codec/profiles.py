@@ -1,0 +1,106 @@
+"""Named settings of the codec: what `--profile` chooses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..errors import InputError
+from .hevc import EncoderSettings
+from .planes import PlaneClass
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """The paper's quantisation (PAPER.md, Method 4 and its table).
+
+    Attributes:
+        alpha: 14-bit steps per standard deviation, by class.
+        class_qp: Q_c by class.
+        k: colour planes kept by VABR.
+    """
+
+    alpha: Mapping[PlaneClass, int]
+    class_qp: Mapping[PlaneClass, int]
+    k: int
+
+
+@dataclass(frozen=True)
+class AdaptiveSettings:
+    """Steps from sensitivity: a step is `gain` / √(picture error per squared unit of attribute error).
+
+    Attributes:
+        gain: overall coarseness at Q_g = 0.
+        sensitivity: mean squared picture error per squared unit, by class; units of the planes.
+        depth_step: step of inverse depth as a share of the mean inverse depth.
+        energy_floor: colour planes are kept until the weighted energy left out falls below this share of a step².
+    """
+
+    gain: float
+    sensitivity: Mapping[PlaneClass, float]
+    depth_step: float
+    energy_floor: float
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One of `PROFILES`."""
+
+    name: str
+    encoder: EncoderSettings
+    settings: PaperSettings | AdaptiveSettings
+
+
+PAPER = PaperSettings(
+    alpha={
+        PlaneClass.DEPTH: 2048,
+        PlaneClass.OFFSET: 256,
+        PlaneClass.SCALE: 256,
+        PlaneClass.ROTATION: 256,
+        PlaneClass.COLOR: 1024,
+        PlaneClass.OPACITY: 256,
+    },
+    class_qp={
+        PlaneClass.DEPTH: -4,
+        PlaneClass.OFFSET: 12,
+        PlaneClass.SCALE: 0,
+        PlaneClass.ROTATION: 9,
+        PlaneClass.COLOR: 3,
+        PlaneClass.OPACITY: 0,
+    },
+    k=6,
+)
+
+ADAPTIVE = AdaptiveSettings(
+    gain=0.009,
+    sensitivity={
+        PlaneClass.OFFSET: 1.15e-3,
+        PlaneClass.SCALE: 4.5e-4,
+        PlaneClass.ROTATION: 9e-5,
+        PlaneClass.COLOR: 0.06,
+        PlaneClass.OPACITY: 3.2e-3,
+    },
+    depth_step=1e-3,
+    energy_floor=0.02,
+)
+
+_PSYCHOVISION_OFF = ("psy-rd=0", "psy-rdoq=0")  # planes are looked at by no eye before synthesis
+
+PROFILES: dict[str, Profile] = {
+    profile.name: profile
+    for profile in (
+        Profile("paper", EncoderSettings("medium"), PAPER),
+        Profile("fast", EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF)), ADAPTIVE),
+        Profile("balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF)), ADAPTIVE),
+        Profile("max", EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF)), ADAPTIVE),
+    )
+}
+
+DEFAULT_PROFILE = "balanced"
+
+
+def find_profile(name: str) -> Profile:
+    """The profile of that name; InputError lists those there are."""
+    if name not in PROFILES:
+        raise InputError(f"'{name}', accepted are {', '.join(PROFILES)}", where="profile")
+    return PROFILES[name]

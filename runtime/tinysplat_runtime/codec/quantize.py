@@ -1,0 +1,92 @@
+"""Values to 12-bit codes and a QP, such that the video codec's step is a wanted one in the values' own units.
+
+An HEVC quantiser step is 2^(b−8)·2^((QP−4)/6) codes at b bits, 16·2^((QP−4)/6) at 12. A channel of values scaled by s
+codes per unit is thus quantised with the step 16·2^((QP−4)/6)/s units: any pair (QP, s) on that curve codes alike, so
+the pair is chosen to use the code range well. docs/FORMAT.md, "Quantisation", has the mapping from the paper's 14 bits
+and what it costs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .hevc import MAX_CODE
+
+MID_CODE = 2048
+MAX_MAPPED_QP = 24
+"""Highest QP used: above it, codes would become so few that their rounding shows; below 16 bytes are wasted."""
+
+_CODES_PER_STEP_AT_QP4 = 16.0
+
+
+@dataclass(frozen=True)
+class CodeMap:
+    """value = offset + code · scale, and the QP at which the plane is coded.
+
+    Attributes:
+        scale: units per code, > 0.
+        offset: value of code 0.
+        qp: 0 to 51.
+    """
+
+    scale: float
+    offset: float
+    qp: int
+
+    @property
+    def step(self) -> float:
+        """The video codec's quantiser step in the values' units."""
+        return hevc_step(self.qp) * self.scale
+
+    def quantise(self, values: NDArray) -> tuple[NDArray, int]:
+        """Codes of values.
+
+        Args:
+            values: any shape, float32.
+
+        Returns:
+            uint16 codes of the same shape, and how many values lay outside the range and were clipped.
+        """
+        codes = np.rint((values - np.float32(self.offset)) * np.float32(1 / self.scale))
+        clipped = int(np.count_nonzero((codes < 0) | (codes > MAX_CODE)))
+        return np.clip(codes, 0, MAX_CODE, out=codes).astype(np.uint16), clipped
+
+    def dequantise(self, codes: NDArray) -> NDArray:
+        """float32 values of codes."""
+        return codes.astype(np.float32) * np.float32(self.scale) + np.float32(self.offset)
+
+
+def hevc_step(qp: float) -> float:
+    """Quantiser step in codes of a 12-bit HEVC stream."""
+    return _CODES_PER_STEP_AT_QP4 * 2 ** ((qp - 4) / 6)
+
+
+def choose_code_map(low: float, high: float, mean: float, step: float) -> CodeMap:
+    """The code map that gives the wanted step, or the finest there is where 12 bits cannot.
+
+    The highest usable QP makes the codes span the range; where it would be below 0, QP and scale are clamped together
+    (clamping the QP alone would let codes overflow) and the step comes out coarser than wanted. The mean lies at code
+    2048 where the range allows, so that coarse steps do not lose the first block's DC.
+
+    Args:
+        low, high: range to represent, low < high.
+        mean: mean of the values.
+        step: wanted quantiser step in the same units, > 0.
+    """
+    span = high - low
+    qp = math.floor(4 + 6 * math.log2(step * MAX_CODE / (_CODES_PER_STEP_AT_QP4 * span)))
+    if qp < 0:
+        return _rounded(span / MAX_CODE, low, 0)
+    qp = min(qp, MAX_MAPPED_QP)
+    scale = step / hevc_step(qp)
+    offset = max(min(mean - MID_CODE * scale, low), high - MAX_CODE * scale)
+    return _rounded(scale, offset, qp)
+
+
+def _rounded(scale: float, offset: float, qp: int) -> CodeMap:
+    # The file stores both as float32; using the stored numbers from here on keeps encoder and decoder in step.
+    return CodeMap(float(np.float32(scale)), float(np.float32(offset)), qp)

@@ -1,0 +1,122 @@
+"""Byte layout of a `.tsplat` file. docs/FORMAT.md is normative; a test compares its tables with these constants.
+
+All numbers are little-endian. A file is a header, a table of sections, and the sections' bytes in the table's order.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from ..codec.planes import PlaneClass
+
+MAGIC = b"\x89TSPLAT\n"  # a byte no text has, and a line feed that text-mode copying would alter
+MAJOR, MINOR = 1, 0
+
+HEADER = struct.Struct("<8sHHHHI")
+"""magic, major, minor, section count, reserved (0), CRC-32 of the bytes before it and of the table."""
+
+TABLE_ROW = struct.Struct("<4sHHII")
+"""type, flags, index, length in bytes, CRC-32 of the section."""
+
+REQUIRED = 1
+"""Flag: a reader that does not know the section's type must refuse the file."""
+
+SCENE = b"SCEN"
+CAMERAS = b"CAMS"
+LAYER = b"LAYR"
+PARAMETER_SETS = b"HEVC"
+PLANES: dict[PlaneClass, bytes] = {
+    PlaneClass.DEPTH: b"DEPT",
+    PlaneClass.COLOR: b"COLO",
+    PlaneClass.OPACITY: b"OPAC",
+    PlaneClass.SCALE: b"SCAL",
+    PlaneClass.ROTATION: b"ROTA",
+    PlaneClass.OFFSET: b"OFFS",
+}
+"""Section type of the streams of each plane class; the index is the layer."""
+
+SCENE_FIXED = struct.Struct("<HHf3d16s")
+"""views, layers, Q_g, origin, profile name (ASCII, zero-padded)."""
+
+CAMERA = struct.Struct("<5d12d")
+"""fx, fy, cx, cy, skew in pixels; c2w's upper three rows. Float64: 136 bytes a view are 0.1 to 0.4 % of a file, and a
+camera that comes back exactly needs no word on what its rounding does far from the origin."""
+
+INTRINSICS = struct.Struct("<5d")
+"""fx, fy, cx, cy, skew of a layer's own grid, per view."""
+
+LAYER_FIXED = struct.Struct("<IIBBBBHHffff")
+"""height, width, SH degree, source SH degree, flags, parameter-set index, channels, k, least z, largest z,
+share of colour energy left out, condition number of the weighting."""
+
+INVERSE_DEPTH, RELATIVE_ROTATION, SCALE_MIX, BASIS, OWN_INTRINSICS = 1, 2, 4, 8, 16
+"""Flags of a layer: what the fields behind its fixed part are, in this order of presence: intrinsics, reference
+quaternions, scale mix, basis."""
+
+REFERENCE_QUAT = struct.Struct("<4f")
+SCALE_MIX_FIELDS = struct.Struct("<9f3f")
+
+CHANNEL = struct.Struct("<BBBBff")
+"""class, target, coding, QP, units per code, value of code 0."""
+
+CONSTANT, INTRA = 0, 1
+"""Coding of a channel: a number (the offset), or one HEVC intra picture per view."""
+
+STREAM = struct.Struct("<II")
+"""Length and CRC-32 of one picture's slice; per view, behind a channel coded INTRA."""
+
+
+@dataclass(frozen=True)
+class StreamRef:
+    """One coded picture: `offset` and `length` in its class's section, and its CRC-32."""
+
+    offset: int
+    length: int
+    crc: int
+
+
+@dataclass(frozen=True)
+class ChannelRecord:
+    """One channel as stored.
+
+    Attributes:
+        plane_class, target: which channel of which class the values add to.
+        qp: QP of its pictures.
+        scale, offset: value = offset + code · scale; a constant channel is `offset` alone.
+        streams: one per view; empty for a constant channel.
+    """
+
+    plane_class: PlaneClass
+    target: int
+    qp: int
+    scale: float
+    offset: float
+    streams: tuple[StreamRef, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """For messages and reports."""
+        return f"{self.plane_class.label}{self.target}"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a reader accepts before it takes memory.
+
+    Attributes:
+        max_pixels: Gaussians over all views and layers.
+        max_memory_bytes: bytes of the decoded Gaussians.
+        max_views: views.
+        max_layers: layers.
+    """
+
+    max_pixels: int = 1 << 26
+    max_memory_bytes: int = 8 << 30
+    max_views: int = 256
+    max_layers: int = 16
+
+
+MAX_SECTIONS = 4096
+MAX_SIDE = 1 << 16
+MAX_CHANNELS = 256

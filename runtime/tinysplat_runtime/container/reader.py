@@ -1,0 +1,350 @@
+"""Read a container: bytes in, validated metadata and views of the coded pictures out.
+
+Trust boundary: every length is checked against the bytes left and against `Limits` before anything is allocated, every
+number against its range. Code past this point may index freely. Layout: docs/FORMAT.md.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+from ..codec.hevc import MAX_QP
+from ..codec.planes import GEOMETRY, PlaneClass
+from ..errors import FormatError, InputError
+from ..sh import MAX_SH_DEGREE
+from . import layout as L
+
+
+@dataclass(frozen=True)
+class Section:
+    """One row of the table and its bytes."""
+
+    kind: bytes
+    index: int
+    crc: int
+    data: memoryview
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return f"section {self.kind.decode('ascii', 'replace')}[{self.index}]"
+
+
+@dataclass(frozen=True)
+class LayerHeader:
+    """A layer's metadata; see `LayerPlan` for what the maps mean.
+
+    Attributes:
+        cameras: one per view, with the layer's own grid and intrinsics.
+        reference_quats: (V, 4) float32 or None.
+        scale_mix: ((3, 3), (3,)) float32 or None.
+        basis: (d, k) float16, or None where colour planes are degree-0 coefficients.
+        parameter_set: index of its pictures' parameter sets.
+    """
+
+    height: int
+    width: int
+    degree: int
+    source_degree: int
+    depth_limits: tuple[float, float]
+    energy_lost: float
+    condition: float
+    inverse_depth: bool
+    cameras: tuple[Camera, ...]
+    reference_quats: NDArray | None
+    scale_mix: tuple[NDArray, NDArray] | None
+    basis: NDArray | None
+    parameter_set: int
+    channels: tuple[L.ChannelRecord, ...]
+
+    @property
+    def gaussians(self) -> int:
+        """Gaussians of the layer."""
+        return len(self.cameras) * self.height * self.width
+
+
+@dataclass(frozen=True)
+class Container:
+    """A parsed file.
+
+    Attributes:
+        cameras: one per view.
+        origin: (3,) float64.
+        layers: metadata, the network's per-pixel layer first.
+        parameter_sets: HEVC parameter sets by index.
+        streams: the plane sections by (class, layer).
+    """
+
+    version: tuple[int, int]
+    profile: str
+    qp: float
+    origin: NDArray
+    cameras: tuple[Camera, ...]
+    layers: tuple[LayerHeader, ...]
+    parameter_sets: Mapping[int, bytes]
+    streams: Mapping[tuple[PlaneClass, int], memoryview]
+    total_bytes: int
+
+    def payload(self, layer: int, channel: L.ChannelRecord, view: int) -> memoryview:
+        """One picture's slice, its CRC checked.
+
+        Raises:
+            FormatError: the bytes are not those that were written.
+        """
+        stream = channel.streams[view]
+        data = self.streams[channel.plane_class, layer][stream.offset : stream.offset + stream.length]
+        if crc32(data) != stream.crc:
+            raise FormatError("CRC differs: the bytes were altered", where=f"plane {channel.name}, view {view}")
+        return data
+
+
+class _Cursor:
+    """Reads structures off a section, never past its end."""
+
+    def __init__(self, section: Section) -> None:
+        self.section, self.at = section, 0
+
+    def take(self, count: int) -> memoryview:
+        left = len(self.section.data) - self.at
+        if count > left:
+            raise FormatError(f"at byte {self.at} needs {count} bytes, {left} remain", where=self.section.label)
+        self.at += count
+        return self.section.data[self.at - count : self.at]
+
+    def unpack(self, fields: struct.Struct) -> tuple:
+        return fields.unpack(self.take(fields.size))
+
+    def finish(self) -> None:
+        if self.at != len(self.section.data):
+            raise FormatError(f"{len(self.section.data) - self.at} bytes too many", where=self.section.label)
+
+
+def read_container(data: bytes | memoryview, limits: L.Limits | None = None) -> Container:
+    """Parse and check a file.
+
+    Args:
+        data: the whole file.
+        limits: what to accept.
+
+    Raises:
+        FormatError: damaged, cut short, foreign, of an unknown version, or beyond the limits.
+    """
+    limits = limits or L.Limits()
+    view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
+    version, sections = _read_table(view)
+    scene = _only(sections, L.SCENE)
+    cursor = _Cursor(scene)
+    views, n_layers, qp, *origin, profile = cursor.unpack(L.SCENE_FIXED)
+    cursor.finish()
+    _require(1 <= views <= limits.max_views, scene, f"{views} views, accepted are 1 to {limits.max_views}")
+    _require(1 <= n_layers <= limits.max_layers, scene, f"{n_layers} layers, accepted are 1 to {limits.max_layers}")
+    _require(all(map(math.isfinite, (qp, *origin))), scene, "a number is not finite")
+    poses = _read_cameras(_only(sections, L.CAMERAS), views)
+    layers, pixels, memory = [], 0, 0
+    for index in range(n_layers):
+        layer = _read_layer(_only(sections, L.LAYER, index), index, poses)
+        pixels += layer.gaussians
+        memory += layer.gaussians * 4 * (11 + 3 * (layer.degree + 1) ** 2)
+        where = f"section LAYR[{index}]"
+        if pixels > limits.max_pixels:
+            raise FormatError(f"{pixels} Gaussians, the limit is {limits.max_pixels} (--max-pixels)", where=where)
+        if memory > limits.max_memory_bytes:
+            raise FormatError(
+                f"{memory} bytes decoded, the limit is {limits.max_memory_bytes} (--max-memory)", where=where
+            )
+        layers.append(layer)
+    cameras = tuple(Camera(K, c2w, layers[0].width, layers[0].height) for K, c2w in poses)
+    streams = {(c, i): _only(sections, L.PLANES[c], i).data for i, layer in enumerate(layers) for c in _coded(layer)}
+    _check_streams(layers, streams)
+    sets = {s.index: _verified(s) for s in sections if s.kind == L.PARAMETER_SETS}
+    for index, layer in enumerate(layers):
+        if _coded(layer) and layer.parameter_set not in sets:
+            raise FormatError(f"parameter set {layer.parameter_set} is missing", where=f"section LAYR[{index}]")
+    return Container(
+        version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, len(view)
+    )  # fmt: skip
+
+
+def _read_table(view: memoryview) -> tuple[tuple[int, int], list[Section]]:
+    if bytes(view[: len(L.MAGIC)]) != L.MAGIC:
+        raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
+    if len(view) < L.HEADER.size:
+        raise FormatError(f"needs {L.HEADER.size} bytes, there are {len(view)}: cut short", where="header")
+    _, major, minor, count, _, crc = L.HEADER.unpack(view[: L.HEADER.size])
+    if major != L.MAJOR:
+        raise FormatError(f"format version {major}.{minor}, this reader knows {L.MAJOR}.x", where="header")
+    end = L.HEADER.size + count * L.TABLE_ROW.size
+    if count > L.MAX_SECTIONS or end > len(view):
+        raise FormatError(f"{count} sections do not fit in {len(view)} bytes: cut short?", where="section table")
+    if crc32(view[L.HEADER.size : end], crc32(view[: L.HEADER.size - 4])) != crc:
+        raise FormatError("CRC differs: the header was altered", where="header")
+    sections = []
+    for row in range(count):
+        start = L.HEADER.size + row * L.TABLE_ROW.size
+        kind, flags, index, length, section_crc = L.TABLE_ROW.unpack(view[start : start + L.TABLE_ROW.size])
+        section = Section(kind, index, section_crc, view[end : end + length])
+        if len(section.data) != length:
+            raise FormatError(f"needs {length} bytes, {len(section.data)} remain: cut short", where=section.label)
+        end += length
+        if kind in _KNOWN:
+            sections.append(section)
+        elif flags & L.REQUIRED:
+            raise FormatError("unknown and required; a newer reader is needed", where=section.label)
+    if end != len(view):
+        raise FormatError(f"{len(view) - end} bytes behind the last section", where="file")
+    return (major, minor), sections
+
+
+_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *L.PLANES.values()}
+
+
+def _only(sections: list[Section], kind: bytes, index: int = 0) -> Section:
+    found = [s for s in sections if s.kind == kind and s.index == index]
+    if len(found) != 1:
+        label = f"section {kind.decode('ascii')}[{index}]"
+        raise FormatError("missing" if not found else f"stands {len(found)} times, expected once", where=label)
+    if kind not in L.PLANES.values():  # pictures have a CRC each, checked when they are decoded
+        _verified(found[0])
+    return found[0]
+
+
+def _verified(section: Section) -> bytes:
+    if crc32(section.data) != section.crc:
+        raise FormatError("CRC differs: the bytes were altered", where=section.label)
+    return bytes(section.data)
+
+
+def _require(condition: bool, section: Section, message: str) -> None:
+    if not condition:
+        raise FormatError(message, where=section.label)
+
+
+def _ascii(raw: bytes, section: Section) -> str:
+    try:
+        return raw.rstrip(b"\0").decode("ascii")
+    except UnicodeDecodeError:
+        raise FormatError("profile name is not ASCII", where=section.label) from None
+
+
+def _matrix(fx: float, fy: float, cx: float, cy: float, skew: float) -> NDArray:
+    return np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def _read_cameras(section: Section, views: int) -> list[tuple[NDArray, NDArray]]:
+    cursor = _Cursor(section)
+    poses = []
+    for view in range(views):
+        numbers = cursor.unpack(L.CAMERA)
+        c2w = np.eye(4)
+        c2w[:3] = np.reshape(numbers[5:], (3, 4))
+        K = _matrix(*numbers[:5])
+        try:
+            Camera(K, c2w, 1, 1)
+        except InputError as error:
+            raise FormatError(error.message, where=f"{section.label}: view {view}: {error.where}") from None
+        poses.append((K, c2w))
+    cursor.finish()
+    return poses
+
+
+def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray]]) -> LayerHeader:
+    cursor = _Cursor(section)
+    height, width, degree, source_degree, flags, sets, n_channels, k, *numbers = cursor.unpack(L.LAYER_FIXED)
+    z_min, z_max, lost, condition = numbers
+    _require(
+        1 <= height <= L.MAX_SIDE and 1 <= width <= L.MAX_SIDE,
+        section,
+        f"grid {width}x{height}, sides are 1 to {L.MAX_SIDE}",
+    )
+    _require(
+        degree <= source_degree <= MAX_SH_DEGREE, section, f"SH degree {degree} of {source_degree}, accepted are 0 to 4"
+    )
+    _require(
+        0 < z_min <= z_max < math.inf, section, f"depth limits {z_min:g} to {z_max:g}, expected positive and ordered"
+    )
+    _require(math.isfinite(lost) and condition > 0, section, "a number is out of range")
+    _require(flags < 32, section, f"unknown flags {flags:#x}")
+    _require(n_channels <= L.MAX_CHANNELS, section, f"{n_channels} channels, at most {L.MAX_CHANNELS}")
+    own = [cursor.unpack(L.INTRINSICS) for _ in poses] if flags & L.OWN_INTRINSICS else None
+    quats = mix = basis = None
+    if flags & L.RELATIVE_ROTATION:
+        quats = np.array([cursor.unpack(L.REFERENCE_QUAT) for _ in poses], np.float32)
+        _require(
+            bool((np.abs(np.linalg.norm(quats, axis=1) - 1) < 1e-3).all()),
+            section,
+            "a reference quaternion is not of length 1",
+        )
+    if flags & L.SCALE_MIX:
+        values = np.array(cursor.unpack(L.SCALE_MIX_FIELDS), np.float32)
+        mix = (values[:9].reshape(3, 3), values[9:])
+        _require(bool(np.isfinite(values).all()), section, "the scale mix is not finite")
+    d = 3 * (degree + 1) ** 2
+    if flags & L.BASIS:
+        _require(1 <= k <= d, section, f"k = {k}, accepted are 1 to {d}")
+        basis = np.frombuffer(cursor.take(d * k * 2), "<f2").reshape(d, k)
+        _require(bool(np.isfinite(basis).all()), section, "the basis is not finite")
+    else:
+        _require(degree == 0 and k == 0, section, f"degree {degree} without a basis")
+    targets = {**{c: s.stop - s.start for c, s in GEOMETRY.items()}, PlaneClass.COLOR: k or 3}
+    channels = _read_channels(cursor, n_channels, targets, len(poses))
+    cursor.finish()
+    cameras = []
+    for view, (K, c2w) in enumerate(poses):
+        try:
+            cameras.append(Camera(_matrix(*own[view]) if own else K, c2w, width, height))
+        except InputError as error:
+            raise FormatError(error.message, where=f"{section.label}: view {view}: {error.where}") from None
+    return LayerHeader(
+        height, width, degree, source_degree, (z_min, z_max), lost, condition, bool(flags & L.INVERSE_DEPTH),
+        tuple(cameras), quats, mix, basis, sets, channels,
+    )  # fmt: skip
+
+
+def _read_channels(
+    cursor: _Cursor, count: int, targets: Mapping[PlaneClass, int], views: int
+) -> tuple[L.ChannelRecord, ...]:
+    section = cursor.section
+    ends = dict.fromkeys(PlaneClass, 0)
+    channels: list[L.ChannelRecord] = []
+    for _ in range(count):
+        number, target, coding, qp, scale, offset = cursor.unpack(L.CHANNEL)
+        _require(number < len(PlaneClass), section, f"plane class {number}, known are 0 to {len(PlaneClass) - 1}")
+        plane_class = PlaneClass(number)
+        _require(target < targets[plane_class], section, f"{plane_class.label} has no channel {target}")
+        _require(coding in (L.CONSTANT, L.INTRA), section, f"coding {coding} is unknown")
+        _require(qp <= MAX_QP, section, f"QP {qp}, accepted are 0 to {MAX_QP}")
+        _require(
+            abs(scale) < 1e30 and abs(offset) < 1e30,
+            section,
+            f"{plane_class.label}{target}: scale or offset out of range",
+        )
+        _require(not channels or plane_class >= channels[-1].plane_class, section, "channels are out of order")
+        is_first = all((plane_class, target) != (c.plane_class, c.target) for c in channels)
+        _require(is_first or plane_class == PlaneClass.DEPTH, section, f"{plane_class.label}{target} stands twice")
+        streams = []
+        for _ in range(views if coding == L.INTRA else 0):
+            length, crc = cursor.unpack(L.STREAM)
+            streams.append(L.StreamRef(ends[plane_class], length, crc))
+            ends[plane_class] += length
+        channels.append(L.ChannelRecord(plane_class, target, qp, scale, offset, tuple(streams)))
+    return tuple(channels)
+
+
+def _coded(layer: LayerHeader) -> set[PlaneClass]:
+    return {channel.plane_class for channel in layer.channels if channel.streams}
+
+
+def _check_streams(layers: list[LayerHeader], streams: Mapping[tuple[PlaneClass, int], memoryview]) -> None:
+    for (plane_class, index), data in streams.items():
+        refs = [c.streams[-1] for c in layers[index].channels if c.streams and c.plane_class == plane_class]
+        if refs[-1].offset + refs[-1].length != len(data):
+            label = f"section {L.PLANES[plane_class].decode()}[{index}]"
+            raise FormatError(f"{len(data)} bytes, its pictures need {refs[-1].offset + refs[-1].length}", where=label)

@@ -1,0 +1,122 @@
+"""Write a container: layers' metadata and coded planes in, one file's bytes out. Layout: docs/FORMAT.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+from ..codec.planes import LayerPlan, PlaneClass
+from . import layout as L
+
+
+@dataclass(frozen=True)
+class CodedChannel:
+    """A channel ready for the file: one payload per view, or none for a constant."""
+
+    plane_class: PlaneClass
+    target: int
+    qp: int
+    scale: float
+    offset: float
+    payloads: tuple[bytes, ...] = ()
+
+
+@dataclass(frozen=True)
+class CodedLayer:
+    """A layer ready for the file.
+
+    Attributes:
+        height, width: its grid.
+        source_degree: SH degree before any was left out.
+        plan: how planes map back to attributes.
+        channels: coded channels, grouped by class in any order.
+        parameter_sets: HEVC parameter sets of all its pictures; empty if every channel is constant.
+        cameras: its own, written for layers behind the first.
+    """
+
+    height: int
+    width: int
+    source_degree: int
+    plan: LayerPlan
+    channels: tuple[CodedChannel, ...]
+    parameter_sets: bytes
+    cameras: tuple[Camera, ...]
+
+
+def write_container(
+    layers: Sequence[CodedLayer], cameras: Sequence[Camera], origin: NDArray, profile: str, qp: float
+) -> bytes:
+    """The file: metadata first, then planes by layer and by what a first picture needs."""
+    scene = L.SCENE_FIXED.pack(len(cameras), len(layers), qp, *origin, profile.encode("ascii"))
+    sections: list[tuple[bytes, int, bytes]] = [
+        (L.SCENE, 0, scene),
+        (L.CAMERAS, 0, b"".join(_camera(camera) for camera in cameras)),
+    ]
+    parameter_sets: list[bytes] = []
+    for index, layer in enumerate(layers):
+        if layer.parameter_sets not in parameter_sets:
+            parameter_sets.append(layer.parameter_sets)
+        sections.append((L.LAYER, index, _layer(layer, index, parameter_sets.index(layer.parameter_sets))))
+    sections += [(L.PARAMETER_SETS, index, sets) for index, sets in enumerate(parameter_sets)]
+    for index, layer in enumerate(layers):
+        for plane_class in PlaneClass:
+            streams = [p for c in layer.channels if c.plane_class == plane_class for p in c.payloads]
+            if streams:
+                sections.append((L.PLANES[plane_class], index, b"".join(streams)))
+    return _assemble(sections)
+
+
+def _assemble(sections: Sequence[tuple[bytes, int, bytes]]) -> bytes:
+    table = b"".join(
+        L.TABLE_ROW.pack(kind, L.REQUIRED, index, len(data), crc32(data)) for kind, index, data in sections
+    )
+    head = L.HEADER.pack(L.MAGIC, L.MAJOR, L.MINOR, len(sections), 0, 0)[:-4]
+    head += crc32(head + table).to_bytes(4, "little")
+    return b"".join((head, table, *(data for _, _, data in sections)))
+
+
+def _intrinsics(K: NDArray) -> tuple[float, ...]:
+    return K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]
+
+
+def _camera(camera: Camera) -> bytes:
+    return L.CAMERA.pack(*_intrinsics(camera.K), *camera.c2w[:3].ravel())
+
+
+def _layer(layer: CodedLayer, index: int, parameter_set: int) -> bytes:
+    plan, reduction = layer.plan, layer.plan.reduction
+    flags = (
+        L.INVERSE_DEPTH * plan.inverse_depth
+        | L.RELATIVE_ROTATION * (plan.reference_quats is not None)
+        | L.SCALE_MIX * (plan.scale_mix is not None)
+        | L.BASIS * (reduction is not None)
+        | L.OWN_INTRINSICS * (index > 0)
+    )
+    k, lost, condition = (reduction.k, reduction.energy_lost, reduction.condition) if reduction else (0, 0.0, 1.0)
+    parts = [
+        L.LAYER_FIXED.pack(
+            layer.height, layer.width, plan.degree, layer.source_degree, flags, parameter_set, len(layer.channels), k,
+            *plan.depth_limits, lost, condition,
+        )
+    ]  # fmt: skip
+    if index > 0:
+        parts += [L.INTRINSICS.pack(*_intrinsics(camera.K)) for camera in layer.cameras]
+    if plan.reference_quats is not None:
+        parts += [L.REFERENCE_QUAT.pack(*quat) for quat in plan.reference_quats]
+    if plan.scale_mix is not None:
+        parts.append(L.SCALE_MIX_FIELDS.pack(*plan.scale_mix[0].ravel(), *plan.scale_mix[1]))
+    if reduction is not None:
+        parts.append(np.ascontiguousarray(reduction.inverse, "<f2").tobytes())
+    # Records stand in the order of the streams, so that offsets are running sums.
+    for channel in sorted(layer.channels, key=lambda c: c.plane_class):
+        coding = L.INTRA if channel.payloads else L.CONSTANT
+        parts.append(
+            L.CHANNEL.pack(channel.plane_class, channel.target, coding, channel.qp, channel.scale, channel.offset)
+        )
+        parts += [L.STREAM.pack(len(payload), crc32(payload)) for payload in channel.payloads]
+    return b"".join(parts)
