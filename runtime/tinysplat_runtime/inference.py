@@ -11,7 +11,6 @@ import os
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from .artifacts import Artifact, find_artifact
 from .errors import ModelError
+from .threads import available_cores
 
 CONTRACT_VERSION = 1
 
@@ -202,12 +202,6 @@ class GraphStore:
                 artifact = find_artifact(name, role, self._models)
                 self._graphs[name] = open_graph(artifact, contract, threads=self._threads, providers=self._providers)
             return self._graphs[name]
-
-
-@lru_cache(maxsize=1)
-def available_cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def as_input(array: NDArray | Sequence[Any] | float, dtype: type = np.float32) -> NDArray:

@@ -1,0 +1,199 @@
+"""The command line: argument parsing, and errors as one line with an exit status. What commands do: commands.py.
+
+Exit status: 0 done, 2 the input is at fault (one line on standard error), 130 interrupted, 1 a fault of ours.
+Commands outside the runtime join through the entry-point group `tinysplat.commands`; see `_join`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from . import __version__
+from .errors import InputError, TinySplatError
+
+PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they mean; not imported, to start fast
+
+ENTRY_POINTS = "tinysplat.commands"
+
+EXTRAS = {"eval": "eval", "bench": "eval", "compare": "eval", "poses": "poses", "batch": "cluster", "view": "view"}
+"""Commands that an extra brings, for the message when it is not installed."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.prog}: {message}", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def size(text: str) -> tuple[int, int]:
+    """`256x384` to (height, width)."""
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(f"'{text}', expected HEIGHTxWIDTH such as 256x384")
+    return int(parts[0]), int(parts[1])
+
+
+def indices(text: str) -> list[int]:
+    """`0,4` to [0, 4]."""
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}', expected indices such as 0,4") from None
+
+
+def threads(text: str) -> int:
+    """A number of threads, 1 or more."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number of 1 or more")
+    return int(text)
+
+
+def _common() -> argparse.ArgumentParser:
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
+    common.add_argument("--threads", type=threads, metavar="N", help="default: all cores; never changes a result")
+    return common
+
+
+def _coding() -> argparse.ArgumentParser:
+    coding = argparse.ArgumentParser(add_help=False)
+    coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
+    coding.add_argument("--profile", choices=PROFILES, default="balanced", help="default: balanced")
+    coding.add_argument("--qp", type=float, default=0.0, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
+    coding.add_argument("--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent")
+    coding.add_argument("--report", metavar="R.json", help="write bytes, seconds, memory and errors as JSON")
+    return coding
+
+
+def _limits() -> argparse.ArgumentParser:
+    limits = argparse.ArgumentParser(add_help=False)
+    limits.add_argument("--max-pixels", type=threads, metavar="N", help="refuse files of more Gaussians (default 67 M)")
+    limits.add_argument("--max-memory", type=threads, metavar="BYTES", help="refuse files that decode to more (default 8 GiB)")
+    return limits
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of the commands that need nothing but the runtime."""
+    parser = _Parser(prog="tinysplat", description="Posed photos in, a tiny 3D Gaussian scene out.", epilog=_EPILOG)
+    parser.add_argument("--version", action="version", version=f"tinysplat {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
+    common, coding, limits = _common(), _coding(), _limits()
+
+    encode = commands.add_parser("encode", parents=[common, coding], help="photos and cameras to a .tsplat file")
+    encode.add_argument("scene", metavar="SCENE", help="folder with images and cameras.json")
+    encode.add_argument("--views", type=indices, metavar="I,J", help="frames to use; default: all, if there are 2 to 6")
+    encode.add_argument("--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them")
+    encode.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over cameras.json's")
+    encode.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
+    encode.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
+    encode.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
+
+    compress = commands.add_parser("compress", parents=[common, coding], help="Gaussians of any network to a .tsplat file")
+    compress.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
+    compress.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
+    compress.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
+
+    decode = commands.add_parser("decode", parents=[common, limits], help="a .tsplat file back to Gaussians")
+    decode.add_argument("file", metavar="F.tsplat")
+    decode.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors or .ply")
+    decode.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
+
+    render = commands.add_parser("render", parents=[common, limits], help="a picture or a video of Gaussians")
+    render.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors or .ply")
+    render.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
+    render.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
+    render.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
+    render.add_argument("--frames", type=threads, default=60, metavar="N", help="frames of a video; default 60")
+    render.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
+    render.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
+
+    info = commands.add_parser("info", parents=[common, limits], help="what a .tsplat file holds")
+    info.add_argument("file", metavar="F.tsplat")
+    info.add_argument("--json", action="store_true", help="as JSON")
+
+    models = commands.add_parser("models", parents=[common], help="the networks and graphs at hand")
+    models.add_argument("--json", action="store_true", help="as JSON")
+    return parser
+
+
+_EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(arguments)
+    except TinySplatError as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that the flush at exit finds no broken pipe
+        return 0
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{name}{error.strerror or error}")
+    except MemoryError:
+        return _fail("not enough memory; --size, fewer --views or --max-memory keep within it")
+
+
+def _fail(message: str) -> int:
+    print(f"tinysplat: {message}", file=sys.stderr)
+    return 2
+
+
+def _run(arguments: list[str]) -> int:
+    parser = build_parser()
+    joined = _join(parser, arguments)
+    args = parser.parse_args(arguments)
+    if args.command in joined:
+        return joined[args.command](args) or 0
+    from . import commands
+
+    run: Callable[[Any], None] = getattr(commands, args.command)
+    run(args)
+    return 0
+
+
+def _join(parser: argparse.ArgumentParser, arguments: list[str]) -> dict[str, Callable[[Any], int | None]]:
+    """Add the commands of other packages, but only when one of them, or the list of all, is asked for.
+
+    An entry point of the group names a module with `HELP`, `configure(parser)` and `run(args)`.
+    """
+    own = parser._subparsers._group_actions[0]  # type: ignore[union-attr]
+    word = next((a for a in arguments if not a.startswith("-")), None)
+    if word in own.choices or (word is None and "--version" in arguments):  # type: ignore[operator]
+        return {}
+    from importlib.metadata import entry_points
+
+    joined: dict[str, Callable[[Any], int | None]] = {}
+    for point in entry_points(group=ENTRY_POINTS):
+        if word not in (None, point.name):
+            continue
+        try:
+            module = point.load()
+        except ImportError as error:
+            if word == point.name:
+                raise _missing_extra(word, error.name) from None
+            continue
+        module.configure(own.add_parser(point.name, parents=[_common()], help=module.HELP))  # type: ignore[attr-defined]
+        joined[point.name] = module.run
+    if word in EXTRAS and word not in joined:
+        raise _missing_extra(word, None)
+    return joined
+
+
+def _missing_extra(command: str, module: str | None) -> InputError:
+    needs = f"needs the package '{module}'" if module else "is not installed"
+    return InputError(f'{needs}; pip install "tinysplat[{EXTRAS.get(command, command)}]" brings it', where=command)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,296 @@
+"""What the commands of `cli.py` do: files in, files out, results on standard output."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .api import DEFAULT_MODEL, Runtime
+from .artifacts import load_manifest
+from .cameras import Camera
+from .codec.encoder import EncodeStats
+from .container.layout import Limits
+from .errors import InputError, TinySplatError
+from .files import read_limited, write_atomically
+from .gaussians import FIELDS, Gaussians
+from .images import write_png
+from .inspection import inspect_bytes
+from .interchange import load_gaussians, save_gaussians
+from .progress import progress
+from .render import Renderer, between, orbit
+from .reports import Stopwatch, peak_rss_bytes
+from .scenes import Scene, load_scene
+from .video import write_video
+
+AUTO_VIEWS = range(2, 7)
+"""Numbers of photos of which all are used when none are chosen."""
+
+MAX_FILE_BYTES = 1 << 31
+
+
+def encode(args: Namespace) -> None:
+    """Photos and cameras to a .tsplat file."""
+    scene = _chosen_views(load_scene(args.scene, near=args.near, far=args.far), args.views)
+    if args.size:
+        scene = scene.resized(*args.size)
+    runtime, watch = Runtime(threads=args.threads), Stopwatch()
+    gaussians = runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch)
+    if args.save_gaussians:
+        save_gaussians(args.save_gaussians, gaussians)
+    _compress(args, runtime, gaussians, EncodeStats(watch=watch))
+
+
+def compress(args: Namespace) -> None:
+    """Gaussians of any network to a .tsplat file."""
+    grid = _grid(args.grid)
+    cameras = load_scene(args.cameras).cameras if args.cameras else None
+    gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
+    try:
+        _compress(args, Runtime(threads=args.threads), gaussians, EncodeStats())
+    except TinySplatError as error:
+        raise error.within(args.gaussians) from None
+
+
+def decode(args: Namespace) -> None:
+    """A .tsplat file back to Gaussians."""
+    runtime, watch = _limited_runtime(args), Stopwatch()
+    data = read_limited(args.file, MAX_FILE_BYTES)
+    gaussians = _decompress(runtime, data, args.file, watch)
+    with watch.stage("write"):
+        save_gaussians(args.output, gaussians)
+    if args.report:
+        _write_json(args.report, _report(inspect_bytes(data, runtime.limits), watch))
+    if not args.quiet:
+        print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
+
+
+def render(args: Namespace) -> None:
+    """A picture or a video of Gaussians."""
+    suffix = Path(args.output).suffix.lower()
+    if suffix not in (".png", ".mp4"):
+        raise InputError(f"'{suffix}', accepted are .png and .mp4", where=args.output)
+    if suffix == ".png" and args.path:
+        raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
+    watch = Stopwatch()
+    gaussians = _load_any(args, watch)
+    renderer = Renderer(gaussians, threads=args.threads)
+    if suffix == ".png":
+        camera = _chosen_camera(args.camera, gaussians)
+        with watch.stage("render"):
+            image = renderer.render(camera, args.size)
+        write_png(args.output, image)
+    else:
+        path = _camera_path(args, gaussians)
+        with watch.stage("render"):
+            frames = (renderer.render(camera, args.size) for camera in path)
+            write_video(args.output, progress(frames, len(path), "render", quiet=args.quiet))
+    if args.report:
+        _write_json(args.report, _render_report(args, gaussians, watch))
+    if not args.quiet:
+        print(f"{args.output}: {watch.seconds['render']:.3f} s")
+
+
+def info(args: Namespace) -> None:
+    """What a .tsplat file holds."""
+    data = read_limited(args.file, MAX_FILE_BYTES)
+    try:
+        described = inspect_bytes(data, _limits(args))
+    except TinySplatError as error:
+        raise error.within(args.file) from None
+    print(json.dumps(described, indent=2) if args.json else _info_text(args.file, described))
+
+
+def models(args: Namespace) -> None:
+    """The networks and graphs at hand."""
+    artifacts = load_manifest()
+    if args.json:
+        print(json.dumps({name: artifact.entry for name, artifact in artifacts.items()}, indent=2, ensure_ascii=False))
+        return
+    for name, artifact in artifacts.items():
+        size = artifact.path.stat().st_size if artifact.path.is_file() else 0
+        purpose = (artifact.entry or {}).get("purpose", "")
+        print(f"{name:18} {artifact.role:10} {size / 1000:9.1f} KB  {purpose}")
+
+
+def _chosen_views(scene: Scene, views: Sequence[int] | None) -> Scene:
+    if views is not None:
+        return scene.views(views)
+    count = len(scene.frames)
+    if count not in AUTO_VIEWS:
+        raise InputError(
+            f"{count} photos; all are used only when there are {AUTO_VIEWS.start} to {AUTO_VIEWS.stop - 1}:"
+            f" choose with --views, for instance --views 0,{max(1, count - 1)}",
+            where=str(scene.path),
+        )
+    return scene
+
+
+def _grid(values: Sequence[int] | None) -> tuple[int, int, int] | None:
+    if values is None:
+        return None
+    if len(values) != 3 or min(values) < 1:
+        raise InputError(f"{','.join(map(str, values))}, expected V,H,W of 1 or more", where="--grid")
+    return values[0], values[1], values[2]
+
+
+def _compress(args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats) -> None:
+    data = runtime.compress(gaussians, args.profile, args.qp, drop_invalid=args.drop_invalid, stats=stats)
+    with stats.watch.stage("write"):
+        write_atomically(args.output, data)
+    seconds = sum(stats.watch.seconds.values())
+    if args.report:
+        report = _report(inspect_bytes(data), stats.watch)
+        report["clipped"] = stats.clipped
+        report["error_by_attribute"] = _errors(gaussians, runtime.decompress(data))
+        _write_json(args.report, report)
+    if not args.quiet:
+        raw = sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
+        print(f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {seconds:.2f} s")
+
+
+def _errors(gaussians: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
+    """Root mean square and largest error per attribute, world units; rotations as angles in degrees."""
+    errors: dict[str, dict[str, float]] = {}
+    for name in FIELDS:
+        pairs = [
+            (getattr(a, name).astype(np.float64), getattr(b, name).astype(np.float64))
+            for a, b in zip(gaussians.layers, decoded.layers, strict=True)
+        ]
+        parts = [_angles(a, b) if name == "quats" else _padded(a, b) for a, b in pairs]
+        values = np.concatenate([part.ravel() for part in parts])
+        errors[name] = {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
+    return errors
+
+
+def _angles(a: NDArray, b: NDArray) -> NDArray:
+    cosine = np.abs((a * b).sum(-1)) / (np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1))
+    return np.degrees(2 * np.arccos(np.clip(cosine, 0, 1)))
+
+
+def _padded(a: NDArray, b: NDArray) -> NDArray:
+    """Difference; SH coefficients that the file left out count as zeros."""
+    if a.shape != b.shape:
+        b = np.concatenate([b, np.zeros((*b.shape[:-2], a.shape[-2] - b.shape[-2], 3))], axis=-2)
+    return a - b
+
+
+def _report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
+    keys = ("bytes", "bytes_by_class", "metadata_bytes", "views", "height", "width", "gaussians", "sh_degree", "k")
+    return {
+        **{key: described[key] for key in keys},
+        "error_by_attribute": {},
+        "clipped": {},
+        "seconds": watch.seconds,
+        "peak_rss_bytes": peak_rss_bytes(),
+        "left_out": described["left_out"],
+    }
+
+
+def _render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:
+    if Path(args.file).suffix.lower() == ".tsplat":
+        return _report(inspect_bytes(read_limited(args.file, MAX_FILE_BYTES), _limits(args)), watch)
+    return {
+        "gaussians": gaussians.count,
+        "sh_degree": gaussians.degree,
+        "seconds": watch.seconds,
+        "peak_rss_bytes": peak_rss_bytes(),
+    }
+
+
+def _write_json(path: str, value: dict[str, Any]) -> None:
+    write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
+
+
+def _limits(args: Namespace) -> Limits:
+    default = Limits()
+    return Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
+
+
+def _limited_runtime(args: Namespace) -> Runtime:
+    return Runtime(threads=args.threads, limits=_limits(args))
+
+
+def _decompress(runtime: Runtime, data: bytes, file: str, watch: Stopwatch) -> Gaussians:
+    try:
+        return runtime.decompress(data, watch=watch)
+    except TinySplatError as error:
+        raise error.within(file) from None
+
+
+def _load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
+    if Path(args.file).suffix.lower() == ".tsplat":
+        return _decompress(_limited_runtime(args), read_limited(args.file, MAX_FILE_BYTES), args.file, watch)
+    return load_gaussians(args.file)
+
+
+def _chosen_camera(text: str | None, gaussians: Gaussians) -> Camera:
+    """`INDEX` of the file's own views, or `cameras.json:INDEX`."""
+    source, _, index_text = (text or "0").rpartition(":")
+    try:
+        index = int(index_text)
+    except ValueError:
+        raise InputError(f"'{text}', expected INDEX or cameras.json:INDEX", where="--camera") from None
+    cameras = load_scene(source).cameras if source else gaussians.cameras
+    if not cameras:
+        raise InputError("the file has no cameras; give --camera cameras.json:INDEX", where="--camera")
+    if not 0 <= index < len(cameras):
+        raise InputError(f"{index}, accepted are 0 to {len(cameras) - 1}", where="--camera")
+    return cameras[index]
+
+
+def _camera_path(args: Namespace, gaussians: Gaussians) -> list[Camera]:
+    cameras = gaussians.cameras
+    if args.camera or not cameras:
+        source = (args.camera or "").rpartition(":")[0]
+        if not source:
+            raise InputError("a video runs along the file's own views, or those of --camera cameras.json:INDEX", where="--camera")
+        cameras = tuple(load_scene(source).cameras)
+    if args.path == "orbit":
+        return orbit(cameras, args.frames, _median_depth(gaussians, cameras[0]))
+    return between(cameras, args.frames)
+
+
+def _median_depth(gaussians: Gaussians, camera: Camera) -> float:
+    flat = gaussians.flat()
+    z = (flat.means.astype(np.float64) + flat.origin - camera.centre) @ camera.rotation[2]
+    return float(np.median(z[z > 0])) if (z > 0).any() else 1.0
+
+
+def _info_text(file: str, described: dict[str, Any]) -> str:
+    d = described
+    total = d["bytes"]
+    lines = [
+        f"{file}: {total} bytes, format {d['version']}, profile {d['profile']}, Q_g {d['qp']:g}",
+        f"{d['views']} views of {d['width']}x{d['height']}, {d['gaussians']} Gaussians in {len(d['layers'])} layers,"
+        f" SH degree {d['sh_degree']}, k = {d['k']}",
+        "",
+        "class        bytes   share",
+        *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),
+        f"{'metadata':9} {d['metadata_bytes']:8}  {d['metadata_bytes'] / total:6.1%}",
+        "",
+        "view         bytes",
+        *(f"{view:<9} {n:8}" for view, n in enumerate(d["bytes_by_view"])),
+        "",
+        "layer plane       coding    QP         step    bytes",
+        *(_plane_text(plane) for plane in d["planes"]),
+    ]
+    if d["left_out"]:
+        lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in d["left_out"])]
+    return "\n".join(lines)
+
+
+def _plane_text(plane: dict[str, Any]) -> str:
+    if plane["coding"] == "constant":
+        return f"{plane['layer']:5} {plane['name']:11} constant   –  = {plane['value']:<10.4g} {plane['bytes']:7}"
+    return f"{plane['layer']:5} {plane['name']:11} {plane['coding']:8} {plane['qp']:3} {plane['step']:12.4g} {plane['bytes']:8}"
+
+
+def _left_out_text(entry: dict[str, Any]) -> str:
+    rest = ", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in entry.items() if k not in ("layer", "what"))
+    return f"layer {entry['layer']}: {entry['what']} ({rest})"

@@ -1,0 +1,126 @@
+"""What a `.tsplat` file holds, from its metadata alone: the object behind `info` and `--report`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .container.layout import ChannelRecord, Limits
+from .container.reader import Container, LayerHeader, read_container
+from .codec.planes import PlaneClass
+from .codec.quantize import CodeMap
+
+
+def inspect_bytes(data: bytes, limits: Limits | None = None) -> dict[str, Any]:
+    """Describe a file.
+
+    Args:
+        data: the whole file.
+        limits: what to accept; None for the defaults.
+
+    Returns:
+        A JSON-ready object: version, profile, qp, views, height, width, gaussians, sh_degree, k, bytes,
+        bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes, left_out.
+
+    Raises:
+        FormatError: damaged, cut short, foreign, or beyond the limits.
+    """
+    container = read_container(data, limits)
+    first = container.layers[0]
+    by_class, by_view = _bytes_by_class(container), _bytes_by_view(container)
+    return {
+        "version": ".".join(map(str, container.version)),
+        "profile": container.profile,
+        "qp": container.qp,
+        "views": len(container.cameras),
+        "height": first.height,
+        "width": first.width,
+        "gaussians": sum(layer.gaussians for layer in container.layers),
+        "sh_degree": first.degree,
+        "k": _k(first),
+        "bytes": container.total_bytes,
+        "bytes_by_class": by_class,
+        "bytes_by_view": by_view,
+        "metadata_bytes": container.total_bytes - sum(by_class.values()),
+        "origin": container.origin.tolist(),
+        "cameras": [{"K": c.K.tolist(), "c2w": c.c2w.tolist()} for c in container.cameras],
+        "layers": [_layer(layer) for layer in container.layers],
+        "planes": [
+            _plane(index, channel) for index, layer in enumerate(container.layers) for channel in layer.channels
+        ],
+        "left_out": [entry for index, layer in enumerate(container.layers) for entry in _left_out(index, layer)],
+    }
+
+
+def _k(layer: LayerHeader) -> int:
+    return 0 if layer.basis is None else layer.basis.shape[1]
+
+
+def _streams(container: Container) -> list[tuple[PlaneClass, int, int]]:
+    """(class, view, bytes) of every picture."""
+    return [
+        (channel.plane_class, view, stream.length)
+        for layer in container.layers
+        for channel in layer.channels
+        for view, stream in enumerate(channel.streams)
+    ]
+
+
+def _bytes_by_class(container: Container) -> dict[str, int]:
+    totals = {plane_class.label: 0 for plane_class in PlaneClass}
+    for plane_class, _, length in _streams(container):
+        totals[plane_class.label] += length
+    return totals
+
+
+def _bytes_by_view(container: Container) -> list[int]:
+    totals = [0] * len(container.cameras)
+    for _, view, length in _streams(container):
+        totals[view] += length
+    return totals
+
+
+def _layer(layer: LayerHeader) -> dict[str, Any]:
+    return {
+        "height": layer.height,
+        "width": layer.width,
+        "gaussians": layer.gaussians,
+        "sh_degree": layer.degree,
+        "k": _k(layer),
+        "depth_limits": list(layer.depth_limits),
+        "inverse_depth": layer.inverse_depth,
+        "relative_rotation": layer.reference_quats is not None,
+        "condition": layer.condition,
+        "energy_lost": layer.energy_lost,
+    }
+
+
+def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:
+    lengths = [stream.length for stream in channel.streams]
+    entry: dict[str, Any] = {
+        "layer": index,
+        "name": channel.name,
+        "class": channel.plane_class.label,
+        "coding": "intra" if lengths else "constant",
+        "bytes": sum(lengths),
+    }
+    if not lengths:
+        return {**entry, "value": channel.offset}
+    step = CodeMap(channel.scale, channel.offset, channel.qp).step
+    return {**entry, "bytes_by_view": lengths, "qp": channel.qp, "step": step}
+
+
+def _left_out(index: int, layer: LayerHeader) -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = []
+    if layer.degree < layer.source_degree:
+        entries.append({"layer": index, "what": "sh degree", "kept": layer.degree, "of": layer.source_degree})
+    d, k = 3 * (layer.degree + 1) ** 2, _k(layer)
+    if 0 < k < d:
+        entries.append({"layer": index, "what": "color components", "kept": k, "of": d, "energy_lost": layer.energy_lost})
+    if layer.basis is None:
+        entries.append({"layer": index, "what": "basis", "why": "SH degree 0 needs none"})
+    entries += [
+        {"layer": index, "what": f"plane {channel.name}", "why": "constant", "value": channel.offset}
+        for channel in layer.channels
+        if not channel.streams
+    ]
+    return entries
