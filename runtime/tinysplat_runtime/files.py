@@ -27,12 +27,12 @@ def read_limited(path: StrPath, max_bytes: int) -> bytes:
     check_readable(path)
     try:
         with path.open("rb") as file:
-            data = file.read(max_bytes + 1)
+            size = os.fstat(file.fileno()).st_size
+            if size > max_bytes:
+                raise InputError(f"{size} bytes, expected at most {max_bytes}", where=str(path))
+            return file.read(size)
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from None
-    if len(data) > max_bytes:
-        raise InputError(f"{path.stat().st_size} bytes, expected at most {max_bytes}", where=str(path))
-    return data
 
 
 def check_readable(path: StrPath) -> None:

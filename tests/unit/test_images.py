@@ -1,0 +1,321 @@
+"""Photos decode as Pillow decodes them, hostile ones are refused in a line, and resizing follows the cameras."""
+
+from __future__ import annotations
+
+import io
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image, ImageOps
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.images import MAX_PIXELS, read_image, resize_cover, to_uint8, write_png
+
+JPEG_MEAN_LEVELS = (
+    0.5  # of 255, against libjpeg-turbo; measured 0.02 (grey) to 0.25 (4:2:2), whose IDCT rounds otherwise
+)
+
+
+def photo_like(height: int, width: int, channels: int = 3, seed: int = 0) -> NDArray:
+    """(height, width, channels) uint8 with smooth colours, edges and a little noise, as photos have."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0:height, 0:width] / 16
+    waves = [np.sin(x * (c + 1) / 3 + c) + np.cos(y * (c + 2) / 4) + (x + y > 6 + c) for c in range(channels)]
+    return (np.stack(waves, -1) * 40 + 100 + rng.normal(0, 3, (height, width, channels))).clip(0, 255).astype(np.uint8)
+
+
+def encoded(image: Image.Image, kind: str, **options: object) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, kind, **options)
+    return buffer.getvalue()
+
+
+def png_of_rows(width: int, height: int, depth: int, colour_type: int, rows: list[bytes], *extra: bytes) -> bytes:
+    """A PNG file from unfiltered rows of samples, for the kinds that Pillow cannot write."""
+    header = struct.pack(">IIBBBBB", width, height, depth, colour_type, 0, 0, 0)
+    body = zlib.compress(b"".join(b"\0" + row for row in rows))
+    chunks = [chunk(b"IHDR", header), *extra, chunk(b"IDAT", body), chunk(b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def read_bytes(folder: Path, data: bytes, **options: int) -> NDArray:
+    (folder / "photo").write_bytes(data)
+    return read_image(folder / "photo", **options)
+
+
+def refusal(folder: Path, data: bytes, **options: int) -> str:
+    with pytest.raises(InputError) as caught:
+        read_bytes(folder, data, **options)
+    message = str(caught.value)
+    assert message.startswith(str(folder / "photo")) and "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("size", [(64, 96), (63, 95), (17, 8), (1, 1), (2, 3)])
+@pytest.mark.parametrize(
+    "options",
+    [{"subsampling": 0}, {"subsampling": 1}, {"subsampling": 2}, {"progressive": True}, {"restart_marker_blocks": 3}],
+    ids=str,
+)
+def test_jpeg_matches_pillow_within_half_a_level_on_average(
+    tmp_path: Path, size: tuple[int, int], options: dict[str, object]
+) -> None:
+    data = encoded(Image.fromarray(photo_like(*size)), "JPEG", quality=92, **options)
+    ours, theirs = read_bytes(tmp_path, data), np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+    assert ours.dtype == np.uint8 and ours.shape == (*size, 3)
+    assert np.abs(ours.astype(float) - theirs).mean() < JPEG_MEAN_LEVELS
+
+
+@pytest.mark.parametrize(("subsampling", "factors"), [(1, 0x12), (2, 0x41), (2, 0x14)], ids=["4:4:0", "4:1:1", "1x4"])
+def test_rare_chroma_layouts_match_pillow(tmp_path: Path, subsampling: int, factors: int) -> None:
+    # As many blocks a unit as 4:2:2 and 4:2:0 have: only the frame header needs to say how they lie.
+    data = bytearray(encoded(Image.fromarray(photo_like(32, 32)), "JPEG", quality=92, subsampling=subsampling))
+    frame = data.index(b"\xff\xc0")
+    data[frame + 5 : frame + 9] = struct.pack(">HH", 31, 29)
+    data[frame + 11] = factors
+    theirs = np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(float)
+    difference = np.abs(read_bytes(tmp_path, bytes(data)) - theirs)
+    assert difference.mean() < 2 * JPEG_MEAN_LEVELS
+
+
+@pytest.mark.parametrize("options", [{"mode": "L"}, {"keep_rgb": True}], ids=str)
+def test_grey_and_rgb_coded_jpeg_match_pillow(tmp_path: Path, options: dict[str, object]) -> None:
+    image = Image.fromarray(photo_like(33, 47)).convert(str(options.pop("mode", "RGB")))
+    data = encoded(image, "JPEG", quality=92, **options)
+    theirs = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+    assert np.abs(read_bytes(tmp_path, data).astype(float) - theirs).mean() < 0.1
+
+
+@pytest.mark.parametrize("mode", ["RGB", "L", "P", "1"])
+def test_opaque_png_matches_pillow_exactly(tmp_path: Path, mode: str) -> None:
+    image = Image.fromarray(photo_like(13, 22)).convert(mode)
+    np.testing.assert_array_equal(read_bytes(tmp_path, encoded(image, "PNG")), np.asarray(image.convert("RGB")))
+
+
+@pytest.mark.parametrize("depth", [1, 2, 4])
+def test_grey_png_of_few_bits_matches_pillow_exactly(tmp_path: Path, depth: int) -> None:
+    rows = [np.random.default_rng(row).bytes(depth) for row in range(5)]
+    data = png_of_rows(8, 5, depth, 0, rows)
+    theirs = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+    np.testing.assert_array_equal(read_bytes(tmp_path, data), theirs)
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA", "P"])
+def test_transparency_is_composited_over_black(tmp_path: Path, mode: str) -> None:
+    rgba = photo_like(9, 14, 4)
+    rgba[..., 3] = np.linspace(0, 255, 14).astype(np.uint8)
+    image = Image.fromarray(rgba)
+    if mode == "P":
+        data = encoded(image.convert("RGB").quantize(16), "PNG", transparency=bytes(range(0, 256, 16)))
+    else:
+        data = encoded(image.convert(mode), "PNG")
+    straight = np.asarray(Image.open(io.BytesIO(data)).convert("RGBA")).astype(float)
+    expected = np.floor(straight[..., :3] * straight[..., 3:] / 255 + 0.5)
+    np.testing.assert_array_equal(read_bytes(tmp_path, data), expected)
+
+
+@pytest.mark.parametrize(("colour_type", "channels"), [(0, 1), (2, 3)])
+def test_16_bit_png_is_rounded_to_8_bits(tmp_path: Path, colour_type: int, channels: int) -> None:
+    samples = np.random.default_rng(1).integers(0, 65536, (6, 7, channels), dtype=np.uint16)
+    samples[0, 0], samples[0, 1] = 0, 65535
+    data = png_of_rows(7, 6, 16, colour_type, [row.astype(">u2").tobytes() for row in samples])
+    expected = np.broadcast_to(np.floor(samples.astype(float) / 257 + 0.5), (6, 7, 3))
+    np.testing.assert_array_equal(read_bytes(tmp_path, data), expected)
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_orientation_is_applied(tmp_path: Path, orientation: int, kind: str) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    data = encoded(Image.fromarray(photo_like(24, 40)), kind, exif=exif)
+    theirs = np.asarray(ImageOps.exif_transpose(Image.open(io.BytesIO(data))).convert("RGB")).astype(float)
+    ours = read_bytes(tmp_path, data)
+    assert ours.shape == theirs.shape
+    assert np.abs(ours - theirs).mean() < JPEG_MEAN_LEVELS
+
+
+@pytest.mark.parametrize(
+    "tiff",
+    [
+        b"",
+        b"II*\0",
+        b"II*\0\xff\xff\xff\xff",
+        b"MM\0*\0\0\0\x08\xff\xff" + b"\1" * 40,
+        b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x09\0\0\0",
+    ],
+    ids=["empty", "no directory", "far offset", "entries missing", "orientation 9"],
+)
+def test_damaged_exif_leaves_the_image_as_stored(tmp_path: Path, tiff: bytes) -> None:
+    pixels = photo_like(5, 8)
+    data = encoded(Image.fromarray(pixels), "PNG")
+    header_end = 8 + 25
+    data = data[:header_end] + chunk(b"eXIf", tiff) + data[header_end:]
+    np.testing.assert_array_equal(read_bytes(tmp_path, data), pixels)
+
+
+def test_segments_that_steer_decoders_change_nothing(tmp_path: Path) -> None:
+    plain = encoded(Image.fromarray(photo_like(32, 48)), "JPEG", subsampling=0)
+    comment = b"CS=ITU601"  # makes libavcodec take the samples for limited range
+    with_comment = plain[:2] + b"\xff\xfe" + struct.pack(">H", len(comment) + 2) + comment + plain[2:]
+    after_end = with_comment + b"\xff\xd8 a second picture, as some phones append"
+    np.testing.assert_array_equal(read_bytes(tmp_path, plain), read_bytes(tmp_path, after_end))
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+@pytest.mark.parametrize("progressive", [False, True])
+def test_every_truncation_is_refused_by_name(
+    tmp_path: Path, kind: str, progressive: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = {"progressive": progressive} if kind == "JPEG" else {}
+    data = encoded(Image.fromarray(photo_like(32, 40)), kind, **options)
+    for length in [*range(60), *range(60, len(data) - 1, 37), len(data) - 1]:
+        refusal(tmp_path, data[:length])
+        if kind == "JPEG" and length < len(data) - 40:  # the last blocks may be missed; the end marker may lie
+            refusal(tmp_path, data[:length] + b"\xff\xd9")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_flipped_bits_in_a_png_are_refused(tmp_path: Path) -> None:
+    data = encoded(Image.fromarray(photo_like(32, 40)), "PNG")
+    for position in range(8, len(data) - 12, 61):
+        damaged = bytearray(data)
+        damaged[position] ^= 0x10
+        refusal(tmp_path, bytes(damaged))
+
+
+def test_foreign_files_and_kinds_are_refused_with_what_would_do(tmp_path: Path) -> None:
+    image = Image.fromarray(photo_like(8, 8))
+    assert "JPEG or PNG" in refusal(tmp_path, encoded(image, "GIF"))
+    assert "JPEG or PNG" in refusal(tmp_path, b"")
+    assert "CMYK" in refusal(tmp_path, encoded(image.convert("CMYK"), "JPEG"))
+    jpeg = encoded(image, "JPEG")
+    frame = jpeg.index(b"\xff\xc0")
+    assert "arithmetic" in refusal(tmp_path, jpeg[: frame + 1] + b"\xc9" + jpeg[frame + 2 :])
+    assert "12 bits" in refusal(tmp_path, jpeg[: frame + 4] + b"\x0c" + jpeg[frame + 5 :])
+    assert "doubled" in refusal(tmp_path, jpeg[:frame] + jpeg[frame : frame + 19] + jpeg[frame:])
+    scan = jpeg.index(b"\xff\xda")
+    assert "scans" in refusal(tmp_path, jpeg[:-2] + jpeg[scan : scan + 14] * 101 + b"\xff\xd9")
+    for path, words in [(tmp_path / "missing", "no such file"), (tmp_path, "folder")]:
+        with pytest.raises(InputError, match=words):
+            read_image(path)
+
+
+def test_size_is_checked_before_anything_is_decoded(tmp_path: Path) -> None:
+    side = 1 << 15
+    assert side * side > MAX_PIXELS
+    png = png_of_rows(side, side, 8, 2, [])
+    jpeg = bytearray(encoded(Image.fromarray(photo_like(8, 8)), "JPEG"))
+    frame = jpeg.index(b"\xff\xc0")
+    jpeg[frame + 5 : frame + 9] = struct.pack(">HH", side, side)
+    tracemalloc.start()
+    for data in (png, bytes(jpeg)):
+        assert f"{side}x{side}" in refusal(tmp_path, data)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+    assert "expected at most 63" in refusal(tmp_path, encoded(Image.fromarray(photo_like(8, 8)), "PNG"), max_pixels=63)
+    assert "0x5" in refusal(tmp_path, png_of_rows(0, 5, 8, 2, []))
+    assert "sides" in refusal(tmp_path, png_of_rows(1 << 17, 1, 8, 2, []))
+
+
+def test_compressed_text_is_never_inflated(tmp_path: Path) -> None:
+    pixels = photo_like(4, 4)
+    profile = chunk(b"iCCP", b"bomb\0\0" + zlib.compress(bytes(1 << 26), 9))
+    data = png_of_rows(4, 4, 8, 2, [row.tobytes() for row in pixels], profile)
+    assert len(data) < 1 << 17
+    np.testing.assert_array_equal(read_bytes(tmp_path, data), pixels)
+
+
+@pytest.mark.parametrize("shape", [(7, 9, 3), (7, 9), (1, 1, 3)])
+def test_written_png_reads_back_exactly_in_pillow_and_here(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    write_png(tmp_path / "a.png", pixels)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), pixels)
+    grey_as_rgb = pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, -1)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), grey_as_rgb)
+
+
+def test_floats_are_clipped_and_rounded_to_the_nearest_level(tmp_path: Path) -> None:
+    values = np.array([[-0.5, 0, 0.4 / 255, 0.6 / 255, 127.4 / 255, 1, 7, np.inf]], np.float32)
+    write_png(tmp_path / "a.png", values[::-1][:, ::1])
+    expected = [[0, 0, 0, 1, 127, 255, 255, 255]]
+    assert np.asarray(Image.open(tmp_path / "a.png")).tolist() == expected == to_uint8(values).tolist()
+
+
+def test_writer_refuses_what_is_no_image(tmp_path: Path) -> None:
+    for image in (
+        np.zeros((4, 4, 2)),
+        np.zeros(4),
+        np.zeros((0, 4, 3)),
+        np.zeros((4, 4, 3), np.int64),
+        np.eye(2) * np.nan,
+    ):
+        with pytest.raises(InputError, match="image"):
+            write_png(tmp_path / "a.png", image)
+    assert list(tmp_path.iterdir()) == []
+
+
+def ramp(height: int, width: int) -> NDArray:
+    """(H, W, 3) float32 whose channels 0 and 1 are a pixel's own centre (x, y) in image heights."""
+    y, x = np.mgrid[0:height, 0:width] + 0.5
+    return np.stack([x / max(height, width), y / max(height, width), np.full_like(x, 0.5)], -1).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("source", "size"),
+    [
+        ((256, 455), (256, 256)),
+        ((455, 256), (200, 320)),
+        ((37, 50), (111, 96)),
+        ((90, 160), (23, 31)),
+        ((40, 61), (40, 60)),
+    ],
+    ids=str,
+)
+def test_resized_pixels_show_the_rays_of_the_resized_camera(source: tuple[int, int], size: tuple[int, int]) -> None:
+    camera = Camera([[300, 0, 100], [0, 280, 90], [0, 0, 1]], np.eye(4), width=source[1], height=source[0])
+    resized = camera.resized(*size)
+    y, x = np.mgrid[0 : size[0], 0 : size[1]] + 0.5
+    rays_x, rays_y = (x - resized.K[0, 2]) / resized.K[0, 0], (y - resized.K[1, 2]) / resized.K[1, 1]
+    expected_x, expected_y = rays_x * 300 + 100, rays_y * 280 + 90  # the same rays' pixels in the source photo
+    seen = resize_cover(ramp(*source), *size).astype(np.float64) * max(source)
+    scale = max(size[0] / source[0], size[1] / source[1])
+    inside = (slice(int(4 * max(scale, 1)), -int(4 * max(scale, 1))),) * 2  # a filter cut at the border leans inwards
+    tolerance = 0.02 * max(1 / scale, 1)  # source pixels: the ripple of a Lanczos filter on a ramp
+    assert seen.shape == (*size, 3)
+    np.testing.assert_allclose(seen[inside][..., 0], expected_x[inside], atol=tolerance)
+    np.testing.assert_allclose(seen[inside][..., 1], expected_y[inside], atol=tolerance)
+    assert abs((seen[inside][..., 0] - expected_x[inside]).mean()) < 1e-3
+
+
+@pytest.mark.parametrize("size", [(48, 64), (24, 40), (100, 50), (7, 5), (61, 93)])
+def test_resize_equals_pillows_lanczos_on_the_same_box(size: tuple[int, int]) -> None:
+    source = photo_like(61, 93)
+    scale = max(size[0] / 61, size[1] / 93)
+    left, top = (93 - size[1] / scale) / 2, (61 - size[0] / scale) / 2
+    box = (left, top, left + size[1] / scale, top + size[0] / scale)
+    channels = [Image.fromarray(source[..., c].astype(np.float32)) for c in range(3)]
+    theirs = np.stack([np.asarray(c.resize(size[::-1], Image.Resampling.LANCZOS, box=box)) for c in channels], -1) / 255
+    ours = resize_cover(source, *size)
+    assert ours.dtype == np.float32 and ours.flags.c_contiguous
+    np.testing.assert_allclose(ours, theirs.clip(0, 1), atol=2e-6)
+
+
+def test_crop_by_whole_pixels_copies_them() -> None:
+    source = photo_like(20, 31)
+    np.testing.assert_allclose(resize_cover(source, 20, 21), source[:, 5:26] / 255, atol=1e-7)
+
+
+def test_constant_images_stay_constant_at_any_size() -> None:
+    for size in [(3, 200), (200, 3), (1, 1), (19, 23)]:
+        np.testing.assert_allclose(resize_cover(np.full((19, 23, 3), 51, np.uint8), *size), 0.2, atol=1e-6)
