@@ -19,7 +19,7 @@ MAX_IMAGE_SIDE = 1 << 16
 def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
     try:
         array = np.array(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"not a {shape} array of numbers", where=name) from None
     if array.shape != shape:
         raise InputError(f"shape {array.shape}, expected {shape}", where=name)

@@ -1,0 +1,203 @@
+"""Scene folders: what is accepted loads as written, and every fault is one line naming file and field."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import FAR, NEAR, make_cameras, make_photo, scene_document, write_scene
+
+from tinysplat_runtime import scenes
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.images import resize_cover, write_png
+from tinysplat_runtime.scenes import Frame, Scene, load_cameras, load_scene
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_scene(tmp_path / "desk", views=3, height=24, width=32)
+
+
+def rewrite(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    document = json.loads((folder / "cameras.json").read_text())
+    change(document)
+    (folder / "cameras.json").write_text(json.dumps(document))
+
+
+def refusal(folder: Path, **options: float) -> str:
+    with pytest.raises(InputError) as caught:
+        load_scene(folder, **options)
+    message = str(caught.value)
+    assert "\n" not in message and len(message) < 400
+    return message
+
+
+def test_folder_loads_with_cameras_photos_and_depths(folder: Path) -> None:
+    rewrite(folder, lambda d: d.update(licence="CC0", frames=[{**f, "depth": "d.png"} for f in d["frames"]]))
+    scene = load_scene(folder)
+    assert (scene.name, scene.path, scene.depth_range()) == ("desk", folder, (NEAR, FAR))
+    for camera, expected in zip(scene.cameras, make_cameras(3, 24, 32), strict=True):
+        np.testing.assert_array_equal(camera.K, expected.K)
+        np.testing.assert_array_equal(camera.c2w, expected.c2w)
+    images = scene.images()
+    assert images.dtype == np.float32
+    np.testing.assert_array_equal(images, np.stack([make_photo(24, 32, seed=i) for i in range(3)]) / np.float32(255))
+
+
+def test_the_json_file_itself_names_the_scene_as_well(folder: Path) -> None:
+    assert len(load_scene(str(folder / "cameras.json")).images()) == 3
+
+
+def test_photos_are_read_only_when_asked_for(folder: Path) -> None:
+    (folder / "images" / "0001.png").unlink()
+    scene = load_scene(folder)
+    assert scene.views([0, 2]).images().shape == (2, 24, 32, 3)
+    with pytest.raises(InputError, match=r"0001\.png: no such file"):
+        scene.images()
+
+
+def test_views_keep_the_order_given(folder: Path) -> None:
+    scene = load_scene(folder)
+    chosen = scene.views(np.array([2, 0]))
+    assert chosen.frames == (scene.frames[2], scene.frames[0])
+    assert chosen.depth_range() == scene.depth_range()
+
+
+@pytest.mark.parametrize(
+    ("indices", "words"),
+    [([0, 3], "view 3, but the scene's views are 0 to 2"), ([-1], "view -1"), ([1, 1], "twice"), ([], "at least one")],
+)
+def test_views_that_do_not_exist_are_refused(folder: Path, indices: list[int], words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        load_scene(folder).views(indices)
+    assert caught.value.where == str(folder)
+
+
+def test_resized_scene_delivers_the_size_its_cameras_state(folder: Path) -> None:
+    scene = load_scene(folder)
+    small = scene.resized(10, 20)
+    images = small.images()
+    assert images.shape == (3, 10, 20, 3)
+    for camera, original in zip(small.cameras, scene.cameras, strict=True):
+        assert (camera.height, camera.width) == (10, 20)
+        np.testing.assert_allclose(camera.K, original.resized(10, 20).K)
+    np.testing.assert_array_equal(images[1], resize_cover(make_photo(24, 32, seed=1), 10, 20))
+    np.testing.assert_array_equal(images, scene.images(size=(10, 20)))
+
+
+def test_resizing_twice_starts_from_the_photo_again(folder: Path) -> None:
+    once, twice = load_scene(folder).resized(9, 30), load_scene(folder).resized(20, 5).resized(9, 30)
+    np.testing.assert_array_equal(once.images(), twice.images())
+    np.testing.assert_array_equal(once.cameras[0].K, twice.cameras[0].K)
+
+
+def test_photo_of_another_size_than_stated_is_refused(folder: Path) -> None:
+    write_png(folder / "images" / "0002.png", make_photo(24, 31))
+    for scene in (load_scene(folder), load_scene(folder).resized(8, 8)):
+        with pytest.raises(InputError, match="31x24 pixels, but its camera states 32x24") as caught:
+            scene.images()
+        assert caught.value.where == str(folder / "images" / "0002.png")
+
+
+def test_photos_of_several_sizes_need_one_chosen(folder: Path) -> None:
+    write_png(folder / "images" / "0002.png", make_photo(24, 40))
+    rewrite(folder, lambda d: d["frames"][2].update(width=40))
+    scene = load_scene(folder)
+    with pytest.raises(InputError, match=r"40x24 pixels, but .*0000\.png has 32x24; choose one size with --size"):
+        scene.images()
+    assert scene.images(size=(16, 16)).shape == (3, 16, 16, 3)
+    assert scene.views([2]).images().shape == (1, 24, 40, 3)
+
+
+def test_depth_range_comes_from_options_first_and_is_needed_only_when_asked_for(folder: Path) -> None:
+    assert load_scene(folder, near=2.0).depth_range() == (2.0, FAR)
+    rewrite(folder, lambda d: d.update(near=-1, far=None))
+    scene = load_scene(folder, near=1.0)
+    with pytest.raises(InputError, match="lacks far; give --far"):
+        scene.depth_range()
+    rewrite(folder, lambda d: [d.pop("near"), d.pop("far")])
+    with pytest.raises(InputError, match="lacks near and far; give --near and --far"):
+        load_scene(folder).depth_range()
+
+
+@pytest.mark.parametrize("near", [0, -1, float("nan"), float("inf"), FAR, FAR + 1])
+def test_depths_out_of_order_or_range_are_refused(folder: Path, near: float) -> None:
+    assert f"{folder}: near" in refusal(folder, near=near)
+
+
+FAULTS: list[tuple[Callable[[dict[str, Any]], object], str]] = [
+    (lambda d: d["frames"][1]["K"][0].__setitem__(0, -3), "frames[1].K: focal length fx = -3 px, expected > 0"),
+    (lambda d: d["frames"][2].pop("K"), "frames[2].K: missing"),
+    (lambda d: d["frames"][2].update(K=[[1, 2], [3]]), "frames[2].K: not a (3, 3) array"),
+    (lambda d: d["frames"][0].update(c2w=[[1, 0, 0, 0]] * 3), "frames[0].c2w: shape (3, 4)"),
+    (lambda d: d["frames"][0].update(c2w="identity"), "frames[0].c2w: not a (4, 4) array"),
+    (lambda d: d["frames"][0]["K"][0].__setitem__(0, 10**400), "frames[0].K: not a (3, 3) array"),
+    (lambda d: d["frames"][0].update(width="32"), "frames[0].width: 32, expected a whole number"),
+    (lambda d: d["frames"][0].update(width=True), "frames[0].width: True"),
+    (lambda d: d["frames"][0].update(height=0), "frames[0].height: 0"),
+    (lambda d: d["frames"][0].update(height=10**30), "frames[0].height"),
+    (lambda d: d["frames"][1].pop("file"), "frames[1].file: missing"),
+    (lambda d: d["frames"][1].update(file=""), "frames[1].file"),
+    (lambda d: d["frames"][1].update(file=7), "frames[1].file: 7"),
+    (lambda d: d["frames"][1].update(file="a\0b"), "frames[1].file"),
+    (lambda d: d["frames"][1].update(file="/etc/passwd"), "leaves the scene's folder"),
+    (lambda d: d["frames"][1].update(file="images/../../x.png"), "leaves the scene's folder"),
+    (lambda d: d["frames"][1].update(file="C:\\x.png"), "leaves the scene's folder"),
+    (lambda d: d["frames"][1].update(file="..\\x.png"), "leaves the scene's folder"),
+    (lambda d: d["frames"].__setitem__(1, 5), "frames[1]: a JSON number"),
+    (lambda d: d.update(frames=[]), "frames: empty"),
+    (lambda d: d.update(frames={}), "frames: a JSON object"),
+    (lambda d: d.pop("frames"), "frames: missing"),
+    (lambda d: d.update(near="2"), "near: a JSON string"),
+    (lambda d: d.update(near=0), "near: 0, expected"),
+    (lambda d: d.update(far=10**400), "far"),
+    (lambda d: d.update(far=float("inf")), "holds Infinity"),
+    (lambda d: d.update(near=float("nan")), "holds NaN"),
+]
+
+
+@pytest.mark.parametrize(("change", "words"), FAULTS, ids=[words for _, words in FAULTS])
+def test_fault_is_named_by_file_and_field(folder: Path, change: Callable[[dict[str, Any]], object], words: str) -> None:
+    rewrite(folder, change)
+    message = refusal(folder)
+    assert message.startswith(f"{folder / 'cameras.json'}: ") and words in message
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"", b"{", b"[]", b"null", b'"frames"', b"\xff\xfe\x00", b"[" * 100_000, b'{"frames":' * 50_000, b"1" * 5000],
+    ids=["empty", "cut", "list", "null", "string", "binary", "deep lists", "deep objects", "long number"],
+)
+def test_json_that_is_no_scene_is_refused(folder: Path, text: bytes) -> None:
+    (folder / "cameras.json").write_bytes(text)
+    assert refusal(folder).startswith(f"{folder / 'cameras.json'}: ")
+
+
+def test_large_and_missing_files_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenes, "MAX_CAMERAS_BYTES", 100)
+    assert "expected at most 100" in refusal(folder)
+    assert "no cameras.json in this folder" in refusal(folder / "images")
+    assert "no such file" in refusal(folder / "nowhere")
+
+
+def test_cameras_alone_need_no_photos(tmp_path: Path) -> None:
+    document: dict[str, Any] = scene_document(make_cameras(2))
+    for frame in document["frames"]:
+        del frame["file"]
+    (tmp_path / "path.json").write_text(json.dumps(document))
+    assert [c.width for c in load_cameras(tmp_path / "path.json")] == [12, 12]
+    document["frames"][1]["K"] = 3
+    (tmp_path / "path.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"path\.json: frames\[1\]\.K: shape"):
+        load_cameras(tmp_path / "path.json")
+
+
+def test_scenes_are_made_from_frames_in_python_too(folder: Path) -> None:
+    frame = Frame(make_cameras(1, 24, 32)[0], folder / "images" / "0000.png")
+    assert Scene(folder, (frame,)).images().shape == (1, 24, 32, 3)
+    with pytest.raises(InputError, match="no frames"):
+        Scene(folder, ())
