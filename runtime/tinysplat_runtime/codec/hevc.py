@@ -25,6 +25,7 @@ _PIXEL_FORMAT = "gray12le"
 _START_CODE = b"\x00\x00\x00\x01"
 _VPS, _SPS, _PPS = 32, 33, 34
 _IDR_TYPES = (19, 20)
+_BUFFER_MARGIN = 128
 
 # One thread and no analysis over time: a plane's bytes depend on the plane alone. ipratio=1 keeps the QP asked for,
 # which x265 would lower by 3 for intra pictures; info=0 keeps its banner out of the stream.
@@ -100,12 +101,13 @@ class PlaneDecoder:
         """
         self._size = (height, width)
         self._coded = padded_size(height, width)
-        self._sets = parameter_sets
         self._context = av.CodecContext.create("hevc", "r")
         self._context.thread_count = 1
         self._context.extradata = parameter_sets
-        # A stream that claims another size is stopped before its pictures are allocated.
-        self._context.options = {"max_pixels": str(self._coded[0] * self._coded[1])}
+        # A stream that claims a much larger size is stopped before its pictures are allocated; libavcodec counts
+        # pixels with the margins of its buffers, and the exact size is checked once there is a picture.
+        height, width = (side + _BUFFER_MARGIN for side in self._coded)
+        self._context.options = {"max_pixels": str(height * width)}
 
     def decode_into(self, payload: bytes | memoryview, out: NDArray) -> None:
         """Decode one slice NAL unit into `out` (H, W) uint16.

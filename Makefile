@@ -1,0 +1,53 @@
+# `make demo` and `make test` do all the set-up on a fresh machine with Python 3.10 or newer.
+PYTHON ?= python3
+VENV := .venv
+DEMO_VENV := .venv-demo
+# CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
+TORCH := torch==2.13.0
+
+.PHONY: help demo dev test test-slow lint format export golden clean
+
+help:  ## what there is to make
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+
+demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back, pictures in demo_out/ (no torch)
+	$(DEMO_VENV)/bin/python examples/demo.py --out demo_out
+
+dev: $(VENV)/.installed  ## the development environment
+
+test: $(VENV)/.installed  ## all tests (under 15 minutes on 2 cores)
+	$(VENV)/bin/python -m pytest -q
+
+test-slow: $(VENV)/.installed  ## the tests that take minutes each
+	$(VENV)/bin/python -m pytest -q -m slow
+
+lint: $(VENV)/.installed  ## ruff and mypy
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+format: $(VENV)/.installed  ## rewrite in the project's style
+	$(VENV)/bin/ruff check --fix .
+	$(VENV)/bin/ruff format .
+
+export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
+	$(VENV)/bin/python export/transforms.py
+	$(VENV)/bin/python export/network.py sweep
+
+golden: $(VENV)/.installed  ## rewrite the golden files; a reviewed decision, with its reason in the changelog
+	$(VENV)/bin/python tests/golden/regenerate.py
+
+$(VENV)/.installed: pyproject.toml
+	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install -q --upgrade pip
+	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[dev]"
+	touch $@
+
+$(DEMO_VENV)/.installed: pyproject.toml
+	test -x $(DEMO_VENV)/bin/python || $(PYTHON) -m venv $(DEMO_VENV)
+	$(DEMO_VENV)/bin/python -m pip install -q --upgrade pip
+	$(DEMO_VENV)/bin/python -m pip install -q -e ".[demo]"
+	touch $@
+
+clean:  ## remove environments and outputs
+	rm -rf $(VENV) $(DEMO_VENV) demo_out build dist *.egg-info

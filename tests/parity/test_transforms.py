@@ -1,0 +1,223 @@
+"""The transform graphs against their torch twins and against float64: ordinary and extreme inputs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from reference.transforms import project_view, unproject_view
+from synthetic import make_gaussians
+
+from tinysplat import transforms as T
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes, project_layer
+from tinysplat_runtime.codec.basis import (
+    mean_magnitude_weighting,
+    reduce_basis,
+    second_moment_weighting,
+    view_directions,
+)
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.inference import CONTRACTS, GraphStore
+from tinysplat_runtime.quaternions import matrices_to_quats
+
+STORE = GraphStore(threads=1)
+
+SIZES = [(1, 1, 1), (2, 7, 5), (3, 16, 24)]
+
+
+def _camera_inputs(cameras, invert: bool) -> dict[str, np.ndarray]:
+    rotations = np.stack([c.rotation.T if invert else c.rotation for c in cameras])
+    return {
+        "K": np.float32([c.K for c in cameras]),
+        "rotation": np.float32(rotations),
+        "rotation_quat": np.float32(matrices_to_quats(rotations)),
+    }
+
+
+def _vpt_inputs(g: Gaussians) -> dict[str, np.ndarray]:
+    centres = np.stack([c.centre for c in g.cameras]) - g.origin
+    high = np.float32(centres)
+    arrays = {name: getattr(g, name) for name in ("means", "quats", "scales", "opacities")}
+    return {**arrays, **_camera_inputs(g.cameras, False), "centre_high": high, "centre_low": np.float32(centres - high)}
+
+
+def _synthesis_inputs(geometry: np.ndarray, cameras, origin, limits=(1e-6, 1e9)) -> dict[str, np.ndarray]:
+    """Real-valued planes through the integer graph: one code per plane, the value in the bias, so nothing is rounded.
+
+    The graph adds bias and mix · code; with one pixel per run the bias alone can carry any float32 value.
+    """
+    views = len(cameras)
+    return {
+        "geometry_codes": np.zeros((views, 1, 1, 1), np.uint16),
+        "geometry_mix": np.zeros((views, 11, 1), np.float32),
+        "geometry_bias": np.float32(geometry),
+        "color_codes": np.zeros((views, 1, 1, 1), np.uint16),
+        "color_mix": np.zeros((1, 12), np.float32),
+        "color_bias": np.zeros(12, np.float32),
+        **_camera_inputs(cameras, True),
+        "centre": np.float32([c.centre - origin for c in cameras]),
+        "inverse_depth": np.array(0, np.float32),
+        "relative_rotation": np.array(0, np.float32),
+        "depth_limits": np.float32(limits),
+    }
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_vpt_graph_matches_its_torch_twin_and_float64(size):
+    g = make_gaussians(*size)
+    inputs = _vpt_inputs(g)
+    found = STORE.transform("analysis_vpt").run(inputs)
+    twin = T.ViewProjection()(*(torch.from_numpy(inputs[n]) for n in CONTRACTS["analysis_vpt"].inputs))
+    np.testing.assert_allclose(found["geometry"], twin[0].numpy(), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(found["rotation_moment"], twin[1].numpy(), rtol=1e-5, atol=1e-5)
+    reference = np.stack([project_view(g, v) for v in range(size[0])])
+    # Pixel offsets are differences of numbers as large as the image: 1e-5 px is an ulp of a few hundred.
+    np.testing.assert_allclose(found["geometry"], reference, rtol=1e-5, atol=3e-5)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e3, 1e5, 1e7])
+def test_depth_keeps_1e_6_far_from_the_origin(distance):
+    origin = distance * np.array([1.0, -0.7, 0.4])
+    g = make_gaussians(2, 8, 9, 0, origin=origin)
+    depth = project_layer(STORE, g, drop_invalid=False, where="layer 0").geometry[:, 0]
+    reference = np.stack([project_view(g, v)[0] for v in range(2)])
+    assert np.abs(depth / reference - 1).max() <= 1e-6
+
+
+def _round_trip(g: Gaussians) -> dict[str, float]:
+    """VPT and its inverse without coding, pixel by pixel; largest error relative to the attribute's largest value."""
+    geometry = STORE.transform("analysis_vpt").run(_vpt_inputs(g))["geometry"]
+    worst = {}
+    height, width = g.opacities.shape[1:]
+    out = {name: np.empty_like(getattr(g, name)) for name in ("means", "quats", "scales", "opacities")}
+    for i in range(height):
+        for j in range(width):
+            shifted = []
+            for camera in g.cameras:  # the graph sees one pixel; shifting the principal point puts it at (i, j)
+                K = camera.K.copy()
+                K[0, 2] -= j
+                K[1, 2] -= i
+                shifted.append(Camera(K, camera.c2w, 1, 1))
+            back = STORE.transform("synthesis").run(_synthesis_inputs(geometry[:, :, i, j], shifted, g.origin))
+            for name, array in out.items():
+                array[:, i, j] = back[name][:, 0, 0]
+    for name, array in out.items():
+        wanted = getattr(g, name).astype(np.float64)
+        if name == "quats":
+            wanted = wanted / np.linalg.norm(wanted, axis=-1, keepdims=True)
+            array = array * np.sign((array * wanted).sum(-1, keepdims=True))
+        worst[name] = float(np.abs(array - wanted).max() / np.abs(wanted).max())
+    return worst
+
+
+def test_vpt_round_trip_without_coding_is_within_1e_5():
+    worst = _round_trip(make_gaussians(2, 12, 10, 0))
+    assert max(worst.values()) <= 1e-5, worst
+
+
+@pytest.mark.parametrize("near", [1e-4, 1e6])
+def test_vpt_round_trip_holds_for_depths_of_any_scale(near):
+    g = make_gaussians(1, 6, 5, 0)
+    scale = near / 3
+    cameras = []
+    for camera in g.cameras:
+        c2w = camera.c2w.copy()
+        c2w[:3, 3] *= scale
+        cameras.append(Camera(camera.K, c2w, camera.width, camera.height))
+    scaled = Gaussians(g.means * scale, g.quats, g.scales * scale, g.opacities, g.sh, tuple(cameras))
+    worst = _round_trip(scaled)
+    assert max(worst.values()) <= 1e-5, worst
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, np.pi - 1e-9, np.pi])
+def test_vpt_round_trip_holds_for_rotations_near_0_and_pi(angle):
+    g = make_gaussians(1, 4, 4, 0)
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    camera = g.cameras[0]
+    c2w = camera.c2w.copy()
+    c2w[:3] = turn @ c2w[:3]
+    turned = Gaussians(
+        g.means @ turn.T, g.quats, g.scales, g.opacities, g.sh, (Camera(camera.K, c2w, camera.width, camera.height),)
+    )
+    assert max(_round_trip(turned).values()) <= 1e-5
+
+
+def test_tiny_and_huge_quaternions_are_only_directions():
+    g = make_gaussians(1, 3, 3, 0)
+    planes = [
+        project_layer(STORE, replace(g, quats=g.quats * factor), drop_invalid=False, where="").geometry[:, 6:10]
+        for factor in (1, 1e-37, 1e37)
+    ]
+    np.testing.assert_allclose(planes[1], planes[0], atol=1e-6)
+    np.testing.assert_allclose(planes[2], planes[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("weighting", [mean_magnitude_weighting, second_moment_weighting])
+def test_vabr_round_trip_with_all_components_is_within_1e_5(degree, weighting):
+    g = make_gaussians(2, 16, 12, degree)
+    moment = coefficient_moment(STORE, g)
+    reduction = reduce_basis(moment, weighting(view_directions(g.cameras), degree), len(moment))
+    planes = color_planes(STORE, g, reduction.projection)
+    back = np.einsum("vkhw,dk->vhwd", planes.astype(np.float64), reduction.inverse.astype(np.float64))
+    error = np.abs(back.reshape(g.sh.shape) - g.sh).max() / np.abs(g.sh).max()
+    assert error <= 1e-5
+
+
+def test_moment_and_projection_match_float64():
+    g = make_gaussians(3, 20, 17, 4)
+    x = g.sh.reshape(-1, 75).astype(np.float64)
+    moment = coefficient_moment(STORE, g)
+    wanted = x.T @ x / len(x)
+    np.testing.assert_allclose(moment, wanted, atol=1e-6 * np.abs(wanted).max())
+    projection = np.random.default_rng(0).standard_normal((75, 6))
+    planes = color_planes(STORE, g, projection)
+    reference = np.moveaxis((x @ projection).reshape(3, 20, 17, 6), -1, 1)
+    np.testing.assert_allclose(planes, reference, atol=2e-6 * np.abs(reference).max())
+
+
+@pytest.mark.parametrize("name", ["synthesis", "synthesis_dc"])
+@pytest.mark.parametrize("forms", [(0.0, 0.0), (1.0, 1.0)])
+def test_synthesis_graph_matches_its_torch_twin_and_float64(name, forms):
+    rng = np.random.default_rng(1)
+    g = make_gaussians(2, 9, 11, 1)
+    planes, k, d = 12, 5, 12
+    is_dc = name == "synthesis_dc"
+    mix, bias = rng.uniform(-1e-4, 1e-4, (2, 11, planes)), rng.uniform(0.3, 0.5, (2, 11))
+    if forms[0]:
+        bias[:, 0] *= -1
+    inputs = {
+        "geometry_codes": rng.integers(0, 4096, (2, planes, 9, 11)).astype(np.uint16),
+        "geometry_mix": np.float32(mix),
+        "geometry_bias": np.float32(bias),
+        "color_codes": rng.integers(0, 4096, (2, 3 if is_dc else k, 9, 11)).astype(np.uint16),
+        "color_step" if is_dc else "color_mix": np.float32(rng.uniform(-1e-3, 1e-3, 3 if is_dc else (k, d))),
+        "color_bias": np.float32(rng.uniform(-1, 1, 3 if is_dc else d)),
+        **_camera_inputs(g.cameras, True),
+        "centre": np.float32([c.centre for c in g.cameras]),
+        "inverse_depth": np.array(forms[0], np.float32),
+        "relative_rotation": np.array(forms[1], np.float32),
+        "depth_limits": np.float32([0.2, 8.0]),
+    }
+    found = STORE.transform(name).run(inputs)
+    order = list(CONTRACTS[name].inputs)
+    twin = T.Synthesis(vabr=not is_dc)(*(torch.from_numpy(np.asarray(inputs[n])) for n in order))
+    for want, key in zip(twin, CONTRACTS[name].outputs, strict=True):
+        np.testing.assert_allclose(found[key], want.numpy(), rtol=1e-5, atol=1e-6, err_msg=key)
+
+    codes = inputs["geometry_codes"].astype(np.float64)
+    values = np.einsum("vcp,vphw->vchw", np.float32(mix).astype(np.float64), codes) + np.float32(bias)[..., None, None]
+    # An inverse depth that noise pushed through 0 means far away.
+    z = -1 / np.clip(values[:, 0], -1 / 0.2, -1 / 8) if forms[0] else values[:, 0]
+    values[:, 0] = np.clip(z, 0.2, 8.0)
+    if forms[1]:
+        values[:, 6] = np.sqrt(np.maximum(1 - (values[:, 7:10] ** 2).sum(1), T.MIN_W**2))
+    for v, camera in enumerate(g.cameras):
+        reference = unproject_view(values[v], camera, np.zeros(3))
+        for key, want in reference.items():
+            want = np.maximum(want, 0) if key == "scales" else np.clip(want, 0, 1) if key == "opacities" else want
+            np.testing.assert_allclose(found[key][v], want, rtol=1e-5, atol=2e-5, err_msg=key)

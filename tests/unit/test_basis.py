@@ -1,0 +1,87 @@
+"""VABR on the host: weightings, eigenvectors, signs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic import make_cameras
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.codec.basis import (
+    LAMBDA_FLOOR,
+    mean_magnitude_weighting,
+    reduce_basis,
+    second_moment_weighting,
+    view_directions,
+    weighted_energies,
+)
+from tinysplat_runtime.sh import C0, sh_basis
+
+
+def _square_camera() -> Camera:
+    return Camera(np.array([[64.0, 0, 32], [0, 64, 32], [0, 0, 1]]), np.eye(4), 64, 64)
+
+
+def _moment(d: int, rank: int | None = None, seed: int = 0) -> np.ndarray:
+    x = np.random.default_rng(seed).standard_normal((rank or 4 * d, d)) / (1 + np.arange(d))
+    return x.T @ x / len(x)
+
+
+def test_directions_are_unit_rays_through_the_cell_centres_of_every_view():
+    cameras = [_square_camera(), *make_cameras(2, 10, 20)]
+    rays = view_directions(cameras)
+    assert rays.shape == (27, 3)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1)
+    corner = np.array([(64 / 6 - 32) / 64, (64 / 6 - 32) / 64, 1])
+    np.testing.assert_allclose(rays[0], corner / np.linalg.norm(corner))
+    np.testing.assert_allclose(rays[4], [0, 0, 1], atol=1e-15)
+
+
+def test_lambda_is_floored_where_a_world_aligned_square_camera_makes_it_vanish():
+    directions = view_directions([_square_camera()])
+    magnitudes = np.abs(sh_basis(directions, 4)).mean(axis=0)
+    assert magnitudes[16] < 1e-12  # (l, m) = (4, −4)
+    weighting = np.diag(mean_magnitude_weighting(directions, 4))
+    assert weighting[16] == LAMBDA_FLOOR
+    assert weighting[0] == pytest.approx(C0)
+
+
+def test_the_second_moment_weighting_measures_the_mean_squared_colour():
+    directions = view_directions(make_cameras(3, 20, 30, turn=0.6))
+    x = np.random.default_rng(0).standard_normal(16)
+    seen = (sh_basis(directions, 3) @ x) ** 2
+    assert np.sum((second_moment_weighting(directions, 3) @ x) ** 2) == pytest.approx(seen.mean(), rel=1e-3)
+
+
+@pytest.mark.parametrize("k", [1, 6, 48])
+def test_projection_is_an_exact_left_inverse_of_what_the_file_stores(k):
+    weighting = mean_magnitude_weighting(view_directions(make_cameras(2, 16, 16)), 3)
+    reduction = reduce_basis(_moment(48), weighting, k)
+    product = reduction.projection.T @ reduction.inverse.astype(np.float64)
+    np.testing.assert_allclose(product, np.eye(k), atol=1e-9)
+
+
+def test_energy_lost_is_the_share_of_the_weighted_energy_behind_k():
+    weighting = np.eye(4)
+    moment = np.kron(np.diag([8.0, 4.0, 2.0, 1.0]), np.eye(3))
+    reduction = reduce_basis(moment, weighting, 6)
+    assert reduction.energy_lost == pytest.approx(3 / 15)
+    np.testing.assert_allclose(weighted_energies(moment, weighting), np.repeat([8.0, 4.0, 2.0, 1.0], 3))
+
+
+def test_columns_fall_in_energy_and_their_largest_entry_is_positive():
+    weighting = second_moment_weighting(view_directions(make_cameras(2, 16, 16)), 2)
+    reduction = reduce_basis(_moment(27), weighting, 10)
+    vectors = np.kron(weighting, np.eye(3)) @ reduction.inverse.astype(np.float64)
+    leading = np.abs(vectors).argmax(axis=0)
+    assert (vectors[leading, range(10)] > 0).all()
+    energies = np.einsum("dk,de,ek->k", vectors, np.kron(weighting, np.eye(3)) @ _moment(27) @ np.kron(weighting, np.eye(3)), vectors)
+    assert (np.diff(energies) <= 1e-3 * energies[0]).all()
+
+
+@pytest.mark.parametrize("moment", [np.zeros((12, 12)), np.ones((12, 12)), np.eye(12), _moment(12, rank=2)])
+@pytest.mark.parametrize("k", [1, 6, 12])
+def test_degenerate_moments_give_finite_maps(moment, k):
+    reduction = reduce_basis(moment, np.diag([0.28, 1e-4, 0.3, 0.1]), k)
+    assert np.isfinite(reduction.inverse).all() and np.isfinite(reduction.projection).all()
+    assert 0 <= reduction.energy_lost <= 1

@@ -1,0 +1,149 @@
+"""The container: what is written comes back, and what was tampered with is refused."""
+
+from __future__ import annotations
+
+import struct
+from zlib import crc32
+
+import numpy as np
+import pytest
+from synthetic import make_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import FormatError
+
+
+@pytest.fixture(scope="module")
+def gaussians():
+    return make_gaussians(2, 17, 22, degree=1, layers=2)
+
+
+@pytest.fixture(scope="module", params=["paper", "balanced"])
+def data(request, gaussians):
+    return ts.compress(gaussians, profile=request.param)
+
+
+def _sections(data: bytes) -> list[list]:
+    count = L.HEADER.unpack(data[: L.HEADER.size])[3]
+    at = L.HEADER.size + count * L.TABLE_ROW.size
+    sections = []
+    for row in range(count):
+        start = L.HEADER.size + row * L.TABLE_ROW.size
+        kind, flags, index, length, _ = L.TABLE_ROW.unpack(data[start : start + L.TABLE_ROW.size])
+        sections.append([kind, flags, index, data[at : at + length]])
+        at += length
+    return sections
+
+
+def _assemble(sections: list[list], major: int = L.MAJOR) -> bytes:
+    table = b"".join(L.TABLE_ROW.pack(k, f, i, len(d), crc32(d)) for k, f, i, d in sections)
+    head = L.HEADER.pack(L.MAGIC, major, L.MINOR, len(sections), 0, 0)[:-4]
+    return head + struct.pack("<I", crc32(head + table)) + table + b"".join(d for *_, d in sections)
+
+
+def test_metadata_comes_back_exactly(gaussians, data):
+    container = read_container(data)
+    assert len(container.cameras) == 2 and len(container.layers) == 2
+    for found, camera in zip(container.cameras, gaussians.cameras, strict=True):
+        np.testing.assert_array_equal(found.K, camera.K)
+        np.testing.assert_array_equal(found.c2w, camera.c2w)
+    coarse = gaussians.extra_layers[0]
+    assert (container.layers[1].height, container.layers[1].width) == coarse.opacities.shape[1:]
+    np.testing.assert_array_equal(container.layers[1].cameras[1].K, coarse.cameras[1].K)
+
+
+def test_reassembled_sections_are_the_file(data):
+    assert _assemble(_sections(data)) == data
+
+
+def test_metadata_stands_before_planes_and_planes_in_the_order_a_picture_needs(data):
+    kinds = [kind for kind, *_ in _sections(data)]
+    first = kinds.index(L.PLANES[0])
+    assert set(kinds[:first]) == {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS}
+    order = [list(L.PLANES.values()).index(kind) for kind, _, index, _ in _sections(data)[first:] if index == 0]
+    assert order == sorted(order)
+
+
+def test_truncation_at_every_byte_is_a_format_error(data):
+    for length in range(len(data)):
+        with pytest.raises(FormatError):
+            read_container(data[:length])
+
+
+def test_any_flipped_bit_is_a_format_error(data):
+    rng = np.random.default_rng(0)
+    for position in rng.choice(len(data), 400, replace=False):
+        damaged = bytearray(data)
+        damaged[position] ^= 1 << rng.integers(8)
+        with pytest.raises(FormatError):
+            ts.decompress(bytes(damaged))
+
+
+def test_trailing_bytes_are_refused(data):
+    with pytest.raises(FormatError):
+        read_container(data + b"\0")
+
+
+def test_unknown_optional_sections_are_skipped_and_required_ones_refused(data):
+    sections = _sections(data)
+    optional = _assemble([*sections, [b"NOTE", 0, 0, b"hello"]])
+    assert read_container(optional).total_bytes == len(optional)
+    with pytest.raises(FormatError, match="required"):
+        read_container(_assemble([*sections, [b"NEXT", L.REQUIRED, 0, b""]]))
+
+
+def test_another_major_version_is_refused(data):
+    with pytest.raises(FormatError, match="version"):
+        read_container(_assemble(_sections(data), major=L.MAJOR + 1))
+
+
+def test_missing_and_repeated_sections_are_refused(data):
+    sections = _sections(data)
+    for i, section in enumerate(sections):
+        with pytest.raises(FormatError):
+            ts.decompress(_assemble(sections[:i] + sections[i + 1 :]))
+        with pytest.raises(FormatError):
+            ts.decompress(_assemble([*sections, section])) if section[0] != L.PARAMETER_SETS else read_container(b"")
+
+
+def test_foreign_bytes_are_named_as_such():
+    with pytest.raises(FormatError, match=r"not a \.tsplat"):
+        read_container(b"PK\x03\x04" + bytes(100))
+
+
+@pytest.mark.parametrize(
+    ("fields", "match"),
+    [
+        ({0: 1 << 16}, "Gaussians|bytes"),
+        ({0: 0}, "grid"),
+        ({2: 5}, "degree"),
+        ({6: 60000}, "channels"),
+        ({7: 0}, "k = 0|basis"),
+        ({8: float("nan")}, "depth"),
+        ({8: -1.0}, "depth"),
+        ({10: float("inf")}, "range"),
+        ({4: 255}, "flags|remain"),
+    ],
+)
+def test_impossible_layer_headers_are_refused_before_memory_is_taken(fields, match, gaussians):
+    sections = _sections(ts.compress(gaussians, profile="balanced"))
+    layer = next(s for s in sections if s[0] == L.LAYER)
+    values = list(L.LAYER_FIXED.unpack(layer[3][: L.LAYER_FIXED.size]))
+    for index, value in fields.items():
+        values[index] = value
+    if 0 in fields and fields[0] > 1:
+        values[1] = 1 << 16
+    layer[3] = L.LAYER_FIXED.pack(*values) + layer[3][L.LAYER_FIXED.size :]
+    with pytest.raises(FormatError, match=match):
+        read_container(_assemble(sections))
+
+
+def test_limits_are_checked_against_the_header(data, gaussians):
+    with pytest.raises(FormatError, match="max-pixels"):
+        read_container(data, L.Limits(max_pixels=gaussians.count - 1))
+    with pytest.raises(FormatError, match="max-memory"):
+        read_container(data, L.Limits(max_memory_bytes=1000))
+    with pytest.raises(FormatError, match="views"):
+        read_container(data, L.Limits(max_views=1))

@@ -1,0 +1,56 @@
+"""The mapping from wanted steps to 12-bit codes and QPs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tinysplat_runtime.codec.hevc import MAX_CODE
+from tinysplat_runtime.codec.quantize import MAX_MAPPED_QP, choose_code_map, hevc_step
+
+
+def test_hevc_step_doubles_every_six_qp_and_is_16_at_qp_4():
+    assert hevc_step(4) == 16
+    assert hevc_step(16) == pytest.approx(4 * hevc_step(4))
+
+
+@given(
+    low=st.floats(-1e6, 1e6),
+    span=st.floats(1e-6, 1e6),
+    share=st.floats(0, 1),
+    relative_step=st.floats(1e-6, 1e3),
+)
+def test_codes_never_overflow_and_the_step_is_the_wanted_one_unless_12_bits_are_too_few(low, span, share, relative_step):
+    high = low + span
+    span = high - low
+    if not span > 1e-5 * abs(low):
+        return  # float32 planes cannot hold such a range
+    step = relative_step * span
+    code_map = choose_code_map(low, high, low + share * span, step)
+    assert 0 <= code_map.qp <= MAX_MAPPED_QP
+    ends = (np.array([low, high]) - code_map.offset) / code_map.scale
+    slack = 2 + 1e-6 * abs(code_map.offset) / code_map.scale  # offset and scale are rounded to float32
+    assert ends.min() >= -slack and ends.max() <= MAX_CODE + slack
+    finest = hevc_step(0) * span / MAX_CODE
+    assert code_map.step == pytest.approx(max(step, finest), rel=1e-5)
+
+
+def test_the_mean_lies_at_mid_code_where_the_range_allows():
+    code_map = choose_code_map(0.0, 1.0, 0.3, 0.5)
+    assert (0.3 - code_map.offset) / code_map.scale == pytest.approx(2048, abs=0.5)
+
+
+def test_values_outside_the_range_are_clipped_and_counted():
+    code_map = choose_code_map(0.0, 1.0, 0.5, 1e-4)
+    codes, clipped = code_map.quantise(np.float32([-5, 0, 0.5, 1, 5]))
+    assert clipped == 2
+    assert codes[0] == 0 and codes[-1] == MAX_CODE
+
+
+def test_dequantising_undoes_quantising_to_half_a_code():
+    code_map = choose_code_map(-3.0, 7.0, 1.0, 1e-3)
+    values = np.linspace(-3, 7, 1001, dtype=np.float32)
+    codes, _ = code_map.quantise(values)
+    assert np.abs(code_map.dequantise(codes) - values).max() <= 0.51 * code_map.scale
