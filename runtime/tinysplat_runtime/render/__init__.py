@@ -1,0 +1,16 @@
+"""Gaussians and a camera to a picture: exact EWA splatting in numpy alone, and camera paths to render along.
+
+    image = render(gaussians, camera, size=(256, 256))
+    renderer = Renderer(gaussians)                         # many frames of the same Gaussians
+    frames = [renderer.render(c) for c in between(cameras, 60)]
+
+What flows where: `prepare` (once per Gaussians) → `project` (3-D to 2-D, colours) → `tiles` (who covers which
+4×4 pixels, in depth order) → `composite` (front to back).
+"""
+
+from __future__ import annotations
+
+from .paths import between, orbit
+from .renderer import Renderer, render
+
+__all__ = ["Renderer", "between", "orbit", "render"]

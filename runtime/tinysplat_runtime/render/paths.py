@@ -1,0 +1,121 @@
+"""Camera paths: through given cameras, or around them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.quaternions import matrices_to_quats, quats_to_matrices
+
+ORBIT_RADIUS = 0.04
+"""Least half axis of an orbit as a share of the depth it looks at: about 2.3° of parallax to either side."""
+
+ORBIT_FLATNESS = 0.5
+"""Vertical half axis over horizontal: a picture survives sideways motion better, its views lie side by side."""
+
+
+def between(cameras: Sequence[Camera], frames: int) -> list[Camera]:
+    """Cameras evenly spaced along the path through all given ones, in their order.
+
+    Rotations turn at constant speed about a fixed axis (slerp, the shorter way); centres and K move in straight lines.
+
+    Args:
+        cameras: at least one, all of one image size.
+        frames: how many to return; the first and last are the first and last given camera.
+
+    Raises:
+        InputError: no cameras, different sizes, or `frames` is no whole number above 0.
+    """
+    _check(cameras, frames)
+    quats = matrices_to_quats(np.stack([camera.rotation.T for camera in cameras]))
+    path = []
+    for t in np.linspace(0, len(cameras) - 1, frames):
+        i = min(int(t), max(len(cameras) - 2, 0))
+        j = min(i + 1, len(cameras) - 1)
+        a, b, s = cameras[i], cameras[j], t - i
+        path.append(
+            _camera(
+                like=a,
+                K=(1 - s) * a.K + s * b.K,
+                rotation=quats_to_matrices(_slerp(quats[i], quats[j], s)),
+                centre=(1 - s) * a.centre + s * b.centre,
+            )
+        )
+    return path
+
+
+def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
+    """Cameras on an ellipse about the mean camera, all looking at the point `depth` in front of it.
+
+    The half axes, along the mean camera's x and y, are as wide as the given cameras spread, and at least
+    `ORBIT_RADIUS`·depth. The first frame lies to the right; the last is one step short of it, so that a film loops.
+
+    Args:
+        cameras: at least one, all of one image size.
+        frames: how many to return.
+        depth: distance of the point looked at, scene units, > 0.
+
+    Raises:
+        InputError: no cameras, different sizes, `frames` is no whole number above 0, or `depth` is not positive.
+    """
+    _check(cameras, frames)
+    if not (isinstance(depth, (int, float, np.number)) and 0 < depth < math.inf):
+        raise InputError(f"{depth!r}, expected a finite number above 0 in scene units", where="depth")
+    rotation = _mean_rotation(cameras)
+    centre = np.mean([camera.centre for camera in cameras], axis=0)
+    target = centre + depth * rotation[:, 2]
+    spread = np.abs((np.stack([camera.centre for camera in cameras]) - centre) @ rotation[:, :2]).max(axis=0)
+    radius_x, radius_y = np.maximum(spread, ORBIT_RADIUS * depth * np.array([1, ORBIT_FLATNESS]))
+    K = np.mean([camera.K for camera in cameras], axis=0)
+    path = []
+    for angle in 2 * math.pi * np.arange(frames) / frames:
+        shift = radius_x * math.cos(angle) * rotation[:, 0] + radius_y * math.sin(angle) * rotation[:, 1]
+        turned = _looking_along(target - (centre + shift), down=rotation[:, 1])
+        path.append(_camera(like=cameras[0], K=K, rotation=turned, centre=centre + shift))
+    return path
+
+
+def _check(cameras: Sequence[Camera], frames: int) -> None:
+    if not cameras:
+        raise InputError("none, expected at least one", where="cameras")
+    sizes = {(camera.height, camera.width) for camera in cameras}
+    if len(sizes) > 1:
+        raise InputError(f"images of {sorted(sizes)[:3]} (height, width), expected one size", where="cameras")
+    if isinstance(frames, bool) or not isinstance(frames, (int, np.integer)) or frames < 1:
+        raise InputError(f"{frames!r}, expected a whole number above 0", where="frames")
+
+
+def _camera(*, like: Camera, K: NDArray, rotation: NDArray, centre: NDArray) -> Camera:
+    c2w = np.eye(4)
+    c2w[:3, :3], c2w[:3, 3] = rotation, centre
+    return Camera(K, c2w, like.width, like.height)
+
+
+def _slerp(a: NDArray, b: NDArray, s: float) -> NDArray:
+    """Unit quaternion a share s of the shorter way from a to b."""
+    if a @ b < 0:
+        b = -b
+    # twice the half chord's arcsine is exact for small angles, where the arccosine of a dot product is not
+    angle = 2 * math.asin(min(float(np.linalg.norm(b - a)) / 2, 1.0))
+    if angle == 0:
+        return a
+    return (math.sin((1 - s) * angle) * a + math.sin(s * angle) * b) / math.sin(angle)
+
+
+def _mean_rotation(cameras: Sequence[Camera]) -> NDArray:
+    """(3, 3) camera-to-world rotation least far from all: the dominant eigenvector of Σ q qᵀ (Markley et al. 2007)."""
+    quats = matrices_to_quats(np.stack([camera.rotation.T for camera in cameras]))
+    return quats_to_matrices(np.linalg.eigh(quats.T @ quats)[1][:, -1])
+
+
+def _looking_along(direction: NDArray, down: NDArray) -> NDArray:
+    """(3, 3) camera-to-world rotation with z along `direction` and y as near to `down` as that allows."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(down, z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=-1)

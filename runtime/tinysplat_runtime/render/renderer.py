@@ -1,0 +1,193 @@
+"""The public door: `Renderer` for many frames of the same Gaussians, `render` for one."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussians import Gaussians
+from .composite import N_COLOUR, SUMS, Canvas, Workspace, composite, tile_groups
+from .prepare import prepare
+from .project import DEPTH, Splats, View, project
+from .tiles import Grid, Pairs, depth_order, find_pairs, runs
+
+OUTPUTS = ("rgb", "depth", "alpha")
+
+NEAR_PLANE = 0.01
+"""Scene units; nearer Gaussians are not drawn."""
+
+
+class Renderer:
+    """Renders one set of Gaussians from any number of cameras.
+
+    Holds what does not depend on the camera (planar coefficients, principal axes) and the buffers of a frame, about
+    310 bytes per Gaussian of SH degree 3. Pictures do not depend on the number of threads, bit for bit. Frames asked
+    for from several threads at once are made one after the other.
+    """
+
+    def __init__(self, gaussians: Gaussians, threads: int | None = None) -> None:
+        """Prepare to render all layers of `gaussians` together.
+
+        Args:
+            gaussians: (V, H, W) with or without further layers, or (N,).
+            threads: how many to use; None for one per available core.
+
+        Raises:
+            InputError: `gaussians` are none, or `threads` is no whole number above 0.
+        """
+        if not isinstance(gaussians, Gaussians):
+            raise InputError(f"{type(gaussians).__name__}, expected Gaussians", where="gaussians")
+        self._threads = _whole_number("threads", threads) if threads is not None else _available_cores()
+        self._origin = gaussians.origin
+        self._blocks = prepare(gaussians)
+        self._splats = Splats(sum(block.size for block in self._blocks))
+        self._pool = ThreadPoolExecutor(self._threads, "render") if self._threads > 1 else None
+        self._local = threading.local()
+        self._lock = threading.Lock()
+
+    def render(
+        self,
+        camera: Camera,
+        size: tuple[int, int] | None = None,
+        *,
+        outputs: Sequence[str] = ("rgb",),
+        background: ArrayLike = (0.0, 0.0, 0.0),
+        near_plane: float = NEAR_PLANE,
+    ) -> Any:
+        """Render one frame; see `render` for arguments, result and errors."""
+        outputs = _checked_outputs(outputs)
+        colour = _checked_background(background)
+        if not isinstance(camera, Camera):
+            raise InputError(f"{type(camera).__name__}, expected a Camera", where="camera")
+        if size is not None:
+            camera = camera.resized(*_checked_size(size))
+        if not (isinstance(near_plane, (int, float)) and 0 <= near_plane < math.inf):
+            raise InputError(f"{near_plane!r}, expected a finite number ≥ 0 in scene units", where="near_plane")
+        with self._lock:
+            canvas = self._composite(View.of(camera, self._origin, float(near_plane)), "depth" in outputs)
+        makers: dict[str, Callable[[], NDArray]] = {
+            "rgb": lambda: _rgb(canvas, colour),
+            "depth": lambda: _depth(canvas),
+            "alpha": lambda: np.float32(1) - canvas.transmittance(),
+        }
+        images = {name: makers[name]() for name in outputs}
+        return images["rgb"] if outputs == ("rgb",) else images
+
+    def _composite(self, view: View, with_depth: bool) -> Canvas:
+        splats, grid = self._splats, Grid(view.camera.width, view.camera.height)
+        canvas = Canvas(grid, with_depth)
+
+        columns = self._run(lambda block: project(block, view, splats), self._blocks)
+        order = depth_order(splats.planes[DEPTH], np.concatenate([np.zeros(0, np.int64), *columns]))
+        open_tiles = None  # in the first run, all
+        for run in runs(splats.bounds, order):
+            if open_tiles is not None and not open_tiles.any():
+                break
+            pairs = find_pairs(splats, run, grid, open_tiles, self._run)
+            self._run(partial(self._composite_group, canvas, pairs), tile_groups(pairs))
+            open_tiles = canvas.open_tiles()
+        return canvas
+
+    def _composite_group(self, canvas: Canvas, pairs: Pairs, tiles: NDArray) -> None:
+        if not hasattr(self._local, "workspace"):
+            self._local.workspace = Workspace()
+        composite(canvas, self._splats, pairs, tiles, self._local.workspace)
+
+    def _run(self, job: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """Map `job` over items. What a job does never depends on the thread that runs it, nor on the others."""
+        return list(self._pool.map(job, items) if self._pool else map(job, items))
+
+
+def render(
+    gaussians: Gaussians,
+    camera: Camera,
+    size: tuple[int, int] | None = None,
+    *,
+    outputs: Sequence[str] = ("rgb",),
+    background: ArrayLike = (0.0, 0.0, 0.0),
+    near_plane: float = NEAR_PLANE,
+    threads: int | None = None,
+) -> Any:
+    """Render Gaussians by exact EWA splatting as defined by 3DGS, without its 3σ cut.
+
+    Every Gaussian reaches all pixels where its alpha is at least 1/255; means at a depth z ≤ `near_plane` are
+    dropped; the projection's Jacobian is taken at the mean, clamped to the image widened by 15 % of its size on each
+    side, so 1.3·tan(fov/2) with a centred principal point and limits per side with any other, as in gsplat.
+
+    Args:
+        gaussians: all layers are rendered together; equal depths are drawn in their order.
+        camera: where from; K may be skewed and its principal point anywhere.
+        size: (H, W) to render at instead of the camera's, which is scaled to cover it and cropped.
+        outputs: any of "rgb", "depth", "alpha".
+        background: (3,) colour behind the Gaussians.
+        near_plane: scene units.
+        threads: how many to use, None for one per available core; the picture is the same, bit for bit.
+
+    Returns:
+        (H, W, 3) float32 in [0, 1] where "rgb" alone is asked for, otherwise a dictionary of arrays by name: "rgb",
+        "depth" (H, W) float32, the blend-weighted mean of z (not ray length) over the Gaussians seen, 0 where none
+        are, and "alpha" (H, W) float32, 1 − transmittance.
+
+    Raises:
+        InputError: an argument is not as described.
+    """
+    renderer = Renderer(gaussians, threads)
+    return renderer.render(camera, size, outputs=outputs, background=background, near_plane=near_plane)
+
+
+def _rgb(canvas: Canvas, background: NDArray) -> NDArray:
+    image = canvas.image(slice(SUMS, SUMS + N_COLOUR))
+    if background.any():
+        image += canvas.transmittance()[..., None] * background
+    return np.clip(image, 0, 1, out=image)
+
+
+def _depth(canvas: Canvas) -> NDArray:
+    depths, weights = np.moveaxis(canvas.image(slice(SUMS + N_COLOUR, None)), -1, 0)
+    return np.divide(depths, weights, out=np.zeros_like(depths), where=weights > 0)
+
+
+def _available_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _whole_number(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InputError(f"{value!r}, expected a whole number above 0", where=name)
+    return int(value)
+
+
+def _checked_size(size: Any) -> tuple[int, int]:
+    if not isinstance(size, (tuple, list)) or len(size) != 2:
+        raise InputError(f"{size!r}, expected (height, width)", where="size")
+    return _whole_number("size[0]", size[0]), _whole_number("size[1]", size[1])
+
+
+def _checked_outputs(outputs: Any) -> tuple[str, ...]:
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    for name in names:
+        if name not in OUTPUTS:
+            raise InputError(f"{name!r}, expected some of {', '.join(OUTPUTS)}", where="outputs")
+    if not names:
+        raise InputError(f"none, expected some of {', '.join(OUTPUTS)}", where="outputs")
+    return names
+
+
+def _checked_background(background: Any) -> NDArray:
+    try:
+        colour = np.asarray(background, np.float32)
+    except (TypeError, ValueError):
+        colour = np.zeros(0, np.float32)
+    if colour.shape != (3,) or not np.isfinite(colour).all():
+        raise InputError(f"{background!r}, expected three finite numbers", where="background")
+    return colour
