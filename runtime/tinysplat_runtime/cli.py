@@ -65,8 +65,12 @@ def _coding() -> argparse.ArgumentParser:
     coding = argparse.ArgumentParser(add_help=False)
     coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
     coding.add_argument("--profile", choices=PROFILES, default="balanced", help="default: balanced")
-    coding.add_argument("--qp", type=float, default=0.0, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
-    coding.add_argument("--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent")
+    coding.add_argument(
+        "--qp", type=float, default=0.0, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0"
+    )
+    coding.add_argument(
+        "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
+    )
     coding.add_argument("--report", metavar="R.json", help="write bytes, seconds, memory and errors as JSON")
     return coding
 
@@ -74,7 +78,9 @@ def _coding() -> argparse.ArgumentParser:
 def _limits() -> argparse.ArgumentParser:
     limits = argparse.ArgumentParser(add_help=False)
     limits.add_argument("--max-pixels", type=threads, metavar="N", help="refuse files of more Gaussians (default 67 M)")
-    limits.add_argument("--max-memory", type=threads, metavar="BYTES", help="refuse files that decode to more (default 8 GiB)")
+    limits.add_argument(
+        "--max-memory", type=threads, metavar="BYTES", help="refuse files that decode to more (default 8 GiB)"
+    )
     return limits
 
 
@@ -88,13 +94,17 @@ def build_parser() -> argparse.ArgumentParser:
     encode = commands.add_parser("encode", parents=[common, coding], help="photos and cameras to a .tsplat file")
     encode.add_argument("scene", metavar="SCENE", help="folder with images and cameras.json")
     encode.add_argument("--views", type=indices, metavar="I,J", help="frames to use; default: all, if there are 2 to 6")
-    encode.add_argument("--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them")
+    encode.add_argument(
+        "--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
+    )
     encode.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over cameras.json's")
     encode.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
     encode.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
     encode.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
 
-    compress = commands.add_parser("compress", parents=[common, coding], help="Gaussians of any network to a .tsplat file")
+    compress = commands.add_parser(
+        "compress", parents=[common, coding], help="Gaussians of any network to a .tsplat file"
+    )
     compress.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
     compress.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     compress.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")

@@ -249,7 +249,9 @@ def _camera_path(args: Namespace, gaussians: Gaussians) -> list[Camera]:
     if args.camera or not cameras:
         source = (args.camera or "").rpartition(":")[0]
         if not source:
-            raise InputError("a video runs along the file's own views, or those of --camera cameras.json:INDEX", where="--camera")
+            raise InputError(
+                "a video runs along the file's own views, or those of --camera cameras.json:INDEX", where="--camera"
+            )
         cameras = tuple(load_scene(source).cameras)
     if args.path == "orbit":
         return orbit(cameras, args.frames, _median_depth(gaussians, cameras[0]))
@@ -292,5 +294,7 @@ def _plane_text(plane: dict[str, Any]) -> str:
 
 
 def _left_out_text(entry: dict[str, Any]) -> str:
-    rest = ", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in entry.items() if k not in ("layer", "what"))
+    rest = ", ".join(
+        f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in entry.items() if k not in ("layer", "what")
+    )
     return f"layer {entry['layer']}: {entry['what']} ({rest})"

@@ -75,7 +75,9 @@ def test_columns_fall_in_energy_and_their_largest_entry_is_positive():
     vectors = np.kron(weighting, np.eye(3)) @ reduction.inverse.astype(np.float64)
     leading = np.abs(vectors).argmax(axis=0)
     assert (vectors[leading, range(10)] > 0).all()
-    energies = np.einsum("dk,de,ek->k", vectors, np.kron(weighting, np.eye(3)) @ _moment(27) @ np.kron(weighting, np.eye(3)), vectors)
+    energies = np.einsum(
+        "dk,de,ek->k", vectors, np.kron(weighting, np.eye(3)) @ _moment(27) @ np.kron(weighting, np.eye(3)), vectors
+    )
     assert (np.diff(energies) <= 1e-3 * energies[0]).all()
 
 

@@ -132,4 +132,3 @@ def _dominant_quats(moments: NDArray) -> NDArray:
     dominant = vectors[..., -1]
     leading = np.take_along_axis(dominant, np.abs(dominant).argmax(axis=-1, keepdims=True), axis=-1)
     return dominant * np.sign(leading)
-

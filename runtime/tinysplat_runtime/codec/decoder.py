@@ -135,9 +135,13 @@ def _synthesise(
     }
     if layer.basis is None:
         step, offset = _plain_color_map(layer)
-        return _run_synthesis(store, "synthesis_dc", {**inputs, "color_step": step, "color_bias": offset}, container, layer)
+        return _run_synthesis(
+            store, "synthesis_dc", {**inputs, "color_step": step, "color_bias": offset}, container, layer
+        )
     color_mix, color_bias = _color_map(layer, layer.basis, colors.shape[1])
-    return _run_synthesis(store, "synthesis", {**inputs, "color_mix": color_mix, "color_bias": color_bias}, container, layer)
+    return _run_synthesis(
+        store, "synthesis", {**inputs, "color_mix": color_mix, "color_bias": color_bias}, container, layer
+    )
 
 
 def _run_synthesis(

@@ -32,7 +32,12 @@ def paper_colors(store: GraphStore, layer: Gaussians, settings: PaperSettings) -
 
 
 def paper_plan(
-    projected: ProjectedLayer, colors: NDArray, reduction: Reduction | None, degree: int, settings: PaperSettings, qp: float
+    projected: ProjectedLayer,
+    colors: NDArray,
+    reduction: Reduction | None,
+    degree: int,
+    settings: PaperSettings,
+    qp: float,
 ) -> LayerPlan:
     """Channels and steps at Q_g = `qp`."""
     channels: list[Channel] = []

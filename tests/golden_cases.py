@@ -1,0 +1,45 @@
+"""The golden cases: integer planes for the encoder, tiny scenes for whole files. Test and regenerator read this table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from synthetic import make_gaussians
+
+from tinysplat_runtime.gaussians import Gaussians
+
+DATA = Path(__file__).parent / "golden" / "data"
+
+
+@dataclass(frozen=True)
+class FileCase:
+    """A scene, and how it is coded."""
+
+    name: str
+    make: Callable[[], Gaussians]
+    profile: str
+    qp: float
+
+
+FILES = [
+    FileCase("tiny_paper", lambda: make_gaussians(1, 5, 7, 0, seed=3), "paper", 0),
+    FileCase("degree2_paper", lambda: make_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
+    FileCase("degree1_balanced", lambda: make_gaussians(2, 24, 40, 1, seed=5, layers=2), "balanced", 0),
+]
+
+
+def golden_planes() -> dict[str, tuple[NDArray, int]]:
+    """Integer planes and their QP: made of integers alone, so that every machine has the same."""
+    v, u = np.mgrid[:40, :56]
+    ramp = (u * 61 + v * 17) % 4096
+    steps = np.where((u // 9 + v // 7) % 2 == 0, 700, 3100)
+    hashed = (u * 2654435761 + v * 40503) % 977 + 1500
+    return {
+        "ramp": (ramp.astype(np.uint16), 8),
+        "steps": (steps.astype(np.uint16), 20),
+        "noise": (hashed.astype(np.uint16), 24),
+    }

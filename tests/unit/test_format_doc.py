@@ -1,0 +1,64 @@
+"""docs/FORMAT.md says what the code does: its tables are the structures, its dump is the golden file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from golden_cases import DATA
+
+from tinysplat_runtime.codec.planes import PlaneClass
+from tinysplat_runtime.container import layout as L
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
+_HEADING = "| offset | bytes | field | type | meaning and range | a reader must |"
+
+
+def _tables() -> list[list[tuple[int, int, str]]]:
+    tables = []
+    for block in TEXT.split(_HEADING)[1:]:
+        rows = []
+        for line in block.splitlines()[2:]:
+            if not line.startswith("|"):
+                break
+            offset, size, field = (cell.strip() for cell in line.split("|")[1:4])
+            rows.append((int(offset), int(size), field))
+        tables.append(rows)
+    return tables
+
+
+@pytest.mark.parametrize(
+    ("number", "fields"),
+    list(enumerate([L.HEADER, L.TABLE_ROW, L.SCENE_FIXED, L.CAMERA, L.LAYER_FIXED, L.CHANNEL, L.STREAM])),
+    ids=["header", "row", "SCEN", "CAMS", "LAYR", "channel", "stream"],
+)
+def test_every_table_describes_its_structure_without_gaps(number, fields):
+    table = _tables()[number]
+    end = 0
+    for offset, size, _ in table:
+        assert offset == end
+        end += size
+    assert end == fields.size
+
+
+def test_plane_sections_and_class_numbers_are_the_documented_ones():
+    names = re.findall(r"`(\w{4})`", next(line for line in TEXT.splitlines() if line.startswith("| `DEPT`")))
+    assert [name.encode() for name in names] == list(L.PLANES.values())
+    assert ", ".join(f"{c.value} {c.label}" for c in PlaneClass) in TEXT
+
+
+def test_flags_have_their_documented_values():
+    for name in ("INVERSE_DEPTH", "OWN_INTRINSICS", "RELATIVE_ROTATION", "SCALE_MIX", "BASIS"):
+        value = re.search(rf"\| (\d+) \| (\d+) \| {name} \|", TEXT)
+        assert value and int(value[2]) == getattr(L, name) == 1 << int(value[1])
+
+
+def test_the_hex_dump_is_the_golden_file():
+    data = (DATA / "tiny_paper.tsplat").read_bytes()
+    lines = re.findall(r"^([0-9a-f]{6})  ((?:[0-9a-f]{2} )+) ", TEXT, flags=re.MULTILINE)
+    assert len(lines) > 8
+    for start, digits in lines:
+        raw = bytes.fromhex(digits)
+        at = int(start, 16)
+        assert data[at : at + len(raw)] == raw
