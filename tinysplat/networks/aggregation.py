@@ -1,0 +1,138 @@
+"""Edge-aware aggregation without learned weights: box means, semi-global path costs, confidence-weighted filling.
+
+Path costs follow Hirschmüller, "Stereo Processing by Semiglobal Matching and Mutual Information" (2008), eq. 13. The
+recursion along a path is an ONNX Scan in an exported graph and a loop in eager torch, the same arithmetic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch._higher_order_ops.scan import scan
+from torch.nn import functional
+
+UNREACHABLE = 1e3
+"""Cost beyond the first and the last candidate; costs proper are of the order of one."""
+
+
+def box_mean(images: Tensor, size: int) -> Tensor:
+    """Mean over size × size pixels (odd size), borders replicated; (N, C, h, w) to the same."""
+    half = size // 2
+    rows = functional.avg_pool2d(functional.pad(images, (half, half, 0, 0), mode="replicate"), (1, size), 1)
+    return functional.avg_pool2d(functional.pad(rows, (0, 0, half, half), mode="replicate"), (size, 1), 1)
+
+
+def box_minimum(images: Tensor, size: int) -> Tensor:
+    """Minimum over size × size pixels (odd size); (N, C, h, w) to the same."""
+    return -functional.max_pool2d(-images, size, stride=1, padding=size // 2)
+
+
+def local_contrast(gray: Tensor, size: int, floor: float) -> Tensor:
+    """Gray values (N, 1, h, w) less their local mean, over their local standard deviation plus `floor`."""
+    mean = box_mean(gray, size)
+    variance = (box_mean(gray * gray, size) - mean * mean).clamp_min(0)
+    return (gray - mean) / (torch.sqrt(variance) + floor)
+
+
+def path_costs(cost: Tensor, guide: Tensor, *, step: float, jump: float, edge: float) -> Tensor:
+    """Semi-global aggregation along the four axis directions.
+
+    L(p, d) = C(p, d) + min(L(q, d), L(q, d ± 1) + step, min L(q, ·) + jump(p, q)) − min L(q, ·) with q before p on the
+    path; jump(p, q) = max(jump · exp(−edge · |guide(p) − guide(q)|), step).
+
+    Args:
+        cost: (V, D, h, w) matching costs, of the order of one.
+        guide: (V, C, h, w) colours; the largest channel difference counts.
+        step: penalty for a change of one candidate between neighbours.
+        jump: penalty for a larger change where the guide is flat.
+        edge: how fast `jump` falls with a difference of the guide.
+
+    Returns:
+        (V, D, h, w): Σ L over the four paths, less 3 C so that the cost itself counts once.
+    """
+    across = _jump_penalties(guide, step, jump, edge)  # between columns, (V, h, w - 1)
+    down = _jump_penalties(guide.transpose(2, 3), step, jump, edge).transpose(1, 2)  # (V, h - 1, w)
+    vertical = _both_ways(cost.permute(2, 0, 3, 1).contiguous(), down.permute(1, 0, 2)[..., None], step)  # (h, V, w, D)
+    horizontal = _both_ways(
+        cost.permute(3, 0, 2, 1).contiguous(), across.permute(2, 0, 1)[..., None], step
+    )  # (w, V, h, D)
+    return vertical.permute(1, 3, 0, 2) + horizontal.permute(1, 3, 2, 0) - 3 * cost
+
+
+def _jump_penalties(guide: Tensor, step: float, jump: float, edge: float) -> Tensor:
+    difference = (guide[..., 1:] - guide[..., :-1]).abs().amax(dim=1)
+    return (jump * torch.exp(-edge * difference)).clamp_min(step)
+
+
+def _both_ways(cost: Tensor, jump: Tensor, step: float) -> Tensor:
+    """Path costs along axis 0 in both directions, added: cost (L, N, M, D), jump (L − 1, N, M, 1)."""
+
+    def advance(before: Tensor, here: Tensor, penalty: Tensor) -> Tensor:
+        lowest = before.amin(dim=-1, keepdim=True)
+        excess = before - lowest
+        beside = functional.pad(excess, (1, 1), value=UNREACHABLE)
+        beside = torch.minimum(beside[..., 2:], beside[..., :-2]) + step
+        return here + torch.minimum(torch.minimum(excess, beside), penalty)
+
+    start = torch.zeros_like(cost[:1, :, :, :1]).expand_as(jump[:1])
+    forward = _recur(advance, cost, torch.cat([start, jump]), reverse=False)
+    backward = _recur(advance, cost, torch.cat([jump, start]), reverse=True)
+    return forward + backward
+
+
+def _recur(
+    advance: Callable[[Tensor, Tensor, Tensor], Tensor], cost: Tensor, penalty: Tensor, *, reverse: bool
+) -> Tensor:
+    """state ← advance(state, cost[i], penalty[i]) along axis 0 from a zero state; all states."""
+    state = cost.new_zeros(cost.shape[1:])
+    if torch.compiler.is_compiling():
+
+        def body(before: Tensor, here: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+            after = advance(before, *here)
+            return after, after.clone()
+
+        return scan(body, state, (cost, penalty), reverse=reverse)[1]
+    states = torch.empty_like(cost)
+    length = cost.shape[0]
+    for i in reversed(range(length)) if reverse else range(length):
+        state = advance(state, cost[i], penalty[i])
+        states[i] = state
+    return states
+
+
+def fill_uncertain(
+    values: Tensor, confidence: Tensor, guide: Tensor, *, edge: float, dilations: tuple[int, ...]
+) -> Tensor:
+    """Replace values of low confidence by confident ones nearby of similar colour.
+
+    An à-trous joint bilateral filter: each pass takes the weighted mean of 3 × 3 pixels `dilation` apart, weights
+    exp(−edge · Σ|Δguide|) · confidence, and blends it in where confidence lies below one half. What a pass has filled
+    counts as confident in the next.
+
+    Args:
+        values: (V, 1, h, w).
+        confidence: (V, 1, h, w) in (0, 1].
+        guide: (V, C, h, w) colours.
+        edge: fall of a weight with the summed colour difference.
+        dilations: distance between the pixels of each pass.
+
+    Returns:
+        (V, 1, h, w) filled values.
+    """
+    height, width = guide.shape[2:]
+    keep = confidence > 0.5
+    filled, trust = values, confidence
+    for dilation in dilations:
+        stacked = functional.pad(torch.cat([guide, filled, trust], dim=1), (dilation,) * 4, mode="replicate")
+        total, weights = torch.zeros_like(values), torch.zeros_like(values)
+        for row in (0, dilation, 2 * dilation):
+            for column in (0, dilation, 2 * dilation):
+                part = stacked[:, :, row : row + height, column : column + width]
+                similarity = torch.exp(-edge * (part[:, :-2] - guide).abs().sum(dim=1, keepdim=True))
+                weight = similarity * part[:, -1:]
+                total, weights = total + weight * part[:, -2:-1], weights + weight
+        filled = torch.where(keep, values, total / weights.clamp_min(1e-8))
+        trust = torch.maximum(trust, 0.1 * weights.clamp_max(9))
+    return filled

@@ -1,0 +1,170 @@
+"""Gaussians by construction: from an inverse-depth map and its photo to a layer of per-pixel Gaussians.
+
+Nothing here is learned. Colour goes to SH degree 0, scales follow the pixel's footprint and the slope of depth,
+rotations the surface normal, and a coarse second layer stands behind depth edges and beyond the frame.
+Values are smooth wherever the depth map is: every plane of the codec is a smooth function of inverse depth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from tinysplat.transforms import multiply_quats
+from tinysplat_runtime.sh import C0
+
+from .aggregation import box_minimum
+from .geometry import focal_length, pixel_intrinsics, pixel_rays, rotation_quats, tilt_quats, unproject
+
+MAX_SLOPE = 2.0
+"""Bound on |Δz / Δx| of a surface: beyond it the normal of a depth map is noise, and discs would be needles."""
+
+
+@dataclass(frozen=True)
+class GaussianLayer:
+    """A layer of per-pixel Gaussians in the conventions of `tinysplat_runtime.Gaussians`.
+
+    Attributes:
+        means: (V, h, w, 3).
+        quats: (V, h, w, 4) wxyz.
+        scales: (V, h, w, 3).
+        opacities: (V, h, w).
+        sh: (V, h, w, 1, 3).
+        K: (V, 3, 3) intrinsics in pixels of the layer's own grid.
+    """
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    sh: Tensor
+    K: Tensor
+
+    def arrays(self) -> tuple[Tensor, ...]:
+        """Means, quats, scales, opacities and sh."""
+        return self.means, self.quats, self.scales, self.opacities, self.sh
+
+
+def surface_slopes(inverse_depth: Tensor, rays: Tensor, K: Tensor) -> Tensor:
+    """∂z/∂x and ∂z/∂y of the surface in the camera frame, (V, 2, h, w), bounded by `MAX_SLOPE`.
+
+    On a plane n·X = 1 inverse depth is n·ray, linear in the ray, so n follows from its gradient g along the rays:
+    n = (g_x, g_y, ρ − x g_x − y g_y), and the slope is −n_xy / n_z. Differences are central, one-sided at borders.
+    """
+    padded = functional.pad(inverse_depth, (1, 1, 1, 1), mode="replicate")
+    focal = K[:, :, :, None, None]
+    gradient_x = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) * (0.5 * focal[:, 0:1, 0])
+    gradient_y = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) * (0.5 * focal[:, 1:2, 1])
+    facing = inverse_depth - rays[:, 0:1] * gradient_x - rays[:, 1:2] * gradient_y
+    facing = torch.maximum(facing, 0.2 * inverse_depth)  # a visible surface faces the camera
+    return (torch.cat([gradient_x, gradient_y], dim=1) / -facing).clamp(-MAX_SLOPE, MAX_SLOPE)
+
+
+def pixel_layer(
+    images: Tensor, K_unit: Tensor, c2w: Tensor, inverse_depth: Tensor, opacities: Tensor, footprint: float
+) -> GaussianLayer:
+    """One Gaussian per pixel on the surface, its mean on the ray through the pixel's centre.
+
+    A disc: its third axis is the surface normal; the first two are the camera's x and y axes turned along, and as
+    long as the pixel's footprint on the surface.
+
+    Args:
+        images: (V, 3, H, W) RGB in [0, 1].
+        K_unit: (V, 3, 3) intrinsics divided by image width and height.
+        c2w: (V, 4, 4).
+        inverse_depth: (V, 1, H, W), > 0.
+        opacities: (V, 1, H, W) in [0, 1].
+        footprint: standard deviation on a frontal surface, pixels.
+    """
+    height, width = images.shape[2:]
+    K = pixel_intrinsics(K_unit, height, width)
+    rays = pixel_rays(K, height, width)
+    depth = 1 / inverse_depth
+    slopes = surface_slopes(inverse_depth, rays, K)
+    frontal = footprint * depth / focal_length(K)[:, None, None, None]
+    scales = torch.cat([frontal * torch.sqrt(1 + slopes * slopes), frontal], dim=1)
+    tilt = tilt_quats(slopes[:, 0], slopes[:, 1])
+    quats = multiply_quats(rotation_quats(c2w[:, :3, :3])[:, None, None], tilt)
+    return GaussianLayer(
+        unproject(rays, depth, c2w).permute(0, 2, 3, 1),
+        quats,
+        scales.permute(0, 2, 3, 1),
+        opacities[:, 0],
+        _degree_zero(images),
+        K,
+    )
+
+
+@dataclass(frozen=True)
+class CoarseSettings:
+    """The second layer: a backdrop behind depth edges and a ring beyond the frame.
+
+    Attributes:
+        cell: side of a grid cell, pixels of the photo.
+        ring: cells added beyond each side of the frame.
+        reach: side of the neighbourhood, in cells (odd), whose farthest depth a cell takes.
+        recede: factor on inverse depth, < 1, that keeps the backdrop behind the surface.
+        ring_recede: factor on inverse depth beyond the frame.
+        farthest: smallest inverse depth, relative to that of the far plane.
+        width: standard deviation, pixels of the photo.
+        opacity: of every Gaussian in the layer.
+    """
+
+    cell: int = 4
+    ring: int = 16
+    reach: int = 5
+    recede: float = 0.9
+    ring_recede: float = 0.5
+    farthest: float = 0.4
+    width: float = 2.4
+    opacity: float = 0.8
+
+
+def coarse_layer(
+    images: Tensor, K_unit: Tensor, c2w: Tensor, inverse_depth: Tensor, far: Tensor, settings: CoarseSettings
+) -> GaussianLayer:
+    """One wide, round Gaussian per cell at the farthest depth nearby, continued past the frame.
+
+    Args:
+        images: (V, 3, H, W) RGB in [0, 1]; H and W are multiples of the cell.
+        K_unit: (V, 3, 3) intrinsics divided by image width and height.
+        c2w: (V, 4, 4).
+        inverse_depth: (V, 1, H, W), > 0.
+        far: (V,) far plane.
+        settings: sizes and factors.
+
+    Returns:
+        A layer of (H / cell + 2·ring, W / cell + 2·ring) Gaussians with its own K.
+    """
+    cell, ring = settings.cell, settings.ring
+    height, width = images.shape[2] // cell, images.shape[3] // cell
+    colours = functional.avg_pool2d(images, cell)
+    farthest = box_minimum(-functional.max_pool2d(-inverse_depth, cell), settings.reach) * settings.recede
+    inside = torch.ones_like(farthest)
+    ring_factor = functional.pad(inside, (ring,) * 4, value=settings.ring_recede)
+    behind = functional.pad(farthest, (ring,) * 4, mode="replicate") * ring_factor
+    behind = torch.maximum(behind, (settings.farthest / far)[:, None, None, None])
+    colours = functional.pad(colours, (ring,) * 4, mode="replicate")
+
+    shift = torch.tensor([[0.0, 0.0, ring], [0.0, 0.0, ring], [0.0, 0.0, 0.0]])
+    K = pixel_intrinsics(K_unit, height, width) + shift
+    rays = pixel_rays(K, height + 2 * ring, width + 2 * ring)
+    depth = 1 / behind
+    scale = settings.width / cell * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
+    grid = (-1, height + 2 * ring, width + 2 * ring)
+    return GaussianLayer(
+        unproject(rays, depth, c2w).permute(0, 2, 3, 1),
+        rotation_quats(c2w[:, :3, :3])[:, None, None].expand(*grid, 4),
+        scale.permute(0, 2, 3, 1).expand(*grid, 3),
+        torch.full_like(scale[:, 0], settings.opacity),
+        _degree_zero(colours),
+        K,
+    )
+
+
+def _degree_zero(colours: Tensor) -> Tensor:
+    """SH coefficients (V, h, w, 1, 3) of colours (V, 3, h, w)."""
+    return ((colours - 0.5) / C0).permute(0, 2, 3, 1)[:, :, :, None]
