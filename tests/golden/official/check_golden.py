@@ -1,0 +1,87 @@
+"""Read a golden fixture and compare it with computed arrays (NumPy only).
+
+    python check_golden.py golden/mvsplat_re10k_v2_64x64.npz            # describe the file
+    python check_golden.py golden/mvsplat_re10k_v2_64x64.npz mine.npz   # compare
+
+``mine.npz`` holds full-size arrays under the same keys ("out/depth",
+"out/means", "mid/cnn_features", ...). Every array of a fixture was stored with a
+stride per axis; ``subsample`` applies the same stride to a full-size array.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+
+
+def load_fixture(path):
+    """Returns (inputs, expected, meta): plain dicts of arrays, and the metadata."""
+    with np.load(path, allow_pickle=False) as z:
+        meta = json.loads(str(z["meta"]))
+        inputs = {k[3:]: z[k] for k in z.files if k.startswith("in/")}
+        expected = {k: z[k] for k in z.files if k.startswith(("out/", "mid/"))}
+    return inputs, expected, meta
+
+
+def subsample(array, stride):
+    return array[tuple(slice(None, None, s) for s in stride)]
+
+
+def canonical_rotation(q):
+    """q and -q are the same rotation: make the largest component positive."""
+    i = np.abs(q).argmax(-1)[..., None]
+    return q * np.sign(np.take_along_axis(q, i, -1))
+
+
+def compare(expected, meta, actual, factor=1.0):
+    """actual: dict key -> full-size array. Returns a list of result rows.
+
+    Passes when |actual - expected| <= factor * (atol + rtol * |expected|) everywhere,
+    with atol taken from the fixture (ten times the rounding error measured between a
+    single- and a double-precision run of the reference) and rtol = 2e-4.
+    """
+    rows = []
+    for key, want in expected.items():
+        info = meta["tensors"][key]
+        if key not in actual:
+            rows.append((key, "missing", float("nan"), float("nan"), info["atol"]))
+            continue
+        got = np.asarray(actual[key])
+        if list(got.shape) != info["full_shape"]:
+            rows.append((key, f"shape {got.shape} != {info['full_shape']}", float("nan"), float("nan"), info["atol"]))
+            continue
+        got = subsample(got, info["stride"]).astype(np.float64)
+        ref = want.astype(np.float64)
+        if "rotations" in key:
+            got, ref = canonical_rotation(got), canonical_rotation(ref)
+        diff = np.abs(got - ref)
+        ok = bool((diff <= factor * (info["atol"] + 2e-4 * np.abs(ref))).all())
+        rows.append((key, "ok" if ok else "FAIL", float(diff.max()), float(diff.mean()), info["atol"]))
+    return rows
+
+
+def main(argv):
+    inputs, expected, meta = load_fixture(argv[0])
+    print(meta["fixture"], "| model:", meta["model"])
+    for key, value in inputs.items():
+        print(f"  in/{key:30s} {value.shape} {value.dtype}")
+    if len(argv) == 1:
+        for key in expected:
+            info = meta["tensors"][key]
+            print(
+                f"  {key:33s} full {info['full_shape']} stride {info['stride']}"
+                f" rms {info['rms']:.4g} atol {info['atol']:.2g}"
+            )
+        return 0
+    with np.load(argv[1], allow_pickle=False) as z:
+        rows = compare(expected, meta, {k: z[k] for k in z.files})
+    for key, status, dmax, dmean, atol in rows:
+        print(f"  {key:33s} {status:8s} max {dmax:.3g} mean {dmean:.3g} (atol {atol:.2g})")
+    bad = [r for r in rows if r[1] not in ("ok", "missing")]
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

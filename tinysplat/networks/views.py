@@ -1,0 +1,35 @@
+"""Which views a view is compared with, and reading per-view tensors by such lists.
+
+An index of other views is an int64 tensor (B, V, M): for each view of each scene the M views that it attends to and
+sweeps against. Tensors per view are (B, V, …).
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def all_others(scenes: int, views: int) -> Tensor:
+    """Every other view in increasing order: (B, V, V − 1)."""
+    own = torch.arange(views)[:, None]
+    other = torch.arange(views - 1)[None]
+    return (other + (other >= own).long()).expand(scenes, views, views - 1)
+
+
+def nearest_others(c2w: Tensor, count: int) -> Tensor:
+    """The `count` other views whose camera centres are nearest, nearest first: (B, V, count) from c2w (B, V, 4, 4).
+
+    The distance is a norm of differences, not cdist, which ONNX lacks. Among equal distances the order is the sort's.
+    """
+    centres = c2w[..., :3, 3]
+    distances = (centres[:, :, None] - centres[:, None]).norm(dim=-1)  # (B, V, V)
+    itself = torch.eye(c2w.shape[1], dtype=distances.dtype, device=distances.device)
+    return (distances - itself).argsort(dim=-1)[..., 1 : count + 1]  # the view itself has −1 and comes first
+
+
+def gather_views(x: Tensor, others: Tensor) -> Tensor:
+    """Read x (B, V, …) by an index (B, V, M): (B, V, M, …)."""
+    scenes, views, count = others.shape
+    flat = others + torch.arange(scenes, device=others.device)[:, None, None] * views
+    return x.flatten(0, 1).index_select(0, flat.flatten()).unflatten(0, (scenes, views, count))
