@@ -25,7 +25,7 @@ from .interchange import load_gaussians, save_gaussians
 from .progress import progress
 from .render import Renderer, between, orbit
 from .reports import Stopwatch, peak_rss_bytes
-from .scenes import Scene, load_scene
+from .scenes import Scene, load_cameras, load_scene
 from .video import write_video
 
 AUTO_VIEWS = range(2, 7)
@@ -49,7 +49,7 @@ def encode(args: Namespace) -> None:
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
     grid = _grid(args.grid)
-    cameras = load_scene(args.cameras).cameras if args.cameras else None
+    cameras = load_cameras(args.cameras) if args.cameras else None
     gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
     try:
         _compress(args, Runtime(threads=args.threads), gaussians, EncodeStats())
@@ -103,7 +103,7 @@ def info(args: Namespace) -> None:
         described = inspect_bytes(data, _limits(args))
     except TinySplatError as error:
         raise error.within(args.file) from None
-    print(json.dumps(described, indent=2) if args.json else _info_text(args.file, described))
+    print(json.dumps(described, indent=2) if args.json else info_text(args.file, described))
 
 
 def models(args: Namespace) -> None:
@@ -236,7 +236,7 @@ def _chosen_camera(text: str | None, gaussians: Gaussians) -> Camera:
         index = int(index_text)
     except ValueError:
         raise InputError(f"'{text}', expected INDEX or cameras.json:INDEX", where="--camera") from None
-    cameras = load_scene(source).cameras if source else gaussians.cameras
+    cameras = load_cameras(source) if source else gaussians.cameras
     if not cameras:
         raise InputError("the file has no cameras; give --camera cameras.json:INDEX", where="--camera")
     if not 0 <= index < len(cameras):
@@ -252,7 +252,7 @@ def _camera_path(args: Namespace, gaussians: Gaussians) -> list[Camera]:
             raise InputError(
                 "a video runs along the file's own views, or those of --camera cameras.json:INDEX", where="--camera"
             )
-        cameras = tuple(load_scene(source).cameras)
+        cameras = tuple(load_cameras(source))
     if args.path == "orbit":
         return orbit(cameras, args.frames, _median_depth(gaussians, cameras[0]))
     return between(cameras, args.frames)
@@ -264,7 +264,8 @@ def _median_depth(gaussians: Gaussians, camera: Camera) -> float:
     return float(np.median(z[z > 0])) if (z > 0).any() else 1.0
 
 
-def _info_text(file: str, described: dict[str, Any]) -> str:
+def info_text(file: str, described: dict[str, Any]) -> str:
+    """`inspect`'s object as the text that `info` prints."""
     d = described
     total = d["bytes"]
     lines = [

@@ -115,7 +115,9 @@ def _left_out(index: int, layer: LayerHeader) -> list[dict[str, Any]]:
         entries.append({"layer": index, "what": "sh degree", "kept": layer.degree, "of": layer.source_degree})
     d, k = 3 * (layer.degree + 1) ** 2, _k(layer)
     if 0 < k < d:
-        entries.append({"layer": index, "what": "color components", "kept": k, "of": d, "energy_lost": layer.energy_lost})
+        entries.append(
+            {"layer": index, "what": "color components", "kept": k, "of": d, "energy_lost": layer.energy_lost}
+        )
     if layer.basis is None:
         entries.append({"layer": index, "what": "basis", "why": "SH degree 0 needs none"})
     entries += [

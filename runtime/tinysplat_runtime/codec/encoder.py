@@ -25,6 +25,19 @@ from .quantize import CodeMap, choose_code_map
 FLAT_SHARE = 0.12
 """A channel whose standard deviation is below this share of its step codes to nothing but its mean: store the mean."""
 
+FLAT_SPREAD = {
+    PlaneClass.OFFSET: 1e-4,
+    PlaneClass.SCALE: 1e-4,
+    PlaneClass.ROTATION: 1e-5,
+    PlaneClass.OPACITY: 1e-5,
+    PlaneClass.COLOR: 1e-5,
+}
+"""A channel of a smaller standard deviation (pixels; quaternion, opacity and colour units) is constant but for float32's
+rounding, which a step relative to the deviation would code as noise at full cost."""
+
+FLAT_DEPTH = 1e-7
+"""The same for depth, relative to its mean."""
+
 MAX_VIEWS = 64
 
 
@@ -122,8 +135,8 @@ def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
     mean = float(values.mean(dtype=np.float64))
     low, high = channel.window
     spread = float(values.std(dtype=np.float64))
-    # Also flat: a spread that float32 cannot tell from its mean's rounding.
-    if not high > low or spread < FLAT_SHARE * channel.step or spread <= 1e-7 * abs(mean):
+    floor = FLAT_SPREAD.get(channel.plane_class, FLAT_DEPTH * abs(mean))
+    if not high > low or spread <= max(floor, FLAT_SHARE * channel.step):
         return _Quantised(channel, None, None, mean)
     code_map = choose_code_map(low, high, mean, channel.step)
     codes, _ = code_map.quantise(values)
