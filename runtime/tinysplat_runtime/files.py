@@ -100,3 +100,14 @@ def _flush_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+@contextlib.contextmanager
+def parsing(what: str) -> Iterator[None]:
+    """Turn what a library raises on damaged bytes, of which there are a dozen types, into an InputError."""
+    try:
+        yield
+    except (InputError, ImportError):
+        raise
+    except Exception as error:
+        raise InputError(f"damaged or foreign {what} ({str(error)[:120] or type(error).__name__})") from None

@@ -1,0 +1,395 @@
+"""Gaussian files: exact round trips, precision far from the origin, and hostile files refused within memory."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import tempfile
+import tracemalloc
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from safetensors.numpy import save_file
+from scenes import make_cameras, make_gaussians
+
+from tinysplat_runtime import interchange
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.interchange import load_gaussians, save_gaussians
+
+BOTH = pytest.mark.parametrize("suffix", [".npz", ".safetensors"])
+
+
+def arrays_of(gaussians: Gaussians, **changes: NDArray | None) -> dict[str, NDArray]:
+    """What a network's output file holds for single-layer Gaussians; None leaves an array out."""
+    arrays: dict[str, Any] = {name: getattr(gaussians, name) for name in FIELDS}
+    arrays["K"] = np.stack([c.K for c in gaussians.cameras])
+    arrays["c2w"] = np.stack([c.c2w for c in gaussians.cameras])
+    return {name: array for name, array in {**arrays, **changes}.items() if array is not None}
+
+
+def write(path: Path, arrays: dict[str, Any]) -> Path:
+    if path.suffix == ".npz":
+        np.savez(path, **arrays)
+    else:
+        save_file({name: np.ascontiguousarray(array) for name, array in arrays.items()}, path)
+    return path
+
+
+def refusal(path: Path, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        load_gaussians(path, **options)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 500
+    return message
+
+
+def assert_identical(a: Gaussians, b: Gaussians) -> None:
+    assert len(a.layers) == len(b.layers)
+    for ours, theirs in zip(a.layers, b.layers, strict=True):
+        for name in (*FIELDS, "origin"):
+            x, y = getattr(ours, name), getattr(theirs, name)
+            assert x.dtype == y.dtype
+            np.testing.assert_array_equal(x, y)
+        assert len(ours.cameras) == len(theirs.cameras)
+        for first, second in zip(ours.cameras, theirs.cameras, strict=True):
+            np.testing.assert_array_equal(first.K, second.K)
+            np.testing.assert_array_equal(first.c2w, second.c2w)
+            assert (first.width, first.height) == (second.width, second.height)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    suffix=st.sampled_from([".npz", ".safetensors"]),
+    views=st.integers(1, 3),
+    height=st.integers(1, 6),
+    width=st.integers(1, 6),
+    degree=st.integers(0, 4),
+    layers=st.integers(1, 3),
+    origin=st.one_of(st.none(), st.lists(st.floats(-1e7, 1e7), min_size=3, max_size=3)),
+    kind=st.sampled_from(["pixels", "grid without cameras", "list"]),
+    seed=st.integers(0, 1000),
+)
+def test_round_trip_is_exact(
+    suffix: str,
+    views: int,
+    height: int,
+    width: int,
+    degree: int,
+    layers: int,
+    origin: list[float] | None,
+    kind: str,
+    seed: int,
+) -> None:
+    made = make_gaussians(views, height, width, degree, layers if kind == "pixels" else 1, seed)
+    origin_array = np.zeros(3) if origin is None else np.array(origin)
+    extra = tuple(
+        Gaussians(**{n: getattr(g, n) for n in FIELDS}, cameras=g.cameras, origin=origin_array)
+        for g in made.extra_layers
+    )
+    fields = {name: getattr(made.flat() if kind == "list" else made, name) for name in FIELDS}
+    cameras = made.cameras if kind == "pixels" else ()
+    gaussians = Gaussians(**fields, cameras=cameras, origin=origin_array, extra_layers=extra)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"g{suffix}"
+        assert save_gaussians(path, gaussians) == []
+        assert_identical(load_gaussians(path), gaussians)
+        assert list(Path(folder).iterdir()) == [path]
+
+
+@BOTH
+def test_layers_of_other_poses_keep_them(tmp_path: Path, suffix: str) -> None:
+    base, coarse = make_gaussians(), make_gaussians(height=4, width=6)
+    moved = coarse.with_cameras(make_cameras(2, 4, 6, spacing=0.5))
+    both = Gaussians(**{n: getattr(base, n) for n in FIELDS}, cameras=base.cameras, extra_layers=(moved,))
+    save_gaussians(tmp_path / f"g{suffix}", both)
+    assert_identical(load_gaussians(tmp_path / f"g{suffix}"), both)
+
+
+@BOTH
+def test_other_arrays_are_ignored_and_other_widths_converted(tmp_path: Path, suffix: str) -> None:
+    made = make_gaussians(degree=2)
+    arrays = arrays_of(
+        made,
+        means=made.means.astype(np.float64),
+        sh=made.sh.astype(np.float16),
+        opacities=np.ones(made.opacities.shape, np.int32),
+        near=np.array(1.0),
+        depth=np.zeros((2, 8, 12)),
+        layer2_means=np.zeros(1),
+    )
+    loaded = load_gaussians(write(tmp_path / f"g{suffix}", arrays))
+    assert not loaded.origin.any() and loaded.extra_layers == ()
+    np.testing.assert_array_equal(loaded.means, made.means)
+    np.testing.assert_array_equal(loaded.sh, made.sh.astype(np.float16).astype(np.float32))
+    assert (loaded.opacities == 1).all()
+    assert all(getattr(loaded, name).dtype == np.float32 for name in FIELDS)
+
+
+def test_big_endian_and_fortran_arrays_load(tmp_path: Path) -> None:
+    made = make_gaussians()
+    arrays = arrays_of(made, means=np.asfortranarray(made.means.astype(">f8")), sh=made.sh.astype(">f4"))
+    assert_identical(load_gaussians(write(tmp_path / "g.npz", arrays)), made)
+
+
+def test_compressed_npz_loads(tmp_path: Path) -> None:
+    made = make_gaussians()
+    arrays: dict[str, Any] = arrays_of(made)
+    np.savez_compressed(tmp_path / "g.npz", **arrays)
+    assert_identical(load_gaussians(tmp_path / "g.npz"), made)
+
+
+UTM = np.array([431_000.25, 5_411_000.75, 210.5])
+
+
+@pytest.mark.parametrize("with_cameras", [True, False])
+@pytest.mark.parametrize("stored_origin", [None, UTM - 1000])
+def test_float64_means_far_from_the_origin_keep_their_precision(
+    tmp_path: Path, with_cameras: bool, stored_origin: NDArray | None
+) -> None:
+    made = make_gaussians()
+    true = made.means.astype(np.float64) + UTM
+    c2w = np.stack([c.c2w for c in made.cameras])
+    c2w[:, :3, 3] += UTM
+    offset = np.zeros(3) if stored_origin is None else stored_origin
+    arrays = arrays_of(made, means=true - offset, c2w=c2w, origin=stored_origin)
+    if not with_cameras:
+        del arrays["K"], arrays["c2w"]
+    loaded = load_gaussians(write(tmp_path / "g.npz", arrays))
+    distance = np.linalg.norm(made.means[..., None, :] - [c.centre for c in made.cameras], axis=-1).min(axis=-1)
+    error = np.linalg.norm(loaded.means + loaded.origin - true, axis=-1)
+    assert (error <= 1e-6 * distance).all()
+    np.testing.assert_allclose(loaded.origin, UTM, atol=20)
+    np.testing.assert_allclose(loaded.means, made.means, atol=20)  # small numbers, not 5 million
+    if with_cameras:
+        np.testing.assert_allclose(loaded.origin, c2w[:, :3, 3].mean(axis=0), atol=1e-9)
+    save_gaussians(tmp_path / "again.npz", loaded)
+    assert_identical(load_gaussians(tmp_path / "again.npz"), loaded)
+
+
+def test_all_layers_share_the_new_origin(tmp_path: Path) -> None:
+    made = make_gaussians(layers=2)
+    arrays = arrays_of(made)
+    arrays["c2w"][:, :3, 3] += UTM
+    for prefix, layer in zip(("", "layer1_"), made.layers, strict=True):
+        arrays |= {prefix + name: getattr(layer, name) for name in FIELDS}
+        arrays[f"{prefix}K"] = np.stack([c.K for c in layer.cameras])
+        arrays[f"{prefix}means"] = layer.means + UTM
+    loaded = load_gaussians(write(tmp_path / "g.npz", arrays))
+    for layer, original in zip(loaded.layers, made.layers, strict=True):
+        np.testing.assert_allclose(layer.means + layer.origin, original.means + UTM, atol=1e-6)
+
+
+def test_float32_means_stay_as_they_are(tmp_path: Path) -> None:
+    made = make_gaussians()
+    far = (made.means + UTM).astype(np.float32)
+    loaded = load_gaussians(write(tmp_path / "g.npz", arrays_of(made, means=far)))
+    assert not loaded.origin.any()
+    np.testing.assert_array_equal(loaded.means, far)
+
+
+def test_lists_become_pixels_where_grid_or_cameras_say_so(tmp_path: Path) -> None:
+    made = make_gaussians()
+    flat = made.flat()
+    path = write(tmp_path / "g.npz", {name: getattr(flat, name) for name in FIELDS})
+    assert load_gaussians(path).means.shape == (192, 3)
+    gridded = load_gaussians(path, grid=(2, 8, 12))
+    assert gridded.means.shape == (2, 8, 12, 3) and not gridded.cameras
+    assert_identical(load_gaussians(path, cameras=made.cameras), made)
+    assert_identical(load_gaussians(path, grid=(2, 8, 12), cameras=made.cameras), made)
+    assert_identical(load_gaussians(path, cameras=list(made.cameras), grid=None), made)
+    assert "not the pixels of a 2x8x13 grid" in refusal(path, grid=(2, 8, 13))
+    assert "sizes" in refusal(path, grid=(2, 8, 12), cameras=make_cameras(2, 9, 12))
+    for grid in [(2, 96), (0, 8, 12), (-2, -8, 12)]:
+        with pytest.raises(InputError, match=r"grid: .*expected \(V, H, W\)"):
+            load_gaussians(path, grid=grid)  # type: ignore[arg-type]
+    flat_with_cameras = write(tmp_path / "h.npz", {**arrays_of(made), **{n: getattr(flat, n) for n in FIELDS}})
+    assert "give their pixels with --grid V,H,W" in refusal(flat_with_cameras)
+    assert_identical(load_gaussians(flat_with_cameras, grid=(2, 8, 12)), made)
+
+
+MADE = make_gaussians()
+FAULTS: list[tuple[dict[str, Any], str]] = [
+    ({"means": None, "sh": None}, "lacks means, sh; expected means, quats"),
+    ({"K": None}, "c2w without K"),
+    ({"c2w": None}, "K without c2w"),
+    ({"K": np.eye(3)}, "K: shape (3, 3), expected (2, 3, 3)"),
+    ({"c2w": np.zeros((3, 4, 4))}, "c2w: shape (3, 4, 4), expected (2, 4, 4)"),
+    ({"K": np.stack([np.eye(3), -np.eye(3)])}, "K[1]: focal length"),
+    ({"c2w": np.zeros((2, 4, 4))}, "c2w[0]: no rotation"),
+    ({"opacities": MADE.opacities[..., None]}, "opacities: shape (2, 8, 12, 1), expected (V, H, W) or (N,)"),
+    ({"scales": MADE.scales[:1]}, "scales: shape (1, 8, 12, 3), expected (2, 8, 12, 3)"),
+    ({"scales": -MADE.scales}, "linear standard deviations"),
+    ({"opacities": MADE.opacities * 3 - 1}, "0 to 1 (linear)"),
+    ({"means": MADE.means * np.nan}, "means[0, 0, 0, 0]: nan"),
+    ({"means": MADE.means.astype(np.float64) * 1e300}, "means[0, 0, 0, 0]: "),
+    ({"means": np.float64(3)}, "means: shape (1,), expected (2, 8, 12, 3)"),
+    ({"quats": MADE.quats * 0}, "non-zero quaternion"),
+    ({"sh": MADE.sh[..., :3, :]}, "sh: 3 basis functions"),
+    ({"origin": np.zeros(2)}, "origin: shape (2,), expected (3,)"),
+    ({"origin": np.full(3, np.inf)}, "origin: "),
+    ({"means": np.zeros((2, 8, 12, 3), bool)}, "means: of type"),
+    ({"layer1_means": MADE.means}, "lacks layer1_quats"),
+    ({f"layer1_{n}": getattr(MADE, n) for n in FIELDS}, "layer1: expected per-pixel Gaussians"),
+    ({f"layer1_{n}": getattr(MADE, n) * (1, -1)[n == "scales"] for n in FIELDS}, "layer1_scales[0, 0, 0, 0]: "),
+]
+
+
+@BOTH
+@pytest.mark.parametrize(("changes", "words"), FAULTS, ids=[words for _, words in FAULTS])
+def test_fault_is_named_by_file_and_array(
+    tmp_path: Path, suffix: str, changes: dict[str, NDArray | None], words: str
+) -> None:
+    path = tmp_path / f"g{suffix}"
+    assert words in refusal(write(path, arrays_of(MADE, **changes)))
+
+
+def test_intrinsics_divided_by_the_image_size_are_noticed(tmp_path: Path) -> None:
+    made = make_gaussians(height=16, width=20)
+    K_unit = np.stack([c.K_unit for c in made.cameras])
+    assert "divided by the image's size" in refusal(write(tmp_path / "g.npz", arrays_of(made, K=K_unit)))
+
+
+def test_unknown_suffixes_are_refused_with_the_list(tmp_path: Path) -> None:
+    for name in ("g.spz", "g.pt", "g"):
+        for call in (load_gaussians, lambda path: save_gaussians(path, MADE)):
+            with pytest.raises(InputError, match=r"expected \.npz, \.safetensors, \.ply") as caught:
+                call(tmp_path / name)
+            assert caught.value.where == str(tmp_path / name)
+    assert "no such file" in refusal(tmp_path / "missing.npz")
+    (tmp_path / "folder.npz").mkdir()
+    assert "folder" in refusal(tmp_path / "folder.npz")
+
+
+@pytest.mark.parametrize(("suffix", "package"), [(".safetensors", "safetensors"), (".ply", "plyfile")])
+def test_missing_package_is_named_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str
+) -> None:
+    path = tmp_path / f"g{suffix}"
+    save_gaussians(path, MADE)
+    content = path.read_bytes()
+    for name in [m for m in sys.modules if m.partition(".")[0] == package]:
+        monkeypatch.setitem(sys.modules, name, None)
+    assert 'pip install "tinysplat[io]"' in refusal(path)
+    with pytest.raises(InputError, match="tinysplat"):
+        save_gaussians(path, MADE)
+    assert path.read_bytes() == content and list(tmp_path.iterdir()) == [path]
+
+
+# ---- hostile files -----------------------------------------------------------------------------------------------
+
+
+def npz_of_members(path: Path, members: dict[str, bytes], compression: int = zipfile.ZIP_DEFLATED) -> Path:
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return path
+
+
+def npy_header(text: str, version: tuple[int, int] = (1, 0)) -> bytes:
+    encoded = text.encode("latin1") + b"\n"
+    return b"\x93NUMPY" + bytes(version) + len(encoded).to_bytes(2 if version == (1, 0) else 4, "little") + encoded
+
+
+def described(shape: str, descr: str = "'<f4'") -> str:
+    return f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}"
+
+
+HEADERS = {
+    "2 GB": described("(536870912,)"),
+    "beyond 64 bits": described("(4294967296, 4294967296, 4294967296)"),
+    "negative": described("(-1, 3)"),
+    "objects": described("(2,)", "'|O'"),
+    "records": described("(2,)", "[('a', '<f4')]"),
+    "nested type": described("(2,)", "('<f4', (536870912,))"),
+    "strings": described("(2,)", "'<U1000000000'"),
+    "no shape": "{'descr': '<f4', 'fortran_order': False}",
+    "code": "__import__('os').getcwd()",
+    "deep": "(" * 5000,
+    "long": described("(2,)") + " " * 60000,
+    "too short for its data": described("(2, 8, 12, 3)"),
+}
+
+
+@pytest.mark.parametrize("header", HEADERS.values(), ids=HEADERS.keys())
+@pytest.mark.filterwarnings("ignore::UserWarning")  # numpy's, about headers of Python 2
+def test_hostile_npy_headers_are_refused_before_memory_is_taken(tmp_path: Path, header: str) -> None:
+    path = npz_of_members(tmp_path / "g.npz", {"means.npy": npy_header(header) + bytes(64)})
+    tracemalloc.start()
+    refusal(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 << 20
+
+
+def test_zip_bombs_are_refused_by_their_expansion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interchange, "MIN_BUDGET", 1 << 20)
+    data = io.BytesIO()
+    np.save(data, np.zeros((1 << 22,), np.float32))
+    path = npz_of_members(tmp_path / "g.npz", {"means.npy": data.getvalue()})
+    assert path.stat().st_size < 1 << 16
+    assert "16777216 bytes in all, expected at most" in refusal(path)
+    assert "expected at most 1000" in refusal(write(tmp_path / "h.npz", arrays_of(MADE)), max_bytes=1000)
+    assert "expected at most 1000" in refusal(write(tmp_path / "h.safetensors", arrays_of(MADE)), max_bytes=1000)
+
+
+def test_npz_with_damaged_data_is_refused_by_its_checksum(tmp_path: Path) -> None:
+    data = bytearray(write(tmp_path / "g.npz", arrays_of(MADE)).read_bytes())
+    position = data.index(MADE.means.tobytes()) + 5
+    data[position] ^= 1
+    (tmp_path / "g.npz").write_bytes(data)
+    assert "CRC" in refusal(tmp_path / "g.npz")
+
+
+def test_npz_with_more_data_than_its_shape_or_another_method_is_refused(tmp_path: Path) -> None:
+    body = npy_header(described("(2,)")) + bytes(8)
+    assert "longer than" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": body + bytes(3)}))
+    assert "another method" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": body}, zipfile.ZIP_LZMA))
+    version_3 = npy_header(described("(2,)"), (3, 0)) + bytes(8)
+    assert "format (3, 0)" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": version_3}))
+
+
+@BOTH
+def test_every_truncation_is_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"g{suffix}"
+    data = write(path, arrays_of(make_gaussians(1, 2, 2))).read_bytes()
+    for length in [*range(40), *range(40, len(data) - 1, 29), len(data) - 1]:
+        path.write_bytes(data[:length])
+        refusal(path)
+
+
+@BOTH
+def test_flipped_bits_are_refused_or_give_valid_gaussians(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"g{suffix}"
+    data = write(path, arrays_of(make_gaussians(1, 2, 2, degree=0))).read_bytes()
+    for position in range(0, len(data), 7):
+        damaged = bytearray(data)
+        damaged[position] ^= 1 << position % 8
+        path.write_bytes(damaged)
+        try:
+            load_gaussians(path)
+        except InputError as error:
+            assert str(error).startswith(f"{path}: ")
+
+
+def test_hostile_safetensors_headers_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "g.safetensors"
+    tensors = {
+        "beyond the file": {"means": {"dtype": "F32", "shape": [1 << 30], "data_offsets": [0, 1 << 32]}},
+        "bfloat16": {"means": {"dtype": "BF16", "shape": [2], "data_offsets": [0, 4]}},
+        "overlap": {n: {"dtype": "F32", "shape": [1], "data_offsets": [0, 4]} for n in ("means", "sh")},
+    }
+    for header in tensors.values():
+        text = json.dumps(header).encode()
+        path.write_bytes(len(text).to_bytes(8, "little") + text + bytes(4))
+        refusal(path)
+    text = b'{"means":' * 1000
+    path.write_bytes(len(text).to_bytes(8, "little") + text)
+    refusal(path)

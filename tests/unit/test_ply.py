@@ -1,0 +1,196 @@
+"""3DGS .ply files: the reference layout, conversions both ways, other writers' variants, hostile headers."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plyfile
+import pytest
+from numpy.typing import NDArray
+from scenes import make_gaussians
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.interchange import load_gaussians, save_gaussians
+from tinysplat_runtime.quaternions import normalize_quats
+
+NAMES = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{i}" for i in range(45)), "opacity"]
+NAMES += ["scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+
+
+def refusal(path: Path, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        load_gaussians(path, **options)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 400
+    return message
+
+
+def vertices(count: int, degree: int, seed: int = 0, **changes: str | None) -> NDArray:
+    """Random vertices as other tools write them; `changes` gives a property another type, or None to leave it out."""
+    rng = np.random.default_rng(seed)
+    names = [n for n in NAMES if not n.startswith("f_rest") or int(n[7:]) < 3 * ((degree + 1) ** 2 - 1)]
+    kept = [(name, changes.get(name, "f4")) for name in names]
+    vertex = np.zeros(count, [(name, kind) for name, kind in kept if kind is not None])
+    for name in vertex.dtype.names or ():
+        vertex[name] = rng.normal(size=count)
+    return vertex
+
+
+def write(path: Path, vertex: NDArray, **options: Any) -> Path:
+    plyfile.PlyData([plyfile.PlyElement.describe(vertex, "vertex")], **options).write(str(path))
+    return path
+
+
+def test_written_file_has_the_reference_layout(tmp_path: Path) -> None:
+    made = make_gaussians(degree=3).flat()
+    assert save_gaussians(tmp_path / "g.ply", made) == []
+    data = plyfile.PlyData.read(str(tmp_path / "g.ply"))
+    assert (data.text, data.byte_order, [e.name for e in data]) == (False, "<", ["vertex"])
+    vertex = data["vertex"].data
+    assert list(vertex.dtype.names) == NAMES and all(vertex.dtype[n] == np.float32 for n in NAMES)
+    np.testing.assert_array_equal(np.stack([vertex[n] for n in "xyz"], -1), made.means)
+    assert not any(vertex[n].any() for n in ("nx", "ny", "nz"))
+    for b in range(1, 16):
+        for c in range(3):  # all of red first, then green, then blue
+            np.testing.assert_array_equal(vertex[f"f_rest_{15 * c + b - 1}"], made.sh[:, b, c])
+    np.testing.assert_allclose(1 / (1 + np.exp(-vertex["opacity"])), made.opacities, rtol=1e-5)
+    np.testing.assert_allclose(np.exp(vertex["scale_1"]), made.scales[:, 1], rtol=1e-5)
+    np.testing.assert_allclose(vertex["rot_0"], normalize_quats(made.quats)[:, 0], atol=1e-7)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_round_trip_keeps_every_attribute(tmp_path: Path, degree: int) -> None:
+    made = make_gaussians(degree=degree, layers=3)
+    save_gaussians(tmp_path / "g.ply", made)
+    loaded, flat = load_gaussians(tmp_path / "g.ply"), made.flat()
+    np.testing.assert_array_equal(loaded.means, flat.means)
+    np.testing.assert_array_equal(loaded.sh, flat.sh)
+    np.testing.assert_allclose(loaded.opacities, flat.opacities, atol=1e-7, rtol=1e-6)
+    np.testing.assert_allclose(loaded.scales, flat.scales, rtol=1e-6)
+    np.testing.assert_allclose(loaded.quats, normalize_quats(flat.quats), atol=1e-7)
+
+
+def test_points_become_pixels_again(tmp_path: Path) -> None:
+    made = make_gaussians()
+    save_gaussians(tmp_path / "g.ply", made)
+    loaded = load_gaussians(tmp_path / "g.ply", cameras=made.cameras)
+    assert loaded.is_per_pixel and loaded.cameras == made.cameras
+    np.testing.assert_array_equal(loaded.means, made.means)
+    assert "(192,) are not the pixels of a 2x8x8 grid" in refusal(tmp_path / "g.ply", grid=(2, 8, 8))
+
+
+def test_limits_of_opacity_and_scale_stay_finite(tmp_path: Path) -> None:
+    made = make_gaussians().flat()
+    fields = {name: getattr(made, name).copy() for name in FIELDS}
+    fields["opacities"][:3], fields["scales"][:2] = (0, 1, 1 - 2**-24), 0
+    save_gaussians(tmp_path / "g.ply", Gaussians(**fields))
+    vertex = plyfile.PlyData.read(str(tmp_path / "g.ply"))["vertex"].data
+    assert all(np.isfinite(vertex[name]).all() for name in NAMES if name in vertex.dtype.names)
+    loaded = load_gaussians(tmp_path / "g.ply")
+    np.testing.assert_allclose(loaded.opacities, fields["opacities"], atol=1e-7, rtol=1e-6)
+    np.testing.assert_allclose(loaded.scales, fields["scales"], atol=1e-37, rtol=1e-6)
+
+
+def test_degree_4_is_cut_to_3_and_said_so(tmp_path: Path) -> None:
+    made = make_gaussians(degree=4)
+    notes = save_gaussians(tmp_path / "g.ply", made)
+    assert len(notes) == 1 and "degree 4 cut to 3" in notes[0]
+    np.testing.assert_array_equal(load_gaussians(tmp_path / "g.ply").sh, made.flat().sh[:, :16])
+
+
+def test_origin_is_added_and_far_positions_are_double(tmp_path: Path) -> None:
+    made = make_gaussians()
+    fields = {name: getattr(made, name) for name in FIELDS}
+    for origin, kind in [
+        (np.array([1.0, 2, 3]), np.float32),
+        (np.array([431_000.25, 5_411_000.75, 210.5]), np.float64),
+    ]:
+        notes = save_gaussians(tmp_path / "g.ply", Gaussians(**fields, origin=origin))
+        vertex = plyfile.PlyData.read(str(tmp_path / "g.ply"))["vertex"].data
+        assert {vertex.dtype[n].type for n in "xyz"} == {kind}
+        assert bool(notes) == (kind == np.float64)
+        loaded = load_gaussians(tmp_path / "g.ply")
+        error = np.abs(loaded.means + loaded.origin - (made.flat().means.astype(np.float64) + origin))
+        assert error.max() < 1e-6
+
+
+@pytest.mark.parametrize("options", [{"byte_order": ">"}, {"text": True}], ids=str)
+def test_other_encodings_and_column_orders_load(tmp_path: Path, options: dict[str, Any]) -> None:
+    vertex = vertices(5, degree=2, nx=None, ny=None, nz=None)
+    names = list(reversed(vertex.dtype.names or ()))
+    reordered = np.zeros(5, [(name, "f4") for name in names])
+    for name in names:
+        reordered[name] = vertex[name]
+    plain = load_gaussians(write(tmp_path / "a.ply", vertex))
+    other = load_gaussians(write(tmp_path / "b.ply", reordered, **options))
+    for name in FIELDS:
+        np.testing.assert_allclose(getattr(other, name), getattr(plain, name), rtol=1e-6)
+
+
+def test_extreme_logits_and_logarithms(tmp_path: Path) -> None:
+    vertex = vertices(4, degree=0)
+    vertex["opacity"] = [-1e30, 1e30, -100, 100]
+    loaded = load_gaussians(write(tmp_path / "a.ply", vertex))
+    np.testing.assert_allclose(loaded.opacities, [0, 1, 3.72e-44, 1], rtol=1e-6, atol=1e-44)
+    vertex["scale_1"][2] = 1e30
+    assert "scales[2, 1]: inf" in refusal(write(tmp_path / "b.ply", vertex))
+    vertex["x"][1] = np.nan
+    assert "means[1, 0]: nan" in refusal(write(tmp_path / "c.ply", vertex))
+
+
+def test_other_layouts_are_refused_with_what_they_lack(tmp_path: Path) -> None:
+    cases: list[tuple[NDArray, str]] = [
+        (vertices(3, 1, scale_2=None), "lacks scale_2"),
+        (vertices(3, 1, opacity=None, rot_0=None), "lacks opacity, rot_0"),
+        (vertices(3, 1, f_rest_4=None), "lacks f_rest_4"),
+        (vertices(3, 1, f_rest_7=None, f_rest_8=None), "7 f_rest properties"),
+        (vertices(3, 1, **{f"f_rest_{i}": None for i in range(3, 9)}), "sh: 2 basis functions"),
+    ]
+    for number, (vertex, words) in enumerate(cases):
+        assert words in refusal(write(tmp_path / f"{number}.ply", vertex))
+    face = plyfile.PlyElement.describe(np.array([([0, 1, 2],)], [("vertex_indices", "i4", (3,))]), "face")
+    plyfile.PlyData([face]).write(str(tmp_path / "mesh.ply"))
+    assert "lacks x, y, z" in refusal(tmp_path / "mesh.ply")
+
+
+HEADER = b"ply\nformat %s 1.0\nelement vertex %s\nproperty float x\nproperty list uchar int y\nend_header\n"
+HOSTILE = {
+    "binary bomb": HEADER % (b"binary_little_endian", b"100000000000"),
+    "ascii bomb": HEADER % (b"ascii", b"100000000000"),
+    "no properties": b"ply\nformat ascii 1.0\nelement vertex 100000000000\nend_header\n",
+    "endless count": HEADER % (b"ascii", b"9" * 5000),
+    "negative count": HEADER % (b"ascii", b"-5"),
+    "mac line ends": (HEADER % (b"ascii", b"100000000000")).replace(b"\n", b"\r"),
+    "no end": b"ply\nformat ascii 1.0\ncomment " + b"x" * 100_000,
+    "other file": b"PK\3\4",
+    "nothing": b"",
+    "no format": b"ply\nend_header\n",
+    "unknown type": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\nend_header\n1\n",
+    "words": (HEADER % (b"ascii", b"2")) + b"one two three four\n",
+}
+
+
+@pytest.mark.parametrize("data", HOSTILE.values(), ids=HOSTILE.keys())
+def test_hostile_files_are_refused_within_memory(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "g.ply").write_bytes(data)
+    tracemalloc.start()
+    refusal(tmp_path / "g.ply")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 << 20
+
+
+def test_every_truncation_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "g.ply", vertices(3, 0))
+    data = path.read_bytes()
+    for length in [*range(0, len(data) - 1, 11), len(data) - 1]:
+        path.write_bytes(data[:length])
+        refusal(path)
+
+
+def test_files_beyond_the_limit_are_refused(tmp_path: Path) -> None:
+    assert "1000 bytes can hold" in refusal(write(tmp_path / "g.ply", vertices(30, 1)), max_bytes=1000)
