@@ -1,0 +1,108 @@
+"""Which way imports point: export → tinysplat → tinysplat_runtime, and the runtime needs numpy, onnxruntime and av."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
+
+ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "tinysplat_runtime"}
+
+EXTRAS_INSIDE_FUNCTIONS = {
+    "interchange.py": {"safetensors"},  # tinysplat[io]
+    "ply.py": {"plyfile"},  # tinysplat[io]
+    "progress.py": {"tqdm"},  # a nicer bar, where it happens to be installed
+}
+"""Packages that an extra brings, by the one module whose functions may import them."""
+
+
+def sources(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*.py") if "__pycache__" not in path.parts)
+
+
+def imports(path: Path) -> Iterator[tuple[str, int, bool]]:
+    """(top-level package, line, whether inside a function) of every absolute import of a file."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    inside = {
+        id(node)
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(function)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names = [node.module or ""]
+        else:
+            continue
+        for name in names:
+            yield name.partition(".")[0], node.lineno, id(node) in inside
+
+
+def test_runtime_imports_only_what_ships_to_the_edge() -> None:
+    files = sources(RUNTIME)
+    assert len(files) > 10
+    breaks = []
+    for path in files:
+        extras = EXTRAS_INSIDE_FUNCTIONS.get(path.relative_to(RUNTIME).as_posix(), set())
+        for package, line, is_inside in imports(path):
+            if package not in ALLOWED_IN_RUNTIME and not (is_inside and package in extras):
+                breaks.append(f"{path.relative_to(ROOT)}:{line} imports {package}")
+    assert breaks == []
+
+
+def test_runtime_imports_nothing_by_name_at_run_time() -> None:
+    """`importlib` and `__import__` would pass by the list above; only the public door may load its own modules."""
+    names = {
+        path.relative_to(RUNTIME).as_posix(): {
+            getattr(node, "attr", getattr(node, "id", None))
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Attribute | ast.Name)
+        }
+        for path in sources(RUNTIME)
+    }
+    assert {path for path, used in names.items() if used & {"import_module", "__import__"}} <= {"__init__.py"}
+
+
+@pytest.mark.parametrize(
+    ("folder", "banned"), [("tinysplat", {"export"}), ("runtime", {"export", "tinysplat", "torch"})]
+)
+def test_imports_never_point_back(folder: str, banned: set[str]) -> None:
+    files = sources(ROOT / folder)
+    assert files
+    assert [f"{path}:{line}" for path in files for package, line, _ in imports(path) if package in banned] == []
+
+
+BLOCKED = ("torch", "onnx", "tinysplat", "export", "onnxscript", "safetensors", "plyfile", "tqdm", "PIL", "skimage")
+
+IMPORT_ALL = f"""
+import importlib, pkgutil, sys
+sys.modules.update(dict.fromkeys({BLOCKED!r}))
+import tinysplat_runtime
+assert not {{"av", "numpy", "onnxruntime"}} & set(sys.modules), "importing the package must load no library"
+names = [m.name for m in pkgutil.walk_packages(tinysplat_runtime.__path__, "tinysplat_runtime.")]
+for name in names:
+    if not name.endswith("__main__"):
+        importlib.import_module(name)
+for name in tinysplat_runtime.__all__:
+    getattr(tinysplat_runtime, name)
+print(len(names))
+"""
+
+
+def test_every_runtime_module_loads_without_torch_onnx_and_extras() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", IMPORT_ALL], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 10
