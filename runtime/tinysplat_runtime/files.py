@@ -107,7 +107,7 @@ def parsing(what: str) -> Iterator[None]:
     """Turn what a library raises on damaged bytes, of which there are a dozen types, into an InputError."""
     try:
         yield
-    except (InputError, ImportError):
+    except (InputError, ImportError, PermissionError):
         raise
     except Exception as error:
         raise InputError(f"damaged or foreign {what} ({str(error)[:120] or type(error).__name__})") from None

@@ -136,12 +136,12 @@ def resize_cover(image: NDArray, height: int, width: int) -> NDArray:
     """
     # The camera of the image with unit intrinsics: where it puts a pixel is the definition of where we put it.
     to_output = Camera(np.eye(3), np.eye(4), width=image.shape[1], height=image.shape[0]).resized(height, width).K
-    unit = np.float32(1 / 255 if image.dtype == np.uint8 else 1)
+    white = np.float32(255 if image.dtype == np.uint8 else 1)
     rows = _resample(image, *_lanczos_taps(image.shape[0], height, to_output[1, 1], to_output[1, 2]))  # (height, W, 3)
     columns = _resample(
         rows.swapaxes(0, 1), *_lanczos_taps(image.shape[1], width, to_output[0, 0], to_output[0, 2])
     )  # (width, height, 3)
-    return np.ascontiguousarray(np.clip(columns * unit, 0, 1).swapaxes(0, 1))
+    return np.ascontiguousarray(np.clip(columns / white, 0, 1).swapaxes(0, 1))
 
 
 def _lanczos_taps(n_in: int, n_out: int, scale: float, shift: float) -> tuple[NDArray, NDArray]:
@@ -152,7 +152,7 @@ def _lanczos_taps(n_in: int, n_out: int, scale: float, shift: float) -> tuple[ND
     index = np.floor(centre - radius).astype(np.int64) + np.arange(int(np.ceil(2 * radius)) + 1)[:, None]
     distance = (index + 0.5 - centre) / stretch
     weight = np.where(np.abs(distance) < LANCZOS_LOBES, np.sinc(distance) * np.sinc(distance / LANCZOS_LOBES), 0)
-    weight[(index < 0) | (index >= n_in)] = 0
+    weight[(index < 0) | (index >= n_in) | (np.abs(weight) < 1e-9)] = 0  # sinc's zeros: whole-pixel crops copy
     return index.clip(0, n_in - 1), (weight / weight.sum(axis=0)).astype(np.float32)
 
 

@@ -47,7 +47,7 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
     with parsing(".ply file"):
         elements = {element.name: element for element in plyfile.PlyData.read(str(path))}
         vertex = elements["vertex"].data if "vertex" in elements else np.zeros(0)
-    names = vertex.dtype.names or ()
+    names = [name for name in vertex.dtype.names or () if vertex.dtype[name].kind in "fiu"]  # lists are objects
     rest = [f"f_rest_{i}" for i in range(sum(_REST.fullmatch(name) is not None for name in names))]
     missing = [name for name in (*_MEANS, *_CONSTANT, *rest, *_OPACITY, *_SCALES, *_QUATS) if name not in names]
     if missing or len(rest) % 3:

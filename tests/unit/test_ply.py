@@ -152,6 +152,9 @@ def test_other_layouts_are_refused_with_what_they_lack(tmp_path: Path) -> None:
     ]
     for number, (vertex, words) in enumerate(cases):
         assert words in refusal(write(tmp_path / f"{number}.ply", vertex))
+    lists = vertices(3, 1, x="O")
+    lists["x"] = [np.zeros(n, "f4") for n in range(3)]
+    assert "lacks x," in refusal(write(tmp_path / "lists.ply", lists))
     face = plyfile.PlyElement.describe(np.array([([0, 1, 2],)], [("vertex_indices", "i4", (3,))]), "face")
     plyfile.PlyData([face]).write(str(tmp_path / "mesh.ply"))
     assert "lacks x, y, z" in refusal(tmp_path / "mesh.ply")
