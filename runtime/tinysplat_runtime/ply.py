@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
     _check_header(path, max_bytes)
     with parsing(".ply file"):
         elements = {element.name: element for element in plyfile.PlyData.read(str(path))}
-        vertex = elements["vertex"].data if "vertex" in elements else np.zeros(0)
+        vertex: NDArray[Any] = elements["vertex"].data if "vertex" in elements else np.zeros(0)
     names = [name for name in vertex.dtype.names or () if vertex.dtype[name].kind in "fiu"]  # lists are objects
     rest = [f"f_rest_{i}" for i in range(sum(_REST.fullmatch(name) is not None for name in names))]
     missing = [name for name in (*_MEANS, *_CONSTANT, *rest, *_OPACITY, *_SCALES, *_QUATS) if name not in names]
