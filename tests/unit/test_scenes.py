@@ -156,7 +156,7 @@ FAULTS: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     (lambda d: d.update(near=0), "near: 0, expected"),
     (lambda d: d.update(far=10**400), "far"),
     (lambda d: d.update(far=float("inf")), "holds Infinity"),
-    (lambda d: d.update(near=float("nan")), "holds NaN"),
+    (lambda d: d.update(near=float("nan")), "near: nan"),
 ]
 
 

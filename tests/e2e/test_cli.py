@@ -1,0 +1,276 @@
+"""The installed console script, from photos to a picture, and what it says of bad input."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import make_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.images import read_image, write_png
+
+SCRIPT = Path(sys.executable).with_name("tinysplat")
+
+
+def tinysplat(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    command = [str(SCRIPT), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
+
+
+def succeed(*arguments: object) -> str:
+    done = tinysplat(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def fail(*arguments: object) -> str:
+    """Run a command that must refuse its input: exit status 2 and one line."""
+    done = tinysplat(*arguments)
+    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1 and "Traceback" not in done.stderr, done.stderr
+    return done.stderr
+
+
+def _photo(shift: float, height: int = 48, width: int = 64) -> np.ndarray:
+    v, u = np.mgrid[:height, :width]
+    u = u + shift
+    texture = np.stack([np.sin(u / 3) * np.cos(v / 4), np.sin(u / 5 + 1), np.cos(v / 3 + u / 7)], axis=-1)
+    return (127.5 + 120 * texture).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    """Two photos of a textured plane at z = 4, cameras 0.2 apart: 3 px of disparity."""
+    folder = tmp_path_factory.mktemp("scene")
+    frames = []
+    for index in range(2):
+        write_png(folder / f"{index}.png", _photo(3.0 * index))
+        c2w = np.eye(4)
+        c2w[0, 3] = 0.2 * index
+        K = [[60, 0, 32], [0, 60, 24], [0, 0, 1]]
+        frames.append({"file": f"{index}.png", "width": 64, "height": 48, "K": K, "c2w": c2w.tolist()})
+    (folder / "cameras.json").write_text(json.dumps({"frames": frames, "near": 2.0, "far": 8.0}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def encoded(scene, tmp_path_factory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("encoded")
+    paths = {"file": folder / "s.tsplat", "report": folder / "r.json", "raw": folder / "raw.npz"}
+    succeed("encode", scene, "-o", paths["file"], "--report", paths["report"], "--save-gaussians", paths["raw"])
+    return paths
+
+
+def test_photos_become_a_file_whose_report_adds_up(encoded):
+    report = json.loads(encoded["report"].read_text())
+    assert report["bytes"] == encoded["file"].stat().st_size
+    assert report["bytes"] == sum(report["bytes_by_class"].values()) + report["metadata_bytes"]
+    assert {"network", "vpt", "vabr", "quantise", "x265", "write"} <= set(report["seconds"])
+    assert (report["views"], report["height"], report["width"]) == (2, 48, 64)
+    assert report["peak_rss_bytes"] > 1 << 20
+    assert set(report["error_by_attribute"]) == {"means", "quats", "scales", "opacities", "sh"}
+    assert set(report["clipped"]) <= set(report["bytes_by_class"])
+    assert isinstance(report["left_out"], list)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".safetensors", ".ply"])
+def test_files_decode_to_every_format(encoded, tmp_path, suffix):
+    report = tmp_path / "r.json"
+    succeed("decode", encoded["file"], "-o", tmp_path / f"g{suffix}", "--report", report)
+    assert {"parse", "libavcodec", "synthesis"} <= set(json.loads(report.read_text())["seconds"])
+    decoded = ts.decompress(encoded["file"].read_bytes())
+    found = ts.load_gaussians(tmp_path / f"g{suffix}")
+    np.testing.assert_allclose(found.flat().means, decoded.flat().means, atol=1e-6)
+
+
+def test_a_decoded_view_looks_like_the_raw_one(encoded, tmp_path):
+    succeed("render", encoded["file"], "-o", tmp_path / "decoded.png", "--camera", "1")
+    succeed("render", encoded["raw"], "-o", tmp_path / "raw.png", "--camera", "1")
+    a, b = (read_image(tmp_path / f"{n}.png").astype(float) / 255 for n in ("decoded", "raw"))
+    assert a.shape == (48, 64, 3)
+    assert -10 * np.log10(np.mean((a - b) ** 2)) > 30
+
+
+def test_a_path_becomes_a_video(encoded, tmp_path):
+    for path in ("between", "orbit"):
+        succeed("render", encoded["file"], "-o", tmp_path / f"{path}.mp4", "--path", path, "--frames", 4)
+        assert (tmp_path / f"{path}.mp4").stat().st_size > 500
+
+
+def test_a_camera_of_another_file_can_be_rendered_at_another_size(encoded, scene, tmp_path):
+    succeed("render", encoded["file"], "-o", tmp_path / "x.png", "--camera", f"{scene}/cameras.json:1", "--size", "20x30")
+    assert read_image(tmp_path / "x.png").shape == (20, 30, 3)
+
+
+def test_info_is_an_object_without_decoding(encoded):
+    described = json.loads(succeed("info", encoded["file"], "--json"))
+    assert described["bytes"] == encoded["file"].stat().st_size
+    assert {"planes", "bytes_by_class", "left_out"} <= set(described)
+    assert "depth" in succeed("info", encoded["file"])
+
+
+def test_models_lists_networks_and_graphs():
+    listed = json.loads(succeed("models", "--json"))
+    assert listed["sweep"]["role"] == "network"
+    assert {"analysis", "synthesis"} <= {entry["role"] for entry in listed.values()}
+
+
+@pytest.mark.parametrize("profile", ["paper", "fast", "balanced", "max"])
+def test_gaussians_of_any_network_compress_and_the_bytes_do_not_depend_on_threads(tmp_path, profile):
+    ts.save_gaussians(tmp_path / "g.npz", make_gaussians(3, 20, 26, degree=2))
+    for threads in (1, 4):
+        succeed("compress", tmp_path / "g.npz", "-o", tmp_path / f"{threads}.tsplat", "--profile", profile, "--threads", threads)
+    assert (tmp_path / "1.tsplat").read_bytes() == (tmp_path / "4.tsplat").read_bytes()
+
+
+def test_quiet_commands_print_nothing(encoded, tmp_path):
+    assert succeed("decode", encoded["file"], "-o", tmp_path / "g.npz", "-q") == ""
+
+
+def _cameras(scene: Path, change) -> str:
+    document = json.loads((scene / "cameras.json").read_text())
+    change(document)
+    return json.dumps(document)
+
+
+BAD_SCENES = {
+    "missing image": (lambda d: d["frames"][1].update(file="gone.png"), "gone.png"),
+    "size unlike the photo": (lambda d: d["frames"][0].update(width=65), "0.png"),
+    "no rotation": (lambda d: d["frames"][1]["c2w"][0].__setitem__(0, 2.0), "frames[1].c2w"),
+    "negative focal length": (lambda d: d["frames"][0]["K"][0].__setitem__(0, -60), "frames[0].K"),
+    "singular K": (lambda d: d["frames"][0]["K"][1].__setitem__(1, 0), "frames[0].K"),
+    "near beyond far": (lambda d: d.update(near=9.0), "near"),
+    "near at zero": (lambda d: d.update(near=0.0), "near"),
+    "no near": (lambda d: d.pop("near"), "--near"),
+    "NaN": (lambda d: d["frames"][0]["K"][0].__setitem__(2, float("nan")), "frames[0].K"),
+    "identical poses": (lambda d: d["frames"][1].update(c2w=np.eye(4).tolist()), "pose"),
+    "one view": (lambda d: d["frames"].pop(), "view"),
+    "no frames": (lambda d: d.pop("frames"), "frames"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_SCENES)
+def test_bad_scenes_are_one_line_and_no_file(scene, tmp_path, case):
+    change, named = BAD_SCENES[case]
+    for index in range(2):
+        (tmp_path / f"{index}.png").write_bytes((scene / f"{index}.png").read_bytes())
+    (tmp_path / "cameras.json").write_text(_cameras(scene, change))
+    message = fail("encode", tmp_path, "-o", tmp_path / "out.tsplat")
+    assert named in message, message
+    assert not (tmp_path / "out.tsplat").exists()
+
+
+def test_an_unreadable_photo_is_named(scene, tmp_path):
+    (tmp_path / "0.png").write_bytes((scene / "0.png").read_bytes()[:200])
+    (tmp_path / "1.png").write_bytes(b"not a picture")
+    (tmp_path / "cameras.json").write_text((scene / "cameras.json").read_text())
+    assert "0.png" in fail("encode", tmp_path, "-o", tmp_path / "out.tsplat")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--views", "0,7"], "7"),
+        (["--views", "0"], "view"),
+        (["--views", "0,0"], "0"),
+        (["--views", "a"], "--views"),
+        (["--model", "nonesuch"], "sweep"),
+        (["--model", "nonesuch.onnx"], "nonesuch.onnx"),
+        (["--qp", "1000"], "qp"),
+        (["--qp", "nan"], "qp"),
+        (["--profile", "best"], "paper"),
+        (["--size", "0x5"], "--size"),
+        (["--threads", "0"], "--threads"),
+        (["--near", "5", "--far", "1"], "near"),
+    ],
+)
+def test_bad_options_are_one_line(scene, tmp_path, arguments, named):
+    assert named in fail("encode", scene, "-o", tmp_path / "out.tsplat", *arguments)
+    assert not (tmp_path / "out.tsplat").exists()
+
+
+def test_a_graph_that_breaks_the_contract_is_refused(scene, tmp_path):
+    graph = Path(__file__).resolve().parents[2] / "models" / "analysis_moment.onnx"
+    assert "images" in fail("encode", scene, "-o", tmp_path / "o.tsplat", "--model", graph)
+    (tmp_path / "bad.onnx").write_bytes(b"junk")
+    assert "bad.onnx" in fail("encode", scene, "-o", tmp_path / "o.tsplat", "--model", tmp_path / "bad.onnx")
+
+
+def _bad_gaussians(field: str, value: float) -> dict[str, np.ndarray]:
+    g = make_gaussians(2, 5, 6)
+    arrays = {name: getattr(g, name).copy() for name in ("means", "quats", "scales", "opacities", "sh")}
+    arrays[field][1, 2, 3] = value
+    return {**arrays, "K": np.stack([c.K for c in g.cameras]), "c2w": np.stack([c.c2w for c in g.cameras])}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("means", np.nan), ("quats", 0), ("scales", -1), ("opacities", 1.2), ("sh", np.inf)]
+)
+def test_bad_gaussians_are_named_by_file_field_and_index(tmp_path, field, value):
+    np.savez(tmp_path / "g.npz", **_bad_gaussians(field, value))
+    message = fail("compress", tmp_path / "g.npz", "-o", tmp_path / "o.tsplat")
+    assert "g.npz" in message and f"{field}[1, 2, 3" in message
+    assert not (tmp_path / "o.tsplat").exists()
+
+
+def test_gaussians_behind_their_camera_are_counted_by_view_and_can_be_dropped(tmp_path):
+    arrays = _bad_gaussians("opacities", 0.5)
+    c2w = arrays["c2w"][1]
+    arrays["means"][1, 2, 3] = c2w[:3, 3] - c2w[:3, 2]  # one unit behind
+    np.savez(tmp_path / "g.npz", **arrays)
+    message = fail("compress", tmp_path / "g.npz", "-o", tmp_path / "o.tsplat")
+    assert "view 1: 1 Gaussian" in message and "--drop-invalid" in message
+    succeed("compress", tmp_path / "g.npz", "-o", tmp_path / "o.tsplat", "--drop-invalid")
+    assert ts.decompress((tmp_path / "o.tsplat").read_bytes()).opacities[1, 2, 3] < 0.1
+
+
+def test_damaged_and_foreign_files_are_named(encoded, tmp_path):
+    data = encoded["file"].read_bytes()
+    (tmp_path / "cut.tsplat").write_bytes(data[: len(data) // 2])
+    (tmp_path / "foreign.tsplat").write_bytes(b"PK\x03\x04 something else entirely")
+    for name in ("cut", "foreign", "gone"):
+        for command in (["decode", "-o", tmp_path / "g.npz"], ["info"], ["render", "-o", tmp_path / "x.png"]):
+            assert f"{name}.tsplat" in fail(command[0], tmp_path / f"{name}.tsplat", *command[1:])
+    assert not (tmp_path / "g.npz").exists() and not (tmp_path / "x.png").exists()
+
+
+def test_outputs_that_cannot_be_written_are_named(encoded, tmp_path):
+    assert "nowhere" in fail("decode", encoded["file"], "-o", tmp_path / "nowhere" / "g.npz")
+    (tmp_path / "folder.npz").mkdir()
+    assert "folder.npz" in fail("decode", encoded["file"], "-o", tmp_path / "folder.npz")
+    assert ".spz" in fail("decode", encoded["file"], "-o", tmp_path / "g.spz")
+    assert ".jpg" in fail("render", encoded["file"], "-o", tmp_path / "g.jpg")
+
+
+def test_a_write_that_the_system_cuts_short_is_one_line_and_no_debris(encoded, tmp_path):
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+
+    command = [str(SCRIPT), "decode", str(encoded["file"]), "-o", str(tmp_path / "g.npz")]
+    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limit, timeout=60, check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert "g.npz" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_photos_than_can_all_be_used_names_the_option(scene, tmp_path):
+    document = json.loads((scene / "cameras.json").read_text())
+    document["frames"] = [document["frames"][0]] * 7
+    (tmp_path / "0.png").write_bytes((scene / "0.png").read_bytes())
+    (tmp_path / "cameras.json").write_text(json.dumps(document))
+    assert "--views" in fail("encode", tmp_path, "-o", tmp_path / "o.tsplat")
+
+
+def test_commands_of_an_extra_that_is_not_installed_name_the_extra():
+    assert 'pip install "tinysplat[cluster]"' in fail("batch", "x")
+
+
+def test_unknown_commands_are_one_line():
+    assert "encode" in fail("transmogrify")
