@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +43,7 @@ def encode(args: Namespace) -> None:
     runtime, watch = Runtime(threads=args.threads), Stopwatch()
     gaussians = runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch)
     if args.save_gaussians:
-        save_gaussians(args.save_gaussians, gaussians)
+        _save_gaussians(args.save_gaussians, gaussians)
     _compress(args, runtime, gaussians, EncodeStats(watch=watch))
 
 
@@ -63,7 +64,7 @@ def decode(args: Namespace) -> None:
     data = read_limited(args.file, MAX_FILE_BYTES)
     gaussians = _decompress(runtime, data, args.file, watch)
     with watch.stage("write"):
-        save_gaussians(args.output, gaussians)
+        _save_gaussians(args.output, gaussians)
     if args.report:
         _write_json(args.report, _report(inspect_bytes(data, runtime.limits), watch))
     if not args.quiet:
@@ -116,6 +117,12 @@ def models(args: Namespace) -> None:
         size = artifact.path.stat().st_size if artifact.path.is_file() else 0
         purpose = (artifact.entry or {}).get("purpose", "")
         print(f"{name:18} {artifact.role:10} {size / 1000:9.1f} KB  {purpose}")
+
+
+def _save_gaussians(path: str, gaussians: Gaussians) -> None:
+    """Write a Gaussian file; what its format could not keep is said on standard error."""
+    for loss in save_gaussians(path, gaussians):
+        print(f"{path}: {loss}", file=sys.stderr)
 
 
 def _chosen_views(scene: Scene, views: Sequence[int] | None) -> Scene:

@@ -155,7 +155,7 @@ FAULTS: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     (lambda d: d.update(near="2"), "near: a JSON string"),
     (lambda d: d.update(near=0), "near: 0, expected"),
     (lambda d: d.update(far=10**400), "far"),
-    (lambda d: d.update(far=float("inf")), "holds Infinity"),
+    (lambda d: d.update(far=float("inf")), "far: inf"),
     (lambda d: d.update(near=float("nan")), "near: nan"),
 ]
 
