@@ -53,7 +53,8 @@ class Camera:
         K, c2w = _array("K", self.K, (3, 3)), _array("c2w", self.c2w, (4, 4))
         for name in ("width", "height"):
             value = getattr(self, name)
-            if isinstance(value, bool) or value != int(value) or not 1 <= value <= MAX_IMAGE_SIDE:
+            is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+            if not is_whole or not 1 <= value <= MAX_IMAGE_SIDE:
                 raise InputError(f"{value}, expected a whole number from 1 to {MAX_IMAGE_SIDE}", where=name)
             object.__setattr__(self, name, int(value))
         for axis, name in enumerate(("fx", "fy")):
@@ -101,10 +102,14 @@ class Camera:
         return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
 
     def resized(self, height: int, width: int) -> Camera:
-        """The camera of the image scaled to cover height × width and cropped to it around its centre."""
+        """The camera of the image scaled to cover height × width and cropped to it around its centre.
+
+        The crop begins at a whole pixel, so that a photo that needs no scaling is copied, not resampled.
+        """
         scale = max(height / self.height, width / self.width)
         K = self.K.copy()
         K[:2] *= scale
-        K[0, 2] -= (self.width * scale - width) / 2
-        K[1, 2] -= (self.height * scale - height) / 2
+        # The margin is for a scaled side that misses a whole number by rounding.
+        K[0, 2] -= np.floor((self.width * scale - width) / 2 + 1e-9)
+        K[1, 2] -= np.floor((self.height * scale - height) / 2 + 1e-9)
         return Camera(K, self.c2w, width, height)

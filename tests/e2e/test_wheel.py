@@ -1,0 +1,93 @@
+"""The wheel: what it declares and holds, and that it runs with numpy, onnxruntime and av alone."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+import tomllib
+from synthetic import make_gaussians
+
+import tinysplat_runtime as ts
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True, timeout=240)
+    return next(folder.glob("tinysplat-*.whl"))
+
+
+def _base_requirements() -> set[str]:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    return {requirement.split(">")[0] for requirement in declared}
+
+
+def test_the_base_install_needs_three_packages():
+    assert _base_requirements() == {"numpy", "onnxruntime", "av"}
+
+
+def test_every_package_on_disk_is_in_the_wheel_with_models_and_marker(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for root in (ROOT / "runtime" / "tinysplat_runtime", ROOT / "tinysplat"):
+        for source in root.rglob("*.py"):
+            assert str(source.relative_to(root.parent)) in names
+    assert "tinysplat_runtime/py.typed" in names and "tinysplat_models/manifest.json" in names
+    for artifact in (ROOT / "models").glob("*.onnx"):
+        assert f"tinysplat_models/{artifact.name}" in names
+
+
+def _site_of_base_packages(folder: Path) -> None:
+    """Link the base requirements, and what they require, out of this environment into an empty folder."""
+    queue, seen = sorted(_base_requirements()), set()
+    while queue:
+        name = queue.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        distribution = importlib.metadata.distribution(name)
+        tops = {Path(str(f)).parts[0] for f in distribution.files or () if not str(f).startswith("..")}
+        for top in tops - {"__pycache__"}:
+            source = Path(str(distribution.locate_file(top)))
+            if source.exists() and not (folder / top).exists():
+                (folder / top).symlink_to(source)
+        for requirement in distribution.requires or ():
+            needed = requirement.split(";")[0].split("[")[0].strip("() ").split(">")[0].split("=")[0].split("<")[0].strip()
+            if "extra ==" not in requirement and importlib.util.find_spec(needed.replace("-", "_")) is not None:
+                queue.append(needed)
+
+
+def test_the_wheel_encodes_and_decodes_where_torch_and_onnx_do_not_exist(wheel, tmp_path):
+    site = tmp_path / "site"
+    site.mkdir()
+    _site_of_base_packages(site)
+    zipfile.ZipFile(wheel).extractall(site)
+    ts.save_gaussians(tmp_path / "g.npz", make_gaussians(2, 20, 24, degree=1))
+    script = f"""
+import sys
+sys.path.insert(0, {str(site)!r})
+import importlib.util
+for name in ("torch", "onnx", "scipy", "skimage"):
+    assert importlib.util.find_spec(name) is None, name
+from tinysplat_runtime.cli import main
+assert main(["compress", {str(tmp_path / "g.npz")!r}, "-o", {str(tmp_path / "g.tsplat")!r}]) == 0
+assert main(["decode", {str(tmp_path / "g.tsplat")!r}, "-o", {str(tmp_path / "d.npz")!r}]) == 0
+assert main(["render", {str(tmp_path / "g.tsplat")!r}, "-o", {str(tmp_path / "d.png")!r}]) == 0
+from tinysplat_runtime.artifacts import models_dir
+assert str(models_dir()).startswith({str(site)!r}), models_dir()
+"""
+    # -I and -S: neither PYTHONPATH nor this environment's site-packages.
+    env = {name: value for name, value in os.environ.items() if name != "TINYSPLAT_MODELS"}
+    command = [sys.executable, "-I", "-S", "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=env)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "d.png").stat().st_size > 100
