@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.sh import C0, sh_degree, sh_terms
+
 from .prepare import ALPHA_MIN, Block, principal_axes
 
 DILATION = 0.3
@@ -34,16 +35,21 @@ WIDE_PX = 256.0
 """Standard deviation above which a splat is projected in float64: the edge of a needle this long, seen at three
 deviations, moves by about 1e-4 px in float32."""
 
+WIDE_MARGIN = 0.05
+"""Exponent by which the footprints of wide splats are enlarged for the search for their tiles."""
+
 LIMIT = 1e30
 """Finite stand-in for what float32 cannot hold: products with it may reach infinity, but never 0·∞."""
 
 SPAN_MARGIN_PX = 1 / 64
 """Footprints are widened by this much against rounding; whether a pixel is covered is decided by its alpha."""
 
-# Rows of `Splats.planes`
-X, Y, ALPHA_X, BETA_X, GAMMA, LOG_OPACITY, RED, GREEN, BLUE, DEPTH = range(10)
-# Rows of `Splats.spans`
-Y_RIGHTMOST, SLOPE, REACH = range(3)
+# Columns of `Splats.records`
+N_RECORD = 9
+X, Y, ALPHA_X, BETA_X, GAMMA, LOG_OPACITY, RED, GREEN, BLUE = range(N_RECORD)
+# Columns of `Splats.spans`
+N_SPAN = 7
+MEAN_X, MEAN_Y, TAU, STEEPNESS, Y_RIGHTMOST, SLOPE, REACH = range(N_SPAN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,37 +78,44 @@ class View:
 
 
 class Splats:
-    """Buffers for the splats of one frame: a column for every Gaussian of the blocks, seen or not.
+    """Buffers for the splats of one frame: a row for every Gaussian of the blocks, visible or not.
+
+    Later stages pick rows in no order that a cache could guess, so what they need together lies together.
 
     Attributes:
-        planes: (10, N + 1) float32: pixel of the mean, the exponent's factors, log opacity, colour, depth. The last
-            column is a splat without opacity, for lists to be padded with.
-        spans: (3, N) float32: dy of the rightmost point of the footprint, slope of its chords' middles, and 1/αx.
-        bounds: (4, N) int32: first and last column, first and last row of the pixels in the footprint's bounding box.
+        records: (N + 1, 9) float32: pixel of the mean, the exponent's factors, log opacity, colour. The last row is a
+            splat without opacity, for lists to be padded with.
+        spans: (N, 7) float32: pixel of the mean, exponent τ at which the footprint ends, γ, dy of its rightmost point
+            per √τ, slope of its chords' middles, 1/αx.
+        depths: (N + 1,) float32.
+        areas: (N,) int32: number of tiles of the footprint's bounding box.
     """
 
     def __init__(self, capacity: int) -> None:
-        self.planes = np.zeros((10, capacity + 1), np.float32)
-        self.planes[LOG_OPACITY, -1] = -np.inf
-        self.spans = np.zeros((3, capacity), np.float32)
-        self.bounds = np.zeros((4, capacity), np.int32)
+        self.records = np.zeros((capacity + 1, N_RECORD), np.float32)
+        self.records[-1, LOG_OPACITY] = -np.inf
+        self.spans = np.zeros((capacity, N_SPAN), np.float32)
+        self.depths = np.zeros(capacity + 1, np.float32)
+        self.areas = np.zeros(capacity, np.int32)
 
 
-def project(block: Block, view: View, splats: Splats) -> NDArray:
-    """Project a block into its columns of `splats`.
+def project(block: Block, view: View, tile: int, splats: Splats) -> NDArray:
+    """Project a block into its rows of `splats`.
 
     Args:
         block: the Gaussians.
         view: the camera.
-        splats: where to write. Columns of splats that are not visible are left with any content, since leaving gaps
+        tile: side of a tile in pixels.
+        splats: where to write. Rows of splats that are not visible are left with any content, since leaving gaps
             costs less than closing them.
 
     Returns:
-        (m,) int64, the columns of visible splats, rising. A splat is visible if its mean lies beyond the near plane
-        and its footprint holds a pixel centre.
+        (m,) int64, the rows of visible splats, rising. A splat is visible if its mean lies beyond the near plane and
+        its footprint holds a pixel centre.
     """
-    columns = slice(block.first, block.first + block.size)
-    planes = splats.planes[:, columns]
+    rows = slice(block.first, block.first + block.size)
+    planes = np.empty((N_RECORD, block.size), np.float32)
+    spans = np.empty((N_SPAN, block.size), np.float32)
     with np.errstate(all="ignore"):  # overflow is met by float64 and by LIMIT, NaN fails every comparison below
         ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
         point = np.einsum("ij,jn->in", view.projection, ray)
@@ -113,11 +126,16 @@ def project(block: Block, view: View, splats: Splats) -> NDArray:
         centred = point[:2] * inverse_z  # pixels from the principal point
         np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
         planes[LOG_OPACITY] = block.log_opacities
-        planes[DEPTH] = np.minimum(point[2], LIMIT)
-        half = _shapes(block, view, centred, inverse_z, in_front, planes, splats.spans[:, columns])
-        visible = np.flatnonzero(_bounds(view, planes, half, splats.bounds[:, columns]) & in_front)
+        np.subtract(block.log_opacities, np.float32(math.log(ALPHA_MIN)), out=spans[TAU])
+        half = _shapes(block, view, centred, inverse_z, in_front, planes, spans)
+        left, right, top, bottom = _bounds(view, planes, half * np.sqrt(spans[TAU]))
+        visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)  # NaN is never
         if visible.size:
             _colours(block, ray, visible, planes[RED : BLUE + 1])
+        spans[MEAN_X : MEAN_Y + 1], spans[STEEPNESS] = planes[X : Y + 1], planes[GAMMA]
+        splats.areas[rows] = (right // tile - left // tile + 1) * (bottom // tile - top // tile + 1)
+        splats.depths[rows] = np.minimum(point[2], LIMIT)
+    splats.records[rows], splats.spans[rows] = planes.T, spans.T
     return visible + block.first
 
 
@@ -132,7 +150,7 @@ def _shapes(
     # J·W row by row: (K R)_i − u_i·R_2, over z
     jacobian = (view.projection[:2, :, None] - clamped[:, None] * view.projection[2][:, None]) * inverse_z
     half = np.empty((2, block.size), np.float32)
-    outs = [*planes[ALPHA_X : GAMMA + 1], *spans, *half]
+    outs = [*planes[ALPHA_X : GAMMA + 1], *spans[Y_RIGHTMOST : REACH + 1], *half]
     for out, values in zip(outs, _factors(jacobian.astype(np.float32), block.axes), strict=True):
         out[:] = values
     wide = np.flatnonzero(~(half[0] + half[1] < WIDE_PX) & in_front)
@@ -140,7 +158,9 @@ def _shapes(
         axes = principal_axes(block.quats[wide].astype(np.float64), block.scales[wide].astype(np.float64))
         for out, values in zip(outs, _factors(jacobian.take(wide, axis=-1), axes), strict=True):
             out[wide] = np.clip(values, -LIMIT, LIMIT)
-        spans[REACH, wide] = LIMIT  # the chords of a needle this long are beyond float32: take whole rows
+        # the chords of a needle this long are beyond float32, and its ends nearly: take whole rows, and rows to spare
+        spans[REACH, wide] = LIMIT
+        spans[TAU, wide] += WIDE_MARGIN
         planes[X : Y + 1, wide] = np.clip(planes[X : Y + 1, wide], -LIMIT, LIMIT)
     return half
 
@@ -161,19 +181,20 @@ def _factors(jacobian: NDArray, axes: NDArray) -> tuple[NDArray, ...]:
             half_width, np.sqrt(2 * c))  # fmt: skip
 
 
-def _bounds(view: View, planes: NDArray, half: NDArray, bounds: NDArray) -> NDArray:
-    """Write the pixel bounds of footprints; returns (n,) bool, which of them hold a pixel centre."""
-    # The footprint ends where opacity·exp(−e) = 1/255, at the exponent e = τ.
-    radius = np.sqrt(planes[LOG_OPACITY] - np.float32(math.log(ALPHA_MIN)))
-    holds: NDArray | bool = True
+def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:
+    """(4, n) int32 first and last column, first and last row of pixels whose centres lie within (2, n) `extents`."""
+    bounds = np.empty((4, extents.shape[1]), np.int32)
     for axis, size in enumerate((view.camera.width, view.camera.height)):
-        centre = planes[X + axis] - np.float32(0.5)
-        extent = half[axis] * radius + np.float32(SPAN_MARGIN_PX)
-        # cut at the image, so that the integers hold it
-        low, high = np.clip(np.ceil(centre - extent), 0, size), np.clip(np.floor(centre + extent), -1, size - 1)
-        bounds[2 * axis], bounds[2 * axis + 1] = low, high
-        holds = holds & (low <= high)  # False for NaN
-    return holds
+        centre, extent = planes[X + axis], extents[axis]
+        bounds[2 * axis], bounds[2 * axis + 1] = pixels_between(centre - extent, centre + extent, size)
+    return bounds
+
+
+def pixels_between(low: NDArray, high: NDArray, size: int) -> tuple[NDArray, NDArray]:
+    """First and last of `size` pixels whose centres lie from low to high; the first is the greater where none do."""
+    first = np.ceil(np.clip(low - np.float32(0.5 + SPAN_MARGIN_PX), 0, size))
+    last = np.floor(np.clip(high - np.float32(0.5 - SPAN_MARGIN_PX), -1, size - 1))
+    return first.astype(np.int32), last.astype(np.int32)
 
 
 def _colours(block: Block, ray: NDArray, visible: NDArray, out: NDArray) -> None:

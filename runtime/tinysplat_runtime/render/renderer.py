@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import Gaussians
+
 from .composite import N_COLOUR, SUMS, Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
-from .project import DEPTH, Splats, View, project
-from .tiles import Grid, Pairs, depth_order, find_pairs, runs
+from .project import Splats, View, project
+from .tiles import MAX_PAIRS, TILE, Grid, Pairs, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
@@ -87,10 +88,10 @@ class Renderer:
         splats, grid = self._splats, Grid(view.camera.width, view.camera.height)
         canvas = Canvas(grid, with_depth)
 
-        columns = self._run(lambda block: project(block, view, splats), self._blocks)
-        order = depth_order(splats.planes[DEPTH], np.concatenate([np.zeros(0, np.int64), *columns]))
+        ids = self._run(lambda block: project(block, view, TILE, splats), self._blocks)
+        order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
         open_tiles = None  # in the first run, all
-        for run in runs(splats.bounds, order):
+        for run in runs(splats.areas, order, MAX_PAIRS):
             if open_tiles is not None and not open_tiles.any():
                 break
             pairs = find_pairs(splats, run, grid, open_tiles, self._run)

@@ -11,15 +11,14 @@ size and number of splats. Tiles whose pixels have all stopped take no further p
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .prepare import ALPHA_MIN, BLOCK_SIZE
-from .project import GAMMA, LOG_OPACITY, REACH, SLOPE, SPAN_MARGIN_PX, Y_RIGHTMOST, Splats, X, Y
+from .prepare import BLOCK_SIZE
+from .project import MEAN_Y, STEEPNESS, TAU, Y_RIGHTMOST, Splats, pixels_between
 
 TILE = 4
 """Side of a tile in pixels."""
@@ -56,7 +55,7 @@ class Pairs:
     """The splats of every tile, nearest first.
 
     Attributes:
-        splats: (M,) int32, columns in `Splats`, tile after tile.
+        splats: (M,) int32, rows of `Splats`, tile after tile.
         bounds: (tiles + 1,) int64, where each tile's list starts in `splats`.
     """
 
@@ -73,22 +72,14 @@ def stable_argsort(keys: NDArray) -> NDArray:
     return by_low.take(np.argsort(high.take(by_low), kind="stable"))
 
 
-def depth_order(depths: NDArray, columns: NDArray) -> NDArray:
-    """`columns` by depth, ties in their order. Positive floats sort like their bits."""
-    return columns.take(stable_argsort(depths.take(columns).view(np.uint32)))
+def depth_order(depths: NDArray, ids: NDArray) -> NDArray:
+    """`ids` by depth, ties in their order. Positive floats sort like their bits."""
+    return ids.take(stable_argsort(depths.take(ids).view(np.uint32)))
 
 
-def runs(bounds: NDArray, order: NDArray, limit: int = MAX_PAIRS) -> Iterator[NDArray]:
-    """Cut `order` into runs whose bounding boxes hold at most `limit` tiles, or of a single splat.
-
-    Args:
-        bounds: (4, N) pixel bounds, see `Splats`.
-        order: (R,) columns.
-        limit: tiles in a run.
-    """
-    left, right, top, bottom = bounds // TILE
-    areas = (right - left + 1).astype(np.int64) * (bottom - top + 1)
-    ends = np.cumsum(areas.take(order))
+def runs(areas: NDArray, order: NDArray, limit: int) -> Iterator[NDArray]:
+    """Cut `order` (R,) into runs whose `areas` (N,) sum to at most `limit`, or of a single splat."""
+    ends = np.cumsum(areas.take(order), dtype=np.int64)
     start, done = 0, 0
     while start < order.size:
         stop = max(int(np.searchsorted(ends, done + limit, side="right")), start + 1)
@@ -101,56 +92,57 @@ def find_pairs(splats: Splats, order: NDArray, grid: Grid, open_tiles: NDArray |
 
     Args:
         splats: the frame's splats.
-        order: (R,) columns of the run, nearest first.
+        order: (R,) rows of the run's splats, nearest first.
         grid: the tiles.
         open_tiles: (tiles,) bool, which tiles still take splats; None for all.
         run_jobs: maps a function over a list, perhaps on several threads, and returns the results in order.
     """
 
     def block_pairs(start: int) -> tuple[NDArray, NDArray]:
-        tiles, columns = _pairs(splats, order[start : start + BLOCK_SIZE], grid)
+        ids = order[start : start + BLOCK_SIZE]
+        tiles, owner = _pairs(splats, ids, grid)
         if open_tiles is not None:
             takes = open_tiles.take(tiles)
-            tiles, columns = tiles.compress(takes), columns.compress(takes)
-        return tiles.astype(np.uint16 if grid.count <= 1 << 16 else np.uint32), columns.astype(np.int32)
+            tiles, owner = tiles.compress(takes), owner.compress(takes)
+        return tiles.astype(np.uint16 if grid.count <= 1 << 16 else np.uint32), ids.astype(np.int32).take(owner)
 
     blocks = run_jobs(block_pairs, range(0, order.size, BLOCK_SIZE))
-    tiles, columns = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    tiles, ids = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     bounds = np.append(0, np.cumsum(np.bincount(tiles, minlength=grid.count)))
-    return Pairs(columns.take(stable_argsort(tiles)), bounds)
+    return Pairs(ids.take(stable_argsort(tiles)), bounds)
 
 
-def _pairs(splats: Splats, columns: NDArray, grid: Grid) -> tuple[NDArray, NDArray]:
-    """(tile, splat) for every tile in which the footprint of a splat may cover a pixel, in the order of `columns`."""
-    top, bottom = splats.bounds[2:].take(columns, axis=-1) // TILE
-    owner, row = _expand(top, bottom - top + 1)
-    columns = columns.take(owner)
-    left, right = _row_extent(splats, columns, row)
-    low = np.ceil(np.clip(left - np.float32(0.5), 0, grid.width)).astype(np.int32)
-    high = np.floor(np.clip(right - np.float32(0.5), -1, grid.width - 1)).astype(np.int32)
-    counts = high // TILE - low // TILE + 1
+def _pairs(splats: Splats, ids: NDArray, grid: Grid) -> tuple[NDArray, NDArray]:
+    """(tile, index into `ids`) for every tile in which a footprint may cover a pixel, in the order of `ids`."""
+    spans = np.ascontiguousarray(splats.spans.take(ids, axis=0).T)
+    root_tau = np.sqrt(spans[TAU])
+    spans[Y_RIGHTMOST] *= root_tau
+    extent = root_tau / spans[STEEPNESS]
+    top, bottom = pixels_between(spans[MEAN_Y] - extent, spans[MEAN_Y] + extent, grid.height)
+    top //= TILE
+    owner, row = _expand(top, bottom // TILE - top + 1)
+    low, high = _row_extent(spans.take(owner, axis=1), row, grid.width)
+    first = low // TILE
+    counts = high // TILE - first + 1
     counts[low > high] = 0
-    owner, tile = _expand(row * grid.columns + low // TILE, counts)
-    return tile, columns.take(owner)
+    entry, tile = _expand(row * np.int32(grid.columns) + first, counts)
+    return tile, owner.take(entry)
 
 
 def _expand(starts: NDArray, counts: NDArray) -> tuple[NDArray, NDArray]:
-    """Ranges start … start + count − 1, one after the other: (index of the range, number) for every element."""
-    owner = np.repeat(np.arange(counts.size), counts)
-    before = np.cumsum(counts) - counts
-    return owner, np.arange(owner.size) + (starts - before).take(owner)
+    """Ranges start … start + count − 1, one after the other: (index of the range, number), int32, per element."""
+    owner = np.repeat(np.arange(counts.size, dtype=np.int32), counts)
+    before = np.cumsum(counts, dtype=np.int32) - counts
+    return owner, np.arange(owner.size, dtype=np.int32) + (starts - before).take(owner)
 
 
-def _row_extent(splats: Splats, columns: NDArray, row: NDArray) -> tuple[NDArray, NDArray]:
-    """Leftmost and rightmost x of footprints within the pixel centres of a row of tiles.
+def _row_extent(spans: NDArray, row: NDArray, width: int) -> tuple[NDArray, NDArray]:
+    """First and last pixel column of footprints within a row of tiles.
 
     The chord of the ellipse at dy is slope·dy ± reach·√(τ − (γ·dy)²). Its right end is concave in dy, so within a
     band of dy it is largest at the rightmost point of the whole ellipse, moved into the band; the left end mirrors.
     """
-    x, y, gamma, log_opacity = (splats.planes[i].take(columns) for i in (X, Y, GAMMA, LOG_OPACITY))
-    y_rightmost, slope, reach = (splats.spans[i].take(columns) for i in (Y_RIGHTMOST, SLOPE, REACH))
-    tau = log_opacity - np.float32(math.log(ALPHA_MIN))
-    y_rightmost *= np.sqrt(tau)
+    x, y, tau, gamma, y_rightmost, slope, reach = spans
     low = (row * TILE).astype(np.float32) + np.float32(0.5) - y
     high = low + np.float32(TILE - 1)
     ends = []
@@ -158,5 +150,5 @@ def _row_extent(splats: Splats, columns: NDArray, row: NDArray) -> tuple[NDArray
         for sign in (-1, 1):
             dy = np.clip(sign * y_rightmost, low, high)
             half = np.sqrt(np.maximum(tau - np.square(gamma * dy), 0))
-            ends.append(x + slope * dy + sign * (reach * half + np.float32(SPAN_MARGIN_PX)))
-    return ends[0], ends[1]
+            ends.append(x + slope * dy + sign * (reach * half))
+    return pixels_between(ends[0], ends[1], width)
