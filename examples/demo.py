@@ -42,9 +42,7 @@ def write_scene(folder: Path) -> None:
         K = [[FOCAL_PX, 0, CX_PX[index]], [0, FOCAL_PX, CY_PX], [0, 0, 1]]
         c2w = np.eye(4)
         c2w[0, 3] = index * BASELINE_M
-        frames.append(
-            {"file": name, "width": photo.shape[1], "height": photo.shape[0], "K": K, "c2w": c2w.tolist()}
-        )
+        frames.append({"file": name, "width": photo.shape[1], "height": photo.shape[0], "K": K, "c2w": c2w.tolist()})
     (folder / "cameras.json").write_text(json.dumps({"frames": frames, "near": NEAR_M, "far": FAR_M}, indent=1))
 
 

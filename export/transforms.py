@@ -65,17 +65,17 @@ def _codes(*shape: int) -> Tensor:
     return torch.randint(0, 4096, shape, dtype=torch.uint16)
 
 
-def _synthesis_inputs(v: int, h: int, w: int, degree: int, vabr: bool) -> dict[str, Tensor]:
+def _synthesis_inputs(v: int, h: int, w: int, degree: int) -> dict[str, Tensor]:
     d, planes, k = 3 * (degree + 1) ** 2, 12, 5
-    mix = torch.randn(v, 11, planes) * 1e-4
-    bias = torch.rand(v, 11) + 1.5
+    geometry, color = _codes(v, planes + 1, h, w), _codes(v, k + 1, h, w)
+    geometry[:, -1], color[:, -1] = 1, 1
+    mix = torch.randn(v, 11, planes + 1) * 1e-4
+    mix[..., -1] = torch.rand(v, 11) + 1.5
     return {
-        "geometry_codes": _codes(v, planes, h, w),
+        "geometry_codes": geometry,
         "geometry_mix": mix,
-        "geometry_bias": bias,
-        "color_codes": _codes(v, k if vabr else 3, h, w),
-        "color_mix": torch.randn(k, d) * 1e-3 if vabr else torch.rand(3) * 1e-3,
-        "color_bias": torch.randn(d if vabr else 3),
+        "color_codes": color,
+        "color_mix": torch.randn(k + 1, d) * 1e-3,
         **_camera(v),
         "centre": torch.randn(v, 3),
         "inverse_depth": torch.tensor(0.0),
@@ -90,7 +90,6 @@ _CAMERA_AXES = {name: _VIEW for name in ("K", "rotation", "rotation_quat")}
 _SYNTHESIS_AXES = {
     "geometry_codes": _PLANES,
     "geometry_mix": {0: "V", 2: "P"},
-    "geometry_bias": _VIEW,
     **_CAMERA_AXES,
     "centre": _VIEW,
     "inverse_depth": {},
@@ -127,41 +126,30 @@ GRAPHS = {
     ),
     "synthesis": Graph(
         "synthesis",
-        T.Synthesis(vabr=True),
-        lambda *size: _synthesis_inputs(*size, vabr=True),
-        {**_SYNTHESIS_AXES, "color_codes": {0: "V", 1: "k", 2: "H", 3: "W"}, "color_mix": {0: "k", 1: "d"},
-         "color_bias": {0: "d"}},
+        T.Synthesis(),
+        _synthesis_inputs,
+        {**_SYNTHESIS_AXES, "color_codes": {0: "V", 1: "k", 2: "H", 3: "W"}, "color_mix": {0: "k", 1: "d"}},
         "integer planes to Gaussians: dequantisation, inverse VABR, inverse VPT",
     ),
-    "synthesis_dc": Graph(
-        "synthesis",
-        T.Synthesis(vabr=False),
-        lambda *size: _synthesis_inputs(*size, vabr=False),
-        {**_SYNTHESIS_AXES, "color_codes": {0: "V", 2: "H", 3: "W"}, "color_mix": {}, "color_bias": {}},
-        "integer planes to Gaussians of SH degree 0: dequantisation, inverse VPT",
-    ),
-}  # fmt: skip
+}
 
 
 def _positional(name: str, graph: Graph, size: tuple[int, int, int, int]) -> dict[str, Tensor]:
     """Inputs in the order of the module's forward, under the ONNX names."""
     inputs = graph.inputs(*size)
-    order = [n for n in CONTRACTS[name].inputs]
-    torch_names = {"color_step": "color_mix"}
-    return {onnx_name: inputs[torch_names.get(onnx_name, onnx_name)] for onnx_name in order}
+    return {onnx_name: inputs[onnx_name] for onnx_name in CONTRACTS[name].inputs}
 
 
 def export(name: str, graph: Graph) -> dict[str, float]:
     """Write models/NAME.onnx; returns the largest difference to torch, relative to the output's largest magnitude."""
     path = MODELS / f"{name}.onnx"
-    inputs = _positional(name, graph, (2, 6, 5, 2 if name != "synthesis_dc" else 0))
+    inputs = _positional(name, graph, (2, 6, 5, 2))
     dims: dict[str, torch.export.Dim] = {}
 
     def dim(symbol: str) -> torch.export.Dim:
         return dims.setdefault(symbol, torch.export.Dim.DYNAMIC)
 
-    torch_names = {"color_step": "color_mix"}
-    shapes = tuple({axis: dim(symbol) for axis, symbol in graph.axes[torch_names.get(n, n)].items()} for n in inputs)
+    shapes = tuple({axis: dim(symbol) for axis, symbol in graph.axes[n].items()} for n in inputs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
@@ -173,7 +161,7 @@ def export(name: str, graph: Graph) -> dict[str, float]:
     worst: dict[str, float] = {}
     session = open_graph(Artifact(name, path), name)
     for size in ((2, 6, 5, 2), (1, 1, 1, 1), (5, 17, 33, 4)):
-        inputs = _positional(name, graph, (*size[:3], size[3] if name != "synthesis_dc" else 0))
+        inputs = _positional(name, graph, size)
         expected = graph.module(*inputs.values())
         found = session.run({n: t.numpy() for n, t in inputs.items()})
         for key, want in zip(

@@ -119,25 +119,16 @@ class CoefficientProjection(nn.Module):
 class Synthesis(nn.Module):
     """Integer planes of one layer to Gaussians: dequantisation, VABR⁻¹, VPT⁻¹.
 
-    Dequantisation and every linear map behind it arrive folded into one matrix and bias per plane group, so that the
-    graph serves all profiles: value = mix · code + bias.
-
-    Args:
-        vabr: False builds the variant for SH degree 0 without VABR, whose colour planes are the coefficients.
+    Dequantisation and every linear map behind it arrive folded into one matrix per plane group, value = mix · codes,
+    with a last plane of ones for the offsets: one graph serves all profiles, and memory is passed over once.
     """
-
-    def __init__(self, vabr: bool) -> None:
-        super().__init__()
-        self.vabr = vabr
 
     def forward(
         self,
         geometry_codes: Tensor,
         geometry_mix: Tensor,
-        geometry_bias: Tensor,
         color_codes: Tensor,
         color_mix: Tensor,
-        color_bias: Tensor,
         K: Tensor,
         rotation: Tensor,
         rotation_quat: Tensor,
@@ -149,11 +140,10 @@ class Synthesis(nn.Module):
         """Reconstruct.
 
         Args:
-            geometry_codes: (V, P, H, W) uint16.
-            geometry_mix, geometry_bias: (V, 11, P) and (V, 11), codes to channels.
-            color_codes: (V, k, H, W) uint16.
-            color_mix: (k, d); without VABR (3,), one step per colour.
-            color_bias: (d,).
+            geometry_codes: (V, P + 1, H, W) uint16, the last plane all ones.
+            geometry_mix: (V, 11, P + 1), codes to channels.
+            color_codes: (V, k + 1, H, W) uint16, the last plane all ones.
+            color_mix: (k + 1, d), codes to coefficients.
             K: (V, 3, 3) pixels.
             rotation: (V, 3, 3) camera to world.
             rotation_quat: (V, 4) camera to world, times the reference rotation if rotations are relative.
@@ -163,11 +153,12 @@ class Synthesis(nn.Module):
             depth_limits: (2,) smallest and largest z that were coded; quantisation noise may not leave them.
 
         Returns:
-            means (V, H, W, 3), quats (V, H, W, 4), scales (V, H, W, 3), opacities (V, H, W), sh (V, H, W, B, 3).
+            means (V, H, W, 3), quats (V, H, W, 4), scales (V, H, W, 3), opacities (V, H, W), and sh (V, H, W, d), whose
+            split into functions and colours is the caller's: a reshape inside the graph would copy it.
         """
         views, _, height, width = geometry_codes.shape
         fx, fy, cx, cy, skew = _columns(K)
-        values = geometry_mix @ geometry_codes.to(torch.float32).flatten(2) + geometry_bias[..., None]
+        values = geometry_mix @ geometry_codes.to(torch.float32).flatten(2)
         values = values.reshape(views, 11, height, width)
 
         depth = values[:, 0]
@@ -183,16 +174,15 @@ class Synthesis(nn.Module):
 
         scales = values[:, 3:6].clamp_min(0) * (z / (fx * fy).sqrt())[:, None]
         vector = values[:, 7:10]
-        rebuilt = (1 - (vector * vector).sum(1, keepdim=True)).clamp_min(MIN_W**2).sqrt()
+        squared = (vector * vector).sum(1, keepdim=True)
+        rebuilt = (1 - squared).clamp_min(MIN_W**2).sqrt()
         w = torch.where(relative_rotation > 0, rebuilt, values[:, 6:7])
-        q = torch.cat([w, vector], 1).permute(0, 2, 3, 1)
-        identity = torch.tensor([1.0, 0.0, 0.0, 0.0], device=q.device)
-        q = unit_quats(torch.where(q.abs().amax(-1, keepdim=True) > 0, q, identity))  # noise may have hit zero
-        quats = multiply_quats(rotation_quat[:, None, None], q)
+        squared = squared + w * w
+        is_zero = (squared == 0).to(torch.float32)  # noise may have hit zero: the identity then
+        q = torch.cat([w + is_zero, vector], 1) / (squared + is_zero).sqrt()
+        quats = multiply_quats(rotation_quat[:, None, None], q.permute(0, 2, 3, 1))
 
-        codes = color_codes.permute(0, 2, 3, 1).to(torch.float32)
-        color = codes @ color_mix if self.vabr else codes * color_mix
-        sh = (color + color_bias).reshape(views, height, width, -1, 3)
+        sh = color_codes.permute(0, 2, 3, 1).to(torch.float32) @ color_mix
         return means, quats, scales.permute(0, 2, 3, 1), values[:, 10].clamp(0, 1), sh
 
 

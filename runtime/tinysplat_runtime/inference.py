@@ -34,8 +34,6 @@ class Contract:
 
 
 _CAMERA = {"K": (_F32, 3), "rotation": (_F32, 3), "rotation_quat": (_F32, 2)}
-_GEOMETRY_IN = {"geometry_codes": (_U16, 4), "geometry_mix": (_F32, 3), "geometry_bias": (_F32, 2)}
-_FORMS = {"inverse_depth": (_F32, 0), "relative_rotation": (_F32, 0), "depth_limits": (_F32, 1)}
 _GAUSSIANS_OUT = {
     "means": (_F32, 4),
     "quats": (_F32, 4),
@@ -65,27 +63,17 @@ CONTRACTS: dict[str, Contract] = {
     "analysis_project": Contract({"sh": (_F32, 5), "projection": (_F32, 2)}, {"color": (_F32, 4)}),
     "synthesis": Contract(
         {
-            **_GEOMETRY_IN,
+            "geometry_codes": (_U16, 4),
+            "geometry_mix": (_F32, 3),
             "color_codes": (_U16, 4),
             "color_mix": (_F32, 2),
-            "color_bias": (_F32, 1),
             **_CAMERA,
             "centre": (_F32, 2),
-            **_FORMS,
+            "inverse_depth": (_F32, 0),
+            "relative_rotation": (_F32, 0),
+            "depth_limits": (_F32, 1),
         },
-        _GAUSSIANS_OUT,
-    ),
-    "synthesis_dc": Contract(
-        {
-            **_GEOMETRY_IN,
-            "color_codes": (_U16, 4),
-            "color_step": (_F32, 1),
-            "color_bias": (_F32, 1),
-            **_CAMERA,
-            "centre": (_F32, 2),
-            **_FORMS,
-        },
-        _GAUSSIANS_OUT,
+        {**_GAUSSIANS_OUT, "sh": (_F32, 4)},
     ),
 }
 """By role `network`, and by name for the graphs of the roles `analysis` and `synthesis`."""

@@ -105,7 +105,9 @@ def test_a_path_becomes_a_video(encoded, tmp_path):
 
 
 def test_a_camera_of_another_file_can_be_rendered_at_another_size(encoded, scene, tmp_path):
-    succeed("render", encoded["file"], "-o", tmp_path / "x.png", "--camera", f"{scene}/cameras.json:1", "--size", "20x30")
+    succeed(
+        "render", encoded["file"], "-o", tmp_path / "x.png", "--camera", f"{scene}/cameras.json:1", "--size", "20x30"
+    )
     assert read_image(tmp_path / "x.png").shape == (20, 30, 3)
 
 
@@ -126,7 +128,16 @@ def test_models_lists_networks_and_graphs():
 def test_gaussians_of_any_network_compress_and_the_bytes_do_not_depend_on_threads(tmp_path, profile):
     ts.save_gaussians(tmp_path / "g.npz", make_gaussians(3, 20, 26, degree=2))
     for threads in (1, 4):
-        succeed("compress", tmp_path / "g.npz", "-o", tmp_path / f"{threads}.tsplat", "--profile", profile, "--threads", threads)
+        succeed(
+            "compress",
+            tmp_path / "g.npz",
+            "-o",
+            tmp_path / f"{threads}.tsplat",
+            "--profile",
+            profile,
+            "--threads",
+            threads,
+        )
     assert (tmp_path / "1.tsplat").read_bytes() == (tmp_path / "4.tsplat").read_bytes()
 
 

@@ -61,7 +61,9 @@ def _site_of_base_packages(folder: Path) -> None:
             if source.exists() and not (folder / top).exists():
                 (folder / top).symlink_to(source)
         for requirement in distribution.requires or ():
-            needed = requirement.split(";")[0].split("[")[0].strip("() ").split(">")[0].split("=")[0].split("<")[0].strip()
+            needed = (
+                requirement.split(";")[0].split("[")[0].strip("() ").split(">")[0].split("=")[0].split("<")[0].strip()
+            )
             if "extra ==" not in requirement and importlib.util.find_spec(needed.replace("-", "_")) is not None:
                 queue.append(needed)
 

@@ -45,18 +45,13 @@ def _vpt_inputs(g: Gaussians) -> dict[str, np.ndarray]:
 
 
 def _synthesis_inputs(geometry: np.ndarray, cameras, origin, limits=(1e-6, 1e9)) -> dict[str, np.ndarray]:
-    """Real-valued planes through the integer graph: one code per plane, the value in the bias, so nothing is rounded.
-
-    The graph adds bias and mix · code; with one pixel per run the bias alone can carry any float32 value.
-    """
+    """Real-valued planes through the integer graph: with one pixel per run, the plane of ones can carry any value."""
     views = len(cameras)
     return {
-        "geometry_codes": np.zeros((views, 1, 1, 1), np.uint16),
-        "geometry_mix": np.zeros((views, 11, 1), np.float32),
-        "geometry_bias": np.float32(geometry),
-        "color_codes": np.zeros((views, 1, 1, 1), np.uint16),
+        "geometry_codes": np.ones((views, 1, 1, 1), np.uint16),
+        "geometry_mix": np.float32(geometry)[..., None],
+        "color_codes": np.ones((views, 1, 1, 1), np.uint16),
         "color_mix": np.zeros((1, 12), np.float32),
-        "color_bias": np.zeros(12, np.float32),
         **_camera_inputs(cameras, True),
         "centre": np.float32([c.centre - origin for c in cameras]),
         "inverse_depth": np.array(0, np.float32),
@@ -180,37 +175,35 @@ def test_moment_and_projection_match_float64():
     np.testing.assert_allclose(planes, reference, atol=2e-6 * np.abs(reference).max())
 
 
-@pytest.mark.parametrize("name", ["synthesis", "synthesis_dc"])
 @pytest.mark.parametrize("forms", [(0.0, 0.0), (1.0, 1.0)])
-def test_synthesis_graph_matches_its_torch_twin_and_float64(name, forms):
+def test_synthesis_graph_matches_its_torch_twin_and_float64(forms):
     rng = np.random.default_rng(1)
     g = make_gaussians(2, 9, 11, 1)
     planes, k, d = 12, 5, 12
-    is_dc = name == "synthesis_dc"
-    mix, bias = rng.uniform(-1e-4, 1e-4, (2, 11, planes)), rng.uniform(0.3, 0.5, (2, 11))
+    mix = rng.uniform(-1e-4, 1e-4, (2, 11, planes + 1))
+    mix[..., -1] = rng.uniform(0.3, 0.5, (2, 11))
     if forms[0]:
-        bias[:, 0] *= -1
+        mix[:, 0, -1] *= -1
+    color_mix = rng.uniform(-1e-3, 1e-3, (k + 1, d))
     inputs = {
-        "geometry_codes": rng.integers(0, 4096, (2, planes, 9, 11)).astype(np.uint16),
+        "geometry_codes": rng.integers(0, 4096, (2, planes + 1, 9, 11)).astype(np.uint16),
         "geometry_mix": np.float32(mix),
-        "geometry_bias": np.float32(bias),
-        "color_codes": rng.integers(0, 4096, (2, 3 if is_dc else k, 9, 11)).astype(np.uint16),
-        "color_step" if is_dc else "color_mix": np.float32(rng.uniform(-1e-3, 1e-3, 3 if is_dc else (k, d))),
-        "color_bias": np.float32(rng.uniform(-1, 1, 3 if is_dc else d)),
+        "color_codes": rng.integers(0, 4096, (2, k + 1, 9, 11)).astype(np.uint16),
+        "color_mix": np.float32(color_mix),
         **_camera_inputs(g.cameras, True),
         "centre": np.float32([c.centre for c in g.cameras]),
         "inverse_depth": np.array(forms[0], np.float32),
         "relative_rotation": np.array(forms[1], np.float32),
         "depth_limits": np.float32([0.2, 8.0]),
     }
-    found = STORE.transform(name).run(inputs)
-    order = list(CONTRACTS[name].inputs)
-    twin = T.Synthesis(vabr=not is_dc)(*(torch.from_numpy(np.asarray(inputs[n])) for n in order))
-    for want, key in zip(twin, CONTRACTS[name].outputs, strict=True):
+    inputs["geometry_codes"][:, -1] = inputs["color_codes"][:, -1] = 1
+    found = STORE.transform("synthesis").run(inputs)
+    twin = T.Synthesis()(*(torch.from_numpy(inputs[n]) for n in CONTRACTS["synthesis"].inputs))
+    for want, key in zip(twin, CONTRACTS["synthesis"].outputs, strict=True):
         np.testing.assert_allclose(found[key], want.numpy(), rtol=1e-5, atol=1e-6, err_msg=key)
 
     codes = inputs["geometry_codes"].astype(np.float64)
-    values = np.einsum("vcp,vphw->vchw", np.float32(mix).astype(np.float64), codes) + np.float32(bias)[..., None, None]
+    values = np.einsum("vcp,vphw->vchw", np.float32(mix).astype(np.float64), codes)
     # An inverse depth that noise pushed through 0 means far away.
     z = -1 / np.clip(values[:, 0], -1 / 0.2, -1 / 8) if forms[0] else values[:, 0]
     values[:, 0] = np.clip(z, 0.2, 8.0)
@@ -221,3 +214,14 @@ def test_synthesis_graph_matches_its_torch_twin_and_float64(name, forms):
         for key, want in reference.items():
             want = np.maximum(want, 0) if key == "scales" else np.clip(want, 0, 1) if key == "opacities" else want
             np.testing.assert_allclose(found[key][v], want, rtol=1e-5, atol=2e-5, err_msg=key)
+    coefficients = np.einsum("vkhw,kd->vhwd", inputs["color_codes"].astype(np.float64), np.float32(color_mix))
+    np.testing.assert_allclose(found["sh"], coefficients, rtol=1e-5, atol=1e-5)
+
+
+def test_a_rotation_that_noise_made_zero_becomes_the_identity():
+    g = make_gaussians(1, 1, 1, 0)
+    geometry = np.zeros((1, 11), np.float32)
+    geometry[:, 0] = 2
+    inputs = _synthesis_inputs(geometry, g.cameras, g.origin)
+    found = STORE.transform("synthesis").run(inputs)["quats"][0, 0, 0]
+    np.testing.assert_allclose(found, inputs["rotation_quat"][0], atol=1e-6)

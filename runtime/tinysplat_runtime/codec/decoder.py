@@ -65,18 +65,17 @@ def _slots(layer: LayerHeader) -> tuple[dict[ChannelRecord, int], dict[ChannelRe
     coded = [c for c in layer.channels if c.streams]
     geometry = [c for c in coded if c.plane_class != PlaneClass.COLOR]
     colors = [c for c in coded if c.plane_class == PlaneClass.COLOR]
-    if layer.basis is None:  # the planes are the coefficients themselves
-        return {c: i for i, c in enumerate(geometry)}, {c: c.target for c in colors}
     return {c: i for i, c in enumerate(geometry)}, {c: i for i, c in enumerate(colors)}
 
 
 def _decode_planes(container: Container, index: int, threads: int) -> tuple[NDArray, NDArray]:
-    """Codes (V, P, H, W) of the geometry channels and (V, k, H, W) of the colour channels that have pictures."""
+    """Codes (V, P + 1, H, W) of the geometry and (V, k + 1, H, W) of the colour channels; the last planes are ones."""
     layer = container.layers[index]
     views = len(layer.cameras)
     out, tasks = [], []
-    for slots, least in zip(_slots(layer), (1, 3 if layer.basis is None else 1), strict=True):
-        codes = np.zeros((views, max(least, len(slots)), layer.height, layer.width), np.uint16)
+    for slots in _slots(layer):
+        codes = np.empty((views, len(slots) + 1, layer.height, layer.width), np.uint16)
+        codes[:, -1] = 1
         out.append(codes)
         tasks += [(c, view, codes[view, plane]) for c, plane in slots.items() for view in range(views)]
     _run(_plane_decoder(container, index), tasks, threads)
@@ -114,78 +113,58 @@ def _synthesise(
 ) -> Gaussians:
     """Run the synthesis graph; dequantisation and all linear maps are folded into matrices in float64."""
     cameras = layer.cameras
-    views = len(cameras)
-    mix, bias = _geometry_map(layer, geometry.shape[1])
+    mix = _geometry_mix(layer, geometry.shape[1])
     rotations = np.stack([camera.rotation.T for camera in cameras])
     quats = matrices_to_quats(rotations)
     if layer.reference_quats is not None:
         quats = multiply_quats(quats, layer.reference_quats.astype(np.float64))
-    inputs = {
-        "geometry_codes": geometry,
-        "geometry_mix": as_input(np.broadcast_to(mix, (views, *mix.shape))),
-        "geometry_bias": as_input(np.broadcast_to(bias, (views, *bias.shape))),
-        "color_codes": colors,
-        "K": as_input([camera.K for camera in cameras]),
-        "rotation": as_input(rotations),
-        "rotation_quat": as_input(quats),
-        "centre": as_input([camera.centre - container.origin for camera in cameras]),
-        "inverse_depth": as_input(layer.inverse_depth),
-        "relative_rotation": as_input(layer.reference_quats is not None),
-        "depth_limits": as_input(layer.depth_limits),
-    }
-    if layer.basis is None:
-        step, offset = _plain_color_map(layer)
-        return _run_synthesis(
-            store, "synthesis_dc", {**inputs, "color_step": step, "color_bias": offset}, container, layer
-        )
-    color_mix, color_bias = _color_map(layer, layer.basis, colors.shape[1])
-    return _run_synthesis(
-        store, "synthesis", {**inputs, "color_mix": color_mix, "color_bias": color_bias}, container, layer
+    arrays = store.transform("synthesis").run(
+        {
+            "geometry_codes": geometry,
+            "geometry_mix": as_input(np.broadcast_to(mix, (len(cameras), *mix.shape))),
+            "color_codes": colors,
+            "color_mix": as_input(_color_mix(layer, colors.shape[1])),
+            "K": as_input([camera.K for camera in cameras]),
+            "rotation": as_input(rotations),
+            "rotation_quat": as_input(quats),
+            "centre": as_input([camera.centre - container.origin for camera in cameras]),
+            "inverse_depth": as_input(layer.inverse_depth),
+            "relative_rotation": as_input(layer.reference_quats is not None),
+            "depth_limits": as_input(layer.depth_limits),
+        }
     )
+    arrays["sh"] = arrays["sh"].reshape(*arrays["opacities"].shape, -1, 3)
+    return Gaussians.unchecked(**arrays, cameras=cameras, origin=container.origin)
 
 
-def _run_synthesis(
-    store: GraphStore, graph: str, inputs: dict[str, NDArray], container: Container, layer: LayerHeader
-) -> Gaussians:
-    arrays = store.transform(graph).run(inputs)
-    return Gaussians.unchecked(**arrays, cameras=layer.cameras, origin=container.origin)
-
-
-def _geometry_map(layer: LayerHeader, planes: int) -> tuple[NDArray, NDArray]:
-    """(11, P) and (11,) float64: geometry channels = mix · codes + bias."""
-    mix, bias = np.zeros((GEOMETRY_CHANNELS, planes)), np.zeros(GEOMETRY_CHANNELS)
+def _geometry_mix(layer: LayerHeader, planes: int) -> NDArray:
+    """(11, P + 1) float64: geometry channels = mix · codes, the last code being 1."""
+    mix = np.zeros((GEOMETRY_CHANNELS, planes))
     slots, _ = _slots(layer)
     for channel in layer.channels:
         if channel.plane_class == PlaneClass.COLOR:
             continue
         row = GEOMETRY[channel.plane_class].start + channel.target
-        bias[row] += channel.offset
-        if channel.streams:
+        mix[row, -1] += channel.offset
+        if channel in slots:
             mix[row, slots[channel]] = channel.scale
     if layer.scale_mix is not None:
         rows = GEOMETRY[PlaneClass.SCALE]
         matrix, mean = (a.astype(np.float64) for a in layer.scale_mix)
-        mix[rows], bias[rows] = matrix @ mix[rows], matrix @ bias[rows] + mean
-    return mix, bias
+        mix[rows] = matrix @ mix[rows]
+        mix[rows, -1] += mean
+    return mix
 
 
-def _color_map(layer: LayerHeader, basis: NDArray, planes: int) -> tuple[NDArray, NDArray]:
-    """(P, d) and (d,) float32: SH coefficients = codes · mix + bias."""
-    inverse = basis.astype(np.float64)
-    mix, bias = np.zeros((planes, len(inverse))), np.zeros(len(inverse))
+def _color_mix(layer: LayerHeader, planes: int) -> NDArray:
+    """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1."""
+    # Without VABR the colour planes are the three coefficients of degree 0 themselves.
+    inverse = np.eye(3) if layer.basis is None else layer.basis.astype(np.float64)  # (d, k)
+    mix = np.zeros((planes, len(inverse)))
     _, slots = _slots(layer)
     for channel in layer.channels:
         if channel.plane_class == PlaneClass.COLOR:
-            bias += inverse[:, channel.target] * channel.offset
-            if channel.streams:
+            mix[-1] += inverse[:, channel.target] * channel.offset
+            if channel in slots:
                 mix[slots[channel]] = inverse[:, channel.target] * channel.scale
-    return as_input(mix), as_input(bias)
-
-
-def _plain_color_map(layer: LayerHeader) -> tuple[NDArray, NDArray]:
-    """(3,) and (3,) float32: degree-0 coefficients = codes · step + offset."""
-    step, offset = np.zeros(3), np.zeros(3)
-    for channel in layer.channels:
-        if channel.plane_class == PlaneClass.COLOR:
-            step[channel.target], offset[channel.target] = channel.scale, channel.offset
-    return as_input(step), as_input(offset)
+    return mix
