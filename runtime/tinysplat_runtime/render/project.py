@@ -125,14 +125,15 @@ def project(block: Block, view: View, tile: int, splats: Splats) -> NDArray:
         inverse_z = 1 / point[2]
         centred = point[:2] * inverse_z  # pixels from the principal point
         np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
+        spans[MEAN_X : MEAN_Y + 1] = planes[X : Y + 1]
         planes[LOG_OPACITY] = block.log_opacities
         np.subtract(block.log_opacities, np.float32(math.log(ALPHA_MIN)), out=spans[TAU])
         half = _shapes(block, view, centred, inverse_z, in_front, planes, spans)
         left, right, top, bottom = _bounds(view, planes, half * np.sqrt(spans[TAU]))
-        visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)  # NaN is never
+        visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
         if visible.size:
             _colours(block, ray, visible, planes[RED : BLUE + 1])
-        spans[MEAN_X : MEAN_Y + 1], spans[STEEPNESS] = planes[X : Y + 1], planes[GAMMA]
+        spans[STEEPNESS] = planes[GAMMA]
         splats.areas[rows] = (right // tile - left // tile + 1) * (bottom // tile - top // tile + 1)
         splats.depths[rows] = np.minimum(point[2], LIMIT)
     splats.records[rows], splats.spans[rows] = planes.T, spans.T
@@ -158,10 +159,12 @@ def _shapes(
         axes = principal_axes(block.quats[wide].astype(np.float64), block.scales[wide].astype(np.float64))
         for out, values in zip(outs, _factors(jacobian.take(wide, axis=-1), axes), strict=True):
             out[wide] = np.clip(values, -LIMIT, LIMIT)
+        for means in (planes[X : Y + 1], spans[MEAN_X : MEAN_Y + 1]):
+            means[:, wide] = np.clip(means[:, wide], -LIMIT, LIMIT)
         # the chords of a needle this long are beyond float32, and its ends nearly: take whole rows, and rows to spare
-        spans[REACH, wide] = LIMIT
+        for span, value in ((MEAN_X, 0), (Y_RIGHTMOST, 0), (SLOPE, 0), (REACH, LIMIT)):
+            spans[span, wide] = value
         spans[TAU, wide] += WIDE_MARGIN
-        planes[X : Y + 1, wide] = np.clip(planes[X : Y + 1, wide], -LIMIT, LIMIT)
     return half
 
 
@@ -191,9 +194,9 @@ def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:
 
 
 def pixels_between(low: NDArray, high: NDArray, size: int) -> tuple[NDArray, NDArray]:
-    """First and last of `size` pixels whose centres lie from low to high; the first is the greater where none do."""
-    first = np.ceil(np.clip(low - np.float32(0.5 + SPAN_MARGIN_PX), 0, size))
-    last = np.floor(np.clip(high - np.float32(0.5 - SPAN_MARGIN_PX), -1, size - 1))
+    """First and last of `size` pixels whose centres lie from low to high; 0 and −1, or so, where none do or for NaN."""
+    first = np.ceil(np.fmin(np.fmax(low - np.float32(0.5 + SPAN_MARGIN_PX), 0), size))
+    last = np.floor(np.fmin(np.fmax(high - np.float32(0.5 - SPAN_MARGIN_PX), -1), size - 1))
     return first.astype(np.int32), last.astype(np.int32)
 
 

@@ -175,18 +175,16 @@ def _checked_size(size: Any) -> tuple[int, int]:
 
 
 def _checked_outputs(outputs: Any) -> tuple[str, ...]:
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
-    for name in names:
-        if name not in OUTPUTS:
-            raise InputError(f"{name!r}, expected some of {', '.join(OUTPUTS)}", where="outputs")
-    if not names:
-        raise InputError(f"none, expected some of {', '.join(OUTPUTS)}", where="outputs")
-    return names
+    names = (outputs,) if isinstance(outputs, str) else outputs
+    if not isinstance(names, (tuple, list)) or not names or any(name not in OUTPUTS for name in names):
+        raise InputError(f"{outputs!r}, expected some of {OUTPUTS}", where="outputs")
+    return tuple(names)
 
 
 def _checked_background(background: Any) -> NDArray:
     try:
-        colour = np.asarray(background, np.float32)
+        with np.errstate(over="ignore"):
+            colour = np.asarray(background, np.float32)
     except (TypeError, ValueError):
         colour = np.zeros(0, np.float32)
     if colour.shape != (3,) or not np.isfinite(colour).all():

@@ -112,6 +112,7 @@ def find_pairs(splats: Splats, order: NDArray, grid: Grid, open_tiles: NDArray |
     return Pairs(ids.take(stable_argsort(tiles)), bounds)
 
 
+@np.errstate(over="ignore", divide="ignore")  # splats that reach to infinity
 def _pairs(splats: Splats, ids: NDArray, grid: Grid) -> tuple[NDArray, NDArray]:
     """(tile, index into `ids`) for every tile in which a footprint may cover a pixel, in the order of `ids`."""
     spans = np.ascontiguousarray(splats.spans.take(ids, axis=0).T)
@@ -146,9 +147,8 @@ def _row_extent(spans: NDArray, row: NDArray, width: int) -> tuple[NDArray, NDAr
     low = (row * TILE).astype(np.float32) + np.float32(0.5) - y
     high = low + np.float32(TILE - 1)
     ends = []
-    with np.errstate(over="ignore", invalid="ignore"):
-        for sign in (-1, 1):
-            dy = np.clip(sign * y_rightmost, low, high)
-            half = np.sqrt(np.maximum(tau - np.square(gamma * dy), 0))
-            ends.append(x + slope * dy + sign * (reach * half))
+    for sign in (-1, 1):
+        dy = np.clip(sign * y_rightmost, low, high)
+        half = np.sqrt(np.maximum(tau - np.square(gamma * dy), 0))
+        ends.append(x + slope * dy + sign * (reach * half))
     return pixels_between(ends[0], ends[1], width)

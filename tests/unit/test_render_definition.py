@@ -1,0 +1,198 @@
+"""What a rendered picture means: colours, depths, order, planes and layers, each on a scene small enough to work out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scenes import make_cameras, make_gaussians
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.render import Renderer, render
+
+C0 = 0.28209479177387814  # ½·√(1/π)
+C1 = 0.4886025119029199  # √(3/4π)
+
+CAMERA = Camera([[50.0, 0, 16.5], [0, 50.0, 12.5], [0, 0, 1]], np.eye(4), 33, 25)  # looks through pixel (12, 16)
+CENTRE = (12, 16)
+
+
+def splats(means, *, colours=None, scale=0.05, opacity=0.8, sh=None):
+    """Round Gaussians of given colours, or SH coefficients (N, S, 3)."""
+    means = np.atleast_2d(np.asarray(means, float))
+    n = len(means)
+    if sh is None:
+        sh = (np.broadcast_to(np.asarray(colours if colours is not None else 0.5, float), (n, 3)) - 0.5)[:, None] / C0
+    return Gaussians(
+        means, np.tile([1.0, 0, 0, 0], (n, 1)), np.full((n, 3), scale), np.broadcast_to(opacity, n), np.asarray(sh)
+    )
+
+
+@pytest.mark.parametrize(
+    ("function", "axis", "sign"), [(1, 1, -1), (2, 2, 1), (3, 0, -1)], ids=["Y1: -y", "Y2: +z", "Y3: -x"]
+)
+def test_first_degree_colours_have_the_signs_of_3dgs(function, axis, sign):
+    sh = np.zeros((1, 4, 3))
+    sh[0, function] = 0.4, -0.4, 0
+    mean = np.array([0.12, 0.08, 1.0])
+    along = (mean / np.linalg.norm(mean))[axis]
+    image = render(splats(mean, sh=sh), CAMERA, outputs=("rgb", "alpha"))
+    row, column = (int(v) for v in (50 * mean[1] + 12.5, 50 * mean[0] + 16.5))
+    red, green, blue = image["rgb"][row, column] / image["alpha"][row, column]
+    assert red == pytest.approx(0.5 + sign * C1 * along * 0.4, abs=1e-6)
+    assert green == pytest.approx(0.5 - sign * C1 * along * 0.4, abs=1e-6)
+    assert blue == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_splat_is_its_opacity_at_the_centre_and_a_dilated_gaussian_around():
+    alpha = render(splats([0, 0, 2.0], scale=0.04, opacity=0.7), CAMERA, outputs=("alpha",))["alpha"]
+    variance = (0.04 * 50 / 2.0) ** 2 + 0.3
+    for distance in range(4):
+        assert alpha[12, 16 + distance] == pytest.approx(0.7 * math.exp(-(distance**2) / (2 * variance)), abs=1e-6)
+
+
+def test_the_footprint_ends_where_alpha_is_one_255th_and_not_at_three_deviations():
+    alpha = render(splats([0, 0, 2.0], scale=0.2, opacity=0.99), CAMERA, outputs=("alpha",))["alpha"][12]
+    sigma = math.sqrt((0.2 * 50 / 2.0) ** 2 + 0.3)
+    reach = sigma * math.sqrt(2 * math.log(255 * 0.99))
+    assert reach > 3.3 * sigma
+    assert (np.abs(np.arange(33) - 16)[alpha > 0]).max() == min(16, int(reach))
+    assert alpha[alpha > 0].min() >= 1 / 255 - 1e-7
+
+
+def test_alpha_never_exceeds_099():
+    alpha = render(splats([0, 0, 2.0], scale=5.0, opacity=1.0), CAMERA, outputs=("alpha",))["alpha"]
+    assert alpha.max() == pytest.approx(0.99, abs=1e-6)
+
+
+def test_nearer_splats_hide_farther_ones_whatever_their_index():
+    near, far = [0, 0, 1.0], [0, 0, 3.0]
+    for order in ((0, 1), (1, 0)):
+        means, colours = np.array([near, far])[list(order)], np.array([[1.0, 0, 0], [0, 1.0, 0]])[list(order)]
+        red, green, _ = render(splats(means, colours=colours), CAMERA)[CENTRE]
+        assert (red, green) == (pytest.approx(0.8, abs=1e-6), pytest.approx(0.16, abs=1e-6))
+
+
+def test_splats_at_one_depth_are_drawn_in_index_order():
+    colours = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+    image = render(splats([[0, 0, 2.0]] * 3, colours=colours, opacity=0.5), CAMERA)
+    np.testing.assert_allclose(image[CENTRE], [0.5, 0.25, 0.125], atol=1e-6)
+
+
+def test_a_splat_that_would_bring_transmittance_under_1e_4_is_not_blended():
+    # 0.99 twice leaves 1e-4 (a little more in float32 or less in none), so a third of 0.5 is refused
+    opacities = np.array([0.98, 0.98, 0.9, 0.5])  # leaves 0.02, 4e-4, then 4e-5 is refused and the pixel stops
+    image = render(splats([[0, 0, z] for z in (1.0, 2, 3, 4)], opacity=opacities), CAMERA, outputs=("alpha",))
+    assert image["alpha"][CENTRE] == pytest.approx(1 - 4e-4, abs=1e-7)
+
+
+def test_depth_is_z_and_not_ray_length_and_weighs_like_colour():
+    image = render(splats([[0.2, 0.1, 1.5]], scale=0.1), CAMERA, outputs=("depth", "alpha"))
+    seen = image["alpha"] > 0
+    np.testing.assert_allclose(image["depth"][seen], 1.5, atol=1e-6)
+    assert not image["depth"][~seen].any()
+    two = render(splats([[0, 0, 1.0], [0, 0, 3.0]], opacity=0.5), CAMERA, outputs=("depth",))["depth"]
+    assert two[CENTRE] == pytest.approx((0.5 * 1 + 0.25 * 3) / 0.75, abs=1e-6)
+
+
+def test_the_near_plane_drops_means_at_or_before_it():
+    scene = splats([[0, 0, 0.5]], scale=0.01)
+    assert render(scene, CAMERA, near_plane=0.49, outputs=("alpha",))["alpha"].any()
+    for near_plane in (0.5, 2.0):
+        assert not render(scene, CAMERA, near_plane=near_plane, outputs=("alpha",))["alpha"].any()
+    assert not render(splats([[0, 0, 0.01], [0, 0, -3.0], [0, 0, 0]]), CAMERA, outputs=("alpha",))["alpha"].any()
+
+
+def test_the_background_shows_with_the_remaining_transmittance():
+    image = render(splats([0, 0, 2.0], colours=[1.0, 0, 0], opacity=0.75), CAMERA, background=(0.2, 0.4, 1.0))
+    np.testing.assert_allclose(image[CENTRE], [0.75 + 0.25 * 0.2, 0.25 * 0.4, 0.25], atol=1e-6)
+    np.testing.assert_allclose(image[0, 0], [0.2, 0.4, 1.0], atol=1e-7)
+
+
+def test_pictures_are_clipped_to_0_and_1():
+    image = render(splats([0, 0, 2.0], colours=[9.0, -9.0, 0.5]), CAMERA, background=(-3, 7, 0.5))
+    assert image.min() == 0 and image.max() == 1 and image[CENTRE][1] == 1
+
+
+def test_results_have_the_documented_shapes_and_types():
+    scene = splats([0, 0, 2.0])
+    image = render(scene, CAMERA)
+    assert image.shape == (25, 33, 3) and image.dtype == np.float32
+    named = render(scene, CAMERA, outputs=("alpha", "depth", "rgb"))
+    assert list(named) == ["alpha", "depth", "rgb"]
+    assert {name: (a.shape, a.dtype) for name, a in named.items()} == {
+        "alpha": ((25, 33), np.float32),
+        "depth": ((25, 33), np.float32),
+        "rgb": ((25, 33, 3), np.float32),
+    }
+    np.testing.assert_array_equal(named["rgb"], image)
+    assert list(render(scene, CAMERA, outputs="depth")) == ["depth"]
+
+
+def test_size_means_the_camera_scaled_to_it():
+    scene = make_gaussians(1, 12, 16)
+    camera = make_cameras(1, 12, 16)[0]
+    np.testing.assert_array_equal(render(scene, camera, (30, 41)), render(scene, camera.resized(30, 41)))
+
+
+def test_all_layers_are_drawn_and_may_have_different_degrees():
+    front, back = make_gaussians(2, 8, 12, degree=2, seed=1), make_gaussians(2, 4, 6, degree=0, seed=2)
+    layered = Gaussians(**{**vars(front), "extra_layers": (back,)})
+    camera = make_cameras(1, 8, 12)[0]
+    np.testing.assert_allclose(render(layered, camera), render(layered.flat(), camera), atol=1e-6)
+    assert not np.array_equal(render(layered, camera), render(front, camera))
+
+
+def test_only_the_difference_of_origin_and_camera_matters():
+    scene = make_gaussians(1, 12, 16).flat()
+    camera = make_cameras(1, 12, 16)[0]
+    place = np.array([5e5, 4e6, -123.0])  # exact in float64, as all sums below
+    c2w = camera.c2w.copy()
+    c2w[:3, 3] += place
+    moved = render(Gaussians(**{**vars(scene), "origin": place}), Camera(camera.K, c2w, 16, 12))
+    np.testing.assert_allclose(moved, render(scene, camera), atol=1e-6)
+
+
+def test_a_renderer_remembers_nothing_of_its_frames():
+    scene = make_gaussians(2, 12, 16, degree=3, layers=2)
+    cameras = make_cameras(3, 12, 16, spacing=1.5)
+    away = Camera(cameras[0].K, np.diag([-1.0, 1, -1, 1]), 16, 12)
+    renderer = Renderer(scene)
+    first = [renderer.render(c) for c in (*cameras, away)]
+    again = [renderer.render(c) for c in reversed((*cameras, away))]
+    for a, b in zip(first, reversed(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"gaussians": None}, "gaussians"),
+        ({"camera": np.eye(4)}, "camera"),
+        ({"size": (0, 5)}, "size[0]"),
+        ({"size": (5, 2.5)}, "size[1]"),
+        ({"size": 64}, "size"),
+        ({"outputs": ("rgb", "normals")}, "outputs"),
+        ({"outputs": ()}, "outputs"),
+        ({"outputs": 3}, "outputs"),
+        ({"background": (0, 0)}, "background"),
+        ({"background": (0, np.nan, 0)}, "background"),
+        ({"background": (0, 1e39, 0)}, "background"),
+        ({"background": "white"}, "background"),
+        ({"near_plane": -1}, "near_plane"),
+        ({"near_plane": math.nan}, "near_plane"),
+        ({"near_plane": math.inf}, "near_plane"),
+        ({"near_plane": "far"}, "near_plane"),
+        ({"threads": 0}, "threads"),
+        ({"threads": True}, "threads"),
+        ({"threads": 1.5}, "threads"),
+    ],
+)
+def test_unusable_arguments_are_named(changes, field):
+    arguments = {"gaussians": splats([0, 0, 2.0]), "camera": CAMERA, **changes}
+    with pytest.raises(InputError) as caught:
+        render(**arguments)
+    assert caught.value.where == field

@@ -1,0 +1,154 @@
+"""The rasteriser under scenes and sizes at the end of what is possible: finite pictures, bounded memory, same bits."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.render import Renderer, render, renderer
+from tinysplat_runtime.render.tiles import depth_order, runs, stable_argsort
+
+OUTPUTS = ("rgb", "depth", "alpha")
+HUGE = np.finfo(np.float32).max
+TINY = np.float32(1e-45)
+
+
+def pinhole(height, width, focal=None):
+    focal = focal or max(height, width)
+    return Camera([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], np.eye(4), width, height)
+
+
+def cloud(count, seed=0, **fields):
+    rng = np.random.default_rng(seed)
+    default = {
+        "means": rng.uniform(-1, 1, (count, 3)) * [1, 1, 0.5] + [0, 0, 2],
+        "quats": rng.normal(size=(count, 4)),
+        "scales": np.exp(rng.normal(size=(count, 3)) - 4),
+        "opacities": rng.uniform(size=count),
+        "sh": rng.normal(size=(count, 4, 3)) * 0.3,
+    }
+    return Gaussians(**{**default, **fields})
+
+
+def assert_finite(images):
+    for name, image in images.items():
+        assert np.isfinite(image).all(), name
+    assert images["rgb"].min() >= 0 and images["rgb"].max() <= 1
+    assert images["alpha"].min() >= 0 and images["alpha"].max() <= 1
+    assert images["depth"].min() >= 0
+
+
+@pytest.mark.parametrize(("height", "width"), [(300, 300), (40, 70), (1, 1)])
+def test_pictures_are_bit_identical_for_any_number_of_threads(height, width):
+    scene = cloud(40_000)
+    images = [render(scene, pinhole(height, width), outputs=OUTPUTS, threads=n) for n in (1, 2, 3)]
+    for other in images[1:]:
+        for name in OUTPUTS:
+            np.testing.assert_array_equal(images[0][name], other[name])
+
+
+def test_pictures_do_not_depend_on_where_runs_are_cut(monkeypatch):
+    scene = cloud(3000, scales=np.full((3000, 3), 0.03))
+    whole = render(scene, pinhole(60, 80), outputs=OUTPUTS)
+    for limit in (1, 5000):
+        monkeypatch.setattr(renderer, "MAX_PAIRS", limit)
+        cut = render(scene, pinhole(60, 80), outputs=OUTPUTS)
+        for name in OUTPUTS:
+            np.testing.assert_allclose(cut[name], whole[name], atol=1e-5)
+
+
+def test_memory_stays_bounded_when_every_gaussian_covers_the_picture():
+    count = 5000
+    scene = cloud(count, scales=np.full((count, 3), 50.0), opacities=np.full(count, 0.006))
+    camera = pinhole(128, 128)  # 1,024 tiles each: 5 million pairs
+    r = Renderer(scene, threads=1)
+    tracemalloc.start()
+    image = r.render(camera, outputs=OUTPUTS)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert_finite(image)
+    assert peak < 150e6
+
+
+def test_a_pile_of_gaussians_on_one_pixel_is_drawn_front_to_back():
+    count = 100_000
+    means = np.zeros((count, 3))
+    means[:, 2] = np.linspace(5, 1, count)  # the last is in front
+    scene = cloud(count, means=means, scales=np.full((count, 3), 1e-6), opacities=np.full(count, 0.01))
+    image = render(scene, pinhole(9, 9), outputs=OUTPUTS)
+    assert_finite(image)
+    middle = image["depth"][4, 4]
+    assert image["alpha"][4, 4] > 0.999
+    assert 1 < middle < 1.01
+
+
+def test_no_gaussians_in_sight_leave_the_background():
+    behind = cloud(100, means=np.tile([0.0, 0, -2], (100, 1)))
+    beside = cloud(100, means=np.tile([50.0, 0, 1], (100, 1)))
+    clear = cloud(100, opacities=np.full(100, 0.003))
+    for scene in (behind, beside, clear):
+        image = render(scene, pinhole(20, 30), background=(0.1, 0.2, 0.3), outputs=OUTPUTS)
+        np.testing.assert_array_equal(image["rgb"], np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (20, 30, 3)))
+        assert not image["alpha"].any() and not image["depth"].any()
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"scales": np.full((200, 3), HUGE)},
+        {"scales": np.full((200, 3), TINY)},
+        {"scales": np.tile([HUGE, 0, TINY], (200, 1))},
+        {"scales": np.tile([1e6, 1e-9, 1e-9], (200, 1))},
+        {"means": np.full((200, 3), HUGE)},
+        {"means": np.tile([HUGE, -HUGE, HUGE], (200, 1)), "scales": np.full((200, 3), HUGE)},
+        {"means": np.tile([-HUGE, HUGE, 0.02], (200, 1)), "scales": np.full((200, 3), HUGE)},
+        {"means": np.tile([0, 0, HUGE], (200, 1)), "scales": np.full((200, 3), 1e37)},
+        {"means": np.full((200, 3), TINY)},
+        {"quats": np.full((200, 4), TINY)},
+        {"quats": np.full((200, 4), HUGE)},
+        {"sh": np.full((200, 25, 3), HUGE)},
+        {"sh": np.full((200, 25, 3), -HUGE)},
+        {"sh": np.random.default_rng(0).choice([HUGE, -HUGE], (200, 16, 3))},
+        {"opacities": np.ones(200)},
+    ],
+)
+@pytest.mark.parametrize("near_plane", [0.01, 0.0])
+def test_numbers_at_the_end_of_float32_give_finite_pictures(fields, near_plane):
+    scene = cloud(200, **fields)
+    for camera in (pinhole(33, 47), Camera([[1e-3, 50, -300], [0, 1e6, 9e3], [0, 0, 1]], np.eye(4), 47, 33)):
+        assert_finite(render(scene, camera, outputs=OUTPUTS, near_plane=near_plane))
+
+
+def test_gaussians_never_checked_may_hold_nan_and_are_then_not_drawn():
+    good = cloud(50)
+    for name in ("means", "quats", "scales", "opacities", "sh"):
+        fields = {n: getattr(good, n).copy() for n in ("means", "quats", "scales", "opacities", "sh")}
+        fields[name][::2] = np.nan
+        assert_finite(render(Gaussians.unchecked(**fields), pinhole(20, 20), outputs=OUTPUTS))
+
+
+def test_radix_order_is_the_stable_order_for_narrow_and_wide_keys():
+    rng = np.random.default_rng(0)
+    for keys in (
+        rng.integers(0, 1 << 16, 5000).astype(np.uint16),
+        rng.integers(0, 1 << 32, 5000).astype(np.uint32),
+        rng.integers(0, 7, 5000).astype(np.uint32) << np.uint32(16),
+        np.zeros(0, np.uint16),
+    ):
+        np.testing.assert_array_equal(stable_argsort(keys), np.argsort(keys, kind="stable"))
+
+
+def test_depth_order_is_by_depth_and_then_by_index():
+    depths = np.float32([3, 1e-30, 2, 3, 1e30, 2, 0.5])
+    np.testing.assert_array_equal(depth_order(depths, np.array([0, 1, 2, 3, 4, 5])), [1, 2, 5, 0, 3, 4])
+
+
+def test_runs_hold_at_most_the_limit_or_one_splat():
+    areas = np.array([5, 1, 1, 9, 3, 3, 100, 1])
+    order = np.array([0, 1, 2, 3, 6, 4, 5, 7])
+    cut = [run.tolist() for run in runs(areas, order, limit=8)]
+    assert cut == [[0, 1, 2], [3], [6], [4, 5, 7]]

@@ -1,0 +1,115 @@
+"""Camera paths pass through what they were given, turn evenly and stay rigid."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.quaternions import normalize_quats, quats_to_matrices
+from tinysplat_runtime.render import between, orbit
+
+
+def camera(quat=(1.0, 0, 0, 0), centre=(0.0, 0, 0), focal=50.0, width=40, height=30):
+    c2w = np.eye(4)
+    c2w[:3, :3] = quats_to_matrices(normalize_quats(np.array(quat, float)))
+    c2w[:3, 3] = centre
+    return Camera([[focal, 0.5, 20], [0, focal, 15], [0, 0, 1]], c2w, width, height)
+
+
+def about_y(angle):
+    return (math.cos(angle / 2), 0, math.sin(angle / 2), 0)
+
+
+CAMERAS = [
+    camera(),
+    camera((0.9, 0.1, 0.3, -0.2), (1, 0, 0.5), 60),
+    camera((-0.7, -0.2, -0.6, 0.1), (2, -1, 0), 40),
+]
+
+
+def angle_between(a, b):
+    return math.acos(min(1, (np.trace(a.rotation @ b.rotation.T) - 1) / 2))
+
+
+def test_a_path_passes_through_every_given_camera():
+    path = between(CAMERAS, 21)
+    assert len(path) == 21
+    for given, passed in zip(CAMERAS, path[::10], strict=True):
+        np.testing.assert_allclose(passed.c2w, given.c2w, atol=1e-12)
+        np.testing.assert_allclose(passed.K, given.K, atol=1e-12)
+        assert (passed.width, passed.height) == (given.width, given.height)
+
+
+def test_centres_and_intrinsics_move_straight_and_rotations_turn_evenly():
+    path = between(CAMERAS[:2], 9)
+    for i, c in enumerate(path):
+        np.testing.assert_allclose(c.centre, np.array([1, 0, 0.5]) * i / 8, atol=1e-12)
+        assert c.K[0, 0] == pytest.approx(50 + 10 * i / 8)
+    turns = [angle_between(a, b) for a, b in zip(path, path[1:], strict=False)]
+    np.testing.assert_allclose(turns, angle_between(path[0], path[-1]) / 8, atol=1e-7)
+
+
+def test_rotations_take_the_shorter_way():
+    path = between([camera(about_y(3.0)), camera(about_y(-3.0))], 3)
+    assert path[1].rotation.T[:, 2] @ [0, 0, -1] == pytest.approx(1)  # through π, not through 0
+
+
+def test_tiny_turns_and_equal_cameras_interpolate_exactly():
+    path = between([camera(), camera(about_y(1e-9))], 3)
+    assert path[1].rotation.T[0, 2] == pytest.approx(5e-10, rel=1e-6)
+    for c in between([CAMERAS[1]] * 2, 5):
+        np.testing.assert_allclose(c.c2w, CAMERAS[1].c2w, atol=1e-12)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 7])
+def test_one_camera_is_a_path_that_stays(frames):
+    path = between([CAMERAS[2]], frames)
+    assert len(path) == frames
+    for c in path:
+        np.testing.assert_allclose(c.c2w, CAMERAS[2].c2w, atol=1e-12)
+
+
+def test_an_orbit_looks_at_one_point_from_an_ellipse_around_the_mean_camera():
+    pair = [camera(about_y(0.1), (-0.5, 0, 0)), camera(about_y(-0.1), (0.5, 0, 0))]
+    path = orbit(pair, 12, depth=5.0)
+    assert len(path) == 12
+    target = np.array([0, 0, 5.0])
+    for c in path:
+        seen = c.rotation @ (target - c.centre)
+        np.testing.assert_allclose(seen[:2], 0, atol=1e-9)
+        assert seen[2] > 0
+        assert c.centre[2] == pytest.approx(0, abs=1e-12)
+        assert (c.centre[0] / 0.5) ** 2 + (c.centre[1] / 0.1) ** 2 == pytest.approx(1)
+    np.testing.assert_allclose(np.mean([c.centre for c in path], axis=0), 0, atol=1e-12)
+    assert path[0].centre[0] == pytest.approx(0.5)
+    np.testing.assert_allclose(path[3].rotation.T[:, 0], [1, 0, 0], atol=1e-12)  # no roll
+
+
+def test_an_orbit_of_one_camera_moves_a_little():
+    path = orbit([CAMERAS[1]], 8, depth=2.0)
+    distances = [np.linalg.norm(c.centre - CAMERAS[1].centre) for c in path]
+    assert 0.03 < min(distances) and max(distances) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: between([], 3), "cameras"),
+        (lambda: between([camera(), camera(width=41)], 3), "cameras"),
+        (lambda: between(CAMERAS, 0), "frames"),
+        (lambda: between(CAMERAS, 2.5), "frames"),
+        (lambda: orbit([], 3, 1.0), "cameras"),
+        (lambda: orbit(CAMERAS, True, 1.0), "frames"),
+        (lambda: orbit(CAMERAS, 3, 0.0), "depth"),
+        (lambda: orbit(CAMERAS, 3, math.inf), "depth"),
+        (lambda: orbit(CAMERAS, 3, "near"), "depth"),
+    ],
+)
+def test_unusable_arguments_are_named(make, field):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert caught.value.where == field
