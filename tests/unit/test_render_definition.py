@@ -1,4 +1,4 @@
-"""What a rendered picture means: colours, depths, order, planes and layers, each on a scene small enough to work out."""
+"""What a rendered picture means: colours, depths, order and layers, each on a scene small enough to work out."""
 
 from __future__ import annotations
 
