@@ -86,7 +86,7 @@ def _synthesis_inputs(v: int, h: int, w: int, degree: int) -> dict[str, Tensor]:
 
 _VIEW, _GRID = {0: "V"}, {0: "V", 1: "H", 2: "W"}
 _PLANES = {0: "V", 1: "P", 2: "H", 3: "W"}
-_CAMERA_AXES = {name: _VIEW for name in ("K", "rotation", "rotation_quat")}
+_CAMERA_AXES = dict.fromkeys(("K", "rotation", "rotation_quat"), _VIEW)
 _SYNTHESIS_AXES = {
     "geometry_codes": _PLANES,
     "geometry_mix": {0: "V", 2: "P"},
@@ -103,7 +103,7 @@ GRAPHS = {
         T.ViewProjection(),
         _vpt_inputs,
         {
-            **{name: _GRID for name in ("means", "quats", "scales", "opacities")},
+            **dict.fromkeys(("means", "quats", "scales", "opacities"), _GRID),
             **_CAMERA_AXES,
             "centre_high": _VIEW,
             "centre_low": _VIEW,

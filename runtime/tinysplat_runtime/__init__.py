@@ -35,7 +35,25 @@ _MODULE_OF = {
     "save_gaussians": "interchange",
 }
 
-__all__ = sorted(_MODULE_OF)
+__all__ = [
+    "Camera",
+    "FormatError",
+    "Gaussians",
+    "InputError",
+    "ModelError",
+    "NumericError",
+    "Runtime",
+    "Scene",
+    "TinySplatError",
+    "compress",
+    "decompress",
+    "inspect",
+    "load_gaussians",
+    "load_scene",
+    "predict",
+    "render",
+    "save_gaussians",
+]
 
 if TYPE_CHECKING:
     from .api import Runtime, compress, decompress, inspect, predict, render

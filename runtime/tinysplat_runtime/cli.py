@@ -10,7 +10,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from typing import NoReturn, TypeAlias
 
 from . import __version__
 from .errors import InputError, TinySplatError
@@ -54,15 +54,15 @@ def threads(text: str) -> int:
     return int(text)
 
 
-def _common() -> argparse.ArgumentParser:
-    common = argparse.ArgumentParser(add_help=False)
+def _common() -> _Parser:
+    common = _Parser(add_help=False)
     common.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
     common.add_argument("--threads", type=threads, metavar="N", help="default: all cores; never changes a result")
     return common
 
 
-def _coding() -> argparse.ArgumentParser:
-    coding = argparse.ArgumentParser(add_help=False)
+def _coding() -> _Parser:
+    coding = _Parser(add_help=False)
     coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
     coding.add_argument("--profile", choices=PROFILES, default="balanced", help="default: balanced")
     coding.add_argument(
@@ -75,8 +75,8 @@ def _coding() -> argparse.ArgumentParser:
     return coding
 
 
-def _limits() -> argparse.ArgumentParser:
-    limits = argparse.ArgumentParser(add_help=False)
+def _limits() -> _Parser:
+    limits = _Parser(add_help=False)
     limits.add_argument("--max-pixels", type=threads, metavar="N", help="refuse files of more Gaussians (default 67 M)")
     limits.add_argument(
         "--max-memory", type=threads, metavar="BYTES", help="refuse files that decode to more (default 8 GiB)"
@@ -84,8 +84,12 @@ def _limits() -> argparse.ArgumentParser:
     return limits
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of the commands that need nothing but the runtime."""
+Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
+"""What `add_subparsers` returns; argparse has no public name for it."""
+
+
+def build_parser() -> tuple[_Parser, Commands]:
+    """The parser of the commands that need nothing but the runtime, and where further commands are added."""
     parser = _Parser(prog="tinysplat", description="Posed photos in, a tiny 3D Gaussian scene out.", epilog=_EPILOG)
     parser.add_argument("--version", action="version", version=f"tinysplat {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
@@ -129,7 +133,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     models = commands.add_parser("models", parents=[common], help="the networks and graphs at hand")
     models.add_argument("--json", action="store_true", help="as JSON")
-    return parser
+    return parser, commands
 
 
 _EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
@@ -160,30 +164,29 @@ def _fail(message: str) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    parser = build_parser()
-    joined = _join(parser, arguments)
+    parser, commands = build_parser()
+    joined = _join(commands, arguments)
     args = parser.parse_args(arguments)
     if args.command in joined:
         return joined[args.command](args) or 0
-    from . import commands
+    from . import commands as own  # here, so that --version and --help start without numpy
 
-    run: Callable[[Any], None] = getattr(commands, args.command)
+    run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
     run(args)
     return 0
 
 
-def _join(parser: argparse.ArgumentParser, arguments: list[str]) -> dict[str, Callable[[Any], int | None]]:
+def _join(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:
     """Add the commands of other packages, but only when one of them, or the list of all, is asked for.
 
     An entry point of the group names a module with `HELP`, `configure(parser)` and `run(args)`.
     """
-    own = parser._subparsers._group_actions[0]  # type: ignore[union-attr]
     word = next((a for a in arguments if not a.startswith("-")), None)
-    if word in own.choices or (word is None and "--version" in arguments):  # type: ignore[operator]
+    if word in commands.choices or (word is None and "--version" in arguments):
         return {}
     from importlib.metadata import entry_points
 
-    joined: dict[str, Callable[[Any], int | None]] = {}
+    joined: dict[str, Callable[[argparse.Namespace], int | None]] = {}
     for point in entry_points(group=ENTRY_POINTS):
         if word not in (None, point.name):
             continue
@@ -193,7 +196,7 @@ def _join(parser: argparse.ArgumentParser, arguments: list[str]) -> dict[str, Ca
             if word == point.name:
                 raise _missing_extra(word, error.name) from None
             continue
-        module.configure(own.add_parser(point.name, parents=[_common()], help=module.HELP))  # type: ignore[attr-defined]
+        module.configure(commands.add_parser(point.name, parents=[_common()], help=module.HELP))
         joined[point.name] = module.run
     if word in EXTRAS and word not in joined:
         raise _missing_extra(word, None)

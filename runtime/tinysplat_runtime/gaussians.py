@@ -89,7 +89,7 @@ class Gaussians:
             _refuse("opacities", self.opacities, (self.opacities < 0) | (self.opacities > 1), "0 to 1 (linear)")
         if self.scales.min() < 0:
             _refuse("scales", self.scales, self.scales < 0, "≥ 0 (linear standard deviations, not logarithms)")
-        zero = ~self.quats.any(axis=-1)
+        zero = np.logical_not(self.quats.any(axis=-1))
         if zero.any():
             _refuse("quats", self.quats, zero, "a non-zero quaternion")
 

@@ -28,7 +28,8 @@ def test_matrices_agree_with_scipy():
 def test_products_compose_rotations():
     other = QUATS[::-1]
     product = multiply_quats(QUATS, other)
-    np.testing.assert_allclose(quats_to_matrices(product), quats_to_matrices(QUATS) @ quats_to_matrices(other), atol=1e-14)
+    composed = quats_to_matrices(QUATS) @ quats_to_matrices(other)
+    np.testing.assert_allclose(quats_to_matrices(product), composed, atol=1e-14)
     np.testing.assert_allclose(np.einsum("nij,nj->ni", left_multiplication_matrices(QUATS), other), product, atol=1e-14)
     np.testing.assert_allclose(multiply_quats(QUATS, conjugate_quats(QUATS)), [[1, 0, 0, 0]] * 500, atol=1e-14)
 

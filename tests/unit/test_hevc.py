@@ -39,7 +39,8 @@ def test_padding_repeats_the_last_row_and_column():
 
 
 def test_parameter_sets_depend_on_the_size_and_settings_alone():
-    sets = {encode_plane(smooth_codes(32, 48, seed), qp, MEDIUM).parameter_sets for seed, qp in ((0, 0), (1, 24), (2, 51))}
+    planes = [encode_plane(smooth_codes(32, 48, seed), qp, MEDIUM) for seed, qp in ((0, 0), (1, 24), (2, 51))]
+    sets = {plane.parameter_sets for plane in planes}
     assert len(sets) == 1
 
 
@@ -71,7 +72,11 @@ def test_a_stream_of_another_size_is_refused_before_it_is_decoded():
         decoder.decode_into(big.payload, np.zeros((32, 32), np.uint16))
 
 
-@pytest.mark.parametrize("payload", [b"", b"\x28", b"\x42\x01\x00", b"\x28\x01\x00\x00\x01\x28\x01", b"\x28\x01" + b"\xff" * 20])
+@pytest.mark.parametrize(
+    "payload",
+    [b"", b"\x28", b"\x42\x01\x00", b"\x28\x01\x00\x00\x01\x28\x01", b"\x28\x01" + b"\xff" * 20],
+    ids=["empty", "one byte", "a parameter set", "two units", "noise"],
+)
 def test_payloads_that_are_no_single_slice_are_refused(payload):
     good = encode_plane(smooth_codes(32, 32), 20, MEDIUM)
     with pytest.raises(FormatError):

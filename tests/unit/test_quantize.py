@@ -22,7 +22,7 @@ def test_hevc_step_doubles_every_six_qp_and_is_16_at_qp_4():
     share=st.floats(0, 1),
     relative_step=st.floats(1e-6, 1e3),
 )
-def test_codes_never_overflow_and_the_step_is_the_wanted_one_unless_12_bits_are_too_few(low, span, share, relative_step):
+def test_codes_never_overflow_and_steps_are_as_wanted_unless_12_bits_are_too_few(low, span, share, relative_step):
     high = low + span
     span = high - low
     if not span > 1e-5 * abs(low):

@@ -130,7 +130,7 @@ class PlaneDecoder:
             expected = f"{self._coded[1]}x{self._coded[0]} {_PIXEL_FORMAT}"
             raise FormatError(f"picture is {found[1]}x{found[0]} {found[2]}, expected {expected}", where="plane")
         plane = frame.planes[0]
-        pixels = np.frombuffer(plane, np.uint16).reshape(frame.height, plane.line_size // 2)
+        pixels = np.frombuffer(memoryview(plane), np.uint16).reshape(frame.height, plane.line_size // 2)
         height, width = self._size
         out[...] = pixels[:height, :width]
 
