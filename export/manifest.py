@@ -23,7 +23,7 @@ OPSET = 18
 
 
 def add_metadata(path: Path, metadata: dict[str, Any]) -> None:
-    """Stamp role, contract, ranges, licence and provenance into the file; lower the IR version to what ORT 1.20 reads."""
+    """Stamp role, contract, ranges, licence and provenance into the file; lower its IR version to ORT 1.20's."""
     model = onnx.load(str(path))
     model.ir_version = min(model.ir_version, MAX_IR_VERSION)
     model.producer_name, model.producer_version, model.doc_string = "tinysplat", "", ""

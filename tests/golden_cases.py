@@ -1,4 +1,4 @@
-"""The golden cases: integer planes for the encoder, tiny scenes for whole files. Test and regenerator read this table."""
+"""The golden cases: integer planes for the encoder, tiny scenes for whole files; test and regenerator read them."""
 
 from __future__ import annotations
 

@@ -298,7 +298,8 @@ def info_text(file: str, described: dict[str, Any]) -> str:
 def _plane_text(plane: dict[str, Any]) -> str:
     if plane["coding"] == "constant":
         return f"{plane['layer']:5} {plane['name']:11} constant   –  = {plane['value']:<10.4g} {plane['bytes']:7}"
-    return f"{plane['layer']:5} {plane['name']:11} {plane['coding']:8} {plane['qp']:3} {plane['step']:12.4g} {plane['bytes']:8}"
+    coding = f"{plane['coding']:8} {plane['qp']:3} {plane['step']:12.4g}"
+    return f"{plane['layer']:5} {plane['name']:11} {coding} {plane['bytes']:8}"
 
 
 def _left_out_text(entry: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 def progress(items: Iterable[T], total: int, label: str, *, quiet: bool) -> Iterator[T]:
-    """Yield the items and show how many are done on standard error: tqdm's bar where tqdm is installed, else a count."""
+    """Yield the items and show how many are done on standard error: tqdm's bar if installed, else a count."""
     if quiet or not sys.stderr.isatty():
         yield from items
         return

@@ -1,4 +1,7 @@
-"""Rewrite the golden files from `tests/golden_cases.py` (`make golden`). A reviewed decision: its reason goes into the changelog."""
+"""Rewrite the golden files from `tests/golden_cases.py` (`make golden`).
+
+A reviewed decision: its reason goes into the changelog.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""VPT, VABR and their inverses in float64, written from PAPER.md's formulas, one Gaussian set at a time: slow, obvious."""
+"""VPT and its inverse in float64, from the paper's formulas (arXiv 2506.09479), a view at a time: slow, obvious."""
 
 from __future__ import annotations
 

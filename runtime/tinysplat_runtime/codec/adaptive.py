@@ -3,7 +3,7 @@
 Against `paper`: absolute steps from measured sensitivities in place of σ/α; depth as −1/z, in two layers where 12 bits
 are too coarse; ŝ through its own 3 × 3 PCA; rotations as three components relative to the view's dominant rotation;
 VABR weighted by the second moment of the basis, so that all components are equally visible and one step is right; as
-many components as carry more than the step lets through. DESIGN figures: docs/FORMAT.md, "Profiles".
+many components as carry more than the step lets through. What each gains: docs/FORMAT.md, "Profiles".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Visibility-aware basis reduction (VABR): which few combinations of SH coefficients carry the colours that are seen.
 
-PAPER.md, Method 3; arXiv 2506.09479, section 3.3. All of it is d × d, in float64 on the host; the products over pixels
+arXiv 2506.09479, section 3.3. All of it is d × d, in float64 on the host; the products over pixels
 are graphs (`analysis_moment`, `analysis_project`, `synthesis`).
 """
 
@@ -93,7 +93,7 @@ def weighted_energies(moment: NDArray, weighting: NDArray) -> NDArray:
 
 
 def _signs(vectors: NDArray) -> NDArray:
-    """±1 per column that makes its entry of largest magnitude positive; near-ties go to the first, whatever the BLAS."""
+    """±1 per column that makes its entry of largest magnitude positive; near-ties go to the first."""
     magnitudes = np.abs(vectors)
     leading = np.argmax(magnitudes >= magnitudes.max(axis=0) * (1 - 1e-6), axis=0)
     signs = np.sign(vectors[leading, np.arange(vectors.shape[1])])

@@ -32,8 +32,8 @@ FLAT_SPREAD = {
     PlaneClass.OPACITY: 1e-5,
     PlaneClass.COLOR: 1e-5,
 }
-"""A channel of a smaller standard deviation (pixels; quaternion, opacity and colour units) is constant but for float32's
-rounding, which a step relative to the deviation would code as noise at full cost."""
+"""A channel of a smaller standard deviation (pixels; quaternion, opacity and colour units) is constant but for
+float32's rounding, which a step relative to the deviation would code as noise at full cost."""
 
 FLAT_DEPTH = 1e-7
 """The same for depth, relative to its mean."""

@@ -1,7 +1,7 @@
-"""The plan of profile `paper`: the configuration of arXiv 2506.09479, tables in PAPER.md.
+"""The plan of profile `paper`: the configuration of arXiv 2506.09479.
 
-Planes are z, offset, ŝ, the camera-frame quaternion, opacity and the k leading VABR components. A 14-bit integer step is
-σ/α of the channel over all views, and HEVC quantises those integers at QP = Q_c + Q_g; the step that results,
+Planes are z, offset, ŝ, the camera-frame quaternion, opacity and the k leading VABR components. A 14-bit integer step
+is σ/α of the channel over all views, and HEVC quantises those integers at QP = Q_c + Q_g; the step that results,
 σ/α · 64 · 2^((Q_c + Q_g − 4)/6), is what the 12-bit codes of `quantize` reproduce.
 """
 
