@@ -1,4 +1,4 @@
-"""The codec's transforms as torch modules: VPT, VABR and their inverses (arXiv 2506.09479, section 3).
+"""The codec's transforms as torch modules: VPT, VABR and their inverses (arXiv 2506.09479).
 
 `export/transforms.py` writes them to the ONNX graphs that the runtime runs. They are matrix operations in float32;
 what needs float64 (eigen-decomposition, camera inverses, folding of steps into matrices) is the caller's, on the host.

@@ -33,7 +33,7 @@ class ProjectedLayer:
 
 
 def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, where: str) -> ProjectedLayer:
-    """VPT (arXiv 2506.09479, section 3.2): depth, pixel offset, projected scale, camera-frame rotation, opacity.
+    """VPT (arXiv 2506.09479): depth, pixel offset, projected scale, camera-frame rotation, opacity.
 
     Args:
         store: opens the graph.

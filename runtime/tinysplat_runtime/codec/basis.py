@@ -1,6 +1,6 @@
 """Visibility-aware basis reduction (VABR): which few combinations of SH coefficients carry the colours that are seen.
 
-arXiv 2506.09479, section 3.3. All of it is d × d, in float64 on the host; the products over pixels
+arXiv 2506.09479. All of it is d × d, in float64 on the host; the products over pixels
 are graphs (`analysis_moment`, `analysis_project`, `synthesis`).
 """
 

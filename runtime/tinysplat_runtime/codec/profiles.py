@@ -12,7 +12,7 @@ from .planes import PlaneClass
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """The paper's quantisation (arXiv 2506.09479, section 3.4 and its table of α and Q_c).
+    """The paper's quantisation (arXiv 2506.09479 and its table of α and Q_c).
 
     Attributes:
         alpha: 14-bit steps per standard deviation, by class.
