@@ -79,7 +79,8 @@ def match_scores(features: Tensor, K: Tensor, c2w: Tensor, others: Tensor, dispa
     reference = features.flatten(3).transpose(2, 3)[:, :, None] / math.sqrt(channels)  # (B, V, 1, P, C)
     targets = gather_views(features.flatten(3), others)  # (B, V, M, C, P)
     scores = []
-    for pixels, points in zip(reference.chunk(BANDS, dim=3), grid.chunk(BANDS, dim=3), strict=True):
+    banded = zip(*(x.unflatten(3, (BANDS, -1)).unbind(3) for x in (reference, grid)), strict=True)
+    for pixels, points in banded:
         correlation = (pixels @ targets).reshape(-1, 1, height, width)  # a one-channel image per pixel and pair
         points = points.reshape(correlation.shape[0], -1, 1, 2)
         read = functional.grid_sample(correlation, points, mode="bilinear", padding_mode="zeros", align_corners=True)

@@ -25,7 +25,7 @@ from .harmonics import HarmonicsToWorld
 from .outputs import PixelGaussians
 from .transformer import MultiViewTransformer
 from .unet import GROUPS, RefinementNet, UNet
-from .views import all_others, nearest_others
+from .views import nearest_others
 
 Padding: TypeAlias = Literal["zeros", "replicate"]
 
@@ -259,7 +259,7 @@ class DepthSplat(nn.Module):
             near, far: (B, V) depth range, scene units; docs/MODELS.md has those of the released weights.
         """
         scenes, views = images.shape[:2]
-        others = all_others(scenes, views) if views <= MATCHED_VIEWS + 1 else nearest_others(c2w, MATCHED_VIEWS)
+        others = nearest_others(c2w, MATCHED_VIEWS)
         flat = images.flatten(0, 1)
         depth, confidence, features = self.depth_predictor(flat, Sweep(K, c2w, near, far, others))
         fused = self.feature_upsampler(features.mono, features.named())

@@ -18,14 +18,25 @@ def all_others(scenes: int, views: int) -> Tensor:
 
 
 def nearest_others(c2w: Tensor, count: int) -> Tensor:
-    """The `count` other views whose camera centres are nearest, nearest first: (B, V, count) from c2w (B, V, 4, 4).
+    """The `count` other views whose camera centres are nearest, or all others where there are no more than `count`.
 
-    The distance is a norm of differences, not cdist, which ONNX lacks. Among equal distances the order is the sort's.
+    Nearest first by Euclidean distance, but all others in increasing order. Equal distances stand as the sort leaves
+    them. The distance is a norm of differences, as ONNX has no cdist.
+
+    Args:
+        c2w: (B, V, 4, 4).
+        count: views wanted.
+
+    Returns:
+        (B, V, min(count, V − 1)).
     """
+    views = c2w.shape[1]
     centres = c2w[..., :3, 3]
     distances = (centres[:, :, None] - centres[:, None]).norm(dim=-1)  # (B, V, V)
-    itself = torch.eye(c2w.shape[1], dtype=distances.dtype, device=distances.device)
-    return (distances - itself).argsort(dim=-1)[..., 1 : count + 1]  # the view itself has −1 and comes first
+    index = torch.arange(views, dtype=c2w.dtype, device=c2w.device)
+    keys = torch.where(index.max() > count, distances, index)
+    keys = keys.masked_fill(index[:, None] == index, -1)  # the view itself comes first and is left out
+    return keys.argsort(dim=-1)[..., 1:].narrow(-1, 0, torch.sym_min(views - 1, count))
 
 
 def gather_views(x: Tensor, others: Tensor) -> Tensor:
