@@ -1,0 +1,110 @@
+"""`tinysplat compare`: two results side by side, with maps of their error."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from tinysplat.evaluation.comparison import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
+from tinysplat.evaluation.tables import format_table, number
+from tinysplat_runtime.api import decompress
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.cli import size
+from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.files import read_limited, write_atomically
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.interchange import load_gaussians
+from tinysplat_runtime.progress import progress
+from tinysplat_runtime.scenes import load_cameras
+
+HELP = "two results side by side, with maps of their error"
+
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+GAUSSIAN_SUFFIXES = (".tsplat", ".npz", ".safetensors", ".ply")
+_MAX_FILE_BYTES = 1 << 31
+
+
+def configure(parser: ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "A and B are two pictures, two files of Gaussians, or two folders of `tinysplat eval --pictures`. Gaussians are"
+        " rendered at the views of A and midway between neighbouring ones."
+    )
+    names = ", ".join((*GAUSSIAN_SUFFIXES, *PICTURE_SUFFIXES))
+    parser.add_argument("a", metavar="A", help=f"{names}, or a folder of results")
+    parser.add_argument("b", metavar="B", help="the same kind of thing as A")
+    parser.add_argument("-o", "--output", default="comparison", metavar="FOLDER", help="default comparison")
+    parser.add_argument("--cameras", metavar="cameras.json", help="where to look from; default: the views of A, or B")
+    parser.add_argument("--size", type=size, metavar="HxW", help="size of rendered pictures; default: the cameras'")
+
+
+def run(args: Namespace) -> None:
+    """Write the sheets and `comparison.json`, print the figures."""
+    sheets = _sheets(args, Path(args.a), Path(args.b))
+    folder = Path(args.output)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file, expected a folder", where=str(folder))
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = []
+    for sheet in progress(sheets, len(sheets), "sheets", quiet=args.quiet):
+        paths = write_sheet(folder, sheet)
+        entries.append(
+            {"sheet": sheet.name, "files": [p.name for p in paths], "views": [r.scores() for r in sheet.rows]}
+        )
+    write_atomically(folder / "comparison.json", (json.dumps({"sheets": entries}, indent=1) + "\n").encode())
+    if not args.quiet:
+        print(_table(entries))
+        print(f"\n{sum(len(entry['files']) for entry in entries)} pictures in {folder}")
+
+
+def _sheets(args: Namespace, a: Path, b: Path) -> list[Sheet]:
+    kinds = [_kind(path) for path in (a, b)]
+    if kinds[0] != kinds[1]:
+        raise InputError(f"a {kinds[1]}, but {a} is a {kinds[0]}; expected two of a kind", where=str(b))
+    if kinds[0] == "folder of results":
+        return result_sheets(a, b)
+    if kinds[0] == "picture":
+        return [picture_sheet(a, b)]
+    gaussians = [_load(path) for path in (a, b)]
+    return [gaussian_sheet(*gaussians, _cameras(args, gaussians), (a.name, b.name), args.size)]
+
+
+def _kind(path: Path) -> str:
+    if path.is_dir():
+        return "folder of results"
+    suffix = path.suffix.lower()
+    if suffix in PICTURE_SUFFIXES:
+        return "picture"
+    if suffix in GAUSSIAN_SUFFIXES:
+        return "file of Gaussians"
+    accepted = ", ".join((*GAUSSIAN_SUFFIXES, *PICTURE_SUFFIXES))
+    raise InputError(f"'{suffix}', accepted are {accepted} and folders of results", where=str(path))
+
+
+def _load(path: Path) -> Gaussians:
+    if path.suffix.lower() != ".tsplat":
+        return load_gaussians(path)
+    try:
+        return decompress(read_limited(path, _MAX_FILE_BYTES))
+    except TinySplatError as error:
+        raise error.within(str(path)) from None
+
+
+def _cameras(args: Namespace, gaussians: list[Gaussians]) -> list[Camera]:
+    cameras = load_cameras(args.cameras) if args.cameras else [*gaussians[0].cameras] or [*gaussians[1].cameras]
+    if not cameras:
+        raise InputError("neither file has cameras; give --cameras cameras.json", where="compare")
+    return cameras
+
+
+def _table(entries: list[dict]) -> str:
+    rows = [(entry["sheet"], view) for entry in entries for view in entry["views"]]
+    columns = list(dict.fromkeys(key for _, view in rows for key in view if key != "view"))
+    header = ["sheet", "view", *(column.replace("_", " ") for column in columns)]
+    digits = [2 if column.startswith("psnr") else 4 for column in columns]
+    lines = [
+        [name, view["view"], *(number(view.get(c), d) for c, d in zip(columns, digits, strict=True))]
+        for name, view in rows
+    ]
+    return format_table(header, lines)

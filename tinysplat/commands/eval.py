@@ -1,0 +1,147 @@
+"""`tinysplat eval`: the figures of the paper's tables, on the user's own scenes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
+from pathlib import Path
+
+from tinysplat.datasets import SPECS
+from tinysplat.evaluation import Coding, LeftOut, Outcome, Plan, Settings, Source, evaluate, find_sources
+from tinysplat.evaluation.lpips_files import BACKBONE_FILES, LpipsFiles, find_lpips
+from tinysplat.evaluation.records import RESULTS
+from tinysplat.evaluation.sources import ChunkSource
+from tinysplat.evaluation.summary import document
+from tinysplat.evaluation.tables import csv_text, results_text
+from tinysplat_runtime.api import DEFAULT_MODEL
+from tinysplat_runtime.cli import indices, size
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import write_atomically
+from tinysplat_runtime.threads import available_cores
+
+HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
+
+DEFAULT_FOLDER = "eval_results"
+DEFAULT_SIZE = (256, 256)
+
+
+def configure(parser: ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "Measure networks and codings on scenes: raw, coded and photo baselines. Results are kept window by window; the"
+        " same command goes on where a killed one stopped."
+    )
+    parser.add_argument(
+        "scenes", nargs="+", metavar="SCENES",
+        help="scene folders with eval_index.json, folders of such, folders of .torch chunks, or Gaussian files",
+    )  # fmt: skip
+    parser.add_argument("-o", "--output", default=DEFAULT_FOLDER, metavar="FOLDER",
+                        help=f"where results are kept; default {DEFAULT_FOLDER}")  # fmt: skip
+    parser.add_argument("--model", action="append", metavar="NAME|FILE.onnx",
+                        help=f"network, may be repeated; default {DEFAULT_MODEL}")  # fmt: skip
+    parser.add_argument("--profile", type=words, default=(DEFAULT_PROFILE,), metavar="P,P",
+                        help=f"default {DEFAULT_PROFILE}")  # fmt: skip
+    parser.add_argument("--qp", type=numbers, default=(0.0,), metavar="Q,Q",
+                        help="default 0; negative ones as --qp=-6,0")  # fmt: skip
+    parser.add_argument("--kind", type=words, default=(), metavar="K,K", help="kinds of window; default all")
+    parser.add_argument(
+        "--views", type=indices, default=(), metavar="N,N", help="numbers of context views; default all"
+    )
+    parser.add_argument("--limit", type=int, metavar="N", help="windows per scene; default all")
+    parser.add_argument(
+        "--size", type=size, metavar="HxW",
+        help="photos are scaled to cover this and cropped; default 256x256, or the data set's",
+    )  # fmt: skip
+    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth, over the index's")
+    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth, over the index's")
+    parser.add_argument("--index", metavar="F.json", help="evaluation index of a folder of chunks")
+    parser.add_argument("--dataset", choices=tuple(SPECS), default="re10k", help="what the chunks are; default re10k")
+    parser.add_argument("--lpips", choices=(*BACKBONE_FILES, "none"), default="vgg", help="default vgg")
+    parser.add_argument("--lpips-backbone", metavar="F.pth", help="torchvision's weights of the backbone")
+    parser.add_argument("--lpips-linear", metavar="F.pth", help="linear weights; default: the package lpips's")
+    parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
+    parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
+    parser.add_argument("--csv", metavar="F.csv", help="write a row per window and coding")
+
+
+def words(text: str) -> tuple[str, ...]:
+    """`paper,balanced` to a tuple."""
+    parts = tuple(part.strip() for part in text.split(","))
+    if not all(parts):
+        raise ArgumentTypeError(f"'{text}', expected words such as paper,balanced")
+    return parts
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """`0,6` to a tuple of numbers."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ArgumentTypeError(f"'{text}', expected numbers such as 0,6,12") from None
+
+
+def run(args: Namespace) -> None:
+    """Measure, print the tables, write what was asked for."""
+    for name in ("jobs", "limit"):
+        value = getattr(args, name)
+        if value is not None and value < 1:
+            raise InputError(f"{value}, expected 1 or more", where=f"--{name}")
+    for profile in args.profile:
+        find_profile(profile)
+    lpips, lpips_text = choose_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
+    sources, lost = find_sources(
+        args.scenes, index=args.index, dataset=args.dataset, near=args.near, far=args.far
+    )  # fmt: skip
+    plan = Plan(
+        sources, tuple(args.model or (DEFAULT_MODEL,)), [Coding(p, q) for p in args.profile for q in args.qp],
+        args.size or _natural_size(sources), args.kind, args.views, args.limit,
+    )  # fmt: skip
+    threads = args.threads or max(1, available_cores() // args.jobs)
+    settings = Settings(Path(args.output), lpips, args.pictures, threads, args.jobs)
+    outcome = evaluate(plan, settings, quiet=args.quiet)
+    outcome.left_out[:0] = lost
+    _report(args, outcome, settings, lpips_text)
+
+
+def choose_lpips(net: str, backbone: str | None, linear: str | None) -> tuple[LpipsFiles | None, str]:
+    """Weights as the options say, and a line about them."""
+    return (None, "LPIPS not asked for") if net == "none" else find_lpips(net, backbone, linear)
+
+
+def say_left_out(left_out: Sequence[LeftOut], notes: Sequence[str]) -> None:
+    """One line each on standard error."""
+    for line in (*map(str, left_out), *notes):
+        print(f"tinysplat: {' '.join(line.split())}", file=sys.stderr)
+
+
+def summary_line(outcome: Outcome) -> str:
+    """What was measured and what was not."""
+    lost = sum(entry.count for entry in outcome.left_out)
+    windows = len({(r.scene, r.kind, r.context, r.targets) for r in outcome.records})
+    text = f"{windows} windows measured ({len(outcome.records)} results, {outcome.resumed} from before)"
+    return f"{text}, {lost} left out" if lost else text
+
+
+def _natural_size(sources: Sequence[Source]) -> tuple[int, int]:
+    """The data set's size where there are chunks, else that of published figures."""
+    chunks = [source for source in sources if isinstance(source, ChunkSource)]
+    return SPECS[chunks[0].dataset].size if chunks else DEFAULT_SIZE
+
+
+def _report(args: Namespace, outcome: Outcome, settings: Settings, lpips_text: str) -> None:
+    say_left_out(outcome.left_out, outcome.notes)
+    if not outcome.records:
+        raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
+    found = document(outcome, settings, lpips_text)
+    data = (json.dumps(found, indent=1, allow_nan=False) + "\n").encode()
+    for path in filter(None, (settings.folder / RESULTS, args.json)):
+        write_atomically(path, data)
+    if args.csv:
+        write_atomically(args.csv, csv_text(outcome.records).encode())
+    if not args.quiet:
+        print(results_text(outcome.records, has_lpips=settings.lpips is not None))
+        print(f"\n{summary_line(outcome)}; {lpips_text}; results in {settings.folder}")

@@ -1,0 +1,52 @@
+"""Public evaluation indices: `{scene key: {"context": […], "target": […]} or null}`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import StrPath, read_limited
+
+MAX_INDEX_BYTES = 64 * 1000 * 1000
+"""RealEstate10K's, the largest there is, takes half a megabyte."""
+
+
+@dataclass(frozen=True)
+class PaperWindow:
+    """Frames of one scene: what the network gets, and what its pictures are held against."""
+
+    context: tuple[int, ...]
+    targets: tuple[int, ...]
+
+
+def read_paper_index(path: StrPath) -> dict[str, PaperWindow]:
+    """Windows by scene key; scenes that the index gives as null are not evaluated and left out.
+
+    Raises:
+        InputError: names the file and the scene at fault.
+    """
+    try:
+        document = json.loads(read_limited(path, MAX_INDEX_BYTES))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not JSON ({error})", where=str(path)) from None
+    if not isinstance(document, dict):
+        raise InputError("expected an object of windows by scene key", where=str(path))
+    return {key: _window(entry, f"{path}: {key}") for key, entry in document.items() if entry is not None}
+
+
+def _window(entry: Any, where: str) -> PaperWindow:
+    if not isinstance(entry, dict):
+        raise InputError("expected an object with context and target, or null", where=where)
+    return PaperWindow(frame_indices(entry, "context", where), frame_indices(entry, "target", where))
+
+
+def frame_indices(entry: dict[str, Any], name: str, where: str) -> tuple[int, ...]:
+    """A list of frame indices ≥ 0 out of a JSON object, at least one of them."""
+    value = entry.get(name)
+    if not isinstance(value, list) or not all(type(i) is int and i >= 0 for i in value):
+        raise InputError(f"{json.dumps(value)[:60]}, expected a list of frame indices", where=f"{where}.{name}")
+    if not value:
+        raise InputError("no frames, expected at least one", where=f"{where}.{name}")
+    return tuple(value)

@@ -1,0 +1,217 @@
+"""Two results side by side: pictures, sets of Gaussians, or folders of evaluations, with maps of their error.
+
+Maps are the mean absolute difference over the colours of a pixel, all of one sheet on one scale.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat.metrics import psnr, ssim
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import atomic_path, read_limited
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.images import read_image
+from tinysplat_runtime.render import Renderer, between
+
+from .measure import PSNR_CEILING, capped_psnr
+from .records import PICTURES, RESULTS, Record
+
+MAX_ROWS = 8
+"""Rows of a sheet; more go on a next one."""
+
+_TILE_INCHES = 2.4
+_SCALE_PERCENTILE = 99.5
+_MAX_RESULTS_BYTES = 1 << 30
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One picture of a sheet.
+
+    Attributes:
+        label: which view it is.
+        a, b: (H, W, 3) in [0, 1], equal sizes.
+        photo: what both are meant to show, or None: then b is held against a.
+    """
+
+    label: str
+    a: NDArray
+    b: NDArray
+    photo: NDArray | None = None
+
+    def scores(self) -> dict[str, Any]:
+        """PSNR and SSIM of b against a, and of both against the photo."""
+        pairs = {"b_to_a": (self.b, self.a)}
+        if self.photo is not None:
+            pairs |= {"a_to_photo": (self.a, self.photo), "b_to_photo": (self.b, self.photo)}
+        scores: dict[str, Any] = {"view": self.label}
+        for name, (image, reference) in pairs.items():
+            scores[f"psnr_{name}"] = capped_psnr(image, reference)
+            scores[f"ssim_{name}"] = ssim(image, reference)
+        return scores
+
+    def tiles(self, names: tuple[str, str]) -> tuple[list[tuple[str, NDArray]], list[tuple[str, NDArray]]]:
+        """Pictures and error maps with their captions."""
+        pictures = [(names[0], self.a), (names[1], self.b)]
+        if self.photo is None:
+            return pictures, [(f"|B − A|  {_decibel(self.b, self.a)}", error_map(self.b, self.a))]
+        maps = [
+            (f"|{letter} − photo|  {_decibel(image, self.photo)}", error_map(image, self.photo))
+            for letter, image in (("A", self.a), ("B", self.b))
+        ]
+        return [("photo", self.photo), *pictures], maps
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Rows that belong together, under one name."""
+
+    name: str
+    title: str
+    rows: tuple[Row, ...]
+
+
+def error_map(image: NDArray, reference: NDArray) -> NDArray:
+    """(H, W) mean absolute difference over the colours."""
+    return np.abs(np.asarray(image, np.float64) - reference).mean(axis=-1)
+
+
+def picture_sheet(a: Path, b: Path) -> Sheet:
+    """Two image files of one size."""
+    images = [read_image(path).astype(np.float32) / np.float32(255) for path in (a, b)]
+    if images[0].shape != images[1].shape:
+        (h0, w0, _), (h1, w1, _) = (image.shape for image in images)
+        raise InputError(f"{w1}x{h1} pixels, but {a} has {w0}x{h0}", where=str(b))
+    return Sheet("comparison", f"A: {a.name}   B: {b.name}", (Row(a.stem, images[0], images[1]),))
+
+
+def gaussian_sheet(
+    a: Gaussians, b: Gaussians, cameras: Sequence[Camera], names: tuple[str, str], size: tuple[int, int] | None
+) -> Sheet:
+    """Two sets of Gaussians from the same cameras: each of them, and midway between neighbours."""
+    views = len(cameras)
+    path = between(cameras, 2 * views - 1)
+    labels = [f"view {i // 2}" if i % 2 == 0 else f"between {i // 2} and {i // 2 + 1}" for i in range(len(path))]
+    images = [[renderer.render(camera, size) for camera in path] for renderer in (Renderer(a), Renderer(b))]
+    rows = tuple(Row(*row) for row in zip(labels, *images, strict=True))
+    return Sheet("comparison", f"A: {names[0]}   B: {names[1]}", rows)
+
+
+def result_sheets(a: Path, b: Path) -> list[Sheet]:
+    """Windows that two folders of `tinysplat eval --pictures` share, photos with them.
+
+    Raises:
+        InputError: a folder holds no results, or no window is in both with pictures.
+    """
+    records = [[r for r in read_results(folder) if r.pictures] for folder in (a, b)]
+    for folder, found in zip((a, b), records, strict=True):
+        if not found:
+            raise InputError("results without pictures; make them with `tinysplat eval --pictures`", where=str(folder))
+    sheets = []
+    for first, second in matching(*records):
+        name = f"{first.scene}-{first.kind}-{'_'.join(map(str, first.context))}-{first.profile}-{first.qp:g}"
+        sheets.append(Sheet(name, _pair_title(first, second), tuple(_result_rows(a, b, first, second))))
+    if not sheets:
+        raise InputError(f"no window in common with {a}", where=str(b))
+    return sheets
+
+
+def read_results(folder: Path) -> list[Record]:
+    """Records of the last evaluation into a folder."""
+    path = folder / RESULTS
+    try:
+        document = json.loads(read_limited(path, _MAX_RESULTS_BYTES))
+        return [Record.from_json(entry) for entry in document["scenes"]]
+    except (ValueError, TypeError, KeyError) as error:
+        raise InputError(f"not results of an evaluation ({error})", where=str(path)) from None
+
+
+def matching(a: Iterable[Record], b: Iterable[Record]) -> Iterator[tuple[Record, Record]]:
+    """Pairs over the same window: of equal model, profile and Q_g, else the only one that each side has."""
+    groups: list[dict[Any, list[Record]]] = [{}, {}]
+    for group, records in zip(groups, (a, b), strict=True):
+        for record in records:
+            window = (record.scene, record.kind, record.context, record.targets, record.height, record.width)
+            group.setdefault(window, []).append(record)
+    for window, first in groups[0].items():
+        second = groups[1].get(window, [])
+        if len(first) == 1 and len(second) == 1:
+            yield first[0], second[0]
+        else:
+            codings = {_coding(record): record for record in second}
+            yield from ((record, codings[_coding(record)]) for record in first if _coding(record) in codings)
+
+
+def write_sheet(folder: Path, sheet: Sheet) -> list[Path]:
+    """Write a sheet as PNG, in parts of MAX_ROWS rows; the files' paths."""
+    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in sheet.name)
+    parts = [sheet.rows[i : i + MAX_ROWS] for i in range(0, len(sheet.rows), MAX_ROWS)]
+    paths = [folder / f"{safe}{f'-{n + 1}' if len(parts) > 1 else ''}.png" for n in range(len(parts))]
+    for path, rows in zip(paths, parts, strict=True):
+        _draw(path, sheet.title, rows)
+    return paths
+
+
+def _draw(path: Path, title: str, rows: Sequence[Row]) -> None:
+    from matplotlib.figure import Figure
+
+    tiles = [row.tiles(("A", "B")) for row in rows]
+    limit = max(float(np.percentile([m for _, maps in tiles for _, m in maps], _SCALE_PERCENTILE)), 1 / 255)
+    columns = len(tiles[0][0]) + len(tiles[0][1])
+    height, width = rows[0].a.shape[:2]
+    inches = (columns * _TILE_INCHES + 0.6, len(rows) * (_TILE_INCHES * height / width + 0.3) + 0.5)
+    figure = Figure(figsize=inches, dpi=max(72, round(width / _TILE_INCHES)), layout="constrained")
+    figure.suptitle(title, fontsize=8)
+    axes = figure.subplots(len(rows), columns, squeeze=False)
+    shown = None
+    for line, row, (pictures, maps) in zip(axes, rows, tiles, strict=True):
+        for axis, (caption, image) in zip(line, [*pictures, *maps], strict=True):
+            is_map = image.ndim == 2
+            drawn = axis.imshow(
+                image if is_map else np.clip(image, 0, 1), cmap="magma", vmin=0, vmax=limit, interpolation="nearest"
+            )
+            shown = drawn if is_map else shown
+            axis.set_title(caption, fontsize=7)
+            axis.set_xticks([])
+            axis.set_yticks([])
+        line[0].set_ylabel(row.label, fontsize=7)
+    figure.colorbar(shown, ax=axes, shrink=0.6, fraction=0.02, pad=0.01).ax.tick_params(labelsize=6)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def _result_rows(a: Path, b: Path, first: Record, second: Record) -> Iterator[Row]:
+    for n, target in enumerate(first.targets):
+        images = [
+            read_image(folder / PICTURES / str(record.pictures) / f"{n}_decoded.png").astype(np.float32) / 255
+            for folder, record in ((a, first), (b, second))
+        ]
+        path = a / PICTURES / str(first.pictures) / f"{n}_photo.png"
+        photo = read_image(path).astype(np.float32) / 255 if path.is_file() else None
+        yield Row(f"frame {target}", images[0], images[1], photo)
+
+
+def _pair_title(a: Record, b: Record) -> str:
+    sides = (f"{r.model}, {r.profile} at Q_g {r.qp:g}, {r.bytes / 1000:.0f} KB" for r in (a, b))
+    context = ",".join(map(str, a.context))
+    return f"{a.scene}, {a.kind}, {a.views} views ({context})\n" + "   ".join(
+        f"{letter}: {side}" for letter, side in zip("AB", sides, strict=True)
+    )
+
+
+def _coding(record: Record) -> tuple[str, str, float]:
+    return record.model, record.profile, record.qp
+
+
+def _decibel(image: NDArray, reference: NDArray) -> str:
+    value = psnr(image, reference)
+    return f"{value:.2f} dB" if value < PSNR_CEILING else "identical"

@@ -1,0 +1,160 @@
+"""LPIPS (Zhang et al. 2018, version 0.1) in torch, with weights that the user brings: none ship with this project.
+
+Two files are needed: the linear weights, which the package `lpips` carries (`pip install --no-deps lpips`; it is never
+imported), and the backbone's ImageNet weights in torchvision's layout, named by the user or left in torch's cache by
+torchvision. `lpips_files.find_lpips` looks for them; where either is missing there is no number. The paper's figures
+are LPIPS with VGG.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import check_readable
+
+from .lpips_files import LpipsFiles
+
+_SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # ImageNet's moments for inputs in [−1, 1]
+_NORM_EPSILON = 1e-10
+
+
+@dataclass(frozen=True)
+class _Conv:
+    """A convolution followed by ReLU; `index` is its place in torchvision's `features`."""
+
+    index: int
+    channels: tuple[int, int]
+    kernel: int = 3
+    stride: int = 1
+    padding: int = 1
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """A classifier's convolutions in stages; what each stage gives is compared.
+
+    Attributes:
+        min_side: images with shorter sides leave a stage without pixels.
+        pool: kernel of the max pooling, stride 2, in front of the stages in `pooled`.
+        pooled: stages that start with it.
+        stages: convolutions.
+    """
+
+    min_side: int
+    pool: int
+    pooled: tuple[int, ...]
+    stages: tuple[tuple[_Conv, ...], ...]
+
+
+BACKBONES = {
+    "vgg": Backbone(
+        16,
+        2,
+        (1, 2, 3, 4),
+        (
+            (_Conv(0, (3, 64)), _Conv(2, (64, 64))),
+            (_Conv(5, (64, 128)), _Conv(7, (128, 128))),
+            (_Conv(10, (128, 256)), _Conv(12, (256, 256)), _Conv(14, (256, 256))),
+            (_Conv(17, (256, 512)), _Conv(19, (512, 512)), _Conv(21, (512, 512))),
+            (_Conv(24, (512, 512)), _Conv(26, (512, 512)), _Conv(28, (512, 512))),
+        ),
+    ),
+    "alex": Backbone(
+        31,
+        3,
+        (1, 2),
+        (
+            (_Conv(0, (3, 64), 11, 4, 2),),
+            (_Conv(3, (64, 192), 5, 1, 2),),
+            (_Conv(6, (192, 384)),),
+            (_Conv(8, (384, 256)),),
+            (_Conv(10, (256, 256)),),
+        ),
+    ),
+}
+
+
+class Lpips:
+    """The metric: `lpips(image, reference)`, 0 for equal pictures, larger for less alike ones."""
+
+    def __init__(self, files: LpipsFiles) -> None:
+        """Load the weights.
+
+        Raises:
+            InputError: a file is unreadable, or holds other weights than the net's.
+        """
+        self._net = BACKBONES[files.net]
+        backbone = {name.removeprefix("features."): value for name, value in _load(files.backbone).items()}
+        linear = _load(files.linear)
+        self._convs: dict[int, tuple[Tensor, Tensor]] = {}
+        for conv in (conv for stage in self._net.stages for conv in stage):
+            shape = (conv.channels[1], conv.channels[0], conv.kernel, conv.kernel)
+            weight = _take(backbone, f"{conv.index}.weight", shape, files.backbone)
+            self._convs[conv.index] = (weight, _take(backbone, f"{conv.index}.bias", shape[:1], files.backbone))
+        self._linear = [
+            _take(linear, f"lin{i}.model.1.weight", (1, stage[-1].channels[1], 1, 1), files.linear)
+            for i, stage in enumerate(self._net.stages)
+        ]
+
+    @torch.no_grad()
+    def __call__(self, image: NDArray, reference: NDArray) -> float:
+        """Distance of two pictures (H, W, 3) in [0, 1]; values outside are clipped.
+
+        Raises:
+            InputError: shapes differ, or pictures are too small for the net.
+        """
+        shapes = np.shape(image), np.shape(reference)
+        if shapes[0] != shapes[1] or len(shapes[0]) != 3 or min(shapes[0][:2]) < self._net.min_side:
+            least = self._net.min_side
+            raise InputError(
+                f"{shapes[0]} and {shapes[1]}, expected two equal (H, W, 3), sides ≥ {least}", where="image"
+            )
+        pair = torch.from_numpy(np.stack([np.clip(p, 0, 1, dtype=np.float32) for p in (image, reference)]))
+        shift, scale = (torch.tensor(v)[:, None, None] for v in (_SHIFT, _SCALE))
+        x = (pair.permute(0, 3, 1, 2) * 2 - 1 - shift) / scale  # (2, 3, H, W)
+        distance = 0.0
+        for features, weight in zip(self._features(x), self._linear, strict=True):
+            unit = features / (features.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
+            distance += float(functional.conv2d((unit[:1] - unit[1:]).square(), weight).mean())
+        return distance
+
+    def _features(self, x: Tensor) -> Iterator[Tensor]:
+        for i, stage in enumerate(self._net.stages):
+            if i in self._net.pooled:
+                x = functional.max_pool2d(x, self._net.pool, 2)
+            for conv in stage:
+                x = functional.conv2d(x, *self._convs[conv.index], stride=conv.stride, padding=conv.padding).relu()
+            yield x
+
+
+def _load(path: Path) -> Mapping[str, Tensor]:
+    check_readable(path)
+    try:
+        if path.suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            return load_file(str(path))
+        weights = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises a dozen unrelated types on damaged files
+        said = str(error).strip().split("\n")[0][:120]
+        raise InputError(f"unreadable weights ({type(error).__name__}: {said})", where=str(path)) from None
+    if not isinstance(weights, dict):
+        raise InputError("expected a dictionary of weights", where=str(path))
+    return weights
+
+
+def _take(weights: Mapping[str, Tensor], name: str, shape: tuple[int, ...], path: Path) -> Tensor:
+    value = weights.get(name)
+    if not isinstance(value, Tensor) or tuple(value.shape) != shape:
+        found = "missing" if value is None else f"of shape {tuple(getattr(value, 'shape', ()))}"
+        raise InputError(f"{found}, expected {shape}", where=f"{path}: {name}")
+    return value.float()

@@ -1,0 +1,224 @@
+"""How far one picture, depth map or set of Gaussians is from another.
+
+Pictures are (H, W, 3) in [0, 1]; values outside are clipped, none are rounded to 8 bits. PSNR and SSIM are the
+definitions of the evaluations that the paper quotes (pixelSplat, MVSplat, DepthSplat), so that figures compare:
+
+    PSNR  −10·log10 of the mean squared error of one image; a set's figure is the mean over its images.
+    SSIM  Wang et al. 2004 as scikit-image computes it with `gaussian_weights=True, win_size=11, data_range=1`:
+          Gaussian window of 11 pixels with σ = 1.5, sample covariance, the border of 5 pixels left out, mean over the
+          three channels. (3DGS's own script pads with zeros and uses the population covariance: about 1e-3 away.)
+
+LPIPS needs torch and weights and stands in `tinysplat.evaluation.lpips`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.codec.analysis import project_layer
+from tinysplat_runtime.codec.planes import PlaneClass
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.inference import GraphStore
+
+SSIM_WINDOW = 11
+SSIM_SIGMA = 1.5
+_SSIM_C1, _SSIM_C2 = 0.01**2, 0.03**2
+_SAMPLE_COVARIANCE = SSIM_WINDOW**2 / (SSIM_WINDOW**2 - 1)  # scikit-image counts the window's pixels, not its weights
+
+DEPTH_RATIO = 1.25
+"""Depths are called right when neither is more than this many times the other (Eigen et al. 2014)."""
+
+
+def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> float:
+    """Peak signal-to-noise ratio in dB of values clipped to [0, 1].
+
+    Args:
+        image: (H, W, 3) floating point.
+        reference: the same shape.
+        mask: (H, W) bool, pixels that count; None for all.
+
+    Returns:
+        dB; infinity for identical pictures, NaN where the mask leaves no pixel.
+
+    Raises:
+        InputError: shapes differ.
+    """
+    image, reference = _pictures(image, reference)
+    squared = (image - reference) ** 2
+    if mask is not None:
+        squared = squared[mask]
+    if squared.size == 0:
+        return math.nan
+    error = float(squared.mean(dtype=np.float64))
+    return -10 * math.log10(error) if error > 0 else math.inf
+
+
+def ssim(image: NDArray, reference: NDArray) -> float:
+    """Structural similarity, −1 to 1; the module's text has the definition.
+
+    Args:
+        image: (H, W, 3) floating point, sides of 11 or more.
+        reference: the same shape.
+
+    Raises:
+        InputError: shapes differ, or a side is shorter than the window.
+    """
+    x, y = _pictures(image, reference)
+    if min(x.shape[:2]) < SSIM_WINDOW:
+        raise InputError(f"{x.shape[1]}x{x.shape[0]} pixels, expected sides of {SSIM_WINDOW} or more", where="image")
+    return float(np.mean([_channel_ssim(x[..., c], y[..., c]) for c in range(3)]))
+
+
+def depth_errors(depth: NDArray, truth: NDArray) -> dict[str, float]:
+    """Errors of a depth map where both it and the truth have a value.
+
+    Args:
+        depth: (H, W) z in the camera frame, scene units; 0 for none.
+        truth: (H, W) the same.
+
+    Returns:
+        `abs_rel` (mean |d − t| / t), `rmse` (scene units), `right` (share within a factor of 1.25), and `covered`, the
+        share of the truth's pixels that `depth` has a value for; NaN where no pixel has both.
+
+    Raises:
+        InputError: shapes differ.
+    """
+    if np.shape(depth) != np.shape(truth):
+        raise InputError(f"shape {np.shape(depth)}, expected {np.shape(truth)} as the truth has", where="depth")
+    known = np.asarray(truth) > 0
+    both = known & (np.asarray(depth) > 0)
+    if not both.any():
+        return {"abs_rel": math.nan, "rmse": math.nan, "right": math.nan, "covered": 0.0 if known.any() else math.nan}
+    d, t = np.asarray(depth, np.float64)[both], np.asarray(truth, np.float64)[both]
+    return {
+        "abs_rel": float(np.mean(np.abs(d - t) / t)),
+        "rmse": float(np.sqrt(np.mean((d - t) ** 2))),
+        "right": float(np.mean(np.maximum(d / t, t / d) < DEPTH_RATIO)),
+        "covered": float(both.sum() / known.sum()),
+    }
+
+
+def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
+    """Root mean square and largest error of every attribute over all layers, in world units.
+
+    Means and scales are in scene units, opacities and SH coefficients as they are, and `quats` stands for the angle
+    between two rotations in degrees. SH coefficients that `decoded` left out count as zeros.
+
+    Args:
+        original: any number of layers.
+        decoded: as many layers of the same shapes.
+
+    Returns:
+        {attribute: {"rmse", "max"}}.
+
+    Raises:
+        InputError: layers or shapes differ.
+    """
+    errors: dict[str, list[NDArray]] = {name: [] for name in FIELDS}
+    for a, b in _layer_pairs(original, decoded):
+        for name in FIELDS:
+            x, y = getattr(a, name).astype(np.float64), getattr(b, name).astype(np.float64)
+            if name == "means":
+                y = y + (b.origin - a.origin)
+            errors[name].append(_angles(x, y) if name == "quats" else _padded_difference(x, y))
+    return {name: _spread(parts) for name, parts in errors.items()}
+
+
+def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> dict[str, dict[str, float]]:
+    """Root mean square and largest error in the units of the codec's planes, over all layers.
+
+    Depth in scene units along z, offset and (projected) scale in pixels, rotation as the largest-component distance of
+    camera-frame quaternions of either sign, opacity as it is. Colour planes are a basis of each file's own, so colours
+    are compared as SH coefficients (`attribute_errors`).
+
+    Args:
+        original: per pixel, with cameras.
+        decoded: of the same layers.
+        store: opens the projection graph.
+
+    Returns:
+        {plane class: {"rmse", "max"}}.
+
+    Raises:
+        InputError: layers differ, or Gaussians have no cameras.
+    """
+    classes = [c for c in PlaneClass if c != PlaneClass.COLOR]
+    errors: dict[str, list[NDArray]] = {c.label: [] for c in classes}
+    for a, b in _layer_pairs(original, decoded):
+        if not a.is_per_pixel:
+            raise InputError("belong to no pixels; planes need cameras", where="gaussians")
+        projected = [
+            project_layer(store, layer.with_cameras(a.cameras), drop_invalid=True, where="gaussians")
+            for layer in (a, b)
+        ]
+        for plane_class in classes:
+            x, y = (p.planes(plane_class).astype(np.float64) for p in projected)
+            if plane_class == PlaneClass.ROTATION:  # q and −q are one rotation
+                y = y * np.where((x * y).sum(axis=1, keepdims=True) < 0, -1, 1)
+            errors[plane_class.label].append(x - y)
+    return {name: _spread(parts) for name, parts in errors.items()}
+
+
+def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray]:
+    image, reference = np.asarray(image), np.asarray(reference)
+    if image.shape != reference.shape or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        raise InputError(f"shapes {image.shape} and {reference.shape}, expected two equal (H, W, 3)", where="image")
+    return np.clip(image, 0, 1, dtype=np.float64), np.clip(reference, 0, 1, dtype=np.float64)
+
+
+def _channel_ssim(x: NDArray, y: NDArray) -> float:
+    mean_x, mean_y, xx, yy, xy = (_window_means(plane) for plane in (x, y, x * x, y * y, x * y))
+    variance_x = _SAMPLE_COVARIANCE * (xx - mean_x * mean_x)
+    variance_y = _SAMPLE_COVARIANCE * (yy - mean_y * mean_y)
+    covariance = _SAMPLE_COVARIANCE * (xy - mean_x * mean_y)
+    luminance = (2 * mean_x * mean_y + _SSIM_C1) / (mean_x**2 + mean_y**2 + _SSIM_C1)
+    structure = (2 * covariance + _SSIM_C2) / (variance_x + variance_y + _SSIM_C2)
+    return float((luminance * structure).mean())
+
+
+def _window_means(plane: NDArray) -> NDArray:
+    """Gaussian-weighted means of (H, W) over every window that lies inside: (H − 10, W − 10).
+
+    One plane at a time stays in the processor's cache: five times faster than all channels at once.
+    """
+    radius = SSIM_WINDOW // 2
+    weights = np.exp(-0.5 * (np.arange(radius + 1) / SSIM_SIGMA) ** 2)  # weights[r] at r pixels from the centre
+    weights /= weights[0] + 2 * weights[1:].sum()
+    for _ in range(2):  # down the columns, then, turned, along the rows
+        count = len(plane) - 2 * radius
+        summed = weights[0] * plane[radius : radius + count]
+        for r in range(1, radius + 1):
+            summed += weights[r] * (plane[radius - r : radius - r + count] + plane[radius + r : radius + r + count])
+        plane = np.ascontiguousarray(summed.T)
+    return plane
+
+
+def _layer_pairs(original: Gaussians, decoded: Gaussians) -> list[tuple[Gaussians, Gaussians]]:
+    shapes = [[layer.opacities.shape for layer in g.layers] for g in (original, decoded)]
+    if shapes[0] != shapes[1]:
+        raise InputError(f"layers of shapes {shapes[1]}, expected {shapes[0]}", where="gaussians")
+    return list(zip(original.layers, decoded.layers, strict=True))
+
+
+def _angles(a: NDArray, b: NDArray) -> NDArray:
+    """Angle in degrees between rotations (…, 4) of any length and sign; exact near zero, where arccos is not."""
+    a = a / np.linalg.norm(a, axis=-1, keepdims=True)
+    b = b / np.linalg.norm(b, axis=-1, keepdims=True)
+    b = b * np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1, 1)
+    apart, together = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
+    return np.degrees(4 * np.arctan2(apart, together))
+
+
+def _padded_difference(a: NDArray, b: NDArray) -> NDArray:
+    if a.shape != b.shape:
+        b = np.concatenate([b, np.zeros((*b.shape[:-2], a.shape[-2] - b.shape[-2], 3))], axis=-2)
+    return a - b
+
+
+def _spread(parts: list[NDArray]) -> dict[str, float]:
+    values = np.concatenate([part.ravel() for part in parts])
+    return {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
