@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from synthetic import make_gaussians
+from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.gaussians import Gaussians
 
@@ -26,9 +26,9 @@ class FileCase:
 
 
 FILES = [
-    FileCase("tiny_paper", lambda: make_gaussians(1, 5, 7, 0, seed=3), "paper", 0),
-    FileCase("degree2_paper", lambda: make_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
-    FileCase("degree1_balanced", lambda: make_gaussians(2, 24, 40, 1, seed=5, layers=2), "balanced", 0),
+    FileCase("tiny_paper", lambda: make_smooth_gaussians(1, 5, 7, 0, seed=3), "paper", 0),
+    FileCase("degree2_paper", lambda: make_smooth_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
+    FileCase("degree1_balanced", lambda: make_smooth_gaussians(2, 24, 40, 1, seed=5, layers=2), "balanced", 0),
 ]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import make_gaussians
+from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.images import read_image, write_png
@@ -126,7 +126,7 @@ def test_models_lists_networks_and_graphs():
 
 @pytest.mark.parametrize("profile", ["paper", "fast", "balanced", "max"])
 def test_gaussians_of_any_network_compress_and_the_bytes_do_not_depend_on_threads(tmp_path, profile):
-    ts.save_gaussians(tmp_path / "g.npz", make_gaussians(3, 20, 26, degree=2))
+    ts.save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(3, 20, 26, degree=2))
     for threads in (1, 4):
         succeed(
             "compress",
@@ -215,7 +215,7 @@ def test_a_graph_that_breaks_the_contract_is_refused(scene, tmp_path):
 
 
 def _bad_gaussians(field: str, value: float) -> dict[str, np.ndarray]:
-    g = make_gaussians(2, 5, 6)
+    g = make_smooth_gaussians(2, 5, 6)
     arrays = {name: getattr(g, name).copy() for name in ("means", "quats", "scales", "opacities", "sh")}
     arrays[field][1, 2, 3] = value
     return {**arrays, "K": np.stack([c.K for c in g.cameras]), "c2w": np.stack([c.c2w for c in g.cameras])}

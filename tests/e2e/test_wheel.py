@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import tomllib
-from synthetic import make_gaussians
+from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 
@@ -79,7 +79,7 @@ def test_the_wheel_encodes_and_decodes_where_torch_and_onnx_do_not_exist(wheel, 
     site.mkdir()
     _site_of_base_packages(site)
     zipfile.ZipFile(wheel).extractall(site)
-    ts.save_gaussians(tmp_path / "g.npz", make_gaussians(2, 20, 24, degree=1))
+    ts.save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 20, 24, degree=1))
     script = f"""
 import sys
 sys.path.insert(0, {str(site)!r})

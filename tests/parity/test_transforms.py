@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from reference.transforms import project_view, unproject_view
-from synthetic import make_gaussians
+from scenes import make_smooth_gaussians
 
 from tinysplat import transforms as T
 from tinysplat_runtime.cameras import Camera
@@ -62,7 +62,7 @@ def _synthesis_inputs(geometry: np.ndarray, cameras, origin, limits=(1e-6, 1e9))
 
 @pytest.mark.parametrize("size", SIZES)
 def test_vpt_graph_matches_its_torch_twin_and_float64(size):
-    g = make_gaussians(*size)
+    g = make_smooth_gaussians(*size)
     inputs = _vpt_inputs(g)
     found = STORE.transform("analysis_vpt").run(inputs)
     twin = T.ViewProjection()(*(torch.from_numpy(inputs[n]) for n in CONTRACTS["analysis_vpt"].inputs))
@@ -76,7 +76,7 @@ def test_vpt_graph_matches_its_torch_twin_and_float64(size):
 @pytest.mark.parametrize("distance", [0.0, 1e3, 1e5, 1e7])
 def test_depth_keeps_1e_6_far_from_the_origin(distance):
     origin = distance * np.array([1.0, -0.7, 0.4])
-    g = make_gaussians(2, 8, 9, 0, origin=origin)
+    g = make_smooth_gaussians(2, 8, 9, 0, origin=origin)
     depth = project_layer(STORE, g, drop_invalid=False, where="layer 0").geometry[:, 0]
     reference = np.stack([project_view(g, v)[0] for v in range(2)])
     assert np.abs(depth / reference - 1).max() <= 1e-6
@@ -109,13 +109,13 @@ def _round_trip(g: Gaussians) -> dict[str, float]:
 
 
 def test_vpt_round_trip_without_coding_is_within_1e_5():
-    worst = _round_trip(make_gaussians(2, 12, 10, 0))
+    worst = _round_trip(make_smooth_gaussians(2, 12, 10, 0))
     assert max(worst.values()) <= 1e-5, worst
 
 
 @pytest.mark.parametrize("near", [1e-4, 1e6])
 def test_vpt_round_trip_holds_for_depths_of_any_scale(near):
-    g = make_gaussians(1, 6, 5, 0)
+    g = make_smooth_gaussians(1, 6, 5, 0)
     scale = near / 3
     cameras = []
     for camera in g.cameras:
@@ -129,7 +129,7 @@ def test_vpt_round_trip_holds_for_depths_of_any_scale(near):
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, np.pi - 1e-9, np.pi])
 def test_vpt_round_trip_holds_for_rotations_near_0_and_pi(angle):
-    g = make_gaussians(1, 4, 4, 0)
+    g = make_smooth_gaussians(1, 4, 4, 0)
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     camera = g.cameras[0]
@@ -142,7 +142,7 @@ def test_vpt_round_trip_holds_for_rotations_near_0_and_pi(angle):
 
 
 def test_tiny_and_huge_quaternions_are_only_directions():
-    g = make_gaussians(1, 3, 3, 0)
+    g = make_smooth_gaussians(1, 3, 3, 0)
     planes = [
         project_layer(STORE, replace(g, quats=g.quats * factor), drop_invalid=False, where="").geometry[:, 6:10]
         for factor in (1, 1e-37, 1e37)
@@ -154,7 +154,7 @@ def test_tiny_and_huge_quaternions_are_only_directions():
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
 @pytest.mark.parametrize("weighting", [mean_magnitude_weighting, second_moment_weighting])
 def test_vabr_round_trip_with_all_components_is_within_1e_5(degree, weighting):
-    g = make_gaussians(2, 16, 12, degree)
+    g = make_smooth_gaussians(2, 16, 12, degree)
     moment = coefficient_moment(STORE, g)
     reduction = reduce_basis(moment, weighting(view_directions(g.cameras), degree), len(moment))
     planes = color_planes(STORE, g, reduction.projection)
@@ -164,7 +164,7 @@ def test_vabr_round_trip_with_all_components_is_within_1e_5(degree, weighting):
 
 
 def test_moment_and_projection_match_float64():
-    g = make_gaussians(3, 20, 17, 4)
+    g = make_smooth_gaussians(3, 20, 17, 4)
     x = g.sh.reshape(-1, 75).astype(np.float64)
     moment = coefficient_moment(STORE, g)
     wanted = x.T @ x / len(x)
@@ -178,7 +178,7 @@ def test_moment_and_projection_match_float64():
 @pytest.mark.parametrize("forms", [(0.0, 0.0), (1.0, 1.0)])
 def test_synthesis_graph_matches_its_torch_twin_and_float64(forms):
     rng = np.random.default_rng(1)
-    g = make_gaussians(2, 9, 11, 1)
+    g = make_smooth_gaussians(2, 9, 11, 1)
     planes, k, d = 12, 5, 12
     mix = rng.uniform(-1e-4, 1e-4, (2, 11, planes + 1))
     mix[..., -1] = rng.uniform(0.3, 0.5, (2, 11))
@@ -219,7 +219,7 @@ def test_synthesis_graph_matches_its_torch_twin_and_float64(forms):
 
 
 def test_a_rotation_that_noise_made_zero_becomes_the_identity():
-    g = make_gaussians(1, 1, 1, 0)
+    g = make_smooth_gaussians(1, 1, 1, 0)
     geometry = np.zeros((1, 11), np.float32)
     geometry[:, 0] = 2
     inputs = _synthesis_inputs(geometry, g.cameras, g.origin)

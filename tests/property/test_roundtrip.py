@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import make_gaussians
+from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.profiles import PROFILES
@@ -16,7 +16,7 @@ PROFILE = st.sampled_from(sorted(PROFILES))
 
 @given(grid=GRIDS, degree=st.integers(0, 4), layers=st.integers(1, 3), profile=PROFILE, seed=st.integers(0, 99))
 def test_any_grid_comes_back_with_its_shape_cameras_and_bounded_error(grid, degree, layers, profile, seed):
-    g = make_gaussians(*grid, degree, seed=seed, layers=layers)
+    g = make_smooth_gaussians(*grid, degree, seed=seed, layers=layers)
     decoded = ts.decompress(ts.compress(g, profile))
     assert [layer.opacities.shape for layer in decoded.layers] == [layer.opacities.shape for layer in g.layers]
     for found, camera in zip(decoded.cameras, g.cameras, strict=True):
@@ -36,7 +36,7 @@ def test_any_grid_comes_back_with_its_shape_cameras_and_bounded_error(grid, degr
 @given(degree=st.integers(0, 2), profile=PROFILE, seed=st.integers(0, 20))
 @settings(max_examples=12)
 def test_a_finer_qp_costs_more_bytes_and_loses_less(degree, profile, seed):
-    g = make_gaussians(2, 32, 40, degree, seed=seed)
+    g = make_smooth_gaussians(2, 32, 40, degree, seed=seed)
     sizes, errors = [], []
     for qp in (-6, 6, 18):
         data = ts.compress(g, profile, qp)
@@ -49,7 +49,7 @@ def test_a_finer_qp_costs_more_bytes_and_loses_less(degree, profile, seed):
 @given(seed=st.integers(0, 50), profile=PROFILE)
 @settings(max_examples=8)
 def test_coding_is_a_function_of_its_input(seed, profile):
-    g = make_gaussians(2, 17, 23, 1, seed=seed)
+    g = make_smooth_gaussians(2, 17, 23, 1, seed=seed)
     one, four = ts.Runtime(threads=1), ts.Runtime(threads=4)
     data = one.compress(g, profile)
     assert data == four.compress(g, profile) == one.compress(g, profile)
@@ -59,7 +59,10 @@ def test_coding_is_a_function_of_its_input(seed, profile):
 @given(shift=st.tuples(*[st.floats(-1e6, 1e6)] * 3), seed=st.integers(0, 20))
 @settings(max_examples=15)
 def test_a_scene_far_from_the_origin_codes_like_one_at_the_origin(shift, seed):
-    near, far = make_gaussians(1, 16, 20, 0, seed=seed), make_gaussians(1, 16, 20, 0, seed=seed, origin=np.array(shift))
+    near, far = (
+        make_smooth_gaussians(1, 16, 20, 0, seed=seed),
+        make_smooth_gaussians(1, 16, 20, 0, seed=seed, origin=np.array(shift)),
+    )
     a, b = ts.decompress(ts.compress(near)), ts.decompress(ts.compress(far))
     np.testing.assert_array_equal(b.origin, np.array(shift))
     np.testing.assert_allclose(b.means, a.means, atol=2e-3)
@@ -68,7 +71,7 @@ def test_a_scene_far_from_the_origin_codes_like_one_at_the_origin(shift, seed):
 @given(views=st.integers(2, 6), seed=st.integers(0, 9))
 @settings(max_examples=6)
 def test_permuting_views_permutes_the_decoded_views(views, seed):
-    g = make_gaussians(views, 16, 24, 1, seed=seed)
+    g = make_smooth_gaussians(views, 16, 24, 1, seed=seed)
     order = np.random.default_rng(seed).permutation(views)
     shuffled = ts.Gaussians(
         **{name: getattr(g, name)[order] for name in ("means", "quats", "scales", "opacities", "sh")},

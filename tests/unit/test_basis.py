@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic import make_cameras
+from scenes import make_skewed_cameras
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.basis import (
@@ -28,7 +28,7 @@ def _moment(d: int, rank: int | None = None, seed: int = 0) -> np.ndarray:
 
 
 def test_directions_are_unit_rays_through_the_cell_centres_of_every_view():
-    cameras = [_square_camera(), *make_cameras(2, 10, 20)]
+    cameras = [_square_camera(), *make_skewed_cameras(2, 10, 20)]
     rays = view_directions(cameras)
     assert rays.shape == (27, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1)
@@ -47,7 +47,7 @@ def test_lambda_is_floored_where_a_world_aligned_square_camera_makes_it_vanish()
 
 
 def test_the_second_moment_weighting_measures_the_mean_squared_colour():
-    directions = view_directions(make_cameras(3, 20, 30, turn=0.6))
+    directions = view_directions(make_skewed_cameras(3, 20, 30, turn=0.6))
     x = np.random.default_rng(0).standard_normal(16)
     seen = (sh_basis(directions, 3) @ x) ** 2
     assert np.sum((second_moment_weighting(directions, 3) @ x) ** 2) == pytest.approx(seen.mean(), rel=1e-3)
@@ -55,7 +55,7 @@ def test_the_second_moment_weighting_measures_the_mean_squared_colour():
 
 @pytest.mark.parametrize("k", [1, 6, 48])
 def test_projection_is_an_exact_left_inverse_of_what_the_file_stores(k):
-    weighting = mean_magnitude_weighting(view_directions(make_cameras(2, 16, 16)), 3)
+    weighting = mean_magnitude_weighting(view_directions(make_skewed_cameras(2, 16, 16)), 3)
     reduction = reduce_basis(_moment(48), weighting, k)
     product = reduction.projection.T @ reduction.inverse.astype(np.float64)
     np.testing.assert_allclose(product, np.eye(k), atol=1e-9)
@@ -70,7 +70,7 @@ def test_energy_lost_is_the_share_of_the_weighted_energy_behind_k():
 
 
 def test_columns_fall_in_energy_and_their_largest_entry_is_positive():
-    weighting = second_moment_weighting(view_directions(make_cameras(2, 16, 16)), 2)
+    weighting = second_moment_weighting(view_directions(make_skewed_cameras(2, 16, 16)), 2)
     reduction = reduce_basis(_moment(27), weighting, 10)
     vectors = np.kron(weighting, np.eye(3)) @ reduction.inverse.astype(np.float64)
     leading = np.abs(vectors).argmax(axis=0)

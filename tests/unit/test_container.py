@@ -7,7 +7,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
-from synthetic import make_gaussians
+from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
@@ -17,7 +17,7 @@ from tinysplat_runtime.errors import FormatError
 
 @pytest.fixture(scope="module")
 def gaussians():
-    return make_gaussians(2, 17, 22, degree=1, layers=2)
+    return make_smooth_gaussians(2, 17, 22, degree=1, layers=2)
 
 
 @pytest.fixture(scope="module", params=["paper", "balanced"])

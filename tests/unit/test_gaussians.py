@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import make_gaussians
+from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import FIELDS, Gaussians
@@ -30,7 +30,7 @@ def _changed(g, field, index, value):
     ],
 )
 def test_bad_values_are_refused_with_field_and_index(field, value):
-    g = make_gaussians(2, 4, 5)
+    g = make_smooth_gaussians(2, 4, 5)
     with pytest.raises(InputError) as caught:
         Gaussians(**_changed(g, field, (1, 2, 3), value))
     assert caught.value.where.startswith(f"{field}[1, 2, 3")
@@ -38,7 +38,7 @@ def test_bad_values_are_refused_with_field_and_index(field, value):
 
 @pytest.mark.parametrize("field", FIELDS)
 def test_unlike_shapes_are_refused_with_the_field(field):
-    g = make_gaussians(2, 4, 5)
+    g = make_smooth_gaussians(2, 4, 5)
     arrays = {name: getattr(g, name) for name in FIELDS}
     arrays[field] = arrays[field][..., :-1, :] if field != "opacities" else arrays[field][:, :-1]
     with pytest.raises(InputError):
@@ -46,7 +46,7 @@ def test_unlike_shapes_are_refused_with_the_field(field):
 
 
 def test_cameras_must_fit_the_grid():
-    g = make_gaussians(2, 4, 5)
+    g = make_smooth_gaussians(2, 4, 5)
     for cameras in (g.cameras[:1], (g.cameras[0], g.cameras[1].resized(5, 4))):
         with pytest.raises(InputError) as caught:
             replace(g, cameras=cameras)
@@ -54,13 +54,13 @@ def test_cameras_must_fit_the_grid():
 
 
 def test_arrays_become_float32_in_c_order():
-    g = make_gaussians(1, 3, 4)
+    g = make_smooth_gaussians(1, 3, 4)
     other = Gaussians(g.means.astype(np.float64), np.asfortranarray(g.quats), g.scales, g.opacities, g.sh, g.cameras)
     assert other.means.dtype == np.float32 and other.quats.flags.c_contiguous
 
 
 def test_flat_holds_all_layers_and_pads_lower_degrees():
-    g = make_gaussians(2, 8, 9, degree=2, layers=3)
+    g = make_smooth_gaussians(2, 8, 9, degree=2, layers=3)
     flat = g.flat()
     assert len(g.layers) == 3 and flat.opacities.shape == (g.count,)
     assert flat.sh.shape == (g.count, 9, 3)
@@ -69,7 +69,7 @@ def test_flat_holds_all_layers_and_pads_lower_degrees():
 
 
 def test_layers_must_be_per_pixel_and_share_the_origin():
-    g = make_gaussians(2, 8, 9, layers=2)
+    g = make_smooth_gaussians(2, 8, 9, layers=2)
     with pytest.raises(InputError):
         replace(g, extra_layers=(replace(g.extra_layers[0], cameras=()),))
     with pytest.raises(InputError):
