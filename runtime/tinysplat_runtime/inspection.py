@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from .container.layout import ChannelRecord, Limits
-from .container.reader import Container, LayerHeader, read_container
 from .codec.planes import PlaneClass
 from .codec.quantize import CodeMap
+from .container.layout import ChannelRecord, Limits
+from .container.reader import Container, LayerHeader, read_container
 
 
 def inspect_bytes(data: bytes, limits: Limits | None = None) -> dict[str, Any]:
