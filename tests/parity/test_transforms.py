@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from reference.transforms import project_view, unproject_view
 from scenes import make_smooth_gaussians
 
 from tinysplat import transforms as T
+from tinysplat.reference.transforms import project_view, unproject_view
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes, project_layer
 from tinysplat_runtime.codec.basis import (

@@ -1,0 +1,148 @@
+"""The codec's graphs against float64: VPT, the two halves of VABR, and synthesis, on the inputs that coding gives them.
+
+Errors are relative to the largest magnitude of an output (one per attribute; the figure is the worst attribute's), so
+that planes and Gaussians of any unit compare. The reference is written from the formulas and runs in numpy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.codec.decoder import decode_gaussians
+from tinysplat_runtime.codec.encoder import encode_gaussians
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.inference import Graph, GraphStore
+
+from .. import transforms as twins
+from ..reference import transforms as reference
+from .timing import Figures, Stage, Variant
+
+Tensors = dict[str, NDArray]
+
+GRAPHS = ("analysis_vpt", "analysis_moment", "analysis_project", "synthesis")
+
+
+@dataclass(frozen=True)
+class _RecordingGraph(Graph):
+    """A graph that remembers the inputs of its first run."""
+
+    seen: list[Tensors] = field(default_factory=list)
+
+    def run(self, inputs: Mapping[str, NDArray], outputs: Sequence[str] | None = None) -> Tensors:
+        """See `Graph.run`."""
+        self.seen.append(dict(inputs))
+        return super().run(inputs, outputs)
+
+
+class _RecordingStore(GraphStore):
+    """Opens graphs that record."""
+
+    def __init__(self) -> None:
+        super().__init__(threads=1)
+        self.recorded: dict[str, _RecordingGraph] = {}
+
+    def transform(self, name: str) -> Graph:
+        """See `GraphStore.transform`."""
+        if name not in self.recorded:
+            graph = super().transform(name)
+            self.recorded[name] = _RecordingGraph(graph.name, graph.session, graph.metadata, graph.output_names)
+        return self.recorded[name]
+
+
+def recorded_inputs(gaussians: Gaussians) -> dict[str, Tensors]:
+    """What coding and decoding with the default profile feed to the graphs, by graph, for the first layer."""
+    store = _RecordingStore()
+    data = encode_gaussians(gaussians, find_profile(DEFAULT_PROFILE), 0, store, threads=1)
+    decode_gaussians(data, store, threads=1)
+    return {name: graph.seen[0] for name, graph in store.recorded.items()}
+
+
+def transform_stages(case: str, gaussians: Gaussians, threads: int) -> list[Stage]:
+    """One stage per graph: onnxruntime, the torch twin in float32, and the float64 reference."""
+    inputs = recorded_inputs(gaussians)
+    stages = []
+    for name in GRAPHS:
+        if name not in inputs:  # SH degree 0 has no VABR
+            continue
+        truth = _references(gaussians)[name]
+        errors = _against(truth(inputs[name]))
+        variants = [
+            *(
+                Variant(f"onnxruntime, {_threads(n)}", _graph(name, inputs[name], n), errors, threads=n)
+                for n in sorted({1, threads})
+            ),
+            Variant(f"torch, {_threads(threads)}", _twin(name, inputs[name], threads), errors, threads=threads),
+            Variant("numpy float64 (reference)", lambda t=truth, i=inputs[name]: t(i), errors),
+        ]
+        stages.append(Stage(name, case, variants))
+    return stages
+
+
+def _references(gaussians: Gaussians) -> dict[str, Callable[[Tensors], Tensors]]:
+    def vpt(_: Tensors) -> Tensors:
+        planes = np.stack([reference.project_view(gaussians, v) for v in range(len(gaussians.cameras))])
+        q = planes[:, 6:10].reshape(len(planes), 4, -1)
+        return {"geometry": planes, "rotation_moment": q @ q.swapaxes(1, 2) / q.shape[2]}
+
+    return {
+        "analysis_vpt": vpt,
+        "analysis_moment": lambda t: {"moment": reference.coefficient_moment(t["sh"])},
+        "analysis_project": lambda t: {"color": reference.project_coefficients(t["sh"], t["projection"])},
+        "synthesis": lambda t: reference.synthesise(t, gaussians.cameras, gaussians.origin),
+    }
+
+
+def _graph(name: str, inputs: Tensors, threads: int) -> Callable[[], Tensors]:
+    graph = GraphStore(threads=threads).transform(name)
+    return lambda: graph.run(inputs)
+
+
+_TWINS: dict[str, tuple[Callable[[], Any], tuple[str, ...]]] = {
+    "analysis_vpt": (twins.ViewProjection, ("geometry", "rotation_moment")),
+    "analysis_moment": (twins.CoefficientMoment, ("moment",)),
+    "analysis_project": (twins.CoefficientProjection, ("color",)),
+    "synthesis": (twins.Synthesis, ("means", "quats", "scales", "opacities", "sh")),
+}
+
+
+def _twin(name: str, inputs: Tensors, threads: int) -> Callable[[], Tensors]:
+    import torch
+
+    make, outputs = _TWINS[name]
+    module = make()
+    tensors = {key: torch.from_numpy(np.ascontiguousarray(value)) for key, value in inputs.items()}
+
+    def run() -> Tensors:
+        torch.set_num_threads(threads)
+        with torch.inference_mode():
+            result = module(**tensors)
+        values = result if isinstance(result, tuple) else (result,)
+        return {key: value.numpy() for key, value in zip(outputs, values, strict=True)}
+
+    return run
+
+
+def _against(truth: Tensors) -> Callable[[Tensors], Figures]:
+    # Channels of a stacked output have units of their own, so each counts against its own largest magnitude.
+    def errors(found: Tensors) -> Figures:
+        absolute, relative, square = [], [], []
+        for name, wanted in truth.items():
+            axes = (0, 2, 3) if name == "geometry" else None
+            difference = np.abs(found[name].reshape(wanted.shape) - wanted)
+            size = np.abs(wanted).max(axis=axes)
+            absolute.append(float(difference.max()))
+            relative.append(float((difference.max(axis=axes) / size).max()))
+            square.append(float((np.sqrt((difference**2).mean(axis=axes)) / size).max()))
+        return {"max_abs_error": max(absolute), "max_relative_error": max(relative), "rms_relative_error": max(square)}
+
+    return errors
+
+
+def _threads(count: int) -> str:
+    return f"{count} thread{'s' * (count > 1)}"
