@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import Any
 
 from tinysplat.evaluation.comparison import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
 from tinysplat.evaluation.tables import format_table, number
@@ -66,8 +67,8 @@ def _sheets(args: Namespace, a: Path, b: Path) -> list[Sheet]:
         return result_sheets(a, b)
     if kinds[0] == "picture":
         return [picture_sheet(a, b)]
-    gaussians = [_load(path) for path in (a, b)]
-    return [gaussian_sheet(*gaussians, _cameras(args, gaussians), (a.name, b.name), args.size)]
+    gaussians = (_load(a), _load(b))
+    return [gaussian_sheet(gaussians, (a.name, b.name), _cameras(args, gaussians), args.size)]
 
 
 def _kind(path: Path) -> str:
@@ -91,14 +92,14 @@ def _load(path: Path) -> Gaussians:
         raise error.within(str(path)) from None
 
 
-def _cameras(args: Namespace, gaussians: list[Gaussians]) -> list[Camera]:
+def _cameras(args: Namespace, gaussians: tuple[Gaussians, Gaussians]) -> list[Camera]:
     cameras = load_cameras(args.cameras) if args.cameras else [*gaussians[0].cameras] or [*gaussians[1].cameras]
     if not cameras:
         raise InputError("neither file has cameras; give --cameras cameras.json", where="compare")
     return cameras
 
 
-def _table(entries: list[dict]) -> str:
+def _table(entries: list[dict[str, Any]]) -> str:
     rows = [(entry["sheet"], view) for entry in entries for view in entry["views"]]
     columns = list(dict.fromkeys(key for _, view in rows for key in view if key != "view"))
     header = ["sheet", "view", *(column.replace("_", " ") for column in columns)]

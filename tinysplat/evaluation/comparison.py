@@ -95,13 +95,13 @@ def picture_sheet(a: Path, b: Path) -> Sheet:
 
 
 def gaussian_sheet(
-    a: Gaussians, b: Gaussians, cameras: Sequence[Camera], names: tuple[str, str], size: tuple[int, int] | None
+    pair: tuple[Gaussians, Gaussians], names: tuple[str, str], cameras: Sequence[Camera], size: tuple[int, int] | None
 ) -> Sheet:
     """Two sets of Gaussians from the same cameras: each of them, and midway between neighbours."""
     views = len(cameras)
     path = between(cameras, 2 * views - 1)
     labels = [f"view {i // 2}" if i % 2 == 0 else f"between {i // 2} and {i // 2 + 1}" for i in range(len(path))]
-    images = [[renderer.render(camera, size) for camera in path] for renderer in (Renderer(a), Renderer(b))]
+    images = [[renderer.render(camera, size) for camera in path] for renderer in map(Renderer, pair)]
     rows = tuple(Row(*row) for row in zip(labels, *images, strict=True))
     return Sheet("comparison", f"A: {names[0]}   B: {names[1]}", rows)
 
@@ -172,19 +172,20 @@ def _draw(path: Path, title: str, rows: Sequence[Row]) -> None:
     figure = Figure(figsize=inches, dpi=max(72, round(width / _TILE_INCHES)), layout="constrained")
     figure.suptitle(title, fontsize=8)
     axes = figure.subplots(len(rows), columns, squeeze=False)
-    shown = None
+    scale = None
     for line, row, (pictures, maps) in zip(axes, rows, tiles, strict=True):
         for axis, (caption, image) in zip(line, [*pictures, *maps], strict=True):
             is_map = image.ndim == 2
             drawn = axis.imshow(
                 image if is_map else np.clip(image, 0, 1), cmap="magma", vmin=0, vmax=limit, interpolation="nearest"
             )
-            shown = drawn if is_map else shown
+            scale = drawn if is_map else scale
             axis.set_title(caption, fontsize=7)
             axis.set_xticks([])
             axis.set_yticks([])
         line[0].set_ylabel(row.label, fontsize=7)
-    figure.colorbar(shown, ax=axes, shrink=0.6, fraction=0.02, pad=0.01).ax.tick_params(labelsize=6)
+    assert scale is not None
+    figure.colorbar(scale, ax=axes, shrink=0.6, fraction=0.02, pad=0.01).ax.tick_params(labelsize=6)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png")
 
