@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .prepare import ALPHA_MIN
-from .project import BLUE, LOG_OPACITY, N_RECORD, RED, Splats
-from .tiles import TILE, Grid, Pairs
+from .project import BLUE, GAMMA, RECORD, RED, Splats
+from .tiles import TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
 
 ALPHA_MAX = np.float32(0.99)
 TRANSMITTANCE_MIN = np.float32(1e-4)
@@ -28,7 +28,7 @@ GROUP = 2048
 RANKS = 8
 """Splats of each tile composited together."""
 
-PIXELS = TILE * TILE
+PIXELS = TILE_HEIGHT * TILE_WIDTH
 
 MAX_CHANGE = np.float32(80)
 """Cap of D in `_alphas`, which beside a footprint could overflow, and 0·∞ is no alpha."""
@@ -57,8 +57,8 @@ class Canvas:
         planes = SUMS + N_COLOUR + (N_DEPTH if with_depth else 0)
         self.state = np.zeros((grid.count, planes, PIXELS), np.float32)
         # pixels of the last tiles that lie outside the image start out stopped
-        y, x = np.arange(grid.rows * TILE) < grid.height, np.arange(grid.columns * TILE) < grid.width
-        inside = (y[:, None] & x).reshape(grid.rows, TILE, grid.columns, TILE)
+        y, x = np.arange(grid.rows * TILE_HEIGHT) < grid.height, np.arange(grid.columns * TILE_WIDTH) < grid.width
+        inside = (y[:, None] & x).reshape(grid.rows, TILE_HEIGHT, grid.columns, TILE_WIDTH)
         self.state[:, LEFT] = inside.swapaxes(1, 2).reshape(grid.count, PIXELS)
 
     def open_tiles(self) -> NDArray:
@@ -68,8 +68,8 @@ class Canvas:
     def image(self, planes: slice) -> NDArray:
         """Planes of the state as an image (H, W, planes)."""
         grid = self.grid
-        picture = self.state[:, planes].reshape(grid.rows, grid.columns, -1, TILE, TILE).transpose(0, 3, 1, 4, 2)
-        picture = picture.reshape(grid.rows * TILE, grid.columns * TILE, -1)
+        picture = self.state[:, planes].reshape(grid.rows, grid.columns, -1, TILE_HEIGHT, TILE_WIDTH).transpose(0, 3, 1, 4, 2)
+        picture = picture.reshape(grid.rows * TILE_HEIGHT, grid.columns * TILE_WIDTH, -1)
         return picture[: grid.height, : grid.width]
 
     def transmittance(self) -> NDArray:
@@ -81,10 +81,13 @@ class Workspace:
     """Scratch arrays of one thread: fresh memory costs more to touch than the arithmetic done in it."""
 
     def __init__(self) -> None:
-        self.records = np.empty((RANKS * GROUP, N_RECORD), np.float32)
-        self.planes = np.empty(N_RECORD * RANKS * GROUP, np.float32)
-        self.change = np.empty(RANKS * TILE * GROUP, np.float32)
+        self.records = np.empty((RANKS * GROUP, RECORD), np.float32)
+        self.planes = np.empty(RECORD * RANKS * GROUP, np.float32)
+        self.change = np.empty(RANKS * TILE_WIDTH * GROUP, np.float32)
         self.alphas = np.empty(RANKS * PIXELS * GROUP, np.float32)
+        # numpy has no fast path for the minimum of an array and a number
+        self.max_change = np.full(GROUP, MAX_CHANGE)
+        self.max_alpha = np.full(GROUP, ALPHA_MAX)
         self.mask = np.empty(RANKS * PIXELS * GROUP, np.int32)
 
 
@@ -112,15 +115,16 @@ def tile_groups(pairs: Pairs) -> list[NDArray]:
 def composite(canvas: Canvas, splats: Splats, pairs: Pairs, tiles: NDArray, work: Workspace) -> None:
     """Blend the lists of a group of tiles, longest first, into the canvas."""
     starts = pairs.bounds[tiles]
-    first_pixels = (np.stack(np.divmod(tiles, canvas.grid.columns)) * TILE + 0.5).astype(np.float32)
-    lists = _Lists(tiles, starts, pairs.bounds[tiles + 1] - starts, x=first_pixels[1], y=first_pixels[0])
+    row, column = np.divmod(tiles, canvas.grid.columns)
+    x, y = ((n + 0.5).astype(np.float32) for n in (column * TILE_WIDTH, row * TILE_HEIGHT))
+    lists = _Lists(tiles, starts, pairs.bounds[tiles + 1] - starts, x, y)
     state = np.ascontiguousarray(np.moveaxis(canvas.state[tiles], 0, -1))  # (planes, 16, n)
     rank = 0
     while tiles.size:
         n = np.count_nonzero(lists.lengths > rank)  # lists only end, so those at work lead
         ids = _ids(pairs, lists.starts[:n], lists.lengths[:n], rank, blank=splats.depths.size - 1)
         planes = _planes(splats, ids, work)
-        weights = _alphas(planes, lists.x[:n], lists.y[:n], work)
+        weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
         depths = splats.depths.take(ids) if canvas.with_depth else None
         some_stopped = _blend(state[:, :, :n], weights, planes[RED : BLUE + 1], depths)
         rank += RANKS
@@ -144,18 +148,18 @@ def _ids(pairs: Pairs, starts: NDArray, lengths: NDArray, rank: int, blank: int)
 
 
 def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:
-    """(9, RANKS, n) records of the splats `ids`, planar.
+    """(8, RANKS, n) records of the splats `ids`, planar.
 
     Picking whole records and turning them over takes half the time of picking from nine arrays, as it misses the
     cache once where they miss it nine times.
     """
     records = splats.records.take(ids.reshape(-1), axis=0, out=work.records[: ids.size], mode="clip")
-    planes = work.planes[: records.size].reshape(N_RECORD, ids.size)
+    planes = work.planes[: records.size].reshape(RECORD, ids.size)
     planes[:] = records.T
-    return planes.reshape(N_RECORD, *ids.shape)
+    return planes.reshape(RECORD, *ids.shape)
 
 
-def _alphas(planes: NDArray, first_x: NDArray, first_y: NDArray, work: Workspace) -> NDArray:
+def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: NDArray, work: Workspace) -> NDArray:
     """Alphas of splats at the pixels of their tiles, 0 where under 1/255.
 
     The exponent E = ln o − (αx·dx + βx·dy)² − (γ·dy)² is quadratic in dy. From one row of pixels to the next it
@@ -164,7 +168,8 @@ def _alphas(planes: NDArray, first_x: NDArray, first_y: NDArray, work: Workspace
     dilation keeps E above −62 and D below 41: float32 loses nothing by it.
 
     Args:
-        planes: (9, RANKS, n) records.
+        planes: (8, RANKS, n) records.
+        log_opacities: (RANKS, n).
         first_x: (n,) centre of each tile's first column of pixels.
         first_y: (n,) centre of its first row.
         work: holds the result until the next call.
@@ -173,29 +178,30 @@ def _alphas(planes: NDArray, first_x: NDArray, first_y: NDArray, work: Workspace
         (RANKS, 16, n) float32.
     """
     n = planes.shape[-1]
-    x, y, alpha_x, beta_x, gamma, log_opacity = planes[: LOG_OPACITY + 1]
-    alphas = work.alphas[: RANKS * PIXELS * n].reshape(RANKS, TILE, TILE, n)
-    change = work.change[: RANKS * TILE * n].reshape(RANKS, TILE, n)
+    x, y, alpha_x, beta_x, gamma = planes[: GAMMA + 1]
+    alphas = work.alphas[: RANKS * PIXELS * n].reshape(RANKS, TILE_HEIGHT, TILE_WIDTH, n)
+    change = work.change[: RANKS * TILE_WIDTH * n].reshape(RANKS, TILE_WIDTH, n)
     dy = first_y - y
     with np.errstate(over="ignore"):  # in tiles beside a footprint
         across = alpha_x * (first_x - x) + beta_x * dy
         down = gamma * dy
         exponent = alphas[:, 0]  # (RANKS, 4 columns, n), of the first row
-        for column in range(TILE):
-            np.add(across, column * alpha_x, out=exponent[:, column])
+        exponent[:, 0] = across
+        for column in range(1, TILE_WIDTH):
+            np.add(exponent[:, column - 1], alpha_x, out=exponent[:, column])
         np.multiply(exponent, (-2 * beta_x)[:, None], out=change)
         np.subtract(change, (np.square(beta_x) + gamma * (2 * down + gamma))[:, None], out=change)
-        np.minimum(change, MAX_CHANGE, out=change)
+        np.minimum(change, work.max_change[:n], out=change)
         np.square(exponent, out=exponent)
-        np.subtract((log_opacity - np.square(down))[:, None], exponent, out=exponent)
+        np.subtract((log_opacities - np.square(down))[:, None], exponent, out=exponent)
         np.exp(exponent, out=exponent)
         np.exp(change, out=change)
         bend = np.exp(-2 * (np.square(beta_x) + np.square(gamma)))[:, None]
-        for row in range(1, TILE):
+        for row in range(1, TILE_HEIGHT):
             np.multiply(alphas[:, row - 1], change, out=alphas[:, row])
             np.multiply(change, bend, out=change)
-    if log_opacity.max() > math.log(ALPHA_MAX):
-        np.minimum(alphas, ALPHA_MAX, out=alphas)
+    if log_opacities.max() > math.log(ALPHA_MAX):
+        np.minimum(alphas, work.max_alpha[:n], out=alphas)
     # Positive floats compare like their bits. The sign of a difference, shifted down, is a mask at a third of the
     # cost of a boolean one.
     bits = alphas.view(np.int32)

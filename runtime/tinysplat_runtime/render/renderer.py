@@ -20,7 +20,7 @@ from tinysplat_runtime.gaussians import Gaussians
 from .composite import N_COLOUR, SUMS, Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
 from .project import Splats, View, project
-from .tiles import MAX_PAIRS, TILE, Grid, Pairs, depth_order, find_pairs, runs
+from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
@@ -88,7 +88,7 @@ class Renderer:
         splats, grid = self._splats, Grid(view.camera.width, view.camera.height)
         canvas = Canvas(grid, with_depth)
 
-        ids = self._run(lambda block: project(block, view, TILE, splats), self._blocks)
+        ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
         order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
         open_tiles = None  # in the first run, all
         for run in runs(splats.areas, order, MAX_PAIRS):

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from .prepare import BLOCK_SIZE
 from .project import MEAN_Y, STEEPNESS, TAU, Y_RIGHTMOST, Splats, pixels_between
 
-TILE = 4
-"""Side of a tile in pixels."""
+TILE_WIDTH, TILE_HEIGHT = 4, 4
+"""Pixels."""
 
 MAX_PAIRS = 2_000_000
 """Most (tile, splat) pairs listed at a time; while they are sorted, a pair takes about 40 bytes."""
@@ -37,12 +37,12 @@ class Grid:
     @property
     def columns(self) -> int:
         """Tiles in a row."""
-        return -(-self.width // TILE)
+        return -(-self.width // TILE_WIDTH)
 
     @property
     def rows(self) -> int:
         """Rows of tiles."""
-        return -(-self.height // TILE)
+        return -(-self.height // TILE_HEIGHT)
 
     @property
     def count(self) -> int:
@@ -120,11 +120,11 @@ def _pairs(splats: Splats, ids: NDArray, grid: Grid) -> tuple[NDArray, NDArray]:
     spans[Y_RIGHTMOST] *= root_tau
     extent = root_tau / spans[STEEPNESS]
     top, bottom = pixels_between(spans[MEAN_Y] - extent, spans[MEAN_Y] + extent, grid.height)
-    top //= TILE
-    owner, row = _expand(top, bottom // TILE - top + 1)
+    top //= TILE_HEIGHT
+    owner, row = _expand(top, bottom // TILE_HEIGHT - top + 1)
     low, high = _row_extent(spans.take(owner, axis=1), row, grid.width)
-    first = low // TILE
-    counts = high // TILE - first + 1
+    first = low // TILE_WIDTH
+    counts = high // TILE_WIDTH - first + 1
     counts[low > high] = 0
     entry, tile = _expand(row * np.int32(grid.columns) + first, counts)
     return tile, owner.take(entry)
@@ -143,9 +143,9 @@ def _row_extent(spans: NDArray, row: NDArray, width: int) -> tuple[NDArray, NDAr
     The chord of the ellipse at dy is slope·dy ± reach·√(τ − (γ·dy)²). Its right end is concave in dy, so within a
     band of dy it is largest at the rightmost point of the whole ellipse, moved into the band; the left end mirrors.
     """
-    x, y, tau, gamma, y_rightmost, slope, reach = spans
-    low = (row * TILE).astype(np.float32) + np.float32(0.5) - y
-    high = low + np.float32(TILE - 1)
+    x, y, tau, gamma, y_rightmost, slope, reach, _ = spans
+    low = (row * TILE_HEIGHT).astype(np.float32) + np.float32(0.5) - y
+    high = low + np.float32(TILE_HEIGHT - 1)
     ends = []
     for sign in (-1, 1):
         dy = np.clip(sign * y_rightmost, low, high)
