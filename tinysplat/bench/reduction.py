@@ -9,7 +9,7 @@ import numpy as np
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes
-from tinysplat_runtime.codec.basis import mean_magnitude_weighting, reduce_basis, view_directions
+from tinysplat_runtime.codec.basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PAPER, find_profile
 from tinysplat_runtime.gaussians import Gaussians
@@ -60,7 +60,7 @@ def reduced(gaussians: Gaussians, k: int, runtime: Runtime) -> Gaussians:
     """The paper's VABR forth and back with k components, in float32, without quantisation."""
     moment = coefficient_moment(runtime.store, gaussians)
     weighting = mean_magnitude_weighting(view_directions(gaussians.cameras), gaussians.degree)
-    reduction = reduce_basis(moment, weighting, k)
+    reduction = reduce_basis(weighted_spectrum(moment, weighting), weighting, k)
     planes = color_planes(runtime.store, gaussians, reduction.projection)
     sh = np.einsum("vkhw,dk->vhwd", planes, reduction.inverse.astype(np.float32))
     return replace(gaussians, sh=sh.reshape(gaussians.sh.shape))

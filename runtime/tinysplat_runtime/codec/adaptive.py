@@ -13,10 +13,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blas import single_thread
 from ..gaussians import Gaussians
 from ..inference import GraphStore
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
-from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_energies
+from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .hevc import MAX_CODE
 from .planes import Channel, LayerPlan, PlaneClass, Reduction
 from .profiles import AdaptiveSettings
@@ -37,11 +38,11 @@ def adaptive_colors(
     """Colour planes (V, k, H, W) and their maps, k by reverse water-filling against the colour step."""
     moment = coefficient_moment(store, layer)
     weighting = second_moment_weighting(view_directions(layer.cameras), layer.degree)
-    energies = weighted_energies(moment, weighting)
+    spectrum = weighted_spectrum(moment, weighting)
     budget = settings.energy_floor * class_step(settings, PlaneClass.COLOR, qp) ** 2
-    left_out = np.append(np.cumsum(energies[::-1])[::-1], 0.0)  # left_out[k]: energy without the first k
+    left_out = np.append(np.cumsum(spectrum[0][::-1])[::-1], 0.0)  # left_out[k]: energy without the first k
     k = max(1, int(np.argmax(left_out <= budget)))
-    reduction = reduce_basis(moment, weighting, k)
+    reduction = reduce_basis(spectrum, weighting, k)
     return color_planes(store, layer, reduction.projection), reduction
 
 
@@ -91,7 +92,8 @@ def _principal_scales(scales: NDArray) -> tuple[NDArray, tuple[NDArray, NDArray]
     flat = np.moveaxis(scales, 1, 0).reshape(3, -1)
     mean = flat.mean(axis=1, dtype=np.float64)
     centred = flat - mean[:, None].astype(np.float32)
-    _, vectors = np.linalg.eigh((centred @ centred.T).astype(np.float64))
+    with single_thread():
+        _, vectors = np.linalg.eigh((centred @ centred.T).astype(np.float64))
     vectors = vectors[:, ::-1]
     leading = np.abs(vectors).argmax(axis=0)
     vectors = (vectors * np.sign(vectors[leading, range(3)])).astype(np.float32)

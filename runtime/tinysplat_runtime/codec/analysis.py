@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blas import single_thread
 from ..errors import NumericError
 from ..gaussians import Gaussians
 from ..inference import GraphStore, as_input
@@ -128,7 +129,8 @@ def _rotation_moment(geometry: NDArray) -> NDArray:
 
 
 def _dominant_quats(moments: NDArray) -> NDArray:
-    _, vectors = np.linalg.eigh(moments.astype(np.float64))
+    with single_thread():
+        _, vectors = np.linalg.eigh(moments.astype(np.float64))
     dominant = vectors[..., -1]
     leading = np.take_along_axis(dominant, np.abs(dominant).argmax(axis=-1, keepdims=True), axis=-1)
     return dominant * np.sign(leading)

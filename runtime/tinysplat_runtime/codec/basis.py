@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blas import single_thread
 from ..cameras import Camera
 from ..sh import sh_basis
 from .planes import Reduction
@@ -47,49 +48,54 @@ def mean_magnitude_weighting(directions: NDArray, degree: int) -> NDArray:
 def second_moment_weighting(directions: NDArray, degree: int) -> NDArray:
     """Symmetric root of E[Y Yᵀ] (B, B): ‖Δ·x‖² is then the mean squared colour of coefficients x, not a bound on it."""
     basis = sh_basis(directions, degree)
-    values, vectors = np.linalg.eigh(basis.T @ basis / len(basis))
+    with single_thread():
+        values, vectors = np.linalg.eigh(basis.T @ basis / len(basis))
     roots = np.sqrt(np.maximum(values, WEIGHT_FLOOR**2 * values[-1]))
     return vectors * roots @ vectors.T
 
 
-def reduce_basis(moment: NDArray, weighting: NDArray, k: int) -> Reduction:
-    """The k directions of largest weighted energy.
+def weighted_spectrum(moment: NDArray, weighting: NDArray) -> tuple[NDArray, NDArray]:
+    """Eigenvalues (d,) and eigenvectors (d, d) of Δ·E[x xᵀ]·Δᵀ, by falling eigenvalue.
 
-    W are eigenvectors of Δ·E[x xᵀ]·Δᵀ by falling eigenvalue, the entry of largest magnitude positive. The inverse map
-    Δ⁻¹W is rounded to what the file stores first; the forward map is then its exact left inverse under the weighting,
-    so that rounding costs nothing, not even at k = d.
+    An eigenvalue is what its component would carry: mean squared weighted coefficients. In each column the entry of
+    largest magnitude is positive.
 
     Args:
         moment: (d, d) second moment of the coefficient vectors (coefficient-major, RGB last), d = 3B.
         weighting: (B, B) Δ; every entry serves the three colours.
-        k: 1 to d.
-
-    Returns:
-        The maps and what they lose.
     """
-    delta = np.kron(weighting, np.eye(3))
+    delta = _all_colors(weighting)
     weighted = delta @ np.asarray(moment, np.float64) @ delta.T
-    values, vectors = np.linalg.eigh((weighted + weighted.T) / 2)
-    order = np.argsort(-values, kind="stable")
-    values, vectors = np.maximum(values[order], 0), vectors[:, order[:k]]
-    vectors = vectors * _signs(vectors)
-    inverse = np.linalg.solve(delta, vectors).astype(np.float16)
-    reached = delta @ inverse.astype(np.float64)
-    projection = delta.T @ np.linalg.pinv(reached).T
-    total = values.sum()
-    return Reduction(
-        inverse,
-        projection,
-        float(values[k:].sum() / total) if total > 0 else 0.0,
-        float(np.linalg.cond(weighting)),
-    )
+    with single_thread():
+        values, vectors = np.linalg.eigh((weighted + weighted.T) / 2)
+    vectors = vectors[:, ::-1]
+    return np.maximum(values[::-1], 0), vectors * _signs(vectors)
 
 
-def weighted_energies(moment: NDArray, weighting: NDArray) -> NDArray:
-    """Eigenvalues (d,) of the weighted second moment, falling: what every further plane would carry."""
-    delta = np.kron(weighting, np.eye(3))
-    weighted = delta @ np.asarray(moment, np.float64) @ delta.T
-    return np.maximum(np.linalg.eigvalsh((weighted + weighted.T) / 2)[::-1], 0)
+def reduce_basis(spectrum: tuple[NDArray, NDArray], weighting: NDArray, k: int) -> Reduction:
+    """The maps of the k components of largest weighted energy.
+
+    The inverse map Δ⁻¹W is rounded to what the file stores first; the forward map is then its exact left inverse under
+    the weighting, so that rounding costs nothing, not even at k = d.
+
+    Args:
+        spectrum: `weighted_spectrum` under the same weighting.
+        weighting: (B, B) Δ.
+        k: 1 to d.
+    """
+    energies, vectors = spectrum
+    delta = _all_colors(weighting)
+    with single_thread():
+        inverse = np.linalg.solve(delta, vectors[:, :k]).astype(np.float16)
+        reached = delta @ inverse.astype(np.float64)
+        projection = delta.T @ np.linalg.pinv(reached).T
+        condition = float(np.linalg.cond(weighting))
+    total = energies.sum()
+    return Reduction(inverse, projection, float(energies[k:].sum() / total) if total > 0 else 0.0, condition)
+
+
+def _all_colors(weighting: NDArray) -> NDArray:
+    return np.kron(weighting, np.eye(3))
 
 
 def _signs(vectors: NDArray) -> NDArray:

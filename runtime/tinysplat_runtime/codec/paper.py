@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..gaussians import Gaussians
 from ..inference import GraphStore
 from .analysis import ProjectedLayer, coefficient_moment, color_planes
-from .basis import mean_magnitude_weighting, reduce_basis, view_directions
+from .basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
 from .planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
 from .profiles import PaperSettings
 
@@ -27,7 +27,7 @@ def paper_colors(store: GraphStore, layer: Gaussians, settings: PaperSettings) -
         return np.ascontiguousarray(np.moveaxis(layer.sh[..., 0, :], -1, 1)), None
     moment = coefficient_moment(store, layer)
     weighting = mean_magnitude_weighting(view_directions(layer.cameras), layer.degree)
-    reduction = reduce_basis(moment, weighting, min(settings.k, len(moment)))
+    reduction = reduce_basis(weighted_spectrum(moment, weighting), weighting, min(settings.k, len(moment)))
     return color_planes(store, layer, reduction.projection), reduction
 
 
