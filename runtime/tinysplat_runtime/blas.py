@@ -1,8 +1,8 @@
 """One BLAS thread for small matrices, where the library lets itself be told.
 
 numpy's wheels carry OpenBLAS, which runs even a 75 × 75 eigen-decomposition on all cores: its last bits then depend on
-their number, and a busy core makes it wait for a time slice, 10 to 50 ms where the work is 0.4. Other builds of numpy are
-left as they are.
+their number, and a busy core makes it wait for a time slice, 10 to 50 ms where the work is 0.4. Other builds of numpy
+are left as they are.
 """
 
 from __future__ import annotations
