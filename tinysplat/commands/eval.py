@@ -26,6 +26,7 @@ HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
 
 DEFAULT_FOLDER = "eval_results"
 DEFAULT_SIZE = (256, 256)
+_INSTALL = 'pip install "tinysplat[eval]" brings it'
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -86,6 +87,13 @@ def numbers(text: str) -> tuple[float, ...]:
 
 def run(args: Namespace) -> None:
     """Measure, print the tables, write what was asked for."""
+    try:
+        _run(args)
+    except ImportError as error:  # torch, for chunks and LPIPS; Pillow, for depth
+        raise InputError(f"needs the package '{error.name}'; {_INSTALL}", where="eval") from None
+
+
+def _run(args: Namespace) -> None:
     for name in ("jobs", "limit"):
         value = getattr(args, name)
         if value is not None and value < 1:

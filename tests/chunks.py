@@ -1,0 +1,53 @@
+"""Chunks of made-up scenes in the layout of RealEstate10K as pixelSplat, MVSplat and DepthSplat read it."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from scenes import make_cameras, make_photo
+
+from tinysplat_runtime.cameras import Camera
+
+
+def encoded(pixels: NDArray, kind: str = "PNG") -> torch.Tensor:
+    """A photo's file as a vector of bytes."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, kind)
+    return torch.frombuffer(bytearray(buffer.getvalue()), dtype=torch.uint8)
+
+
+def camera_row(camera: Camera) -> list[float]:
+    """fx fy cx cy over the image's size, two zeros, world to camera row by row."""
+    K = camera.K_unit
+    return [K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, *camera.w2c[:3].ravel()]
+
+
+def make_chunk_scene(key: str, frames: int = 4, height: int = 360, width: int = 640, seed: int = 0) -> dict[str, Any]:
+    """One scene of a chunk."""
+    cameras = make_cameras(frames, height, width)
+    return {
+        "key": key,
+        "url": "",
+        "timestamps": torch.arange(frames),
+        "cameras": torch.tensor([camera_row(camera) for camera in cameras], dtype=torch.float32),
+        "images": [encoded(make_photo(height, width, seed + i), "JPEG" if i % 2 else "PNG") for i in range(frames)],
+    }
+
+
+def write_chunks(folder: Path, chunks: Sequence[Sequence[dict[str, Any]]]) -> Path:
+    """Write chunk files and their index; returns the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    index = {}
+    for n, scenes in enumerate(chunks):
+        name = f"{n:06}.torch"
+        torch.save(list(scenes), folder / name)
+        index |= {scene["key"]: name for scene in scenes}
+    (folder / "index.json").write_text(json.dumps(index))
+    return folder

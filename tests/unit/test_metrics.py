@@ -1,0 +1,267 @@
+"""Metrics are the definitions that published figures use, and say nothing where they know nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scenes import make_photo, make_smooth_gaussians
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from torch import nn
+
+from tinysplat.evaluation import lpips as lpips_module
+from tinysplat.evaluation.lpips import Lpips
+from tinysplat.evaluation.lpips_files import LpipsFiles, find_lpips
+from tinysplat.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.quaternions import multiply_quats
+
+
+def photo(height: int = 40, width: int = 52, seed: int = 0) -> np.ndarray:
+    return make_photo(height, width, seed).astype(np.float32) / 255
+
+
+def noisy(image: np.ndarray, sigma: float, seed: int = 1) -> np.ndarray:
+    return (image + np.random.default_rng(seed).normal(0, sigma, image.shape)).astype(np.float32)
+
+
+# ---- pictures ----------------------------------------------------------------------------------------------------
+
+
+def test_psnr_is_scikit_images_on_clipped_values():
+    image, reference = noisy(photo(), 0.3), photo()
+    clipped = np.clip(image, 0, 1)
+    assert (clipped != image).any()
+    assert psnr(image, reference) == pytest.approx(peak_signal_noise_ratio(reference, clipped, data_range=1), abs=1e-5)
+
+
+def test_psnr_of_equal_pictures_is_infinite_and_of_no_pixels_nan():
+    assert psnr(photo(), photo()) == math.inf
+    assert math.isnan(psnr(photo(), photo(), np.zeros((40, 52), bool)))
+
+
+def test_psnr_under_a_mask_counts_those_pixels_alone():
+    image = photo().copy()
+    image[:20] = 1 - image[:20]
+    mask = np.zeros((40, 52), bool)
+    mask[20:] = True
+    assert psnr(image, photo(), mask) == math.inf
+    assert psnr(image, photo(), ~mask) == psnr(image[:20], photo()[:20])
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.01, 0.2])
+@pytest.mark.parametrize("size", [(11, 11), (40, 52), (64, 33)])
+def test_ssim_is_scikit_images_with_the_settings_of_pixelsplat(size, sigma):
+    reference = photo(*size)
+    image = np.clip(noisy(reference, sigma), 0, 1)
+    theirs = structural_similarity(
+        reference, image, win_size=11, gaussian_weights=True, channel_axis=2, data_range=1.0
+    )  # fmt: skip
+    assert ssim(image, reference) == pytest.approx(theirs, abs=1e-5)
+
+
+def test_ssim_of_flat_pictures_is_finite_and_of_equal_ones_is_one():
+    flat = np.full((16, 16, 3), 0.5, np.float32)
+    assert ssim(flat, flat) == 1
+    assert 0 < ssim(flat, flat / 2) < 1
+
+
+@pytest.mark.parametrize("metric", [psnr, ssim])
+@pytest.mark.parametrize("other", [(40, 51, 3), (40, 52), (40, 52, 4)])
+def test_pictures_of_unlike_shapes_are_refused(metric, other):
+    with pytest.raises(InputError):
+        metric(photo(), np.zeros(other, np.float32))
+
+
+def test_ssim_refuses_pictures_smaller_than_its_window():
+    with pytest.raises(InputError, match="sides of 11"):
+        ssim(photo(10, 30), photo(10, 30))
+
+
+# ---- depth and attributes ----------------------------------------------------------------------------------------
+
+
+def test_depth_errors_count_pixels_that_both_maps_know():
+    truth = np.array([[2.0, 4.0, 0.0, 5.0]])
+    depth = np.array([[2.2, 3.0, 9.0, 0.0]])
+    errors = depth_errors(depth, truth)
+    assert errors["abs_rel"] == pytest.approx((0.1 + 0.25) / 2)
+    assert errors["rmse"] == pytest.approx(math.sqrt((0.04 + 1) / 2))
+    assert errors["right"] == 0.5 and errors["covered"] == pytest.approx(2 / 3)
+
+
+def test_depth_errors_are_nan_where_nothing_is_known():
+    errors = depth_errors(np.zeros((2, 2)), np.ones((2, 2)))
+    assert math.isnan(errors["abs_rel"]) and errors["covered"] == 0
+    assert math.isnan(depth_errors(np.ones((2, 2)), np.zeros((2, 2)))["covered"])
+    with pytest.raises(InputError):
+        depth_errors(np.ones((2, 2)), np.ones((2, 3)))
+
+
+def test_attribute_errors_are_root_mean_squares_over_all_layers():
+    original = make_smooth_gaussians(layers=2)
+    extra = replace(original.extra_layers[0], opacities=original.extra_layers[0].opacities * 0)
+    decoded = replace(original, means=original.means + np.float32(0.5), extra_layers=(extra,))
+    errors = attribute_errors(original, decoded)
+    share = original.opacities.size / original.count
+    assert errors["means"]["rmse"] == pytest.approx(0.5 * math.sqrt(share), rel=1e-5)
+    assert errors["opacities"]["max"] == original.extra_layers[0].opacities.max()
+    assert errors["scales"] == {"rmse": 0, "max": 0}
+
+
+@pytest.mark.parametrize("degrees", [1e-5, 0.1, 30, 180])
+def test_rotation_error_is_the_angle_whatever_sign_and_length(degrees):
+    original = make_smooth_gaussians()
+    half = math.radians(degrees) / 2
+    turn = np.array([math.cos(half), math.sin(half), 0, 0])
+    turned = multiply_quats(turn, original.quats.astype(np.float64))
+    errors = attribute_errors(original, _with_quats(original, -3 * turned))["quats"]
+    assert errors["rmse"] == pytest.approx(degrees, rel=1e-2, abs=1e-5)
+
+
+def _with_quats(gaussians, quats):
+    return type(gaussians).unchecked(**{**vars(gaussians), "quats": quats})
+
+
+def test_sh_coefficients_left_out_count_as_zeros():
+    original = make_smooth_gaussians(degree=1)
+    cut = replace(original, sh=original.sh[..., :1, :])
+    assert attribute_errors(original, cut)["sh"]["max"] == pytest.approx(np.abs(original.sh[..., 1:, :]).max())
+
+
+def test_means_about_another_origin_are_equal():
+    original = make_smooth_gaussians()
+    moved = replace(original, means=original.means - np.float32(0.25), origin=[0.25] * 3)
+    assert attribute_errors(original, moved)["means"]["max"] < 1e-6
+
+
+def test_attribute_errors_refuse_other_layers():
+    with pytest.raises(InputError):
+        attribute_errors(make_smooth_gaussians(layers=2), make_smooth_gaussians())
+
+
+def test_plane_errors_tell_depth_from_offset():
+    original = make_smooth_gaussians()
+    centres = np.stack([camera.centre for camera in original.cameras])[:, None, None]
+    along = (original.means - centres) * 1.1 + centres
+    errors = plane_errors(original, replace(original, means=along, scales=original.scales * 1.1), GraphStore())
+    assert errors["depth"]["rmse"] == pytest.approx(0.1 * 3, rel=0.1)
+    assert errors["offset"]["max"] < 1e-3 and errors["scale"]["max"] < 1e-4
+    assert errors["rotation"]["max"] == errors["opacity"]["max"] == 0
+
+
+def test_plane_errors_need_cameras():
+    flat = make_smooth_gaussians().flat()
+    with pytest.raises(InputError, match="cameras"):
+        plane_errors(flat, flat, GraphStore())
+
+
+# ---- LPIPS -------------------------------------------------------------------------------------------------------
+
+VGG = (64, 64, "M", 128, 128, "M", 256, 256, 256, "M", 512, 512, 512, "M", 512, 512, 512)
+
+
+def make_backbone(net: str) -> nn.Sequential:
+    """torchvision's `features` with random weights, written down a second time."""
+    torch.manual_seed(0)
+    if net == "alex":
+        return nn.Sequential(
+            nn.Conv2d(3, 64, 11, 4, 2), nn.ReLU(), nn.MaxPool2d(3, 2), nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(),
+            nn.MaxPool2d(3, 2), nn.Conv2d(192, 384, 3, padding=1), nn.ReLU(), nn.Conv2d(384, 256, 3, padding=1),
+            nn.ReLU(), nn.Conv2d(256, 256, 3, padding=1), nn.ReLU(),
+        )  # fmt: skip
+    layers: list[nn.Module] = []
+    width = 3
+    for entry in VGG:
+        if entry == "M":
+            layers.append(nn.MaxPool2d(2, 2))
+        else:
+            layers += [nn.Conv2d(width, int(entry), 3, padding=1), nn.ReLU()]
+            width = int(entry)
+    return nn.Sequential(*layers)
+
+
+TAPS = {"alex": (1, 4, 7, 9, 11), "vgg": (3, 8, 15, 22, 29)}
+
+
+def make_weights(net: str) -> tuple[nn.Sequential, dict[str, torch.Tensor], dict[str, torch.Tensor]]:
+    features = make_backbone(net)
+    state = {f"features.{name}": value for name, value in features.state_dict().items()}
+    widths = [features[tap - 1].out_channels for tap in TAPS[net]]
+    linear = {f"lin{i}.model.1.weight": torch.rand(1, width, 1, 1) for i, width in enumerate(widths)}
+    return features, {**state, "classifier.6.bias": torch.zeros(3)}, linear
+
+
+@torch.no_grad()
+def reference_lpips(net: str, features: nn.Sequential, linear: dict[str, torch.Tensor], a, b) -> float:
+    """Zhang et al. 2018, equation 1, layer by layer."""
+    mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
+    x, y = (((torch.from_numpy(p) - mean) / deviation).permute(2, 0, 1)[None] for p in (a, b))
+    total, layer = 0.0, 0
+    for index, module in enumerate(features):
+        x, y = module(x), module(y)
+        if index in TAPS[net]:
+            difference = nn.functional.normalize(x, dim=1) - nn.functional.normalize(y, dim=1)
+            total += float((difference**2 * linear[f"lin{layer}.model.1.weight"]).sum(1).mean())
+            layer += 1
+    return total
+
+
+@pytest.mark.parametrize("net", ["alex", "vgg"])
+def test_lpips_follows_its_definition(net, tmp_path, monkeypatch):
+    features, backbone, linear = make_weights(net)
+    monkeypatch.setattr(lpips_module, "_load", {tmp_path / "b": backbone, tmp_path / "l": linear}.__getitem__)
+    metric = Lpips(LpipsFiles(net, tmp_path / "b", tmp_path / "l"))
+    a, b = photo(48, 40), np.clip(noisy(photo(48, 40), 0.2), 0, 1)
+    # ImageNet's moments are given to three digits on either scale: a relative 1e-3 between the two forms.
+    assert metric(a, b) == pytest.approx(reference_lpips(net, features, linear, a, b), rel=5e-3)
+    assert metric(a, a) == 0
+    assert metric(a, b) == metric(np.where(b == 1, 1.5, b), a)
+
+
+def save_weights(folder, net="alex"):
+    _, backbone, linear = make_weights(net)
+    files = LpipsFiles(net, folder / "backbone.pth", folder / "linear.pth")
+    torch.save(backbone, files.backbone)
+    torch.save(linear, files.linear)
+    return files, backbone
+
+
+def test_lpips_reads_files_and_names_what_does_not_fit(tmp_path):
+    files, backbone = save_weights(tmp_path)
+    metric = Lpips(files)
+    with pytest.raises(InputError, match="sides ≥ 31"):
+        metric(photo(30, 40), photo(30, 40))
+    with pytest.raises(InputError, match=r"lin0.model.1.weight"):
+        Lpips(LpipsFiles("alex", files.backbone, files.backbone))
+    torch.save({**backbone, "features.3.weight": torch.zeros(2, 2)}, files.backbone)
+    with pytest.raises(InputError, match=r"backbone.pth: 3.weight: of shape \(2, 2\), expected \(192, 64, 5, 5\)"):
+        Lpips(files)
+    files.backbone.write_bytes(b"not weights")
+    with pytest.raises(InputError, match="unreadable weights"):
+        Lpips(files)
+
+
+def test_without_weights_the_search_says_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    found, text = find_lpips("vgg")
+    assert found is None and "no linear weights" in text
+    files, _ = save_weights(tmp_path)
+    found, text = find_lpips("vgg", linear=files.linear)
+    assert found is None and "vgg16-397923af.pth" in text and str(tmp_path) in text
+    cached = tmp_path / "hub" / "checkpoints" / "vgg16-397923af.pth"
+    cached.parent.mkdir(parents=True)
+    cached.touch()
+    assert find_lpips("vgg", linear=files.linear)[0] == LpipsFiles("vgg", cached, files.linear)
+
+
+def test_a_weights_file_that_was_named_must_exist(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        find_lpips("vgg", backbone=tmp_path / "missing.pth")
+    with pytest.raises(InputError, match="accepted are vgg, alex"):
+        find_lpips("squeeze")
