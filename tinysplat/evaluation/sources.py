@@ -389,8 +389,10 @@ def _chunk_sources(
         ChunkSource(path, dataset, key, Window(dataset, wanted[key].context, wanted[key].targets), near, far)
         for key in present
     ]
-    lost = [LeftOut(str(path), f"{len(missing)} scenes of {index} are not here, such as {missing[0]}", len(missing))]
-    return sources, lost if missing else []
+    if not missing:
+        return sources, []
+    why = f"{len(missing)} scenes of {index} are not here, such as {missing[0]}"
+    return sources, [LeftOut(str(path), why, len(missing))]
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,182 @@
+"""`tinysplat eval` and `compare` as a user meets them: bad scenes among good ones, killed runs, jobs, pictures."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from chunks import make_chunk_scene, write_chunks
+from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, write_eval_scene
+
+from tinysplat_runtime.images import read_image, write_png
+
+SCRIPT = Path(sys.executable).with_name("tinysplat")
+OPTIONS = ("--size", "48x64", "--lpips", "none", "--threads", "1")
+
+
+def command(name: str, *arguments: object) -> list[str]:
+    return [str(SCRIPT), name, *map(str, arguments)]
+
+
+def run(name: str, *arguments: object, status: int = 0) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(command(name, *arguments), capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == status, (done.returncode, done.stdout, done.stderr)
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def figures(path: Path) -> list[dict]:
+    """Everything in a results file that two runs must agree on."""
+    return [{k: v for k, v in entry.items() if k != "seconds"} for entry in json.loads(path.read_text())["scenes"]]
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory) -> Path:
+    """Three good scenes of two windows each."""
+    folder = tmp_path_factory.mktemp("scenes")
+    for name in ("one", "three", "two"):
+        write_eval_scene(folder / name, [NEAR_WINDOW, WIDE_WINDOW])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(scenes, tmp_path_factory) -> Path:
+    """The results of an undisturbed run."""
+    folder = tmp_path_factory.mktemp("finished")
+    run("eval", scenes, "-o", folder, "--profile", "paper,fast", *OPTIONS, "-q")
+    return folder / "results.json"
+
+
+def test_a_run_prints_tables_and_writes_what_was_asked_for(scenes, tmp_path):
+    done = run(
+        "eval", scenes / "one", "-o", tmp_path / "r", "--kind", "near", "--json", tmp_path / "r.json", "--csv",
+        tmp_path / "r.csv", "--size", "48x64", "--lpips-linear", scenes / "one" / "0.png",
+    )  # fmt: skip
+    assert "near, 2 views, sweep, balanced at Q_g 0, 48x64" in done.stdout and "no weights" in done.stdout
+    assert "1 windows measured" in done.stdout and "no backbone weights of LPIPS-vgg" in done.stdout
+    (entry,) = json.loads((tmp_path / "r.json").read_text())["scenes"]
+    assert entry["scene"] == "one" and entry["lpips"] is None and entry["psnr"] > entry["psnr_photo"]
+    assert (tmp_path / "r.csv").read_text().count("\n") == 2
+
+
+def test_bad_scenes_cost_a_line_each_and_the_others_still_run(tmp_path):
+    scenes = tmp_path / "scenes"
+    write_eval_scene(scenes / "good")
+    write_eval_scene(scenes / "no_frame", [{**NEAR_WINDOW, "target": [7]}])
+    write_eval_scene(scenes / "no_target", [{**NEAR_WINDOW, "target": []}])
+    write_eval_scene(scenes / "mixed")
+    write_png(scenes / "mixed" / "2.png", plane_photo(0)[:40])
+    chunks = write_chunks(tmp_path / "chunks", [[make_chunk_scene("fine")], [make_chunk_scene("torn", 2)]])
+    (chunks / "000001.torch").write_bytes(b"torn")
+    window = {"context": [0, 2], "target": [1]}
+    (tmp_path / "index.json").write_text(json.dumps({"fine": window, "torn": window}))
+    done = run(
+        "eval", scenes, chunks, tmp_path / "missing", "--index", tmp_path / "index.json", "--near", 2, "--far", 8,
+        "-o", tmp_path / "r", *OPTIONS,
+    )  # fmt: skip
+    lines = done.stderr.splitlines()
+    for said in (
+        "no_frame", "frame 7, but the scene has 0 to 3", "no_target", "no frames, expected at least one", "mixed near",
+        "64x40 pixels, but its camera states 64x48", "000001.torch: unreadable chunk", "missing: no such folder",
+    ):  # fmt: skip
+        assert sum(said in line for line in lines) == 1, (said, lines)
+    assert len(lines) == 5 and all(line.startswith("tinysplat: left out ") for line in lines)
+    assert "2 windows measured (2 results, 0 from before), 5 left out" in done.stdout
+    document = json.loads((tmp_path / "r" / "results.json").read_text())
+    assert [entry["scene"] for entry in document["scenes"]] == ["good", "fine"]
+    assert len(document["left_out"]) == 5
+
+
+def test_nothing_but_bad_scenes_is_an_error(tmp_path):
+    scene = write_eval_scene(tmp_path / "bad", [{**NEAR_WINDOW, "context": [0, 9]}])
+    done = run("eval", scene, "-o", tmp_path / "r", *OPTIONS, status=2)
+    assert done.stderr.splitlines()[-1].endswith("nothing could be measured; 0 windows measured (0 results, 0 from"
+                                                 " before), 1 left out")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--profile", "huge"), "accepted are paper"),
+        (("--model", "nerf"), "unknown network 'nerf'"),
+        (("--jobs", 0), "--jobs: 0, expected 1 or more"),
+        (("--qp", "a"), "expected numbers"),
+        (("--lpips-backbone", "missing.pth"), "missing.pth: no such file"),
+    ],
+)
+def test_wrong_options_are_refused_in_a_line(scenes, tmp_path, options, said):
+    done = run("eval", scenes / "one", "-o", tmp_path / "r", *options, status=2)
+    assert said in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_two_runs_agree_whatever_their_jobs(scenes, finished, tmp_path):
+    run("eval", scenes, "-o", tmp_path, "--profile", "paper,fast", "--jobs", 2, *OPTIONS, "-q")
+    assert figures(tmp_path / "results.json") == figures(finished)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_killed_run_goes_on_where_it_stopped(scenes, finished, tmp_path, jobs):
+    arguments = ("eval", scenes, "-o", tmp_path, "--profile", "paper,fast", "--jobs", jobs, *OPTIONS)
+    process = subprocess.Popen(command(*arguments, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    records = tmp_path / "records"
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not (records.is_dir() and len(list(records.glob("[!.]*.json"))) >= 3):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    kept = len(list(records.glob("[!.]*.json")))
+    assert kept >= 3 and not (tmp_path / "results.json").exists()
+    done = run(*arguments)
+    total = len(figures(finished))
+    resumed = int(done.stdout.split(" from before")[0].split()[-1])
+    assert 3 <= resumed <= total and f"({total} results, " in done.stdout
+    assert figures(tmp_path / "results.json") == figures(finished)
+
+
+def test_an_interrupt_ends_with_its_own_status(scenes, tmp_path):
+    process = subprocess.Popen(
+        command("eval", scenes, "-o", tmp_path, *OPTIONS, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
+    while not (tmp_path / "records").is_dir():
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130 and b"Traceback" not in said
+
+
+def test_compare_shows_windows_of_six_views_side_by_side(tmp_path):
+    window = {"kind": "multi", "context": [0, 1, 2, 4, 5, 6], "target": [3]}
+    scene = write_eval_scene(tmp_path / "plane", [window], frames=7)
+    for profile in ("paper", "fast"):
+        run("eval", scene, "-o", tmp_path / profile, "--profile", profile, "--pictures", *OPTIONS, "-q")
+    done = run("compare", tmp_path / "paper", tmp_path / "fast", "-o", tmp_path / "sheets")
+    assert "frame 3" in done.stdout and "1 pictures" in done.stdout
+    (sheet,) = json.loads((tmp_path / "sheets" / "comparison.json").read_text())["sheets"]
+    picture = read_image(tmp_path / "sheets" / sheet["files"][0])
+    assert picture.shape[1] > 5 * 64 and sheet["views"][0]["psnr_a_to_photo"] > 15
+
+
+def test_compare_takes_files_of_gaussians_and_pictures(tmp_path):
+    scene = write_eval_scene(tmp_path / "plane")
+    for profile in ("paper", "fast"):
+        output = tmp_path / f"{profile}.tsplat"
+        saved = ("--save-gaussians", tmp_path / "raw.npz")
+        run("encode", scene, "--views", "0,3", "--profile", profile, "-o", output, "-q", *saved)
+        run("render", output, "-o", tmp_path / f"{profile}.png", "-q")
+    for a, b, rows in (
+        ("paper.tsplat", "fast.tsplat", 3),
+        ("raw.npz", "paper.tsplat", 3),
+        ("paper.png", "fast.png", 1),
+    ):
+        done = run("compare", tmp_path / a, tmp_path / b, "-o", tmp_path / "sheets")
+        assert done.stdout.count("| comparison |") == rows
+        assert (tmp_path / "sheets" / "comparison.png").is_file()
+    done = run("compare", tmp_path / "paper.png", tmp_path / "paper.tsplat", status=2)
+    assert "expected two of a kind" in done.stderr
+    done = run("compare", tmp_path / "missing.txt", tmp_path / "paper.png", status=2)
+    assert "'.txt', accepted are" in done.stderr

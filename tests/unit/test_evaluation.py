@@ -1,0 +1,406 @@
+"""Evaluations find what there is to measure, measure it once, and lose neither a window nor a reason."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chunks import make_chunk_scene, write_chunks
+from evaluation_scenes import (
+    HEIGHT,
+    NEAR_WINDOW,
+    PLANE_Z,
+    WIDE_WINDOW,
+    WIDTH,
+    plane_photo,
+    write_eval_scene,
+    write_index,
+)
+from PIL import Image
+from scenes import make_smooth_gaussians
+
+from tinysplat.evaluation import Coding, LeftOut, Outcome, Plan, Record, Settings, Window, evaluate, find_sources
+from tinysplat.evaluation.comparison import error_map, matching, picture_sheet, result_sheets, write_sheet
+from tinysplat.evaluation.measure import PSNR_CEILING, capped_psnr
+from tinysplat.evaluation.records import RECORDS
+from tinysplat.evaluation.runner import list_jobs
+from tinysplat.evaluation.sources import FileSource, FolderSource, read_depth
+from tinysplat.evaluation.summary import document, group_records, mean_of, mean_of_scenes, mean_record
+from tinysplat.evaluation.tables import csv_text, format_table, results_text
+from tinysplat.metrics import psnr, ssim
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.errors import InputError, ModelError
+from tinysplat_runtime.images import write_png
+from tinysplat_runtime.interchange import save_gaussians
+
+SIZE = (HEIGHT, WIDTH)
+CODINGS = (Coding("paper", 0.0), Coding("balanced", 6.0))
+
+
+def plan_of(*paths: Path, codings=CODINGS, **options) -> Plan:
+    sources, left_out = find_sources(paths)
+    assert not left_out
+    return Plan(sources, ("sweep",), codings, **{"size": SIZE, **options})
+
+
+def figures(record: Record) -> dict:
+    """All of a record that two runs must agree on."""
+    return {name: value for name, value in record.as_json().items() if name != "seconds"}
+
+
+# ---- finding windows ---------------------------------------------------------------------------------------------
+
+
+def test_a_folder_of_scenes_gives_its_scenes_by_name(tmp_path):
+    for name in "ba":
+        write_eval_scene(tmp_path / name)
+    (tmp_path / "other").mkdir()
+    sources, left_out = find_sources([tmp_path])
+    assert [source.name for source in sources] == ["a", "b"] and not left_out
+
+
+def test_windows_at_fault_are_left_out_one_by_one(tmp_path):
+    faults = [
+        ({"context": [0, 1], "target": [4]}, "windows[1].target: frame 4, but the scene has 0 to 3"),
+        ({"context": [0, 9], "target": [1]}, "windows[2].context: frame 9, but the scene has 0 to 3"),
+        ({"context": [0, 1], "target": []}, "windows[3].target: no frames, expected at least one"),
+        ({"context": [0, 1]}, "windows[4].target: null, expected a list of frame indices"),
+        ({"context": [0, 0], "target": [1]}, "windows[5].context: [0, 0] names a frame twice"),
+        ({"kind": "../x", "context": [0, 1], "target": [2]}, "windows[6].kind"),
+        ("window", "windows[7]: expected an object"),
+    ]
+    source = FolderSource(write_eval_scene(tmp_path / "a", [NEAR_WINDOW, *(entry for entry, _ in faults)]))
+    windows, left_out = source.windows()
+    assert windows == [Window("near", (0, 2), (1,))]
+    for entry, (_, said) in zip(left_out, faults, strict=True):
+        assert entry.where.startswith("a (") and said in entry.why
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"windows": []}', '{"windows": 3}', "{}"])
+def test_an_index_without_windows_loses_its_scene_alone(tmp_path, text):
+    write_eval_scene(tmp_path / "a")
+    write_eval_scene(tmp_path / "b")
+    (tmp_path / "a" / "eval_index.json").write_text(text)
+    jobs, left_out, notes = list_jobs(plan_of(tmp_path))
+    assert [job.source.name for job in jobs] == ["b"] and not notes
+    assert len(left_out) == 1 and left_out[0].where == "a" and "eval_index.json" in left_out[0].why
+
+
+def test_paths_that_lead_to_no_source_are_named(tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "notes.txt").touch()
+    write_chunks(tmp_path / "chunks", [[make_chunk_scene("k", 1, 36, 64)]])
+    paths = [tmp_path / name for name in ("missing", "empty", "notes.txt", "chunks")]
+    sources, left_out = find_sources(paths)
+    assert not sources
+    assert [Path(entry.where) for entry in left_out] == paths
+    for entry, said in zip(left_out, ("no such folder", "neither", "'.txt'", "--index"), strict=True):
+        assert said in entry.why
+
+
+def test_kinds_views_and_limit_choose_windows_and_say_when_none_are_left(tmp_path):
+    more = {"kind": "multi", "context": [0, 1, 2], "target": [3]}
+    write_eval_scene(tmp_path / "a", [NEAR_WINDOW, WIDE_WINDOW, more])
+    write_eval_scene(tmp_path / "b", [WIDE_WINDOW])
+    kinds = [job.window.kind for job in list_jobs(plan_of(tmp_path / "a", views=(2,)))[0]]
+    assert kinds == ["near", "wide"]
+    assert len(list_jobs(plan_of(tmp_path / "a", limit=1))[0]) == 1
+    jobs, left_out, notes = list_jobs(plan_of(tmp_path, kinds=("near",)))
+    assert len(jobs) == 1 and not left_out
+    assert notes == ["b: no window of the wanted kind and number of views; it has wide with 2 views"]
+
+
+def test_the_depth_range_is_the_options_then_the_indexs_then_the_cameras(tmp_path):
+    folder = write_eval_scene(tmp_path / "a")
+    assert FolderSource(folder).scene().depth_range() == (2, 8)
+    assert FolderSource(folder, near=1.5).scene().depth_range() == (1.5, 8)
+    index = json.loads((folder / "eval_index.json").read_text())
+    (folder / "eval_index.json").write_text(json.dumps({"windows": index["windows"]}))
+    assert FolderSource(folder).scene().depth_range() == (1, 30)
+    (folder / "eval_index.json").write_text(json.dumps({**index, "near": -1}))
+    with pytest.raises(InputError, match=r"near: -1, expected a depth > 0"):
+        FolderSource(folder).scene()
+
+
+def test_depth_maps_are_cropped_as_photos_are_and_keep_their_samples(tmp_path):
+    stored = np.arange(30 * 50, dtype=np.uint16).reshape(30, 50)
+    Image.fromarray(stored).save(tmp_path / "depth.png")
+    read = read_depth(tmp_path / "depth.png", 10.0, 30, 30)
+    np.testing.assert_array_equal(read, stored[:, 10:40] / np.float32(10))
+    assert set(np.unique(read_depth(tmp_path / "depth.png", 1.0, 60, 60))) <= set(np.unique(stored))
+    Image.fromarray(stored.astype(np.uint8)).save(tmp_path / "depth.png")
+    with pytest.raises(InputError, match="16-bit grey PNG"):
+        read_depth(tmp_path / "depth.png", 10.0, 30, 30)
+
+
+def test_gaussian_files_are_looked_at_from_their_targets_or_between_their_views(tmp_path):
+    gaussians = make_smooth_gaussians(views=3)
+    save_gaussians(tmp_path / "g.npz", gaussians)
+    case = FileSource(tmp_path / "g.npz").load(Window("file", (0, 1, 2), (0, 1)), "", SIZE, Runtime(threads=1))
+    centres = np.stack([camera.centre for camera in gaussians.cameras])
+    np.testing.assert_allclose([c.centre for c in case.cameras], (centres[1:] + centres[:-1]) / 2)
+    assert case.photos is None
+    with np.load(tmp_path / "g.npz") as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "g.npz", **arrays, target_K=arrays["K"][:1], target_c2w=arrays["c2w"][2:])
+    targets = FileSource(tmp_path / "g.npz").windows()[0][0].targets
+    assert targets == (0,)
+
+
+# ---- measuring ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory) -> tuple[Path, Path, Outcome]:
+    """A scene, the folder of its results, and the results."""
+    folder = tmp_path_factory.mktemp("measured")
+    scene = write_eval_scene(folder / "plane", [NEAR_WINDOW, WIDE_WINDOW], with_depth=True)
+    outcome = evaluate(plan_of(scene), Settings(folder / "results", pictures=True))
+    return scene, folder / "results", outcome
+
+
+def test_records_come_window_by_window_in_the_plans_order(measured):
+    _, _, outcome = measured
+    assert [(r.kind, r.profile, r.qp) for r in outcome.records] == [
+        ("near", "paper", 0), ("near", "balanced", 6), ("wide", "paper", 0), ("wide", "balanced", 6)
+    ]  # fmt: skip
+    assert not outcome.left_out and outcome.resumed == 0
+
+
+def test_figures_are_means_over_images_of_what_the_pictures_show(measured):
+    _, results, outcome = measured
+    record = outcome.records[2]
+    assert record.context == (0, 3) and record.targets == (1, 2) and record.views == 2
+    assert (record.height, record.width) == SIZE
+    photos = [plane_photo(0.2 * i).astype(np.float32) / 255 for i in record.targets]
+    nearest = [plane_photo(0.2 * i).astype(np.float32) / 255 for i in (0, 3)]
+    expected = np.mean([psnr(a, b) for a, b in zip(nearest, photos, strict=True)])
+    assert record.psnr_photo == pytest.approx(expected, abs=1e-6)
+    kept = results / "pictures" / str(record.pictures)
+    for name, suffix in (("raw", "_raw"), ("decoded", "")):
+        images = [np.asarray(Image.open(kept / f"{n}_{name}.png")).astype(np.float32) / 255 for n in (0, 1)]
+        pairs = list(zip(images, photos, strict=True))
+        # The pictures on disk are rounded to 8 bits, the figures are not.
+        assert getattr(record, f"psnr{suffix}") == pytest.approx(np.mean([psnr(*p) for p in pairs]), abs=0.02)
+        assert getattr(record, f"ssim{suffix}") == pytest.approx(np.mean([ssim(*p) for p in pairs]), abs=1e-3)
+
+
+def test_a_record_says_what_coding_cost(measured):
+    _, _, outcome = measured
+    fine, coarse = outcome.records[:2]
+    assert fine.bytes == sum(fine.bytes_by_class.values()) + fine.metadata_bytes > coarse.bytes
+    assert fine.psnr_decoded_raw > coarse.psnr_decoded_raw > 20
+    assert fine.psnr_raw == coarse.psnr_raw and fine.psnr_photo < fine.psnr_raw
+    assert 0.9 < fine.coverage <= 1 and fine.psnr_covered == pytest.approx(fine.psnr, abs=3)
+    assert {"network", "vpt", "x265", "libavcodec", "synthesis", "render"} <= set(fine.seconds)
+    assert fine.attribute_errors["world"]["means"]["rmse"] < coarse.attribute_errors["world"]["means"]["rmse"]
+    assert fine.attribute_errors["planes"]["depth"]["max"] > 0
+    assert fine.lpips is None and fine.lpips_raw is None
+
+
+def test_true_depth_is_compared_where_the_scene_has_it(measured):
+    _, _, outcome = measured
+    depth = outcome.records[0].depth
+    assert depth["raw"]["covered"] > 0.9 and depth["raw"]["abs_rel"] < 0.2
+    assert depth["decoded"]["rmse"] < PLANE_Z / 5
+
+
+def test_a_second_run_measures_nothing_and_says_the_same(measured):
+    scene, results, outcome = measured
+    again = evaluate(plan_of(scene), Settings(results, pictures=True))
+    assert again.resumed == 4 and again.records == outcome.records
+
+
+def test_a_run_cut_short_goes_on_to_the_same_figures(measured, tmp_path):
+    scene, _, outcome = measured
+    first = evaluate(plan_of(scene, codings=CODINGS[:1], limit=1), Settings(tmp_path))
+    kept = first.records[0]
+    rest = evaluate(plan_of(scene), Settings(tmp_path))
+    assert rest.resumed == 1 and rest.records[0] == kept
+    for a, b in zip(rest.records, outcome.records, strict=True):
+        assert figures(a) == {**figures(b), "pictures": None}
+
+
+def test_a_torn_record_is_measured_again(measured, tmp_path):
+    scene, _, outcome = measured
+    plan = plan_of(scene, limit=1, codings=CODINGS[1:])
+    evaluate(plan, Settings(tmp_path))
+    (path,) = (tmp_path / RECORDS).iterdir()
+    for content in (path.read_bytes()[:200], b"[]", b'{"scene": 1}'):
+        path.write_bytes(content)
+        again = evaluate(plan, Settings(tmp_path))
+        assert again.resumed == 0
+        assert figures(again.records[0]) == {**figures(outcome.records[1]), "pictures": None}
+
+
+def test_records_of_other_photos_cameras_or_pictures_are_not_taken_for_these(tmp_path):
+    scene = write_eval_scene(tmp_path / "a")
+    plan = plan_of(scene, codings=CODINGS[1:])
+    settings = Settings(tmp_path / "results")
+
+    def is_new(settings: Settings = settings) -> bool:
+        return evaluate(plan, settings).resumed == 0
+
+    assert is_new() and not is_new()
+    assert is_new(replace(settings, pictures=True)) and not is_new(replace(settings, pictures=True))
+    os.utime(scene / "3.png", ns=(1, 1))
+    assert not is_new()  # a photo that the window does not use
+    os.utime(scene / "1.png", ns=(1, 1))
+    assert is_new()
+    write_index(scene, [{**NEAR_WINDOW, "target": [1, 3]}])
+    assert is_new()
+
+
+def test_what_fails_while_measuring_is_left_out_with_its_reason(tmp_path):
+    for name in "abc":
+        write_eval_scene(tmp_path / name)
+    write_png(tmp_path / "a" / "1.png", plane_photo(0)[:, :-4])
+    (tmp_path / "b" / "2.png").unlink()
+    outcome = evaluate(plan_of(tmp_path, codings=CODINGS[1:]), Settings(tmp_path / "results"))
+    assert [record.scene for record in outcome.records] == ["c"]
+    assert [entry.where for entry in outcome.left_out] == ["a near 0,2, sweep", "b near 0,2, sweep"]
+    assert "60x48 pixels, but its camera states 64x48" in outcome.left_out[0].why
+    assert "2.png: no such file" in outcome.left_out[1].why
+
+
+def test_a_model_that_is_none_is_one_error(tmp_path):
+    scene = write_eval_scene(tmp_path / "a")
+    sources, _ = find_sources([scene])
+    with pytest.raises(ModelError, match="unknown network 'nerf'"):
+        evaluate(Plan(sources, ("nerf",), CODINGS), Settings(tmp_path / "results"))
+
+
+def test_gaussian_files_are_measured_against_their_own_render(tmp_path):
+    save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(height=16, width=24))
+    outcome = evaluate(plan_of(tmp_path / "g.npz", codings=CODINGS[:1]), Settings(tmp_path / "results"))
+    (record,) = outcome.records
+    assert record.psnr is None and record.psnr_raw is None and record.psnr_decoded_raw > 25
+    assert (record.model, record.kind, record.height, record.width) == ("g", "file", 16, 24)
+
+
+def test_chunks_of_a_data_set_are_measured_and_missing_scenes_counted(tmp_path):
+    chunks = write_chunks(tmp_path / "re10k", [[make_chunk_scene("k")]])
+    window = {"context": [0, 2], "target": [1]}
+    (tmp_path / "index.json").write_text(json.dumps({"k": window, "gone": window, "lost": window, "null": None}))
+    sources, left_out = find_sources([chunks], index=tmp_path / "index.json", near=2.0, far=8.0)
+    assert [entry.count for entry in left_out] == [2] and "such as gone" in left_out[0].why
+    plan = Plan(sources, ("sweep",), CODINGS[1:], size=(48, 48))
+    (record,) = evaluate(plan, Settings(tmp_path / "results")).records
+    assert (record.scene, record.kind, record.height, record.width) == ("k", "re10k", 48, 48)
+
+
+def test_identical_pictures_get_the_ceiling_that_json_can_hold():
+    assert capped_psnr(plane_photo(0) / 255, plane_photo(0) / 255) == PSNR_CEILING
+
+
+# ---- condensing --------------------------------------------------------------------------------------------------
+
+
+def test_means_skip_what_is_absent_and_go_key_by_key():
+    assert mean_of([1, None, 3]) == 2
+    assert mean_of([None]) is None
+    assert mean_of([{"a": 1, "b": 2}, {"a": 3}, None]) == {"a": 2, "b": 2}
+
+
+def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
+    _, _, outcome = measured
+    record = outcome.records[0]
+    others = [replace(record, scene="other", psnr=10.0), replace(record, scene="other", psnr=20.0)]
+    (group,) = group_records([replace(record, psnr=30.0), *others])
+    assert mean_record(group.records)["psnr"] == 20
+    assert mean_of_scenes(group)["psnr"] == 22.5
+
+
+def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):
+    _, results, outcome = measured
+    found = json.loads(json.dumps(document(outcome, Settings(results), "none"), allow_nan=False))
+    keys = {"scene", "kind", "model", "profile", "qp", "height", "width", "views", "context", "targets", "psnr_raw",
+            "psnr", "psnr_decoded_raw", "ssim", "ssim_raw", "lpips", "bytes", "seconds"}  # fmt: skip
+    assert all(keys <= set(entry) for entry in found["scenes"])
+    assert found["mean"]["psnr"] == pytest.approx(np.mean([entry["psnr"] for entry in found["scenes"]]))
+    assert len(found["groups"]) == 4 and found["groups"][0]["mean"]["bytes"] == found["scenes"][0]["bytes"]
+    assert [Record.from_json(entry) for entry in found["scenes"]] == outcome.records
+
+
+def test_tables_line_up_and_say_that_there_are_no_weights(measured):
+    _, _, outcome = measured
+    text = results_text(outcome.records, has_lpips=False)
+    tables = [block.splitlines() for block in text.split("\n\n")]
+    assert len(tables) == 4 and tables[0][0] == "near, 2 views, sweep, paper at Q_g 0, 48x64"
+    assert all(len({len(line) for line in table[1:]}) == 1 for table in tables)
+    assert "no weights" in tables[0][3]
+    assert format_table(["a", "b"], [["x", "1.0"]]) == "| a |   b |\n|---|----:|\n| x | 1.0 |"
+
+
+def test_csv_has_a_row_per_record_and_a_column_per_figure(measured):
+    _, _, outcome = measured
+    rows = list(csv.DictReader(io.StringIO(csv_text(outcome.records))))
+    assert len(rows) == 4 and rows[2]["context"] == "0 3"
+    assert float(rows[0]["psnr"]) == outcome.records[0].psnr
+    assert float(rows[0]["bytes_by_class.depth"]) == outcome.records[0].bytes_by_class["depth"]
+
+
+def test_left_out_reads_as_one_line():
+    assert str(LeftOut("a near 0,2", "no such file")) == "left out a near 0,2: no such file"
+
+
+# ---- comparing ---------------------------------------------------------------------------------------------------
+
+
+def test_results_are_matched_by_window_and_then_by_coding(measured):
+    _, _, outcome = measured
+    near_paper, near_balanced, wide_paper, _ = outcome.records
+    assert list(matching([near_paper], [near_balanced])) == [(near_paper, near_balanced)]
+    assert list(matching([near_paper], [wide_paper])) == []
+    both = [near_balanced, near_paper]
+    assert list(matching([near_paper, near_balanced], both)) == [(r, r) for r in (near_paper, near_balanced)]
+
+
+def test_sheets_show_photo_both_results_and_both_errors(measured, tmp_path):
+    scene, results, _ = measured
+    evaluated = evaluate(plan_of(scene, codings=CODINGS[1:]), Settings(tmp_path / "b", pictures=True))
+    for folder, outcome in ((results, measured[2]), (tmp_path / "b", evaluated)):
+        text = json.dumps(document(outcome, Settings(folder), ""))
+        (folder / "results.json").write_text(text)
+    sheets = result_sheets(results, tmp_path / "b")
+    assert [len(sheet.rows) for sheet in sheets] == [1, 2]
+    scores = sheets[0].rows[0].scores()
+    assert scores["psnr_b_to_a"] == PSNR_CEILING and scores["psnr_a_to_photo"] == scores["psnr_b_to_photo"]
+    (path,) = write_sheet(tmp_path, sheets[1])
+    with Image.open(path) as image:
+        assert image.width > 5 * WIDTH and image.height > 2 * HEIGHT
+
+
+def test_folders_without_pictures_or_common_windows_are_refused(measured, tmp_path):
+    _, results, outcome = measured
+    bare = [replace(record, pictures=None) for record in outcome.records]
+    for name, records in (("bare", bare), ("other", [replace(outcome.records[0], scene="other")])):
+        (tmp_path / name).mkdir()
+        text = json.dumps(document(replace(outcome, records=records), Settings(tmp_path), ""))
+        (tmp_path / name / "results.json").write_text(text)
+    (results / "results.json").write_text(json.dumps(document(outcome, Settings(results), "")))
+    with pytest.raises(InputError, match="tinysplat eval --pictures"):
+        result_sheets(results, tmp_path / "bare")
+    with pytest.raises(InputError, match="no window in common"):
+        result_sheets(results, tmp_path / "other")
+    with pytest.raises(InputError, match=r"results\.json: no such file"):
+        result_sheets(results, tmp_path)
+
+
+def test_pictures_of_two_sizes_are_refused(tmp_path):
+    write_png(tmp_path / "a.png", plane_photo(0))
+    write_png(tmp_path / "b.png", plane_photo(0)[:-1])
+    with pytest.raises(InputError, match=r"64x47 pixels, but .*a\.png has 64x48"):
+        picture_sheet(tmp_path / "a.png", tmp_path / "b.png")
+
+
+def test_error_maps_are_mean_absolute_differences():
+    a, b = np.zeros((2, 2, 3)), np.zeros((2, 2, 3))
+    b[0, 1] = (0.3, 0, 0.6)
+    np.testing.assert_allclose(error_map(a, b), [[0, 0.3], [0, 0]])
