@@ -35,8 +35,8 @@ class Runtime:
     """Graphs and settings for repeated calls; safe to use from several threads.
 
     Args:
-        threads: planes coded at a time, and threads of an operator; None for all cores this process may use. Never
-            changes any result of the codec or the rasteriser.
+        threads: planes coded at a time, and threads of synthesis and rasteriser; None for all cores this process may
+            use. Never changes a result; networks and analysis use all cores whatever it says (`GraphStore` says why).
         providers: onnxruntime execution providers in order of preference.
         models: folder with manifest.json and the artifacts; None for the usual places.
         limits: what a file may ask for when it is decoded.

@@ -57,7 +57,7 @@ def threads(text: str) -> int:
 def _common() -> _Parser:
     common = _Parser(add_help=False)
     common.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
-    common.add_argument("--threads", type=threads, metavar="N", help="default: all cores; never changes a result")
+    common.add_argument("--threads", type=threads, metavar="N", help="default: all cores; no result depends on it")
     return common
 
 

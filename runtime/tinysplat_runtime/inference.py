@@ -160,7 +160,9 @@ class GraphStore:
     """Opens each graph once, on first use; safe to share among threads.
 
     Args:
-        threads: threads inside an operator; None for all cores this process may use.
+        threads: threads inside an operator of the synthesis; None for all cores this process may use. Networks and
+            analysis always use all of them: onnxruntime splits long sums by threads, so that another number would
+            change last bits, and with them the bytes of a file.
         providers: onnxruntime execution providers in order of preference.
         models: folder of the artifacts; None for the usual places.
     """
@@ -188,7 +190,8 @@ class GraphStore:
         with self._lock:
             if name not in self._graphs:
                 artifact = find_artifact(name, role, self._models)
-                self._graphs[name] = open_graph(artifact, contract, threads=self._threads, providers=self._providers)
+                threads = self._threads if role == "synthesis" else None
+                self._graphs[name] = open_graph(artifact, contract, threads=threads, providers=self._providers)
             return self._graphs[name]
 
 
