@@ -141,6 +141,12 @@ def test_gaussians_of_any_network_compress_and_the_bytes_do_not_depend_on_thread
     assert (tmp_path / "1.tsplat").read_bytes() == (tmp_path / "4.tsplat").read_bytes()
 
 
+def test_the_bytes_of_encoded_photos_do_not_depend_on_threads(scene, tmp_path):
+    for threads in (1, 3):
+        succeed("encode", scene, "-o", tmp_path / f"{threads}.tsplat", "--threads", threads)
+    assert (tmp_path / "1.tsplat").read_bytes() == (tmp_path / "3.tsplat").read_bytes()
+
+
 def test_quiet_commands_print_nothing(encoded, tmp_path):
     assert succeed("decode", encoded["file"], "-o", tmp_path / "g.npz", "-q") == ""
 
