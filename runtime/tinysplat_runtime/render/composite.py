@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .prepare import ALPHA_MIN
+from . import prepare
 from .project import BLUE, GAMMA, RECORD, RED, Splats
 from .tiles import TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
 
+ALPHA_MIN = np.float32(prepare.ALPHA_MIN)
 ALPHA_MAX = np.float32(0.99)
 TRANSMITTANCE_MIN = np.float32(1e-4)
 
@@ -32,8 +33,6 @@ PIXELS = TILE_HEIGHT * TILE_WIDTH
 
 MAX_CHANGE = np.float32(80)
 """Cap of D in `_alphas`, which beside a footprint could overflow, and 0·∞ is no alpha."""
-
-_ALPHA_MIN_BITS = np.float32(ALPHA_MIN).view(np.int32)
 
 # Planes of `Canvas.state`
 LEFT, STOPPED, SUMS = 0, 1, 2
@@ -68,7 +67,9 @@ class Canvas:
     def image(self, planes: slice) -> NDArray:
         """Planes of the state as an image (H, W, planes)."""
         grid = self.grid
-        picture = self.state[:, planes].reshape(grid.rows, grid.columns, -1, TILE_HEIGHT, TILE_WIDTH).transpose(0, 3, 1, 4, 2)
+        picture = (
+            self.state[:, planes].reshape(grid.rows, grid.columns, -1, TILE_HEIGHT, TILE_WIDTH).transpose(0, 3, 1, 4, 2)
+        )
         picture = picture.reshape(grid.rows * TILE_HEIGHT, grid.columns * TILE_WIDTH, -1)
         return picture[: grid.height, : grid.width]
 
@@ -88,7 +89,7 @@ class Workspace:
         # numpy has no fast path for the minimum of an array and a number
         self.max_change = np.full(GROUP, MAX_CHANGE)
         self.max_alpha = np.full(GROUP, ALPHA_MAX)
-        self.mask = np.empty(RANKS * PIXELS * GROUP, np.int32)
+        self.shows = np.empty(RANKS * PIXELS * GROUP, np.bool_)
 
 
 @dataclass(eq=False)
@@ -202,13 +203,8 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
             np.multiply(change, bend, out=change)
     if log_opacities.max() > math.log(ALPHA_MAX):
         np.minimum(alphas, work.max_alpha[:n], out=alphas)
-    # Positive floats compare like their bits. The sign of a difference, shifted down, is a mask at a third of the
-    # cost of a boolean one.
-    bits = alphas.view(np.int32)
-    mask = work.mask[: bits.size].reshape(bits.shape)
-    np.subtract(_ALPHA_MIN_BITS - 1, bits, out=mask)
-    np.right_shift(mask, 31, out=mask)
-    np.bitwise_and(bits, mask, out=bits)
+    shows = np.greater_equal(alphas, ALPHA_MIN, out=work.shows[: alphas.size].reshape(alphas.shape))
+    np.multiply(alphas, shows, out=alphas)  # ten times as fast as any masked assignment
     return alphas.reshape(RANKS, PIXELS, n)
 
 

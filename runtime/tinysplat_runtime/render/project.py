@@ -145,21 +145,24 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
 def _shapes(
     block: Block, view: View, centred: NDArray, inverse_z: NDArray, in_front: NDArray, planes: NDArray, spans: NDArray
 ) -> NDArray:
-    """Write the exponent's factors and the spans; returns (2, n) half extents of the footprints per √τ, pixels."""
+    """Write the exponent's factors and the spans; returns (2, n) half extents of the footprints per √τ, pixels.
+
+    Takes those out of `in_front` that hold NaN.
+    """
     size = np.array([[view.camera.width], [view.camera.height]])
     principal = view.camera.K[:2, 2:]
     low, high = -JACOBIAN_MARGIN * size - principal, (1 + JACOBIAN_MARGIN) * size - principal
     clamped = np.clip(centred, low, high)
-    # J·W row by row: (K R)_i − u_i·R_2, over z
-    jacobian = (view.projection[:2, :, None] - clamped[:, None] * view.projection[2][:, None]) * inverse_z
     half = np.empty((2, block.size), np.float32)
     outs = [*planes[ALPHA_X : GAMMA + 1], *spans[Y_RIGHTMOST : REACH + 1], *half]
-    for out, values in zip(outs, _factors(jacobian.astype(np.float32), block.axes), strict=True):
+    jacobian = _jacobian(view, clamped.astype(np.float32), inverse_z.astype(np.float32))
+    for out, values in zip(outs, _factors(jacobian, block.axes), strict=True):
         out[:] = values
     wide = np.flatnonzero(~(half[0] + half[1] < WIDE_PX) & in_front)
     if wide.size:
         axes = principal_axes(block.quats[wide].astype(np.float64), block.scales[wide].astype(np.float64))
-        for out, values in zip(outs, _factors(jacobian.take(wide, axis=-1), axes), strict=True):
+        jacobian = _jacobian(view, clamped.take(wide, axis=-1), inverse_z.take(wide))
+        for out, values in zip(outs, _factors(jacobian, axes), strict=True):
             out[wide] = np.clip(values, -LIMIT, LIMIT)
         for means in (planes[X : Y + 1], spans[MEAN_X : MEAN_Y + 1]):
             means[:, wide] = np.clip(means[:, wide], -LIMIT, LIMIT)
@@ -167,7 +170,14 @@ def _shapes(
         for span, value in ((MEAN_X, 0), (Y_RIGHTMOST, 0), (SLOPE, 0), (REACH, LIMIT)):
             spans[span, wide] = value
         spans[TAU, wide] += WIDE_MARGIN
+        in_front[wide] &= np.isfinite(planes[: GAMMA + 1, wide]).all(axis=0)  # NaN is among the wide
     return half
+
+
+def _jacobian(view: View, clamped: NDArray, inverse_z: NDArray) -> NDArray:
+    """J·W (2, 3, n) at pixels `clamped` (2, n), counted from the principal point: ((K R)_i − u_i·R_2) / z."""
+    rows = view.projection[:, :, None].astype(clamped.dtype)
+    return (rows[:2] - clamped[:, None] * rows[2]) * inverse_z
 
 
 def _factors(jacobian: NDArray, axes: NDArray) -> tuple[NDArray, ...]:
@@ -196,9 +206,9 @@ def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:
 
 
 def pixels_between(low: NDArray, high: NDArray, size: int) -> tuple[NDArray, NDArray]:
-    """First and last of `size` pixels whose centres lie from low to high; 0 and −1, or so, where none do or for NaN."""
-    first = np.ceil(np.fmin(np.fmax(low - np.float32(0.5 + SPAN_MARGIN_PX), 0), size))
-    last = np.floor(np.fmin(np.fmax(high - np.float32(0.5 - SPAN_MARGIN_PX), -1), size - 1))
+    """First and last of `size` pixels whose centres lie from low to high; the first is the greater where none do."""
+    first = np.ceil(np.clip(low - np.float32(0.5 + SPAN_MARGIN_PX), 0, size))
+    last = np.floor(np.clip(high - np.float32(0.5 - SPAN_MARGIN_PX), -1, size - 1))
     return first.astype(np.int32), last.astype(np.int32)
 
 

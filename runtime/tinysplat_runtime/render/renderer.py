@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.threads import available_cores
 
 from .composite import N_COLOUR, SUMS, Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
@@ -48,7 +48,7 @@ class Renderer:
         """
         if not isinstance(gaussians, Gaussians):
             raise InputError(f"{type(gaussians).__name__}, expected Gaussians", where="gaussians")
-        self._threads = _whole_number("threads", threads) if threads is not None else _available_cores()
+        self._threads = _whole_number("threads", threads) if threads is not None else available_cores()
         self._origin = gaussians.origin
         self._blocks = prepare(gaussians)
         self._splats = Splats(sum(block.size for block in self._blocks))
@@ -156,10 +156,6 @@ def _rgb(canvas: Canvas, background: NDArray) -> NDArray:
 def _depth(canvas: Canvas) -> NDArray:
     depths, weights = np.moveaxis(canvas.image(slice(SUMS + N_COLOUR, None)), -1, 0)
     return np.divide(depths, weights, out=np.zeros_like(depths), where=weights > 0)
-
-
-def _available_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _whole_number(name: str, value: Any) -> int:
