@@ -120,7 +120,7 @@ def evaluate(plan: Plan, settings: Settings, *, quiet: bool = True) -> Outcome:
         for model in plan.models:
             Runtime(threads=1).store.network(model)  # a wrong model is one error, not one per window
     worker = _Worker(settings)
-    found = {pair: record for pair in _pairs(jobs) if (record := worker.known(*pair)) is not None}
+    found = {(job, coding): record for job in jobs for coding, record in worker.known(job).items()}
     resumed = len(found)
     pending = [(job, tuple(c for c in job.codings if (job, c) not in found)) for job in jobs]
     pending = [(job, codings) for job, codings in pending if codings]
@@ -200,22 +200,27 @@ class _Worker:
         self._runtime = Runtime(threads=settings.threads)
         self._lpips: PictureMetric | None = None
 
-    def known(self, job: Job, coding: Coding) -> Record | None:
-        """The record of an earlier run."""
-        return self._store.load(self._key(job, coding), with_pictures=self._settings.pictures)
+    def known(self, job: Job) -> dict[Coding, Record]:
+        """Records of earlier runs."""
+        keys = self._keys(job)
+        loaded = {c: self._store.load(key, with_pictures=self._settings.pictures) for c, key in keys.items()}
+        return {coding: record for coding, record in loaded.items() if record is not None}
 
-    def _key(self, job: Job, coding: Coding) -> Key:
-        # A fingerprint that cannot be taken is the fault of the job, which will say so when it runs.
+    def _keys(self, job: Job) -> dict[Coding, Key]:
         model = model_fingerprint(job.model) if job.source.needs_network else ""
         try:
             source = job.source.fingerprint(job.window)
         except (TinySplatError, OSError):
-            source = ""
+            source = ""  # the fault of the job, which will say so when it runs
         lpips = str(self._settings.lpips) if self._settings.lpips else ""
-        return Key(
-            job.source.name, job.window.kind, job.window.context, job.window.targets, f"{job.model} {model}",
-            coding.profile, coding.qp, job.size, lpips, source, code_fingerprint(),
-        )  # fmt: skip
+        window = job.window
+        return {
+            coding: Key(
+                job.source.name, window.kind, window.context, window.targets, f"{job.model} {model}",
+                coding.profile, coding.qp, job.size, lpips, source, code_fingerprint(),
+            )
+            for coding in job.codings
+        }  # fmt: skip
 
     def run(self, job: Job, codings: Iterable[Coding]) -> Result:
         """Measure and keep one window's codings."""
@@ -229,9 +234,9 @@ class _Worker:
     def _measured(self, job: Job, codings: Iterable[Coding]) -> Iterator[tuple[Coding, Record]]:
         lpips = self._load_lpips()
         prepared = prepare(job.source.load(job.window, job.model, job.size, self._runtime), self._runtime, lpips)
-        camera = prepared.case.cameras[0]
+        camera, keys = prepared.case.cameras[0], self._keys(job)
         for coding in codings:
-            key = self._key(job, coding)
+            key = keys[coding]
             pictures = self._store.picture_folder(key) if self._settings.pictures else None
             fields = measure_coding(prepared, coding.profile, coding.qp, self._runtime, lpips=lpips, pictures=pictures)
             missing = dict.fromkeys(("psnr_raw", "psnr", "ssim_raw", "ssim", "lpips"))

@@ -42,7 +42,7 @@ _COLUMNS: dict[str, Cell] = {
     "coded–raw dB": lambda m: number(m["psnr_decoded_raw"], 2),
     "SSIM raw": lambda m: number(m["ssim_raw"], 4),
     "SSIM": lambda m: number(m["ssim"], 4),
-    "LPIPS": lambda m: number(m["lpips"] if m["lpips"] is not None else m["lpips_decoded_raw"], 4),
+    "LPIPS": lambda m: number(m["lpips"], 4),
     "KB": lambda m: number(m["bytes"] / 1000, 1),
     "network s": lambda m: number(m["seconds"].get("network"), 2),
     "encode s": lambda m: number(encode_seconds(m["seconds"]), 2),
