@@ -54,6 +54,7 @@ def test_pictures_are_bit_identical_for_any_number_of_threads(height, width):
 def test_pictures_do_not_depend_on_where_runs_are_cut(monkeypatch):
     scene = cloud(3000, scales=np.full((3000, 3), 0.03))
     whole = render(scene, pinhole(60, 80), outputs=OUTPUTS)
+    monkeypatch.setattr(renderer, "PAIRS_PER_TILE", 0)
     for limit in (1, 5000):
         monkeypatch.setattr(renderer, "MAX_PAIRS", limit)
         cut = render(scene, pinhole(60, 80), outputs=OUTPUTS)
@@ -61,9 +62,10 @@ def test_pictures_do_not_depend_on_where_runs_are_cut(monkeypatch):
             np.testing.assert_allclose(cut[name], whole[name], atol=1e-5)
 
 
-def test_memory_stays_bounded_when_every_gaussian_covers_the_picture():
+@pytest.mark.parametrize("scales", [(50.0, 50.0, 50.0), (50.0, 1e-3, 1e-3)], ids=["blobs", "needles"])
+def test_memory_stays_bounded_when_every_gaussian_crosses_the_picture(scales):
     count = 5000
-    scene = cloud(count, scales=np.full((count, 3), 50.0), opacities=np.full(count, 0.006))
+    scene = cloud(count, scales=np.tile(scales, (count, 1)), opacities=np.full(count, 0.006))
     camera = pinhole(128, 128)  # 1,024 tiles each: 5 million pairs
     r = Renderer(scene, threads=1)
     tracemalloc.start()

@@ -4,7 +4,7 @@ alpha = min(0.99, o·exp(−½ dᵀΣ₂⁻¹d)), skipped under 1/255; a splat t
 is not blended and ends the pixel (Kerbl et al. 2023, and their rasteriser).
 
 Work goes in groups of tiles whose lists are about equally long, a few ranks of every list at a time, as arrays
-(rank, pixel row, pixel column, tile): thousands of tiles to a numpy call and a working set that fits the L2 cache.
+(rank, pixel row, pixel column, tile): thousands of tiles to a numpy call, in scratch arrays of a megabyte at most.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import prepare
+from .prepare import ALPHA_MIN
 from .project import BLUE, GAMMA, RECORD, RED, Splats
 from .tiles import TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
 
-ALPHA_MIN = np.float32(prepare.ALPHA_MIN)
 ALPHA_MAX = np.float32(0.99)
 TRANSMITTANCE_MIN = np.float32(1e-4)
 
@@ -151,8 +150,8 @@ def _ids(pairs: Pairs, starts: NDArray, lengths: NDArray, rank: int, blank: int)
 def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:
     """(8, RANKS, n) records of the splats `ids`, planar.
 
-    Picking whole records and turning them over takes half the time of picking from nine arrays, as it misses the
-    cache once where they miss it nine times.
+    Picking whole records and turning them over takes half the time of picking from eight arrays, as it misses the
+    cache once where they miss it eight times.
     """
     records = splats.records.take(ids.reshape(-1), axis=0, out=work.records[: ids.size], mode="clip")
     planes = work.planes[: records.size].reshape(RECORD, ids.size)
@@ -165,8 +164,8 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
 
     The exponent E = ln o − (αx·dx + βx·dy)² − (γ·dy)² is quadratic in dy. From one row of pixels to the next it
     changes by D, and D itself by a constant; so exp(E) of the later rows follows from the first by multiplication, and
-    nine exponentials serve sixteen pixels. A tile that holds any part of a footprint is at most 3√2 px from it, where
-    dilation keeps E above −62 and D below 41: float32 loses nothing by it.
+    nine exponentials serve sixteen pixels. No pixel of a tile is further than 3√2 px from any other, so that where a
+    footprint has a part in it, dilation keeps E above −62 and D below 19: float32 loses nothing by it.
 
     Args:
         planes: (8, RANKS, n) records.

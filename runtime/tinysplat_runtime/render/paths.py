@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,7 @@ def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
         InputError: no cameras, different sizes, `frames` is no whole number above 0, or `depth` is not positive.
     """
     _check(cameras, frames)
-    if not (isinstance(depth, (int, float, np.number)) and 0 < depth < math.inf):
+    if not (isinstance(depth, Real) and 0 < depth < math.inf):
         raise InputError(f"{depth!r}, expected a finite number above 0 in scene units", where="depth")
     rotation = _mean_rotation(cameras)
     centre = np.mean([camera.centre for camera in cameras], axis=0)

@@ -45,12 +45,12 @@ SPAN_MARGIN_PX = 1 / 64
 """Footprints are widened by this much against rounding; whether a pixel is covered is decided by its alpha."""
 
 RECORD = 8
-"""Floats in a row of `Splats`: numpy picks rows of 32 bytes three times as fast as rows of 36 or 28."""
+"""Floats in a row of `Splats`: numpy picks rows of 32 bytes two to three times as fast as rows of 28 or 36."""
 
 # Columns of `Splats.records`
 X, Y, ALPHA_X, BETA_X, GAMMA, RED, GREEN, BLUE = range(RECORD)
-# Columns of `Splats.spans`, the last of them unused
-MEAN_X, MEAN_Y, TAU, STEEPNESS, Y_RIGHTMOST, SLOPE, REACH, _ = range(RECORD)
+# Columns of `Splats.spans`; one is left over
+MEAN_X, MEAN_Y, TAU, STEEPNESS, Y_RIGHTMOST, SLOPE, REACH = range(RECORD - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +129,10 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
         np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
         spans[MEAN_X : MEAN_Y + 1] = planes[X : Y + 1]
         np.subtract(block.log_opacities, np.float32(math.log(ALPHA_MIN)), out=spans[TAU])
-        half = _shapes(block, view, centred, inverse_z, in_front, planes, spans)
+        half, wide = _shapes(block, view, centred, inverse_z, in_front, planes, spans)
         left, right, top, bottom = _bounds(view, planes, half * np.sqrt(spans[TAU]))
         visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
+        left[wide], right[wide] = 0, view.camera.width - 1
         if visible.size:
             _colours(block, ray, visible, planes[RED : BLUE + 1])
         spans[STEEPNESS] = planes[GAMMA]
@@ -144,10 +145,11 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
 
 def _shapes(
     block: Block, view: View, centred: NDArray, inverse_z: NDArray, in_front: NDArray, planes: NDArray, spans: NDArray
-) -> NDArray:
-    """Write the exponent's factors and the spans; returns (2, n) half extents of the footprints per √τ, pixels.
+) -> tuple[NDArray, NDArray]:
+    """Write the exponent's factors and the spans, and take splats that hold NaN out of `in_front`.
 
-    Takes those out of `in_front` that hold NaN.
+    Returns:
+        (2, n) half extents of the footprints per √τ, pixels, and the indices of those that will take whole rows.
     """
     size = np.array([[view.camera.width], [view.camera.height]])
     principal = view.camera.K[:2, 2:]
@@ -171,7 +173,7 @@ def _shapes(
             spans[span, wide] = value
         spans[TAU, wide] += WIDE_MARGIN
         in_front[wide] &= np.isfinite(planes[: GAMMA + 1, wide]).all(axis=0)  # NaN is among the wide
-    return half
+    return half, wide
 
 
 def _jacobian(view: View, clamped: NDArray, inverse_z: NDArray) -> NDArray:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from tinysplat_runtime.threads import available_cores
 from .composite import N_COLOUR, SUMS, Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
 from .project import Splats, View, project
-from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, depth_order, find_pairs, runs
+from .tiles import MAX_PAIRS, PAIRS_PER_TILE, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
@@ -72,7 +73,7 @@ class Renderer:
             raise InputError(f"{type(camera).__name__}, expected a Camera", where="camera")
         if size is not None:
             camera = camera.resized(*_checked_size(size))
-        if not (isinstance(near_plane, (int, float)) and 0 <= near_plane < math.inf):
+        if not (isinstance(near_plane, Real) and 0 <= near_plane < math.inf):
             raise InputError(f"{near_plane!r}, expected a finite number ≥ 0 in scene units", where="near_plane")
         with self._lock:
             canvas = self._composite(View.of(camera, self._origin, float(near_plane)), "depth" in outputs)
@@ -87,11 +88,10 @@ class Renderer:
     def _composite(self, view: View, with_depth: bool) -> Canvas:
         splats, grid = self._splats, Grid(view.camera.width, view.camera.height)
         canvas = Canvas(grid, with_depth)
-
         ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
         order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
         open_tiles = None  # in the first run, all
-        for run in runs(splats.areas, order, MAX_PAIRS):
+        for run in runs(splats.areas, order, limit=max(MAX_PAIRS, PAIRS_PER_TILE * grid.count)):
             if open_tiles is not None and not open_tiles.any():
                 break
             pairs = find_pairs(splats, run, grid, open_tiles, self._run)
