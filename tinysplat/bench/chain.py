@@ -10,7 +10,7 @@ from tinysplat_runtime.predict import predict
 
 from .inputs import Photos, PhotoSource
 from .judge import photo_figures
-from .timing import Figures, Row, Stage, Variant
+from .timing import Figures, Row, Setting, Stage, Variant
 
 
 def chain_stage(
@@ -36,7 +36,13 @@ def chain_stage(
                 except TinySplatError as error:
                     failed.append(Row("chain", source.name, label, runtime.threads, note=str(error)))
                     continue
-                settings = {"model": model, "height": height, "width": width, "profile": profile, "qp": qp}
+                settings: dict[str, Setting] = {
+                    "model": model,
+                    "height": height,
+                    "width": width,
+                    "profile": profile,
+                    "qp": qp,
+                }
                 variants.append(Variant(label, run, run.figures, settings, runtime.threads))
     return Stage("chain", source.name, variants), failed
 

@@ -9,8 +9,10 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
+from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inspection import inspect_bytes
 
+from ..metrics import attribute_errors
 from .inputs import Case
 from .judge import Judge
 from .streams import decode_alone, encode_alone, file_streams, recorded_planes
@@ -57,10 +59,11 @@ def decode_stage(case: Case, files: dict[str, bytes], threads: Sequence[int]) ->
     return Stage("decode", case.name, list(_decode_variants(files, threads)))
 
 
-def coding_figures(data: bytes, judge: Judge, runtime: Runtime) -> Figures:
-    """`bytes`, `k` and what the pictures lose."""
-    header = inspect_bytes(data)
-    return {"bytes": len(data), "k": header["k"], **judge.figures(runtime.decompress(data))}
+def coding_figures(data: bytes, raw: Gaussians, judge: Judge, runtime: Runtime) -> Figures:
+    """`bytes`, `k`, what the pictures lose, and the RMSE of every attribute in world units."""
+    decoded = runtime.decompress(data)
+    attributes = {f"rmse_{name}": error["rmse"] for name, error in attribute_errors(raw, decoded).items()}
+    return {"bytes": len(data), "k": inspect_bytes(data)["k"], **judge.figures(decoded), **attributes}
 
 
 def _variant(
@@ -71,7 +74,7 @@ def _variant(
 
     with recorded_planes() as planes:
         data = encode()
-    figures = coding_figures(data, judge, runtime) | {"planes": len(planes)}
+    figures = coding_figures(data, case.gaussians, judge, runtime) | {"planes": len(planes)}
     variant = Variant(
         label,
         encode,

@@ -195,7 +195,7 @@ def made_case(views: int, height: int, width: int, degree: int) -> Case:
     return _case(name, made_gaussians(views, height, width, degree), context, targets)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)
 def made_gaussians(views: int, height: int, width: int, degree: int) -> Gaussians:
     """Network-like Gaussians of the room; the same arguments give the same Gaussians."""
     return network_like(Room(views).context(height, width), degree)
@@ -264,7 +264,7 @@ def _motorcycle() -> tuple[NDArray, NDArray]:
         from skimage.data import stereo_motorcycle
     except ImportError:
         raise InputError(
-            'needs the package \'scikit-image\'; pip install "tinysplat[demo]" brings it', where="motorcycle"
+            "needs the package 'scikit-image'; pip install \"tinysplat[demo]\" brings it", where="motorcycle"
         ) from None
     left, right, disparity = stereo_motorcycle()
     known = np.isfinite(disparity) & (disparity > 0)
@@ -297,16 +297,15 @@ def network_like(photos: Photos, degree: int, seed: int = 0) -> Gaussians:
         for view, (image, depth, camera) in enumerate(zip(photos.images, photos.depths, photos.cameras, strict=True))
     ]
     arrays = {name: np.stack([layer[name] for layer in layers]) for name in layers[0]}
-    return Gaussians(**arrays, cameras=photos.cameras)
+    return Gaussians(cameras=photos.cameras, **arrays)  # type: ignore[arg-type]
 
 
-def _dress(
-    image: NDArray, depth: NDArray, camera: Camera, degree: int, rng: np.random.Generator
-) -> dict[str, NDArray]:
+def _dress(image: NDArray, depth: NDArray, camera: Camera, degree: int, rng: np.random.Generator) -> dict[str, NDArray]:
     """One view of `network_like`."""
     fields = _Fields(image, depth, rng)
     height, width = depth.shape
-    z = depth.astype(np.float64) * (1 + 0.003 * fields.smooth(16) + 0.001 * fields.smooth(3) + 0.0004 * fields.smooth(0.7))
+    waver = 0.003 * fields.smooth(16) + 0.001 * fields.smooth(3) + 0.0004 * fields.smooth(0.7)
+    z = depth.astype(np.float64) * (1 + waver)
     v, u = np.mgrid[:height, :width] + 0.5
     pixels = np.stack([u + 0.2 * fields.draw(), v + 0.2 * fields.draw(), np.ones_like(u)], axis=-1)
     means = ((pixels @ np.linalg.inv(camera.K).T) * z[..., None]) @ camera.rotation + camera.centre
@@ -343,7 +342,7 @@ class _Fields:
     """Random fields (H, W) of unit variance that resemble a network's planes of one picture."""
 
     def __init__(self, image: NDArray, depth: NDArray, rng: np.random.Generator) -> None:
-        grey = image @ np.float32([0.3, 0.59, 0.11])
+        grey = image @ np.array([0.3, 0.59, 0.11], np.float32)
         maps = [grey, blur(grey, 2), blur(grey, 5), *np.gradient(blur(grey, 1)), image[..., 0] - grey, 1 / depth]
         self._features = np.stack([np.tanh(_standard(m)) for m in maps], axis=-1)
         self._rng = rng

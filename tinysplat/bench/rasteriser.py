@@ -35,7 +35,7 @@ def size_and_count_stages(
     sizes: Sequence[int], counts: Sequence[int], at_size: int, at_count: int, threads: Sequence[int]
 ) -> list[Stage]:
     """Pictures of several sizes of `at_count` Gaussians, and pictures of `at_size` of several numbers of Gaussians."""
-    stages = []
+    stages: list[Stage] = []
     for size, count in [*((size, at_count) for size in sizes), *((at_size, count) for count in counts)]:
         if any(stage.case == _case(size, count) for stage in stages):
             continue

@@ -33,7 +33,7 @@ def k_stage(case: Case, judge: Judge, runtime: Runtime, ks: Sequence[int]) -> St
 
         def figures(data: bytes, k: int = k) -> Figures:
             alone = judge.figures(reduced(case.gaussians, k, runtime))["psnr_decoded_raw"]
-            return {**coding_figures(data, judge, runtime), "psnr_vabr_alone": alone}
+            return {**coding_figures(data, case.gaussians, judge, runtime), "psnr_vabr_alone": alone}
 
         variants.append(Variant(f"k = {k}", encode, figures, {"k": k}, runtime.threads))
     return Stage("k", case.name, variants)
@@ -50,7 +50,7 @@ def degree_stage(case: Case, judge: Judge, runtime: Runtime) -> Stage:
 
         def figures(data: bytes, gaussians: Gaussians = gaussians) -> Figures:
             uncoded = judge.figures(gaussians)["psnr_decoded_raw"]
-            return {**coding_figures(data, judge, runtime), "psnr_bands_alone": uncoded}
+            return {**coding_figures(data, case.gaussians, judge, runtime), "psnr_bands_alone": uncoded}
 
         variants.append(Variant(f"SH degree {degree}", encode, figures, {"degree": degree}, runtime.threads))
     return Stage("SH degree", case.name, variants)

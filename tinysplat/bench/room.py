@@ -19,7 +19,11 @@ SPACING = 0.2
 """Scene units between neighbouring cameras: 4 % of the middle depth."""
 
 _WALLS = ((-3.2, -1.6, -3.0), (3.2, 1.5, 8.0))
-_BOXES = (((0.9, 0.2, 4.6), (1.9, 1.5, 5.4)), ((-2.2, 0.5, 3.2), (-1.5, 1.5, 4.0)), ((-0.3, -0.7, 6.3), (0.7, 1.5, 6.7)))
+_BOXES = (
+    ((0.9, 0.2, 4.6), (1.9, 1.5, 5.4)),
+    ((-2.2, 0.5, 3.2), (-1.5, 1.5, 4.0)),
+    ((-0.3, -0.7, 6.3), (0.7, 1.5, 6.7)),
+)
 _BALLS = (((-1.0, 0.7, 4.4), 0.7), ((1.3, 1.0, 3.5), 0.45), ((0.2, 1.0, 5.6), 0.5), ((-0.3, 1.1, 3.1), 0.25))
 _LIGHT = np.array([0.45, -0.8, -0.4])
 _SUPERSAMPLE = 2
@@ -118,8 +122,8 @@ def _texture(points: NDArray, thing: NDArray) -> NDArray:
     frequency = 0.5 * 1.4 ** np.arange(9)  # cycles per scene unit
     waves = frequency[:, None] * _unit(rng.standard_normal((9, 3)))
     phase = rng.uniform(0, 2 * np.pi, (things, 9))
-    base, swing = rng.uniform(0.3, 0.6, (things, 3)), rng.uniform(0.06, 0.12, (things, 1)) + rng.uniform(0, 0.05, (things, 3))
-    jump = rng.uniform(-0.15, 0.15, (things, 3))
+    base, jump = rng.uniform(0.3, 0.6, (things, 3)), rng.uniform(-0.15, 0.15, (things, 3))
+    swing = rng.uniform(0.06, 0.12, (things, 1)) + rng.uniform(0, 0.05, (things, 3))
     for i in range(things):
         at = thing == i
         turns = 2 * np.pi * (points[at] @ waves.T) + phase[i]

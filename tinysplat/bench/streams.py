@@ -26,7 +26,7 @@ PlaneCall = tuple[Any, ...]
 
 @contextmanager
 def recorded_planes() -> Iterator[list[PlaneCall]]:
-    """While open, every plane that this process encodes is added to the list, with its QP and the encoder's settings."""
+    """While open, each plane that is encoded adds its codes, its QP and the encoder's settings to the list."""
     calls: list[PlaneCall] = []
     original = encoder.encode_plane
 

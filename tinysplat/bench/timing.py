@@ -1,12 +1,14 @@
 """Variants of one stage, timed in interleaved rounds (A B C A B C …), so that a machine's mood falls on all alike.
 
 The first round warms up and is not counted; its results are what the errors are taken from. Wall-clock medians come
-with their quartiles and with the CPU seconds of this process, which neighbours on a shared machine disturb less.
+with their quartiles and with the CPU seconds of this process and its children, which neighbours on a shared machine
+disturb less.
 """
 
 from __future__ import annotations
 
 import gc
+import resource
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -62,7 +64,7 @@ class Seconds:
 
     Attributes:
         median, low, high: median and quartiles.
-        cpu: median of the CPU seconds of this process, all threads together.
+        cpu: median of the CPU seconds of this process and its children, all threads together.
         rounds: how many were counted.
     """
 
@@ -147,9 +149,7 @@ def measure(stage: Stage, effort: Effort) -> list[Row]:
             times[i].append(timed(variant.run))
             if variant.baseline is not None:
                 base_times[i].append(timed(variant.baseline.run))
-    return [
-        _row(stage, variant, figures[i], times[i], base_times[i]) for i, variant in enumerate(stage.variants)
-    ]
+    return [_row(stage, variant, figures[i], times[i], base_times[i]) for i, variant in enumerate(stage.variants)]
 
 
 Times = tuple[float, float]
@@ -165,11 +165,17 @@ def timed(run: Callable[[], Any]) -> Times:
     gc.disable()
     time.sleep(SETTLE_S)
     try:
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall, cpu = time.perf_counter(), _cpu_seconds()
         run()
-        return time.perf_counter() - wall, time.process_time() - cpu
+        return time.perf_counter() - wall, _cpu_seconds() - cpu
     finally:
         gc.enable()
+
+
+def _cpu_seconds() -> float:
+    """CPU seconds of this process and of the children that it has waited for."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def summarise(times: Sequence[Times]) -> Seconds:
@@ -192,6 +198,4 @@ def _row(stage: Stage, variant: Variant, figures: Figures, times: list[Times], b
     if variant.baseline is None:
         return row
     ratios = [statistics.median(a[i] / b[i] for a, b in zip(times, base, strict=True)) for i in (0, 1)]
-    return replace(
-        row, ratio=ratios[0], cpu_ratio=ratios[1], baseline=(variant.baseline.name, summarise(base).median)
-    )
+    return replace(row, ratio=ratios[0], cpu_ratio=ratios[1], baseline=(variant.baseline.name, summarise(base).median))

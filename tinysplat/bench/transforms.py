@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,7 @@ def transform_stages(case: str, gaussians: Gaussians, threads: int) -> list[Stag
                 for n in sorted({1, threads})
             ),
             Variant(f"torch, {_threads(threads)}", _twin(name, inputs[name], threads), errors, threads=threads),
-            Variant("numpy float64 (reference)", lambda t=truth, i=inputs[name]: t(i), errors),
+            Variant("numpy float64 (reference)", partial(truth, inputs[name]), errors),
         ]
         stages.append(Stage(name, case, variants))
     return stages

@@ -1,0 +1,341 @@
+"""Other ways to store the same Gaussians, side by side in one run: bytes, seconds, dB.
+
+    PLY, float16 + zstd          this module and the runtime
+    SPZ, compressed PLY          gaussforge, a pip package around Niantic's own SPZ code
+    compressed PLY, SOG          PlayCanvas' splat-transform, an npm package, as a process of its own
+
+A tool that is not there costs its rows and nothing else; each row without figures says why. Files hold SH bands up to
+degree 3, so the Gaussians compared have no more.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.interchange import load_gaussians, save_gaussians
+
+from .inputs import Case
+from .judge import Judge
+from .timing import Effort, Figures, Row, Stage, Variant, measure
+
+SPLAT_TRANSFORM = "@playcanvas/splat-transform"
+MAX_DEGREE = 3
+_LOGIT_MARGIN = 2.0**-24
+
+
+class MissingToolError(Exception):
+    """A tool is not there, or did not finish; the message says which and why."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to store Gaussians.
+
+    Attributes:
+        name: of the row.
+        tool: what codes it.
+        encode: Gaussians to bytes.
+        decode: bytes to flat Gaussians.
+        is_slow: measured once, not in rounds.
+        threads: how many it uses; 0 where only the tool knows.
+    """
+
+    name: str
+    tool: str
+    encode: Callable[[Gaussians], bytes]
+    decode: Callable[[bytes], Gaussians]
+    is_slow: bool = False
+    threads: int = 1
+
+
+def peer_formats(runtime: Runtime, sog_limit_s: float) -> list[Format]:
+    """All formats, TinySplat's profiles first.
+
+    Args:
+        runtime: codes TinySplat's own.
+        sog_limit_s: SOG is given up after this long: on a CPU its clustering of SH takes minutes.
+    """
+    own = [
+        Format(
+            f"TinySplat {profile}",
+            "tinysplat",
+            lambda g, profile=profile: runtime.compress(g, profile, drop_invalid=True),  # type: ignore[misc]
+            runtime.decompress,
+            threads=runtime.threads,
+        )
+        for profile in ("paper", "fast", "balanced", "max")
+    ]
+    return [
+        *own,
+        *(Format(f"SPZ v{v}", "gaussforge", _forge_encoder("spz", v), _forge_decoder("spz")) for v in (3, 4)),
+        Format("SOG", "splat-transform", _process_encoder(".sog", sog_limit_s), _process_decoder(".sog"), True, 0),
+        Format(
+            "compressed PLY",
+            "splat-transform",
+            _process_encoder(".compressed.ply", 120),
+            _process_decoder(".compressed.ply"),
+            True,
+            0,
+        ),
+        Format(
+            "compressed PLY, gaussforge",
+            "gaussforge",
+            _forge_encoder("compressed.ply", 3),
+            _forge_decoder("compressed.ply"),
+        ),
+        Format(f"float16 + shuffle + {_packer_name()}", "numpy", encode_half, decode_half),
+        Format("PLY", "plyfile", encode_ply, decode_ply),
+    ]
+
+
+def peer_rows(case: Case, judge: Judge, formats: list[Format], effort: Effort) -> list[Row]:
+    """Rows of the stages `peers encode` (with bytes and dB) and `peers decode`, one of each per format."""
+    files: dict[str, bytes] = {}
+    notes: dict[str, str] = {}
+    for peer in formats:
+        try:
+            files[peer.name] = peer.encode(case.gaussians)
+            peer.decode(files[peer.name])
+        except (MissingToolError, InputError) as error:
+            files.pop(peer.name, None)
+            notes[peer.name] = str(error)
+    rows: list[Row] = []
+    for is_slow, how in ((False, effort), (True, Effort(1, 0, 1))):
+        ready = [peer for peer in formats if peer.name in files and peer.is_slow == is_slow]
+        encode = Stage("peers encode", case.name, [_encoding(p, case, judge, files[p.name]) for p in ready])
+        decode = Stage("peers decode", case.name, [_decoding(p, files[p.name]) for p in ready])
+        rows += [row for stage in (encode, decode) if ready for row in measure(stage, how)]
+    rows = [replace(row, note=_tool_note(row.settings["tool"])) for row in rows]
+    missing = [peer for peer in formats if peer.name in notes]
+    rows += [Row("peers encode", case.name, p.name, settings={"tool": p.tool}, note=notes[p.name]) for p in missing]
+    order = [peer.name for peer in formats]
+    return sorted(rows, key=lambda row: (row.stage != "peers encode", order.index(row.variant)))
+
+
+def _encoding(peer: Format, case: Case, judge: Judge, data: bytes) -> Variant:
+    def figures(_: Any) -> Figures:
+        return {"bytes": len(data), **judge.figures(peer.decode(data))}
+
+    run: Callable[[], Any] = lambda: peer.encode(case.gaussians)  # noqa: E731 - typed, and used once
+    return Variant(peer.name, run, figures, {"tool": peer.tool}, peer.threads)
+
+
+def _decoding(peer: Format, data: bytes) -> Variant:
+    return Variant(peer.name, lambda: peer.decode(data), settings={"tool": peer.tool}, threads=peer.threads)
+
+
+def _tool_note(tool: object) -> str:
+    if tool == "splat-transform":
+        return f"includes {splat_transform_start():.2f} s to start node, and reading or writing a PLY"
+    return ""
+
+
+# ---- in this process ---------------------------------------------------------------------------------------------
+
+
+def encode_ply(gaussians: Gaussians) -> bytes:
+    """3DGS's own layout, float32."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "g.ply"
+        save_gaussians(path, gaussians)
+        return path.read_bytes()
+
+
+def decode_ply(data: bytes) -> Gaussians:
+    """The inverse of `encode_ply`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "g.ply"
+        path.write_bytes(data)
+        return load_gaussians(path)
+
+
+def encode_half(gaussians: Gaussians) -> bytes:
+    """All attributes as float16, high and low bytes apart, then a general compressor."""
+    flat = gaussians.flat()
+    parts = [np.array([flat.opacities.size, flat.sh.shape[1]], "<u4").tobytes()]
+    for array in (flat.means, flat.quats, flat.scales, flat.opacities, flat.sh):
+        octets = array.astype("<f2").reshape(-1, 1).view(np.uint8)
+        parts.append(np.ascontiguousarray(octets.T).tobytes())
+    return _packer()[0](b"".join(parts))
+
+
+def decode_half(data: bytes) -> Gaussians:
+    """The inverse of `encode_half`."""
+    raw = _packer()[1](data)
+    count, functions = (int(n) for n in np.frombuffer(raw, "<u4", 2))
+    halves, at = [], 8
+    for shape in ((count, 3), (count, 4), (count, 3), (count,), (count, functions, 3)):
+        size = 2 * int(np.prod(shape))
+        octets = np.frombuffer(raw, np.uint8, size, at).reshape(2, -1)
+        halves.append(np.ascontiguousarray(octets.T).view("<f2").astype(np.float32).reshape(shape))
+        at += size
+    means, quats, scales, opacities, sh = halves
+    return Gaussians(means, quats, scales, opacities, sh)
+
+
+@lru_cache(maxsize=1)
+def _packer() -> tuple[Callable[[bytes], bytes], Callable[[bytes], bytes]]:
+    try:
+        zstandard = importlib.import_module("zstandard")
+    except ImportError:
+        return lambda data: zlib.compress(data, 6), zlib.decompress
+    return zstandard.ZstdCompressor(level=10).compress, zstandard.ZstdDecompressor().decompress
+
+
+def _packer_name() -> str:
+    return "zstd" if "zstd" in str(getattr(_packer()[0], "__self__", "")).lower() else "zlib (no zstandard here)"
+
+
+# ---- gaussforge --------------------------------------------------------------------------------------------------
+
+
+def _forge_encoder(suffix: str, version: int) -> Callable[[Gaussians], bytes]:
+    def encode(gaussians: Gaussians) -> bytes:
+        flat = gaussians.flat()
+        opacities = flat.opacities.astype(np.float64).clip(_LOGIT_MARGIN, 1 - _LOGIT_MARGIN)
+        model = {
+            "numPoints": flat.opacities.size,
+            "positions": _octets(flat.means + flat.origin),
+            "scales": _octets(np.log(np.maximum(flat.scales, np.finfo(np.float32).tiny))),
+            "rotations": _octets(flat.quats / np.linalg.norm(flat.quats, axis=-1, keepdims=True)),
+            "alphas": _octets(np.log(opacities / (1 - opacities))),
+            "colors": _octets(flat.sh[:, 0]),
+            "sh": _octets(flat.sh[:, 1:]),
+            "extras": {},
+            "meta": {"shDegree": flat.degree, "sourceFormat": "ply"},
+        }
+        with _quiet():
+            return bytes(_forged(_forge().write(model, suffix, spz_version=version)))
+
+    return encode
+
+
+def _forge_decoder(suffix: str) -> Callable[[bytes], Gaussians]:
+    def decode(data: bytes) -> Gaussians:
+        with _quiet():
+            model = _forge().read(data, suffix)
+            if "error" in model:  # its reader cannot return empty arrays, which Gaussians without higher bands have
+                return decode_ply(bytes(_forged(_forge().convert(data, suffix, "ply"))))
+        model = model["data"]
+        count = model["numPoints"]
+
+        def floats(name: str, width: int) -> NDArray:
+            return np.frombuffer(model[name], np.float32).reshape(count, width)
+
+        rest = floats("sh", len(model["sh"]) // (4 * count))
+        sh = np.concatenate([floats("colors", 3), rest], axis=1).reshape(count, -1, 3)
+        opacities = 1 / (1 + np.exp(-floats("alphas", 1)[:, 0]))
+        return Gaussians(floats("positions", 3), floats("rotations", 4), np.exp(floats("scales", 3)), opacities, sh)
+
+    return decode
+
+
+def _forge() -> Any:
+    try:
+        return importlib.import_module("gaussforge").GaussForge()
+    except ImportError:
+        raise MissingToolError("gaussforge is not installed: pip install gaussforge") from None
+
+
+def _forged(result: dict[str, Any]) -> Any:
+    if "error" in result:
+        raise MissingToolError(f"gaussforge: {result['error']}")
+    return result["data"]
+
+
+def _octets(array: NDArray) -> bytes:
+    return np.ascontiguousarray(array, np.float32).tobytes()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what native code prints off standard output and error."""
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - os.devnull is no file to manage
+        saved = os.dup(1), os.dup(2)
+        try:
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            for target, copy in enumerate(saved, start=1):
+                os.dup2(copy, target)
+                os.close(copy)
+
+
+# ---- splat-transform ---------------------------------------------------------------------------------------------
+
+
+def _process_encoder(suffix: str, limit_s: float) -> Callable[[Gaussians], bytes]:
+    def encode(gaussians: Gaussians) -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            source, target = Path(folder) / "in.ply", Path(folder) / f"out{suffix}"
+            save_gaussians(source, gaussians)
+            _splat_transform("-q", "-w", "-g", "cpu", str(source), str(target), limit_s=limit_s)
+            return target.read_bytes()
+
+    return encode
+
+
+def _process_decoder(suffix: str) -> Callable[[bytes], Gaussians]:
+    def decode(data: bytes) -> Gaussians:
+        with tempfile.TemporaryDirectory() as folder:
+            source, target = Path(folder) / f"in{suffix}", Path(folder) / "out.ply"
+            source.write_bytes(data)
+            _splat_transform("-q", "-w", str(source), str(target), limit_s=120)
+            return load_gaussians(target)
+
+    return decode
+
+
+@lru_cache(maxsize=1)
+def _splat_transform_command() -> tuple[str, ...]:
+    own = shutil.which("splat-transform")
+    if own:
+        return (own,)
+    npx = shutil.which("npx")
+    if npx is None:
+        raise MissingToolError("node is not there, which splat-transform needs")
+    command = (npx, "--no-install", SPLAT_TRANSFORM)
+    found = subprocess.run([*command, "--version"], capture_output=True, check=False, timeout=60)
+    if found.returncode != 0:
+        raise MissingToolError(f"splat-transform is not installed: npm install -g {SPLAT_TRANSFORM}")
+    return command
+
+
+@lru_cache(maxsize=1)
+def splat_transform_start() -> float:
+    """Seconds that the process takes to do nothing."""
+    start = time.perf_counter()
+    _splat_transform("--version", limit_s=60)
+    return time.perf_counter() - start
+
+
+def _splat_transform(*arguments: str, limit_s: float) -> str:
+    try:
+        done = subprocess.run(
+            [*_splat_transform_command(), *arguments], capture_output=True, text=True, check=False, timeout=limit_s
+        )
+    except subprocess.TimeoutExpired:
+        raise MissingToolError(f"splat-transform did not finish within {limit_s:g} s on this CPU") from None
+    if done.returncode != 0:
+        lines = (done.stderr or done.stdout).strip().splitlines() or ["no message"]
+        raise MissingToolError(f"splat-transform failed: {lines[-1][:200]}")
+    return done.stdout
