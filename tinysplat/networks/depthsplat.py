@@ -270,7 +270,7 @@ class DepthSplat(nn.Module):
     def gaussians(self, raw: Tensor, images: Tensor, depth: Tensor, K: Tensor, c2w: Tensor) -> PixelGaussians:
         """Raw channels (B, V, 37, H, W) at depth (B, V, H, W) to Gaussians; colour is a residual to the image's."""
         opacities, offsets, scales, quats, sh = raw.split(HEAD_CHANNELS, dim=2)
-        sh = self.harmonics(sh.unflatten(2, (3, -1)), c2w[..., :3, :3])
+        sh = self.harmonics(sh, c2w[..., :3, :3])
         flat_colour = ((images - 0.5) / C0).permute(0, 1, 3, 4, 2)[..., None, :]
         return PixelGaussians(
             means=place_means(offset_rays(K, offsets), depth, c2w),

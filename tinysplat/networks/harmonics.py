@@ -109,6 +109,11 @@ class HarmonicsToWorld(nn.Module):
         return self.mapping @ rotation_of_sh * self.mask
 
     def forward(self, raw: Tensor, rotation: Tensor) -> Tensor:
-        """Raw coefficients (B, V, 3, n, H, W) and rotations (B, V, 3, 3) to sh (B, V, H, W, n, 3)."""
-        world = self.matrices(rotation)[:, :, None] @ raw.flatten(4)  # (B, V, 3, n, HW)
-        return world.permute(0, 1, 4, 3, 2).unflatten(2, raw.shape[-2:])
+        """Raw coefficients (B, V, 3n, H, W), by colour, and rotations (B, V, 3, 3) to sh (B, V, H, W, n, 3).
+
+        One product for the three colours, which also interleaves them: a transpose of the result would cost more.
+        """
+        world = self.matrices(rotation).transpose(-1, -2)[:, :, None, :, :, None]  # (B, V, 1, n in, n out, 1)
+        colours = torch.eye(3, dtype=raw.dtype, device=raw.device)[:, None, None]  # (3 in, 1, 1, 3 out)
+        product = raw.flatten(3).transpose(2, 3) @ (world * colours).flatten(2, 3).flatten(3)  # (B, V, HW, 3n)
+        return product.unflatten(3, (-1, 3)).unflatten(2, raw.shape[-2:])

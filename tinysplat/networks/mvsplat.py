@@ -50,10 +50,35 @@ class Backbone(nn.Module):
         return self.transformer(features, others), features
 
 
+class GaussianHead(nn.Sequential):
+    """Raw channels of a Gaussian: offset (2), scale (3), quaternion xyzw (4), SH by colour (3 n).
+
+    Args:
+        inputs: channels that come in.
+        sh_degree: coefficients above it are not computed, though the weights have them: n = (sh_degree + 1)².
+    """
+
+    GEOMETRY = (2, 3, 4)
+    kept: Tensor
+
+    def __init__(self, inputs: int, sh_degree: int) -> None:
+        functions, geometry = (SH_DEGREE + 1) ** 2, sum(self.GEOMETRY)
+        raw = geometry + 3 * functions
+        super().__init__(_conv(inputs, 2 * raw), nn.GELU(), _conv(2 * raw, raw))
+        colours = torch.arange(geometry, raw).reshape(3, functions)[:, : (sh_degree + 1) ** 2]
+        self.register_buffer("kept", torch.cat([torch.arange(geometry), colours.flatten()]), persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, inputs, H, W) to (N, 9 + 3n, H, W)."""
+        first, activation, last = self
+        weight, bias = last.weight[self.kept], last.bias[self.kept]
+        return functional.conv2d(activation(first(x)), weight, bias, padding=1)
+
+
 class DepthPredictor(nn.Module):
     """Plane sweep, its regularisation, and refinement of inverse depth at full resolution, with the Gaussian head."""
 
-    def __init__(self) -> None:
+    def __init__(self, sh_degree: int) -> None:
         super().__init__()
         self.corr_refine_net = RefinementNet(
             _conv(CANDIDATES + FEATURES, FEATURES), nn.GroupNorm(GROUPS, FEATURES), nn.GELU(),
@@ -70,8 +95,7 @@ class DepthPredictor(nn.Module):
             UNet(REFINED, levels=5, post_norm=True),
         )  # fmt: skip
         self.to_disparity = nn.Sequential(_conv(REFINED, 2 * REFINED), nn.GELU(), _conv(2 * REFINED, 2))
-        raw = 2 + 3 + 4 + 3 * (SH_DEGREE + 1) ** 2
-        self.to_gaussians = nn.Sequential(_conv(REFINED + 3 + FEATURES, 2 * raw), nn.GELU(), _conv(2 * raw, raw))
+        self.to_gaussians = GaussianHead(REFINED + 3 + FEATURES, sh_degree)
 
     def coarse(self, scores: Tensor, features: Tensor, candidates: Tensor, views: int) -> tuple[Tensor, Tensor]:
         """Expected inverse depth and the largest probability, both (B·V, 1, H, W).
@@ -102,7 +126,7 @@ class DepthPredictor(nn.Module):
             views: V.
 
         Returns:
-            Inverse depth (B·V, H, W), opacities (B·V, H, W), raw channels (B·V, 84, H, W).
+            Inverse depth (B·V, H, W), opacities (B·V, H, W), raw channels of `GaussianHead` (B·V, 9 + 3n, H, W).
         """
         disparity, confidence = self.coarse(scores, features[0], candidates, views)
         fine = functional.gelu(upsample(self.upsampler(torch.cat(features, dim=1))))
@@ -123,8 +147,9 @@ class MVSplat(nn.Module):
 
     def __init__(self, sh_degree: int = RENDERED_DEGREE) -> None:
         super().__init__()
+        self.sh_degree = sh_degree
         self.backbone = Backbone()
-        self.depth_predictor = DepthPredictor()
+        self.depth_predictor = DepthPredictor(sh_degree)
         self.harmonics = HarmonicsToWorld(sh_degree)
 
     def forward(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> PixelGaussians:
@@ -138,7 +163,7 @@ class MVSplat(nn.Module):
         """
         scenes, views = images.shape[:2]
         flat = images.flatten(0, 1)
-        others = all_others(scenes, views)
+        others = all_others(c2w)
         features = self.backbone(flat, others)
         size = features[0].shape[-2:]
         candidates = inverse_depth_candidates(near, far, CANDIDATES)[..., None, None]  # (B, V, 128, 1, 1)
@@ -148,15 +173,14 @@ class MVSplat(nn.Module):
         disparity, opacities, raw = self.depth_predictor(flat, scores, features, candidates.flatten(0, 1), views)
         raw = raw.unflatten(0, (scenes, views))
         length = 1 / disparity.unflatten(0, (scenes, views))  # along the ray
-        offsets, scales, quats, sh = raw.split([2, 3, 4, raw.shape[2] - 9], dim=2)
+        offsets, scales, quats, sh = raw.split([*GaussianHead.GEOMETRY, 3 * (self.sh_degree + 1) ** 2], dim=2)
         rays = offset_rays(K, offsets)
         depth = length / rays.norm(dim=-1)
-        functions = (self.harmonics.degree + 1) ** 2
         return PixelGaussians(
             means=place_means(rays, depth, c2w),
             quats=world_quats(quats, c2w),
             scales=relative_scales(scales, length, K),
             opacities=opacities.unflatten(0, (scenes, views)),
-            sh=self.harmonics(sh.unflatten(2, (3, -1))[:, :, :, :functions], c2w[..., :3, :3]),
+            sh=self.harmonics(sh, c2w[..., :3, :3]),
             depth=depth,
         )

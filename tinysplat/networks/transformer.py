@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from .views import gather_views
-from .windows import SPLIT, cross_attention_mask, position_code, shifted_window_mask, window_layout
+from .windows import SPLIT, attention_mask, position_code, regions_of_keys, shifted_regions, window_layout
 
 
 class WindowAttention(nn.Module):
@@ -93,9 +93,10 @@ class MultiViewTransformer(nn.Module):
             (B·V, C, h, w).
         """
         _, channels, height, width = features.shape
-        layouts = [window_layout(height, width, shifted) for shifted in (False, True)]
-        mask = shifted_window_mask(height, width).to(features)
-        masks = [(None, None), (mask, cross_attention_mask(mask, others.shape[-1]))]
+        layouts = [window_layout(height, width, shifted, features.device) for shifted in (False, True)]
+        regions = shifted_regions(height, width, features.device)
+        of_keys = regions_of_keys(regions, others.shape[-1])
+        masks = [(None, None), (attention_mask(regions, regions), attention_mask(regions, of_keys))]
         code = position_code(height // SPLIT, width // SPLIT, channels).to(features)
         tokens = features.flatten(2).transpose(1, 2)  # (B·V, hw, C)
         tokens = layouts[0].merge(layouts[0].split(tokens) + code)

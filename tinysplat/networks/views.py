@@ -10,10 +10,11 @@ import torch
 from torch import Tensor
 
 
-def all_others(scenes: int, views: int) -> Tensor:
-    """Every other view in increasing order: (B, V, V − 1)."""
-    own = torch.arange(views)[:, None]
-    other = torch.arange(views - 1)[None]
+def all_others(c2w: Tensor) -> Tensor:
+    """Every other view in increasing order: (B, V, V − 1) from c2w (B, V, 4, 4)."""
+    scenes, views = c2w.shape[:2]
+    own = torch.arange(views, device=c2w.device)[:, None]
+    other = torch.arange(views - 1, device=c2w.device)[None]
     return (other + (other >= own).long()).expand(scenes, views, views - 1)
 
 

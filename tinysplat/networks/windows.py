@@ -2,7 +2,7 @@
 
 A map of h × w tokens is split into 2 × 2 windows of L = hw/4 tokens; every second layer shifts the split by half a
 window with wrap-around and masks what only the wrap made neighbours (Liu et al. 2021, "Swin"). A layout is a
-permutation of tokens, so that shift and split are one read. Sizes may be symbolic: all of it exports with dynamic shapes.
+permutation of tokens, so that shift and split are one read. Everything here exports with dynamic sizes.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ class WindowLayout:
         return windows.flatten(1, 2).index_select(1, self.to_map)
 
 
-def window_layout(height: int, width: int, shifted: bool) -> WindowLayout:
+def window_layout(height: int, width: int, shifted: bool, device: torch.device) -> WindowLayout:
     """Layout of a height × width map, both multiples of 4; `shifted` moves it up and left by half a window first."""
     rows, columns = (size // SPLIT // 2 if shifted else 0 for size in (height, width))
-    source = _wrapped(height, rows)[:, None] * width + _wrapped(width, columns)[None]  # (height, width)
-    slots = torch.arange(height * width).reshape(SPLIT, SPLIT, height // SPLIT, width // SPLIT)
+    source = _wrapped(height, rows, device)[:, None] * width + _wrapped(width, columns, device)[None]
+    slots = torch.arange(height * width, device=device).reshape(SPLIT, SPLIT, height // SPLIT, width // SPLIT)
     slots = slots.transpose(1, 2).reshape(height, width)
-    back = _wrapped(height, -rows)[:, None] * width + _wrapped(width, -columns)[None]
+    back = _wrapped(height, -rows, device)[:, None] * width + _wrapped(width, -columns, device)[None]
     return WindowLayout(_window_order(source), slots.flatten()[back.flatten()])
 
 
-def _wrapped(size: int, shift: int) -> Tensor:
+def _wrapped(size: int, shift: int, device: torch.device) -> Tensor:
     """(i + shift) mod size for i = 0 … size − 1 and |shift| < size; by comparison, as a size is no ONNX divisor."""
-    index = torch.arange(size) + shift
+    index = torch.arange(size, device=device) + shift
     return index + size * ((index < 0).long() - (index >= size).long())
 
 
@@ -63,32 +63,37 @@ def _window_order(x: Tensor) -> Tensor:
     return x.reshape(SPLIT, height // SPLIT, SPLIT, width // SPLIT).transpose(1, 2).flatten()
 
 
-def shifted_window_mask(height: int, width: int) -> Tensor:
-    """(4, L, L) scores to add in shifted windows: 0 within a region, `MASKED` across regions.
+def shifted_regions(height: int, width: int, device: torch.device) -> Tensor:
+    """Number of the region of every slot of the shifted windows (4, L): tokens of one region may see each other.
 
     The shift cuts rows and columns into three bands each: whole windows, the rest, what wrapped around.
     """
 
     def bands(size: int) -> Tensor:
         window = size // SPLIT
-        position = torch.arange(size)
-        return (position >= size - window).float() + (position >= size - window // 2).float()
+        position = torch.arange(size, device=device)
+        return (position >= size - window).long() + (position >= size - window // 2).long()
 
-    regions = _window_order(3 * bands(height)[:, None] + bands(width)[None]).unflatten(0, (SPLIT * SPLIT, -1))
-    return (regions[:, :, None] != regions[:, None, :]).float() * MASKED
+    regions = 3 * bands(height)[:, None] + bands(width)[None]
+    return _window_order(regions).unflatten(0, (SPLIT * SPLIT, -1))
 
 
-def cross_attention_mask(mask: Tensor, others: int) -> Tensor:
-    """The mask (4, L, L) as the released weights meet it with M other views: (4, L, M·L).
+def attention_mask(queries: Tensor, keys: Tensor) -> Tensor:
+    """Scores to add (4, L, L') for regions (4, L) and (4, L'): 0 within a region, `MASKED` across regions."""
+    return (queries[:, :, None] != keys[:, None]).float() * MASKED
+
+
+def regions_of_keys(regions: Tensor, others: int) -> Tensor:
+    """Regions (4, M·L) that the released weights meet for the keys of M other views, view by view.
 
     The reference lays out keys with the view index fastest (key p·M + m is position p of view m) but repeats the mask
-    along the key axis, so that key j meets column j mod L. For M > 1 the two disagree; the weights were trained and are
-    run that way. Keys stand view by view here, hence the lookup.
+    along the key axis, so that key j is masked like position j mod L. For M > 1 the two disagree; the weights were
+    trained and are run that way.
     """
-    length = mask.shape[-1]
-    view, position = torch.arange(others)[:, None], torch.arange(length)[None]
-    key = position * others + view  # (M, L)
-    return mask.index_select(2, key.remainder(torch.full_like(key, length)).flatten())
+    length = regions.shape[-1]
+    view, position = (torch.arange(size, device=regions.device) for size in (others, length))
+    key = position * others + view[:, None]  # (M, L)
+    return regions.index_select(1, key.remainder(torch.full_like(key, length)).flatten())
 
 
 def position_code(height: int, width: int, channels: int) -> Tensor:
