@@ -70,9 +70,8 @@ class GaussianHead(nn.Sequential):
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, inputs, H, W) to (N, 9 + 3n, H, W)."""
-        first, activation, last = self
-        weight, bias = last.weight[self.kept], last.bias[self.kept]
-        return functional.conv2d(activation(first(x)), weight, bias, padding=1)
+        weight, bias = (self.get_parameter(f"2.{name}")[self.kept] for name in ("weight", "bias"))
+        return functional.conv2d(self[1](self[0](x)), weight, bias, padding=1)
 
 
 class DepthPredictor(nn.Module):
