@@ -240,7 +240,8 @@ class Fit:
             unit: writes a cost.
             x_first: the smallest x measured.
         """
-        model = f"{unit(self.fixed)} + {unit(self.per_unit * x_first)} per {x_first:,.0f} {axis}"
+        each = axis.removesuffix("s") if x_first == 1 else f"{x_first:,.0f} {axis}"
+        model = f"{unit(self.fixed)} + {unit(self.per_unit * x_first)} for every {each}"
         if self.linear_from is not None and self.linear_from <= x_first:
             return f"in proportion over the whole range ({model})"
         share = self.fixed / (self.fixed + self.per_unit * x_first)

@@ -20,13 +20,12 @@ from tinysplat_runtime.inference import as_input
 from tinysplat_runtime.predict import predict
 
 from ..metrics import depth_errors
-from ..networks.sweep import OUTPUT_NAMES, Sweep
 from .inputs import Photos, PhotoSource
 from .judge import photo_figures
 from .timing import Figures, Row, Stage, Variant
 
-TWINS: dict[str, Callable[[], Sweep]] = {"sweep": Sweep}
-"""Torch modules of networks whose weights lie in the code, by name in the manifest."""
+TWINS = ("sweep",)
+"""Networks of the manifest whose torch module needs no checkpoint."""
 
 
 def shipped_networks() -> list[str]:
@@ -114,6 +113,8 @@ def float64_figures(model: str, photos: Photos, depth_range: tuple[float, float]
         return lambda _: {}
     import torch
 
+    from ..networks.sweep import OUTPUT_NAMES, Sweep
+
     centre = np.mean([camera.centre for camera in photos.cameras], axis=0)
     poses = np.stack([camera.c2w for camera in photos.cameras])
     poses[:, :3, 3] -= centre
@@ -127,7 +128,7 @@ def float64_figures(model: str, photos: Photos, depth_range: tuple[float, float]
     torch.set_default_dtype(torch.float64)
     try:
         with torch.inference_mode():
-            outputs = TWINS[model]()(*(torch.from_numpy(as_float64(value)) for value in inputs))
+            outputs = Sweep()(*(torch.from_numpy(as_float64(value)) for value in inputs))
     finally:
         torch.set_default_dtype(default)
     truth = outputs[OUTPUT_NAMES.index("depth")].numpy()

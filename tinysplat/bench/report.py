@@ -162,7 +162,7 @@ def _stage_lines(view: View, rows: Sequence[Row], plot: str | None) -> Iterator[
             heads.append(f"× {name.removeprefix('lib')}")
         yield from ("", f"**{case}**", "", *_table([*heads, *(c.heading for c in columns)]))
         for row in members:
-            mark = "●" if row.variant in front.members and len(members) > 1 else ""
+            mark = "●" if row.variant in front.members and front.is_meaningful else ""
             yield _row_line(row, mark, has_ratio, columns)
     if plot:
         yield from ("", f"![{view.title}]({plot})")
@@ -283,8 +283,10 @@ def _growth_reasons(rows: Sequence[Row]) -> Iterator[str]:
     yield ""
     yield (
         f"Why encoding starts slower than in proportion: libx265 is opened anew for every plane, and a {small}"
-        f" plane costs {seconds(small_cpu)} of CPU where a {large} one costs {seconds(large_cpu)};"
-        " a file of two views has about 36 planes. Memory starts at the interpreter, numpy, onnxruntime and av,"
-        " whatever the input. Rendering costs per Gaussian (projection, sorting) and per pixel (compositing), so each"
-        " axis alone grows slower than in proportion until its own share dominates."
+        f" plane costs {seconds(small_cpu)} of CPU where a {large} one costs {seconds(large_cpu)}; a file of"
+        " two views has about 36 planes. Memory starts at the interpreter, numpy, onnxruntime and av, whatever"
+        " the input. The network `sweep` compares a view with one other where there are two, and with two"
+        " others where there are more, so its cost per view doubles once, at the third view. Rendering costs"
+        " per Gaussian (projection, sorting) and per pixel (compositing), so each axis alone grows slower than"
+        " in proportion until its own share dominates."
     )

@@ -24,6 +24,7 @@ from .inputs import (
 )
 from .judge import Judge
 from .timing import Effort, Row, measure
+from .torch_peer import torch_peer_rows
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Plan:
 
 QUICK = Plan(
     name="quick",
-    effort=Effort(rounds=5, budget_s=2.5),
+    effort=Effort(rounds=5, budget_s=1.5),
     size=128,
     network_sizes=(64, 128),
     chain_sizes=(128,),
@@ -83,7 +84,7 @@ QUICK = Plan(
         network_views=(2, 4),
         memory_axes=("pixels",),
     ),
-    sog_limit_s=8,
+    sog_limit_s=5,
 )
 
 FULL = Plan(
@@ -231,7 +232,7 @@ def reduction_section(bench: Bench) -> Iterator[Row]:
 
 
 def peer_section(bench: Bench) -> Iterator[Row]:
-    """Other formats."""
+    """Other formats, and another rasteriser."""
     size = bench.plan.size
     formats = peers.peer_formats(bench.runtime, bench.plan.sog_limit_s)
     cases = bench.cases
@@ -239,6 +240,7 @@ def peer_section(bench: Bench) -> Iterator[Row]:
         cases = [made_case(2, size, size, peers.MAX_DEGREE), *cases[1:]]
     for case in cases:
         yield from peers.peer_rows(case, bench.judge(case), formats, bench.plan.effort)
+    yield from torch_peer_rows(made_gaussians(2, 64, 64, peers.MAX_DEGREE), 64, bench.threads, bench.plan.effort)
 
 
 def growth_section(bench: Bench) -> Iterator[Row]:

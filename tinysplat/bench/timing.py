@@ -141,6 +141,7 @@ def measure(stage: Stage, effort: Effort) -> list[Row]:
     figures = [variant.figures(variant.run()) for variant in stage.variants]
     times: list[list[Times]] = [[] for _ in stage.variants]
     base_times: list[list[Times]] = [[] for _ in stage.variants]
+    gc.freeze()  # so that collecting before every call looks at what the calls made, not at all of torch
     start = time.perf_counter()
     for done in range(effort.rounds):
         if done >= effort.least and time.perf_counter() - start > effort.budget_s:
@@ -149,6 +150,7 @@ def measure(stage: Stage, effort: Effort) -> list[Row]:
             times[i].append(timed(variant.run))
             if variant.baseline is not None:
                 base_times[i].append(timed(variant.baseline.run))
+    gc.unfreeze()
     return [_row(stage, variant, figures[i], times[i], base_times[i]) for i, variant in enumerate(stage.variants)]
 
 

@@ -9,18 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tinysplat_runtime.blas import single_thread
 from tinysplat_runtime.codec.decoder import decode_gaussians
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inference import Graph, GraphStore
 
-from .. import transforms as twins
 from ..reference import transforms as reference
 from .timing import Figures, Stage, Variant
 
@@ -79,7 +78,7 @@ def transform_stages(case: str, gaussians: Gaussians, threads: int) -> list[Stag
                 for n in sorted({1, threads})
             ),
             Variant(f"torch, {_threads(threads)}", _twin(name, inputs[name], threads), errors, threads=threads),
-            Variant("numpy float64 (reference)", partial(truth, inputs[name]), errors),
+            Variant("numpy float64 (reference), 1 thread", partial(_on_one_thread, truth, inputs[name]), errors),
         ]
         stages.append(Stage(name, case, variants))
     return stages
@@ -99,24 +98,32 @@ def _references(gaussians: Gaussians) -> dict[str, Callable[[Tensors], Tensors]]
     }
 
 
+def _on_one_thread(reference: Callable[[Tensors], Tensors], inputs: Tensors) -> Tensors:
+    with single_thread():
+        return reference(inputs)
+
+
 def _graph(name: str, inputs: Tensors, threads: int) -> Callable[[], Tensors]:
     graph = GraphStore(threads=threads).transform(name)
     return lambda: graph.run(inputs)
 
 
-_TWINS: dict[str, tuple[Callable[[], Any], tuple[str, ...]]] = {
-    "analysis_vpt": (twins.ViewProjection, ("geometry", "rotation_moment")),
-    "analysis_moment": (twins.CoefficientMoment, ("moment",)),
-    "analysis_project": (twins.CoefficientProjection, ("color",)),
-    "synthesis": (twins.Synthesis, ("means", "quats", "scales", "opacities", "sh")),
+_TWINS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "analysis_vpt": ("ViewProjection", ("geometry", "rotation_moment")),
+    "analysis_moment": ("CoefficientMoment", ("moment",)),
+    "analysis_project": ("CoefficientProjection", ("color",)),
+    "synthesis": ("Synthesis", ("means", "quats", "scales", "opacities", "sh")),
 }
+"""Class in `tinysplat.transforms` and names of what it returns, by graph."""
 
 
 def _twin(name: str, inputs: Tensors, threads: int) -> Callable[[], Tensors]:
     import torch
 
-    make, outputs = _TWINS[name]
-    module = make()
+    from .. import transforms as twins
+
+    twin, outputs = _TWINS[name]
+    module = getattr(twins, twin)()
     tensors = {key: torch.from_numpy(np.ascontiguousarray(value)) for key, value in inputs.items()}
 
     def run() -> Tensors:

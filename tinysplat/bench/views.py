@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from .timing import Row
 
@@ -188,6 +188,12 @@ VIEWS: dict[str, View] = {
         y_label="largest error of a pixel",
         is_log=True,
     ),
+    "torch rasteriser": View(
+        "Rasteriser: peer",
+        "gsplat's torch functions for projection and SH, its alphas blended densely in torch: another implementation of"
+        " the same definition, for correctness first. Errors as above.",
+        _FLOAT64,
+    ),
     "k": View(
         "Colour planes (k)",
         "Profile `paper` with k planes; the last column is what k planes give when nothing is quantised.",
@@ -211,17 +217,17 @@ VIEWS: dict[str, View] = {
 """By stage, in the report's order. Peers and growth have tables of their own."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Front:
     """Which rows of a stage no other row beats in everything.
 
     Attributes:
-        view: says what counts.
         members: their variants.
+        is_meaningful: whether anything but seconds counts, and there was a choice.
     """
 
-    view: View
-    members: set[str] = field(default_factory=set)
+    members: frozenset[str]
+    is_meaningful: bool
 
     @classmethod
     def of(cls, view: View, rows: Sequence[Row]) -> Front:
@@ -239,4 +245,4 @@ class Front:
             for other in vectors.values()
             if other != vector and all(o <= v for o, v in zip(other, vector, strict=True))
         }
-        return cls(view, set(vectors) - beaten)
+        return cls(frozenset(set(vectors) - beaten), bool(keys) and len(rows) > 1)

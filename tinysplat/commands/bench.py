@@ -12,6 +12,7 @@ from tinysplat.bench.report import Report
 from tinysplat.bench.run import finish, run_bench
 from tinysplat.bench.sections import FULL, QUICK, SECTIONS, Bench
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
+from tinysplat_runtime.artifacts import find_artifact
 from tinysplat_runtime.errors import InputError
 
 HELP = "error against run time, report with plots"
@@ -62,6 +63,8 @@ def run(args: Namespace) -> None:
 def _run(args: Namespace) -> None:
     if args.against is not None:
         read_report(args.against)  # what cannot be read is said now, not in half an hour
+    for model in args.model or ():
+        find_artifact(model, "network")  # so is a name that does not exist
     scenes, files, left_out = user_inputs(args.inputs)
     runtime = Runtime(threads=args.threads)
     bench = Bench(QUICK if args.quick else FULL, runtime, scenes, files, _models(args.model), left_out)
