@@ -30,7 +30,8 @@ from tinysplat.evaluation.comparison import error_map, matching, picture_sheet, 
 from tinysplat.evaluation.measure import PSNR_CEILING, capped_psnr
 from tinysplat.evaluation.records import RECORDS
 from tinysplat.evaluation.runner import list_jobs
-from tinysplat.evaluation.sources import FileSource, FolderSource, read_depth
+from tinysplat.evaluation.scene_index import read_depth
+from tinysplat.evaluation.sources import FileSource, FolderSource
 from tinysplat.evaluation.summary import document, group_records, mean_of, mean_of_scenes, mean_record
 from tinysplat.evaluation.tables import csv_text, format_table, results_text
 from tinysplat.metrics import psnr, ssim

@@ -12,7 +12,8 @@ from __future__ import annotations
 from .measure import Prepared, measure_coding, prepare
 from .records import Record, ResultStore
 from .runner import Coding, Outcome, Plan, Settings, evaluate
-from .sources import Case, LeftOut, Source, Window, find_sources
+from .scene_index import Window
+from .sources import Case, LeftOut, Source, find_sources
 
 __all__ = [
     "Case",

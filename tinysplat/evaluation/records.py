@@ -186,7 +186,7 @@ def model_fingerprint(model: str) -> str:
 def code_fingerprint() -> str:
     """Hash of the code, graphs and libraries that figures depend on."""
     runtime, here = Path(str(tinysplat_runtime.__file__)).parent, Path(__file__).parent
-    measuring = [here / f"{name}.py" for name in ("lpips", "measure", "sources")]
+    measuring = [here / f"{name}.py" for name in ("lpips", "measure", "scene_index", "sources")]
     sources = [*runtime.rglob("*.py"), *here.parent.glob("datasets/*.py"), here.parent / "metrics.py", *measuring]
     digest = hashlib.sha256()
     for path in sorted(sources):

@@ -19,7 +19,8 @@ from tinysplat_runtime.progress import progress
 from .lpips_files import LpipsFiles
 from .measure import PictureMetric, measure_coding, prepare
 from .records import Key, Record, ResultStore, code_fingerprint, model_fingerprint
-from .sources import LeftOut, Source, Window
+from .scene_index import Window
+from .sources import LeftOut, Source
 
 
 @dataclass(frozen=True)

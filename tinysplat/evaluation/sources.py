@@ -1,9 +1,7 @@
 """What there is to measure: windows of scene folders, of data-set chunks, and Gaussian files.
 
 A *window* names the context frames that a network gets and the target frames that its Gaussians are rendered at and
-held against. Scene folders bring theirs in `eval_index.json`:
-
-    {"near": 2.0, "far": 9.7, "windows": [{"kind": "near", "context": [2, 5], "target": [3, 4]}, …]}
+held against. Scene folders bring theirs in `eval_index.json` (`scene_index`), data sets in public indices.
 
 A Gaussian file is a window of its own, without photos: its targets are the cameras in its arrays `target_K` and
 `target_c2w`, or else the midpoints between neighbouring views.
@@ -26,34 +24,20 @@ from numpy.typing import NDArray
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE
-from tinysplat.datasets.indices import frame_indices
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.files import StrPath, check_readable, read_limited
+from tinysplat_runtime.files import StrPath, read_limited
 from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.images import MAX_PIXELS
 from tinysplat_runtime.interchange import load_gaussians
 from tinysplat_runtime.predict import predict
 from tinysplat_runtime.render import between
 from tinysplat_runtime.reports import Stopwatch
 from tinysplat_runtime.scenes import CAMERAS_FILE, Scene, load_scene
 
-EVAL_INDEX = "eval_index.json"
+from .scene_index import EVAL_INDEX, MAX_INDEX_BYTES, Window, parse_window, read_depth, read_index, stated_depth
+
 GAUSSIAN_SUFFIXES = (".npz", ".safetensors")
-_MAX_INDEX_BYTES = 16 * 1000 * 1000
-
-
-@dataclass(frozen=True)
-class Window:
-    """Frames of one scene, and what sort of window it is: `near`, `wide`, `multi`, a data set's name, or `file`."""
-
-    kind: str
-    context: tuple[int, ...]
-    targets: tuple[int, ...]
-
-    def __str__(self) -> str:
-        return f"{self.kind} {','.join(map(str, self.context))}"
 
 
 @dataclass(frozen=True)
@@ -137,20 +121,20 @@ class FolderSource:
     def scene(self) -> Scene:
         """The scene with its depth range: the option's, else the index's, else the cameras file's."""
         scene = load_scene(self.path)
-        index = _read_index(self.path / EVAL_INDEX)
-        near, far = (_depth(index, name, self.path / EVAL_INDEX) for name in ("near", "far"))
+        index = read_index(self.path / EVAL_INDEX)
+        near, far = (stated_depth(index, name, self.path / EVAL_INDEX) for name in ("near", "far"))
         return replace(scene, near=self.near or near or scene.near, far=self.far or far or scene.far)
 
     def windows(self) -> tuple[list[Window], list[LeftOut]]:
         """See `Source.windows`."""
         path = self.path / EVAL_INDEX
-        entries, frames = _read_index(path).get("windows"), len(load_scene(self.path).frames)
+        entries, frames = read_index(path).get("windows"), len(load_scene(self.path).frames)
         if not isinstance(entries, list) or not entries:
             raise InputError("no windows to evaluate", where=str(path))
         windows, left_out = [], []
         for i, entry in enumerate(entries):
             try:
-                windows.append(_window(entry, frames, f"windows[{i}]"))
+                windows.append(parse_window(entry, frames, f"windows[{i}]"))
             except InputError as error:
                 left_out.append(LeftOut(f"{self.name} ({path})", str(error)))
         return windows, left_out
@@ -169,7 +153,7 @@ class FolderSource:
     def fingerprint(self, window: Window) -> str:
         """Of the cameras, the depth range and the photos' sizes and times of change."""
         scene = self.scene()
-        cameras = hashlib.sha256(read_limited(self.path / CAMERAS_FILE, _MAX_INDEX_BYTES)).hexdigest()
+        cameras = hashlib.sha256(read_limited(self.path / CAMERAS_FILE, MAX_INDEX_BYTES)).hexdigest()
         photos = []
         for i in sorted({*window.context, *window.targets}):
             path = scene.frames[i].path
@@ -179,7 +163,7 @@ class FolderSource:
 
     def _depths(self, indices: Sequence[int], cameras: Sequence[Camera]) -> Iterable[NDArray | None]:
         """True depth per frame at the cameras' size, where `cameras.json` names files of it."""
-        document = json.loads(read_limited(self.path / CAMERAS_FILE, _MAX_INDEX_BYTES))
+        document = json.loads(read_limited(self.path / CAMERAS_FILE, MAX_INDEX_BYTES))
         scale = document.get("depth_scale")
         for index, camera in zip(indices, cameras, strict=True):
             name = document["frames"][index].get("depth")
@@ -308,36 +292,6 @@ def find_sources(
     return sources, left_out
 
 
-def read_depth(path: Path, scale: float, height: int, width: int) -> NDArray:
-    """A 16-bit PNG of depth × scale, at the size of evaluation.
-
-    Args:
-        path: the file; 0 stands for no value.
-        scale: values per scene unit.
-        height, width: as `Camera.resized` covers and crops; the nearest sample is taken, as depths don't mix.
-
-    Returns:
-        (height, width) float32 in scene units.
-    """
-    from PIL import Image
-
-    check_readable(path)
-    try:
-        with Image.open(path, formats=("PNG",)) as image:
-            if image.mode not in ("I;16", "I;16B", "I") or image.width * image.height > MAX_PIXELS:
-                found = f"{image.width}x{image.height} of mode {image.mode}"
-                raise InputError(f"{found}, expected a 16-bit grey PNG", where=str(path))
-            stored = np.asarray(image).astype(np.float32)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InputError(f"cannot be decoded ({str(error)[:120]})", where=str(path)) from None
-    to_output = Camera(np.eye(3), np.eye(4), width=stored.shape[1], height=stored.shape[0]).resized(height, width).K
-    rows, columns = (
-        np.floor((np.arange(n) + 0.5 - to_output[axis, 2]) / to_output[axis, axis]).astype(int).clip(0, limit - 1)
-        for n, axis, limit in ((height, 1, stored.shape[0]), (width, 0, stored.shape[1]))
-    )
-    return stored[np.ix_(rows, columns)] / np.float32(scale)
-
-
 def _predicted(
     context: tuple[NDArray, Sequence[Camera]],
     targets: tuple[NDArray, Sequence[Camera]],
@@ -399,41 +353,6 @@ def _chunk_sources(
 def _chunk_folder(path: Path, dataset: str) -> ChunkFolder:
     """A folder's index is large; it is read once per process."""
     return ChunkFolder(path, SPECS[dataset])
-
-
-def _read_index(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError(f"no {EVAL_INDEX} in this folder", where=str(path.parent))
-    try:
-        document = json.loads(read_limited(path, _MAX_INDEX_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not JSON ({error})", where=str(path)) from None
-    if not isinstance(document, dict):
-        raise InputError("expected an object with windows", where=str(path))
-    return document
-
-
-def _depth(index: dict[str, Any], name: str, path: Path) -> float | None:
-    value = index.get(name)
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float) or not value > 0):
-        raise InputError(f"{str(value)[:20]}, expected a depth > 0", where=f"{path}: {name}")
-    return value
-
-
-def _window(entry: Any, frames: int, where: str) -> Window:
-    if not isinstance(entry, dict):
-        raise InputError("expected an object with context and target", where=where)
-    kind = entry.get("kind", "window")
-    if not isinstance(kind, str) or not kind.isidentifier():
-        raise InputError(f"{str(kind)[:40]!r}, expected a word", where=f"{where}.kind")
-    context, targets = (frame_indices(entry, name, where) for name in ("context", "target"))
-    for name, indices in (("context", context), ("target", targets)):
-        for i in indices:
-            if i >= frames:
-                raise InputError(f"frame {i}, but the scene has 0 to {frames - 1}", where=f"{where}.{name}")
-    if len(set(context)) < len(context):
-        raise InputError(f"{list(context)} names a frame twice", where=f"{where}.context")
-    return Window(kind, context, targets)
 
 
 def _digest(value: Any) -> str:
