@@ -3,8 +3,8 @@
 alpha = min(0.99, o·exp(−½ dᵀΣ₂⁻¹d)), skipped under 1/255; a splat that would bring a pixel's transmittance under 1e-4
 is not blended and ends the pixel (Kerbl et al. 2023, and their rasteriser).
 
-Work goes in groups of tiles whose lists are about equally long, a few ranks of every list at a time, as arrays
-(rank, pixel row, pixel column, tile): thousands of tiles to a numpy call, in scratch arrays of a megabyte at most.
+Work goes in groups of tiles whose lists are about equally long, a batch of splats of every tile at a time, as arrays
+(splat, pixel row, pixel column, tile): many tiles to a numpy call, and scratch arrays not much larger than a cache.
 """
 
 from __future__ import annotations
@@ -17,16 +17,13 @@ from numpy.typing import NDArray
 
 from .prepare import ALPHA_MIN
 from .project import BLUE, GAMMA, RECORD, RED, Splats
-from .tiles import TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
+from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
 
 ALPHA_MAX = np.float32(0.99)
 TRANSMITTANCE_MIN = np.float32(1e-4)
 
-GROUP = 2048
+GROUP = 1536
 """Tiles composited together."""
-
-RANKS = 8
-"""Splats of each tile composited together."""
 
 PIXELS = TILE_HEIGHT * TILE_WIDTH
 
@@ -81,14 +78,14 @@ class Workspace:
     """Scratch arrays of one thread: fresh memory costs more to touch than the arithmetic done in it."""
 
     def __init__(self) -> None:
-        self.records = np.empty((RANKS * GROUP, RECORD), np.float32)
-        self.planes = np.empty(RECORD * RANKS * GROUP, np.float32)
-        self.change = np.empty(RANKS * TILE_WIDTH * GROUP, np.float32)
-        self.alphas = np.empty(RANKS * PIXELS * GROUP, np.float32)
+        self.records = np.empty((BATCH * GROUP, RECORD), np.float32)
+        self.planes = np.empty(RECORD * BATCH * GROUP, np.float32)
+        self.change = np.empty(BATCH * TILE_WIDTH * GROUP, np.float32)
+        self.alphas = np.empty(BATCH * PIXELS * GROUP, np.float32)
         # numpy has no fast path for the minimum of an array and a number
         self.max_change = np.full(GROUP, MAX_CHANGE)
         self.max_alpha = np.full(GROUP, ALPHA_MAX)
-        self.shows = np.empty(RANKS * PIXELS * GROUP, np.bool_)
+        self.shows = np.empty(BATCH * PIXELS * GROUP, np.bool_)
 
 
 @dataclass(eq=False)
@@ -119,36 +116,27 @@ def composite(canvas: Canvas, splats: Splats, pairs: Pairs, tiles: NDArray, work
     x, y = ((n + 0.5).astype(np.float32) for n in (column * TILE_WIDTH, row * TILE_HEIGHT))
     lists = _Lists(tiles, starts, pairs.bounds[tiles + 1] - starts, x, y)
     state = np.ascontiguousarray(np.moveaxis(canvas.state[tiles], 0, -1))  # (planes, 16, n)
-    rank = 0
+    done = 0
     while tiles.size:
-        n = np.count_nonzero(lists.lengths > rank)  # lists only end, so those at work lead
-        ids = _ids(pairs, lists.starts[:n], lists.lengths[:n], rank, blank=splats.depths.size - 1)
+        n = np.count_nonzero(lists.lengths > done)  # lists only end, so those at work lead
+        ids = np.ascontiguousarray(pairs.batches.take(lists.starts[:n] + done, axis=0).T)  # (8, n)
         planes = _planes(splats, ids, work)
         weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
         depths = splats.depths.take(ids) if canvas.with_depth else None
         some_stopped = _blend(state[:, :, :n], weights, planes[RED : BLUE + 1], depths)
-        rank += RANKS
-        at_work = lists.lengths > rank
+        done += 1
+        at_work = lists.lengths > done
         if some_stopped:
             at_work &= state[LEFT].any(axis=0)
         if 4 * np.count_nonzero(at_work) < 3 * at_work.size:  # dropping tiles costs about as much as a step
-            done = ~at_work
-            canvas.state[tiles.compress(done)] = np.moveaxis(state.compress(done, axis=-1), -1, 0)
+            leaving = ~at_work
+            canvas.state[tiles.compress(leaving)] = np.moveaxis(state.compress(leaving, axis=-1), -1, 0)
             state, lists = state.compress(at_work, axis=-1), lists.compress(at_work)
             tiles = lists.tiles
 
 
-def _ids(pairs: Pairs, starts: NDArray, lengths: NDArray, rank: int, blank: int) -> NDArray:
-    """(RANKS, n) rows of the next splats of each list, `blank` past a list's end."""
-    ranks = np.arange(rank, rank + RANKS)[:, None]
-    ids = pairs.splats.take(starts + ranks, mode="clip")
-    if lengths[-1] < rank + RANKS:
-        ids[ranks >= lengths] = blank
-    return ids
-
-
 def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:
-    """(8, RANKS, n) records of the splats `ids`, planar.
+    """(8, BATCH, n) records of the splats `ids`, planar.
 
     Picking whole records and turning them over takes half the time of picking from eight arrays, as it misses the
     cache once where they miss it eight times.
@@ -168,24 +156,24 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
     footprint has a part in it, dilation keeps E above −62 and D below 19: float32 loses nothing by it.
 
     Args:
-        planes: (8, RANKS, n) records.
-        log_opacities: (RANKS, n).
+        planes: (8, BATCH, n) records.
+        log_opacities: (BATCH, n).
         first_x: (n,) centre of each tile's first column of pixels.
         first_y: (n,) centre of its first row.
         work: holds the result until the next call.
 
     Returns:
-        (RANKS, 16, n) float32.
+        (BATCH, 16, n) float32.
     """
     n = planes.shape[-1]
     x, y, alpha_x, beta_x, gamma = planes[: GAMMA + 1]
-    alphas = work.alphas[: RANKS * PIXELS * n].reshape(RANKS, TILE_HEIGHT, TILE_WIDTH, n)
-    change = work.change[: RANKS * TILE_WIDTH * n].reshape(RANKS, TILE_WIDTH, n)
+    alphas = work.alphas[: BATCH * PIXELS * n].reshape(BATCH, TILE_HEIGHT, TILE_WIDTH, n)
+    change = work.change[: BATCH * TILE_WIDTH * n].reshape(BATCH, TILE_WIDTH, n)
     dy = first_y - y
     with np.errstate(over="ignore"):  # in tiles beside a footprint
         across = alpha_x * (first_x - x) + beta_x * dy
         down = gamma * dy
-        exponent = alphas[:, 0]  # (RANKS, 4 columns, n), of the first row
+        exponent = alphas[:, 0]  # (BATCH, 4 columns, n), of the first row
         exponent[:, 0] = across
         for column in range(1, TILE_WIDTH):
             np.add(exponent[:, column - 1], alpha_x, out=exponent[:, column])
@@ -197,14 +185,15 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
         np.exp(exponent, out=exponent)
         np.exp(change, out=change)
         bend = np.exp(-2 * (np.square(beta_x) + np.square(gamma)))[:, None]
-        for row in range(1, TILE_HEIGHT):
-            np.multiply(alphas[:, row - 1], change, out=alphas[:, row])
+        np.multiply(exponent, change, out=alphas[:, 1])
+        for row in range(2, TILE_HEIGHT):
             np.multiply(change, bend, out=change)
+            np.multiply(alphas[:, row - 1], change, out=alphas[:, row])
     if log_opacities.max() > math.log(ALPHA_MAX):
         np.minimum(alphas, work.max_alpha[:n], out=alphas)
     shows = np.greater_equal(alphas, ALPHA_MIN, out=work.shows[: alphas.size].reshape(alphas.shape))
     np.multiply(alphas, shows, out=alphas)  # ten times as fast as any masked assignment
-    return alphas.reshape(RANKS, PIXELS, n)
+    return alphas.reshape(BATCH, PIXELS, n)
 
 
 def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray | None) -> bool:
@@ -212,9 +201,9 @@ def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray |
 
     Args:
         state: (planes, 16, n), see `Canvas`; changed in place.
-        weights: (RANKS, 16, n) alphas, which become weights.
-        colours: (3, RANKS, n).
-        depths: (RANKS, n) where depth is gathered.
+        weights: (BATCH, 16, n) alphas, which become weights.
+        colours: (3, BATCH, n).
+        depths: (BATCH, n) where depth is gathered.
 
     Returns:
         Whether a pixel has stopped.
@@ -227,7 +216,7 @@ def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray |
     # A pixel stops once, so blend as if none did and mend the few that went below the limit.
     stopped = np.flatnonzero((left < TRANSMITTANCE_MIN) & (before > 0))
     if stopped.size:
-        flat = weights.reshape(RANKS, -1)
+        flat = weights.reshape(BATCH, -1)
         path = np.subtract.accumulate(np.concatenate([before.reshape(1, -1).take(stopped, 1), flat.take(stopped, 1)]))
         kept = path >= TRANSMITTANCE_MIN
         flat[:, stopped] *= kept[1:]

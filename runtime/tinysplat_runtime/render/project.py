@@ -85,7 +85,7 @@ class Splats:
 
     Attributes:
         records: (N + 1, 8) float32: pixel of the mean, the exponent's factors, colour.
-        log_opacities: (N + 1,) float32. The last row is a splat without opacity, for lists to be padded with.
+        log_opacities: (N + 1,) float32. The last row, `blank`, is a splat without opacity, to fill lists up with.
         spans: (N, 8) float32: pixel of the mean, exponent τ at which the footprint ends, γ, dy of its rightmost point
             per √τ, slope of its chords' middles, 1/αx.
         depths: (N + 1,) float32.
@@ -93,6 +93,7 @@ class Splats:
     """
 
     def __init__(self, capacity: int) -> None:
+        self.blank = capacity
         self.records = np.empty((capacity + 1, RECORD), np.float32)
         self.records[-1] = 0
         self.log_opacities = np.full(capacity + 1, -np.inf, np.float32)

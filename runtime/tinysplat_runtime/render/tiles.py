@@ -23,6 +23,9 @@ from .project import MEAN_Y, REACH, STEEPNESS, TAU, Y_RIGHTMOST, Splats, pixels_
 TILE_WIDTH, TILE_HEIGHT = 4, 4
 """Pixels."""
 
+BATCH = 8
+"""Splats of a tile that are composited at a time."""
+
 MAX_PAIRS = 2_000_000
 """Most (tile, splat) pairs listed at a time; while they are sorted, a pair takes about 40 bytes."""
 
@@ -58,11 +61,12 @@ class Pairs:
     """The splats of every tile, nearest first.
 
     Attributes:
-        splats: (M,) int32, rows of `Splats`, tile after tile.
-        bounds: (tiles + 1,) int64, where each tile's list starts in `splats`.
+        batches: (M, 8) int32, rows of `Splats`, one tile after the other. A tile's last batch is filled up with the row
+            that has no opacity.
+        bounds: (tiles + 1,) int64, where each tile's list starts in `batches`.
     """
 
-    splats: NDArray
+    batches: NDArray
     bounds: NDArray
 
 
@@ -100,6 +104,7 @@ def find_pairs(splats: Splats, order: NDArray, grid: Grid, open_tiles: NDArray |
         open_tiles: (tiles,) bool, which tiles still take splats; None for all.
         run_jobs: maps a function over a list, perhaps on several threads, and returns the results in order.
     """
+    key_type = np.uint16 if grid.count <= 1 << 16 else np.uint32
 
     def block_pairs(start: int) -> tuple[NDArray, NDArray]:
         ids = order[start : start + BLOCK_SIZE]
@@ -107,12 +112,15 @@ def find_pairs(splats: Splats, order: NDArray, grid: Grid, open_tiles: NDArray |
         if open_tiles is not None:
             takes = open_tiles.take(tiles)
             tiles, owner = tiles.compress(takes), owner.compress(takes)
-        return tiles.astype(np.uint16 if grid.count <= 1 << 16 else np.uint32), ids.astype(np.int32).take(owner)
+        return tiles.astype(key_type), ids.astype(np.int32).take(owner)
 
     blocks = run_jobs(block_pairs, range(0, order.size, BLOCK_SIZE))
+    counts = sum(np.bincount(tiles, minlength=grid.count) for tiles, _ in blocks)
+    lengths = -(-counts // BATCH)
+    filled = np.repeat(np.arange(grid.count, dtype=key_type), BATCH * lengths - counts)
+    blocks.append((filled, np.full(filled.size, splats.blank, np.int32)))
     tiles, ids = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    bounds = np.append(0, np.cumsum(np.bincount(tiles, minlength=grid.count)))
-    return Pairs(ids.take(stable_argsort(tiles)), bounds)
+    return Pairs(ids.take(stable_argsort(tiles)).reshape(-1, BATCH), np.append(0, np.cumsum(lengths)))
 
 
 @np.errstate(over="ignore", divide="ignore")  # splats that reach to infinity
