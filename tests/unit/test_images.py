@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
 import tracemalloc
 import zlib
@@ -302,7 +303,7 @@ def test_resized_pixels_show_the_rays_of_the_resized_camera(source: tuple[int, i
 def test_resize_equals_pillows_lanczos_on_the_same_box(size: tuple[int, int]) -> None:
     source = photo_like(61, 93)
     scale = max(size[0] / 61, size[1] / 93)
-    left, top = (93 - size[1] / scale) / 2, (61 - size[0] / scale) / 2
+    left, top = (math.floor((side * scale - new) / 2 + 1e-9) / scale for side, new in ((93, size[1]), (61, size[0])))
     box = (left, top, left + size[1] / scale, top + size[0] / scale)
     channels = [Image.fromarray(source[..., c].astype(np.float32)) for c in range(3)]
     theirs = np.stack([np.asarray(c.resize(size[::-1], Image.Resampling.LANCZOS, box=box)) for c in channels], -1) / 255
