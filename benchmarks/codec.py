@@ -19,7 +19,8 @@ def main() -> None:
         judge = bench.judge(case)
         stage, _ = codec.encode_stage(case, judge, bench.runtime, codec.all_profiles(), bench.plan.qps)
         print_rows(measure(stage, bench.plan.effort))
-        print_rows(measure(codec.preset_stage(case, judge, bench.runtime, bench.plan.presets), bench.plan.effort))
+        presets = codec.preset_stage(case, judge, bench.runtime, bench.plan.presets, bench.plan.preset_qps)
+        print_rows(measure(presets, bench.plan.effort))
 
 
 if __name__ == "__main__":

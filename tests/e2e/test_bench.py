@@ -46,7 +46,16 @@ TINY = replace(
 
 STAGES = {
     *("chain", "network", "analysis_vpt", "analysis_moment", "analysis_project", "synthesis", "encode", "preset"),
-    *("decode", "rasteriser", "rasteriser approximations", "k", "SH degree", "peers encode", "peers decode"),
+    *(
+        "decode",
+        "cold start",
+        "rasteriser",
+        "rasteriser approximations",
+        "k",
+        "SH degree",
+        "peers encode",
+        "peers decode",
+    ),
     *("torch rasteriser", "growth plane", "growth network", "growth encode", "growth decode", "growth render"),
 }
 

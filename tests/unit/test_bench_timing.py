@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tinysplat.bench.agreement import compare_reports, read_report
+from tinysplat.bench.goals import goal_lines, size_at_equal_db
 from tinysplat.bench.growth import Fit
 from tinysplat.bench.report import finite_json
 from tinysplat.bench.timing import Baseline, Effort, Row, Seconds, Stage, Variant, measure, summarise
@@ -127,3 +128,28 @@ def test_what_is_no_report_is_refused(tmp_path, text: str) -> None:
 def test_a_missing_report_is_refused(tmp_path) -> None:
     with pytest.raises(InputError):
         read_report(tmp_path / "nowhere")
+
+
+def encode(profile: str, psnr: float, size: int) -> Row:
+    seconds = Seconds(1, 1, 1, 1, 3)
+    figures = {"psnr_decoded_raw": psnr, "bytes": float(size)}
+    return Row("encode", "case", f"{profile} {psnr}", settings={"profile": profile}, seconds=seconds, figures=figures)
+
+
+def test_sizes_are_compared_at_equal_db() -> None:
+    rows = [encode("paper", db, 100_000 * 2 ** (db - 37)) for db in (37, 42)]
+    rows += [encode("balanced", db, 40_000 * 2 ** (db - 37)) for db in (37, 39, 42)]
+    assert size_at_equal_db(rows) == pytest.approx(0.4)
+
+
+def test_goals_that_were_not_measured_are_left_out() -> None:
+    assert list(goal_lines([])) == []
+    rows = [
+        encode("paper", 37, 1000),
+        encode("paper", 42, 2000),
+        encode("balanced", 37, 990),
+        encode("balanced", 42, 1980),
+    ]
+    text = "\n".join(goal_lines(rows))
+    assert "99.00 % | 45.00 % | not met" in text
+    assert "libavcodec" not in text

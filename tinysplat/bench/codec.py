@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import encode_gaussians
@@ -11,6 +14,7 @@ from tinysplat_runtime.codec.hevc import EncoderSettings
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.threads import available_cores
 
 from ..metrics import attribute_errors
 from .inputs import Case
@@ -43,20 +47,35 @@ def encode_stage(
     return Stage("encode", case.name, variants), files
 
 
-def preset_stage(case: Case, judge: Judge, runtime: Runtime, presets: Sequence[str]) -> Stage:
+def preset_stage(
+    case: Case, judge: Judge, runtime: Runtime, presets: Sequence[str], qps: Sequence[float] = (0.0,)
+) -> Stage:
     """The default profile's planes by several presets of libx265."""
     profile = find_profile(DEFAULT_PROFILE)
     kept = tuple(p for p in profile.encoder.params if not p.startswith(("rdoq-level", "min-cu-size")))
     variants = []
-    for label in presets:
-        settings = EncoderSettings(label.partition(",")[0], (*PRESETS[label], *kept))
-        variants.append(_variant(label, case, replace(profile, encoder=settings), 0.0, judge, runtime)[0])
+    for name in presets:
+        coder = replace(profile, encoder=EncoderSettings(name.partition(",")[0], (*PRESETS[name], *kept)))
+        variants += [_variant(f"{name}; qp {qp:g}", case, coder, qp, judge, runtime)[0] for qp in qps]
     return Stage("preset", case.name, variants)
 
 
 def decode_stage(case: Case, files: dict[str, bytes], threads: Sequence[int]) -> Stage:
     """Files to Gaussians, each against libavcodec alone on its own streams."""
     return Stage("decode", case.name, list(_decode_variants(files, threads)))
+
+
+def cold_start_stage(case: Case, data: bytes, folder: Path) -> Stage:
+    """`tinysplat decode` as a process of its own, from starting the interpreter to the written .npz."""
+    source, target = folder / "cold.tsplat", folder / "cold.npz"
+    source.write_bytes(data)
+    command = [sys.executable, "-m", "tinysplat_runtime", "decode", str(source), "-o", str(target), "-q"]
+
+    def run() -> None:
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+
+    variant = Variant("tinysplat decode", run, _sizes(len(data), len(file_streams(data))), threads=available_cores())
+    return Stage("cold start", case.name, [variant])
 
 
 def coding_figures(data: bytes, raw: Gaussians, judge: Judge, runtime: Runtime) -> Figures:

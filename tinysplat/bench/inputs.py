@@ -384,5 +384,9 @@ def _blur_matrix(length: int, sigma: float) -> NDArray:
 
 
 def truncated(gaussians: Gaussians, degree: int) -> Gaussians:
-    """The same Gaussians with the bands above `degree` cut off."""
-    return replace(gaussians, sh=np.ascontiguousarray(gaussians.sh[..., : (degree + 1) ** 2, :]))
+    """The same Gaussians with the bands above `degree` cut off, in all layers."""
+    return replace(
+        gaussians,
+        sh=np.ascontiguousarray(gaussians.sh[..., : (degree + 1) ** 2, :]),
+        extra_layers=tuple(truncated(layer, degree) for layer in gaussians.extra_layers),
+    )

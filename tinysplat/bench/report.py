@@ -12,6 +12,7 @@ from typing import Any
 from tinysplat_runtime.files import StrPath, atomic_path
 
 from .agreement import REPORT_JSON, Agreement
+from .goals import goal_lines
 from .growth import Fit
 from .plots import plot_growth, plot_overview, plot_stage
 from .published import PUBLISHED
@@ -113,6 +114,7 @@ def _lines(report: Report, plots: Mapping[str, str]) -> Iterator[str]:
     yield from _left_out(report)
     if "overview" in plots:
         yield from ("", f"![overview]({plots['overview']})")
+    yield from goal_lines(report.rows)
     for stage, view in VIEWS.items():
         rows = [row for row in report.rows if row.stage == stage]
         if rows:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
@@ -21,6 +23,7 @@ from .inputs import (
     made_case,
     made_gaussians,
     network_case,
+    truncated,
 )
 from .judge import Judge
 from .timing import Effort, Row, measure
@@ -38,7 +41,7 @@ class Plan:
         network_sizes: sides of a network's input.
         chain_sizes: those of the whole chain.
         qps: Q_g of every profile.
-        presets: of libx265.
+        presets, preset_qps: of libx265.
         sizes, counts: of the rasteriser's pictures and Gaussians; around `count` at `size`.
         ks: numbers of colour planes.
         codings: (profile, Q_g) of the whole chain.
@@ -53,6 +56,7 @@ class Plan:
     chain_sizes: Sequence[int]
     qps: Sequence[float]
     presets: Sequence[str]
+    preset_qps: Sequence[float]
     sizes: Sequence[int]
     counts: Sequence[int]
     count: int
@@ -70,6 +74,7 @@ QUICK = Plan(
     chain_sizes=(128,),
     qps=(0,),
     presets=("ultrafast, min-cu-size=8", "superfast, rdoq-level=2"),
+    preset_qps=(0,),
     sizes=(64, 256),
     counts=(8_192, 131_072),
     count=32_768,
@@ -95,6 +100,7 @@ FULL = Plan(
     chain_sizes=(128, 256),
     qps=(-6, 0, 6, 12),
     presets=tuple(codec.PRESETS),
+    preset_qps=(0, 6),
     sizes=(64, 128, 256, 512, 1024),
     counts=(8_192, 32_768, 131_072, 524_288, 1_048_576),
     count=131_072,
@@ -210,7 +216,11 @@ def codec_section(bench: Bench) -> Iterator[Row]:
         yield from measure(stage, plan.effort)
         yield from measure(codec.decode_stage(case, files, bench.thread_counts), plan.effort)
     case = bench.cases[0]
-    yield from measure(codec.preset_stage(case, bench.judge(case), bench.runtime, plan.presets), plan.effort)
+    with tempfile.TemporaryDirectory() as folder:
+        data = bench.runtime.compress(case.gaussians, drop_invalid=True)
+        yield from measure(codec.cold_start_stage(case, data, Path(folder)), plan.effort)
+    presets = codec.preset_stage(case, bench.judge(case), bench.runtime, plan.presets, plan.preset_qps)
+    yield from measure(presets, plan.effort)
 
 
 def rasteriser_section(bench: Bench) -> Iterator[Row]:
@@ -233,12 +243,11 @@ def reduction_section(bench: Bench) -> Iterator[Row]:
 
 def peer_section(bench: Bench) -> Iterator[Row]:
     """Other formats, and another rasteriser."""
-    size = bench.plan.size
     formats = peers.peer_formats(bench.runtime, bench.plan.sog_limit_s)
-    cases = bench.cases
-    if not bench.scenes and not bench.files:  # files of other formats hold no more than SH degree 3
-        cases = [made_case(2, size, size, peers.MAX_DEGREE), *cases[1:]]
-    for case in cases:
+    for case in bench.cases:
+        if case.gaussians.degree > peers.MAX_DEGREE:
+            cut = truncated(case.gaussians, peers.MAX_DEGREE)
+            case = replace(case, name=f"{case.name}, cut to {peers.MAX_DEGREE}", gaussians=cut)
         yield from peers.peer_rows(case, bench.judge(case), formats, bench.plan.effort)
     yield from torch_peer_rows(made_gaussians(2, 64, 64, peers.MAX_DEGREE), 64, bench.threads, bench.plan.effort)
 

@@ -170,6 +170,11 @@ VIEWS: dict[str, View] = {
         " the same threads, in the same round (CPU seconds in brackets).",
         (_BYTES, Column("planes", "planes", whole)),
     ),
+    "cold start": View(
+        "Cold start",
+        "`tinysplat decode F.tsplat -o G.npz` as a process: interpreter, imports, graphs, decoding, writing.",
+        (_BYTES, Column("planes", "planes", whole)),
+    ),
     "rasteriser": View(
         "Rasteriser",
         "A frame of a prepared renderer, SH degree 3; errors of pixel values in [0, 1] against float64 at a random 1 %"
