@@ -16,11 +16,26 @@ from torch.nn import functional
 from tinysplat.transforms import multiply_quats
 from tinysplat_runtime.sh import C0
 
-from .aggregation import box_minimum
-from .geometry import focal_length, pixel_intrinsics, pixel_rays, rotation_quats, tilt_quats, unproject
+from .aggregation import box_mean, box_minimum
+from .geometry import (
+    focal_length,
+    inside_frame,
+    pixel_intrinsics,
+    pixel_rays,
+    project_sweep,
+    rotation_quats,
+    sample_bilinear,
+    sweep_coefficients,
+    tilt_quats,
+    unproject,
+)
+from .pairs import ViewPairs
 
 MAX_SLOPE = 2.0
 """Bound on |Δz / Δx| of a surface: beyond it the normal of a depth map is noise, and discs would be needles."""
+
+SLOPE_WINDOW = 9
+"""Side in pixels of the box that slopes are averaged over: their noise shows in no picture, and costs bits."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +98,7 @@ def pixel_layer(
     K = pixel_intrinsics(K_unit, height, width)
     rays = pixel_rays(K, height, width)
     depth = 1 / inverse_depth
-    slopes = surface_slopes(inverse_depth, rays, K)
+    slopes = box_mean(surface_slopes(inverse_depth, rays, K), SLOPE_WINDOW)
     frontal = footprint * depth / focal_length(K)[:, None, None, None]
     scales = torch.cat([frontal * torch.sqrt(1 + slopes * slopes), frontal], dim=1)
     tilt = tilt_quats(slopes[:, 0], slopes[:, 1])
@@ -111,20 +126,28 @@ class CoarseSettings:
         farthest: smallest inverse depth, relative to that of the far plane.
         width: standard deviation, pixels of the photo.
         opacity: of every Gaussian in the layer.
+        hidden_recede: factor on the inverse depth that a source sees, < 1: a cell stands behind that.
     """
 
     cell: int = 4
-    ring: int = 16
+    ring: int = 24
     reach: int = 5
     recede: float = 0.9
-    ring_recede: float = 0.5
+    ring_recede: float = 0.65
     farthest: float = 0.4
     width: float = 2.4
     opacity: float = 0.8
+    hidden_recede: float = 0.85
 
 
 def coarse_layer(
-    images: Tensor, K_unit: Tensor, c2w: Tensor, inverse_depth: Tensor, far: Tensor, settings: CoarseSettings
+    images: Tensor,
+    K_unit: Tensor,
+    c2w: Tensor,
+    inverse_depth: Tensor,
+    far: Tensor,
+    pairs: ViewPairs,
+    settings: CoarseSettings,
 ) -> GaussianLayer:
     """One wide, round Gaussian per cell at the farthest depth nearby, continued past the frame.
 
@@ -134,6 +157,7 @@ def coarse_layer(
         c2w: (V, 4, 4).
         inverse_depth: (V, 1, H, W), > 0.
         far: (V,) far plane.
+        pairs: the views that a view is compared with.
         settings: sizes and factors.
 
     Returns:
@@ -146,12 +170,14 @@ def coarse_layer(
     inside = torch.ones_like(farthest)
     ring_factor = functional.pad(inside, (ring,) * 4, value=settings.ring_recede)
     behind = functional.pad(farthest, (ring,) * 4, mode="replicate") * ring_factor
-    behind = torch.maximum(behind, (settings.farthest / far)[:, None, None, None])
+    least = (settings.farthest / far)[:, None, None, None]
     colours = functional.pad(colours, (ring,) * 4, mode="replicate")
 
     shift = torch.tensor([[0.0, 0.0, ring], [0.0, 0.0, ring], [0.0, 0.0, 0.0]])
     K = pixel_intrinsics(K_unit, height, width) + shift
     rays = pixel_rays(K, height + 2 * ring, width + 2 * ring)
+    behind = _behind_sources(torch.maximum(behind, least), rays, K_unit, inverse_depth, pairs, settings.hidden_recede)
+    behind = torch.maximum(behind, least)
     depth = 1 / behind
     scale = settings.width / cell * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
     grid = (-1, height + 2 * ring, width + 2 * ring)
@@ -163,6 +189,18 @@ def coarse_layer(
         _degree_zero(colours),
         K,
     )
+
+
+def _behind_sources(
+    behind: Tensor, rays: Tensor, K_unit: Tensor, inverse_depth: Tensor, pairs: ViewPairs, recede: float
+) -> Tensor:
+    """Push cells (V, 1, h, w) that stand in space which a source view sees through behind what it sees there."""
+    terms = sweep_coefficients(rays[pairs.reference], K_unit[pairs.source], pairs.rotation, pairs.translation)
+    own = behind[pairs.reference]
+    x, y, ratio = project_sweep(*terms, own)
+    there = sample_bilinear(inverse_depth[pairs.source], x, y)[:, 0] * ratio * recede
+    allowed = torch.where(inside_frame(x, y, ratio) > 0, there, own)
+    return torch.minimum(behind, pairs.by_view(allowed).amin(dim=1))
 
 
 def _degree_zero(colours: Tensor) -> Tensor:

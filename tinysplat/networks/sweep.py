@@ -20,10 +20,10 @@ from .geometry import (
     pixel_intrinsics,
     pixel_rays,
     project_sweep,
-    relative_pose,
     sample_bilinear,
     sweep_coefficients,
 )
+from .pairs import ViewPairs
 from .surfels import CoarseSettings, coarse_layer, pixel_layer
 
 OUTPUT_NAMES = (
@@ -37,6 +37,53 @@ MIN_VIEWS, MAX_VIEWS = 2, 6
 STRIDE = 4
 """Image sides are multiples of it: the coarse layer's cell."""
 MIN_SIDE = 32
+
+
+@dataclass(frozen=True)
+class AlignmentSettings:
+    """`align_photos`.
+
+    Attributes:
+        steps: Gauss-Newton steps.
+        window: side of the box, pixels, whose pixels move together.
+        reach: half the distance between the samples of the derivative, candidates.
+        outlier: colour difference from which a pixel's weight falls.
+        damping: added to the curvature; flat places stay where they are.
+        largest_step: bound on a step, candidates.
+    """
+
+    steps: int = 2
+    window: int = 11
+    reach: float = 0.5
+    outlier: float = 0.1
+    damping: float = 1e-3
+    largest_step: float = 1.0
+
+
+@dataclass(frozen=True)
+class TrustSettings:
+    """`opacities_from_agreement`.
+
+    Attributes:
+        opacity: of a Gaussian that all views agree with. Below 1 on purpose: neighbours overlap, so that the surface is
+            closed all the same, and a change of their depth order by coding changes the picture four times less than
+            at 0.95 (squared error), which is what most of the paper's coding error comes from.
+        agreement_share: share of opacity lost without any agreement.
+        hidden: agreement of a pixel that is behind what every source sees there.
+        unseen: agreement of a pixel that no source has in its frame.
+        intrusion_share: share of opacity lost by a Gaussian in the free space before what a source sees.
+        intrusion_from, intrusion_ramp: candidates in front at which that begins, and over which it grows.
+        least_witness: least weight of a source's own agreement in that.
+    """
+
+    opacity: float = 0.6
+    agreement_share: float = 0.8
+    hidden: float = 0.5
+    unseen: float = 0.4
+    intrusion_share: float = 0.5
+    intrusion_from: float = 1.0
+    intrusion_ramp: float = 2.0
+    least_witness: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -55,32 +102,35 @@ class SweepSettings:
         step, jump, edge: of `aggregation.path_costs`.
         sharpness: inverse temperature of the soft-argmin.
         consistency: standard deviation of the cross-view error that still counts as agreement, candidates.
-        unseen_confidence: confidence of pixels that no other view has in its frame.
+        unseen_agreement: agreement of pixels that no other view has in its frame, before filling.
         fill_edge, fill_dilations: of `aggregation.fill_uncertain`.
+        alignment: the last step at full resolution.
+        trust: from agreement between views to opacity.
         footprint: standard deviation of a Gaussian on a frontal surface, pixels.
-        opacity_low, opacity_high: opacity at confidence 0 and 1.
+        sharpening: share of the photo's fine detail added to colours; splatting's dilation takes it away again.
         coarse: the second layer.
     """
 
     candidates: int = 56
-    colour_weight: float = 3.0
+    colour_weight: float = 1.5
     colour_limit: float = 0.12
     contrast_weight: float = 0.15
     contrast_limit: float = 1.0
     contrast_window: int = 9
-    unseen_cost: float = 0.35
+    unseen_cost: float = 0.2
     window: int = 3
-    step: float = 0.1
+    step: float = 0.15
     jump: float = 0.6
     edge: float = 12.0
     sharpness: float = 12.0
     consistency: float = 1.5
-    unseen_confidence: float = 0.3
+    unseen_agreement: float = 0.3
     fill_edge: float = 12.0
     fill_dilations: tuple[int, ...] = (1, 2, 4, 8, 8, 8)
-    footprint: float = 0.3
-    opacity_low: float = 0.3
-    opacity_high: float = 0.95
+    alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
+    trust: TrustSettings = field(default_factory=TrustSettings)
+    footprint: float = 0.2
+    sharpening: float = 0.45
     coarse: CoarseSettings = field(default_factory=CoarseSettings)
 
 
@@ -114,50 +164,16 @@ class Sweep(nn.Module):
         costs = matching_costs(half, terms, pairs, sweep, settings)
         costs = path_costs(costs, half, step=settings.step, jump=settings.jump, edge=settings.edge)
         level = soft_argmin(costs, settings.sharpness)  # (V, 1, h, w) in [0, 1] from far to near
-        confidence = cross_view_confidence(level, terms, pairs, sweep, settings)
-        level = fill_uncertain(level, confidence, half, edge=settings.fill_edge, dilations=settings.fill_dilations)
+        agreement = cross_view_agreement(level, terms, pairs, sweep, settings)
+        level = fill_uncertain(level, agreement, half, edge=settings.fill_edge, dilations=settings.fill_dilations)
+        opacities = opacities_from_agreement(level, agreement, terms, pairs, sweep, settings)
 
-        level, confidence = _double(level), _double(confidence)
+        level = align_photos(_double(level), images, K, pairs, sweep, settings.alignment)
         inverse_depth = sweep.at(level)
-        opacities = settings.opacity_low + (settings.opacity_high - settings.opacity_low) * confidence
-        surface = pixel_layer(images, K, c2w, inverse_depth, opacities, settings.footprint)
-        coarse = coarse_layer(images, K, c2w, inverse_depth, far, settings.coarse)
+        colours = images + settings.sharpening * (images - box_mean(images, 3))
+        surface = pixel_layer(colours, K, c2w, inverse_depth, _double(opacities), settings.footprint)
+        coarse = coarse_layer(colours, K, c2w, inverse_depth, far, pairs, settings.coarse)
         return *surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]
-
-
-@dataclass(frozen=True)
-class ViewPairs:
-    """Which views are compared: every view with its nearest others, as P = V·S pairs.
-
-    Attributes:
-        reference: (P,) int64 views whose depth is sought.
-        source: (P,) int64 views that they are compared with.
-        rotation, translation: (P, 3, 3), (P, 3) from reference to source frame.
-        sources: S, the number of sources of a view.
-    """
-
-    reference: Tensor
-    source: Tensor
-    rotation: Tensor
-    translation: Tensor
-    sources: int
-
-    @classmethod
-    def build(cls, c2w: Tensor, K: Tensor) -> ViewPairs:
-        """Pair each view with its nearest one or two others."""
-        views = c2w.shape[0]
-        sources = 2 - 2 // views  # one of two views, else two
-        centres = c2w[:, :3, 3]
-        distance = (centres[:, None] - centres[None]).square().sum(dim=-1)
-        itself = torch.eye(views, dtype=distance.dtype)
-        chosen = torch.topk(distance + itself * 3e38, sources, dim=1, largest=False).indices  # (V, S)
-        reference = torch.arange(views)[:, None].expand_as(chosen).reshape(-1)
-        source = chosen.reshape(-1)
-        return cls(reference, source, *relative_pose(c2w[reference], c2w[source]), sources)
-
-    def by_view(self, values: Tensor) -> Tensor:
-        """Values (P, …) of pairs as (V, S, …)."""
-        return values.unflatten(0, (-1, self.sources))
 
 
 @dataclass(frozen=True)
@@ -219,23 +235,87 @@ def soft_argmin(costs: Tensor, sharpness: float) -> Tensor:
     return (weights * index).sum(dim=1, keepdim=True) / weights.sum(dim=1, keepdim=True) / (count - 1)
 
 
-def cross_view_confidence(
+def _error_in_sources(
+    level: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, *further: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """How far the points of `level` (V, 1, h, w) lie before what each source sees at their place.
+
+    Returns:
+        The distance in candidates (P, 1, h, w), positive in front; 1 where the point is in the source's frame; and
+        `further` maps (V, 1, h, w) as the source has them there, (P, n, h, w).
+    """
+    inverse_depth = sweep.at(level)
+    x, y, ratio = project_sweep(*terms, inverse_depth[pairs.reference])
+    read = sample_bilinear(torch.cat([inverse_depth, *further], dim=1)[pairs.source], x, y)[:, :, 0]
+    expected = inverse_depth[pairs.reference] / ratio.clamp_min(BEHIND)
+    unit = (sweep.span / (sweep.count - 1))[pairs.source][:, None, None, None]
+    return (expected - read[:, :1]) / unit, inside_frame(x, y, ratio), read[:, 1:]
+
+
+def cross_view_agreement(
     level: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, settings: SweepSettings
 ) -> Tensor:
     """How well the depth that a source view has at a pixel's place agrees with the pixel's own, (V, 1, h, w) in (0, 1].
 
-    The best source counts. A pixel that no source has in its frame gets `unseen_confidence`.
+    The best source counts. A pixel that no source has in its frame gets `unseen_agreement`.
     """
-    inverse_depth = sweep.at(level)
-    x, y, ratio = project_sweep(*terms, inverse_depth[pairs.reference])
-    there = sample_bilinear(inverse_depth[pairs.source], x, y)[:, 0]  # (P, 1, h, w)
-    expected = inverse_depth[pairs.reference] / ratio.clamp_min(BEHIND)
-    unit = (sweep.span / (sweep.count - 1))[pairs.source][:, None, None, None]
-    error = (there - expected) / (unit * settings.consistency)
-    seen = inside_frame(x, y, ratio)
-    agreement = pairs.by_view(torch.exp(-0.5 * error * error) * seen).amax(dim=1)
+    error, seen, _ = _error_in_sources(level, terms, pairs, sweep)
+    agreement = pairs.by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
     anywhere = pairs.by_view(seen).amax(dim=1)
-    return torch.where(anywhere > 0, agreement, settings.unseen_confidence).clamp_min(1e-3)
+    return torch.where(anywhere > 0, agreement, settings.unseen_agreement).clamp_min(1e-3)
+
+
+def opacities_from_agreement(
+    level: Tensor,
+    matched: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    sweep: InverseDepths,
+    settings: SweepSettings,
+) -> Tensor:
+    """Opacity (V, 1, h, w) of a filled level map: high where views agree, low in space that another view sees through.
+
+    Args:
+        level: (V, 1, h, w) after filling.
+        matched: (V, 1, h, w) agreement before filling, a source's weight as a witness.
+        terms, pairs, sweep, settings: as for `cross_view_agreement`.
+    """
+    trust = settings.trust
+    error, seen, witness = _error_in_sources(level, terms, pairs, sweep, matched)
+    in_front = ((error - trust.intrusion_from) / trust.intrusion_ramp).clamp(0, 1)
+    intrusion = pairs.by_view(in_front * seen * witness.clamp(trust.least_witness, 1.0)).amax(dim=1)
+    agreement = pairs.by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
+    hidden = pairs.by_view((error < 0) * seen).amax(dim=1) * trust.hidden
+    anywhere = pairs.by_view(seen).amax(dim=1)
+    agreement = torch.where(anywhere > 0, torch.maximum(agreement, hidden), trust.unseen)
+    return trust.opacity * (1 - trust.intrusion_share * intrusion) * (1 - trust.agreement_share * (1 - agreement))
+
+
+def align_photos(
+    level: Tensor, images: Tensor, K: Tensor, pairs: ViewPairs, sweep: InverseDepths, settings: AlignmentSettings
+) -> Tensor:
+    """Refine a level map (V, 1, H, W) at full resolution by Gauss-Newton steps on the colour difference to the sources.
+
+    Lucas and Kanade 1981 along the epipolar line: the pixels of a box move together, outliers count less.
+    """
+    height, width = images.shape[2:]
+    rays = pixel_rays(pixel_intrinsics(K, height, width), height, width)
+    terms = sweep_coefficients(rays[pairs.reference], K[pairs.source], pairs.rotation, pairs.translation)
+    unit = 1 / (sweep.count - 1)
+    for _ in range(settings.steps):
+        reach = settings.reach * unit
+        samples = sweep.at(torch.cat([level - reach, level, level + reach], dim=1))
+        x, y, ratio = project_sweep(*terms, samples[pairs.reference])
+        read = sample_bilinear(images[pairs.source], x, y)  # (P, 3, 3 samples, H, W)
+        seen = inside_frame(x[:, 1:2], y[:, 1:2], ratio[:, 1:2])
+        slope = (read[:, :, 2] - read[:, :, 0]) / (2 * settings.reach)  # colour per candidate
+        rest = read[:, :, 1] - images[pairs.reference]
+        weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / settings.outlier**2)
+        products = torch.cat([(slope * rest).sum(1, keepdim=True), slope.square().sum(1, keepdim=True)], dim=1)
+        sums = pairs.by_view(box_mean(products * weight, settings.window)).sum(dim=1)
+        step = -sums[:, :1] / (sums[:, 1:] + settings.damping)
+        level = (level + step.clamp(-settings.largest_step, settings.largest_step) * unit).clamp(0, 1)
+    return level
 
 
 def _double(maps: Tensor) -> Tensor:
