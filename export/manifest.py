@@ -25,6 +25,12 @@ OPSET = 18
 def add_metadata(path: Path, metadata: dict[str, Any]) -> None:
     """Stamp role, contract, ranges, licence and provenance into the file; lower its IR version to ORT 1.20's."""
     model = onnx.load(str(path))
+    stamp(model, metadata)
+    onnx.save(model, str(path))
+
+
+def stamp(model: onnx.ModelProto, metadata: dict[str, Any]) -> None:
+    """As `add_metadata`, on a model in memory."""
     model.ir_version = min(model.ir_version, MAX_IR_VERSION)
     model.producer_name, model.producer_version, model.doc_string = "tinysplat", "", ""
     _drop_debris(model)
@@ -32,7 +38,6 @@ def add_metadata(path: Path, metadata: dict[str, Any]) -> None:
     entry = model.metadata_props.add()
     entry.key, entry.value = "tinysplat", json.dumps({"contract": CONTRACT_VERSION, **metadata}, sort_keys=True)
     onnx.checker.check_model(model)
-    onnx.save(model, str(path))
 
 
 def _drop_debris(model: onnx.ModelProto) -> None:

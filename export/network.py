@@ -1,26 +1,33 @@
 """Export a network to models/NAME.onnx, check it against torch, and enter it in the manifest.
 
     python export/network.py sweep [-o models/sweep.onnx]
+    python export/network.py mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights]
 
-A new network is an entry in `NETWORKS`: how to build it, example inputs, and what its artifact says about itself.
+A new network is an entry in `NETWORKS`: how to build it, and what its artifact says about itself.
 Written outside models/, the file is complete but not listed; `--model FILE.onnx` takes it.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torch
-from manifest import MODELS, OPSET, add_metadata, register  # this folder is first on the path of a script
+from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from torch import Tensor, nn
+from torch.export import Dim
 
+from tinysplat.checkpoints import load_network
+from tinysplat.networks import export_support as official
 from tinysplat.networks import sweep
+from tinysplat.networks.depthsplat import SCALE_RULES
 from tinysplat_runtime.artifacts import Artifact
+from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.inference import open_graph
 
 INPUT_AXES: dict[str, dict[int, str]] = {
@@ -31,6 +38,9 @@ INPUT_AXES: dict[str, dict[int, str]] = {
     "far": {0: "V"},
 }
 """Inputs of the role `network` and their dynamic axes."""
+
+HALF_TOLERANCE = 0.05
+"""Parity expected of float16 weights, whose rounding a deep network amplifies."""
 
 
 @dataclass(frozen=True)
@@ -51,36 +61,34 @@ class Limits:
 
 @dataclass(frozen=True)
 class Network:
-    """An exportable network.
+    """A network ready for export.
 
     Attributes:
-        build: makes the module, from a checkpoint if it has weights.
+        module: with its weights.
         outputs: ONNX names of what its forward returns, in order.
         limits: what it takes.
         parity_sizes: (V, H, W) at which torch and ONNX are compared.
         parity_tolerance: largest accepted |torch − ONNX| over the output's largest magnitude, at the quantile below.
         parity_quantile: share of values that must keep the tolerance; below 1 where rounding can decide an argmin.
         papers: licence, provenance and purpose.
+        opset: version of the ONNX operator set.
     """
 
-    build: Callable[[Path | None], nn.Module]
+    module: nn.Module
     outputs: tuple[str, ...]
     limits: Limits
     parity_sizes: tuple[tuple[int, int, int], ...]
     parity_tolerance: float
     parity_quantile: float
     papers: Mapping[str, str]
+    opset: int = OPSET
 
 
-def _build_sweep(checkpoint: Path | None) -> nn.Module:
-    if checkpoint is not None:
+def _sweep(options: argparse.Namespace) -> Network:
+    if options.checkpoint is not None:
         raise SystemExit("sweep has no learned weights, --checkpoint means nothing to it")
-    return sweep.Sweep()
-
-
-NETWORKS: dict[str, Network] = {
-    "sweep": Network(
-        _build_sweep,
+    return Network(
+        sweep.Sweep(),
         sweep.OUTPUT_NAMES,
         Limits(sweep.MIN_VIEWS, sweep.MAX_VIEWS, sweep.STRIDE, sweep.MIN_SIDE),
         ((2, 64, 96), (3, 96, 64), (6, 64, 64)),
@@ -91,7 +99,36 @@ NETWORKS: dict[str, Network] = {
             "provenance": "no learned weights: tinysplat/networks/sweep.py",
             "purpose": "plane-sweep photo-consistency to two layers of Gaussians",
         },
-    ),
+    )
+
+
+def _official(options: argparse.Namespace) -> Network:
+    if options.checkpoint is None:
+        raise SystemExit(f"{options.name} needs --checkpoint FILE; docs/MODELS.md says where the authors' files are")
+    loaded = load_network(options.checkpoint, options.name, options.scale_rule, options.sh_degree)
+    module = official.SceneNetwork(loaded.module)
+    file, release = loaded.checkpoint, loaded.checkpoint.release
+    title = release.title if release else file.path.name
+    rule = f", scale rule {loaded.scale_rule}" if loaded.name != "mvsplat" else ""
+    return Network(
+        module,
+        official.OUTPUT_NAMES,
+        Limits(**module.limits),
+        ((2, 64, 96), (3, 96, 64), (4, 64, 64)),
+        parity_tolerance=1e-3,
+        parity_quantile=1.0,
+        papers={
+            "licence": "the checkpoint's own; see docs/MODELS.md",
+            "provenance": f"{title}, SHA-256 {file.digest}",
+            "purpose": f"{loaded.name} ({loaded.variant}{rule}): posed images to per-pixel Gaussians",
+        },
+        opset=official.OPSET,
+    )
+
+
+NETWORKS: dict[str, Callable[[argparse.Namespace], Network]] = {
+    "sweep": _sweep,
+    **dict.fromkeys(("mvsplat", "depthsplat-small", "depthsplat-base", "depthsplat-large"), _official),
 }
 
 
@@ -114,18 +151,20 @@ def example_inputs(views: int, height: int, width: int) -> dict[str, Tensor]:
     }
 
 
-def write_graph(network: Network, module: nn.Module, path: Path) -> None:
+def write_graph(network: Network, path: Path, half_weights: bool = False) -> None:
     """Export the module and stamp its metadata into the file."""
     inputs = example_inputs(3, 64, 96)
-    dynamic = {name: dict.fromkeys(axes, torch.export.Dim.DYNAMIC) for name, axes in INPUT_AXES.items()}
+    stride = network.limits.stride  # told to the tracer, as half the shape arithmetic is then gone
+    dims = {"V": Dim.DYNAMIC, "H": stride * Dim("h"), "W": stride * Dim("w")}
+    dynamic = {name: {axis: dims[dim] for axis, dim in axes.items()} for name, axes in INPUT_AXES.items()}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the exporter's own deprecations; what matters is the parity below
-        torch.onnx.export(
-            module.eval(), tuple(inputs.values()), str(path), input_names=list(inputs),
-            output_names=list(network.outputs), dynamic_shapes=tuple(dynamic.values()), opset_version=OPSET,
-            dynamo=True, external_data=False, verbose=False,
-        )  # fmt: skip
-    add_metadata(path, {"role": "network", **input_ranges(), **asdict(network.limits), **network.papers})
+        model = official.export_program(network.module, inputs, dynamic, network.outputs, network.opset)
+    papers = dict(network.papers)
+    if half_weights:
+        papers["weights"] = f"float16, off by at most {official.halve_weights(model):.1e} of a tensor's largest"
+    stamp(model, {"role": "network", **input_ranges(), **asdict(network.limits), **papers})
+    official.save_model(model, path)
 
 
 def input_ranges() -> dict[str, Any]:
@@ -141,14 +180,14 @@ def input_ranges() -> dict[str, Any]:
     }
 
 
-def measure_parity(network: Network, module: nn.Module, path: Path) -> dict[str, float]:
+def measure_parity(network: Network, path: Path) -> dict[str, float]:
     """|torch − ONNX| by output, relative to its largest magnitude, at the network's quantile: worst of the sizes."""
     graph = open_graph(Artifact(path.stem, path), "network")
     worst: dict[str, float] = {}
     for size in network.parity_sizes:
         inputs = example_inputs(*size)
         with torch.no_grad():
-            expected = module(*inputs.values())
+            expected = network.module(*inputs.values())
         found = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
         for name, want in zip(network.outputs, expected, strict=True):
             error = (torch.from_numpy(found[name]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
@@ -163,12 +202,20 @@ def main() -> None:
     parser.add_argument("name", choices=sorted(NETWORKS))
     parser.add_argument("-o", "--output", type=Path, help="file to write (default models/NAME.onnx)")
     parser.add_argument("--checkpoint", type=Path, help="weights, for networks that have some")
+    parser.add_argument("--scale-rule", choices=SCALE_RULES, help="of DepthSplat (default: by the checkpoint's hash)")
+    parser.add_argument("--sh-degree", type=int, help="of MVSplat: 3, exact for images (default), or 4")
+    parser.add_argument("--half-weights", action="store_true", help="store weights as float16, compute in float32")
     options = parser.parse_args()
-    network = NETWORKS[options.name]
     path = (options.output or MODELS / f"{options.name}.onnx").resolve()
-    module = network.build(options.checkpoint)
-    write_graph(network, module, path)
-    worst = measure_parity(network, module, path)
+    try:
+        network = NETWORKS[options.name](options)
+    except TinySplatError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    if options.half_weights:  # rounded weights are other weights: sanity, not parity
+        network = replace(network, parity_tolerance=HALF_TOLERANCE)
+    write_graph(network, path, options.half_weights)
+    worst = measure_parity(network, path)
     print(options.name, {name: f"{value:.1e}" for name, value in worst.items()})
     if max(worst.values()) > network.parity_tolerance:
         raise SystemExit(f"{options.name}: torch and onnx differ by {worst}; nothing was registered")
