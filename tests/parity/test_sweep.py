@@ -1,0 +1,62 @@
+"""The shipped graph of `sweep` against its torch twin: every number of views, several sizes, inputs without texture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from two_planes import FAR, NEAR, trace
+
+from tinysplat.networks.sweep import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OUTPUT_NAMES, STRIDE, Sweep
+from tinysplat_runtime.inference import GraphStore
+
+STORE = GraphStore(threads=1)
+
+RTOL = 1e-4  # of an output's largest magnitude; summation order alone moves depth by a few 1e-6
+SHARE = 0.995  # of the values: where two candidates cost the same, rounding decides which is taken
+
+SIZES = [(2, 64, 96), (3, 64, 96), (6, 64, 96), (2, 92, 48), (3, 92, 48)]
+
+
+def network_inputs(images: np.ndarray, cameras) -> dict[str, np.ndarray]:
+    return {
+        "images": np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32),
+        "K": np.float32([camera.K_unit for camera in cameras]),
+        "c2w": np.float32([camera.c2w for camera in cameras]),
+        "near": np.full(len(cameras), NEAR, np.float32),
+        "far": np.full(len(cameras), FAR, np.float32),
+    }
+
+
+def assert_same(inputs: dict[str, np.ndarray]) -> None:
+    found = STORE.network("sweep").run(inputs)
+    with torch.no_grad():
+        expected = Sweep()(*(torch.from_numpy(array) for array in inputs.values()))
+    assert tuple(found) == OUTPUT_NAMES
+    for name, want in zip(OUTPUT_NAMES, expected, strict=True):
+        assert found[name].shape == tuple(want.shape), name
+        error = np.abs(found[name] - want.numpy()) / max(float(want.abs().max()), 1e-30)
+        assert np.quantile(error, SHARE) < RTOL, name
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_onnx_matches_torch_for_every_number_of_views_and_size(size):
+    scene = trace(*size)
+    assert_same(network_inputs(scene.images, scene.cameras))
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_onnx_keeps_depth_in_range_on_blank_images(value):
+    # Every candidate costs the same there, so which one rounding takes may differ from torch; its range may not.
+    scene = trace(2, 32, 48)
+    outputs = STORE.network("sweep").run(network_inputs(np.full_like(scene.images, value), scene.cameras))
+    assert all(np.isfinite(array).all() for array in outputs.values())
+    assert outputs["depth"].min() >= NEAR * (1 - 1e-5) and outputs["depth"].max() <= FAR * (1 + 1e-5)
+
+
+def test_metadata_states_the_limits_of_the_module():
+    metadata = STORE.network("sweep").metadata
+    assert metadata["role"] == "network" and metadata["licence"] == "Apache-2.0" and metadata["provenance"]
+    assert (metadata["min_views"], metadata["max_views"]) == (MIN_VIEWS, MAX_VIEWS)
+    assert (metadata["stride"], metadata["min_side"]) == (STRIDE, MIN_SIDE)
+    assert set(metadata["inputs"]) == {"images", "K", "c2w", "near", "far"}

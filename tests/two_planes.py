@@ -1,0 +1,74 @@
+"""A ray-traced scene with exact depth: a textured square in front of a textured wall, seen by cameras in a row.
+
+scene = trace(views=2, height=96, width=128)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.cameras import Camera
+
+WALL_Z, SQUARE_Z, SQUARE_HALF = 6.0, 3.0, 0.55
+NEAR, FAR = 2.0, 12.0
+SUBPIXELS = 3
+
+
+@dataclass(frozen=True)
+class TracedScene:
+    """Photos (V, H, W, 3) float32, exact z (V, H, W) float64 through the pixel centres, and cameras."""
+
+    images: NDArray
+    depth: NDArray
+    cameras: tuple[Camera, ...]
+
+
+def row_of_cameras(views: int, height: int, width: int, spacing: float = 0.2) -> tuple[Camera, ...]:
+    """Cameras along x, each turned a little, with the principal point off the centre."""
+    cameras = []
+    for v in range(views):
+        offset = v - (views - 1) / 2
+        angle = -0.03 * offset
+        c2w = np.eye(4)
+        c2w[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        c2w[0, 3] = spacing * offset
+        K = [[width, 0, width / 2 + 0.7], [0, width, height / 2 - 0.4], [0, 0, 1]]
+        cameras.append(Camera(K, c2w, width, height))
+    return tuple(cameras)
+
+
+def trace(views: int, height: int, width: int, spacing: float = 0.2) -> TracedScene:
+    """Render the scene with `SUBPIXELS`² rays per pixel."""
+    cameras = row_of_cameras(views, height, width, spacing)
+    images, depths = [], []
+    for camera in cameras:
+        centres = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
+        shots = [_shoot(camera, dx, dy)[0] for dy in centres for dx in centres]
+        images.append(np.mean(shots, axis=0))
+        depths.append(_shoot(camera, 0.5, 0.5)[1])
+    return TracedScene(np.float32(images), np.array(depths), cameras)
+
+
+def _shoot(camera: Camera, dx: float, dy: float) -> tuple[NDArray, NDArray]:
+    """Colours (H, W, 3) and camera z (H, W) of the rays through the offset (dx, dy) in every pixel."""
+    row, column = np.mgrid[: camera.height, : camera.width]
+    pixels = np.stack([column + dx, row + dy, np.ones_like(row, float)], axis=-1)
+    directions = pixels @ np.linalg.inv(camera.K).T @ camera.rotation  # camera z = 1, in world axes
+    t_wall, t_square = ((z - camera.centre[2]) / directions[..., 2] for z in (WALL_Z, SQUARE_Z))
+    wall, square = (camera.centre + t[..., None] * directions for t in (t_wall, t_square))
+    hit = (np.abs(square[..., :2]) < SQUARE_HALF).all(axis=-1)
+    colour = np.where(hit[..., None], _texture(square, 5.0, 1.0), _texture(wall, 2.5, 0.0))
+    return colour, np.where(hit, t_square, t_wall)
+
+
+def _texture(points: NDArray, frequency: float, phase: float) -> NDArray:
+    """Colours in [0.1, 0.9] without a period inside the frame: waves of unrelated frequencies and directions."""
+    x, y = points[..., 0] * frequency, points[..., 1] * frequency
+    waves = [
+        np.sin(1.0 * x + 0.7 * y + phase + c) + np.sin(2.3 * y - 1.1 * x + 2 * c) + np.sin(3.7 * x + 1.9 * y * (c + 1))
+        for c in range(3)
+    ]
+    return 0.5 + 0.4 / 3 * np.stack(waves, axis=-1)

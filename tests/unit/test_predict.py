@@ -1,0 +1,204 @@
+"""The host side of a network: what it refuses, padding and cropping, the origin, and what it makes of the outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from two_planes import FAR, NEAR, row_of_cameras, trace
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError, ModelError, NumericError
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.inference import Graph, GraphStore
+from tinysplat_runtime.predict import FAR_FROM_ORIGIN, predict
+
+CELL = 4
+
+
+class PlaneSession:
+    """Stands in for onnxruntime: a fronto-parallel plane at z = 3, and what it was asked."""
+
+    def __init__(self, **replaced: np.ndarray | float) -> None:
+        self.replaced = replaced
+        self.inputs: dict[str, np.ndarray] = {}
+
+    def run(self, names: list[str], inputs: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+        self.inputs = dict(inputs)
+        views, _, height, width = inputs["images"].shape
+        outputs = {
+            **self._layer("", views, height, width),
+            **self._layer("layer1_", views, height // CELL, width // CELL),
+            "layer1_K": inputs["K"] * np.float32([[[width / CELL], [height / CELL], [1]]]),
+        }
+        for name, value in self.replaced.items():
+            outputs[name] = value if isinstance(value, np.ndarray) else np.full_like(outputs[name], value)
+        return [outputs[name] for name in names]
+
+    def _layer(self, prefix: str, views: int, height: int, width: int) -> dict[str, np.ndarray]:
+        c2w = self.inputs["c2w"]
+        means = c2w[:, None, None, :3, 3] + 3 * c2w[:, None, None, :3, 2] + np.zeros((views, height, width, 1))
+        arrays = {
+            "means": means,
+            "quats": np.broadcast_to([1.0, 0, 0, 0], (views, height, width, 4)),
+            "scales": np.full((views, height, width, 3), 0.01),
+            "opacities": np.full((views, height, width), 0.5),
+            "sh": np.zeros((views, height, width, 1, 3)),
+        }
+        return {prefix + name: np.float32(array) for name, array in arrays.items()}
+
+
+def plane_graph(stride: int = 4, **replaced: np.ndarray | float) -> tuple[Graph, PlaneSession]:
+    session = PlaneSession(**replaced)
+    fields = ("means", "quats", "scales", "opacities", "sh")
+    names = (*fields, *(f"layer1_{f}" for f in fields), "layer1_K")
+    metadata = {"min_views": 2, "max_views": 6, "stride": stride, "min_side": 16}
+    return Graph("plane", session, metadata, names), session
+
+
+def grey(views: int = 2, height: int = 16, width: int = 24) -> np.ndarray:
+    return np.full((views, height, width, 3), 0.5, np.float32)
+
+
+def moved(cameras: tuple[Camera, ...], by: np.ndarray) -> tuple[Camera, ...]:
+    shift = np.eye(4)
+    shift[:3, 3] = by
+    return tuple(Camera(c.K, shift @ c.c2w, c.width, c.height) for c in cameras)
+
+
+def run_plane(images: np.ndarray, cameras, near=NEAR, far=FAR, **replaced) -> Gaussians:
+    return predict(images, cameras, near, far, plane_graph(**replaced)[0])
+
+
+def test_layers_come_back_with_the_photos_cameras_and_their_own_intrinsics():
+    cameras = row_of_cameras(2, 16, 24)
+    gaussians = run_plane(grey(), cameras)
+    assert gaussians.opacities.shape == (2, 16, 24) and gaussians.cameras == cameras
+    (coarse,) = gaussians.extra_layers
+    assert coarse.opacities.shape == (2, 4, 6)
+    for camera, photo in zip(coarse.cameras, cameras, strict=True):
+        np.testing.assert_allclose(camera.K[:2], photo.K[:2] / CELL, rtol=1e-6)
+        np.testing.assert_array_equal(camera.c2w, photo.c2w)
+
+
+@pytest.mark.parametrize(("height", "width"), [(17, 24), (16, 27), (9, 5), (19, 21)])
+def test_sizes_off_the_stride_are_padded_by_the_edge_and_cropped_back(height, width):
+    images = np.random.default_rng(0).random((2, height, width, 3), np.float32)
+    cameras = row_of_cameras(2, height, width)
+    graph, session = plane_graph()
+    gaussians = predict(images, cameras, NEAR, FAR, graph)
+    assert gaussians.opacities.shape == (2, height, width)
+    fed = session.inputs["images"]
+    assert fed.shape[2] % 4 == 0 and fed.shape[3] % 4 == 0 and min(fed.shape[2:]) >= 16
+    np.testing.assert_array_equal(fed[:, :, :height, :width], images.transpose(0, 3, 1, 2))
+    np.testing.assert_array_equal(fed[:, :, -1, :width], fed[:, :, height - 1, :width])
+    size = np.array([[fed.shape[3]], [fed.shape[2]], [1]])
+    np.testing.assert_allclose(session.inputs["K"] * size, [c.K for c in cameras], rtol=1e-6)
+
+
+def test_graph_sees_the_mean_camera_centre_as_its_origin():
+    cameras = moved(row_of_cameras(3, 16, 24), np.array([5e5, 4e6, 100.0]))
+    graph, session = plane_graph()
+    predict(grey(3), cameras, NEAR, FAR, graph)
+    np.testing.assert_allclose(session.inputs["c2w"][:, :3, 3].mean(axis=0), 0, atol=1e-6)
+    np.testing.assert_allclose(session.inputs["c2w"][:, 0, 3], [-0.2, 0, 0.2], atol=1e-6)
+
+
+def test_origin_stays_zero_near_the_world_origin_and_is_kept_far_from_it():
+    cameras = row_of_cameras(2, 16, 24)
+    near_by = moved(cameras, np.array([0.9 * FAR_FROM_ORIGIN * NEAR, 0, 0]))
+    far_off = moved(cameras, np.array([5e5, 4e6, 100.0]))
+    close, distant = run_plane(grey(), near_by), run_plane(grey(), far_off)
+    assert (close.origin == 0).all()
+    np.testing.assert_array_equal(distant.origin, np.mean([c.centre for c in far_off], axis=0))
+    for gaussians, views in ((close, near_by), (distant, far_off)):
+        for layer in gaussians.layers:
+            assert (layer.origin == gaussians.origin).all()
+            for v, camera in enumerate(views):
+                local = (layer.means[v].astype(np.float64) + layer.origin - camera.centre) @ camera.rotation.T
+                np.testing.assert_allclose(local[..., 2], 3, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("near", "far", "where"),
+    [(0, 5, "near"), (-1, 5, "near"), (1, np.nan, "far"), (1, np.inf, "far"), (5, 5, "near"), (5, 1, "near")],
+)
+def test_impossible_depth_ranges_are_refused(near, far, where):
+    with pytest.raises(InputError) as caught:
+        run_plane(grey(), row_of_cameras(2, 16, 24), near, far)
+    assert caught.value.where == where
+
+
+def test_one_view_is_refused_as_one_where_two_are_needed():
+    with pytest.raises(InputError, match="one view where two are needed"):
+        run_plane(grey(1), row_of_cameras(1, 16, 24))
+
+
+def test_more_views_than_the_network_takes_are_refused():
+    with pytest.raises(InputError, match="2 to 6"):
+        run_plane(grey(7), row_of_cameras(7, 16, 24))
+
+
+def test_identical_poses_are_refused_naming_both_views():
+    cameras = row_of_cameras(3, 16, 24)
+    with pytest.raises(InputError, match="views 0 and 2") as caught:
+        run_plane(grey(3), (*cameras[:2], cameras[0]))
+    assert caught.value.where == "cameras"
+
+
+def test_a_pure_rotation_is_not_an_identical_pose():
+    first = row_of_cameras(2, 16, 24)[0]
+    turned = np.array(first.c2w)
+    turned[:3, :3] = turned[:3, :3] @ [[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]]
+    run_plane(grey(), (first, Camera(first.K, turned, 24, 16)))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -0.1, 255.0])
+def test_values_outside_zero_to_one_are_refused_naming_the_image(bad):
+    images = grey()
+    images[1, 3, 4, 0] = bad
+    with pytest.raises(InputError) as caught:
+        run_plane(images, row_of_cameras(2, 16, 24))
+    assert caught.value.where == "images[1]"
+
+
+def test_a_camera_of_another_size_than_its_image_is_refused_by_index():
+    first, second = row_of_cameras(2, 16, 24)
+    with pytest.raises(InputError) as caught:
+        run_plane(grey(), (first, Camera(second.K, second.c2w, 24, 20)))
+    assert caught.value.where == "cameras[1]"
+
+
+@pytest.mark.parametrize("shape", [(2, 16, 24), (2, 16, 24, 4), (0, 16, 24, 3)])
+def test_arrays_that_are_no_photos_are_refused(shape):
+    with pytest.raises(InputError) as caught:
+        run_plane(np.zeros(shape, np.float32), row_of_cameras(2, 16, 24))
+    assert caught.value.where == "images"
+
+
+@pytest.mark.parametrize("name", ["means", "layer1_scales", "layer1_K"])
+def test_outputs_that_are_not_finite_are_named(name):
+    with pytest.raises(NumericError) as caught:
+        run_plane(grey(), row_of_cameras(2, 16, 24), **{name: np.nan})
+    assert caught.value.where is not None and caught.value.where.startswith(name)
+
+
+def test_outputs_of_shapes_outside_the_contract_are_refused():
+    with pytest.raises(ModelError, match="opacities"):
+        run_plane(grey(), row_of_cameras(2, 16, 24), opacities=np.zeros((2, 8, 8), np.float32))
+
+
+def test_metadata_that_is_no_number_is_refused():
+    graph = Graph("odd", PlaneSession(), {"stride": "four"}, ())
+    with pytest.raises(ModelError, match="stride"):
+        predict(grey(), row_of_cameras(2, 16, 24), NEAR, FAR, graph)
+
+
+def test_sweep_finds_the_planes_of_a_traced_scene_of_any_size():
+    scene = trace(2, 61, 90)
+    gaussians = predict(scene.images, scene.cameras, NEAR, FAR, GraphStore(threads=1).network("sweep"))
+    assert gaussians.opacities.shape == (2, 61, 90) and len(gaussians.extra_layers) == 1
+    for v, camera in enumerate(scene.cameras):
+        z = ((gaussians.means[v].astype(np.float64) - camera.centre) @ camera.rotation.T)[..., 2]
+        assert np.median(np.abs(z / scene.depth[v] - 1)) < 0.01

@@ -1,0 +1,208 @@
+"""The network `sweep` in torch: depth where it is known, finite outputs on hostile inputs, geometry by construction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, row_of_cameras, trace
+
+from tinysplat.networks.geometry import (
+    pixel_rays,
+    project_sweep,
+    relative_pose,
+    rotation_quats,
+    sample_bilinear,
+    sweep_coefficients,
+    tilt_quats,
+    unproject,
+)
+from tinysplat.networks.surfels import MAX_SLOPE, CoarseSettings, surface_slopes
+from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep, SweepSettings
+from tinysplat_runtime.quaternions import quats_to_matrices
+
+LAYERS = ("", "layer1_")
+
+
+def run_sweep(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> dict[str, Tensor]:
+    """Outputs by name; images (V, H, W, 3)."""
+    views = len(cameras)
+    with torch.no_grad():
+        outputs = Sweep()(
+            torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32)),
+            torch.from_numpy(np.float32([camera.K_unit for camera in cameras])),
+            torch.from_numpy(np.float32([camera.c2w for camera in cameras])),
+            torch.full((views,), near),
+            torch.full((views,), far),
+        )
+    return dict(zip(OUTPUT_NAMES, outputs, strict=True))
+
+
+def own_depth(outputs: Mapping[str, Tensor], prefix: str, cameras) -> np.ndarray:
+    """z of every mean in its own view's camera, (V, h, w)."""
+    means = outputs[f"{prefix}means"].double().numpy()
+    return np.stack([((m - c.centre) @ c.rotation.T)[..., 2] for m, c in zip(means, cameras, strict=True)])
+
+
+def assert_usable(outputs: Mapping[str, Tensor], cameras) -> None:
+    for name, values in outputs.items():
+        assert torch.isfinite(values).all(), name
+    for prefix in LAYERS:
+        assert own_depth(outputs, prefix, cameras).min() > 0
+        assert (outputs[f"{prefix}scales"] > 0).all()
+        opacities = outputs[f"{prefix}opacities"]
+        assert float(opacities.min()) >= 0 and float(opacities.max()) <= 1
+        lengths = outputs[f"{prefix}quats"].norm(dim=-1)
+        torch.testing.assert_close(lengths, torch.ones_like(lengths), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("views", [2, 3])
+def test_depth_of_two_textured_planes_is_within_three_percent_for_nine_pixels_in_ten(views):
+    scene = trace(views, 96, 128)
+    depth = run_sweep(scene.images, scene.cameras)["depth"].numpy()
+    error = np.abs(depth / scene.depth - 1)
+    assert np.median(error) < 0.005
+    assert np.quantile(error, 0.9) < 0.03
+    square = np.abs(scene.depth - SQUARE_Z) < 0.5
+    assert abs(np.median(depth[square]) - SQUARE_Z) < 0.05
+    assert abs(np.median(depth[~square]) - WALL_Z) < 0.1
+
+
+def test_pixels_that_views_agree_on_are_more_opaque_than_the_rest():
+    scene = trace(2, 96, 128)
+    outputs = run_sweep(scene.images, scene.cameras)
+    error = np.abs(outputs["depth"].numpy() / scene.depth - 1)
+    opacities = outputs["opacities"].numpy()
+    assert opacities[error < 0.01].mean() > opacities[error > 0.1].mean() + 0.1
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "noise"])
+def test_images_without_information_give_finite_gaussians(kind):
+    cameras = row_of_cameras(2, 32, 48)
+    shape = (2, 32, 48, 3)
+    noise = np.random.default_rng(0).random(shape)
+    images = {"black": np.zeros(shape), "white": np.ones(shape), "noise": noise}[kind]
+    assert_usable(run_sweep(images, cameras), cameras)
+
+
+@pytest.mark.parametrize("degrees", [10.0, 180.0])
+def test_views_that_only_turn_give_finite_gaussians(degrees):
+    scene = trace(2, 32, 48)
+    first = scene.cameras[0]
+    angle = np.radians(degrees)
+    turn = np.eye(4)
+    turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    cameras = (first, type(first)(first.K, first.c2w @ turn, first.width, first.height))
+    assert_usable(run_sweep(scene.images, cameras), cameras)
+
+
+@pytest.mark.parametrize(("near", "far"), [(1e-3, 1e4), (1.0, 1.0001), (1e3, 1e6), (1e-6, 1e-5)])
+def test_extreme_depth_ranges_give_finite_gaussians(near, far):
+    scene = trace(2, 32, 48)
+    assert_usable(run_sweep(scene.images, scene.cameras, near, far), scene.cameras)
+
+
+def test_depth_stays_between_near_and_far():
+    scene = trace(2, 64, 96)
+    depth = run_sweep(scene.images, scene.cameras)["depth"]
+    assert float(depth.min()) >= NEAR * (1 - 1e-5) and float(depth.max()) <= FAR * (1 + 1e-5)
+
+
+def test_means_of_the_first_layer_project_to_their_pixels_centres():
+    scene = trace(2, 64, 96)
+    means = run_sweep(scene.images, scene.cameras)["means"].double().numpy()
+    row, column = np.mgrid[:64, :96] + 0.5
+    for view, camera in zip(means, scene.cameras, strict=True):
+        local = (view - camera.centre) @ camera.rotation.T @ camera.K.T
+        assert np.abs(local[..., 0] / local[..., 2] - column).max() < 1e-3
+        assert np.abs(local[..., 1] / local[..., 2] - row).max() < 1e-3
+
+
+def test_coarse_cells_project_to_their_own_grid_and_the_ring_lies_beyond_the_frame():
+    scene = trace(2, 64, 96)
+    outputs = run_sweep(scene.images, scene.cameras)
+    settings: CoarseSettings = SweepSettings().coarse
+    height, width = 64 // settings.cell + 2 * settings.ring, 96 // settings.cell + 2 * settings.ring
+    assert outputs["layer1_means"].shape == (2, height, width, 3)
+    row, column = np.mgrid[:height, :width]
+    inside = (np.abs(row + 0.5 - height / 2) < 64 / settings.cell / 2) & (
+        np.abs(column + 0.5 - width / 2) < 96 / settings.cell / 2
+    )
+    for v, camera in enumerate(scene.cameras):
+        local = (outputs["layer1_means"][v].double().numpy() - camera.centre) @ camera.rotation.T
+        own = local @ outputs["layer1_K"][v].double().numpy().T
+        np.testing.assert_allclose(own[..., 0] / own[..., 2], column + 0.5, atol=1e-3)
+        np.testing.assert_allclose(own[..., 1] / own[..., 2], row + 0.5, atol=1e-3)
+        photo = local @ camera.K.T
+        x, y = photo[..., 0] / photo[..., 2], photo[..., 1] / photo[..., 2]
+        assert (((x > 0) & (x < 96) & (y > 0) & (y < 64)) == inside).all()
+
+
+def test_backdrop_stands_behind_the_surface_of_its_own_cell():
+    scene = trace(2, 64, 96)
+    outputs = run_sweep(scene.images, scene.cameras)
+    settings = SweepSettings().coarse
+    behind = own_depth(outputs, "layer1_", scene.cameras)[:, settings.ring : -settings.ring]
+    behind = behind[:, :, settings.ring : -settings.ring]
+    cells = outputs["depth"].numpy().reshape(2, 16, settings.cell, 24, settings.cell)
+    assert (behind > cells.max(axis=(2, 4))).all()
+
+
+def test_warp_agrees_with_projecting_points_in_float64():
+    scene = trace(2, 20, 28)
+    first, second = scene.cameras
+    K, c2w = (torch.from_numpy(np.float32([getattr(c, name) for c in scene.cameras])) for name in ("K", "c2w"))
+    terms = sweep_coefficients(pixel_rays(K[:1], 20, 28), K[1:], *relative_pose(c2w[:1], c2w[1:]))
+    x, y, ratio = project_sweep(*terms, torch.from_numpy(np.float32(1 / scene.depth[:1]))[:, None])
+    row, column = np.mgrid[:20, :28] + 0.5
+    rays = np.stack([column, row, np.ones_like(row)], -1) @ np.linalg.inv(first.K).T
+    world = (rays * scene.depth[0][..., None]) @ first.c2w[:3, :3].T + first.centre
+    there = (world - second.centre) @ second.c2w[:3, :3]
+    pixel = there @ second.K.T
+    np.testing.assert_allclose(x[0, 0], pixel[..., 0] / pixel[..., 2], atol=2e-4)
+    np.testing.assert_allclose(y[0, 0], pixel[..., 1] / pixel[..., 2], atol=2e-4)
+    np.testing.assert_allclose(ratio[0, 0], there[..., 2] / scene.depth[0], atol=1e-5)
+    points = unproject(pixel_rays(K[:1], 20, 28), torch.from_numpy(np.float32(scene.depth[:1]))[:, None], c2w[:1])
+    np.testing.assert_allclose(points[0].permute(1, 2, 0), world, atol=1e-5)
+
+
+def test_reading_at_pixel_centres_returns_the_pixels():
+    images = torch.rand(1, 3, 5, 7)
+    x = ((torch.arange(7) + 0.5) / 7).expand(1, 1, 5, 7)
+    y = ((torch.arange(5) + 0.5) / 5)[:, None].expand(1, 1, 5, 7)
+    torch.testing.assert_close(sample_bilinear(images, x, y)[:, :, 0], images, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize(("slope_x", "slope_y"), [(0.0, 0.0), (0.8, -0.3), (-1.5, 1.2)])
+def test_slopes_and_tilt_are_those_of_a_slanted_plane(slope_x, slope_y):
+    K = torch.tensor([[[40.0, 0.0, 16.0], [0.0, 44.0, 12.0], [0.0, 0.0, 1.0]]])
+    rays = pixel_rays(K, 24, 32)
+    # z = 3 + a·x + b·y with x = z·ray_x: 1/z = (1 − a·ray_x − b·ray_y) / 3
+    inverse_depth = (1 - slope_x * rays[:, :1] - slope_y * rays[:, 1:2]) / 3
+    slopes = surface_slopes(inverse_depth, rays, K)[:, :, 1:-1, 1:-1]  # borders are one-sided
+    visible = (inverse_depth > 0.1)[:, :, 1:-1, 1:-1]
+    for axis, expected in enumerate((slope_x, slope_y)):
+        found = slopes[:, axis : axis + 1][visible]
+        torch.testing.assert_close(found, torch.full_like(found, expected), atol=1e-3, rtol=0)
+    quat = tilt_quats(torch.tensor(slope_x), torch.tensor(slope_y)).numpy()
+    normal = quats_to_matrices(np.float64(quat))[:, 2]
+    expected = np.array([-slope_x, -slope_y, 1.0])
+    np.testing.assert_allclose(normal, expected / np.linalg.norm(expected), atol=1e-6)
+
+
+def test_slopes_are_bounded_at_depth_edges():
+    inverse_depth = torch.full((1, 1, 8, 8), 0.1)
+    inverse_depth[..., 4:] = 1.0
+    K = torch.tensor([[[8.0, 0.0, 4.0], [0.0, 8.0, 4.0], [0.0, 0.0, 1.0]]])
+    slopes = surface_slopes(inverse_depth, pixel_rays(K, 8, 8), K)
+    assert torch.isfinite(slopes).all() and float(slopes.abs().max()) <= MAX_SLOPE
+
+
+def test_rotation_quats_return_the_rotation_for_every_dominant_component():
+    quats = np.concatenate([np.eye(4), np.random.default_rng(1).standard_normal((60, 4))])
+    matrices = quats_to_matrices(quats / np.linalg.norm(quats, axis=1, keepdims=True))
+    found = rotation_quats(torch.from_numpy(matrices)).numpy()
+    np.testing.assert_allclose(quats_to_matrices(found), matrices, atol=1e-12)
