@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from tinysplat.bench.growth import Axes
-from tinysplat.bench.run import finish, run_bench
+from tinysplat.bench.report import write_report
+from tinysplat.bench.run import compared, run_bench
 from tinysplat.bench.sections import QUICK, SECTIONS, Bench
 from tinysplat.bench.timing import Effort
 from tinysplat_runtime.api import Runtime
@@ -67,7 +68,7 @@ def make_bench() -> Bench:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("bench") / "report"
-    finish(run_bench(make_bench(), tuple(SECTIONS), quiet=True), root, None)
+    write_report(root, run_bench(make_bench(), tuple(SECTIONS), quiet=True))
     return root
 
 
@@ -120,7 +121,7 @@ def test_every_plot_that_the_text_embeds_is_there_and_small(folder: Path) -> Non
 def test_two_runs_agree_in_everything_but_time(folder: Path, tmp_path: Path) -> None:
     stages = ("transforms", "codec", "rasteriser", "reduction")
     report = run_bench(make_bench(), stages, quiet=True)
-    path = finish(report, tmp_path, folder)
+    path = write_report(tmp_path, compared(report, folder))
     text = path.read_text()
     assert "## Against the earlier run" in text
     (rows,) = re.findall(r"(\d+) rows are in both reports", text)

@@ -19,10 +19,10 @@ import time
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,9 @@ from tinysplat_runtime.interchange import load_gaussians, save_gaussians
 
 from .inputs import Case
 from .judge import Judge
-from .timing import Effort, Figures, Row, Stage, Variant, measure
+from .timing import Effort, Figures, Row, Setting, Stage, Times, Variant, measure, summarise, timed
+
+T = TypeVar("T")
 
 SPLAT_TRANSFORM = "@playcanvas/splat-transform"
 MAX_DEGREE = 3
@@ -54,7 +56,7 @@ class Format:
         tool: what codes it.
         encode: Gaussians to bytes.
         decode: bytes to flat Gaussians.
-        is_slow: measured once, not in rounds.
+        is_slow: timed once, not in rounds.
         threads: how many it uses; 0 where only the tool knows.
     """
 
@@ -108,41 +110,49 @@ def peer_formats(runtime: Runtime, sog_limit_s: float) -> list[Format]:
 
 def peer_rows(case: Case, judge: Judge, formats: list[Format], effort: Effort) -> list[Row]:
     """Rows of the stages `peers encode` (with bytes and dB) and `peers decode`, one of each per format."""
-    files: dict[str, bytes] = {}
-    notes: dict[str, str] = {}
+    rows: list[Row] = []
+    encodes, decodes = [], []
     for peer in formats:
         try:
-            files[peer.name] = peer.encode(case.gaussians)
-            peer.decode(files[peer.name])
+            data, encode_time = _timed_result(partial(peer.encode, case.gaussians))
+            decoded, decode_time = _timed_result(partial(peer.decode, data))
         except (MissingToolError, InputError) as error:
-            files.pop(peer.name, None)
-            notes[peer.name] = str(error)
-    rows: list[Row] = []
-    for is_slow, how in ((False, effort), (True, Effort(1, 0, 1))):
-        ready = [peer for peer in formats if peer.name in files and peer.is_slow == is_slow]
-        encode = Stage("peers encode", case.name, [_encoding(p, case, judge, files[p.name]) for p in ready])
-        decode = Stage("peers decode", case.name, [_decoding(p, files[p.name]) for p in ready])
-        rows += [row for stage in (encode, decode) if ready for row in measure(stage, how)]
-    rows = [replace(row, note=_tool_note(row.settings["tool"])) for row in rows]
-    missing = [peer for peer in formats if peer.name in notes]
-    rows += [Row("peers encode", case.name, p.name, settings={"tool": p.tool}, note=notes[p.name]) for p in missing]
+            rows.append(Row("peers encode", case.name, peer.name, settings={"tool": peer.tool}, note=str(error)))
+            continue
+        figures = {"bytes": len(data), **judge.figures(decoded)}
+        if peer.is_slow:
+            rows.append(_once("peers encode", case, peer, encode_time, figures))
+            rows.append(_once("peers decode", case, peer, decode_time, {}))
+            continue
+        tool: dict[str, Setting] = {"tool": peer.tool}
+        run = partial(peer.encode, case.gaussians)
+        encodes.append(Variant(peer.name, run, partial(_given, figures), tool, peer.threads))
+        decodes.append(Variant(peer.name, partial(peer.decode, data), settings=tool, threads=peer.threads))
+    rows += measure(Stage("peers encode", case.name, encodes), effort)
+    rows += measure(Stage("peers decode", case.name, decodes), effort)
     order = [peer.name for peer in formats]
     return sorted(rows, key=lambda row: (row.stage != "peers encode", order.index(row.variant)))
 
 
-def _encoding(peer: Format, case: Case, judge: Judge, data: bytes) -> Variant:
-    def figures(_: Any) -> Figures:
-        return {"bytes": len(data), **judge.figures(peer.decode(data))}
-
-    run: Callable[[], Any] = lambda: peer.encode(case.gaussians)  # noqa: E731 - typed, and used once
-    return Variant(peer.name, run, figures, {"tool": peer.tool}, peer.threads)
+def _given(figures: Figures, _: Any) -> Figures:
+    return figures
 
 
-def _decoding(peer: Format, data: bytes) -> Variant:
-    return Variant(peer.name, lambda: peer.decode(data), settings={"tool": peer.tool}, threads=peer.threads)
+def _timed_result(run: Callable[[], T]) -> tuple[T, Times]:
+    """What one call returns, and its seconds."""
+    results: list[T] = []
+    times = timed(lambda: results.append(run()))
+    return results[0], times
 
 
-def _tool_note(tool: object) -> str:
+def _once(stage: str, case: Case, peer: Format, times: Times, figures: Figures) -> Row:
+    """A row of one call."""
+    settings: dict[str, Setting] = {"tool": peer.tool}
+    note = _tool_note(peer.tool)
+    return Row(stage, case.name, peer.name, peer.threads, settings, summarise([times]), figures, note=note)
+
+
+def _tool_note(tool: str) -> str:
     if tool == "splat-transform":
         return f"includes {splat_transform_start():.2f} s to start node, and reading or writing a PLY"
     return ""

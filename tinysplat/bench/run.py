@@ -1,4 +1,4 @@
-"""One run: sections in order, what fails noted and passed over, and the report at the end."""
+"""One run: sections in order, what fails noted and passed over; and its comparison with an earlier one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.files import StrPath
@@ -14,7 +13,7 @@ from tinysplat_runtime.progress import progress
 
 from .agreement import compare_reports, read_report
 from .machine import describe_machine
-from .report import Report, finite_json, write_report
+from .report import Report, finite_json
 from .sections import SECTIONS, Bench
 from .timing import Row
 
@@ -41,9 +40,10 @@ def run_bench(bench: Bench, stages: Sequence[str], *, quiet: bool) -> Report:
     return Report(bench.plan.name, machine, rows, section_seconds, tuple(bench.left_out), load)
 
 
-def finish(report: Report, folder: StrPath, against: StrPath | None) -> Path:
-    """Compare with an earlier report where one is named, and write the folder; returns the path of report.md."""
-    if against is not None:
-        agreement = compare_reports(read_report(against), finite_json(report.to_json()))
-        report = replace(report, agreement=agreement)
-    return write_report(folder, report)
+def compared(report: Report, against: StrPath) -> Report:
+    """The report with what it has in common with an earlier one.
+
+    Raises:
+        InputError: `against` is no report.
+    """
+    return replace(report, agreement=compare_reports(read_report(against), finite_json(report.to_json())))

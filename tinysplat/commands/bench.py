@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from tinysplat.bench.agreement import read_report
 from tinysplat.bench.inputs import user_inputs
 from tinysplat.bench.network import shipped_networks
-from tinysplat.bench.report import Report
-from tinysplat.bench.run import finish, run_bench
+from tinysplat.bench.report import Report, write_report
+from tinysplat.bench.run import compared, run_bench
 from tinysplat.bench.sections import FULL, QUICK, SECTIONS, Bench
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
 from tinysplat_runtime.artifacts import find_artifact
@@ -69,7 +69,9 @@ def _run(args: Namespace) -> None:
     runtime = Runtime(threads=args.threads)
     bench = Bench(QUICK if args.quick else FULL, runtime, scenes, files, _models(args.model), left_out)
     report = run_bench(bench, args.stages, quiet=args.quiet)
-    path = finish(report, args.output, args.against)
+    if args.against is not None:
+        report = compared(report, args.against)
+    path = write_report(args.output, report)
     if not args.quiet:
         print("\n".join(_summary(report)))
     print(path)
