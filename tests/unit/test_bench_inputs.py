@@ -9,7 +9,8 @@ import pytest
 from scenes import make_smooth_gaussians, write_scene
 
 from tinysplat.bench import peers
-from tinysplat.bench.inputs import Motorcycle, Room, blur, made_case, made_gaussians, truncated, user_inputs
+from tinysplat.bench.dressing import blur
+from tinysplat.bench.inputs import Motorcycle, Room, made_case, made_gaussians, truncated, user_inputs
 from tinysplat.bench.judge import Judge
 from tinysplat.bench.memory import peak_of_gaussians
 from tinysplat.bench.rasteriser import enlarged

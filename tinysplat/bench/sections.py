@@ -152,6 +152,8 @@ class Bench:
     def photo_sources(self) -> list[PhotoSource]:
         """Scenes with photos: the user's, or the built-in ones."""
         if self.scenes or self.files:
+            if not self.scenes:
+                self.left_out.append("left out chain and network: Gaussian files have no photos")
             return list(self.scenes)
         try:
             Motorcycle().context(16, 16)
@@ -163,14 +165,15 @@ class Bench:
     @cached_property
     def cases(self) -> list[Case]:
         """Gaussians to code: network-like ones of SH degree 4 and a network's, or those of the user's inputs."""
-        size, sources = self.plan.size, self.photo_sources
-        made = [] if self.scenes or self.files else [made_case(2, size, size, 4)]
+        size, is_own = self.plan.size, bool(self.scenes or self.files)
+        made = [] if is_own else [made_case(2, size, size, 4)]
+        files = [file_case(source, (size, size)) for source in self.files]
+        # Of the built-in scenes the real photos, which come last.
+        sources = self.photo_sources if is_own else self.photo_sources[-1:]
         predicted = [
-            network_case(source, self.models[0], size, size, self.runtime) for source in sources[-1:] if self.models
+            network_case(source, model, size, size, self.runtime) for source in sources for model in self.models[:1]
         ]
-        if self.scenes:
-            predicted = [network_case(source, self.models[0], size, size, self.runtime) for source in sources]
-        return [*made, *(file_case(source, (size, size)) for source in self.files), *predicted]
+        return [*made, *files, *predicted]
 
     def judge(self, case: Case) -> Judge:
         """A judge of a case."""
