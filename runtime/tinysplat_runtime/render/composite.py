@@ -22,7 +22,7 @@ from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
 ALPHA_MAX = np.float32(0.99)
 TRANSMITTANCE_MIN = np.float32(1e-4)
 
-GROUP = 1536
+GROUP = 2048
 """Tiles composited together."""
 
 PIXELS = TILE_HEIGHT * TILE_WIDTH
@@ -130,7 +130,9 @@ def composite(canvas: Canvas, splats: Splats, pairs: Pairs, tiles: NDArray, work
             at_work &= state[LEFT].any(axis=0)
         if 4 * np.count_nonzero(at_work) < 3 * at_work.size:  # dropping tiles costs about as much as a step
             leaving = ~at_work
-            canvas.state[tiles.compress(leaving)] = np.moveaxis(state.compress(leaving, axis=-1), -1, 0)
+            canvas.state[tiles.compress(leaving)] = np.ascontiguousarray(
+                np.moveaxis(state.compress(leaving, axis=-1), -1, 0)
+            )
             state, lists = state.compress(at_work, axis=-1), lists.compress(at_work)
             tiles = lists.tiles
 
@@ -178,13 +180,14 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
         for column in range(1, TILE_WIDTH):
             np.add(exponent[:, column - 1], alpha_x, out=exponent[:, column])
         np.multiply(exponent, (-2 * beta_x)[:, None], out=change)
-        np.subtract(change, (np.square(beta_x) + gamma * (2 * down + gamma))[:, None], out=change)
+        steepness = np.square(beta_x) + np.square(gamma)
+        np.subtract(change, (2 * gamma * down + steepness)[:, None], out=change)
         np.minimum(change, work.max_change[:n], out=change)
         np.square(exponent, out=exponent)
         np.subtract((log_opacities - np.square(down))[:, None], exponent, out=exponent)
         np.exp(exponent, out=exponent)
         np.exp(change, out=change)
-        bend = np.exp(-2 * (np.square(beta_x) + np.square(gamma)))[:, None]
+        bend = np.exp(-2 * steepness)[:, None]
         np.multiply(exponent, change, out=alphas[:, 1])
         for row in range(2, TILE_HEIGHT):
             np.multiply(change, bend, out=change)

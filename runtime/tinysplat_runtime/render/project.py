@@ -35,22 +35,17 @@ WIDE_PX = 256.0
 """Standard deviation above which a splat is projected in float64: the edge of a needle this long, seen at three
 deviations, moves by about 1e-4 px in float32."""
 
-WIDE_MARGIN = 0.05
-"""Exponent by which the footprints of wide splats are enlarged for the search for their tiles."""
-
 LIMIT = 1e30
 """Finite stand-in for what float32 cannot hold: products with it may reach infinity, but never 0·∞."""
 
-SPAN_MARGIN_PX = 1 / 64
+MARGIN_PX = 1 / 64
 """Footprints are widened by this much against rounding; whether a pixel is covered is decided by its alpha."""
 
 RECORD = 8
-"""Floats in a row of `Splats`: numpy picks rows of 32 bytes two to three times as fast as rows of 28 or 36."""
+"""Floats in a row of `Splats.records`: numpy picks rows of 32 bytes two to three times as fast as rows of 36."""
 
 # Columns of `Splats.records`
 X, Y, ALPHA_X, BETA_X, GAMMA, RED, GREEN, BLUE = range(RECORD)
-# Columns of `Splats.spans`; one is left over
-MEAN_X, MEAN_Y, TAU, STEEPNESS, Y_RIGHTMOST, SLOPE, REACH = range(RECORD - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +81,6 @@ class Splats:
     Attributes:
         records: (N + 1, 8) float32: pixel of the mean, the exponent's factors, colour.
         log_opacities: (N + 1,) float32. The last row, `blank`, is a splat without opacity, to fill lists up with.
-        spans: (N, 8) float32: pixel of the mean, exponent τ at which the footprint ends, γ, dy of its rightmost point
-            per √τ, slope of its chords' middles, 1/αx.
         depths: (N + 1,) float32.
         areas: (N,) int32: number of tiles of the footprint's bounding box.
     """
@@ -97,7 +90,6 @@ class Splats:
         self.records = np.empty((capacity + 1, RECORD), np.float32)
         self.records[-1] = 0
         self.log_opacities = np.full(capacity + 1, -np.inf, np.float32)
-        self.spans = np.empty((capacity, RECORD), np.float32)
         self.depths = np.zeros(capacity + 1, np.float32)
         self.areas = np.empty(capacity, np.int32)
 
@@ -118,8 +110,7 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
     """
     rows = slice(block.first, block.first + block.size)
     planes = np.empty((RECORD, block.size), np.float32)
-    spans = np.zeros((RECORD, block.size), np.float32)
-    with np.errstate(all="ignore"):  # overflow is met by float64 and by LIMIT, NaN fails every comparison below
+    with np.errstate(all="ignore"):  # overflow is met by float64 and by LIMIT, NaN is looked for
         ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
         point = np.einsum("ij,jn->in", view.projection, ray)
         in_front = point[2] > view.near_plane
@@ -128,53 +119,55 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
         inverse_z = 1 / point[2]
         centred = point[:2] * inverse_z  # pixels from the principal point
         np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
-        spans[MEAN_X : MEAN_Y + 1] = planes[X : Y + 1]
-        np.subtract(block.log_opacities, np.float32(math.log(ALPHA_MIN)), out=spans[TAU])
-        half, wide = _shapes(block, view, centred, inverse_z, in_front, planes, spans)
-        left, right, top, bottom = _bounds(view, planes, half * np.sqrt(spans[TAU]))
+        extents, wide = _shapes(block, view, centred, inverse_z, in_front, planes)
+        left, right, top, bottom = _bounds(view, planes, extents)
         visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
         left[wide], right[wide] = 0, view.camera.width - 1
         if visible.size:
             _colours(block, ray, visible, planes[RED : BLUE + 1])
-        spans[STEEPNESS] = planes[GAMMA]
         splats.areas[rows] = (right // tile[0] - left // tile[0] + 1) * (bottom // tile[1] - top // tile[1] + 1)
         splats.log_opacities[rows] = block.log_opacities
         splats.depths[rows] = np.minimum(point[2], LIMIT)
-    splats.records[rows], splats.spans[rows] = planes.T, spans.T
+    splats.records[rows] = planes.T
     return visible + block.first
 
 
+def footprint_exponent(log_opacities: NDArray) -> NDArray:
+    """τ, the exponent at which a footprint ends: opacity·exp(−τ) = 1/255."""
+    return log_opacities - np.float32(math.log(ALPHA_MIN))
+
+
+def is_wide(half_width: NDArray, half_height: NDArray) -> NDArray:
+    """Whether half extents per √τ, in pixels, are too large for float32, or NaN."""
+    return ~(half_width + half_height < WIDE_PX)
+
+
 def _shapes(
-    block: Block, view: View, centred: NDArray, inverse_z: NDArray, in_front: NDArray, planes: NDArray, spans: NDArray
+    block: Block, view: View, centred: NDArray, inverse_z: NDArray, in_front: NDArray, planes: NDArray
 ) -> tuple[NDArray, NDArray]:
-    """Write the exponent's factors and the spans, and take splats that hold NaN out of `in_front`.
+    """Write the exponent's factors into `planes`, and take splats that hold NaN out of `in_front`.
 
     Returns:
-        (2, n) half extents of the footprints per √τ, pixels, and the indices of those that will take whole rows.
+        (2, n) half extents of the footprints, pixels, and the indices of wide ones.
     """
     size = np.array([[view.camera.width], [view.camera.height]])
     principal = view.camera.K[:2, 2:]
     low, high = -JACOBIAN_MARGIN * size - principal, (1 + JACOBIAN_MARGIN) * size - principal
     clamped = np.clip(centred, low, high)
     half = np.empty((2, block.size), np.float32)
-    outs = [*planes[ALPHA_X : GAMMA + 1], *spans[Y_RIGHTMOST : REACH + 1], *half]
+    outs = [*planes[ALPHA_X : GAMMA + 1], *half]
     jacobian = _jacobian(view, clamped.astype(np.float32), inverse_z.astype(np.float32))
     for out, values in zip(outs, _factors(jacobian, block.axes), strict=True):
         out[:] = values
-    wide = np.flatnonzero(~(half[0] + half[1] < WIDE_PX) & in_front)
+    wide = np.flatnonzero(is_wide(*half) & in_front)
     if wide.size:
         axes = principal_axes(block.quats[wide].astype(np.float64), block.scales[wide].astype(np.float64))
         jacobian = _jacobian(view, clamped.take(wide, axis=-1), inverse_z.take(wide))
         for out, values in zip(outs, _factors(jacobian, axes), strict=True):
             out[wide] = np.clip(values, -LIMIT, LIMIT)
-        for means in (planes[X : Y + 1], spans[MEAN_X : MEAN_Y + 1]):
-            means[:, wide] = np.clip(means[:, wide], -LIMIT, LIMIT)
-        # the chords of a needle this long are beyond float32, and its ends nearly: take whole rows, and rows to spare
-        for span, value in ((MEAN_X, 0), (Y_RIGHTMOST, 0), (SLOPE, 0), (REACH, LIMIT)):
-            spans[span, wide] = value
-        spans[TAU, wide] += WIDE_MARGIN
+        planes[X : Y + 1, wide] = np.clip(planes[X : Y + 1, wide], -LIMIT, LIMIT)
         in_front[wide] &= np.isfinite(planes[: GAMMA + 1, wide]).all(axis=0)  # NaN is among the wide
-    return half, wide
+    return half * np.sqrt(footprint_exponent(block.log_opacities)), wide
 
 
 def _jacobian(view: View, clamped: NDArray, inverse_z: NDArray) -> NDArray:
@@ -184,7 +177,7 @@ def _jacobian(view: View, clamped: NDArray, inverse_z: NDArray) -> NDArray:
 
 
 def _factors(jacobian: NDArray, axes: NDArray) -> tuple[NDArray, ...]:
-    """Of J·W (2, 3, n) and the principal axes (3, 3, n): αx, βx, γ, the three spans, and the half extents per √τ."""
+    """Of J·W (2, 3, n) and the principal axes (3, 3, n): αx, βx, γ, and half the width and height per √τ."""
     m1, m2 = (np.einsum("jn,jkn->kn", row, axes) for row in jacobian)
     a = np.einsum("kn,kn->n", m1, m1) + DILATION
     b = np.einsum("kn,kn->n", m1, m2)
@@ -192,11 +185,8 @@ def _factors(jacobian: NDArray, axes: NDArray) -> tuple[NDArray, ...]:
     det = DILATION * (a + c) - DILATION**2
     for i, j in ((0, 1), (1, 2), (2, 0)):
         det += np.square(m1[i] * m2[j] - m1[j] * m2[i])
-    slope = b / c
     alpha_x = np.sqrt(0.5 * c / det)
-    half_width = np.sqrt(2 * a)
-    return (alpha_x, -alpha_x * slope, np.sqrt(0.5 / c), 2 * b / half_width, slope, 1 / alpha_x,
-            half_width, np.sqrt(2 * c))  # fmt: skip
+    return alpha_x, -alpha_x * (b / c), np.sqrt(0.5 / c), np.sqrt(2 * a), np.sqrt(2 * c)
 
 
 def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:
@@ -210,8 +200,8 @@ def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:
 
 def pixels_between(low: NDArray, high: NDArray, size: int) -> tuple[NDArray, NDArray]:
     """First and last of `size` pixels whose centres lie from low to high; the first is the greater where none do."""
-    first = np.ceil(np.clip(low - np.float32(0.5 + SPAN_MARGIN_PX), 0, size))
-    last = np.floor(np.clip(high - np.float32(0.5 - SPAN_MARGIN_PX), -1, size - 1))
+    first = np.ceil(np.clip(low - np.float32(0.5 + MARGIN_PX), 0, size))
+    last = np.floor(np.clip(high - np.float32(0.5 - MARGIN_PX), -1, size - 1))
     return first.astype(np.int32), last.astype(np.int32)
 
 

@@ -33,7 +33,7 @@ class Renderer:
     """Renders one set of Gaussians from any number of cameras.
 
     Holds what does not depend on the camera (planar coefficients, principal axes) and the buffers of a frame, about
-    310 bytes per Gaussian of SH degree 3. Pictures do not depend on the number of threads, bit for bit. Frames asked
+    290 bytes per Gaussian of SH degree 3. Pictures do not depend on the number of threads, bit for bit. Frames asked
     for from several threads at once are made one after the other.
     """
 

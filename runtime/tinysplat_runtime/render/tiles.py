@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .prepare import BLOCK_SIZE
-from .project import MEAN_Y, REACH, STEEPNESS, TAU, Y_RIGHTMOST, Splats, pixels_between
+from .project import GAMMA, LIMIT, Splats, X, Y, footprint_exponent, is_wide, pixels_between
 
 TILE_WIDTH, TILE_HEIGHT = 4, 4
 """Pixels."""
@@ -31,6 +31,13 @@ MAX_PAIRS = 2_000_000
 
 PAIRS_PER_TILE = 8
 """Or, in large images, this many for every tile, since each run passes over all tiles."""
+
+
+WIDE_MARGIN = 0.05
+"""Exponent by which the footprints of wide splats are enlarged for the search for their tiles."""
+
+# Planes of `_spans`; the first, second and fifth are those of `Splats.records`
+SLOPE, REACH, TAU, Y_RIGHTMOST, HALF_HEIGHT = 2, 3, 5, 6, 7
 
 
 @dataclass(frozen=True)
@@ -123,22 +130,38 @@ def find_pairs(splats: Splats, order: NDArray, grid: Grid, open_tiles: NDArray |
     return Pairs(ids.take(stable_argsort(tiles)).reshape(-1, BATCH), np.append(0, np.cumsum(lengths)))
 
 
-@np.errstate(over="ignore", divide="ignore")  # splats that reach to infinity
+@np.errstate(all="ignore")  # splats that reach to infinity
 def _pairs(splats: Splats, ids: NDArray, grid: Grid) -> tuple[NDArray, NDArray]:
     """(tile, index into `ids`) for every tile in which a footprint may cover a pixel, in the order of `ids`."""
-    spans = np.ascontiguousarray(splats.spans.take(ids, axis=0).T)
-    root_tau = np.sqrt(spans[TAU])
-    spans[Y_RIGHTMOST] *= root_tau
-    extent = root_tau / spans[STEEPNESS]
-    top, bottom = pixels_between(spans[MEAN_Y] - extent, spans[MEAN_Y] + extent, grid.height)
+    spans = _spans(splats, ids)
+    y, half_height = spans[Y], spans[HALF_HEIGHT]
+    top, bottom = pixels_between(y - half_height, y + half_height, grid.height)
     top //= TILE_HEIGHT
     owner, row = _expand(top, bottom // TILE_HEIGHT - top + 1)
-    low, high = _row_extent(spans[: REACH + 1].take(owner, axis=1), row, grid.width)
+    low, high = _row_extent(spans[:HALF_HEIGHT].take(owner, axis=1), row, grid.width)
     first = low // TILE_WIDTH
     counts = high // TILE_WIDTH - first + 1
     counts[low > high] = 0
     entry, tile = _expand(row * np.int32(grid.columns) + first, counts)
     return tile, owner.take(entry)
+
+
+def _spans(splats: Splats, ids: NDArray) -> NDArray:
+    """(8, n) float32 what the chords of the footprints depend on, see `_row_extent`, and half their heights."""
+    spans = np.empty((8, ids.size), np.float32)
+    spans[: GAMMA + 1] = splats.records.take(ids, axis=0)[:, : GAMMA + 1].T
+    _, _, alpha_x, beta_x, gamma = spans[: GAMMA + 1]
+    tau = footprint_exponent(splats.log_opacities.take(ids))
+    root, norm = np.sqrt(tau), np.sqrt(np.square(beta_x) + np.square(gamma))
+    wide = np.flatnonzero(is_wide(norm / (alpha_x * gamma), 1 / gamma))
+    spans[TAU], spans[HALF_HEIGHT], spans[Y_RIGHTMOST] = tau, root / gamma, -beta_x * root / (gamma * norm)
+    spans[SLOPE], spans[REACH] = -beta_x / alpha_x, 1 / alpha_x  # in place of αx and βx
+    if wide.size:
+        # the chords of a needle this long are beyond float32, and its ends nearly: take whole rows, and rows to spare
+        for plane, value in ((X, 0), (SLOPE, 0), (REACH, LIMIT), (Y_RIGHTMOST, 0)):
+            spans[plane, wide] = value
+        spans[TAU, wide] += WIDE_MARGIN
+    return spans
 
 
 def _expand(starts: NDArray, counts: NDArray) -> tuple[NDArray, NDArray]:
@@ -154,7 +177,7 @@ def _row_extent(spans: NDArray, row: NDArray, width: int) -> tuple[NDArray, NDAr
     The chord of the ellipse at dy is slope·dy ± reach·√(τ − (γ·dy)²). Its right end is concave in dy, so within a
     band of dy it is largest at the rightmost point of the whole ellipse, moved into the band; the left end mirrors.
     """
-    x, y, tau, gamma, y_rightmost, slope, reach = spans
+    x, y, slope, reach, gamma, tau, y_rightmost = spans
     low = (row * TILE_HEIGHT).astype(np.float32) + np.float32(0.5) - y
     high = low + np.float32(TILE_HEIGHT - 1)
     ends = []
