@@ -93,6 +93,10 @@ SCENES: dict[str, Callable[[], tuple[Gaussians, Camera]]] = {
         Gaussians(**{**vars(cloud(1500, 1, 19, size=0.2)), "opacities": np.ones(1500)}),
         pinhole(),
     ),
+    "opaque and large: alphas at their limit": lambda: (
+        Gaussians(**{**vars(cloud(400, 1, 24, size=3.0)), "opacities": np.ones(400)}),
+        pinhole(),
+    ),
     "wall of equal depths": lambda: (wall(), pinhole()),
     "opaque wall of equal depths": lambda: (wall(opacity=1.0), pinhole()),
     "one pixel": lambda: (cloud(1500, 0, 20), pinhole(width=1, height=1, fx=2, fy=2)),

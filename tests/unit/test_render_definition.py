@@ -83,10 +83,14 @@ def test_splats_at_one_depth_are_drawn_in_index_order():
 
 
 def test_a_splat_that_would_bring_transmittance_under_1e_4_is_not_blended():
-    # 0.99 twice leaves 1e-4 (a little more in float32 or less in none), so a third of 0.5 is refused
     opacities = np.array([0.98, 0.98, 0.9, 0.5])  # leaves 0.02, 4e-4, then 4e-5 is refused and the pixel stops
     image = render(splats([[0, 0, z] for z in (1.0, 2, 3, 4)], opacity=opacities), CAMERA, outputs=("alpha",))
     assert image["alpha"][CENTRE] == pytest.approx(1 - 4e-4, abs=1e-7)
+
+
+def test_two_splats_of_the_largest_alpha_are_blended_and_a_third_is_not():
+    image = render(splats([[0, 0, z] for z in (1.0, 2, 3)], scale=5, opacity=1.0), CAMERA, outputs=("alpha",))
+    np.testing.assert_allclose(image["alpha"][CENTRE], 1 - 1e-4, atol=1e-7)
 
 
 def test_depth_is_z_and_not_ray_length_and_weighs_like_colour():

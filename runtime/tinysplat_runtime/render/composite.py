@@ -20,7 +20,9 @@ from .project import BLUE, GAMMA, RECORD, RED, Splats
 from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
 
 ALPHA_MAX = np.float32(0.99)
-TRANSMITTANCE_MIN = np.float32(1e-4)
+TRANSMITTANCE_MIN = np.float32(1e-4 * (1 - 2e-5))
+"""1e-4, less what float32 may lose on the way: two splats of alpha 0.99, the most there is, leave exactly 1e-4, which
+is enough, but 0.999998e-4 in float32."""
 
 GROUP = 2048
 """Tiles composited together."""
