@@ -32,7 +32,9 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("-o", "--output", default=DEFAULT_FOLDER, metavar="FOLDER",
                         help=f"the report's folder; default {DEFAULT_FOLDER}")  # fmt: skip
     parser.add_argument(
-        "--quick", action="store_true", help="under 3 minutes on two cores, where the full form takes 30"
+        "--quick",
+        action="store_true",
+        help="the short form: smaller pictures, fewer variants, minutes in place of half an hour",
     )
     parser.add_argument("--stages", type=stages, default=tuple(SECTIONS), metavar="S,S",
                         help=f"some of {','.join(SECTIONS)}; default all")  # fmt: skip
