@@ -152,7 +152,7 @@ class DINOv2(nn.Module):
         """
         grid = self.pos_embed[0, 1:].unflatten(0, (TRAINED_GRID, TRAINED_GRID))  # (37, 37, C)
         count = torch.stack([torch.scalar_tensor(rows), torch.scalar_tensor(columns)]).to(grid)
-        offset = GRID_OFFSET * (count != TRAINED_GRID).any()
+        offset = GRID_OFFSET * (count != TRAINED_GRID).any().to(grid)
         scale = (count + offset) / TRAINED_GRID
         vertical, horizontal = (
             cubic_resize_matrix(size, scale[axis]).to(grid) for axis, size in enumerate((rows, columns))
