@@ -206,3 +206,23 @@ def test_rotation_quats_return_the_rotation_for_every_dominant_component():
     matrices = quats_to_matrices(quats / np.linalg.norm(quats, axis=1, keepdims=True))
     found = rotation_quats(torch.from_numpy(matrices)).numpy()
     np.testing.assert_allclose(quats_to_matrices(found), matrices, atol=1e-12)
+
+
+@pytest.mark.parametrize("views", [2, 4])
+def test_ring_cells_that_another_view_has_in_its_frame_fade_only_beside_more_than_one(views):
+    scene = trace(views, 64, 96, spacing=0.8)
+    outputs = run_sweep(scene.images, scene.cameras)
+    settings = SweepSettings().coarse
+    ring = np.ones(outputs["layer1_opacities"].shape[1:], bool)
+    ring[settings.ring : -settings.ring, settings.ring : -settings.ring] = False
+    covered = np.zeros((views, *ring.shape), bool)
+    for v in range(views):
+        for camera in (c for w, c in enumerate(scene.cameras) if w != v):
+            local = (outputs["layer1_means"][v].double().numpy() - camera.centre) @ camera.rotation.T
+            x, y = ((local @ camera.K.T)[..., i] / local[..., 2] for i in range(2))
+            covered[v] |= (x > 0) & (x < 96) & (y > 0) & (y < 64) & (local[..., 2] > 0)
+    covered &= ring
+    assert covered.any()
+    found = outputs["layer1_opacities"].numpy()
+    expected = settings.opacity * (1 - covered * (1 - 1 / (views - 1)))
+    assert (np.abs(found - expected) < 1e-5).mean() > 0.999  # a cell on the frame's very edge may round either way

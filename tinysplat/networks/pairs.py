@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .geometry import relative_pose
+from .geometry import relative_pose, sweep_coefficients
 
 
 @dataclass(frozen=True)
 class ViewPairs:
-    """Which views are compared: every view with its nearest others, as P = V·S pairs.
+    """Which views are compared: every view with S others, as P = V·S pairs.
 
     Attributes:
         reference: (P,) int64 views whose depth is sought.
@@ -28,10 +28,18 @@ class ViewPairs:
     sources: int
 
     @classmethod
-    def build(cls, c2w: Tensor, K: Tensor) -> ViewPairs:
-        """Pair each view with its nearest one or two others."""
+    def nearest(cls, c2w: Tensor) -> ViewPairs:
+        """Each view with its nearest one or two others: what is worth matching."""
+        return cls._closest(c2w, 2 - 2 // c2w.shape[0])  # one of two views, else two
+
+    @classmethod
+    def all(cls, c2w: Tensor) -> ViewPairs:
+        """Each view with every other: all may witness that space is free."""
+        return cls._closest(c2w, c2w.shape[0] - 1)
+
+    @classmethod
+    def _closest(cls, c2w: Tensor, sources: int) -> ViewPairs:
         views = c2w.shape[0]
-        sources = 2 - 2 // views  # one of two views, else two
         centres = c2w[:, :3, 3]
         distance = (centres[:, None] - centres[None]).square().sum(dim=-1)
         itself = torch.eye(views, dtype=distance.dtype)
@@ -43,3 +51,7 @@ class ViewPairs:
     def by_view(self, values: Tensor) -> Tensor:
         """Values (P, …) of pairs as (V, S, …)."""
         return values.unflatten(0, (-1, self.sources))
+
+    def sweep_terms(self, rays: Tensor, K_unit: Tensor) -> tuple[Tensor, Tensor]:
+        """`sweep_coefficients` of every pair, of rays (V, 3, h, w) and K_unit (V, 3, 3): positions are in [0, 1]."""
+        return sweep_coefficients(rays[self.reference], K_unit[self.source], self.rotation, self.translation)

@@ -25,7 +25,6 @@ from .geometry import (
     project_sweep,
     rotation_quats,
     sample_bilinear,
-    sweep_coefficients,
     tilt_quats,
     unproject,
 )
@@ -126,7 +125,7 @@ class CoarseSettings:
         farthest: smallest inverse depth, relative to that of the far plane.
         width: standard deviation, pixels of the photo.
         opacity: of every Gaussian in the layer.
-        hidden_recede: factor on the inverse depth that a source sees, < 1: a cell stands behind that.
+        hidden_recede: factor on the inverse depth that another view sees, < 1: a cell stands behind that.
     """
 
     cell: int = 4
@@ -157,7 +156,7 @@ def coarse_layer(
         c2w: (V, 4, 4).
         inverse_depth: (V, 1, H, W), > 0.
         far: (V,) far plane.
-        pairs: the views that a view is compared with.
+        pairs: every view with every other.
         settings: sizes and factors.
 
     Returns:
@@ -176,8 +175,10 @@ def coarse_layer(
     shift = torch.tensor([[0.0, 0.0, ring], [0.0, 0.0, ring], [0.0, 0.0, 0.0]])
     K = pixel_intrinsics(K_unit, height, width) + shift
     rays = pixel_rays(K, height + 2 * ring, width + 2 * ring)
-    behind = _behind_sources(torch.maximum(behind, least), rays, K_unit, inverse_depth, pairs, settings.hidden_recede)
+    terms = pairs.sweep_terms(rays, K_unit)
     behind = torch.maximum(behind, least)
+    behind = torch.maximum(_behind_others(behind, terms, inverse_depth, pairs, settings.hidden_recede), least)
+    covered = (ring_factor < 1) * _seen_elsewhere(behind, terms, pairs)
     depth = 1 / behind
     scale = settings.width / cell * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
     grid = (-1, height + 2 * ring, width + 2 * ring)
@@ -185,22 +186,30 @@ def coarse_layer(
         unproject(rays, depth, c2w).permute(0, 2, 3, 1),
         rotation_quats(c2w[:, :3, :3])[:, None, None].expand(*grid, 4),
         scale.permute(0, 2, 3, 1).expand(*grid, 3),
-        torch.full_like(scale[:, 0], settings.opacity),
+        (settings.opacity * (1 - covered))[:, 0],
         _degree_zero(colours),
         K,
     )
 
 
-def _behind_sources(
-    behind: Tensor, rays: Tensor, K_unit: Tensor, inverse_depth: Tensor, pairs: ViewPairs, recede: float
+def _behind_others(
+    behind: Tensor, terms: tuple[Tensor, Tensor], inverse_depth: Tensor, pairs: ViewPairs, recede: float
 ) -> Tensor:
-    """Push cells (V, 1, h, w) that stand in space which a source view sees through behind what it sees there."""
-    terms = sweep_coefficients(rays[pairs.reference], K_unit[pairs.source], pairs.rotation, pairs.translation)
+    """Push cells (V, 1, h, w) that stand in space which another view sees through behind what it sees there."""
     own = behind[pairs.reference]
     x, y, ratio = project_sweep(*terms, own)
     there = sample_bilinear(inverse_depth[pairs.source], x, y)[:, 0] * ratio * recede
     allowed = torch.where(inside_frame(x, y, ratio) > 0, there, own)
     return torch.minimum(behind, pairs.by_view(allowed).amin(dim=1))
+
+
+def _seen_elsewhere(behind: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs) -> Tensor:
+    """1 − 1/S where another view has a cell (V, 1, h, w) in its frame, S being the number of other views, else 0.
+
+    Of many views the pixels of one cover what another's ring would only hide; of two, each needs the other's ring.
+    """
+    x, y, ratio = project_sweep(*terms, behind[pairs.reference])
+    return pairs.by_view(inside_frame(x, y, ratio)).amax(dim=1) * (1 - 1 / pairs.sources)
 
 
 def _degree_zero(colours: Tensor) -> Tensor:

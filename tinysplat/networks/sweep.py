@@ -21,7 +21,6 @@ from .geometry import (
     pixel_rays,
     project_sweep,
     sample_bilinear,
-    sweep_coefficients,
 )
 from .pairs import ViewPairs
 from .surfels import CoarseSettings, coarse_layer, pixel_layer
@@ -155,24 +154,26 @@ class Sweep(nn.Module):
             The tensors named by `OUTPUT_NAMES`.
         """
         settings = self.settings
-        pairs = ViewPairs.build(c2w, K)
+        pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
         sweep = InverseDepths(1 / far, 1 / near - 1 / far, settings.candidates)
         half = functional.avg_pool2d(images, 2)
         rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
-        terms = sweep_coefficients(rays[pairs.reference], K[pairs.source], pairs.rotation, pairs.translation)
+        terms = pairs.sweep_terms(rays, K)
 
         costs = matching_costs(half, terms, pairs, sweep, settings)
         costs = path_costs(costs, half, step=settings.step, jump=settings.jump, edge=settings.edge)
         level = soft_argmin(costs, settings.sharpness)  # (V, 1, h, w) in [0, 1] from far to near
         agreement = cross_view_agreement(level, terms, pairs, sweep, settings)
         level = fill_uncertain(level, agreement, half, edge=settings.fill_edge, dilations=settings.fill_dilations)
-        opacities = opacities_from_agreement(level, agreement, terms, pairs, sweep, settings)
+        opacities = opacities_from_agreement(
+            level, agreement, witnesses.sweep_terms(rays, K), witnesses, sweep, settings
+        )
 
         level = align_photos(_double(level), images, K, pairs, sweep, settings.alignment)
         inverse_depth = sweep.at(level)
         colours = images + settings.sharpening * (images - box_mean(images, 3))
         surface = pixel_layer(colours, K, c2w, inverse_depth, _double(opacities), settings.footprint)
-        coarse = coarse_layer(colours, K, c2w, inverse_depth, far, pairs, settings.coarse)
+        coarse = coarse_layer(colours, K, c2w, inverse_depth, far, witnesses, settings.coarse)
         return *surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]
 
 
@@ -300,7 +301,7 @@ def align_photos(
     """
     height, width = images.shape[2:]
     rays = pixel_rays(pixel_intrinsics(K, height, width), height, width)
-    terms = sweep_coefficients(rays[pairs.reference], K[pairs.source], pairs.rotation, pairs.translation)
+    terms = pairs.sweep_terms(rays, K)
     unit = 1 / (sweep.count - 1)
     for _ in range(settings.steps):
         reach = settings.reach * unit
