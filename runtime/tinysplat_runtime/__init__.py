@@ -67,9 +67,10 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
-    globals()[name] = value
-    return value
+    module = importlib.import_module(f".{_MODULE_OF[name]}", __name__)
+    # All names of the module at once: importing `api` binds the subpackage `render` to the name of the function.
+    globals().update({n: getattr(module, n) for n, m in _MODULE_OF.items() if m == _MODULE_OF[name]})
+    return globals()[name]
 
 
 def __dir__() -> list[str]:
