@@ -109,13 +109,24 @@ class Runtime:
             stats=stats,
         )  # fmt: skip
 
-    def decompress(self, data: bytes, *, watch: Stopwatch | None = None) -> Gaussians:
+    def decompress(self, data: bytes, *, max_bytes: int | None = None, watch: Stopwatch | None = None) -> Gaussians:
         """Gaussians of a `.tsplat` file's bytes, cameras with them.
 
+        Args:
+            data: the whole file; with `max_bytes`, what there is of it.
+            max_bytes: decode from this many first bytes alone: planes behind them are replaced by their stand-ins.
+                `inspect` lists useful numbers under `prefixes`.
+            watch: filled with seconds per stage.
+
         Raises:
-            FormatError: damaged, cut short, foreign, or beyond the limits.
+            FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture.
+            InputError: `max_bytes` is below 1.
         """
-        return decode_gaussians(data, self.store, threads=self.threads, limits=self.limits, watch=watch)
+        if max_bytes is not None and max_bytes < 1:
+            raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
+        return decode_gaussians(
+            data, self.store, threads=self.threads, limits=self.limits, max_bytes=max_bytes, watch=watch
+        )
 
     def render(self, gaussians: Gaussians, camera: Camera, size: tuple[int, int] | None = None, **options: Any) -> Any:
         """See `tinysplat_runtime.render.render`, whose options these are."""
@@ -139,9 +150,9 @@ def compress(
     return _shared().compress(gaussians, profile, qp, drop_invalid=drop_invalid)
 
 
-def decompress(data: bytes) -> Gaussians:
+def decompress(data: bytes, *, max_bytes: int | None = None) -> Gaussians:
     """Gaussians of a file's bytes; see `Runtime.decompress`."""
-    return _shared().decompress(data)
+    return _shared().decompress(data, max_bytes=max_bytes)
 
 
 def render(

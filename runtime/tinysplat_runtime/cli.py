@@ -47,8 +47,8 @@ def indices(text: str) -> list[int]:
         raise argparse.ArgumentTypeError(f"'{text}', expected indices such as 0,4") from None
 
 
-def threads(text: str) -> int:
-    """A number of threads, 1 or more."""
+def count(text: str) -> int:
+    """A whole number, 1 or more."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}', expected a whole number of 1 or more")
     return int(text)
@@ -57,7 +57,7 @@ def threads(text: str) -> int:
 def _common() -> _Parser:
     common = _Parser(add_help=False)
     common.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
-    common.add_argument("--threads", type=threads, metavar="N", help="default: all cores; no result depends on it")
+    common.add_argument("--threads", type=count, metavar="N", help="default: all cores; no result depends on it")
     return common
 
 
@@ -77,11 +77,19 @@ def _coding() -> _Parser:
 
 def _limits() -> _Parser:
     limits = _Parser(add_help=False)
-    limits.add_argument("--max-pixels", type=threads, metavar="N", help="refuse files of more Gaussians (default 67 M)")
+    limits.add_argument("--max-pixels", type=count, metavar="N", help="refuse files of more Gaussians (default 67 M)")
     limits.add_argument(
-        "--max-memory", type=threads, metavar="BYTES", help="refuse files that decode to more (default 8 GiB)"
+        "--max-memory", type=count, metavar="BYTES", help="refuse files that decode to more (default 8 GiB)"
     )
     return limits
+
+
+def _prefix() -> _Parser:
+    prefix = _Parser(add_help=False)
+    prefix.add_argument(
+        "--max-bytes", type=count, metavar="N", help="decode the first N bytes alone; `info` lists useful numbers"
+    )
+    return prefix
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
@@ -93,7 +101,7 @@ def build_parser() -> tuple[_Parser, Commands]:
     parser = _Parser(prog="tinysplat", description="Posed photos in, a tiny 3D Gaussian scene out.", epilog=_EPILOG)
     parser.add_argument("--version", action="version", version=f"tinysplat {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
-    common, coding, limits = _common(), _coding(), _limits()
+    common, coding, limits, prefix = _common(), _coding(), _limits(), _prefix()
 
     encode = commands.add_parser("encode", parents=[common, coding], help="photos and cameras to a .tsplat file")
     encode.add_argument("scene", metavar="SCENE", help="folder with images and cameras.json")
@@ -113,17 +121,17 @@ def build_parser() -> tuple[_Parser, Commands]:
     compress.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     compress.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 
-    decode = commands.add_parser("decode", parents=[common, limits], help="a .tsplat file back to Gaussians")
+    decode = commands.add_parser("decode", parents=[common, limits, prefix], help="a .tsplat file back to Gaussians")
     decode.add_argument("file", metavar="F.tsplat")
     decode.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors or .ply")
     decode.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
 
-    render = commands.add_parser("render", parents=[common, limits], help="a picture or a video of Gaussians")
+    render = commands.add_parser("render", parents=[common, limits, prefix], help="a picture or a video of Gaussians")
     render.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors or .ply")
     render.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
     render.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
     render.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
-    render.add_argument("--frames", type=threads, default=60, metavar="N", help="frames of a video; default 60")
+    render.add_argument("--frames", type=count, default=60, metavar="N", help="frames of a video; default 60")
     render.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
     render.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
 

@@ -62,11 +62,12 @@ def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
     runtime, watch = _limited_runtime(args), Stopwatch()
     data = read_limited(args.file, MAX_FILE_BYTES)
-    gaussians = _decompress(runtime, data, args.file, watch)
+    gaussians = _decompress(runtime, data, args, watch)
     with watch.stage("write"):
         _save_gaussians(args.output, gaussians)
     if args.report:
-        _write_json(args.report, _report(inspect_bytes(data, runtime.limits), watch))
+        described = inspect_bytes(data, runtime.limits, is_prefix=args.max_bytes is not None)
+        _write_json(args.report, _report(described, watch))
     if not args.quiet:
         print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
 
@@ -201,7 +202,8 @@ def _report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
 
 def _render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:
     if Path(args.file).suffix.lower() == ".tsplat":
-        return _report(inspect_bytes(read_limited(args.file, MAX_FILE_BYTES), _limits(args)), watch)
+        data = read_limited(args.file, MAX_FILE_BYTES)
+        return _report(inspect_bytes(data, _limits(args), is_prefix=args.max_bytes is not None), watch)
     return {
         "gaussians": gaussians.count,
         "sh_degree": gaussians.degree,
@@ -223,16 +225,18 @@ def _limited_runtime(args: Namespace) -> Runtime:
     return Runtime(threads=args.threads, limits=_limits(args))
 
 
-def _decompress(runtime: Runtime, data: bytes, file: str, watch: Stopwatch) -> Gaussians:
+def _decompress(runtime: Runtime, data: bytes, args: Namespace, watch: Stopwatch) -> Gaussians:
     try:
-        return runtime.decompress(data, watch=watch)
+        return runtime.decompress(data, max_bytes=args.max_bytes, watch=watch)
     except TinySplatError as error:
-        raise error.within(file) from None
+        raise error.within(args.file) from None
 
 
 def _load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
     if Path(args.file).suffix.lower() == ".tsplat":
-        return _decompress(_limited_runtime(args), read_limited(args.file, MAX_FILE_BYTES), args.file, watch)
+        return _decompress(_limited_runtime(args), read_limited(args.file, MAX_FILE_BYTES), args, watch)
+    if args.max_bytes is not None:
+        raise InputError(f"only .tsplat files can be decoded from a prefix, not {args.file}", where="--max-bytes")
     return load_gaussians(args.file)
 
 
@@ -289,6 +293,9 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         "",
         "layer plane       coding    QP         step    bytes",
         *(_plane_text(plane) for plane in d["planes"]),
+        "",
+        "a prefix of  adds",
+        *(f"{p['bytes']:11}  layer {p['layer']}: {', '.join(p['adds'])}" for p in d["prefixes"]),
     ]
     if d["left_out"]:
         lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in d["left_out"])]

@@ -6,25 +6,26 @@ from typing import Any
 
 from .codec.planes import PlaneClass
 from .codec.quantize import CodeMap
-from .container.layout import ChannelRecord, Limits
+from .container.layout import PART, PLANES, ChannelRecord, Limits
 from .container.reader import Container, LayerHeader, read_container
 
 
-def inspect_bytes(data: bytes, limits: Limits | None = None) -> dict[str, Any]:
+def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool = False) -> dict[str, Any]:
     """Describe a file.
 
     Args:
-        data: the whole file.
+        data: the whole file; with `is_prefix`, at least its metadata. What is described is always the whole file.
         limits: what to accept; None for the defaults.
+        is_prefix: accept bytes that end before the file does.
 
     Returns:
         A JSON-ready object: version, profile, qp, views, height, width, gaussians, sh_degree, k, bytes,
-        bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes, left_out.
+        bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes, prefixes, left_out.
 
     Raises:
         FormatError: damaged, cut short, foreign, or beyond the limits.
     """
-    container = read_container(data, limits)
+    container = read_container(data, limits, is_prefix=is_prefix)
     first = container.layers[0]
     by_class, by_view = _bytes_by_class(container), _bytes_by_view(container)
     return {
@@ -47,6 +48,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None) -> dict[str, Any]:
         "planes": [
             _plane(index, channel) for index, layer in enumerate(container.layers) for channel in layer.channels
         ],
+        "prefixes": _prefixes(container),
         "left_out": [entry for index, layer in enumerate(container.layers) for entry in _left_out(index, layer)],
     }
 
@@ -107,6 +109,26 @@ def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:
         return {**entry, "value": channel.offset}
     step = CodeMap(channel.scale, channel.offset, channel.qp).step
     return {**entry, "bytes_by_view": lengths, "qp": channel.qp, "step": step}
+
+
+def _prefixes(container: Container) -> list[dict[str, Any]]:
+    """Useful numbers for `--max-bytes`: where each section of pictures ends, and what it adds to those before it."""
+    class_of = {kind: plane_class for plane_class, kind in PLANES.items()}
+    counts: dict[tuple[int, PlaneClass], int] = {}
+    prefixes = []
+    for section in container.plane_sections:
+        layer, plane_class = section.index % PART, class_of[section.kind]
+        if layer >= len(container.layers):
+            continue
+        records = [c for c in container.layers[layer].channels if c.plane_class == plane_class and c.streams]
+        first, left = counts.get((layer, plane_class), 0), section.length
+        last = first
+        while last < len(records) and left > 0:
+            left -= sum(stream.length for stream in records[last].streams)
+            last += 1
+        counts[layer, plane_class] = last
+        prefixes.append({"bytes": section.end, "layer": layer, "adds": [c.name for c in records[first:last]]})
+    return prefixes
 
 
 def _left_out(index: int, layer: LayerHeader) -> list[dict[str, Any]]:

@@ -118,6 +118,20 @@ def test_info_is_an_object_without_decoding(encoded):
     assert "depth" in succeed("info", encoded["file"])
 
 
+def test_a_prefix_of_a_file_decodes_and_renders(encoded, tmp_path):
+    prefixes = json.loads(succeed("info", encoded["file"], "--json"))["prefixes"]
+    data = encoded["file"].read_bytes()
+    cut = tmp_path / "cut.tsplat"
+    cut.write_bytes(data[: prefixes[-1]["bytes"] - 1])
+    size = prefixes[1]["bytes"]
+    succeed("decode", cut, "-o", tmp_path / "g.npz", "--max-bytes", size, "--report", tmp_path / "r.json")
+    assert json.loads((tmp_path / "r.json").read_text())["bytes"] == len(data)
+    succeed("render", cut, "-o", tmp_path / "x.png", "--max-bytes", size, "--report", tmp_path / "r.json")
+    assert "cut short" in fail("render", cut, "-o", tmp_path / "y.png")
+    assert "no picture" in fail("decode", cut, "-o", tmp_path / "h.npz", "--max-bytes", 500)
+    assert "--max-bytes" in fail("render", encoded["raw"], "-o", tmp_path / "y.png", "--max-bytes", size)
+
+
 def test_models_lists_networks_and_graphs():
     listed = json.loads(succeed("models", "--json"))
     assert listed["sweep"]["role"] == "network"

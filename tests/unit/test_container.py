@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import struct
-from zlib import crc32
-
 import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
+from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
@@ -25,24 +23,6 @@ def data(request, gaussians):
     return ts.compress(gaussians, profile=request.param)
 
 
-def _sections(data: bytes) -> list[list]:
-    count = L.HEADER.unpack(data[: L.HEADER.size])[3]
-    at = L.HEADER.size + count * L.TABLE_ROW.size
-    sections = []
-    for row in range(count):
-        start = L.HEADER.size + row * L.TABLE_ROW.size
-        kind, flags, index, length, _ = L.TABLE_ROW.unpack(data[start : start + L.TABLE_ROW.size])
-        sections.append([kind, flags, index, data[at : at + length]])
-        at += length
-    return sections
-
-
-def _assemble(sections: list[list], major: int = L.MAJOR) -> bytes:
-    table = b"".join(L.TABLE_ROW.pack(k, f, i, len(d), crc32(d)) for k, f, i, d in sections)
-    head = L.HEADER.pack(L.MAGIC, major, L.MINOR, len(sections), 0, 0)[:-4]
-    return head + struct.pack("<I", crc32(head + table)) + table + b"".join(d for *_, d in sections)
-
-
 def test_metadata_comes_back_exactly(gaussians, data):
     container = read_container(data)
     assert len(container.cameras) == 2 and len(container.layers) == 2
@@ -55,14 +35,14 @@ def test_metadata_comes_back_exactly(gaussians, data):
 
 
 def test_reassembled_sections_are_the_file(data):
-    assert _assemble(_sections(data)) == data
+    assert file_of(sections_of(data)) == data
 
 
 def test_metadata_stands_before_planes_and_planes_in_the_order_a_picture_needs(data):
-    kinds = [kind for kind, *_ in _sections(data)]
+    kinds = [kind for kind, *_ in sections_of(data)]
     first = kinds.index(L.PLANES[0])
     assert set(kinds[:first]) == {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS}
-    order = [list(L.PLANES.values()).index(kind) for kind, _, index, _ in _sections(data)[first:] if index == 0]
+    order = [list(L.PLANES.values()).index(kind) for kind, _, index, _ in sections_of(data)[first:] if index == 0]
     assert order == sorted(order)
 
 
@@ -87,25 +67,25 @@ def test_trailing_bytes_are_refused(data):
 
 
 def test_unknown_optional_sections_are_skipped_and_required_ones_refused(data):
-    sections = _sections(data)
-    optional = _assemble([*sections, [b"NOTE", 0, 0, b"hello"]])
+    sections = sections_of(data)
+    optional = file_of([*sections, [b"NOTE", 0, 0, b"hello"]])
     assert read_container(optional).total_bytes == len(optional)
     with pytest.raises(FormatError, match="required"):
-        read_container(_assemble([*sections, [b"NEXT", L.REQUIRED, 0, b""]]))
+        read_container(file_of([*sections, [b"NEXT", L.REQUIRED, 0, b""]]))
 
 
 def test_another_major_version_is_refused(data):
     with pytest.raises(FormatError, match="version"):
-        read_container(_assemble(_sections(data), major=L.MAJOR + 1))
+        read_container(file_of(sections_of(data), major=L.MAJOR + 1))
 
 
 def test_missing_and_repeated_sections_are_refused(data):
-    sections = _sections(data)
+    sections = sections_of(data)
     for i, section in enumerate(sections):
         with pytest.raises(FormatError):
-            ts.decompress(_assemble(sections[:i] + sections[i + 1 :]))
+            ts.decompress(file_of(sections[:i] + sections[i + 1 :]))
         with pytest.raises(FormatError):
-            ts.decompress(_assemble([*sections, section])) if section[0] != L.PARAMETER_SETS else read_container(b"")
+            ts.decompress(file_of([*sections, section])) if section[0] != L.PARAMETER_SETS else read_container(b"")
 
 
 def test_foreign_bytes_are_named_as_such():
@@ -128,7 +108,7 @@ def test_foreign_bytes_are_named_as_such():
     ],
 )
 def test_impossible_layer_headers_are_refused_before_memory_is_taken(fields, match, gaussians):
-    sections = _sections(ts.compress(gaussians, profile="balanced"))
+    sections = sections_of(ts.compress(gaussians, profile="balanced"))
     layer = next(s for s in sections if s[0] == L.LAYER)
     values = list(L.LAYER_FIXED.unpack(layer[3][: L.LAYER_FIXED.size]))
     for index, value in fields.items():
@@ -137,7 +117,7 @@ def test_impossible_layer_headers_are_refused_before_memory_is_taken(fields, mat
         values[1] = 1 << 16
     layer[3] = L.LAYER_FIXED.pack(*values) + layer[3][L.LAYER_FIXED.size :]
     with pytest.raises(FormatError, match=match):
-        read_container(_assemble(sections))
+        read_container(file_of(sections))
 
 
 def test_limits_are_checked_against_the_header(data, gaussians):

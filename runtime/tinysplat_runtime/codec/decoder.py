@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import local
 
@@ -16,6 +16,7 @@ from ..gaussians import FIELDS, Gaussians
 from ..inference import GraphStore, as_input
 from ..quaternions import matrices_to_quats, multiply_quats
 from ..reports import Stopwatch
+from .absent import PlaneRef, cut_off_planes, first_picture_end, hidden_views, stand_in_code
 from .hevc import PlaneDecoder
 from .planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 
@@ -26,38 +27,51 @@ def decode_gaussians(
     *,
     threads: int,
     limits: Limits | None = None,
+    max_bytes: int | None = None,
     watch: Stopwatch | None = None,
 ) -> Gaussians:
     """Decode a file.
 
     Args:
-        data: the whole file.
+        data: the whole file; with `max_bytes`, at least that many of its first bytes.
         store: opens the synthesis graphs.
         threads: planes decoded at a time.
         limits: what to accept.
+        max_bytes: decode from this many first bytes alone; `absent` says what stands in for the rest.
         watch: filled with seconds per stage.
 
     Returns:
         Gaussians with cameras and all layers.
 
     Raises:
-        FormatError: damaged, cut short, foreign, or beyond the limits.
+        FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture.
     """
     watch = watch or Stopwatch()
     with watch.stage("parse"):
-        container = read_container(data, limits)
+        is_prefix = max_bytes is not None
+        container = read_container(memoryview(data)[:max_bytes], limits, is_prefix=is_prefix)
+        absent = cut_off_planes(container)
+        _check_something_is_left(container, absent)
     layers = []
     for index, layer in enumerate(container.layers):
         with watch.stage("libavcodec"):
-            geometry, colors = _decode_planes(container, index, threads)
+            geometry, colors = _decode_planes(container, index, threads, absent)
         with watch.stage("synthesis"):
             layers.append(_synthesise(container, layer, geometry, colors, store))
+            layers[-1].opacities[hidden_views(layer, index, absent)] = 0
     return Gaussians.unchecked(
         **{name: getattr(layers[0], name) for name in FIELDS},
         cameras=container.cameras,
         origin=container.origin,
         extra_layers=tuple(layers[1:]),
     )
+
+
+def _check_something_is_left(container: Container, absent: Collection[PlaneRef]) -> None:
+    first = container.layers[0]
+    if absent and len(hidden_views(first, 0, absent)) == len(first.cameras):
+        end = first_picture_end(container)
+        raise FormatError(f"holds no depth picture; the smallest prefix with one is {end} bytes", where="file")
 
 
 def _slots(layer: LayerHeader) -> tuple[dict[ChannelRecord, int], dict[ChannelRecord, int]]:
@@ -68,7 +82,9 @@ def _slots(layer: LayerHeader) -> tuple[dict[ChannelRecord, int], dict[ChannelRe
     return {c: i for i, c in enumerate(geometry)}, {c: i for i, c in enumerate(colors)}
 
 
-def _decode_planes(container: Container, index: int, threads: int) -> tuple[NDArray, NDArray]:
+def _decode_planes(
+    container: Container, index: int, threads: int, absent: Collection[PlaneRef]
+) -> tuple[NDArray, NDArray]:
     """Codes (V, P + 1, H, W) of the geometry and (V, k + 1, H, W) of the colour channels; the last planes are ones."""
     layer = container.layers[index]
     views = len(layer.cameras)
@@ -77,7 +93,13 @@ def _decode_planes(container: Container, index: int, threads: int) -> tuple[NDAr
         codes = np.empty((views, len(slots) + 1, layer.height, layer.width), np.uint16)
         codes[:, -1] = 1
         out.append(codes)
-        tasks += [(c, view, codes[view, plane]) for c, plane in slots.items() for view in range(views)]
+        for channel, plane in slots.items():
+            number = layer.channels.index(channel)
+            for view in range(views):
+                if (index, number, view) in absent:
+                    codes[view, plane] = stand_in_code(layer, number)
+                else:
+                    tasks.append((channel, view, codes[view, plane]))
     _run(_plane_decoder(container, index), tasks, threads)
     return out[0], out[1]
 

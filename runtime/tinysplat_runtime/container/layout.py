@@ -34,7 +34,10 @@ PLANES: dict[PlaneClass, bytes] = {
     PlaneClass.ROTATION: b"ROTA",
     PlaneClass.OFFSET: b"OFFS",
 }
-"""Section type of the streams of each plane class; the index is the layer."""
+"""Section type of the streams of each plane class; the index is the layer, plus PART times the part's number where the
+pictures of a class are spread over several sections."""
+
+PART = 256
 
 SCENE_FIXED = struct.Struct("<HHf3d16s")
 """views, layers, Q_g, origin, profile name (ASCII, zero-padded)."""

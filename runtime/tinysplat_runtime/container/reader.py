@@ -25,11 +25,18 @@ from . import layout as L
 
 @dataclass(frozen=True)
 class Section:
-    """One row of the table and its bytes."""
+    """One row of the table and its bytes.
+
+    Attributes:
+        length: bytes that the table states; `data` has fewer where a prefix of the file ends in or before the section.
+        end: where the section ends in the file.
+    """
 
     kind: bytes
     index: int
+    length: int
     crc: int
+    end: int
     data: memoryview
 
     @property
@@ -80,7 +87,9 @@ class Container:
         origin: (3,) float64.
         layers: metadata, the network's per-pixel layer first.
         parameter_sets: HEVC parameter sets by index.
-        streams: the plane sections by (class, layer).
+        streams: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
+        plane_sections: the sections that hold pictures, in the file's order.
+        total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
     """
 
     version: tuple[int, int]
@@ -91,7 +100,13 @@ class Container:
     layers: tuple[LayerHeader, ...]
     parameter_sets: Mapping[int, bytes]
     streams: Mapping[tuple[PlaneClass, int], memoryview]
+    plane_sections: tuple[Section, ...]
     total_bytes: int
+
+    def holds(self, layer: int, channel: L.ChannelRecord, view: int) -> bool:
+        """Whether the bytes at hand reach to the end of one picture; always for a whole file."""
+        stream = channel.streams[view]
+        return stream.offset + stream.length <= len(self.streams[channel.plane_class, layer])
 
     def payload(self, layer: int, channel: L.ChannelRecord, view: int) -> memoryview:
         """One picture's slice, its CRC checked.
@@ -127,19 +142,20 @@ class _Cursor:
             raise FormatError(f"{len(self.section.data) - self.at} bytes too many", where=self.section.label)
 
 
-def read_container(data: bytes | memoryview, limits: L.Limits | None = None) -> Container:
+def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, is_prefix: bool = False) -> Container:
     """Parse and check a file.
 
     Args:
-        data: the whole file.
+        data: the whole file, or its first bytes.
         limits: what to accept.
+        is_prefix: accept `data` that ends before the file does, as long as it holds the metadata.
 
     Raises:
         FormatError: damaged, cut short, foreign, of an unknown version, or beyond the limits.
     """
     limits = limits or L.Limits()
     view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
-    version, sections = _read_table(view)
+    version, total, sections = _read_table(view, is_prefix)
     scene = _only(sections, L.SCENE)
     cursor = _Cursor(scene)
     views, n_layers, qp, *origin, profile = cursor.unpack(L.SCENE_FIXED)
@@ -162,18 +178,18 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None) -> 
             )
         layers.append(layer)
     cameras = tuple(Camera(K, c2w, layers[0].width, layers[0].height) for K, c2w in poses)
-    streams = {(c, i): _only(sections, L.PLANES[c], i).data for i, layer in enumerate(layers) for c in _coded(layer)}
-    _check_streams(layers, streams)
+    streams = {(c, i): _joined(sections, c, i, layer) for i, layer in enumerate(layers) for c in _coded(layer)}
     sets = {s.index: _verified(s) for s in sections if s.kind == L.PARAMETER_SETS}
     for index, layer in enumerate(layers):
         if _coded(layer) and layer.parameter_set not in sets:
             raise FormatError(f"parameter set {layer.parameter_set} is missing", where=f"section LAYR[{index}]")
+    planes = tuple(s for s in sections if s.kind in _PLANE_KINDS)
     return Container(
-        version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, len(view)
+        version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, planes, total
     )  # fmt: skip
 
 
-def _read_table(view: memoryview) -> tuple[tuple[int, int], list[Section]]:
+def _read_table(view: memoryview, is_prefix: bool) -> tuple[tuple[int, int], int, list[Section]]:
     if bytes(view[: len(L.MAGIC)]) != L.MAGIC:
         raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
     if len(view) < L.HEADER.size:
@@ -190,20 +206,26 @@ def _read_table(view: memoryview) -> tuple[tuple[int, int], list[Section]]:
     for row in range(count):
         start = L.HEADER.size + row * L.TABLE_ROW.size
         kind, flags, index, length, section_crc = L.TABLE_ROW.unpack(view[start : start + L.TABLE_ROW.size])
-        section = Section(kind, index, section_crc, view[end : end + length])
-        if len(section.data) != length:
+        section = Section(kind, index, length, section_crc, end + length, view[end : end + length])
+        if len(section.data) != length and not is_prefix:
             raise FormatError(f"needs {length} bytes, {len(section.data)} remain: cut short", where=section.label)
         end += length
         if kind in _KNOWN:
             sections.append(section)
         elif flags & L.REQUIRED:
             raise FormatError("unknown and required; a newer reader is needed", where=section.label)
-    if end != len(view):
+    if end < len(view):
         raise FormatError(f"{len(view) - end} bytes behind the last section", where="file")
-    return (major, minor), sections
+    metadata_end = max((s.end for s in sections if s.kind not in _PLANE_KINDS), default=0)
+    if metadata_end > len(view):
+        raise FormatError(
+            f"the first {len(view)} bytes hold no picture; the metadata alone takes {metadata_end}", where="file"
+        )
+    return (major, minor), end, sections
 
 
-_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *L.PLANES.values()}
+_PLANE_KINDS = frozenset(L.PLANES.values())
+_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *_PLANE_KINDS}
 
 
 def _only(sections: list[Section], kind: bytes, index: int = 0) -> Section:
@@ -211,9 +233,28 @@ def _only(sections: list[Section], kind: bytes, index: int = 0) -> Section:
     if len(found) != 1:
         label = f"section {kind.decode('ascii')}[{index}]"
         raise FormatError("missing" if not found else f"stands {len(found)} times, expected once", where=label)
-    if kind not in L.PLANES.values():  # pictures have a CRC each, checked when they are decoded
-        _verified(found[0])
+    _verified(found[0])
     return found[0]
+
+
+def _joined(sections: list[Section], plane_class: PlaneClass, index: int, layer: LayerHeader) -> memoryview:
+    """The pictures of a class, whose sections have the indices layer, layer + PART, layer + 2·PART, … in this order.
+
+    Pictures have a CRC each, checked when they are decoded.
+    """
+    kind = L.PLANES[plane_class]
+    parts = [s for s in sections if s.kind == kind and s.index % L.PART == index]
+    label = f"section {kind.decode('ascii')}[{index}]"
+    if not parts:
+        raise FormatError("missing", where=label)
+    if [s.index // L.PART for s in parts] != list(range(len(parts))):
+        raise FormatError("its parts are not each there once and in order", where=label)
+    stated = sum(s.length for s in parts)
+    last = [c.streams[-1] for c in layer.channels if c.streams and c.plane_class == plane_class][-1]
+    if last.offset + last.length != stated:
+        raise FormatError(f"{stated} bytes, its pictures need {last.offset + last.length}", where=label)
+    # A prefix ends in at most one section and holds nothing of those behind it, so that what is joined has no gap.
+    return parts[0].data if len(parts) == 1 else memoryview(b"".join(s.data for s in parts))
 
 
 def _verified(section: Section) -> bytes:
@@ -340,11 +381,3 @@ def _read_channels(
 
 def _coded(layer: LayerHeader) -> set[PlaneClass]:
     return {channel.plane_class for channel in layer.channels if channel.streams}
-
-
-def _check_streams(layers: list[LayerHeader], streams: Mapping[tuple[PlaneClass, int], memoryview]) -> None:
-    for (plane_class, index), data in streams.items():
-        refs = [c.streams[-1] for c in layers[index].channels if c.streams and c.plane_class == plane_class]
-        if refs[-1].offset + refs[-1].length != len(data):
-            label = f"section {L.PLANES[plane_class].decode()}[{index}]"
-            raise FormatError(f"{len(data)} bytes, its pictures need {refs[-1].offset + refs[-1].length}", where=label)

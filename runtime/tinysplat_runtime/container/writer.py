@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from zlib import crc32
 
 import numpy as np
@@ -51,7 +52,7 @@ class CodedLayer:
 def write_container(
     layers: Sequence[CodedLayer], cameras: Sequence[Camera], origin: NDArray, profile: str, qp: float
 ) -> bytes:
-    """The file: metadata first, then planes by layer and by what a first picture needs."""
+    """The file: metadata first, then planes such that every prefix gives as good a picture as it can."""
     scene = L.SCENE_FIXED.pack(len(cameras), len(layers), qp, *origin, profile.encode("ascii"))
     sections: list[tuple[bytes, int, bytes]] = [
         (L.SCENE, 0, scene),
@@ -63,12 +64,41 @@ def write_container(
             parameter_sets.append(layer.parameter_sets)
         sections.append((L.LAYER, index, _layer(layer, index, parameter_sets.index(layer.parameter_sets))))
     sections += [(L.PARAMETER_SETS, index, sets) for index, sets in enumerate(parameter_sets)]
-    for index, layer in enumerate(layers):
-        for plane_class in PlaneClass:
-            streams = [p for c in layer.channels if c.plane_class == plane_class for p in c.payloads]
+    return _assemble([*sections, *_plane_sections(layers)])
+
+
+_PASSES: tuple[tuple[PlaneClass, ...], ...] = (
+    (PlaneClass.DEPTH, PlaneClass.COLOR),
+    (PlaneClass.OPACITY,),
+    (PlaneClass.DEPTH, PlaneClass.SCALE, PlaneClass.ROTATION, PlaneClass.OFFSET),
+    (PlaneClass.COLOR,),
+)
+"""The file goes through all layers once for each of these: a base, its refinement, what changes with the view."""
+
+_BASE_COLORS = 3
+"""Colour records of the base: as many as a colour has channels."""
+
+
+def _pass_of(plane_class: PlaneClass, number: int) -> int:
+    """The pass that the class's record `number` belongs to; never falls from record to record."""
+    passes = [n for n, classes in enumerate(_PASSES) if plane_class in classes]
+    of_base = _BASE_COLORS if plane_class == PlaneClass.COLOR else 1
+    return passes[0] if number < of_base else passes[-1]
+
+
+def _plane_sections(layers: Sequence[CodedLayer]) -> list[tuple[bytes, int, bytes]]:
+    """Pictures in the order of `_PASSES`; what a later pass adds to a class of a layer is its next part."""
+    sections: list[tuple[bytes, int, bytes]] = []
+    parts: dict[tuple[PlaneClass, int], int] = {}
+    for number, classes in enumerate(_PASSES):
+        for (index, layer), plane_class in product(enumerate(layers), classes):
+            records = [channel for channel in layer.channels if channel.plane_class == plane_class]
+            streams = [p for i, c in enumerate(records) if _pass_of(plane_class, i) == number for p in c.payloads]
             if streams:
-                sections.append((L.PLANES[plane_class], index, b"".join(streams)))
-    return _assemble(sections)
+                part = parts.setdefault((plane_class, index), 0)
+                sections.append((L.PLANES[plane_class], index + part * L.PART, b"".join(streams)))
+                parts[plane_class, index] += 1
+    return sections
 
 
 def _assemble(sections: Sequence[tuple[bytes, int, bytes]]) -> bytes:

@@ -1,0 +1,119 @@
+"""Prefixes of a file: what they decode to, and what stands in for planes that are not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians
+from sections import file_of, sections_of
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import FormatError, InputError
+from tinysplat_runtime.gaussians import FIELDS
+
+
+@pytest.fixture(scope="module")
+def gaussians():
+    return make_smooth_gaussians(2, 40, 48, degree=2, layers=2)
+
+
+@pytest.fixture(scope="module", params=["paper", "balanced"])
+def data(request, gaussians):
+    return ts.compress(gaussians, profile=request.param, qp=-6)
+
+
+def _ends(data: bytes) -> list[int]:
+    return [prefix["bytes"] for prefix in ts.inspect(data)["prefixes"]]
+
+
+def _psnr(a, b) -> float:
+    pairs = [(ts.render(a, camera), ts.render(b, camera)) for camera in a.cameras]
+    return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
+
+
+def test_prefixes_end_with_the_file_and_add_every_coded_plane_once(data):
+    described = ts.inspect(data)
+    added = [(p["layer"], name) for p in described["prefixes"] for name in p["adds"]]
+    assert _ends(data) == sorted(_ends(data)) and _ends(data)[-1] == len(data)
+    assert sorted(added) == sorted((p["layer"], p["name"]) for p in described["planes"] if p["bytes"])
+
+
+def test_a_prefix_shows_more_the_longer_it_is(gaussians, data):
+    whole = ts.decompress(data)
+    # From the first colour on, every prefix that ends with a pass is nearer to the whole than the one before.
+    base, refined = _ends(data)[3], _ends(data)[-3]
+    assert _psnr(whole, ts.decompress(data, max_bytes=base)) > 12
+    assert _psnr(whole, ts.decompress(data, max_bytes=base)) < _psnr(whole, ts.decompress(data, max_bytes=refined))
+
+
+def test_the_whole_file_as_a_prefix_is_the_whole_file(data):
+    whole, prefix = ts.decompress(data), ts.decompress(data, max_bytes=len(data) + 1000)
+    for a, b in zip(whole.layers, prefix.layers, strict=True):
+        assert all((getattr(a, name) == getattr(b, name)).all() for name in FIELDS)
+
+
+def test_every_prefix_decodes_to_finite_gaussians_or_is_a_format_error(data):
+    first = _ends(data)[0]
+    for length in range(1, len(data), 397):
+        try:
+            decoded = ts.decompress(data[:length], max_bytes=length)
+        except FormatError:
+            assert length < first
+            continue
+        for layer in decoded.layers:
+            assert all(np.isfinite(getattr(layer, name)).all() for name in FIELDS)
+
+
+def test_a_view_without_depth_is_hidden_and_the_other_is_not(data):
+    depth = next(c for c in read_container(data).layers[0].channels)
+    start = _ends(data)[0] - sum(stream.length for stream in depth.streams)
+    decoded = ts.decompress(data, max_bytes=start + depth.streams[0].length)
+    assert decoded.opacities[0].min() > 0
+    assert (decoded.opacities[1] == 0).all()
+    assert all((layer.opacities == 0).all() for layer in decoded.extra_layers)
+    with pytest.raises(FormatError, match=str(start + depth.streams[0].length)):
+        ts.decompress(data, max_bytes=start + depth.streams[0].length - 1)
+
+
+def test_absent_opacity_is_the_mean_and_absent_depth_refinement_adds_nothing(gaussians):
+    data = ts.compress(gaussians, qp=-12)
+    prefixes = ts.inspect(data)["prefixes"]
+    # Where depth has two records, the first alone is within a few coarse steps of both.
+    names = [p["adds"] for p in prefixes if p["layer"] == 0]
+    assert names.count(["depth0"]) == 2
+    end = next(p["bytes"] for p in prefixes if "color0" in p["adds"])
+    decoded, whole = ts.decompress(data, max_bytes=end), ts.decompress(data)
+    assert np.ptp(decoded.opacities) == 0
+    assert decoded.opacities[0, 0, 0] == pytest.approx(gaussians.opacities.mean(), abs=0.05)
+    np.testing.assert_allclose(decoded.means, whole.means, atol=0.05)
+
+
+def test_a_cut_file_is_a_format_error_unless_a_prefix_is_asked_for(data):
+    with pytest.raises(FormatError, match="cut short"):
+        ts.decompress(data[:-1])
+    assert ts.decompress(data[:-1], max_bytes=len(data) - 1).count == ts.decompress(data).count
+
+
+def test_a_prefix_within_the_metadata_says_what_the_metadata_takes(data):
+    end = min(_ends(data)) - read_container(data).plane_sections[0].length
+    with pytest.raises(FormatError, match=str(end)):
+        ts.decompress(data, max_bytes=end - 1)
+
+
+def test_max_bytes_below_one_is_refused(data):
+    with pytest.raises(InputError, match="max_bytes"):
+        ts.decompress(data, max_bytes=0)
+
+
+def test_parts_of_a_class_that_are_missing_or_out_of_order_are_refused(data):
+    sections = sections_of(data)
+    parts = [i for i, s in enumerate(sections) if s[0] == L.PLANES[1] and s[2] % L.PART == 0]
+    assert len(parts) == 2
+    swapped = list(sections)
+    swapped[parts[0]], swapped[parts[1]] = sections[parts[1]], sections[parts[0]]
+    renumbered = [[k, f, i + L.PART if (k, i) == (L.PLANES[1], L.PART) else i, d] for k, f, i, d in sections]
+    for broken in (swapped, renumbered):
+        with pytest.raises(FormatError, match="COLO"):
+            read_container(file_of(broken))
