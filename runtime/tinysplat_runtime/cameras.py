@@ -15,6 +15,12 @@ ROTATION_TOLERANCE = 1e-3
 
 MAX_IMAGE_SIDE = 1 << 16
 
+MIN_FOCAL_PX, MAX_INTRINSIC_PX = 1e-6, 1e9
+"""Least focal length, and largest magnitude of any entry of K: products of two stay well inside float32."""
+
+MAX_POSITION = 1e15
+"""Largest magnitude of a coordinate of a camera or an origin; float64 cannot tell tenths of a unit apart beyond it."""
+
 
 def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
     try:
@@ -40,8 +46,8 @@ class Camera:
         height: image height in pixels.
 
     Raises:
-        InputError: K is singular or has a focal length ≤ 0, c2w's rotation is none, the size is none, or a number
-            is not finite.
+        InputError: K is singular or has a focal length below MIN_FOCAL_PX, c2w's rotation is none, the size is none,
+            or a number is not finite or beyond MAX_INTRINSIC_PX and MAX_POSITION.
     """
 
     K: NDArray = field()
@@ -58,11 +64,15 @@ class Camera:
                 raise InputError(f"{value}, expected a whole number from 1 to {MAX_IMAGE_SIDE}", where=name)
             object.__setattr__(self, name, int(value))
         for axis, name in enumerate(("fx", "fy")):
-            if not K[axis, axis] > 0:
-                raise InputError(f"focal length {name} = {K[axis, axis]:g} px, expected > 0", where="K")
+            if not K[axis, axis] >= MIN_FOCAL_PX:
+                bounds = "> 0" if K[axis, axis] <= 0 else f"at least {MIN_FOCAL_PX:g}"
+                raise InputError(f"focal length {name} = {K[axis, axis]:g} px, expected {bounds}", where="K")
+        for name, array, bound in (("K", K, MAX_INTRINSIC_PX), ("c2w", c2w[:3, 3], MAX_POSITION)):
+            if np.abs(array).max() > bound:
+                raise InputError(f"holds {np.abs(array).max():g}, expected at most {bound:g}", where=name)
         if K[1, 0] != 0 or (K[2] != (0, 0, 1)).any():
             raise InputError(f"{K.tolist()}, expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]", where="K")
-        R = c2w[:3, :3]
+        R = c2w[:3, :3].clip(-2, 2)  # no rotation has larger entries, and squares of them might overflow
         deviation = float(np.abs(R @ R.T - np.eye(3)).max())
         if deviation > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
             found = "a mirrored rotation" if deviation <= ROTATION_TOLERANCE else f"|R Rᵀ − 1| = {deviation:.3g}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .cameras import Camera
+from .cameras import MAX_POSITION, Camera
 from .errors import InputError
 from .sh import sh_degree
 
@@ -56,8 +56,9 @@ class Gaussians:
             object.__setattr__(self, name, array)
         sh_degree(self.sh.shape[-2])
         origin = np.array(self.origin, np.float64)
-        if origin.shape != (3,) or not np.isfinite(origin).all():
-            raise InputError(f"{np.array(self.origin).tolist()}, expected three finite numbers", where="origin")
+        if origin.shape != (3,) or not (np.abs(origin) <= MAX_POSITION).all():
+            found = str(np.array(self.origin).tolist())[:80]
+            raise InputError(f"{found}, expected three numbers of at most {MAX_POSITION:g}", where="origin")
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "cameras", tuple(self.cameras or ()))
         object.__setattr__(self, "extra_layers", tuple(self.extra_layers))
@@ -144,7 +145,8 @@ class Gaussians:
 
 def _float32(name: str, value: ArrayLike) -> NDArray:
     try:
-        return np.ascontiguousarray(value, np.float32)
+        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinity and is refused by name
+            return np.ascontiguousarray(value, np.float32)
     except (TypeError, ValueError):
         raise InputError("not an array of numbers", where=name) from None
 

@@ -148,10 +148,11 @@ def open_graph(
     # A user's network may keep its weights beside the file, which only a path can find.
     source = artifact.read() if artifact.sha256 is not None else str(artifact.path)
     try:
-        session = ort.InferenceSession(source, options, providers=list(providers))
-    except Exception as error:
+        # Its fallback would print to standard output, and try again what just failed.
+        session = ort.InferenceSession(source, options, providers=list(providers), enable_fallback=0)
+        graph = Graph(artifact.name, session, _metadata(session), tuple(o.name for o in session.get_outputs()))
+    except Exception as error:  # UnicodeDecodeError among them: names in a file need not be UTF-8
         raise ModelError(f"not a graph onnxruntime can run: {_first_line(error)}", where=str(artifact.path)) from error
-    graph = Graph(artifact.name, session, _metadata(session), tuple(o.name for o in session.get_outputs()))
     _check_contract(graph, CONTRACTS[contract], str(artifact.path))
     return graph
 

@@ -15,12 +15,13 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import Camera
+from ..cameras import MAX_POSITION, Camera
 from ..codec.hevc import MAX_QP
 from ..codec.planes import GEOMETRY, PlaneClass
 from ..errors import FormatError, InputError
 from ..sh import MAX_SH_DEGREE
 from . import layout as L
+from .bounds import check_ranges, decoding_bytes
 
 
 @dataclass(frozen=True)
@@ -162,20 +163,22 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     cursor.finish()
     _require(1 <= views <= limits.max_views, scene, f"{views} views, accepted are 1 to {limits.max_views}")
     _require(1 <= n_layers <= limits.max_layers, scene, f"{n_layers} layers, accepted are 1 to {limits.max_layers}")
-    _require(all(map(math.isfinite, (qp, *origin))), scene, "a number is not finite")
+    _require(math.isfinite(qp), scene, "Q_g is not finite")
+    _require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
     poses = _read_cameras(_only(sections, L.CAMERAS), views)
     layers, pixels, memory = [], 0, 0
     for index in range(n_layers):
         layer = _read_layer(_only(sections, L.LAYER, index), index, poses)
         pixels += layer.gaussians
-        memory += layer.gaussians * 4 * (11 + 3 * (layer.degree + 1) ** 2)
+        memory += decoding_bytes(layer)
         where = f"section LAYR[{index}]"
         if pixels > limits.max_pixels:
             raise FormatError(f"{pixels} Gaussians, the limit is {limits.max_pixels} (--max-pixels)", where=where)
         if memory > limits.max_memory_bytes:
             raise FormatError(
-                f"{memory} bytes decoded, the limit is {limits.max_memory_bytes} (--max-memory)", where=where
+                f"{memory} bytes to decode, the limit is {limits.max_memory_bytes} (--max-memory)", where=where
             )
+        check_ranges(layer, np.array(origin), where)
         layers.append(layer)
     cameras = tuple(Camera(K, c2w, layers[0].width, layers[0].height) for K, c2w in poses)
     streams = {(c, i): _joined(sections, c, i, layer) for i, layer in enumerate(layers) for c in _coded(layer)}
@@ -311,7 +314,7 @@ def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray
     _require(
         0 < z_min <= z_max < math.inf, section, f"depth limits {z_min:g} to {z_max:g}, expected positive and ordered"
     )
-    _require(math.isfinite(lost) and condition > 0, section, "a number is out of range")
+    _require(math.isfinite(lost) and 0 < condition < math.inf, section, "a number is out of range")
     _require(flags < 32, section, f"unknown flags {flags:#x}")
     _require(n_channels <= L.MAX_CHANNELS, section, f"{n_channels} channels, at most {L.MAX_CHANNELS}")
     own = [cursor.unpack(L.INTRINSICS) for _ in poses] if flags & L.OWN_INTRINSICS else None
@@ -319,7 +322,7 @@ def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray
     if flags & L.RELATIVE_ROTATION:
         quats = np.array([cursor.unpack(L.REFERENCE_QUAT) for _ in poses], np.float32)
         _require(
-            bool((np.abs(np.linalg.norm(quats, axis=1) - 1) < 1e-3).all()),
+            bool((np.abs(np.linalg.norm(quats.astype(np.float64), axis=1) - 1) < 1e-3).all()),
             section,
             "a reference quaternion is not of length 1",
         )

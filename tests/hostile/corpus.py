@@ -1,0 +1,84 @@
+"""Small valid files of every kind that the product reads, made in code: what damage starts from."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from fractions import Fraction
+from functools import lru_cache
+from pathlib import Path
+
+import av
+import numpy as np
+from scenes import make_cameras, make_gaussians, make_photo, make_smooth_gaussians, scene_document
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.artifacts import models_dir
+from tinysplat_runtime.images import write_png
+
+from .containers import Seed
+
+
+@lru_cache(maxsize=1)
+def tsplat_seeds() -> tuple[Seed, ...]:
+    """Files of 16×16 and less: both ways to code, one and two layers, one to three views, SH degree 0 to 2."""
+    cases = [
+        (make_smooth_gaussians(1, 5, 7, 0), "paper"),
+        (make_smooth_gaussians(2, 16, 16, 1), "paper"),
+        (make_smooth_gaussians(2, 16, 16, 1, layers=2), "balanced"),
+        (make_smooth_gaussians(1, 16, 16, 2), "fast"),
+        (make_smooth_gaussians(3, 8, 12, 0), "balanced"),
+    ]
+    runtime = ts.Runtime(threads=1)
+    return tuple(Seed.of(runtime.compress(g, profile)) for g, profile in cases)
+
+
+def _written(suffix: str, write: Callable[[Path], object]) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"file{suffix}"
+        write(path)
+        return path.read_bytes()
+
+
+@lru_cache(maxsize=8)
+def gaussian_seeds(suffix: str) -> tuple[bytes, ...]:
+    """Gaussian files of one suffix: per pixel with two layers, and a list."""
+    scenes = [make_gaussians(1, 3, 4, 1, layers=2), make_gaussians(2, 2, 3, 0), make_gaussians(1, 2, 2, 3)]
+    files = [_written(suffix, lambda path, g=g: ts.save_gaussians(path, g)) for g in scenes]
+    if suffix == ".npz":
+        arrays = {n: getattr(scenes[1], n) for n in ("means", "quats", "scales", "opacities", "sh")}
+        files.append(_written(suffix, lambda path: np.savez_compressed(path, **arrays)))
+    return tuple(files)
+
+
+@lru_cache(maxsize=1)
+def camera_seeds() -> tuple[bytes, ...]:
+    """`cameras.json` files."""
+    documents = [scene_document(make_cameras(views, 6, 8)) for views in (1, 3)]
+    return tuple(
+        json.dumps(document, indent=indent).encode() for document, indent in zip(documents, (None, 1), strict=True)
+    )
+
+
+@lru_cache(maxsize=1)
+def photo_seeds() -> tuple[bytes, ...]:
+    """A PNG and a JPEG of 24×16."""
+    pixels = make_photo(16, 24)
+    return _written(".png", lambda path: write_png(path, pixels)), _jpeg(pixels)
+
+
+def _jpeg(pixels: np.ndarray) -> bytes:
+    codec = av.CodecContext.create("mjpeg", "w")
+    codec.height, codec.width = pixels.shape[:2]
+    codec.pix_fmt, codec.time_base = "yuvj420p", Fraction(1, 1)
+    frame = av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="yuvj420p")
+    return b"".join(bytes(packet) for packet in (*codec.encode(frame), *codec.encode(None)))
+
+
+@lru_cache(maxsize=1)
+def model_seeds() -> tuple[bytes, ...]:
+    """The small graphs."""
+    return tuple(
+        (models_dir() / f"{name}.onnx").read_bytes() for name in ("analysis_moment", "analysis_project", "synthesis")
+    )

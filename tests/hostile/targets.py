@@ -1,0 +1,210 @@
+"""What is attacked, how, and what counts as held: every damaged input is refused with the right error or read rightly.
+
+A target's `attack(rng)` makes one damaged input and feeds it to the product. It returns "accepted", or raises what the
+product raised; anything outside `refusals` is a finding, and so is a claim of ours that does not hold (`BrokenPromiseError`).
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from random import Random
+
+import numpy as np
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.artifacts import Artifact
+from tinysplat_runtime.codec.decoder import decode_gaussians
+from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
+from tinysplat_runtime.container.layout import Limits
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import FormatError, InputError, ModelError
+from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.images import read_image
+from tinysplat_runtime.inference import GraphStore, open_graph
+from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.scenes import load_cameras, load_scene
+
+from . import corpus
+from .containers import damage_container, damage_whole
+from .damage import damage
+from .documents import damage_json, damage_npz, damage_ply, damage_safetensors
+
+LIMITS = Limits(max_pixels=1 << 14, max_memory_bytes=16 << 20)
+"""What the attacked readers may take: small, so that a file that gets more shows in the process's memory."""
+
+
+class BrokenPromiseError(AssertionError):
+    """The product returned, but not what it promises."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One entrance.
+
+    Attributes:
+        attack: makes an input and feeds it.
+        refusals: errors that are the right answer.
+    """
+
+    name: str
+    attack: Callable[[Random], None]
+    refusals: tuple[type[Exception], ...]
+
+
+def _container(rng: Random) -> None:
+    read_container(damage_container(rng.choice(corpus.tsplat_seeds()), rng), LIMITS)
+
+
+def _info(rng: Random) -> None:
+    described = inspect_bytes(damage_container(rng.choice(corpus.tsplat_seeds()), rng), LIMITS)
+    json.dumps(described, allow_nan=False)
+
+
+@lru_cache(maxsize=1)
+def _store() -> GraphStore:
+    return GraphStore(threads=1)
+
+
+def _decode(rng: Random) -> None:
+    data = damage_whole(rng.choice(corpus.tsplat_seeds()), rng)
+    gaussians = decode_gaussians(data, _store(), threads=1, limits=LIMITS)
+    check_decoded(gaussians)
+    if rng.random() < 0.1:
+        picture = ts.render(gaussians, gaussians.cameras[0], (8, 8), threads=1)
+        if not (np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1):
+            raise BrokenPromiseError("a picture holds what is no colour")
+
+
+def check_decoded(gaussians: ts.Gaussians) -> None:
+    """Raise BrokenPromiseError unless the decoded Gaussians are what `Gaussians` promises, which the decoder does not check."""
+    for n, layer in enumerate(gaussians.layers):
+        lead = layer.opacities.shape
+        if lead != (len(layer.cameras), layer.cameras[0].height, layer.cameras[0].width):
+            raise BrokenPromiseError(f"layer {n}: shape {lead}")
+        for name in FIELDS:
+            if not np.isfinite(getattr(layer, name)).all():
+                raise BrokenPromiseError(f"layer {n}: {name} is not finite")
+        if layer.opacities.min() < 0 or layer.opacities.max() > 1 or layer.scales.min() < 0:
+            raise BrokenPromiseError(f"layer {n}: opacities or scales out of range")
+        if np.abs(np.linalg.norm(layer.quats, axis=-1) - 1).max() > 1e-3:
+            raise BrokenPromiseError(f"layer {n}: a quaternion is not of length 1")
+
+
+@lru_cache(maxsize=1)
+def _planes() -> tuple[tuple[bytes, bytes, np.ndarray], ...]:
+    """(parameter sets, slice, decoded picture) of 16×16 planes at several QPs and settings."""
+    codes = np.random.default_rng(0).integers(0, 4096, (16, 16)).astype(np.uint16)
+    smooth = (np.add.outer(np.arange(16), 3 * np.arange(16)) * 40).astype(np.uint16)
+    settings = EncoderSettings("medium"), EncoderSettings("ultrafast", ("min-cu-size=8",))
+    made = []
+    for plane in (codes, smooth):
+        for qp in (0, 12, 30, 51):
+            for one in settings:
+                coded = encode_plane(plane, qp, one)
+                out = np.empty((16, 16), np.uint16)
+                PlaneDecoder(coded.parameter_sets, 16, 16).decode_into(coded.payload, out)
+                made.append((coded.parameter_sets, coded.payload, out))
+    return tuple(made)
+
+
+def _picture(rng: Random) -> None:
+    """A damaged slice through libavcodec; whatever it did, the next good slice must come out right."""
+    sets, payload, wanted = rng.choice(_planes())
+    decoder, out = PlaneDecoder(sets, 16, 16), np.empty((16, 16), np.uint16)
+    try:
+        decoder.decode_into(damage(payload, rng), out)
+    finally:
+        decoder.decode_into(payload, out)
+        if (out != wanted).any():
+            raise BrokenPromiseError("a good picture behind a damaged one came out wrong")
+
+
+def _parameter_sets(rng: Random) -> None:
+    """Damaged parameter sets: other sizes, depths and chroma than the file's header says."""
+    sets, payload, _ = rng.choice(_planes())
+    decoder = PlaneDecoder(damage(sets, rng), 16, 16)
+    decoder.decode_into(damage(payload, rng) if rng.random() < 0.3 else payload, np.empty((16, 16), np.uint16))
+
+
+def _from_file(
+    suffix: str,
+    seeds: Callable[[], tuple[bytes, ...]],
+    read: Callable[[Path], object],
+    spoil: Callable[[bytes, Random], bytes] = damage,
+) -> Callable[[Random], None]:
+    def attack(rng: Random) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"f{suffix}"
+            path.write_bytes(spoil(rng.choice(seeds()), rng))
+            read(path)
+
+    return attack
+
+
+def _gaussian_file(suffix: str, spoil: Callable[[bytes, Random], bytes]) -> Target:
+    def load(path: Path) -> None:
+        ts.load_gaussians(path, max_bytes=LIMITS.max_memory_bytes)
+
+    attack = _from_file(suffix, lambda: corpus.gaussian_seeds(suffix), load, spoil)
+    return Target(suffix.removeprefix("."), attack, (InputError,))
+
+
+def _cameras(path: Path) -> None:
+    load_cameras(path)
+    load_scene(path)
+
+
+def _model(path: Path) -> None:
+    graph = open_graph(Artifact("f", path), "analysis_moment", threads=1)
+    graph.run({"sh": np.ones((1, 2, 2, 4, 3), np.float32)})
+
+
+TARGETS: dict[str, Target] = {
+    target.name: target
+    for target in (
+        Target("container", _container, (FormatError,)),
+        Target("info", _info, (FormatError,)),
+        Target("decode", _decode, (FormatError,)),
+        Target("picture", _picture, (FormatError,)),
+        Target("parameter_sets", _parameter_sets, (FormatError,)),
+        _gaussian_file(".npz", damage_npz),
+        _gaussian_file(".safetensors", damage_safetensors),
+        _gaussian_file(".ply", damage_ply),
+        Target("cameras", _from_file(".json", corpus.camera_seeds, _cameras, damage_json), (InputError,)),
+        Target("png", _from_file(".png", lambda: corpus.photo_seeds()[:1], read_image), (InputError,)),
+        Target("jpeg", _from_file(".jpg", lambda: corpus.photo_seeds()[1:], read_image), (InputError,)),
+        Target("onnx", _from_file(".onnx", corpus.model_seeds, _model), (ModelError,)),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one attack: "accepted", "refused", or "finding" with what happened."""
+
+    kind: str
+    message: str = ""
+
+
+def attack(target: Target, case: int) -> Outcome:
+    """Run attack number `case`; the same number is the same input."""
+    try:
+        target.attack(Random(f"{target.name} {case}"))
+    except target.refusals as error:
+        text = str(error)
+        fine = "\n" not in text and len(text) < 600
+        return Outcome("refused", text) if fine else Outcome("finding", f"message of {len(text)} characters")
+    except Exception as error:
+        return Outcome("finding", f"{type(error).__name__}: {error}")
+    return Outcome("accepted")
+
+
+def prepare(target: Target) -> None:
+    """Do what the first attack would do once: make seeds, import libraries, open graphs."""
+    for case in range(-3, 0):
+        attack(target, case)
