@@ -1,7 +1,7 @@
 """What is attacked, how, and what counts as held: every damaged input is refused with the right error or read rightly.
 
 A target's `attack(rng)` makes one damaged input and feeds it to the product. It returns "accepted", or raises what the
-product raised; anything outside `refusals` is a finding, and so is a claim of ours that does not hold (`BrokenPromiseError`).
+product raised; anything outside `refusals` is a finding, and so is a promise of ours that does not hold.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from tinysplat_runtime.gaussians import FIELDS
 from tinysplat_runtime.images import read_image
 from tinysplat_runtime.inference import GraphStore, open_graph
 from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.render import render
 from tinysplat_runtime.scenes import load_cameras, load_scene
 
 from . import corpus
@@ -75,13 +76,13 @@ def _decode(rng: Random) -> None:
     gaussians = decode_gaussians(data, _store(), threads=1, limits=LIMITS)
     check_decoded(gaussians)
     if rng.random() < 0.1:
-        picture = ts.render(gaussians, gaussians.cameras[0], (8, 8), threads=1)
+        picture = render(gaussians, gaussians.cameras[0], (8, 8), threads=1)
         if not (np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1):
             raise BrokenPromiseError("a picture holds what is no colour")
 
 
 def check_decoded(gaussians: ts.Gaussians) -> None:
-    """Raise BrokenPromiseError unless the decoded Gaussians are what `Gaussians` promises, which the decoder does not check."""
+    """Raise unless the decoded Gaussians are what `Gaussians` promises, which the decoder does not check."""
     for n, layer in enumerate(gaussians.layers):
         lead = layer.opacities.shape
         if lead != (len(layer.cameras), layer.cameras[0].height, layer.cameras[0].width):
