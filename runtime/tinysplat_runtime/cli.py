@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from typing import NoReturn, TypeAlias
 
@@ -79,7 +80,7 @@ def _limits() -> _Parser:
     limits = _Parser(add_help=False)
     limits.add_argument("--max-pixels", type=count, metavar="N", help="refuse files of more Gaussians (default 67 M)")
     limits.add_argument(
-        "--max-memory", type=count, metavar="BYTES", help="refuse files that decode to more (default 8 GiB)"
+        "--max-memory", type=count, metavar="BYTES", help="refuse files that take more to decode (default 8 GiB)"
     )
     return limits
 
@@ -172,6 +173,8 @@ def _fail(message: str) -> int:
 
 
 def _run(arguments: list[str]) -> int:
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # libraries' notes to programmers; what users need to know is an error
     parser, commands = build_parser()
     joined = _join(commands, arguments)
     args = parser.parse_args(arguments)

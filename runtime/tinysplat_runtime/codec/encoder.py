@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.layout import Limits
+from ..container.reader import read_container
 from ..container.writer import CodedChannel, CodedLayer, write_container
-from ..errors import InputError
+from ..errors import FormatError, InputError, NumericError
 from ..gaussians import Gaussians
 from ..inference import GraphStore
 from ..reports import Stopwatch
@@ -39,6 +41,8 @@ FLAT_DEPTH = 1e-7
 """The same for depth, relative to its mean."""
 
 MAX_VIEWS = 64
+
+_UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
 
 
 @dataclass
@@ -90,7 +94,7 @@ def encode_gaussians(
 
     Raises:
         InputError: Gaussians without pixels, more views than 64, a Q_g beyond ±60.
-        NumericError: Gaussians at or behind their own camera.
+        NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
     """
     stats = stats or EncodeStats()
     if not gaussians.is_per_pixel:
@@ -109,7 +113,17 @@ def encode_gaussians(
             for layer, plan in zip(gaussians.layers, plans, strict=True)
         ]
     with stats.watch.stage("write"):
-        return write_container(coded, gaussians.cameras, gaussians.origin, profile.name, qp)
+        data = write_container(coded, gaussians.cameras, gaussians.origin, profile.name, qp)
+        _check_readable(data)
+    return data
+
+
+def _check_readable(data: bytes) -> None:
+    """Refuse to hand out a file that no reader would take: scenes at the end of float32 can lead to one."""
+    try:
+        read_container(data, _UNLIMITED)
+    except FormatError as error:
+        raise NumericError(f"beyond what a file can hold: {error.message}", where=error.where) from None
 
 
 def _plan_layer(

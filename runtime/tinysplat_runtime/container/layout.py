@@ -109,7 +109,7 @@ class Limits:
 
     Attributes:
         max_pixels: Gaussians over all views and layers.
-        max_memory_bytes: bytes of the decoded Gaussians.
+        max_memory_bytes: bytes that decoding takes, as `bounds.decoding_bytes` counts them.
         max_views: views.
         max_layers: layers.
     """

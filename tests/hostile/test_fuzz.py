@@ -1,0 +1,21 @@
+"""A fixed small set of the fuzz campaign's attacks (`hostile.campaign` runs millions), and what it found before."""
+
+from __future__ import annotations
+
+import pytest
+from hostile.targets import TARGETS, attack
+
+SHARE = {"container": 1500, "info": 300, "decode": 400, "picture": 1000, "parameter_sets": 500}
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_damaged_input_is_refused_by_the_right_error_or_read_rightly(name: str) -> None:
+    outcomes = [attack(TARGETS[name], case) for case in range(SHARE.get(name, 150))]
+    findings = [(case, o.message) for case, o in enumerate(outcomes) if o.kind == "finding"]
+    assert findings == []
+    assert sum(o.kind == "refused" for o in outcomes) > len(outcomes) // 5  # the damage does reach the checks
+
+
+def test_attacks_with_the_same_number_are_the_same() -> None:
+    target = TARGETS["container"]
+    assert [attack(target, case) for case in range(30)] == [attack(target, case) for case in range(30)]
