@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from random import Random
 from zlib import crc32
 
+from sections import sections_of
+
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 
@@ -42,26 +44,28 @@ class Seed:
     def of(cls, data: bytes) -> Seed:
         """Take a file apart."""
         parts = split(data)
-        at = {(p.kind, p.index): i for i, p in enumerate(parts)}
-        pictures = [
-            (at[L.PLANES[channel.plane_class], index], stream.offset, stream.length)
-            for index, layer in enumerate(read_container(data).layers)
-            for channel in layer.channels
-            for stream in channel.streams
-        ]
+        pictures = []
+        for index, layer in enumerate(read_container(data).layers):
+            for channel in layer.channels:
+                kind = L.PLANES[channel.plane_class]
+                sections = [i for i, p in enumerate(parts) if p.kind == kind and p.index % L.PART == index]
+                pictures += [_place(parts, sections, stream) for stream in channel.streams]
         return cls(data, tuple(parts), tuple(pictures))
+
+
+def _place(parts: Sequence[Part], sections: Sequence[int], stream: L.StreamRef) -> tuple[int, int, int]:
+    """(section, offset there, length) of a picture whose offset runs over all sections of its class."""
+    start = stream.offset
+    for i in sections:
+        if start < len(parts[i].data):
+            return i, start, stream.length
+        start -= len(parts[i].data)
+    raise ValueError("a picture lies behind its sections")
 
 
 def split(data: bytes) -> list[Part]:
     """Sections of a valid file."""
-    count = L.HEADER.unpack_from(data)[3]
-    at = L.HEADER.size + count * L.TABLE_ROW.size
-    parts = []
-    for row in range(count):
-        kind, flags, index, length, _ = L.TABLE_ROW.unpack_from(data, L.HEADER.size + row * L.TABLE_ROW.size)
-        parts.append(Part(kind, flags, index, data[at : at + length]))
-        at += length
-    return parts
+    return [Part(*fields) for fields in sections_of(data)]
 
 
 def join(parts: Sequence[Part], *, major: int = L.MAJOR, minor: int = L.MINOR) -> bytes:
@@ -127,7 +131,7 @@ def rearrange_sections(seed: Seed, rng: Random) -> bytes:
             case 3:
                 parts[i] = replace(parts[i], kind=rng.choice((parts[j].kind, b"NOTE", b"\0\0\0\0", b"\xff\xfe\n\r")))
             case 4:
-                parts[i] = replace(parts[i], index=rng.choice((0, 1, 2, 255, 65535)))
+                parts[i] = replace(parts[i], index=rng.choice((0, 1, 2, 255, 256, 512, 65535)))
             case 5:
                 parts.insert(i, Part(b"NOTE", rng.choice((0, 1, 65535)), rng.choice((0, 65535)), rng.randbytes(9)))
             case 6:
@@ -188,7 +192,7 @@ def damage_pictures(seed: Seed, rng: Random) -> bytes:
 def _with_picture(parts: list[Part], i: int, start: int, picture: bytes) -> Part:
     """Section `i` with another picture of the same length; its checksum in the layer's records follows."""
     old = parts[i].data[start : start + len(picture)]
-    layer = next(n for n, p in enumerate(parts) if p.kind == L.LAYER and p.index == parts[i].index)
+    layer = next(n for n, p in enumerate(parts) if p.kind == L.LAYER and p.index == parts[i].index % L.PART)
     record, repaired = (L.STREAM.pack(len(old), crc32(data)) for data in (old, picture))
     parts[layer] = replace(parts[layer], data=parts[layer].data.replace(record, repaired))
     return replace(parts[i], data=parts[i].data[:start] + picture + parts[i].data[start + len(picture) :])
