@@ -11,6 +11,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NoReturn, TypeAlias
 
 from . import __version__
@@ -22,6 +23,17 @@ ENTRY_POINTS = "tinysplat.commands"
 
 EXTRAS = {"eval": "eval", "bench": "eval", "compare": "eval", "poses": "poses", "batch": "cluster", "view": "view"}
 """Commands that an extra brings, for the message when it is not installed."""
+
+
+@dataclass(frozen=True)
+class AutoViews:
+    """Views chosen by coverage and baseline.
+
+    Attributes:
+        count: how many.
+    """
+
+    count: int
 
 
 class _Parser(argparse.ArgumentParser):
@@ -46,6 +58,16 @@ def indices(text: str) -> list[int]:
         return [int(part) for part in text.split(",")]
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}', expected indices such as 0,4") from None
+
+
+def views(text: str) -> list[int] | AutoViews:
+    """`0,4` to [0, 4]; `auto` or `auto:3` to how many views to choose."""
+    word, _, count = text.partition(":")
+    if word != "auto":
+        return indices(text)
+    if count and not (count.isdigit() and int(count) >= 2):
+        raise argparse.ArgumentTypeError(f"'{text}', expected auto or auto:N with N of 2 or more")
+    return AutoViews(int(count or 2))
 
 
 def count(text: str) -> int:
@@ -105,8 +127,16 @@ def build_parser() -> tuple[_Parser, Commands]:
     common, coding, limits, prefix = _common(), _coding(), _limits(), _prefix()
 
     encode = commands.add_parser("encode", parents=[common, coding], help="photos and cameras to a .tsplat file")
-    encode.add_argument("scene", metavar="SCENE", help="folder with images and cameras.json")
-    encode.add_argument("--views", type=indices, metavar="I,J", help="frames to use; default: all, if there are 2 to 6")
+    encode.add_argument(
+        "scene", metavar="SCENE", nargs="+",
+        help="folder with cameras.json, transforms.json or COLMAP's sparse/; a RealEstate10K .txt; two stereo photos",
+    )  # fmt: skip
+    encode.add_argument(
+        "--views", type=views, metavar="I,J|auto[:N]",
+        help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all, if 2 to 6",
+    )  # fmt: skip
+    encode.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
+    encode.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
     encode.add_argument(
         "--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
     )

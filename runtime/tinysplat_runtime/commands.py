@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .api import DEFAULT_MODEL, Runtime
 from .artifacts import load_manifest
 from .cameras import Camera
+from .cli import AutoViews
 from .codec.encoder import EncodeStats
 from .container.layout import Limits
 from .errors import InputError, TinySplatError
@@ -22,14 +23,16 @@ from .files import read_limited, write_atomically
 from .gaussians import FIELDS, Gaussians
 from .images import write_png
 from .inspection import inspect_bytes
+from .intake.stereo import stereo_scene
 from .interchange import load_gaussians, save_gaussians
 from .progress import progress
 from .render import Renderer, between, orbit
 from .reports import Stopwatch, peak_rss_bytes
 from .scenes import Scene, load_cameras, load_scene
 from .video import write_video
+from .viewchoice import choose_views
 
-AUTO_VIEWS = range(2, 7)
+ALL_VIEWS = range(2, 7)
 """Numbers of photos of which all are used when none are chosen."""
 
 MAX_FILE_BYTES = 1 << 31
@@ -37,7 +40,7 @@ MAX_FILE_BYTES = 1 << 31
 
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file."""
-    scene = _chosen_views(load_scene(args.scene, near=args.near, far=args.far), args.views)
+    scene = _chosen_views(_scene(args), args.views)
     if args.size:
         scene = scene.resized(*args.size)
     runtime, watch = Runtime(threads=args.threads), Stopwatch()
@@ -126,14 +129,29 @@ def _save_gaussians(path: str, gaussians: Gaussians) -> None:
         print(f"{path}: {loss}", file=sys.stderr)
 
 
-def _chosen_views(scene: Scene, views: Sequence[int] | None) -> Scene:
+def _scene(args: Namespace) -> Scene:
+    """The scene that `encode` names: one path, or two photos of a stereo pair."""
+    given = [name for name in ("focal", "baseline") if getattr(args, name) is not None]
+    if len(args.scene) == 1 and not given:
+        return load_scene(args.scene[0], near=args.near, far=args.far)
+    if len(args.scene) != 2 or len(given) != 2:
+        options = " and ".join(f"--{name}" for name in given) or "neither --focal nor --baseline"
+        found = f"{len(args.scene)} paths with {options}"
+        raise InputError(f"{found}, expected one scene, or two photos with --focal and --baseline", where="encode")
+    left, right = args.scene
+    return stereo_scene(left, right, args.focal, args.baseline, near=args.near, far=args.far)
+
+
+def _chosen_views(scene: Scene, views: Sequence[int] | AutoViews | None) -> Scene:
+    if isinstance(views, AutoViews):
+        return scene.views(choose_views(scene.cameras, *scene.depth_range(), views.count))
     if views is not None:
         return scene.views(views)
     count = len(scene.frames)
-    if count not in AUTO_VIEWS:
+    if count not in ALL_VIEWS:
         raise InputError(
-            f"{count} photos; all are used only when there are {AUTO_VIEWS.start} to {AUTO_VIEWS.stop - 1}:"
-            f" choose with --views, for instance --views 0,{max(1, count - 1)}",
+            f"{count} photos; all are used only when there are {ALL_VIEWS.start} to {ALL_VIEWS.stop - 1}:"
+            f" choose with --views, for instance --views auto or --views 0,{max(1, count - 1)}",
             where=str(scene.path),
         )
     return scene

@@ -45,6 +45,7 @@ _SIXTY_FOURTHS_OF_GREEN_PER_CB = np.rint(-0.344136 * 64 * _CHROMA_LEVELS).astype
 _SIXTY_FOURTHS_OF_GREEN_PER_CR = np.rint(-0.714136 * 64 * _CHROMA_LEVELS).astype(np.int16)
 
 _ORIENTATION_TAG = 0x0112
+_FIRST_TRANSPOSED = 5  # Exif orientations 5 to 8 swap rows and columns
 
 LANCZOS_LOBES = 3
 
@@ -75,14 +76,25 @@ def read_image(path: StrPath, max_pixels: int = MAX_PIXELS) -> NDArray:
     """
     data = read_limited(path, MAX_FILE_BYTES)
     try:
-        stripped = _strip(data)
-        if not (0 < stripped.width <= MAX_IMAGE_SIDE and 0 < stripped.height <= MAX_IMAGE_SIDE):
-            raise InputError(f"{stripped.width}x{stripped.height} pixels, expected sides of 1 to {MAX_IMAGE_SIDE}")
-        if stripped.width * stripped.height > max_pixels:
-            raise InputError(f"{stripped.width}x{stripped.height} pixels, expected at most {max_pixels} in all")
+        stripped = _checked(data, max_pixels)
         return _orient(_to_rgb(_decode(stripped), stripped.is_16_bit), stripped.orientation)
     except InputError as error:
         raise error.within(str(path)) from None
+
+
+def image_size(path: StrPath) -> tuple[int, int]:
+    """(height, width) of a JPEG or PNG file as `read_image` would deliver it, from its headers alone.
+
+    Raises:
+        InputError: names the file, which is missing, cut short, too large, or of another kind.
+    """
+    data = read_limited(path, MAX_FILE_BYTES)
+    try:
+        stripped = _checked(data, MAX_PIXELS)
+    except InputError as error:
+        raise error.within(str(path)) from None
+    sides = stripped.height, stripped.width
+    return sides[::-1] if stripped.orientation >= _FIRST_TRANSPOSED else sides
 
 
 def write_png(path: StrPath, image: NDArray) -> None:
@@ -162,6 +174,15 @@ def _resample(image: NDArray, index: NDArray, weight: NDArray) -> NDArray:
     for rows, factors in zip(index, weight, strict=True):
         out += image[rows] * factors[:, None, None]
     return out
+
+
+def _checked(data: bytes, max_pixels: int) -> _Stripped:
+    stripped = _strip(data)
+    if not (0 < stripped.width <= MAX_IMAGE_SIDE and 0 < stripped.height <= MAX_IMAGE_SIDE):
+        raise InputError(f"{stripped.width}x{stripped.height} pixels, expected sides of 1 to {MAX_IMAGE_SIDE}")
+    if stripped.width * stripped.height > max_pixels:
+        raise InputError(f"{stripped.width}x{stripped.height} pixels, expected at most {max_pixels} in all")
+    return stripped
 
 
 def _strip(data: bytes) -> _Stripped:
@@ -328,7 +349,7 @@ def _double(samples: NDArray, axis: int) -> NDArray:
 
 def _orient(image: NDArray, orientation: int) -> NDArray:
     """Turn the stored image (H, W, 3) as its Exif orientation says it is meant to be seen."""
-    if orientation >= 5:
+    if orientation >= _FIRST_TRANSPOSED:
         image = image.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
         image = image[::-1]

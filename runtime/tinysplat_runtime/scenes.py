@@ -5,19 +5,19 @@ A scene folder holds images and `cameras.json`:
     {"near": 2.0, "far": 9.7, "frames": [{"file": "images/0000.jpg", "width": 455, "height": 256,
                                           "K": 3x3 in pixels of that image, "c2w": 4x4, OpenCV axes}, …]}
 
-Keys that are not listed are ignored. Cameras are read and checked at once, photos only when asked for.
+Keys that are not listed are ignored. Cameras are read and checked at once, photos only when asked for. Scenes of other
+tools are read by the modules of `intake`.
 
 Trust boundary: the file is bounded in size, may not hold NaN, and names photos inside its own folder only.
 """
 
 from __future__ import annotations
 
-import json
 import operator
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +26,16 @@ from .cameras import Camera
 from .errors import InputError
 from .files import StrPath, read_limited
 from .images import read_image, resize_cover
+from .intake.lenses import Lens
+from .jsonfields import MAX_DEPTH, depth, frame_entries, parse_object, photo_name
+
+if TYPE_CHECKING:
+    from .intake.layouts import Reader
 
 CAMERAS_FILE = "cameras.json"
 
 MAX_CAMERAS_BYTES = 64 * 1000 * 1000
 """A frame takes about 500 bytes, so this is more than 100,000 of them."""
-
-MAX_DEPTH = 1e30
-"""Depths in float32, and what they are multiplied with, stay finite below it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +46,18 @@ class Frame:
         camera: the view as `image` delivers it.
         path: the photo.
         photo_camera: the view as the photo has it, where `camera` is resized from it; otherwise None.
+        lens: the intrinsics that the photo was taken with, where its distortion is to be taken out first.
     """
 
     camera: Camera
     path: Path
     photo_camera: Camera | None = None
+    lens: Lens | None = None
 
     def resized(self, height: int, width: int) -> Frame:
         """The frame scaled to cover height × width and cropped around its centre; always from the whole photo."""
         photo_camera = self.photo_camera or self.camera
-        return Frame(photo_camera.resized(height, width), self.path, photo_camera)
+        return replace(self, camera=photo_camera.resized(height, width), photo_camera=photo_camera)
 
     def image(self) -> NDArray:
         """Read the photo: (H, W, 3) float32 in [0, 1], of the camera's size.
@@ -61,11 +65,13 @@ class Frame:
         Raises:
             InputError: names the photo, which cannot be read or is not of the size that its camera states.
         """
-        stated = self.photo_camera or self.camera
+        stated = self.lens or self.photo_camera or self.camera
         pixels = read_image(self.path)
         if pixels.shape[:2] != (stated.height, stated.width):
             found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
             raise InputError(f"{found}, but its camera states {stated.width}x{stated.height}", where=str(self.path))
+        if self.lens is not None:
+            pixels = self.lens.undistort(pixels)
         if self.photo_camera is None:
             return pixels.astype(np.float32) / np.float32(255)
         return resize_cover(pixels, self.camera.height, self.camera.width)
@@ -166,71 +172,67 @@ class Scene:
 
 
 def load_scene(path: StrPath, near: float | None = None, far: float | None = None) -> Scene:
-    """Read a scene folder's cameras; its photos are read when asked for.
+    """Read a scene's cameras; its photos are read when asked for.
 
     Args:
-        path: the folder, or its `cameras.json`.
+        path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
+            in `sparse/`; one of these two .json files; or a RealEstate10K camera file (.txt).
         near: replaces the scene's own near depth, scene units.
         far: replaces the scene's own far depth.
 
     Raises:
         InputError: names the file and the field at fault.
     """
+    if reader := _foreign_reader(path):
+        return reader(Path(path), near, far)
     file = _cameras_file(path)
     data = read_limited(file, MAX_CAMERAS_BYTES)
     try:
-        document = _parse(data)
-        entries = _frame_entries(document)
-        frames = [Frame(_camera(i, e), file.parent / _file_name(i, e)) for i, e in enumerate(entries)]
-        near = _depth(document, "near") if near is None else near
-        far = _depth(document, "far") if far is None else far
+        document = parse_object(data)
+        entries = frame_entries(document)
+        frames = [Frame(_camera(i, e), file.parent / photo_name(i, e)) for i, e in enumerate(entries)]
+        near = depth(document, "near") if near is None else near
+        far = depth(document, "far") if far is None else far
     except InputError as error:
         raise error.within(str(file)) from None
     return Scene(file.parent, tuple(frames), near, far)
 
 
 def load_cameras(path: StrPath) -> list[Camera]:
-    """Read the cameras of a scene folder or `cameras.json` alone: frames need name no photo.
+    """Read the cameras of anything that `load_scene` takes; frames of a `cameras.json` need name no photo.
 
     Raises:
         InputError: names the file and the field at fault.
     """
+    if reader := _foreign_reader(path):
+        return reader(Path(path), None, None).cameras
     file = _cameras_file(path)
     data = read_limited(file, MAX_CAMERAS_BYTES)
     try:
-        return [_camera(i, entry) for i, entry in enumerate(_frame_entries(_parse(data)))]
+        return [_camera(i, entry) for i, entry in enumerate(frame_entries(parse_object(data)))]
     except InputError as error:
         raise error.within(str(file)) from None
+
+
+def camera_entry(file: str, camera: Camera) -> dict[str, Any]:
+    """A frame of `cameras.json`."""
+    K, c2w = camera.K.tolist(), camera.c2w.tolist()
+    return {"file": file, "width": camera.width, "height": camera.height, "K": K, "c2w": c2w}
+
+
+def _foreign_reader(path: StrPath) -> Reader | None:
+    from .intake.layouts import foreign_reader  # here, because its modules build on this one
+
+    return foreign_reader(Path(path))
 
 
 def _cameras_file(path: StrPath) -> Path:
     path = Path(path)
     if path.is_dir() and not (path / CAMERAS_FILE).exists():
-        raise InputError(f"no {CAMERAS_FILE} in this folder", where=str(path))
+        from .intake.layouts import ACCEPTED
+
+        raise InputError(f"no {ACCEPTED} in this folder", where=str(path))
     return path / CAMERAS_FILE if path.is_dir() else path
-
-
-def _parse(data: bytes) -> dict[str, Any]:
-    try:
-        document = json.loads(data)  # NaN passes here: the field that holds it is refused by name
-    except RecursionError:
-        raise InputError("JSON nested too deeply") from None
-    except ValueError as error:
-        raise InputError(f"not JSON ({error})") from None
-    if not isinstance(document, dict):
-        raise InputError(f"a JSON {_kind(document)}, expected an object with frames")
-    return document
-
-
-def _frame_entries(document: dict[str, Any]) -> list[dict[str, Any]]:
-    frames = document.get("frames")
-    if not isinstance(frames, list) or not frames:
-        found = "missing" if "frames" not in document else "empty" if frames == [] else f"a JSON {_kind(frames)}"
-        raise InputError(f"{found}, expected a list of at least one frame", where="frames")
-    for i, entry in enumerate(frames):
-        if not isinstance(entry, dict):
-            raise InputError(f"a JSON {_kind(entry)}, expected an object", where=f"frames[{i}]")
-    return frames
 
 
 def _camera(i: int, entry: dict[str, Any]) -> Camera:
@@ -244,33 +246,3 @@ def _camera(i: int, entry: dict[str, Any]) -> Camera:
         return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
     except InputError as error:
         raise InputError(error.message, where=f"frames[{i}].{error.where}") from None
-
-
-def _file_name(i: int, entry: dict[str, Any]) -> str:
-    """The photo's name: relative, and inside the scene's folder on any system."""
-    name = entry.get("file")
-    if not isinstance(name, str) or not name or "\0" in name:
-        found = "missing" if "file" not in entry else json.dumps(name)[:40]
-        raise InputError(f"{found}, expected the name of a photo", where=f"frames[{i}].file")
-    for path in (PurePosixPath(name), PureWindowsPath(name)):
-        if path.anchor or ".." in path.parts:
-            raise InputError(
-                f"'{name}' leaves the scene's folder, expected a path inside it", where=f"frames[{i}].file"
-            )
-    return name
-
-
-def _depth(document: dict[str, Any], name: str) -> float | None:
-    value = document.get(name)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"a JSON {_kind(value)}, expected a depth > 0", where=name)
-    if not 0 < value < MAX_DEPTH:
-        raise InputError(f"{str(value)[:20]}, expected a depth > 0 and below {MAX_DEPTH:g}", where=name)
-    return float(value)
-
-
-def _kind(value: object) -> str:
-    names = {dict: "object", list: "list", str: "string", bool: "boolean", int: "number", float: "number"}
-    return names.get(type(value), "null")

@@ -1,0 +1,129 @@
+"""The command line on what users bring: stereo pairs, many photos, photos without cameras."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import make_cameras, write_scene
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.images import write_png
+from tinysplat_runtime.scenes import load_scene
+
+SCRIPT = Path(sys.executable).with_name("tinysplat")
+HEIGHT, WIDTH, FOCAL = 240, 320, 300.0
+
+
+def tinysplat(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, timeout=120)
+
+
+def fail(*arguments: object) -> str:
+    done = tinysplat(*arguments)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_scene(tmp_path_factory.mktemp("many") / "desk", views=8, height=48, width=64)
+
+
+def test_views_are_chosen_from_many_photos(scene: Path, tmp_path: Path) -> None:
+    done = tinysplat("encode", scene, "-o", tmp_path / "a.tsplat", "--views", "auto:3")
+    assert done.returncode == 0, done.stderr
+    described = json.loads(tinysplat("info", tmp_path / "a.tsplat", "--json").stdout)
+    assert described["views"] == 3
+    assert "--views auto" in fail("encode", scene, "-o", tmp_path / "b.tsplat")
+    assert "auto:N" in fail("encode", scene, "-o", tmp_path / "b.tsplat", "--views", "auto:1")
+    assert "9 of 8 photos" in fail("encode", scene, "-o", tmp_path / "b.tsplat", "--views", "auto:9")
+
+
+def test_a_stereo_pair_is_encoded_with_focal_length_and_baseline(scene: Path, tmp_path: Path) -> None:
+    pair = (scene / "images/0000.png", scene / "images/0001.png")
+    options = ("-o", tmp_path / "s.tsplat", "--focal", "70", "--baseline", "0.2", "--near", "1.5", "--far", "8")
+    done = tinysplat("encode", *pair, *options)
+    assert done.returncode == 0, done.stderr
+    cameras = json.loads(tinysplat("info", tmp_path / "s.tsplat", "--json").stdout)["cameras"]
+    np.testing.assert_allclose(cameras[1]["c2w"][0][3], 0.2, rtol=1e-5)
+    assert "expected one scene, or two photos" in fail("encode", *pair, "-o", tmp_path / "t.tsplat", "--focal", "70")
+    assert "--near and --far" in fail("encode", *pair, *options[:6])
+
+
+# ---- photos without cameras --------------------------------------------------------------------------------------
+
+
+def textured(seed: int) -> NDArray:
+    """(600, 800, 3) of blobs of many sizes, which feature detectors like."""
+    rng = np.random.default_rng(seed)
+    image = np.full((600, 800, 3), 120.0)
+    v, u = np.mgrid[:600, :800]
+    for _ in range(700):
+        x, y, radius = rng.uniform(0, 800), rng.uniform(0, 600), rng.uniform(2, 14)
+        left, top, side = int(max(x - 3 * radius, 0)), int(max(y - 3 * radius, 0)), int(6 * radius) + 1
+        window = np.s_[top : top + side, left : left + side]
+        blob = np.exp(-((u[window] - x) ** 2 + (v[window] - y) ** 2) / (2 * radius**2))
+        image[window] += blob[..., None] * rng.uniform(-120, 120, 3)
+    return image.clip(0, 255)
+
+
+def photograph(camera: Camera, walls: list[tuple[float, float, NDArray]]) -> NDArray:
+    """Fronto-parallel textured walls (z, half width, texture), the nearest in sight first."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(camera.K).T @ camera.rotation
+    photo = np.zeros((HEIGHT, WIDTH, 3))
+    for z, half, texture in sorted(walls, key=lambda wall: -wall[0]):
+        hit = camera.centre + rays * ((z - camera.centre[2]) / rays[..., 2])[..., None]
+        x, y = (hit[..., 0] / half + 1) * 400, (hit[..., 1] / half + 0.75) * 400
+        inside = (x >= 0) & (x < 799) & (y >= 0) & (y < 599)
+        i, j = np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)
+        s, t = (np.where(inside, y, 0) - i)[..., None], (np.where(inside, x, 0) - j)[..., None]
+        value = (texture[i, j] * (1 - s) + texture[i + 1, j] * s) * (1 - t)
+        value += (texture[i, j + 1] * (1 - s) + texture[i + 1, j + 1] * s) * t
+        photo[inside] = value[inside]
+    return photo.round().astype(np.uint8)
+
+
+def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
+    walls = [(6.0, 5.0, textured(0)), (3.5, 0.8, textured(1))]
+    cameras = [
+        Camera([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]], camera.c2w, WIDTH, HEIGHT)
+        for camera in make_cameras(5, HEIGHT, WIDTH, spacing=0.35)
+    ]
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for i, camera in enumerate(cameras):
+        write_png(photos / f"{i}.png", photograph(camera, walls))
+    write_png(photos / "wall.png", np.full((HEIGHT, WIDTH, 3), 200, np.uint8))
+    done = tinysplat("poses", photos, "-o", tmp_path / "scene")
+    assert done.returncode == 0, done.stderr
+    assert "1 of 6 photos could not be placed: wall.png" in done.stderr
+    scene = load_scene(tmp_path / "scene")
+    assert len(scene.images()) == 5
+    found = np.stack([camera.centre for camera in scene.cameras])
+    truth = np.stack([camera.centre for camera in cameras])
+    unit = np.linalg.norm(truth[4] - truth[0]) / np.linalg.norm(found[4] - found[0])
+    steps = unit * np.linalg.norm(np.diff(found, axis=0), axis=1)
+    np.testing.assert_allclose(steps, 0.35, rtol=0.03)
+    near, far = (unit * depth for depth in scene.depth_range())
+    assert 3.0 < near < 3.6 and 5.8 < far < 7.4  # calibrated by itself, and a tenth of margin
+
+
+def test_bad_input_of_poses_is_one_line(tmp_path: Path) -> None:
+    photos = tmp_path / "photos"
+    assert "no such folder" in fail("poses", photos, "-o", tmp_path / "s")
+    photos.mkdir()
+    write_png(photos / "a.png", np.zeros((40, 40, 3), np.uint8))
+    assert "1 photos" in fail("poses", photos, "-o", tmp_path / "s")
+    write_png(photos / "b.png", np.zeros((40, 40, 3), np.uint8))
+    assert "no photos could be placed" in fail("poses", photos, "-o", tmp_path / "s")
+    assert not (tmp_path / "s").exists()
+    assert "not an empty folder" in fail("poses", photos, "-o", photos)
+    (photos / "b.png").write_bytes(b"GIF89a")
+    assert "b.png: starts with" in fail("poses", photos, "-o", tmp_path / "s")

@@ -1,0 +1,340 @@
+"""Scenes of other tools: cameras and photos arrive as those tools mean them, and faults are one line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plyfile
+import pycolmap
+import pytest
+from scenes import make_cameras, make_photo, write_scene
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.images import image_size, write_png
+from tinysplat_runtime.intake.stereo import stereo_scene
+from tinysplat_runtime.quaternions import matrices_to_quats
+from tinysplat_runtime.scenes import Scene, load_cameras, load_scene
+
+HEIGHT, WIDTH = 24, 32
+CAMERAS = make_cameras(3, HEIGHT, WIDTH)
+POINTS = np.array([[0.1, 0.05, 3.0], [-0.2, 0.1, 4.0], [0.0, -0.1, 5.0], [0.3, 0.0, 6.0]])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Photos of three cameras without a cameras.json."""
+    scene = write_scene(tmp_path / "desk", 3, HEIGHT, WIDTH)
+    (scene / "cameras.json").unlink()
+    return scene
+
+
+def transforms(**changes: Any) -> dict[str, Any]:
+    """A document as nerfstudio writes it, of CAMERAS; y and z of each camera point up and backward."""
+    K = CAMERAS[0].K
+    frames = []
+    for i, camera in enumerate(CAMERAS):
+        matrix = camera.c2w.copy()
+        matrix[:, 1:3] *= -1
+        frames.append({"file_path": f"images/{i:04}.png", "transform_matrix": matrix.tolist()})
+    shared = {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "w": WIDTH, "h": HEIGHT}
+    return {**shared, "camera_model": "OPENCV", "frames": frames, "near": 1.0, "far": 9.0, **changes}
+
+
+def write_transforms(folder: Path, document: dict[str, Any]) -> Path:
+    (folder / "transforms.json").write_text(json.dumps(document))
+    return folder
+
+
+def refusal(path: Path, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        load_scene(path, **options).depth_range()
+    message = str(caught.value)
+    assert message.startswith(str(path)) and "\n" not in message and len(message) < 400
+    return message
+
+
+def assert_cameras(scene: Scene, expected: list[Camera]) -> None:
+    assert len(scene.frames) == len(expected)
+    for found, camera in zip(scene.cameras, expected, strict=True):
+        np.testing.assert_allclose(found.K, camera.K, atol=1e-9)
+        np.testing.assert_allclose(found.c2w, camera.c2w, atol=1e-9)
+        assert (found.height, found.width) == (camera.height, camera.width)
+
+
+def hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+
+
+# ---- transforms.json ---------------------------------------------------------------------------------------------
+
+
+def test_transforms_turn_opengl_axes_into_opencv(folder: Path) -> None:
+    scene = load_scene(write_transforms(folder, transforms()))
+    assert_cameras(scene, CAMERAS)
+    assert scene.depth_range() == (1.0, 9.0)
+    np.testing.assert_array_equal(scene.images()[2], make_photo(HEIGHT, WIDTH, seed=2) / np.float32(255))
+    assert_cameras(load_scene(folder / "transforms.json"), CAMERAS)
+    assert len(load_cameras(folder)) == 3
+
+
+def test_an_angle_of_view_and_the_photo_itself_replace_intrinsics(folder: Path) -> None:
+    document = transforms(camera_angle_x=2 * np.arctan(WIDTH / 2 / 40))
+    for name in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
+        del document[name]
+    for frame in document["frames"]:
+        frame["file_path"] = frame["file_path"].removesuffix(".png")
+    K = load_scene(write_transforms(folder, document)).cameras[0].K
+    np.testing.assert_allclose(K, [[40, 0, WIDTH / 2], [0, 40, HEIGHT / 2], [0, 0, 1]])
+
+
+def test_intrinsics_of_a_frame_win_over_those_of_the_document(folder: Path) -> None:
+    document = transforms()
+    document["frames"][1].update(fl_x=70.0)
+    assert [c.K[0, 0] for c in load_scene(write_transforms(folder, document)).cameras] == [35.2, 70.0, 35.2]
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_distorted_photos_show_points_where_the_pinhole_camera_does(tmp_path: Path, fisheye: bool) -> None:
+    """Dots are painted where the distortion's own formula puts them; after loading they lie where K projects them."""
+    k1, f, size = -0.12, 90.0, (120, 160)
+    rays = np.array([[x, y, 1] for x in (-0.5, 0.0, 0.45) for y in (-0.35, 0.3)])
+    photo = np.zeros((*size, 3), np.uint8)
+    r = np.linalg.norm(rays[:, :2], axis=1)
+    angle = np.arctan(r) if fisheye else r
+    bent = rays[:, :2] * ((angle * (1 + k1 * angle**2)) / r)[:, None]
+    for x, y in bent * f + (80, 60):
+        v, u = np.mgrid[: size[0], : size[1]] + 0.5
+        photo[np.hypot(u - x, v - y) < 2.5] = 255
+    write_png(tmp_path / "0.png", photo)
+    entry = {"file_path": "0.png", "transform_matrix": np.diag([1, -1, -1, 1]).tolist()}
+    model = "OPENCV_FISHEYE" if fisheye else "OPENCV"
+    document = {"fl_x": f, "fl_y": f, "cx": 80, "cy": 60, "w": 160, "h": 120, "k1": k1, "camera_model": model}
+    frame = load_scene(write_transforms(tmp_path, {**document, "frames": [entry]})).frames[0]
+    image = frame.image()
+    assert image.shape == (frame.camera.height, frame.camera.width, 3)
+    for u, v in (rays @ frame.camera.K.T)[:, :2]:
+        weight = image[int(v) - 4 : int(v) + 5, int(u) - 4 : int(u) + 5, 0]
+        centre = (np.argwhere(weight > 0.5) + 0.5).mean(axis=0) + np.array([int(v) - 4, int(u) - 4])
+        assert np.hypot(centre[1] - u, centre[0] - v) < 0.6
+    small = frame.resized(40, 40)
+    assert small.image().shape == (40, 40, 3)
+
+
+def test_distortion_without_the_package_names_the_remedy(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hide(monkeypatch, "pycolmap")
+    message = refusal(write_transforms(folder, transforms(k1=0.1)))
+    assert "lens distortion" in message and 'pip install "tinysplat[poses]"' in message
+
+
+def test_depths_come_from_the_point_cloud(folder: Path) -> None:
+    vertex = np.array([tuple(p) for p in POINTS], dtype=[(axis, "f4") for axis in "xyz"])
+    plyfile.PlyData([plyfile.PlyElement.describe(vertex, "vertex")]).write(str(folder / "sparse_pc.ply"))
+    document = transforms(ply_file_path="sparse_pc.ply", near=None, far=None)
+    near, far = load_scene(write_transforms(folder, document)).depth_range()
+    assert 2.5 < near < 3.1 and 5.5 < far < 7.0
+    assert load_scene(folder, near=1.5).depth_range() == (1.5, far)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"frames": []}, "frames: empty"),
+        ({"fl_x": None, "fl_y": None}, "fl_x: None"),
+        ({"fl_x": 0, "fl_y": 0}, "camera_angle_x"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "camera_model: EQUIRECTANGULAR, expected one of"),
+        ({"k1": "a"}, "k1: a"),
+        ({"k4": 0.1}, "k4: 0.1, expected 0 unless"),
+        ({"camera_model": "OPENCV_FISHEYE", "p1": 0.1}, "expected 0 in a fisheye"),
+        ({"w": 31.5}, "w: 31.5"),
+        ({"w": 0}, "width: 0, expected"),
+        ({"near": None}, "--near"),
+        ({"camera_angle_x": 4.0}, "camera_angle_x: 4"),
+    ],
+)
+def test_faults_of_transforms_name_the_field(folder: Path, changes: dict[str, Any], words: str) -> None:
+    assert words in refusal(write_transforms(folder, transforms(**changes)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"transform_matrix": [[1, 0], [0, 1]]}, "frames[1].transform_matrix: shape (2, 2)"),
+        ({"transform_matrix": "identity"}, "frames[1].transform_matrix: not a 4x4"),
+        ({"transform_matrix": (2 * np.eye(4)).tolist()}, "frames[1].c2w: no rotation"),
+        ({"file_path": "../../etc/passwd"}, "leaves the scene's folder"),
+        ({"file_path": 3}, "frames[1].file_path: 3, expected"),
+    ],
+)
+def test_faults_of_a_frame_name_it(folder: Path, changes: dict[str, Any], words: str) -> None:
+    document = transforms()
+    document["frames"][1].update(changes)
+    assert words in refusal(write_transforms(folder, document))
+
+
+# ---- COLMAP ------------------------------------------------------------------------------------------------------
+
+
+def write_text_model(folder: Path, camera: str | None = None) -> Path:
+    """A model in COLMAP's text format of CAMERAS, in which every photo observes POINTS."""
+    folder.mkdir(parents=True)
+    K = CAMERAS[0].K
+    camera = camera or f"PINHOLE {WIDTH} {HEIGHT} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}"
+    (folder / "cameras.txt").write_text(f"# cameras\n1 {camera}\n")
+    lines = []
+    for i, view in reversed(list(enumerate(CAMERAS))):
+        qw, qx, qy, qz = matrices_to_quats(view.w2c[:3, :3])
+        pose = " ".join(f"{value:.17g}" for value in (qw, qx, qy, qz, *view.w2c[:3, 3]))
+        seen = " ".join(f"1.0 1.0 {p + 1}" for p in range(len(POINTS)))
+        lines.append(f"{i + 1} {pose} 1 {i:04}.png\n{seen}\n")
+    (folder / "images.txt").write_text("".join(lines))
+    tracks = " ".join(f"{i + 1} {{0}}" for i in range(3))
+    points = [f"{p + 1} {x} {y} {z} 9 9 9 0.5 {tracks.format(p)}\n" for p, (x, y, z) in enumerate(POINTS)]
+    (folder / "points3D.txt").write_text("".join(points))
+    return folder
+
+
+def make_binary(text: Path, folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    pycolmap.Reconstruction(text).write_binary(folder)
+    shutil.rmtree(text)
+    return folder
+
+
+@pytest.mark.parametrize("place", ["sparse/0", "sparse", "colmap/sparse/0"])
+@pytest.mark.parametrize("binary", [False, True])
+def test_colmap_projects_load_in_the_order_of_names(folder: Path, place: str, binary: bool) -> None:
+    model = write_text_model(folder / ("text" if binary else place))
+    if binary:
+        make_binary(model, folder / place)
+    scene = load_scene(folder)
+    assert_cameras(scene, CAMERAS)
+    near, far = scene.depth_range()
+    assert 2.6 < near < 3.0 < 6.0 < far < 6.8  # the nearest and farthest point with a tenth of margin
+    np.testing.assert_array_equal(scene.images()[0], make_photo(HEIGHT, WIDTH, seed=0) / np.float32(255))
+
+
+def test_colmap_photos_of_a_distorted_camera_are_undistorted(folder: Path) -> None:
+    write_text_model(folder / "sparse/0", f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 35 16 12 0.2")
+    frame = load_scene(folder).frames[0]
+    assert frame.lens is not None and frame.lens.model == "SIMPLE_RADIAL"
+    assert frame.image().shape == (frame.camera.height, frame.camera.width, 3)
+    assert frame.camera.height < HEIGHT  # cut where the lens showed nothing
+
+
+def test_damaged_colmap_models_are_one_line(folder: Path) -> None:
+    """pycolmap ends its process on some of these."""
+    model = make_binary(write_text_model(folder / "text"), folder / "sparse/0")
+    good = (model / "images.bin").read_bytes()
+    for length in (0, 4, 60, len(good) // 2):
+        (model / "images.bin").write_bytes(good[:length])
+        assert str(model) in refusal(folder)
+    (model / "images.bin").write_bytes(b"\xff" * len(good))
+    assert "damaged COLMAP model" in refusal(folder)
+
+
+def test_colmap_without_pycolmap_names_the_remedy(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_text_model(folder / "sparse/0")
+    (tmp_path / "hiding").mkdir()
+    (tmp_path / "hiding/pycolmap.py").write_text("raise ImportError")
+    monkeypatch.syspath_prepend(str(tmp_path / "hiding"))
+    assert 'pip install "tinysplat[poses]"' in refusal(folder)
+
+
+def test_colmap_photos_stay_inside_their_folder(folder: Path) -> None:
+    model = write_text_model(folder / "sparse/0")
+    (model / "images.txt").write_text((model / "images.txt").read_text().replace("0001.png", "../../secret.png"))
+    assert "leaves the folder of the photos" in refusal(folder)
+
+
+# ---- RealEstate10K -----------------------------------------------------------------------------------------------
+
+
+def realestate_line(stamp: int, camera: Camera) -> str:
+    K, w2c = camera.K_unit, camera.w2c[:3]
+    return " ".join(map(str, [stamp, K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, *w2c.ravel()]))
+
+
+def write_realestate(folder: Path) -> Path:
+    lines = ["https://www.youtube.com/watch?v=x"]
+    for i, camera in enumerate(CAMERAS):
+        (folder / "images" / f"{i:04}.png").rename(folder / "images" / f"{i * 33367000}.png")
+        lines.append(realestate_line(i * 33367000, camera))
+    lines.append(realestate_line(5, CAMERAS[0]))  # without a photo
+    (folder / "clip.txt").write_text("\n".join(lines) + "\n")
+    return folder / "clip.txt"
+
+
+def test_realestate_files_load_the_frames_that_have_photos(folder: Path) -> None:
+    scene = load_scene(write_realestate(folder), near=1.0, far=100.0)
+    assert_cameras(scene, CAMERAS)
+    assert scene.images().shape == (3, HEIGHT, WIDTH, 3)
+    (folder / "images").rename(folder / "clip")
+    assert_cameras(load_scene(folder / "clip.txt"), CAMERAS)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("33 0.5 0.5", "line 6: '33 0.5 0.5', expected a time stamp and 18 numbers"),
+        ("x" + " 1" * 18, "line 6"),
+        ("0 0.5 0.5 0.5 0.5 0 0" + " 0" * 12, "line 6: the pose is no rigid motion"),
+        ("0 0.5 0.5 0.5 0.5 0 0 2 0 0 0 0 1 0 0 0 0 1 0", "line 6: no rotation"),
+    ],
+)
+def test_faults_of_realestate_files_name_the_line(folder: Path, line: str, words: str) -> None:
+    path = write_realestate(folder)
+    path.write_text(path.read_text() + line + "\n")
+    assert words in refusal(path)
+
+
+def test_realestate_files_without_photos_say_where_they_were_sought(folder: Path) -> None:
+    path = write_realestate(folder)
+    shutil.rmtree(folder / "images")
+    assert f"no photo called after a time stamp in {folder}/clip, {folder}/images" in refusal(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    assert "not text" in refusal(path)
+
+
+# ---- stereo ------------------------------------------------------------------------------------------------------
+
+
+def test_a_stereo_pair_becomes_two_parallel_cameras(folder: Path) -> None:
+    left, right = folder / "images/0000.png", folder / "images/0001.png"
+    scene = stereo_scene(left, right, focal=40.0, baseline=0.12, near=1.0, far=5.0)
+    np.testing.assert_allclose([c.centre for c in scene.cameras], [[0, 0, 0], [0.12, 0, 0]])
+    np.testing.assert_allclose(scene.cameras[1].K, [[40, 0, 16], [0, 40, 12], [0, 0, 1]])
+    assert scene.images().shape == (2, HEIGHT, WIDTH, 3)
+
+
+@pytest.mark.parametrize(
+    ("focal", "baseline", "words"),
+    [(0.0, 1.0, "--focal: 0"), (1.0, -1.0, "--baseline: -1"), (float("nan"), 1.0, "--focal: nan")],
+)
+def test_stereo_options_out_of_range_are_refused(folder: Path, focal: float, baseline: float, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        stereo_scene(folder / "images/0000.png", folder / "images/0001.png", focal, baseline)
+
+
+def test_stereo_photos_of_two_sizes_are_refused(folder: Path) -> None:
+    write_png(folder / "other.png", make_photo(10, 10))
+    with pytest.raises(InputError, match="photos of 32x24 and 10x10 pixels"):
+        stereo_scene(folder / "images/0000.png", folder / "other.png", 40.0, 0.1)
+
+
+def test_the_size_of_a_photo_is_told_from_its_header(folder: Path) -> None:
+    assert image_size(folder / "images/0000.png") == (HEIGHT, WIDTH)
+    (folder / "x.png").write_bytes(b"GIF89a")
+    with pytest.raises(InputError, match=r"x\.png: starts with"):
+        image_size(folder / "x.png")
+
+
+def test_a_folder_of_nothing_known_says_what_is_accepted(tmp_path: Path) -> None:
+    assert "no cameras.json, transforms.json or a COLMAP model in sparse/" in refusal(tmp_path)
