@@ -1,6 +1,6 @@
 """Time and memory of the rasteriser: one JSON line per case.
 
-    python benchmarks/render.py [GAUSSIANS.npz] [--rounds 15] [--threads 1 2]
+    python benchmarks/render.py [GAUSSIANS.npz] [--rounds 15] [--threads 1 2] [--compiled]
 
 Cases: 131,072 per-pixel Gaussians of SH degree 3 at 256×256 and 512×512, and 1,048,576 at 960×540, made up here; or
 the given Gaussians at 256×256, 512×512 and 960×540. Cases and thread counts take turns, round by round, so that what
@@ -39,11 +39,12 @@ SPLAT_PX = 0.4
 
 @dataclass(frozen=True)
 class Case:
-    """One picture: whose Gaussians ("small", "large" or "given"), its (height, width), and threads."""
+    """One picture: whose Gaussians ("small", "large" or "given"), its (height, width), threads, and which code."""
 
     scene: str
     size: tuple[int, int]
     threads: int
+    compiled: bool = False
 
 
 def made_gaussians(views: int, height: int, width: int, degree: int = 3) -> Gaussians:
@@ -99,7 +100,7 @@ def measure_memory(case: Case, path: Path | None) -> int | None:
         return None
     marks.write_text("5")  # sets the high-water mark back to what is resident now
     before = _status_bytes(status, "VmRSS")
-    Renderer(gaussians, case.threads).render(camera, case.size)
+    Renderer(gaussians, case.threads, compiled=case.compiled).render(camera, case.size)
     return _status_bytes(status, "VmHWM") - before
 
 
@@ -111,17 +112,17 @@ def _status_bytes(status: Path, name: str) -> int:
 def time_cases(cases: Sequence[Case], path: Path | None, rounds: int) -> dict[Case, dict[str, float | int]]:
     """Seconds per frame and of preparation, by case, in interleaved rounds."""
     scenes = {case.scene: load(case.scene, path) for case in cases}
-    renderers: dict[tuple[str, int], tuple[Renderer, float]] = {}
+    renderers: dict[tuple[str, int, bool], tuple[Renderer, float]] = {}
     for case in cases:
-        if (case.scene, case.threads) not in renderers:
+        if _key(case) not in renderers:
             start = time.perf_counter()
-            renderer = Renderer(scenes[case.scene], case.threads)
-            renderers[case.scene, case.threads] = renderer, time.perf_counter() - start
+            renderer = Renderer(scenes[case.scene], case.threads, compiled=case.compiled)
+            renderers[_key(case)] = renderer, time.perf_counter() - start
     wall: dict[Case, list[float]] = {case: [] for case in cases}
     cpu: dict[Case, list[float]] = {case: [] for case in cases}
     for count in range(rounds + 1):
         for case in cases:
-            renderer, _ = renderers[case.scene, case.threads]
+            renderer, _ = renderers[_key(case)]
             camera = view_of(scenes[case.scene])
             start, start_cpu = time.perf_counter(), time.process_time()
             renderer.render(camera, case.size)
@@ -136,10 +137,14 @@ def time_cases(cases: Sequence[Case], path: Path | None, rounds: int) -> dict[Ca
             "seconds_min": min(wall[case]),
             "seconds_max": max(wall[case]),
             "cpu_seconds": statistics.median(cpu[case]),
-            "prepare_seconds": renderers[case.scene, case.threads][1],
+            "prepare_seconds": renderers[_key(case)][1],
         }
         for case in cases
     }
+
+
+def _key(case: Case) -> tuple[str, int, bool]:
+    return case.scene, case.threads, case.compiled
 
 
 def environment() -> dict[str, str | int | None]:
@@ -169,6 +174,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("gaussians", nargs="?", type=Path, help="a .npz of per-pixel Gaussians; default: made up")
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--compiled", action="store_true", help="beside numpy, compiled by numba (tinysplat[fast])")
     parser.add_argument("--measure-memory", metavar="CASE", help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
     if args.measure_memory:
@@ -176,11 +182,24 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(json.dumps(measure_memory(Case(**{**case, "size": tuple(case["size"])}), args.gaussians)))
         return
     pictures = {"given": (*PICTURES["small"], *PICTURES["large"])} if args.gaussians else PICTURES
-    cases = [Case(scene, size, n) for scene, sizes in pictures.items() for size in sizes for n in args.threads]
+    cases = [
+        Case(scene, size, n, compiled)
+        for scene, sizes in pictures.items()
+        for size in sizes
+        for n in args.threads
+        for compiled in ((False, True) if args.compiled else (False,))
+    ]
     for case, figures in time_cases(cases, args.gaussians, args.rounds).items():
         name = f"render {case.scene} {case.size[1]}x{case.size[0]}"
         peak = peak_bytes(case, args.gaussians)
-        line = {"case": name, "threads": case.threads, **figures, "rounds": args.rounds, "peak_bytes": peak}
+        line = {
+            "case": name,
+            "threads": case.threads,
+            "compiled": case.compiled,
+            **figures,
+            "rounds": args.rounds,
+            "peak_bytes": peak,
+        }
         print(json.dumps({**line, **environment()}), flush=True)
 
 

@@ -15,7 +15,7 @@ from scenes import make_cameras, make_gaussians
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.render import render
+from tinysplat_runtime.render import Renderer
 
 ATOL = 1e-4
 ATOL_ROUNDING = 1 / 255 + ATOL
@@ -115,12 +115,20 @@ def check(found, expected, scale=1.0):
     assert np.count_nonzero(error > ATOL) <= ROUNDING_SHARE * error.size
 
 
+def draw(gaussians, camera, compiled, **options):
+    return Renderer(gaussians, threads=1, compiled=compiled).render(camera, outputs=OUTPUTS, **options)
+
+
+by_both = pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
+
+
+@by_both
 @pytest.mark.parametrize("name", SCENES)
-def test_pictures_agree_with_the_reference(name):
+def test_pictures_agree_with_the_reference(name, compiled):
     gaussians, camera = SCENES[name]()
     background = (0.2, 0.7, 0.1)
     expected = render_reference(gaussians, camera, background)
-    found = render(gaussians, camera, outputs=OUTPUTS, background=background, threads=1)
+    found = draw(gaussians, camera, compiled, background=background)
     assert expected["alpha"].max() > 0.05  # there is something to see
     check(found["rgb"], np.clip(expected["rgb"], 0, 1))
     check(found["alpha"], expected["alpha"])
@@ -128,7 +136,8 @@ def test_pictures_agree_with_the_reference(name):
     check(np.where(steady, found["depth"], 0), np.where(steady, expected["depth"], 0), scale=expected["depth"].max())
 
 
-def test_pictures_far_from_the_world_origin_agree_with_those_near_it():
+@by_both
+def test_pictures_far_from_the_world_origin_agree_with_those_near_it(compiled):
     gaussians = per_pixel()
     near = make_cameras(1, 24, 32)[0]
     place = np.array([6.4e6, -3.1e6, 1.2e6])  # metres from the earth's centre
@@ -136,6 +145,16 @@ def test_pictures_far_from_the_world_origin_agree_with_those_near_it():
     c2w[:3, 3] += place
     moved = Gaussians(**{**vars(gaussians.flat()), "origin": place})
     expected = render_reference(gaussians, near)
-    found = render(moved, Camera(near.K, c2w, near.width, near.height), outputs=OUTPUTS, threads=1)
+    found = draw(moved, Camera(near.K, c2w, near.width, near.height), compiled)
     check(found["rgb"], np.clip(expected["rgb"], 0, 1))
     check(found["depth"], expected["depth"], scale=expected["depth"].max())
+
+
+def test_compiled_code_draws_the_same_pictures():
+    """To 1e-5, far below what either may differ from the reference, but for the pixels where rounding decides."""
+    gaussians = per_pixel()
+    camera = make_cameras(3, 24, 32)[1].resized(61, 83)
+    by_numpy, by_compiled = (draw(gaussians, camera, compiled) for compiled in (False, True))
+    for name in OUTPUTS:
+        error = np.abs(by_numpy[name] - by_compiled[name]).reshape(61, 83, -1).max(axis=-1)
+        assert np.count_nonzero(error > 1e-5) <= ROUNDING_SHARE * error.size

@@ -42,10 +42,14 @@ def assert_finite(images):
     assert images["depth"].min() >= 0
 
 
+by_both = pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
+
+
+@by_both
 @pytest.mark.parametrize(("height", "width"), [(300, 300), (40, 70), (1, 1)])
-def test_pictures_are_bit_identical_for_any_number_of_threads(height, width):
+def test_pictures_are_bit_identical_for_any_number_of_threads(height, width, compiled):
     scene = cloud(40_000)
-    images = [render(scene, pinhole(height, width), outputs=OUTPUTS, threads=n) for n in (1, 2, 3)]
+    images = [Renderer(scene, n, compiled=compiled).render(pinhole(height, width), outputs=OUTPUTS) for n in (1, 2, 3)]
     for other in images[1:]:
         for name in OUTPUTS:
             np.testing.assert_array_equal(images[0][name], other[name])
@@ -119,18 +123,21 @@ def test_no_gaussians_in_sight_leave_the_background():
     ],
 )
 @pytest.mark.parametrize("near_plane", [0.01, 0.0])
-def test_numbers_at_the_end_of_float32_give_finite_pictures(fields, near_plane):
-    scene = cloud(200, **fields)
+@by_both
+def test_numbers_at_the_end_of_float32_give_finite_pictures(fields, near_plane, compiled):
+    drawn = Renderer(cloud(200, **fields), compiled=compiled)
     for camera in (pinhole(33, 47), Camera([[1e-3, 50, -300], [0, 1e6, 9e3], [0, 0, 1]], np.eye(4), 47, 33)):
-        assert_finite(render(scene, camera, outputs=OUTPUTS, near_plane=near_plane))
+        assert_finite(drawn.render(camera, outputs=OUTPUTS, near_plane=near_plane))
 
 
-def test_gaussians_never_checked_may_hold_nan_and_are_then_not_drawn():
+@by_both
+def test_gaussians_never_checked_may_hold_nan_and_are_then_not_drawn(compiled):
     good = cloud(50)
     for name in ("means", "quats", "scales", "opacities", "sh"):
         fields = {n: getattr(good, n).copy() for n in ("means", "quats", "scales", "opacities", "sh")}
         fields[name][::2] = np.nan
-        assert_finite(render(Gaussians.unchecked(**fields), pinhole(20, 20), outputs=OUTPUTS))
+        drawn = Renderer(Gaussians.unchecked(**fields), compiled=compiled)
+        assert_finite(drawn.render(pinhole(20, 20), outputs=OUTPUTS))
 
 
 def test_radix_order_is_the_stable_order_for_narrow_and_wide_keys():

@@ -95,7 +95,7 @@ def _logarithmic(axis: Any) -> None:
 
 
 def _scatter(axes: Any, view: View, rows: Sequence[Row]) -> None:
-    """Points by group; a point's label is its variant where they are few."""
+    """Points by group; where there are no groups and few points, a point's label is its variant."""
     assert view.y is not None
     shown = [row for row in rows if row.seconds is not None and math.isfinite(row.figures.get(view.y, math.nan))]
     groups = list(dict.fromkeys(str(row.settings.get(view.group, "")) if view.group else "" for row in shown))
@@ -112,7 +112,7 @@ def _scatter(axes: Any, view: View, rows: Sequence[Row]) -> None:
         if view.group and len(members) > 2:
             axes.plot(x, y, color=colour, lw=0.6, alpha=0.6)
         axes.scatter(x, y, _areas(members, shown), color=colour, marker=marker, alpha=0.8, label=group or None)
-        if len(shown) <= 12:
+        if len(shown) <= 12 and not view.group:
             for row in members:
                 _name(axes, row, view.y)
     axes.margins(x=0.25, y=0.12)
@@ -170,12 +170,13 @@ def _raster_panel(axes: Any, rows: Sequence[Row]) -> bool:
     shown = [row for row in rows if row.stage == "rasteriser" and row.seconds and row.figures.get("error_999", 0) > 0]
     if axes is None:
         return bool(shown)
-    for i, threads in enumerate(sorted({row.threads for row in shown})):
-        members = [row for row in shown if row.threads == threads]
+    ways = [row.variant for row in shown if row.case == shown[0].case]
+    for i, way in enumerate(ways):
+        members = [row for row in shown if row.variant == way]
         x = [row.seconds.median for row in members if row.seconds]
         colour = _COLOURS[i]
-        axes.plot(x, [r.figures["error_999"] for r in members], "o", color=colour, label=f"99.9 %, {threads} thread(s)")
-        axes.plot(x, [r.figures["median_error"] for r in members], "x", color=colour, label=f"median, {threads}")
+        axes.plot(x, [r.figures["error_999"] for r in members], "o", color=colour, label=f"99.9 %: {way}")
+        axes.plot(x, [r.figures["median_error"] for r in members], "x", color=colour, label=f"median: {way}")
     _logarithmic(axes.xaxis)
     axes.set_yscale("log")
     axes.set_xlabel("seconds a frame")

@@ -45,17 +45,19 @@ def size_and_count_stages(
 
 
 def exact_stage(gaussians: Gaussians, size: int, case: str, threads: Sequence[int]) -> Stage:
-    """The exact rasteriser by threads: one prepared renderer each, a frame per call."""
+    """The exact rasteriser, in numpy and compiled where numba is, by threads: one prepared renderer each."""
     camera = _camera(gaussians).resized(size, size)
     figures = _against_float64(gaussians, camera)
+    ways = {"numpy": False, "compiled": True} if Renderer(gaussians).is_compiled else {"numpy": False}
     variants = [
         Variant(
-            f"exact, {count} thread{'s' * (count > 1)}",
-            _frame(gaussians, camera, count),
+            f"{way}, {count} thread{'s' * (count > 1)}",
+            _frame(gaussians, camera, count, compiled),
             figures,
             {"size": size, "gaussians": gaussians.count},
             count,
         )
+        for way, compiled in ways.items()
         for count in threads
     ]
     return Stage("rasteriser", case, variants)
@@ -64,7 +66,7 @@ def exact_stage(gaussians: Gaussians, size: int, case: str, threads: Sequence[in
 def approximation_stage(gaussians: Gaussians, size: int, case: str, threads: int) -> Stage:
     """The exact rasteriser, and what can be had for less work; `psnr_exact` is against the exact picture."""
     camera = _camera(gaussians).resized(size, size)
-    exact = Renderer(gaussians, threads).render(camera)
+    exact = Renderer(gaussians, threads, compiled=False).render(camera)
     against_float64 = _against_float64(gaussians, camera)
 
     def figures(image: NDArray) -> Figures:
@@ -98,8 +100,8 @@ def _camera(gaussians: Gaussians) -> Camera:
     return gaussians.cameras[0]
 
 
-def _frame(gaussians: Gaussians, camera: Camera, threads: int) -> Callable[[], NDArray]:
-    renderer = Renderer(gaussians, threads)
+def _frame(gaussians: Gaussians, camera: Camera, threads: int, compiled: bool = False) -> Callable[[], NDArray]:
+    renderer = Renderer(gaussians, threads, compiled=compiled)
     return lambda: renderer.render(camera)
 
 

@@ -62,7 +62,16 @@ class Canvas:
         """(tiles,) bool: those with a pixel that has not stopped."""
         return self.state[:, LEFT].max(axis=-1) > 0
 
-    def image(self, planes: slice) -> NDArray:
+    def colours(self) -> NDArray:
+        """(H, W, 3) what the splats add."""
+        return self._image(slice(SUMS, SUMS + N_COLOUR))
+
+    def depths(self) -> tuple[NDArray, NDArray]:
+        """(H, W) each: Σ w·z, and Σ w."""
+        depths, weights = np.moveaxis(self._image(slice(SUMS + N_COLOUR, None)), -1, 0)
+        return depths, weights
+
+    def _image(self, planes: slice) -> NDArray:
         """Planes of the state as an image (H, W, planes)."""
         grid = self.grid
         picture = (
@@ -73,7 +82,7 @@ class Canvas:
 
     def transmittance(self) -> NDArray:
         """(H, W) what the splats let through."""
-        return self.image(slice(LEFT, STOPPED + 1)).max(axis=-1)
+        return self._image(slice(LEFT, STOPPED + 1)).max(axis=-1)
 
 
 class Workspace:

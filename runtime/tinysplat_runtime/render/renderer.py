@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from numbers import Real
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.threads import available_cores
 
-from .composite import N_COLOUR, SUMS, Canvas, Workspace, composite, tile_groups
+from .composite import Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
 from .project import Splats, View, project
 from .tiles import MAX_PAIRS, PAIRS_PER_TILE, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, depth_order, find_pairs, runs
@@ -37,15 +38,18 @@ class Renderer:
     for from several threads at once are made one after the other.
     """
 
-    def __init__(self, gaussians: Gaussians, threads: int | None = None) -> None:
+    def __init__(self, gaussians: Gaussians, threads: int | None = None, *, compiled: bool | None = None) -> None:
         """Prepare to render all layers of `gaussians` together.
 
         Args:
             gaussians: (V, H, W) with or without further layers, or (N,).
             threads: how many to use; None for one per available core.
+            compiled: whether compositing runs as compiled code, which needs numba (`tinysplat[fast]`) and gives the
+                same pictures to 1e-5 except where rounding decides a threshold; None where numba is installed.
 
         Raises:
-            InputError: `gaussians` are none, or `threads` is no whole number above 0.
+            InputError: `gaussians` are none, `threads` is no whole number above 0, or `compiled` is asked for without
+                numba.
         """
         if not isinstance(gaussians, Gaussians):
             raise InputError(f"{type(gaussians).__name__}, expected Gaussians", where="gaussians")
@@ -53,9 +57,15 @@ class Renderer:
         self._origin = gaussians.origin
         self._blocks = prepare(gaussians)
         self._splats = Splats(sum(block.size for block in self._blocks))
+        self._compiled = _compiled_module(required=compiled is True) if compiled is not False else None
         self._pool = ThreadPoolExecutor(self._threads, "render") if self._threads > 1 else None
         self._local = threading.local()
         self._lock = threading.Lock()
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compositing runs as compiled code."""
+        return self._compiled is not None
 
     def render(
         self,
@@ -76,7 +86,7 @@ class Renderer:
         if not (isinstance(near_plane, Real) and 0 <= near_plane < math.inf):
             raise InputError(f"{near_plane!r}, expected a finite number ≥ 0 in scene units", where="near_plane")
         with self._lock:
-            canvas = self._composite(View.of(camera, self._origin, float(near_plane)), "depth" in outputs)
+            canvas = self._draw(View.of(camera, self._origin, float(near_plane)), "depth" in outputs)
         makers: dict[str, Callable[[], NDArray]] = {
             "rgb": lambda: _rgb(canvas, colour),
             "depth": lambda: _depth(canvas),
@@ -85,11 +95,16 @@ class Renderer:
         images = {name: makers[name]() for name in outputs}
         return images["rgb"] if outputs == ("rgb",) else images
 
-    def _composite(self, view: View, with_depth: bool) -> Canvas:
-        splats, grid = self._splats, Grid(view.camera.width, view.camera.height)
-        canvas = Canvas(grid, with_depth)
+    def _draw(self, view: View, with_depth: bool) -> Any:
+        splats = self._splats
         ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
         order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
+        if self._compiled is not None:
+            return self._compiled.composite(splats, order, view.camera.height, view.camera.width, self._run)
+        return self._composite(order, Grid(view.camera.width, view.camera.height), with_depth)
+
+    def _composite(self, order: NDArray, grid: Grid, with_depth: bool) -> Canvas:
+        splats, canvas = self._splats, Canvas(grid, with_depth)
         open_tiles = None  # in the first run, all
         for run in runs(splats.areas, order, limit=max(MAX_PAIRS, PAIRS_PER_TILE * grid.count)):
             if open_tiles is not None and not open_tiles.any():
@@ -142,19 +157,31 @@ def render(
     Raises:
         InputError: an argument is not as described.
     """
-    renderer = Renderer(gaussians, threads)
+    # Loading compiled code takes longer than drawing one picture without it.
+    renderer = Renderer(gaussians, threads, compiled=False)
     return renderer.render(camera, size, outputs=outputs, background=background, near_plane=near_plane)
 
 
-def _rgb(canvas: Canvas, background: NDArray) -> NDArray:
-    image = canvas.image(slice(SUMS, SUMS + N_COLOUR))
+def _compiled_module(required: bool) -> ModuleType | None:
+    """The module that composites by compiled code; None where numba is missing or has no place for its cache."""
+    try:
+        from . import compiled
+    except (ImportError, RuntimeError) as error:
+        if required:
+            raise InputError(f"{error}; pip install 'tinysplat[fast]' brings numba", where="compiled") from None
+        return None
+    return compiled
+
+
+def _rgb(canvas: Any, background: NDArray) -> NDArray:
+    image = canvas.colours()
     if background.any():
         image += canvas.transmittance()[..., None] * background
     return np.clip(image, 0, 1, out=image)
 
 
-def _depth(canvas: Canvas) -> NDArray:
-    depths, weights = np.moveaxis(canvas.image(slice(SUMS + N_COLOUR, None)), -1, 0)
+def _depth(canvas: Any) -> NDArray:
+    depths, weights = canvas.depths()
     return np.divide(depths, weights, out=np.zeros_like(depths), where=weights > 0)
 
 
