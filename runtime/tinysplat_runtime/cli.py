@@ -60,6 +60,32 @@ def indices(text: str) -> list[int]:
         raise argparse.ArgumentTypeError(f"'{text}', expected indices such as 0,4") from None
 
 
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"'{text}', expected a number above 0")
+    return value
+
+
+def numbers(length: int) -> Callable[[str], tuple[float, ...]]:
+    """Reads `length` finite numbers with commas between them."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != length or not all(abs(value) < float("inf") for value in values):
+            raise argparse.ArgumentTypeError(f"'{text}', expected {length} numbers with commas between them")
+        return values
+
+    return parse
+
+
 def views(text: str) -> list[int] | AutoViews:
     """`0,4` to [0, 4]; `auto` or `auto:3` to how many views to choose."""
     word, _, count = text.partition(":")
@@ -107,6 +133,22 @@ def _limits() -> _Parser:
     return limits
 
 
+def _selection() -> _Parser:
+    selection = _Parser(add_help=False)
+    selection.add_argument("--views", type=indices, metavar="I,J", help="only the Gaussians of these views")
+    selection.add_argument("--trim-border", type=count, metavar="PX", help="without the outermost pixels of each view")
+    selection.add_argument("--min-opacity", type=float, metavar="A", help="only Gaussians of this opacity or more")
+    selection.add_argument("--sh-degree", type=int, metavar="N", help="cut SH to this degree")
+    selection.add_argument(
+        "--points", action="store_true", help="write a plain point cloud (.ply) of means and colours"
+    )
+    selection.add_argument(
+        "--sh-bits", type=indices, default=(5, 4), metavar="A,B",
+        help="bits that .spz keeps of SH coefficients of degree 1 and above it, up to 8,8; default 5,4",
+    )  # fmt: skip
+    return selection
+
+
 def _prefix() -> _Parser:
     prefix = _Parser(add_help=False)
     prefix.add_argument(
@@ -152,19 +194,37 @@ def build_parser() -> tuple[_Parser, Commands]:
     compress.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     compress.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 
-    decode = commands.add_parser("decode", parents=[common, limits, prefix], help="a .tsplat file back to Gaussians")
+    selection = _selection()
+    decode = commands.add_parser(
+        "decode", parents=[common, limits, prefix, selection], help="a .tsplat file back to Gaussians"
+    )
     decode.add_argument("file", metavar="F.tsplat")
-    decode.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors or .ply")
+    decode.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors, .ply, .spz or .sog")
     decode.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
 
     render = commands.add_parser("render", parents=[common, limits, prefix], help="a picture or a video of Gaussians")
-    render.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors or .ply")
+    render.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
     render.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
     render.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
     render.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
     render.add_argument("--frames", type=count, default=60, metavar="N", help="frames of a video; default 60")
     render.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
+    render.add_argument("--depth", action="store_true", help="a depth map (z, 16-bit PNG) in place of colours")
+    render.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",
+                        help="value of a depth map per scene unit; default 1000")  # fmt: skip
     render.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
+
+    convert = commands.add_parser(
+        "convert",
+        parents=[common, limits, prefix, selection],
+        help="Gaussian files to other formats, cut, moved or joined",
+    )
+    convert.add_argument("files", nargs="+", metavar="IN", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    convert.add_argument("-o", "--output", required=True, metavar="OUT", help=".npz, .safetensors, .ply, .spz or .sog")
+    convert.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
+    convert.add_argument("--rotate", default="x,0", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
+    convert.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
+    convert.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
 
     info = commands.add_parser("info", parents=[common, limits], help="what a .tsplat file holds")
     info.add_argument("file", metavar="F.tsplat")

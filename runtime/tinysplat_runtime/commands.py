@@ -17,7 +17,7 @@ from .artifacts import load_manifest
 from .cameras import Camera
 from .cli import AutoViews
 from .codec.encoder import EncodeStats
-from .container.layout import Limits
+from .conversion import convert, selected, write
 from .errors import InputError, TinySplatError
 from .files import read_limited, write_atomically
 from .gaussians import FIELDS, Gaussians
@@ -25,6 +25,7 @@ from .images import write_png
 from .inspection import inspect_bytes
 from .intake.stereo import stereo_scene
 from .interchange import load_gaussians, save_gaussians
+from .opening import MAX_FILE_BYTES, decompress_named, file_limits, grid_option, limited_runtime, load_any
 from .progress import progress
 from .render import Renderer, between, orbit
 from .reports import Stopwatch, peak_rss_bytes
@@ -35,7 +36,11 @@ from .viewchoice import choose_views
 ALL_VIEWS = range(2, 7)
 """Numbers of photos of which all are used when none are chosen."""
 
-MAX_FILE_BYTES = 1 << 31
+
+DEEPEST = 65535
+"""Largest value of a depth map's 16 bits."""
+
+__all__ = ["compress", "convert", "decode", "encode", "info", "models", "render"]
 
 
 def encode(args: Namespace) -> None:
@@ -46,13 +51,14 @@ def encode(args: Namespace) -> None:
     runtime, watch = Runtime(threads=args.threads), Stopwatch()
     gaussians = runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch)
     if args.save_gaussians:
-        _save_gaussians(args.save_gaussians, gaussians)
+        for loss in save_gaussians(args.save_gaussians, gaussians):
+            print(f"{args.save_gaussians}: {loss}", file=sys.stderr)
     _compress(args, runtime, gaussians, EncodeStats(watch=watch))
 
 
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
-    grid = _grid(args.grid)
+    grid = grid_option(args.grid)
     cameras = load_cameras(args.cameras) if args.cameras else None
     gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
     try:
@@ -63,11 +69,12 @@ def compress(args: Namespace) -> None:
 
 def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
-    runtime, watch = _limited_runtime(args), Stopwatch()
+    runtime, watch = limited_runtime(args), Stopwatch()
     data = read_limited(args.file, MAX_FILE_BYTES)
-    gaussians = _decompress(runtime, data, args, watch)
+    gaussians = decompress_named(runtime, data, args, watch)
+    gaussians = selected(args, gaussians)
     with watch.stage("write"):
-        _save_gaussians(args.output, gaussians)
+        write(args, args.output, gaussians)
     if args.report:
         described = inspect_bytes(data, runtime.limits, is_prefix=args.max_bytes is not None)
         _write_json(args.report, _report(described, watch))
@@ -80,16 +87,18 @@ def render(args: Namespace) -> None:
     suffix = Path(args.output).suffix.lower()
     if suffix not in (".png", ".mp4"):
         raise InputError(f"'{suffix}', accepted are .png and .mp4", where=args.output)
+    if suffix == ".mp4" and args.depth:
+        raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
     if suffix == ".png" and args.path:
         raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
     watch = Stopwatch()
-    gaussians = _load_any(args, watch)
+    gaussians = load_any(args, watch)
     renderer = Renderer(gaussians, threads=args.threads)
     if suffix == ".png":
         camera = _chosen_camera(args.camera, gaussians)
         with watch.stage("render"):
-            image = renderer.render(camera, args.size)
-        write_png(args.output, image)
+            image = renderer.render(camera, args.size, outputs=("depth",) if args.depth else ("rgb",))
+        write_png(args.output, _depth_map(args, image["depth"]) if args.depth else image)
     else:
         path = _camera_path(args, gaussians)
         with watch.stage("render"):
@@ -101,11 +110,24 @@ def render(args: Namespace) -> None:
         print(f"{args.output}: {watch.seconds['render']:.3f} s")
 
 
+def _depth_map(args: Namespace, depth: NDArray) -> NDArray:
+    """Depths z in scene units as (H, W) uint16 of z · `--depth-scale`, 0 where nothing is seen."""
+    scaled = np.rint(depth.astype(np.float64) * args.depth_scale)
+    beyond = int((scaled > DEEPEST).sum())
+    if beyond:
+        reach = DEEPEST / args.depth_scale
+        print(
+            f"{args.output}: {beyond} pixels deeper than {reach:g} units written as {reach:g}; a smaller --depth-scale"
+            " reaches farther", file=sys.stderr,
+        )  # fmt: skip
+    return np.where(scaled > 0, scaled.clip(1, DEEPEST), 0).astype(np.uint16)
+
+
 def info(args: Namespace) -> None:
     """What a .tsplat file holds."""
     data = read_limited(args.file, MAX_FILE_BYTES)
     try:
-        described = inspect_bytes(data, _limits(args))
+        described = inspect_bytes(data, file_limits(args))
     except TinySplatError as error:
         raise error.within(args.file) from None
     print(json.dumps(described, indent=2) if args.json else info_text(args.file, described))
@@ -121,12 +143,6 @@ def models(args: Namespace) -> None:
         size = artifact.path.stat().st_size if artifact.path.is_file() else 0
         purpose = (artifact.entry or {}).get("purpose", "")
         print(f"{name:18} {artifact.role:10} {size / 1000:9.1f} KB  {purpose}")
-
-
-def _save_gaussians(path: str, gaussians: Gaussians) -> None:
-    """Write a Gaussian file; what its format could not keep is said on standard error."""
-    for loss in save_gaussians(path, gaussians):
-        print(f"{path}: {loss}", file=sys.stderr)
 
 
 def _scene(args: Namespace) -> Scene:
@@ -155,14 +171,6 @@ def _chosen_views(scene: Scene, views: Sequence[int] | AutoViews | None) -> Scen
             where=str(scene.path),
         )
     return scene
-
-
-def _grid(values: Sequence[int] | None) -> tuple[int, int, int] | None:
-    if values is None:
-        return None
-    if len(values) != 3 or min(values) < 1:
-        raise InputError(f"{','.join(map(str, values))}, expected V,H,W of 1 or more", where="--grid")
-    return values[0], values[1], values[2]
 
 
 def _compress(args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats) -> None:
@@ -221,7 +229,7 @@ def _report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
 def _render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:
     if Path(args.file).suffix.lower() == ".tsplat":
         data = read_limited(args.file, MAX_FILE_BYTES)
-        return _report(inspect_bytes(data, _limits(args), is_prefix=args.max_bytes is not None), watch)
+        return _report(inspect_bytes(data, file_limits(args), is_prefix=args.max_bytes is not None), watch)
     return {
         "gaussians": gaussians.count,
         "sh_degree": gaussians.degree,
@@ -232,30 +240,6 @@ def _render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> d
 
 def _write_json(path: str, value: dict[str, Any]) -> None:
     write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
-
-
-def _limits(args: Namespace) -> Limits:
-    default = Limits()
-    return Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
-
-
-def _limited_runtime(args: Namespace) -> Runtime:
-    return Runtime(threads=args.threads, limits=_limits(args))
-
-
-def _decompress(runtime: Runtime, data: bytes, args: Namespace, watch: Stopwatch) -> Gaussians:
-    try:
-        return runtime.decompress(data, max_bytes=args.max_bytes, watch=watch)
-    except TinySplatError as error:
-        raise error.within(args.file) from None
-
-
-def _load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
-    if Path(args.file).suffix.lower() == ".tsplat":
-        return _decompress(_limited_runtime(args), read_limited(args.file, MAX_FILE_BYTES), args, watch)
-    if args.max_bytes is not None:
-        raise InputError(f"only .tsplat files can be decoded from a prefix, not {args.file}", where="--max-bytes")
-    return load_gaussians(args.file)
 
 
 def _chosen_camera(text: str | None, gaussians: Gaussians) -> Camera:

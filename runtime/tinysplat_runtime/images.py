@@ -98,25 +98,28 @@ def image_size(path: StrPath) -> tuple[int, int]:
 
 
 def write_png(path: StrPath, image: NDArray) -> None:
-    """Write a PNG file with 8 bits a channel, atomically.
+    """Write a PNG file, atomically, with 8 bits a channel unless samples are uint16.
 
     Args:
         path: the file to write.
-        image: (H, W, 3) RGB or (H, W) grey; uint8, or floating point in [0, 1], which is clipped and rounded.
+        image: (H, W, 3) RGB or (H, W) grey; uint8, or floating point in [0, 1], which is clipped and rounded. Grey of
+            uint16 gives a file with 16 bits a sample.
 
     Raises:
         InputError: another shape or type, or NaN.
         OSError: the file cannot be written.
     """
-    pixels = to_uint8(image)
+    deep = np.asarray(image).dtype == np.uint16 and np.ndim(image) == 2
+    pixels = np.ascontiguousarray(image) if deep else to_uint8(image)
     if pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)) or 0 in pixels.shape:
         raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3) or (H, W)", where=str(path))
-    pix_fmt = "rgb24" if pixels.ndim == 3 else "gray"
+    pix_fmt = "gray16le" if deep else "rgb24" if pixels.ndim == 3 else "gray"
     codec: Any = av.CodecContext.create("png", "w")
     codec.height, codec.width = pixels.shape[:2]
-    codec.pix_fmt, codec.time_base = pix_fmt, Fraction(1, 1)
+    codec.pix_fmt, codec.time_base = "gray16be" if deep else pix_fmt, Fraction(1, 1)  # PNG is big-endian
     codec.options = {"pred": "mixed"}
-    packets = [*codec.encode(av.VideoFrame.from_ndarray(pixels, format=pix_fmt)), *codec.encode(None)]
+    frame: Any = av.VideoFrame.from_ndarray(pixels, format=pix_fmt)
+    packets = [*codec.encode(frame.reformat(format="gray16be") if deep else frame), *codec.encode(None)]
     write_atomically(path, b"".join(bytes(packet) for packet in packets))
 
 

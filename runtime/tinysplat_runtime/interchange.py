@@ -1,4 +1,4 @@
-"""Gaussian files of other tools: .npz, .safetensors and 3DGS .ply.
+"""Gaussian files of other tools: .npz, .safetensors, 3DGS .ply, .spz, and what splat-transform converts (.sog).
 
 `.npz` and `.safetensors` hold the arrays `means quats scales opacities sh` of one leading shape, (V, H, W) or (N,),
 and `K` (V, 3, 3) in pixels and `c2w` (V, 4, 4) where there is one Gaussian per pixel; `origin` (3,) where means are
@@ -6,8 +6,8 @@ relative to one. Layer n > 0 has the arrays `layer{n}_means` and so on with its 
 `c2w` unless there is a `layer{n}_c2w`. Numbers of any real type are taken; other arrays are ignored.
 
 `.ply` is the layout of 3D Gaussian Splatting: opacities as logits, scales as logarithms, quaternions wxyz, `f_rest`
-channel by channel. It knows neither pixels nor layers: all layers become one list of points, and a list of points
-becomes a grid again where its order is given.
+channel by channel. Neither it nor .spz and .sog know pixels or layers: all layers become one list of points, and a list
+of points becomes a grid again where its order is given.
 
 float64 means may not fit float32. Where rounding would move any Gaussian by more than ORIGIN_TOLERANCE of its distance
 to the nearest camera (without cameras: of the cloud's size), the mean camera centre (the mean of the means) becomes
@@ -24,6 +24,7 @@ import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,11 @@ from .cameras import Camera
 from .errors import InputError
 from .files import StrPath, atomic_path, check_readable, parsing
 from .gaussians import FIELDS, Gaussians
-from .ply import MAX_PLY_DEGREE, read_ply, write_ply
+from .images import to_uint8
+from .ply import MAX_PLY_DEGREE, read_ply, write_ply, write_points
+from .sh import C0
+from .splat_transform import READS, read_foreign, write_sog
+from .spz import SH_BITS, read_spz, write_spz
 
 MAX_BYTES = 8 << 30
 """Most memory that the arrays of one file may take: 24 million Gaussians of SH degree 4."""
@@ -63,7 +68,7 @@ def load_gaussians(
     """Read a Gaussian file.
 
     Args:
-        path: .npz, .safetensors or .ply.
+        path: .npz, .safetensors, .ply or .spz; .sog, .splat and .ksplat with the program splat-transform.
         grid: (V, H, W) that a flat list of points is the pixels of, in C order.
         cameras: one per view, for files that hold none; they state the grid as well.
         max_bytes: most memory that the file's arrays may take.
@@ -71,7 +76,8 @@ def load_gaussians(
     Raises:
         InputError: names the file and the array: missing, damaged, too large, of another shape, out of range.
     """
-    readers = {".npz": _npz_arrays, ".safetensors": _safetensors_arrays, ".ply": read_ply}
+    readers = {".npz": _npz_arrays, ".safetensors": _safetensors_arrays, ".ply": read_ply, ".spz": read_spz}
+    readers |= dict.fromkeys(READS, read_foreign)
     read = _by_suffix(path, readers)
     check_readable(path)
     if cameras and grid is None:
@@ -86,29 +92,57 @@ def load_gaussians(
         raise error.within(str(path)) from None
 
 
-def save_gaussians(path: StrPath, gaussians: Gaussians) -> list[str]:
+def save_gaussians(path: StrPath, gaussians: Gaussians, sh_bits: tuple[int, int] = SH_BITS) -> list[str]:
     """Write a Gaussian file, atomically.
 
     .npz and .safetensors keep everything and read back exactly.
 
     Args:
-        path: .npz, .safetensors or .ply.
+        path: .npz, .safetensors, .ply or .spz; .sog with the program splat-transform.
         gaussians: any, with any number of layers.
+        sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
 
     Returns:
         What the format could not keep or other readers may not expect, one line each; empty when there is nothing.
 
     Raises:
-        InputError: another suffix, or the package for the format is missing.
+        InputError: another suffix, or the package or program for the format is missing.
         OSError: the file cannot be written.
     """
-    writers = {".npz": _save_npz, ".safetensors": _save_safetensors, ".ply": _save_ply}
+    if not all(1 <= bits <= 8 for bits in sh_bits):
+        raise InputError(f"{sh_bits}, expected two numbers of 1 to 8", where="SH bits")
+    writers = {
+        ".npz": _save_npz,
+        ".safetensors": _save_safetensors,
+        ".ply": _save_ply,
+        ".spz": partial(_save_spz, sh_bits=sh_bits),
+        ".sog": _save_sog,
+    }
     write = _by_suffix(path, writers)
     try:
         with atomic_path(path) as temporary:
             return write(temporary, gaussians)
     except ImportError:
         raise InputError(f"{Path(path).suffix} {_INSTALL}", where=str(path)) from None
+    except InputError as error:
+        raise error if error.where and error.where.startswith(str(path)) else error.within(str(path)) from None
+
+
+def save_points(path: StrPath, gaussians: Gaussians) -> None:
+    """Write means and view-independent colours as a plain point cloud (.ply), atomically.
+
+    Raises:
+        InputError: another suffix, or plyfile is missing.
+    """
+    _by_suffix(path, {".ply": write_points})
+    flat = gaussians.flat()
+    means = flat.means.astype(np.float64) + flat.origin
+    far = flat.origin.any() and _loses_digits(means, _centres(gaussians.cameras))
+    try:
+        with atomic_path(path) as temporary:
+            write_points(temporary, means if far else means.astype(np.float32), to_uint8(0.5 + C0 * flat.sh[:, 0]))
+    except ImportError:
+        raise InputError(f".ply {_INSTALL}", where=str(path)) from None
 
 
 def _by_suffix(path: StrPath, choices: Mapping[str, Any]) -> Any:
@@ -323,9 +357,7 @@ def _save_safetensors(path: Path, gaussians: Gaussians) -> list[str]:
 
 
 def _save_ply(path: Path, gaussians: Gaussians) -> list[str]:
-    flat, notes = gaussians.flat(), []
-    if flat.degree > MAX_PLY_DEGREE:
-        notes.append(f"SH of degree {flat.degree} cut to {MAX_PLY_DEGREE}, the highest that readers of .ply know")
+    flat, notes = gaussians.flat(), _cut_notes(gaussians, ".ply")
     means = flat.means.astype(np.float64) + flat.origin
     if flat.origin.any() and _loses_digits(means, _centres(gaussians.cameras)):
         notes.append("x, y, z written as double: too far from the world's origin for float")
@@ -333,3 +365,24 @@ def _save_ply(path: Path, gaussians: Gaussians) -> list[str]:
     else:
         write_ply(path, flat, means.astype(np.float32))
     return notes
+
+
+def _save_spz(path: Path, gaussians: Gaussians, sh_bits: tuple[int, int]) -> list[str]:
+    flat = gaussians.flat()
+    return write_spz(path, flat, flat.means.astype(np.float64) + flat.origin, sh_bits)
+
+
+def _save_sog(path: Path, gaussians: Gaussians) -> list[str]:
+    flat, notes = gaussians.flat(), _cut_notes(gaussians, ".sog")
+    means = flat.means.astype(np.float64) + flat.origin
+    if flat.origin.any() and _loses_digits(means, _centres(gaussians.cameras)):
+        notes.append("positions lose digits: too far from the world's origin for float; bring the scene nearer first")
+    write_sog(path, flat, means.astype(np.float32))
+    return notes
+
+
+def _cut_notes(gaussians: Gaussians, suffix: str) -> list[str]:
+    degree = max(layer.degree for layer in gaussians.layers)
+    if degree <= MAX_PLY_DEGREE:
+        return []
+    return [f"SH of degree {degree} cut to {MAX_PLY_DEGREE}, the highest that readers of {suffix} know"]

@@ -95,6 +95,24 @@ def write_ply(path: Path, gaussians: Gaussians, means: NDArray) -> None:
     plyfile.PlyData([plyfile.PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(path))
 
 
+def write_points(path: Path, means: NDArray, colours: NDArray) -> None:
+    """Write a plain point cloud, as MeshLab, CloudCompare and Blender open it.
+
+    Args:
+        path: the file.
+        means: (N, 3) world positions, float32 or float64; the file's type for them follows.
+        colours: (N, 3) uint8 RGB.
+    """
+    import plyfile
+
+    types = [(axis, means.dtype) for axis in "xyz"] + [(name, np.uint8) for name in ("red", "green", "blue")]
+    vertex = np.empty(len(means), types)
+    for i in range(3):
+        vertex["xyz"[i]] = means[:, i]
+        vertex[("red", "green", "blue")[i]] = colours[:, i]
+    plyfile.PlyData([plyfile.PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(path))
+
+
 def _columns(vertex: NDArray, names: Sequence[str]) -> NDArray:
     """(N, names) of one floating-point type."""
     return np.stack([vertex[name] for name in names], axis=-1) if names else np.zeros((len(vertex), 0), np.float32)

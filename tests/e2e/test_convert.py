@@ -1,0 +1,135 @@
+"""`convert`, `decode` and `render --depth`: files that other programs' readers open, and what cannot be kept is said."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import plyfile
+import pytest
+from PIL import Image
+from scenes import make_smooth_gaussians
+
+import tinysplat_runtime as ts
+
+SCRIPT = Path(sys.executable).with_name("tinysplat")
+
+
+def tinysplat(*arguments: object, path: str | None = None) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, **({"PATH": path} if path else {})}
+    command = [str(SCRIPT), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=environment)
+
+
+def succeed(*arguments: object, path: str | None = None) -> subprocess.CompletedProcess[str]:
+    done = tinysplat(*arguments, path=path)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def fail(*arguments: object, path: str | None = None) -> str:
+    done = tinysplat(*arguments, path=path)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, (done.returncode, done.stderr)
+    return done.stderr
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("convert")
+    ts.save_gaussians(folder / "g.npz", make_smooth_gaussians(2, 20, 24, degree=4))
+    succeed("compress", folder / "g.npz", "-o", folder / "g.tsplat")
+    return {"folder": folder, "npz": folder / "g.npz", "tsplat": folder / "g.tsplat"}
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".spz"])
+def test_a_coded_scene_goes_out_and_its_loss_is_said(files: dict[str, Path], tmp_path: Path, suffix: str) -> None:
+    out = tmp_path / f"g{suffix}"
+    options = ("--views", "1", "--trim-border", "2", "--min-opacity", "0.2", "--sh-degree", "3")
+    done = succeed("decode", files["tsplat"], "-o", out, *options)
+    assert done.stderr == ""
+    count = ts.load_gaussians(out).count
+    assert 0 < count <= 16 * 20 and f"{count} Gaussians" in done.stdout
+    done = succeed("convert", files["npz"], "-o", out)
+    assert "SH of degree 4 cut to 3" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_files_are_joined_turned_enlarged_and_moved(files: dict[str, Path], tmp_path: Path) -> None:
+    moves = ("--rotate", "y,90", "--scale", "2", "--translate", "1,0,0")
+    succeed("convert", files["npz"], files["tsplat"], "-o", tmp_path / "g.ply", *moves, "--sh-degree", "1")
+    raw = ts.load_gaussians(files["npz"]).flat()
+    vertex = plyfile.PlyData.read(tmp_path / "g.ply")["vertex"]
+    assert len(vertex.data) == 2 * raw.count and "f_rest_8" in vertex and "f_rest_9" not in vertex
+    x, y, z = (vertex[axis][: raw.count] for axis in "xyz")
+    np.testing.assert_allclose(np.stack([x, y, z], 1), raw.means[:, [2, 1, 0]] * (2, 2, -2) + (1, 0, 0), atol=1e-5)
+
+
+def test_pixels_and_cameras_survive_a_movement(files: dict[str, Path], tmp_path: Path) -> None:
+    succeed("convert", files["npz"], "-o", tmp_path / "m.npz", "--rotate", "x,30", "--translate=0,-1,2")
+    for name in ("before", "after"):
+        source = files["npz"] if name == "before" else tmp_path / "m.npz"
+        succeed("render", source, "-o", tmp_path / f"{name}.png")
+    a, b = (np.array(Image.open(tmp_path / f"{name}.png"), int) for name in ("before", "after"))
+    assert np.abs(a - b).max() <= 1
+
+
+def test_a_point_cloud_has_positions_and_colours(files: dict[str, Path], tmp_path: Path) -> None:
+    succeed("decode", files["tsplat"], "-o", tmp_path / "p.ply", "--points")
+    vertex = plyfile.PlyData.read(tmp_path / "p.ply")["vertex"].data
+    assert vertex.dtype.names == ("x", "y", "z", "red", "green", "blue") and vertex["red"].dtype == np.uint8
+    assert ".ply" in fail("decode", files["tsplat"], "-o", tmp_path / "p.spz", "--points")
+
+
+def test_a_depth_map_is_z_in_16_bits(files: dict[str, Path], tmp_path: Path) -> None:
+    succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth")
+    gaussians = ts.load_gaussians(files["npz"])
+    depth = ts.render(gaussians, gaussians.cameras[0], outputs=("depth",))["depth"]
+    image = np.array(Image.open(tmp_path / "d.png"))
+    assert image.dtype == np.uint16
+    np.testing.assert_allclose(image / 1000, depth, atol=5.1e-4)
+    done = succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth", "--depth-scale", "30000")
+    assert "deeper than 2.1845 units" in done.stderr
+    assert "expected an output that ends in .png" in fail("render", files["npz"], "-o", tmp_path / "d.mp4", "--depth")
+
+
+def test_sog_goes_through_splat_transform(files: dict[str, Path], tmp_path: Path) -> None:
+    """A stand-in on the PATH that copies shows what the program is given and that its output is what arrives."""
+    program = tmp_path / "bin" / "splat-transform"
+    program.parent.mkdir()
+    program.write_text('#!/bin/sh\nfor last; do :; done\necho "$@" > "$(dirname "$0")/seen"\n'
+                       'for a; do [ -f "$a" ] && cp "$a" "$last" && exit 0; done\necho broken >&2; exit 1\n')  # fmt: skip
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
+    succeed("convert", files["npz"], "-o", tmp_path / "g.sog", "--sh-degree", "1", path=path)
+    assert (program.parent / "seen").read_text().startswith("-q -g cpu ")
+    assert (tmp_path / "g.sog").read_bytes().startswith(b"ply")
+    succeed("convert", tmp_path / "g.sog", "-o", tmp_path / "back.ply", path=path)
+    assert ts.load_gaussians(tmp_path / "back.ply").count == ts.load_gaussians(files["npz"]).count
+    program.write_text("#!/bin/sh\necho one >&2\necho no memory >&2\nexit 3\n")
+    assert "splat-transform failed (no memory)" in fail("convert", files["npz"], "-o", tmp_path / "h.sog", path=path)
+    message = fail("convert", files["npz"], "-o", tmp_path / "h.sog", path=str(SCRIPT.parent))
+    assert "npm install -g @playcanvas/splat-transform" in message
+    assert not (tmp_path / "h.sog").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--rotate", "x"), "--rotate: 'x', expected AXIS,DEGREES"),
+        (("--rotate", "0,0,0,0"), "--rotate"),
+        (("--scale", "-1"), "expected a number above 0"),
+        (("--translate", "1,2"), "expected 3 numbers"),
+        (("--crop", "0,0,0,1,1"), "expected 6 numbers"),
+        (("--crop", "90,90,90,91,91,91"), "none of 960 Gaussians is left"),
+        (("--views", "7"), "g.npz: views: [7], expected different views of 0 to 1"),
+        (("--min-opacity", "2"), "expected 0 to 1"),
+        (("--sh-bits", "5"), "--sh-bits: 5, expected two numbers"),
+        (("--sh-degree", "7"), "SH degree: 7"),
+    ],
+)
+def test_bad_options_are_one_line(files: dict[str, Path], tmp_path: Path, options: tuple[str, ...], words: str) -> None:
+    assert words in fail("convert", files["npz"], "-o", tmp_path / "out.ply", *options)
+    assert not (tmp_path / "out.ply").exists()

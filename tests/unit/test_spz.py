@@ -1,0 +1,156 @@
+"""SPZ files: what gaussforge, built on the format's own library, reads and writes is what we mean."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gaussforge
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import make_gaussians
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.interchange import load_gaussians, save_gaussians
+from tinysplat_runtime.quaternions import normalize_quats
+from tinysplat_runtime.sh import sh_basis
+
+TURN = np.array([1.0, -1.0, -1.0])  # SPZ has y up and z backward
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """gaussforge prints on the process' standard output."""
+    saved, sink = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, 1)
+    try:
+        yield
+    finally:
+        os.dup2(saved, 1)
+        os.close(saved)
+        os.close(sink)
+
+
+def foreign_read(path: Path) -> dict[str, NDArray]:
+    """The arrays of an .spz file by gaussforge."""
+    with quiet():
+        model = gaussforge.GaussForge().read(path.read_bytes(), "spz")["data"]
+    widths = {"positions": 3, "scales": 3, "rotations": 4, "alphas": 1, "colors": 3}
+    arrays = {name: np.frombuffer(model[name], np.float32).reshape(-1, width) for name, width in widths.items()}
+    higher = np.frombuffer(model["sh"], np.float32).reshape(model["numPoints"], -1, 3)
+    return {**arrays, "sh": np.concatenate([arrays["colors"][:, None], higher], axis=1)}
+
+
+def foreign_write(path: Path, gaussians: Gaussians, version: int) -> None:
+    def octets(array: NDArray) -> bytes:
+        return np.ascontiguousarray(array, np.float32).tobytes()
+
+    model: dict[str, Any] = {
+        "numPoints": len(gaussians.means),
+        "positions": octets(gaussians.means),
+        "scales": octets(np.log(gaussians.scales)),
+        "rotations": octets(normalize_quats(gaussians.quats)),
+        "alphas": octets(np.log(gaussians.opacities / (1 - gaussians.opacities))),
+        "colors": octets(gaussians.sh[:, 0]),
+        "sh": octets(gaussians.sh[:, 1:]),
+        "extras": {},
+        "meta": {"shDegree": gaussians.degree, "sourceFormat": "ply"},
+    }
+    with quiet():
+        path.write_bytes(bytes(gaussforge.GaussForge().write(model, "spz", spz_version=version)["data"]))
+
+
+def some(degree: int = 3) -> Gaussians:
+    made = make_gaussians(degree=degree).flat()
+    return Gaussians(made.means, made.quats, made.scales, made.opacities.clip(0.02, 0.98), made.sh)
+
+
+def same_rotations(a: NDArray, b: NDArray, tolerance: float) -> bool:
+    dots = np.abs((normalize_quats(a) * normalize_quats(b)).sum(axis=-1))
+    return bool((dots > np.cos(tolerance / 2)).all())
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_the_format_s_own_library_reads_what_we_write(tmp_path: Path, degree: int) -> None:
+    gaussians = some(degree)
+    assert save_gaussians(tmp_path / "g.spz", gaussians, sh_bits=(8, 8)) == []
+    found = foreign_read(tmp_path / "g.spz")
+    np.testing.assert_allclose(found["positions"] * TURN, gaussians.means, atol=1e-5)
+    np.testing.assert_allclose(found["scales"], np.log(gaussians.scales), atol=1 / 32 + 1e-5)
+    np.testing.assert_allclose(1 / (1 + np.exp(-found["alphas"][:, 0])), gaussians.opacities, atol=0.5 / 255 + 1e-5)
+    assert same_rotations(found["rotations"] * np.array([1, *TURN]), gaussians.quats, 0.01)
+    direction = np.array([[0.6, -0.48, 0.64]])
+    seen = sh_basis(direction * TURN, degree) @ found["sh"]  # a colour, looked at in SPZ's axes
+    np.testing.assert_allclose(seen, sh_basis(direction, degree) @ gaussians.sh, atol=0.03)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_files_of_the_format_s_own_library_are_read(tmp_path: Path, version: int) -> None:
+    gaussians = some(3)
+    foreign_write(tmp_path / "g.spz", gaussians, version)
+    loaded = load_gaussians(tmp_path / "g.spz")
+    np.testing.assert_allclose(loaded.means * TURN, gaussians.means, atol=2.0**-12)
+    np.testing.assert_allclose(np.log(loaded.scales), np.log(gaussians.scales), atol=1 / 32 + 1e-5)
+    assert same_rotations(loaded.quats * np.array([1, *TURN]), gaussians.quats, 0.3 if version == 2 else 0.01)
+    np.testing.assert_allclose(loaded.sh[:, 0], gaussians.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-5)
+
+
+def test_positions_use_all_24_bits_whatever_the_scene_s_size(tmp_path: Path) -> None:
+    gaussians = some(0)
+    for size in (1e-3, 1.0, 1e4):
+        scaled = Gaussians(gaussians.means * size, gaussians.quats, gaussians.scales * size, gaussians.opacities,
+                           gaussians.sh)  # fmt: skip
+        save_gaussians(tmp_path / "g.spz", scaled)
+        error = np.abs(load_gaussians(tmp_path / "g.spz").means - scaled.means).max()
+        assert error < np.abs(scaled.means).max() * 2e-7
+
+
+def test_what_spz_cannot_hold_is_said(tmp_path: Path) -> None:
+    g = some(0)
+    bright = Gaussians(g.means + 1e6, g.quats, g.scales * 1e-9, g.opacities, g.sh + 9)
+    notes = save_gaussians(tmp_path / "g.spz", bright)
+    assert [note.split(" ")[0] for note in notes] == ["positions", "scales", "colours"]
+    assert save_gaussians(tmp_path / "d.spz", some(4)) == [
+        "SH of degree 4 cut to 3, the highest that readers of .spz know"
+    ]
+    with pytest.raises(InputError, match="bring the scene nearer"):
+        save_gaussians(tmp_path / "g.spz", Gaussians(g.means + 1e8, g.quats, g.scales, g.opacities, g.sh))
+    with pytest.raises(InputError, match="SH bits"):
+        save_gaussians(tmp_path / "g.spz", g, sh_bits=(9, 4))
+
+
+def test_the_same_gaussians_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.spz", "b.spz"):
+        save_gaussians(tmp_path / name, some())
+    assert (tmp_path / "a.spz").read_bytes() == (tmp_path / "b.spz").read_bytes()
+
+
+def test_damaged_files_are_refused_in_one_line_and_without_memory(tmp_path: Path) -> None:
+    path = tmp_path / "g.spz"
+    save_gaussians(path, some(1))
+    data = path.read_bytes()
+    raw = gzip.decompress(data)
+    header = struct.pack("<IIIBBBB", 0x5053474E, 3, 2**32 - 1, 3, 12, 0, 0)
+    attacks = {
+        "cut short": gzip.compress(raw[:-1]),
+        "header": gzip.compress(raw[:8]),
+        "gzip": data[: len(data) // 2],
+        "announces": gzip.compress(header + bytes(1 << 20)),
+        "version 9": gzip.compress(struct.pack("<II", 0x5053474E, 9) + raw[8:]),
+        "SPZ header": gzip.compress(b"x" * 40),
+        "version 4 or newer": b"NGSP" + bytes(40),
+        "damaged": b"not gzip",
+        "damaged header: 0 points": gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, 0, 3, 12, 0, 0)),
+    }
+    for words, attack in attacks.items():
+        path.write_bytes(attack)
+        with pytest.raises(InputError, match=words) as caught:
+            load_gaussians(path)
+        assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
