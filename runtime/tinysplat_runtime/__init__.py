@@ -11,6 +11,8 @@ Names are loaded on first use, so that importing the package opens no model, no 
 from __future__ import annotations
 
 import importlib
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
@@ -64,13 +66,25 @@ if TYPE_CHECKING:
     from .scenes import Scene, load_scene
 
 
+class _Door(ModuleType):
+    """The package as a module whose public names stay what they are.
+
+    Importing the subpackage `render` would otherwise put it in place of the function of that name.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _MODULE_OF and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Door
+
+
 def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = importlib.import_module(f".{_MODULE_OF[name]}", __name__)
-    # All names of the module at once: importing `api` binds the subpackage `render` to the name of the function.
-    globals().update({n: getattr(module, n) for n, m in _MODULE_OF.items() if m == _MODULE_OF[name]})
-    return globals()[name]
+    value = globals()[name] = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+    return value
 
 
 def __dir__() -> list[str]:

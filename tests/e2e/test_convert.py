@@ -1,4 +1,4 @@
-"""`convert`, `decode` and `render --depth`: files that other programs' readers open, and what cannot be kept is said."""
+"""`convert`, `decode`, `render --depth`: files that other programs' readers open, and what cannot be kept is said."""
 
 from __future__ import annotations
 
@@ -15,6 +15,15 @@ from PIL import Image
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+
+STAND_IN = """#!/bin/sh
+for last; do :; done
+echo "$@" > "$(dirname "$0")/seen"
+for a; do [ -f "$a" ] && cp "$a" "$last" && exit 0; done
+echo broken >&2
+exit 1
+"""
+"""Copies the file it is given to where its output is expected."""
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
@@ -99,8 +108,7 @@ def test_sog_goes_through_splat_transform(files: dict[str, Path], tmp_path: Path
     """A stand-in on the PATH that copies shows what the program is given and that its output is what arrives."""
     program = tmp_path / "bin" / "splat-transform"
     program.parent.mkdir()
-    program.write_text('#!/bin/sh\nfor last; do :; done\necho "$@" > "$(dirname "$0")/seen"\n'
-                       'for a; do [ -f "$a" ] && cp "$a" "$last" && exit 0; done\necho broken >&2; exit 1\n')  # fmt: skip
+    program.write_text(STAND_IN)
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
     succeed("convert", files["npz"], "-o", tmp_path / "g.sog", "--sh-degree", "1", path=path)

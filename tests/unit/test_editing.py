@@ -71,7 +71,7 @@ def test_merged_scenes_keep_their_places_and_degrees() -> None:
     shifted = Gaussians(**{name: getattr(far, name) for name in FIELDS}, origin=np.array([0.0, 0.0, 10.0]))
     both = merge([near, shifted])
     assert both.count == near.count + far.count and both.degree == 2
-    np.testing.assert_allclose(both.means[near.count :], far.means + (0, 0, 10), rtol=1e-6)
+    np.testing.assert_allclose(both.means[near.count :], far.means + np.array([0, 0, 10]), rtol=1e-6)
     np.testing.assert_array_equal(both.sh[: near.count, 1:], 0)
 
 
