@@ -6,23 +6,27 @@ process, with default settings.
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from .cameras import Camera
 from .codec.decoder import decode_gaussians
-from .codec.encoder import EncodeStats, encode_gaussians
+from .codec.encoder import EncodeStats, SceneEncoder
 from .codec.profiles import DEFAULT_PROFILE, find_profile
+from .codec.rate import encode_to_psnr, encode_to_size
 from .container.layout import Limits
 from .errors import InputError
 from .gaussians import Gaussians
 from .inference import GraphStore
 from .inspection import inspect_bytes
 from .predict import predict as run_network
+from .render import Renderer
 from .render import render as render_gaussians
 from .reports import Stopwatch
 from .scenes import Scene
@@ -86,8 +90,10 @@ class Runtime:
         self,
         gaussians: Gaussians,
         profile: str = DEFAULT_PROFILE,
-        qp: float = 0,
+        qp: float | None = None,
         *,
+        target_size: int | None = None,
+        target_psnr: float | None = None,
         drop_invalid: bool = False,
         stats: EncodeStats | None = None,
     ) -> bytes:
@@ -96,18 +102,43 @@ class Runtime:
         Args:
             gaussians: per pixel, with cameras.
             profile: paper, fast, balanced or max.
-            qp: Q_g; every quantiser step is multiplied by 2^(qp/6).
+            qp: Q_g; every quantiser step is multiplied by 2^(qp/6). None is 0, or what a target asks for.
+            target_size: bytes of the file in place of `qp`: at most that many, and at least 97 % of it.
+            target_psnr: dB of decoded against raw renders, the mean over the input views, in place of `qp`: at least
+                that many, and at most 0.2 more.
             drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
             stats: filled with what coding measured.
 
         Raises:
-            InputError: an option out of range, or Gaussians of no pixels.
+            InputError: an option out of range, two options that contradict each other, a target that cannot be
+                reached, or Gaussians of no pixels.
             NumericError: Gaussians with z ≤ 0.
         """
-        return encode_gaussians(
-            gaussians, find_profile(profile), float(qp), self.store, threads=self.threads, drop_invalid=drop_invalid,
-            stats=stats,
-        )  # fmt: skip
+        _check_targets(qp, target_size, target_psnr)
+        encoder = SceneEncoder(
+            gaussians, find_profile(profile), self.store, threads=self.threads, drop_invalid=drop_invalid, stats=stats
+        )
+        if target_size is not None:
+            return encode_to_size(encoder, target_size)
+        if target_psnr is not None:
+            return encode_to_psnr(encoder, target_psnr, self._fidelity(gaussians))
+        wanted = float(qp or 0)
+        return encoder.code(encoder.plan(wanted), wanted)
+
+    def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
+        """PSNR of a file's render to that of `gaussians`, the mean over their views."""
+        renderer = Renderer(gaussians, threads=self.threads)
+        raw = [renderer.render(camera) for camera in gaussians.cameras]
+
+        def measure(data: bytes) -> float:
+            decoded = Renderer(self.decompress(data), threads=self.threads)
+            errors = [
+                float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
+                for camera, image in zip(gaussians.cameras, raw, strict=True)
+            ]
+            return float(np.mean([-10 * math.log10(max(error, 1e-12)) for error in errors]))
+
+        return measure
 
     def decompress(self, data: bytes, *, max_bytes: int | None = None, watch: Stopwatch | None = None) -> Gaussians:
         """Gaussians of a `.tsplat` file's bytes, cameras with them.
@@ -133,6 +164,16 @@ class Runtime:
         return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
 
 
+def _check_targets(qp: float | None, size: int | None, psnr: float | None) -> None:
+    given = [name for name, value in (("qp", qp), ("target_size", size), ("target_psnr", psnr)) if value is not None]
+    if len(given) > 1:
+        raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
+    if size is not None and size < 1:
+        raise InputError(f"{size} bytes, expected 1 or more", where="target_size")
+    if psnr is not None and not 0 < psnr < 120:
+        raise InputError(f"{psnr:g} dB, expected more than 0 and less than 120", where="target_psnr")
+
+
 @lru_cache(maxsize=1)
 def _shared() -> Runtime:
     return Runtime()
@@ -144,10 +185,18 @@ def predict(scene: Scene, model: str = DEFAULT_MODEL) -> Gaussians:
 
 
 def compress(
-    gaussians: Gaussians, profile: str = DEFAULT_PROFILE, qp: float = 0, *, drop_invalid: bool = False
+    gaussians: Gaussians,
+    profile: str = DEFAULT_PROFILE,
+    qp: float | None = None,
+    *,
+    target_size: int | None = None,
+    target_psnr: float | None = None,
+    drop_invalid: bool = False,
 ) -> bytes:
     """A `.tsplat` file's bytes; see `Runtime.compress`."""
-    return _shared().compress(gaussians, profile, qp, drop_invalid=drop_invalid)
+    return _shared().compress(
+        gaussians, profile, qp, target_size=target_size, target_psnr=target_psnr, drop_invalid=drop_invalid
+    )
 
 
 def decompress(data: bytes, *, max_bytes: int | None = None) -> Gaussians:

@@ -103,6 +103,22 @@ def count(text: str) -> int:
     return int(text)
 
 
+_BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
+
+
+def byte_count(text: str) -> int:
+    """`100KB`, `1.5 MiB` or `4096` to bytes; KB is 1000."""
+    number = text.rstrip("BbKkMmGgIi ")
+    unit = text[len(number) :].strip().lower()
+    try:
+        value = float(number) * _BYTES[unit]
+    except (KeyError, ValueError):
+        value = 0.0
+    if not 1 <= value < 1 << 40:
+        raise argparse.ArgumentTypeError(f"'{text}', expected a size such as 100KB, 1.5MB or 4096")
+    return int(value)
+
+
 def _common() -> _Parser:
     common = _Parser(add_help=False)
     common.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
@@ -114,8 +130,19 @@ def _coding() -> _Parser:
     coding = _Parser(add_help=False)
     coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
     coding.add_argument("--profile", choices=PROFILES, default="balanced", help="default: balanced")
-    coding.add_argument(
-        "--qp", type=float, default=0.0, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0"
+    rate = coding.add_mutually_exclusive_group()
+    rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
+    rate.add_argument(
+        "--target-size",
+        type=byte_count,
+        metavar="SIZE",
+        help="100KB, 1.5MB or bytes; met within 3 %% from below",
+    )
+    rate.add_argument(
+        "--target-psnr",
+        type=float,
+        metavar="DB",
+        help="decoded against raw at the input views; met within 0.2 dB",
     )
     coding.add_argument(
         "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"

@@ -174,7 +174,10 @@ def _chosen_views(scene: Scene, views: Sequence[int] | AutoViews | None) -> Scen
 
 
 def _compress(args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats) -> None:
-    data = runtime.compress(gaussians, args.profile, args.qp, drop_invalid=args.drop_invalid, stats=stats)
+    data = runtime.compress(
+        gaussians, args.profile, args.qp, target_size=args.target_size, target_psnr=args.target_psnr,
+        drop_invalid=args.drop_invalid, stats=stats,
+    )  # fmt: skip
     with stats.watch.stage("write"):
         write_atomically(args.output, data)
     seconds = sum(stats.watch.seconds.values())

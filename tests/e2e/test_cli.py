@@ -132,6 +132,12 @@ def test_a_prefix_of_a_file_decodes_and_renders(encoded, tmp_path):
     assert "--max-bytes" in fail("render", encoded["raw"], "-o", tmp_path / "y.png", "--max-bytes", size)
 
 
+def test_target_sizes_in_any_unit_are_met(encoded, tmp_path):
+    for text, size in (("4KB", 4000), ("0.004 MB", 4000), ("4KiB", 4096)):
+        succeed("compress", encoded["raw"], "-o", tmp_path / "t.tsplat", "--target-size", text)
+        assert 0.97 * size <= (tmp_path / "t.tsplat").stat().st_size <= size
+
+
 def test_models_lists_networks_and_graphs():
     listed = json.loads(succeed("models", "--json"))
     assert listed["sweep"]["role"] == "network"
@@ -220,6 +226,11 @@ def test_an_unreadable_photo_is_named(scene, tmp_path):
         (["--size", "0x5"], "--size"),
         (["--threads", "0"], "--threads"),
         (["--near", "5", "--far", "1"], "near"),
+        (["--target-size", "9KB", "--qp", "0"], "--qp"),
+        (["--target-size", "9KB", "--target-psnr", "40"], "--target-psnr"),
+        (["--target-size", "9 stone"], "--target-size"),
+        (["--target-size", "300"], "at least"),
+        (["--target-psnr", "119"], "nearest"),
     ],
 )
 def test_bad_options_are_one_line(scene, tmp_path, arguments, named):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from ..gaussians import Gaussians
 from ..inference import GraphStore
 from ..reports import Stopwatch
 from .adaptive import adaptive_colors, adaptive_plan
-from .analysis import project_layer
+from .analysis import ProjectedLayer, project_layer
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from .paper import paper_colors, paper_plan
 from .planes import Channel, LayerPlan, PlaneClass
@@ -43,6 +44,9 @@ FLAT_DEPTH = 1e-7
 MAX_VIEWS = 64
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
+
+MAX_GLOBAL_QP = 60
+"""Largest magnitude of Q_g: steps of a thousandth, and of a thousand times, the profile's own."""
 
 
 @dataclass
@@ -96,26 +100,69 @@ def encode_gaussians(
         InputError: Gaussians without pixels, more views than 64, a Q_g beyond ±60.
         NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
     """
-    stats = stats or EncodeStats()
-    if not gaussians.is_per_pixel:
-        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
-    if len(gaussians.cameras) > MAX_VIEWS:
-        raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
-    if not -60 <= qp <= 60:  # also refuses NaN
-        raise InputError(f"{qp:g}, accepted are -60 to 60", where="qp")
-    plans = [
-        _plan_layer(layer, profile, qp, store, drop_invalid, f"layer {index}", stats)
-        for index, layer in enumerate(gaussians.layers)
-    ]
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        coded = [
-            _code_layer(layer, plan, profile.encoder, pool, stats)
-            for layer, plan in zip(gaussians.layers, plans, strict=True)
-        ]
-    with stats.watch.stage("write"):
-        data = write_container(coded, gaussians.cameras, gaussians.origin, profile.name, qp)
-        _check_readable(data)
-    return data
+    encoder = SceneEncoder(gaussians, profile, store, threads=threads, drop_invalid=drop_invalid, stats=stats)
+    return encoder.code(encoder.plan(qp), qp)
+
+
+class SceneEncoder:
+    """Codes one scene as often as a search wants: what does not depend on Q_g happens once, and so does the coding of
+    planes that are the same from one time to the next.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        profile: Profile,
+        store: GraphStore,
+        *,
+        threads: int,
+        drop_invalid: bool = False,
+        stats: EncodeStats | None = None,
+    ) -> None:
+        """Check and project the scene; arguments and errors are those of `encode_gaussians`."""
+        if not gaussians.is_per_pixel:
+            raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+        if len(gaussians.cameras) > MAX_VIEWS:
+            raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
+        self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
+        self._store = store
+        self._coder = _PlaneCoder(profile.encoder)
+        with self.stats.watch.stage("vpt"):
+            self._projected = [
+                project_layer(store, layer, drop_invalid=drop_invalid, where=f"layer {index}")
+                for index, layer in enumerate(gaussians.layers)
+            ]
+
+    def plan(self, qp: float) -> list[LayerPlan]:
+        """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
+        if not -MAX_GLOBAL_QP <= qp <= MAX_GLOBAL_QP:  # also refuses NaN
+            raise InputError(f"{qp:g}, accepted are -{MAX_GLOBAL_QP} to {MAX_GLOBAL_QP}", where="qp")
+        return [self._plan_layer(*pair, qp) for pair in zip(self.gaussians.layers, self._projected, strict=True)]
+
+    def _plan_layer(self, layer: Gaussians, projected: ProjectedLayer, qp: float) -> LayerPlan:
+        settings, watch = self.profile.settings, self.stats.watch
+        with watch.stage("vabr"):
+            if isinstance(settings, PaperSettings):
+                colors, reduction = paper_colors(self._store, layer, settings)
+            else:
+                colors, reduction = adaptive_colors(self._store, layer, settings, qp)
+        with watch.stage("quantise"):
+            if isinstance(settings, PaperSettings):
+                return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
+            assert reduction is not None
+            return adaptive_plan(projected, colors, reduction, layer.degree, settings, qp)
+
+    def code(self, plans: Sequence[LayerPlan], qp: float) -> bytes:
+        """The file of such plans; `qp` is what its header says."""
+        self.stats.clipped.clear()
+        pairs = zip(self.gaussians.layers, plans, strict=True)
+        with ThreadPoolExecutor(max_workers=self.threads) as pool:
+            coded = [_code_layer(layer, plan, self._coder, pool, self.stats) for layer, plan in pairs]
+        with self.stats.watch.stage("write"):
+            cameras, origin = self.gaussians.cameras, self.gaussians.origin
+            data = write_container(coded, cameras, origin, self.profile.name, qp)
+            _check_readable(data)
+        return data
 
 
 def _check_readable(data: bytes) -> None:
@@ -126,31 +173,32 @@ def _check_readable(data: bytes) -> None:
         raise NumericError(f"beyond what a file can hold: {error.message}", where=error.where) from None
 
 
-def _plan_layer(
-    layer: Gaussians, profile: Profile, qp: float, store: GraphStore, drop_invalid: bool, where: str, stats: EncodeStats
-) -> LayerPlan:
-    with stats.watch.stage("vpt"):
-        projected = project_layer(store, layer, drop_invalid=drop_invalid, where=where)
-    settings = profile.settings
-    with stats.watch.stage("vabr"):
-        if isinstance(settings, PaperSettings):
-            colors, reduction = paper_colors(store, layer, settings)
-        else:
-            colors, reduction = adaptive_colors(store, layer, settings, qp)
-    with stats.watch.stage("quantise"):
-        if isinstance(settings, PaperSettings):
-            return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
-        assert reduction is not None
-        return adaptive_plan(projected, colors, reduction, layer.degree, settings, qp)
+class _PlaneCoder:
+    """`encode_plane` under one profile's settings, each plane only once."""
+
+    def __init__(self, settings: EncoderSettings) -> None:
+        self._settings = settings
+        self._coded: dict[tuple[bytes, int], CodedPlane] = {}
+
+    def __call__(self, codes: NDArray, qp: int) -> CodedPlane:
+        key = sha256(np.ascontiguousarray(codes).data).digest() + repr(codes.shape).encode(), qp
+        if key not in self._coded:
+            self._coded[key] = encode_plane(codes, qp, self._settings)
+        return self._coded[key]
+
+
+def is_flat(channel: Channel, mean: float, spread: float, step: float) -> bool:
+    """Whether a channel of that mean and standard deviation is stored as a number when coded at `step`."""
+    low, high = channel.window
+    floor = FLAT_SPREAD.get(channel.plane_class, FLAT_DEPTH * abs(mean))
+    return not high > low or spread <= max(floor, FLAT_SHARE * step)
 
 
 def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
     values = channel.values
     mean = float(values.mean(dtype=np.float64))
     low, high = channel.window
-    spread = float(values.std(dtype=np.float64))
-    floor = FLAT_SPREAD.get(channel.plane_class, FLAT_DEPTH * abs(mean))
-    if not high > low or spread <= max(floor, FLAT_SHARE * channel.step):
+    if is_flat(channel, mean, float(values.std(dtype=np.float64)), channel.step):
         return _Quantised(channel, None, None, mean)
     code_map = choose_code_map(low, high, mean, channel.step)
     codes, _ = code_map.quantise(values)
@@ -162,16 +210,16 @@ def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
 
 
 def _code_layer(
-    layer: Gaussians, plan: LayerPlan, encoder: EncoderSettings, pool: ThreadPoolExecutor, stats: EncodeStats
+    layer: Gaussians, plan: LayerPlan, coder: _PlaneCoder, pool: ThreadPoolExecutor, stats: EncodeStats
 ) -> CodedLayer:
     with stats.watch.stage("quantise"):
         quantised = [_quantise(channel, stats) for channel in plan.channels]
     with stats.watch.stage("x265"):
         # Depth comes first: where it is coded twice, the second time waits for the first.
-        jobs = [(q, _submit(q, encoder, pool)) for q in quantised]
+        jobs = [(q, _submit(q, coder, pool)) for q in quantised]
         if plan.refine_depth is not None and quantised[0].codes is not None:
             refinement = _refine(quantised[0], [f.result() for f in jobs[0][1]], plan.refine_depth, pool, stats)
-            jobs.insert(1, (refinement, _submit(refinement, encoder, pool)))
+            jobs.insert(1, (refinement, _submit(refinement, coder, pool)))
         planes = [(q, [future.result() for future in futures]) for q, futures in jobs]
     sets = {plane.parameter_sets for _, coded in planes for plane in coded}
     assert len(sets) <= 1, "parameter sets differ among planes of one size"
@@ -187,10 +235,10 @@ def _code_layer(
     )
 
 
-def _submit(quantised: _Quantised, encoder: EncoderSettings, pool: ThreadPoolExecutor) -> list[Future[CodedPlane]]:
+def _submit(quantised: _Quantised, coder: _PlaneCoder, pool: ThreadPoolExecutor) -> list[Future[CodedPlane]]:
     if quantised.codes is None or quantised.code_map is None:
         return []
-    return [pool.submit(encode_plane, codes, quantised.code_map.qp, encoder) for codes in quantised.codes]
+    return [pool.submit(coder, codes, quantised.code_map.qp) for codes in quantised.codes]
 
 
 def _refine(

@@ -1,0 +1,105 @@
+"""Rate control: targets are hit, or told to be out of reach, and the search depends on the scene alone."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.codec.hevc import encode_plane
+from tinysplat_runtime.codec.planes import Channel, PlaneClass
+from tinysplat_runtime.codec.profiles import PROFILES
+from tinysplat_runtime.codec.quantize import choose_code_map
+from tinysplat_runtime.codec.rate import ChannelModel
+from tinysplat_runtime.errors import InputError
+
+RUNTIME = ts.Runtime(threads=2)
+
+
+@pytest.fixture(scope="module")
+def gaussians():
+    return make_smooth_gaussians(2, 48, 64, degree=1, layers=2)
+
+
+def _psnr(a, b) -> float:
+    pairs = [(ts.render(a, camera), ts.render(b, camera)) for camera in a.cameras]
+    return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
+
+
+@pytest.mark.parametrize(("profile", "share"), [*((name, 0.35) for name in PROFILES), ("balanced", 1.6)])
+def test_a_target_size_is_hit_within_3_percent_from_below(gaussians, profile, share):
+    target = int(share * len(RUNTIME.compress(gaussians, profile)))
+    data = RUNTIME.compress(gaussians, profile, target_size=target)
+    assert 0.97 * target <= len(data) <= target
+    assert ts.decompress(data).count == gaussians.count
+
+
+def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians, monkeypatch):
+    coded = []
+
+    def counted(codes, qp, settings):
+        plane = encode_plane(codes, qp, settings)
+        coded.append(len(plane.payload))
+        return plane
+
+    monkeypatch.setattr("tinysplat_runtime.codec.encoder.encode_plane", counted)
+    RUNTIME.compress(gaussians)
+    plain, coded[:] = len(coded), []
+    RUNTIME.compress(gaussians, target_size=12_000)
+    assert 0 < len(coded) <= 2 * plain
+
+
+@pytest.mark.parametrize(("profile", "target"), [("paper", 34.0), ("balanced", 39.0)])
+def test_a_target_psnr_is_reached_and_passed_by_at_most_a_fifth_of_a_decibel(gaussians, profile, target):
+    data = RUNTIME.compress(gaussians, profile, target_psnr=target)
+    assert target <= _psnr(gaussians, ts.decompress(data)) + 1e-3 <= target + 0.2 + 2e-3
+
+
+def test_the_search_does_not_depend_on_threads(gaussians):
+    one, three = (ts.Runtime(threads=n).compress(gaussians, target_size=15_000) for n in (1, 3))
+    assert one == three
+
+
+def test_targets_out_of_reach_name_the_nearest(gaussians):
+    small = make_smooth_gaussians(1, 16, 16, degree=0)
+    with pytest.raises(InputError, match=r"target_size: 200 bytes; .* to \d+ at least") as error:
+        RUNTIME.compress(small, target_size=200)
+    nearest = int(re.findall(r"(\d+) at least", str(error.value))[0])
+    assert len(RUNTIME.compress(small, qp=60)) == nearest
+    with pytest.raises(InputError, match=r"100000000 bytes; .* to \d+ at most"):
+        RUNTIME.compress(small, target_size=10**8)
+    with pytest.raises(InputError, match=r"target_psnr: 110 dB; .* reaches [\d.]+ dB"):
+        RUNTIME.compress(small, target_psnr=110)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"qp": 0, "target_size": 1000}, "target_size: given with qp"),
+        ({"target_psnr": 40, "target_size": 1000}, "target_psnr: given with target_size"),
+        ({"target_size": 0}, "target_size"),
+        ({"target_psnr": float("nan")}, "target_psnr"),
+    ],
+)
+def test_contradictory_and_impossible_options_are_refused(gaussians, options, named):
+    with pytest.raises(InputError, match=named):
+        RUNTIME.compress(gaussians, **options)
+
+
+@pytest.mark.parametrize("profile", ["paper", "fast", "max"])
+def test_the_model_predicts_the_bytes_of_natural_planes_within_15_percent(profile):
+    rng = np.random.default_rng(0)
+    spectrum = np.fft.rfft2(rng.standard_normal((1, 192, 256)))
+    frequency = np.hypot(np.fft.fftfreq(192)[:, None], np.fft.rfftfreq(256))
+    values = np.fft.irfft2(spectrum / np.maximum(frequency, 1 / 256) ** 1.2).astype(np.float32)
+    values /= values.std()
+    window = float(values.min()), float(values.max())
+    model = ChannelModel(Channel(PlaneClass.COLOR, 0, values, 0.1, window))
+    for shift in (-8, 0, 8):
+        step = 0.1 * 2 ** (shift / 6)
+        code_map = choose_code_map(*window, float(values.mean()), step)
+        found = len(encode_plane(code_map.quantise(values)[0][0], code_map.qp, PROFILES[profile].encoder).payload)
+        assert model.bytes_at(shift) == pytest.approx(found, rel=0.15)
