@@ -1,14 +1,16 @@
 """The plan of the profiles `fast`, `balanced` and `max`: steps from what an error does to the picture.
 
-Against `paper`: absolute steps from measured sensitivities in place of σ/α; depth as −1/z, in two layers where 12 bits
-are too coarse; ŝ through its own 3 × 3 PCA; rotations as three components relative to the view's dominant rotation;
-VABR weighted by the second moment of the basis, so that all components are equally visible and one step is right; as
-many components as carry more than the step lets through. What each gains: docs/FORMAT.md, "Profiles".
+Against `paper`: steps of equal slope, measured on the scene itself, in place of σ/α; depth as −1/z, in two layers where
+12 bits are too coarse; ŝ through its own 3 × 3 PCA; rotations as three components relative to the view's dominant
+rotation; VABR weighted by the second moment of the basis, so that all components are equally visible and one step is
+right; as many components as carry more than the step lets through. What each gains: docs/CODEC.md.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,74 +18,121 @@ from numpy.typing import NDArray
 from ..blas import single_thread
 from ..gaussians import Gaussians
 from ..inference import GraphStore
+from .allocation import Steps, equal_slope_steps
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .hevc import MAX_CODE
 from .planes import Channel, LayerPlan, PlaneClass, Reduction
+from .probe import PlaneSet, Probe
 from .profiles import AdaptiveSettings
 from .quantize import hevc_step
 
-_COARSE_DEPTH = 6.0
-"""Step of the first depth layer in steps of the second, where two are needed."""
+_COARSE_DEPTH = 2.0
+"""Step of the first depth picture in steps of the second, where two are needed. Where that is too fine for 12 bits too,
+the first comes out as fine as they allow; 3, 6 and 12 cost 1 to 3 % of depth's bytes."""
 
 
-def class_step(settings: AdaptiveSettings, plane_class: PlaneClass, qp: float) -> float:
-    """Quantiser step of a class in the units of its planes, at Q_g = `qp`."""
-    return settings.gain / math.sqrt(settings.sensitivity[plane_class]) * 2 ** (qp / 6)
+@dataclass(frozen=True, eq=False)
+class AdaptiveLayer:
+    """A layer's planes and maps, before they have steps.
+
+    Attributes:
+        planes: by class, in coding order.
+        reduction: VABR's maps, of at least as many components as will be coded.
+        energies: (d,) weighted energy of every component, falling.
+    """
+
+    planes: PlaneSet
+    reduction: Reduction
+    energies: NDArray
 
 
-def adaptive_colors(
-    store: GraphStore, layer: Gaussians, settings: AdaptiveSettings, qp: float
-) -> tuple[NDArray, Reduction]:
-    """Colour planes (V, k, H, W) and their maps, k by reverse water-filling against the colour step."""
-    moment = coefficient_moment(store, layer)
+def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
+    """Step of a class at Q_g = 0 where nothing is measured, in the units of its planes."""
+    return settings.gain / math.sqrt(settings.sensitivity[plane_class])
+
+
+def prepare_layer(
+    store: GraphStore, layer: Gaussians, projected: ProjectedLayer, settings: AdaptiveSettings, qp: float
+) -> AdaptiveLayer:
+    """Planes of a layer, with as many colour components as Q_g = `qp` could ask for."""
     weighting = second_moment_weighting(view_directions(layer.cameras), layer.degree)
-    spectrum = weighted_spectrum(moment, weighting)
-    budget = settings.energy_floor * class_step(settings, PlaneClass.COLOR, qp) ** 2
-    left_out = np.append(np.cumsum(spectrum[0][::-1])[::-1], 0.0)  # left_out[k]: energy without the first k
-    k = max(1, int(np.argmax(left_out <= budget)))
-    reduction = reduce_basis(spectrum, weighting, k)
-    return color_planes(store, layer, reduction.projection), reduction
-
-
-def adaptive_plan(
-    projected: ProjectedLayer, colors: NDArray, reduction: Reduction, degree: int, settings: AdaptiveSettings, qp: float
-) -> LayerPlan:
-    """Channels and steps at Q_g = `qp`."""
-    depth = projected.planes(PlaneClass.DEPTH)
-    inverse = -1 / depth
-    depth_step = settings.depth_step * float(-inverse.mean(dtype=np.float64)) * 2 ** (qp / 6)
-    span = float(inverse.max()) - float(inverse.min())
-    is_too_fine = depth_step < hevc_step(0) * span / MAX_CODE
-    scale_planes, scale_mix = _principal_scales(projected.planes(PlaneClass.SCALE))
+    spectrum = weighted_spectrum(coefficient_moment(store, layer), weighting)
+    finest = class_step(settings, PlaneClass.COLOR) * 2 ** (qp / 6 - settings.margin)
+    reduction = reduce_basis(spectrum, weighting, _components(spectrum[0], finest, settings))
+    scales, mix = _principal_scales(projected.planes(PlaneClass.SCALE))
     planes = {
-        PlaneClass.DEPTH: inverse,
-        PlaneClass.COLOR: colors,
+        PlaneClass.DEPTH: -1 / projected.planes(PlaneClass.DEPTH),
+        PlaneClass.COLOR: color_planes(store, layer, reduction.projection),
         PlaneClass.OPACITY: projected.planes(PlaneClass.OPACITY),
-        PlaneClass.SCALE: scale_planes,
+        PlaneClass.SCALE: scales,
         PlaneClass.ROTATION: relative_rotation_planes(projected, projected.reference_quats),
         PlaneClass.OFFSET: projected.planes(PlaneClass.OFFSET),
     }
+    planes_of_layer = PlaneSet(layer, planes, projected.reference_quats, mix, reduction.inverse)
+    return AdaptiveLayer(planes_of_layer, reduction, spectrum[0])
+
+
+def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings) -> list[Steps]:
+    """Steps at Q_g = 0 of every class of every layer, from the scene itself where the settings say so."""
+    sets = [layer.planes for layer in layers]
+    defaults = [_default_steps(layer.planes, settings) for layer in layers]
+    if settings.windows == 0:
+        return defaults
+    probe = Probe(sets, sets[0].layer.cameras, settings.windows)
+    return equal_slope_steps(sets, probe, defaults, settings.sensitivity, settings.target)
+
+
+def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings, qp: float) -> LayerPlan:
+    """Channels and maps of a layer at Q_g = `qp`, given its steps at 0."""
+    planes = layer.planes
+    inverse = planes.values[PlaneClass.DEPTH]
+    depth_step = steps[PlaneClass.DEPTH] * 2 ** (qp / 6)
+    is_too_fine = depth_step < hevc_step(0) * (float(inverse.max()) - float(inverse.min())) / MAX_CODE
+    color_step = steps[PlaneClass.COLOR] * 2 ** (qp / 6)
+    reduction = _truncated(layer, _components(layer.energies, color_step, settings))
     channels = []
-    for plane_class, values in planes.items():
-        for target in range(values.shape[1]):
+    for plane_class, values in planes.values.items():
+        step = steps[plane_class] * 2 ** (qp / 6)
+        if plane_class == PlaneClass.DEPTH and is_too_fine:
+            step *= _COARSE_DEPTH
+        count = reduction.k if plane_class == PlaneClass.COLOR else values.shape[1]
+        for target in range(count):
             channel = values[:, target]
-            if plane_class == PlaneClass.DEPTH:
-                step = depth_step * (_COARSE_DEPTH if is_too_fine else 1.0)
-            else:
-                step = class_step(settings, plane_class, qp)
             # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
             index = target + 1 if plane_class == PlaneClass.ROTATION else target
             channels.append(Channel(plane_class, index, channel, step, (float(channel.min()), float(channel.max()))))
     return LayerPlan(
         tuple(channels),
-        degree,
-        (float(depth.min()), float(depth.max())),
+        planes.layer.degree,
+        (-1 / float(inverse.min()), -1 / float(inverse.max())),
         inverse_depth=True,
         refine_depth=depth_step if is_too_fine else None,
-        reference_quats=projected.reference_quats.astype(np.float32),
-        scale_mix=scale_mix,
+        reference_quats=planes.reference_quats.astype(np.float32),
+        scale_mix=planes.scale_mix,
         reduction=reduction,
+    )
+
+
+def _default_steps(planes: PlaneSet, settings: AdaptiveSettings) -> Steps:
+    steps = {plane_class: class_step(settings, plane_class) for plane_class in settings.sensitivity}
+    mean = -float(planes.values[PlaneClass.DEPTH].mean(dtype=np.float64))
+    return {PlaneClass.DEPTH: settings.depth_step * mean, **steps}
+
+
+def _components(energies: NDArray, step: float, settings: AdaptiveSettings) -> int:
+    """How many components are coded: what the others hold is small against a step (reverse water-filling)."""
+    left_out = np.append(np.cumsum(energies[::-1])[::-1], 0.0)  # left_out[k]: energy without the first k
+    return max(1, int(np.argmax(left_out <= settings.energy_floor * step**2)))
+
+
+def _truncated(layer: AdaptiveLayer, k: int) -> Reduction:
+    """The maps of the first k components, or all that were prepared."""
+    reduction, total = layer.reduction, float(layer.energies.sum())
+    k = min(k, reduction.k)
+    lost = float(layer.energies[k:].sum()) / total if total > 0 else 0.0
+    return replace(
+        reduction, inverse=reduction.inverse[:, :k], projection=reduction.projection[:, :k], energy_lost=lost
     )
 
 

@@ -17,12 +17,13 @@ from ..errors import FormatError, InputError, NumericError
 from ..gaussians import Gaussians
 from ..inference import GraphStore
 from ..reports import Stopwatch
-from .adaptive import adaptive_colors, adaptive_plan
+from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
+from .allocation import Steps
 from .analysis import ProjectedLayer, project_layer
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from .paper import paper_colors, paper_plan
 from .planes import Channel, LayerPlan, PlaneClass
-from .profiles import PaperSettings, Profile
+from .profiles import AdaptiveSettings, PaperSettings, Profile
 from .quantize import CodeMap, choose_code_map
 
 FLAT_SHARE = 0.12
@@ -127,6 +128,8 @@ class SceneEncoder:
         self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
         self._store = store
         self._coder = _PlaneCoder(profile.encoder)
+        self._prepared: list[AdaptiveLayer] | None = None
+        self._steps: list[Steps] | None = None
         with self.stats.watch.stage("vpt"):
             self._projected = [
                 project_layer(store, layer, drop_invalid=drop_invalid, where=f"layer {index}")
@@ -137,20 +140,34 @@ class SceneEncoder:
         """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
         if not -MAX_GLOBAL_QP <= qp <= MAX_GLOBAL_QP:  # also refuses NaN
             raise InputError(f"{qp:g}, accepted are -{MAX_GLOBAL_QP} to {MAX_GLOBAL_QP}", where="qp")
-        return [self._plan_layer(*pair, qp) for pair in zip(self.gaussians.layers, self._projected, strict=True)]
+        settings = self.profile.settings
+        if isinstance(settings, PaperSettings):
+            pairs = zip(self.gaussians.layers, self._projected, strict=True)
+            return [self._paper_plan(*pair, settings, qp) for pair in pairs]
+        return self._adaptive_plans(settings, qp)
 
-    def _plan_layer(self, layer: Gaussians, projected: ProjectedLayer, qp: float) -> LayerPlan:
-        settings, watch = self.profile.settings, self.stats.watch
-        with watch.stage("vabr"):
-            if isinstance(settings, PaperSettings):
-                colors, reduction = paper_colors(self._store, layer, settings)
-            else:
-                colors, reduction = adaptive_colors(self._store, layer, settings, qp)
-        with watch.stage("quantise"):
-            if isinstance(settings, PaperSettings):
-                return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
-            assert reduction is not None
-            return adaptive_plan(projected, colors, reduction, layer.degree, settings, qp)
+    def _paper_plan(
+        self, layer: Gaussians, projected: ProjectedLayer, settings: PaperSettings, qp: float
+    ) -> LayerPlan:
+        with self.stats.watch.stage("vabr"):
+            colors, reduction = paper_colors(self._store, layer, settings)
+        with self.stats.watch.stage("quantise"):
+            return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
+
+    def _adaptive_plans(self, settings: AdaptiveSettings, qp: float) -> list[LayerPlan]:
+        """Steps belong to the scene, whatever Q_g: they are measured once, on the planes of Q_g = 0."""
+        with self.stats.watch.stage("vabr"):
+            if self._prepared is None:
+                self._prepared = self._prepare(settings, 0.0)
+            prepared = self._prepared if qp >= 0 else self._prepare(settings, qp)
+        with self.stats.watch.stage("quantise"):
+            if self._steps is None:
+                self._steps = scene_steps(self._prepared, settings)
+            return [adaptive_plan(layer, s, settings, qp) for layer, s in zip(prepared, self._steps, strict=True)]
+
+    def _prepare(self, settings: AdaptiveSettings, qp: float) -> list[AdaptiveLayer]:
+        pairs = zip(self.gaussians.layers, self._projected, strict=True)
+        return [prepare_layer(self._store, layer, projected, settings, qp) for layer, projected in pairs]
 
     def code(self, plans: Sequence[LayerPlan], qp: float) -> bytes:
         """The file of such plans; `qp` is what its header says."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..errors import InputError
 from .hevc import EncoderSettings
@@ -27,19 +27,25 @@ class PaperSettings:
 
 @dataclass(frozen=True)
 class AdaptiveSettings:
-    """Steps from sensitivity: a step is `gain` / √(picture error per squared unit of attribute error).
+    """Steps of equal slope; see `allocation`.
 
     Attributes:
-        gain: overall coarseness at Q_g = 0.
-        sensitivity: mean squared picture error per squared unit, by class; units of the planes.
-        depth_step: step of inverse depth as a share of the mean inverse depth.
+        windows: how many pieces of pictures errors are tried in; 0 to take the steps that measuring would start from.
+        target: mean squared error of decoded against raw pictures aimed at at Q_g = 0.
+        gain: coarseness of the steps that measuring starts from: gain / √sensitivity.
+        sensitivity: mean squared picture error per squared unit of attribute error, by class; units of the planes.
+        depth_step: step of inverse depth to start from, as a share of the mean inverse depth.
         energy_floor: colour planes are kept until the weighted energy left out falls below this share of a step².
+        margin: octaves below its start that the colour step may fall to without losing components.
     """
 
+    windows: int
+    target: float
     gain: float
     sensitivity: Mapping[PlaneClass, float]
     depth_step: float
     energy_floor: float
+    margin: float
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,8 @@ PAPER = PaperSettings(
 )
 
 ADAPTIVE = AdaptiveSettings(
+    windows=2,
+    target=6e-5,
     gain=0.009,
     sensitivity={
         PlaneClass.OFFSET: 1.15e-3,
@@ -80,8 +88,9 @@ ADAPTIVE = AdaptiveSettings(
         PlaneClass.COLOR: 0.06,
         PlaneClass.OPACITY: 3.2e-3,
     },
-    depth_step=1e-3,
+    depth_step=4e-3,
     energy_floor=0.02,
+    margin=1.0,
 )
 
 _PSYCHOVISION_OFF = ("psy-rd=0", "psy-rdoq=0")  # planes are looked at by no eye before synthesis
@@ -90,9 +99,17 @@ PROFILES: dict[str, Profile] = {
     profile.name: profile
     for profile in (
         Profile("paper", EncoderSettings("medium"), PAPER),
-        Profile("fast", EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF)), ADAPTIVE),
+        Profile(
+            "fast",
+            EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF)),
+            replace(ADAPTIVE, windows=1),
+        ),
         Profile("balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF)), ADAPTIVE),
-        Profile("max", EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF)), ADAPTIVE),
+        Profile(
+            "max",
+            EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF)),
+            replace(ADAPTIVE, windows=8),
+        ),
     )
 }
 
