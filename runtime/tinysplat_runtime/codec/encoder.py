@@ -146,9 +146,7 @@ class SceneEncoder:
             return [self._paper_plan(*pair, settings, qp) for pair in pairs]
         return self._adaptive_plans(settings, qp)
 
-    def _paper_plan(
-        self, layer: Gaussians, projected: ProjectedLayer, settings: PaperSettings, qp: float
-    ) -> LayerPlan:
+    def _paper_plan(self, layer: Gaussians, projected: ProjectedLayer, settings: PaperSettings, qp: float) -> LayerPlan:
         with self.stats.watch.stage("vabr"):
             colors, reduction = paper_colors(self._store, layer, settings)
         with self.stats.watch.stage("quantise"):
