@@ -12,13 +12,13 @@ camera are not masked, only their z is clamped. Positions are integer pixel indi
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from .algebra import invert_intrinsics, relative_poses
-from .views import gather_views
 
 MIN_Z = 1e-3
 """Least z of a projected point, scene units."""
@@ -33,29 +33,27 @@ def inverse_depth_candidates(near: Tensor, far: Tensor, count: int) -> Tensor:
     return 1 / far[..., None] + t * (1 / near - 1 / far)[..., None]
 
 
-def landing_points(K: Tensor, c2w: Tensor, others: Tensor, disparities: Tensor, size: tuple[int, int]) -> Tensor:
-    """Where the pixels of each view land in its other views.
+def landing_points(K: Tensor, c2w: Tensor, c2w_other: Tensor, disparities: Tensor, size: Sequence[int]) -> Tensor:
+    """Where the pixels of views land in other views, for N pairs of views.
 
     Args:
-        K: (B, V, 3, 3) in pixels of the feature map.
-        c2w: (B, V, 4, 4).
-        others: (B, V, M).
-        disparities: (B, V, P or 1, D) inverse depth per pixel (P = hw, row by row) and candidate.
+        K: (N, 3, 3) in pixels of the feature map.
+        c2w, c2w_other: (N, 4, 4).
+        disparities: (N, P or 1, D) inverse depth per pixel (P = hw, row by row) and candidate.
         size: h, w of the feature map.
 
     Returns:
-        (B, V, M, P, D, 2) x and y in [−1, 1] from the first to the last pixel centre.
+        (N, P, D, 2) x and y in [−1, 1] from the first to the last pixel centre.
     """
     height, width = size
-    rotation, translation = relative_poses(c2w[:, :, None], gather_views(c2w, others))  # (B, V, M, 3, 3), (…, 3, 1)
+    rotation, translation = relative_poses(c2w, c2w_other)  # (N, 3, 3), (N, 3, 1)
     rows = torch.arange(height, dtype=K.dtype, device=K.device)[:, None].expand(height, width)
     columns = torch.arange(width, dtype=K.dtype, device=K.device)[None].expand(height, width)
     pixels = torch.stack([columns, rows, torch.ones_like(rows)]).flatten(1)  # (3, P)
-    K = K[:, :, None]
-    turned = (K @ rotation @ invert_intrinsics(K)) @ pixels  # (B, V, M, 3, P)
-    shift = K @ translation  # (B, V, M, 3, 1)
-    depths = 1 / disparities[:, :, None]  # (B, V, 1, P or 1, D)
-    x, y, z = (turned[:, :, :, i, :, None] * depths + shift[:, :, :, i, :, None] for i in range(3))
+    turned = (K @ rotation @ invert_intrinsics(K)) @ pixels  # (N, 3, P)
+    shift = K @ translation  # (N, 3, 1)
+    depths = 1 / disparities
+    x, y, z = (turned[:, i, :, None] * depths + shift[:, i, :, None] for i in range(3))  # (N, P, D)
     z = z.clamp_min(MIN_Z)
     return torch.stack([2 * (x / z) / (width - 1) - 1, 2 * (y / z) / (height - 1) - 1], dim=-1)
 
@@ -64,26 +62,28 @@ def match_scores(features: Tensor, K: Tensor, c2w: Tensor, others: Tensor, dispa
     """Cost volume of every view.
 
     Args:
-        features: (B, V, C, h, w).
-        K: (B, V, 3, 3) in pixels of the feature map.
-        c2w: (B, V, 4, 4) camera to world, rigid.
-        others: (B, V, M) views that each view is swept against.
-        disparities: (B, V, D, h, w) or (B, V, D, 1, 1) inverse depth candidates.
+        features: (B·V, C, h, w).
+        K: (B·V, 3, 3) in pixels of the feature map.
+        c2w: (B·V, 4, 4) camera to world, rigid.
+        others: (B·V, M) views that each view is swept against (`views.py`).
+        disparities: (B·V, D, h, w) or (B·V, D, 1, 1) inverse depth candidates.
 
     Returns:
         (B·V, D, h, w) scores, larger where the views agree.
     """
-    scenes, views, channels, height, width = features.shape
-    count, pairs = others.shape[-1], scenes * views * others.shape[-1]
-    grid = landing_points(K, c2w, others, disparities.flatten(3).transpose(2, 3), (height, width))
-    reference = features.flatten(3).transpose(2, 3)[:, :, None] / math.sqrt(channels)  # (B, V, 1, P, C)
-    targets = gather_views(features.flatten(3), others)  # (B, V, M, C, P)
+    batch, channels, height, width = features.shape
+    count = others.shape[1]
+    own = torch.arange(batch, device=others.device)[:, None].expand(batch, count).flatten()  # (N,), N = B·V·M
+    other = others.flatten()
+    candidates = disparities.flatten(2).transpose(1, 2)[own]  # (N, P or 1, D)
+    grid = landing_points(K[own], c2w[own], c2w[other], candidates, (height, width))
+    flat = features.flatten(2)  # (B·V, C, P)
+    reference, targets = flat.transpose(1, 2)[own] / math.sqrt(channels), flat[other]
     scores = []
-    banded = zip(*(x.unflatten(3, (BANDS, -1)).unbind(3) for x in (reference, grid)), strict=True)
-    for pixels, points in banded:
-        correlation = (pixels @ targets).reshape(-1, 1, height, width)  # a one-channel image per pixel and pair
-        points = points.reshape(correlation.shape[0], -1, 1, 2)
-        read = functional.grid_sample(correlation, points, mode="bilinear", padding_mode="zeros", align_corners=True)
-        scores.append(read.reshape(pairs, -1, points.shape[1]))
-    volume = torch.cat(scores, dim=1).reshape(scenes * views, count, height * width, -1).mean(dim=1)
-    return volume.transpose(1, 2).reshape(scenes * views, -1, height, width)
+    for pixels, points in zip(*(x.unflatten(1, (BANDS, -1)).unbind(1) for x in (reference, grid)), strict=True):
+        correlation = torch.bmm(pixels, targets).flatten(0, 1)  # (N·P/4, P): one image per pixel of the band
+        images, points = correlation.unflatten(1, (1, height, width)), points.flatten(0, 1)[:, :, None]
+        read = functional.grid_sample(images, points, mode="bilinear", padding_mode="zeros", align_corners=True)
+        scores.append(read.reshape(own.shape[0], -1, disparities.shape[1]))
+    volume = torch.cat(scores, dim=1).unflatten(0, (batch, count)).mean(dim=1)  # (B·V, P, D)
+    return volume.transpose(1, 2).unflatten(2, (height, width))

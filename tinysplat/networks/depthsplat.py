@@ -134,7 +134,14 @@ class Features:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Cameras of B scenes for plane sweeps: K (B, V, 3, 3) normalised, c2w (B, V, 4, 4), near and far (B, V)."""
+    """Cameras of B scenes for plane sweeps.
+
+    Attributes:
+        K: (B, V, 3, 3) normalised by image size.
+        c2w: (B, V, 4, 4).
+        near, far: (B, V).
+        others: (B·V, M) views that each view is swept against.
+    """
 
     K: Tensor
     c2w: Tensor
@@ -196,13 +203,12 @@ class DepthPredictor(nn.Module):
 
     def match(self, scale: int, features: Features, sweep: Sweep, coarse: Tensor | None) -> tuple[Tensor, Tensor]:
         """One plane sweep: expected inverse depth (B·V, 1, h, w) and the candidates' probabilities (B·V, D, h, w)."""
-        lead = sweep.near.shape
         candidates = self.candidates(sweep, coarse)
         mv = features.mv[scale]
-        K = scale_intrinsics(sweep.K, *mv.shape[-2:])
-        scores = match_scores(mv.unflatten(0, lead), K, sweep.c2w, sweep.others, candidates.unflatten(0, lead))
+        K = scale_intrinsics(sweep.K, *mv.shape[-2:]).flatten(0, 1)
+        scores = match_scores(mv, K, sweep.c2w.flatten(0, 1), sweep.others, candidates)
         x = torch.cat([scores, features.cnn[2 - scale], mv, features.matched_mono[scale]], dim=1)
-        refined = self.regressor[scale](x, lead[1]) + self.regressor_residual[scale](x)
+        refined = self.regressor[scale](x, sweep.near.shape[1]) + self.regressor_residual[scale](x)
         probabilities = self.depth_head[scale](refined).softmax(dim=1)
         return (probabilities * candidates).sum(dim=1, keepdim=True), probabilities
 

@@ -58,12 +58,12 @@ def cubic_resize_matrix(outputs: int, scale: Tensor, inputs: int = TRAINED_GRID)
         scale: () output samples per input sample.
         inputs: number of input samples.
     """
-    position = (torch.arange(outputs, dtype=torch.float32, device=scale.device) + 0.5) / scale - 0.5
+    position = (torch.arange(outputs, dtype=scale.dtype, device=scale.device) + 0.5) / scale - 0.5
     first = position.floor()
     weights = _cubic_weights(position - first)  # (outputs, 4)
-    taps = torch.arange(-1, 3, dtype=torch.float32, device=scale.device)
+    taps = torch.arange(-1, 3, dtype=scale.dtype, device=scale.device)
     sources = (first[:, None] + taps).clamp(0, inputs - 1)  # (outputs, 4)
-    hits = sources[..., None] == torch.arange(inputs, dtype=torch.float32, device=scale.device)  # (outputs, 4, inputs)
+    hits = sources[..., None] == torch.arange(inputs, dtype=scale.dtype, device=scale.device)  # (outputs, 4, inputs)
     return (weights[..., None] * hits).sum(dim=1)
 
 
@@ -152,10 +152,11 @@ class DINOv2(nn.Module):
         """
         grid = self.pos_embed[0, 1:].unflatten(0, (TRAINED_GRID, TRAINED_GRID))  # (37, 37, C)
         count = torch.stack([torch.scalar_tensor(rows), torch.scalar_tensor(columns)]).to(grid)
-        offset = GRID_OFFSET * (count != TRAINED_GRID).any()
+        offset = GRID_OFFSET * (count != TRAINED_GRID).any().to(grid)
         scale = (count + offset) / TRAINED_GRID
-        vertical = cubic_resize_matrix(rows, scale[0])
-        horizontal = cubic_resize_matrix(columns, scale[1])
+        vertical, horizontal = (
+            cubic_resize_matrix(size, scale[axis]).to(grid) for axis, size in enumerate((rows, columns))
+        )
         resized = torch.matmul(horizontal, (vertical @ grid.flatten(1)).unflatten(1, (TRAINED_GRID, -1)))
         return torch.cat([self.pos_embed[:, :1], resized.flatten(0, 1)[None]], dim=1)
 

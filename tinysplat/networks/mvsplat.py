@@ -164,12 +164,10 @@ class MVSplat(nn.Module):
         flat = images.flatten(0, 1)
         others = all_others(c2w)
         features = self.backbone(flat, others)
-        size = features[0].shape[-2:]
-        candidates = inverse_depth_candidates(near, far, CANDIDATES)[..., None, None]  # (B, V, 128, 1, 1)
-        scores = match_scores(
-            features[0].unflatten(0, (scenes, views)), scale_intrinsics(K, *size), c2w, others, candidates
-        )
-        disparity, opacities, raw = self.depth_predictor(flat, scores, features, candidates.flatten(0, 1), views)
+        candidates = inverse_depth_candidates(near, far, CANDIDATES).flatten(0, 1)[..., None, None]  # (B·V, 128, 1, 1)
+        K_features = scale_intrinsics(K, *features[0].shape[-2:]).flatten(0, 1)
+        scores = match_scores(features[0], K_features, c2w.flatten(0, 1), others, candidates)
+        disparity, opacities, raw = self.depth_predictor(flat, scores, features, candidates, views)
         raw = raw.unflatten(0, (scenes, views))
         length = 1 / disparity.unflatten(0, (scenes, views))  # along the ray
         offsets, scales, quats, sh = raw.split([*GaussianHead.GEOMETRY, 3 * (self.sh_degree + 1) ** 2], dim=2)

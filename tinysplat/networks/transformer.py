@@ -10,7 +10,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .views import gather_views
 from .windows import SPLIT, attention_mask, position_code, regions_of_keys, shifted_regions, window_layout
 
 
@@ -51,11 +50,11 @@ class CrossAttention(WindowAttention):
         self.norm2 = nn.LayerNorm(channels)
 
     def forward(self, x: Tensor, sources: Tensor, others: Tensor, mask: Tensor | None) -> Tensor:
-        """Window tokens x and sources (B·V, 4, L, C), others (B, V, M), mask (4, L, M·L) or None."""
+        """Window tokens x and sources (B·V, 4, L, C), others (B·V, M), mask (4, L, M·L) or None."""
 
         def of_others(tokens: Tensor) -> Tensor:  # (B·V, 4, M·L, C), view by view
-            read = gather_views(tokens.unflatten(0, others.shape[:2]), others)
-            return read.flatten(0, 1).transpose(1, 2).flatten(2, 3)
+            read = tokens.index_select(0, others.flatten()).unflatten(0, others.shape)
+            return read.transpose(1, 2).flatten(2, 3)
 
         keys, values = of_others(self.k_proj(sources)), of_others(self.v_proj(sources))
         message = self.attend(self.q_proj(x), keys, values, mask)
@@ -71,7 +70,7 @@ class TransformerLayer(nn.Module):
         self.cross_attn_ffn = CrossAttention(channels)
 
     def forward(self, x: Tensor, others: Tensor, mask: Tensor | None, cross_mask: Tensor | None) -> Tensor:
-        """Window tokens (B·V, 4, L, C), others (B, V, M)."""
+        """Window tokens (B·V, 4, L, C), others (B·V, M)."""
         return self.cross_attn_ffn(self.self_attn(x, mask), x, others, cross_mask)
 
 
@@ -87,7 +86,7 @@ class MultiViewTransformer(nn.Module):
 
         Args:
             features: (B·V, C, h, w), h and w multiples of 4.
-            others: (B, V, M) int64, the views that each view attends to.
+            others: (B·V, M) int64, the views that each view attends to (`views.py`).
 
         Returns:
             (B·V, C, h, w).
@@ -96,7 +95,7 @@ class MultiViewTransformer(nn.Module):
         layouts = [window_layout(height, width, shifted, features.device) for shifted in (False, True)]
         regions = shifted_regions(height, width, features.device)
         of_keys = regions_of_keys(regions, others.shape[-1])
-        masks = [(None, None), (attention_mask(regions, regions), attention_mask(regions, of_keys))]
+        masks = [(None, None), tuple(attention_mask(regions, keys).to(features) for keys in (regions, of_keys))]
         code = position_code(height // SPLIT, width // SPLIT, channels).to(features)
         tokens = features.flatten(2).transpose(1, 2)  # (B·V, hw, C)
         tokens = layouts[0].merge(layouts[0].split(tokens) + code)

@@ -57,12 +57,12 @@ class CrossViewAttention(nn.Module):
         return (tokens + (self.norm(message) if self.post_norm else message)).view_as(x)
 
     def _attend(self, tokens: Tensor, views: int) -> Tensor:
-        length = tokens.shape[-1]
-        qkv = self.qkv(tokens).reshape(-1, views, self.heads, 3, HEAD_CHANNELS, length)
-        q, k, v = qkv.permute(3, 0, 2, 1, 5, 4).flatten(3, 4).unbind(0)  # each (B, heads, V·hw, 32)
-        out = functional.scaled_dot_product_attention(q, k, v)
-        out = out.unflatten(2, (views, length)).permute(0, 2, 1, 4, 3)  # (B, V, heads, 32, hw)
-        return self.proj_out(out.reshape(-1, self.heads * HEAD_CHANNELS, length))
+        batch, channels, length = tokens.shape
+        qkv = self.qkv(tokens).transpose(1, 2)  # (B·V, hw, 3C)
+        qkv = qkv.reshape(batch // views, views * length, self.heads, 3, HEAD_CHANNELS)
+        q, k, v = qkv.permute(3, 0, 2, 1, 4).unbind(0)  # each (B, heads, V·hw, 32)
+        out = functional.scaled_dot_product_attention(q, k, v).transpose(1, 2)
+        return self.proj_out(out.reshape(batch, length, channels).transpose(1, 2))
 
 
 class Downsample(nn.Module):

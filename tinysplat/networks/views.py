@@ -1,7 +1,7 @@
-"""Which views a view is compared with, and reading per-view tensors by such lists.
+"""Which views a view is compared with, for the views of several scenes in one batch.
 
-An index of other views is an int64 tensor (B, V, M): for each view of each scene the M views that it attends to and
-sweeps against. Tensors per view are (B, V, …).
+Tensors per view are (B·V, …), the views of a scene next to each other. A list of other views is an int64 tensor
+(B·V, M) that indexes this batch: for each view the M views of its scene that it attends to and is swept against.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from torch import Tensor
 
 
 def all_others(c2w: Tensor) -> Tensor:
-    """Every other view in increasing order: (B, V, V − 1) from c2w (B, V, 4, 4)."""
+    """Every other view of the scene in increasing order: (B·V, V − 1) from c2w (B, V, 4, 4)."""
     scenes, views = c2w.shape[:2]
     own = torch.arange(views, device=c2w.device)[:, None]
     other = torch.arange(views - 1, device=c2w.device)[None]
-    return (other + (other >= own).long()).expand(scenes, views, views - 1)
+    return _in_batch((other + (other >= own).long()).expand(scenes, views, views - 1), views)
 
 
 def nearest_others(c2w: Tensor, count: int) -> Tensor:
@@ -29,7 +29,7 @@ def nearest_others(c2w: Tensor, count: int) -> Tensor:
         count: views wanted.
 
     Returns:
-        (B, V, min(count, V − 1)).
+        (B·V, min(count, V − 1)).
     """
     views = c2w.shape[1]
     centres = c2w[..., :3, 3]
@@ -37,11 +37,9 @@ def nearest_others(c2w: Tensor, count: int) -> Tensor:
     index = torch.arange(views, dtype=c2w.dtype, device=c2w.device)
     keys = torch.where(index.max() > count, distances, index)
     keys = keys.masked_fill(index[:, None] == index, -1)  # the view itself comes first and is left out
-    return keys.argsort(dim=-1)[..., 1:].narrow(-1, 0, torch.sym_min(views - 1, count))
+    return _in_batch(keys.argsort(dim=-1)[..., 1:].narrow(-1, 0, torch.sym_min(views - 1, count)), views)
 
 
-def gather_views(x: Tensor, others: Tensor) -> Tensor:
-    """Read x (B, V, …) by an index (B, V, M): (B, V, M, …)."""
-    scenes, views, count = others.shape
-    flat = others + torch.arange(scenes, device=others.device)[:, None, None] * views
-    return x.flatten(0, 1).index_select(0, flat.flatten()).unflatten(0, (scenes, views, count))
+def _in_batch(others: Tensor, views: int) -> Tensor:
+    first = torch.arange(others.shape[0], device=others.device)[:, None, None] * views
+    return (others + first).flatten(0, 1)

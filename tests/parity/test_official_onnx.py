@@ -1,0 +1,215 @@
+"""Official networks as ONNX artifacts, made by the command that users run, against torch and the authors' outputs.
+
+The fixtures' weights are written as checkpoints, `export/network.py` turns them into artifacts, and the artifacts run
+as `tinysplat encode --model` runs them. Two exports run side by side and take most of the time; the other four
+official configurations are marked slow.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from golden.official.check_golden import compare, load_fixture
+from golden.official.networks import (
+    FOLDER,
+    deterministic_network,
+    deterministic_state,
+    network_name,
+    outputs_as_official,
+)
+from numpy.typing import NDArray
+from scenes import make_cameras, write_scene
+
+from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
+from tinysplat.networks.outputs import PixelGaussians
+from tinysplat_runtime.artifacts import Artifact
+from tinysplat_runtime.inference import Graph, open_graph
+
+pytestmark = pytest.mark.timeout(1800)  # two exports on two busy cores
+
+ROOT = Path(__file__).resolve().parents[2]
+PARITY_RTOL = 1e-3  # of the output's largest magnitude; 3e-5 is usual, MVSplat's far plane amplifies rounding
+HALF_RTOL = 0.05  # random weights amplify their own rounding more than trained ones
+FAST = {"mvsplat_re10k": "mvsplat_re10k_v2_64x64", "depthsplat_small_re10k": "depthsplat_small_re10k_v2_64x64"}
+SLOW = {
+    "depthsplat_small_dl3dv": "depthsplat_small_dl3dv_v2_64x64",
+    "depthsplat_base_re10k": "depthsplat_base_re10k_v2_64x64",
+    "depthsplat_base_dl3dv": "depthsplat_base_dl3dv_v3_64x96",
+    "depthsplat_large_re10k": None,
+}
+
+
+@dataclass(frozen=True)
+class Exported:
+    """An artifact beside the network it was made from."""
+
+    path: Path
+    graph: Graph
+    module: SceneNetwork
+
+
+def start_export(model: str, folder: Path) -> tuple[Path, subprocess.Popen[str]]:
+    checkpoint, path = folder / f"{model}.ckpt", folder / f"{model}.onnx"
+    torch.save({"state_dict": {f"encoder.{k}": v for k, v in deterministic_state(model).items()}}, checkpoint)
+    command = [sys.executable, str(ROOT / "export" / "network.py"), network_name(model)[0]]
+    process = subprocess.Popen(
+        [*command, "--checkpoint", str(checkpoint), "-o", str(path)], text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    return path, process
+
+
+def finish_export(model: str, path: Path, process: subprocess.Popen[str]) -> Exported:
+    output, _ = process.communicate()
+    assert process.returncode == 0, output
+    path.with_suffix(".ckpt").unlink()
+    return Exported(path, open_graph(Artifact(model, path), "network"), SceneNetwork(deterministic_network(model)))
+
+
+@pytest.fixture(scope="module")
+def fast_exports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Exported]:
+    folder = tmp_path_factory.mktemp("official")
+    running = {model: start_export(model, folder) for model in FAST}
+    return {model: finish_export(model, *started) for model, started in running.items()}
+
+
+@pytest.fixture(params=list(FAST))
+def exported(request: pytest.FixtureRequest, fast_exports: dict[str, Exported]) -> Exported:
+    return fast_exports[request.param]
+
+
+def example(views: int, height: int, width: int, seed: int = 0) -> dict[str, NDArray]:
+    """Random texture seen by turned cameras whose K and depth range differ from view to view."""
+    rng = np.random.default_rng(seed)
+    cameras = make_cameras(views, height, width)
+    K = np.stack([camera.K_unit for camera in cameras])
+    K[:, 0, 0] *= 1 + 0.02 * np.arange(views)
+    inputs = {
+        "images": rng.random((views, 3, height, width)),
+        "K": K,
+        "c2w": np.stack([camera.c2w for camera in cameras]),
+        "near": 1 + 0.1 * np.arange(views),
+        "far": 50 + 10.0 * np.arange(views),
+    }
+    return {name: value.astype(np.float32) for name, value in inputs.items()}
+
+
+def run_torch(module: SceneNetwork, inputs: dict[str, NDArray]) -> dict[str, NDArray]:
+    values = module(*(torch.from_numpy(value) for value in inputs.values()))
+    return {name: value.numpy() for name, value in zip(OUTPUT_NAMES, values, strict=True)}
+
+
+def assert_close(found: dict[str, NDArray], wanted: dict[str, NDArray], rtol: float) -> None:
+    for name in OUTPUT_NAMES:
+        assert found[name].shape == wanted[name].shape
+        error = np.abs(found[name] - wanted[name]).max() / np.abs(wanted[name]).max()
+        assert error <= rtol, f"{name} off by {error:.2g} of its largest magnitude"
+
+
+def assert_golden(exported: Exported, fixture: str) -> None:
+    """The artifact's outputs within the fixture's own tolerances of the authors' (MVSplat's SH apart: degree 3)."""
+    arrays, expected, meta = load_fixture(FOLDER / "golden" / f"{fixture}.npz")
+    names = {"images": "image", "K": "intrinsics", "c2w": "extrinsics", "near": "near", "far": "far"}
+    outputs = exported.graph.run({name: arrays[key][0] for name, key in names.items()})
+    gaussians = PixelGaussians(**{name: torch.from_numpy(outputs[name])[None] for name in OUTPUT_NAMES})
+    along_ray = fixture.startswith("mvsplat")
+    if along_ray:
+        gaussians = PixelGaussians(**{**vars(gaussians), "sh": torch.zeros(*gaussians.sh.shape[:4], 25, 3)})
+    found = outputs_as_official(gaussians, arrays, along_ray)
+    wanted = {key: value for key, value in expected.items() if key.startswith("out/")}
+    if along_ray:
+        del wanted["out/harmonics"]
+    failed = [row for row in compare(wanted, meta, found) if row[1] != "ok"]
+    assert not failed, failed
+
+
+@pytest.mark.parametrize("size", [(2, 64, 64), (3, 96, 64), (5, 64, 128)], ids="{0[0]} views of {0[1]}x{0[2]}".format)
+def test_one_artifact_matches_torch_at_every_view_count_and_size(
+    exported: Exported, size: tuple[int, int, int]
+) -> None:
+    inputs = example(*size)
+    assert_close(exported.graph.run(inputs), run_torch(exported.module, inputs), PARITY_RTOL)
+
+
+@pytest.mark.parametrize("model", FAST)
+def test_artifact_matches_the_official_implementation(fast_exports: dict[str, Exported], model: str) -> None:
+    assert_golden(fast_exports[model], FAST[model])
+
+
+def test_swapped_views_give_swapped_gaussians(exported: Exported) -> None:
+    inputs = example(2, 64, 64)
+    straight = exported.graph.run(inputs)
+    swapped = exported.graph.run({name: value[::-1].copy() for name, value in inputs.items()})
+    assert_close({name: value[::-1] for name, value in swapped.items()}, straight, PARITY_RTOL)
+
+
+def test_artifact_is_standard_onnx_with_its_papers(exported: Exported) -> None:
+    model = onnx.load(exported.path)
+    assert {node.domain for node in model.graph.node} <= {"", "ai.onnx"}
+    assert [entry.domain for entry in model.opset_import] == [""] and 18 <= model.opset_import[0].version <= 21
+    assert model.ir_version <= 10
+    papers = exported.graph.metadata
+    assert papers["role"] == "network" and papers["contract"] == 1
+    assert "SHA-256" in papers["provenance"] and papers["licence"]
+    assert {name: papers[name] for name in exported.module.limits} == exported.module.limits
+    weights = sum(weight.numel() for weight in exported.module.network.parameters())
+    assert exported.path.stat().st_size < 4.2 * weights  # each weight once, and little else
+
+
+def _changed_copy(exported: Exported, path: Path, change: Callable[[onnx.ModelProto], None], limit: int) -> Graph:
+    model = onnx.load(exported.path)
+    change(model)
+    save_model(model, path, max_bytes=limit)
+    return open_graph(Artifact("copy", path), "network")
+
+
+def test_half_weights_halve_the_file_and_hardly_move_the_gaussians(exported: Exported, tmp_path: Path) -> None:
+    path = tmp_path / "half.onnx"
+    graph = _changed_copy(exported, path, lambda model: None if halve_weights(model) < 1e-3 else pytest.fail(), 1 << 40)
+    assert path.stat().st_size < 0.53 * exported.path.stat().st_size
+    inputs = example(2, 64, 64)
+    assert_close(graph.run(inputs), exported.graph.run(inputs), HALF_RTOL)
+
+
+def test_weights_beyond_the_limit_lie_beside_the_graph(exported: Exported, tmp_path: Path) -> None:
+    path = tmp_path / "large.onnx"
+    graph = _changed_copy(exported, path, lambda model: None, limit=1 << 20)
+    assert path.stat().st_size < 2 << 20 < path.with_name("large.onnx.data").stat().st_size
+    inputs = example(2, 64, 64)
+    assert_close(graph.run(inputs), exported.graph.run(inputs), 1e-6)
+
+
+@pytest.mark.parametrize("views", [2, 3])
+def test_encode_runs_the_artifact_end_to_end(exported: Exported, views: int, tmp_path: Path) -> None:
+    write_scene(tmp_path / "scene", views=4, height=60, width=72)
+    chosen = ",".join(map(str, range(views)))
+    command = [sys.executable, "-m", "tinysplat_runtime", "encode", tmp_path / "scene", "-o", tmp_path / "s.tsplat",
+               "--model", exported.path, "--views", chosen, "--profile", "paper", "--report", tmp_path / "r.json",
+               "-q"]  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "runtime"), str(ROOT)])}
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "r.json").read_text())
+    assert (report["views"], report["height"], report["width"]) == (views, 60, 72)
+    assert report["gaussians"] == views * 60 * 72
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", SLOW)
+def test_larger_artifacts_match_torch_and_the_official_implementation(model: str, tmp_path: Path) -> None:
+    exported = finish_export(model, *start_export(model, tmp_path))
+    for size in ((2, 64, 64), (4, 64, 96)):
+        inputs = example(*size)
+        assert_close(exported.graph.run(inputs), run_torch(exported.module, inputs), PARITY_RTOL)
+    if SLOW[model]:
+        assert_golden(exported, SLOW[model])
