@@ -27,7 +27,7 @@ from tinysplat.networks import export_support as official
 from tinysplat.networks import sweep
 from tinysplat.networks.depthsplat import SCALE_RULES
 from tinysplat_runtime.artifacts import Artifact
-from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
 from tinysplat_runtime.inference import open_graph
 
 INPUT_AXES: dict[str, dict[int, str]] = {
@@ -86,7 +86,7 @@ class Network:
 
 def _sweep(options: argparse.Namespace) -> Network:
     if options.checkpoint is not None:
-        raise SystemExit("sweep has no learned weights, --checkpoint means nothing to it")
+        raise InputError("sweep has no learned weights to load", where="--checkpoint")
     return Network(
         sweep.Sweep(),
         sweep.OUTPUT_NAMES,
@@ -104,7 +104,7 @@ def _sweep(options: argparse.Namespace) -> Network:
 
 def _official(options: argparse.Namespace) -> Network:
     if options.checkpoint is None:
-        raise SystemExit(f"{options.name} needs --checkpoint FILE; docs/MODELS.md says where the authors' files are")
+        raise InputError(f"{options.name} needs one; docs/MODELS.md says where it is", where="--checkpoint")
     loaded = load_network(options.checkpoint, options.name, options.scale_rule, options.sh_degree)
     module = official.SceneNetwork(loaded.module)
     file, release = loaded.checkpoint, loaded.checkpoint.release
@@ -191,6 +191,7 @@ def measure_parity(network: Network, path: Path) -> dict[str, float]:
         found = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
         for name, want in zip(network.outputs, expected, strict=True):
             error = (torch.from_numpy(found[name]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
+            error = error.nan_to_num(nan=torch.inf)  # else NaN would pass for parity
             rank = max(int(network.parity_quantile * error.numel()), 1)
             worst[name] = max(worst.get(name, 0.0), float(error.kthvalue(rank).values))
     return worst
@@ -206,19 +207,31 @@ def main() -> None:
     parser.add_argument("--sh-degree", type=int, help="of MVSplat: 3, exact for images (default), or 4")
     parser.add_argument("--half-weights", action="store_true", help="store weights as float16, compute in float32")
     options = parser.parse_args()
-    path = (options.output or MODELS / f"{options.name}.onnx").resolve()
     try:
-        network = NETWORKS[options.name](options)
+        export(options)
     except TinySplatError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def export(options: argparse.Namespace) -> None:
+    """Build, write, check, and register what belongs to models/.
+
+    Raises:
+        InputError: the options or the checkpoint are not acceptable.
+        NumericError: torch and onnx disagree; the file stays, unregistered.
+    """
+    path = (options.output or MODELS / f"{options.name}.onnx").resolve()
+    if not path.parent.is_dir():  # said before an export of minutes, not after it
+        raise InputError(f"no folder {path.parent} to write to", where="--output")
+    network = NETWORKS[options.name](options)
     if options.half_weights:  # rounded weights are other weights: sanity, not parity
         network = replace(network, parity_tolerance=HALF_TOLERANCE)
     write_graph(network, path, options.half_weights)
     worst = measure_parity(network, path)
     print(options.name, {name: f"{value:.1e}" for name, value in worst.items()})
     if max(worst.values()) > network.parity_tolerance:
-        raise SystemExit(f"{options.name}: torch and onnx differ by {worst}; nothing was registered")
+        raise NumericError(f"torch and onnx differ by {worst}; nothing was registered", where=options.name)
     if path.parent == MODELS:
         register(options.name, path, "network", worst, **network.papers, **asdict(network.limits),
                  made_by="export/network.py")  # fmt: skip

@@ -20,16 +20,14 @@ import onnx
 import pytest
 import torch
 from golden.official.check_golden import compare, load_fixture
-from golden.official.networks import (
-    FOLDER,
-    deterministic_network,
-    deterministic_state,
-    network_name,
-    outputs_as_official,
-)
+from golden.official.checkpoint import write_checkpoint
+from golden.official.networks import FOLDER, deterministic_network, network_name, outputs_as_official
 from numpy.typing import NDArray
 from scenes import make_cameras, write_scene
 
+import tinysplat_runtime as ts
+from tinysplat.bench.inputs import Photos
+from tinysplat.bench.network import contract_inputs
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
 from tinysplat.networks.outputs import PixelGaussians
 from tinysplat_runtime.artifacts import Artifact
@@ -58,15 +56,15 @@ class Exported:
     module: SceneNetwork
 
 
+def export_command(*arguments: object) -> list[str]:
+    return [sys.executable, str(ROOT / "export" / "network.py"), *map(str, arguments)]
+
+
 def start_export(model: str, folder: Path) -> tuple[Path, subprocess.Popen[str]]:
     checkpoint, path = folder / f"{model}.ckpt", folder / f"{model}.onnx"
-    torch.save({"state_dict": {f"encoder.{k}": v for k, v in deterministic_state(model).items()}}, checkpoint)
-    command = [sys.executable, str(ROOT / "export" / "network.py"), network_name(model)[0]]
-    process = subprocess.Popen(
-        [*command, "--checkpoint", str(checkpoint), "-o", str(path)], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
-    return path, process
+    write_checkpoint(model, checkpoint)
+    command = export_command(network_name(model)[0], "--checkpoint", checkpoint, "-o", path)
+    return path, subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
 
 def finish_export(model: str, path: Path, process: subprocess.Popen[str]) -> Exported:
@@ -202,6 +200,38 @@ def test_encode_runs_the_artifact_end_to_end(exported: Exported, views: int, tmp
     report = json.loads((tmp_path / "r.json").read_text())
     assert (report["views"], report["height"], report["width"]) == (views, 60, 72)
     assert report["gaussians"] == views * 60 * 72
+
+
+def test_each_photo_gets_its_own_gaussians(exported: Exported, tmp_path: Path) -> None:
+    write_scene(tmp_path, views=4, height=64, width=80)
+    scene = ts.load_scene(tmp_path).views([2, 0, 3])
+    found = ts.predict(scene, str(exported.path))
+    middle = np.mean([camera.centre for camera in scene.cameras], axis=0)
+    photos = Photos(scene.images(), tuple(scene.cameras))
+    wanted = run_torch(exported.module, contract_inputs(photos, scene.depth_range()))
+    wanted["means"] = wanted["means"] + middle
+    for name in ("means", "scales", "opacities", "sh"):
+        error = np.abs(getattr(found, name) - wanted[name]).max() / np.abs(wanted[name]).max()
+        assert error <= PARITY_RTOL, name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("mvsplat",), "--checkpoint: mvsplat needs one"),
+        (("depthsplat-small", "--checkpoint", "mvsplat.ckpt"), "holds mvsplat (re10k), expected depthsplat-small"),
+        (("mvsplat", "--checkpoint", "page.ckpt"), "page.ckpt: not a torch checkpoint"),
+    ],
+    ids=["no checkpoint", "another network's", "no checkpoint file"],
+)
+def test_export_refuses_in_one_line(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    (tmp_path / "page.ckpt").write_text("<html>404</html>")
+    write_checkpoint("mvsplat_re10k", tmp_path / "mvsplat.ckpt")
+    done = subprocess.run(
+        export_command(*arguments, "-o", "x.onnx"), capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert message in done.stderr and not (tmp_path / "x.onnx").exists()
 
 
 @pytest.mark.slow

@@ -115,20 +115,12 @@ def float64_figures(model: str, photos: Photos, depth_range: tuple[float, float]
 
     from ..networks.sweep import OUTPUT_NAMES, Sweep
 
-    centre = np.mean([camera.centre for camera in photos.cameras], axis=0)
-    poses = np.stack([camera.c2w for camera in photos.cameras])
-    poses[:, :3, 3] -= centre
-    inputs = (
-        photos.images.transpose(0, 3, 1, 2).astype(np.float64),
-        np.stack([camera.K_unit for camera in photos.cameras]),
-        poses,
-        *(np.full(len(poses), limit) for limit in depth_range),
-    )
+    inputs = [array.astype(np.float64) for array in contract_inputs(photos, depth_range).values()]
     default = torch.get_default_dtype()
     torch.set_default_dtype(torch.float64)
     try:
         with torch.inference_mode():
-            outputs = Sweep()(*(torch.from_numpy(as_float64(value)) for value in inputs))
+            outputs = Sweep()(*(torch.from_numpy(array) for array in inputs))
     finally:
         torch.set_default_dtype(default)
     truth = outputs[OUTPUT_NAMES.index("depth")].numpy()
@@ -140,6 +132,11 @@ def float64_figures(model: str, photos: Photos, depth_range: tuple[float, float]
     return figures
 
 
-def as_float64(value: NDArray) -> NDArray:
-    """What float32 keeps of a number, in float64: the twin gets the numbers that the graph gets."""
-    return as_input(value).astype(np.float64)
+def contract_inputs(photos: Photos, depth_range: tuple[float, float]) -> dict[str, NDArray]:
+    """Photos and cameras under the contract of the role `network`, float32: what `predict` feeds a graph."""
+    poses = np.stack([camera.c2w for camera in photos.cameras])
+    poses[:, :3, 3] -= poses[:, :3, 3].mean(axis=0)
+    near, far = (np.full(len(poses), limit) for limit in depth_range)
+    K = np.stack([camera.K_unit for camera in photos.cameras])
+    arrays = {"images": photos.images.transpose(0, 3, 1, 2), "K": K, "c2w": poses, "near": near, "far": far}
+    return {name: as_input(array) for name, array in arrays.items()}
