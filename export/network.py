@@ -106,10 +106,22 @@ def _official(options: argparse.Namespace) -> Network:
     if options.checkpoint is None:
         raise InputError(f"{options.name} needs one; docs/MODELS.md says where it is", where="--checkpoint")
     loaded = load_network(options.checkpoint, options.name, options.scale_rule, options.sh_degree)
-    module = official.SceneNetwork(loaded.module)
     file, release = loaded.checkpoint, loaded.checkpoint.release
     title = release.title if release else file.path.name
     rule = f", scale rule {loaded.scale_rule}" if loaded.name != "mvsplat" else ""
+    return official_network(
+        loaded.module,
+        {
+            "licence": "the checkpoint's own; see docs/MODELS.md",
+            "provenance": f"{title}, SHA-256 {file.digest}",
+            "purpose": f"{loaded.name} ({loaded.variant}{rule}): posed images to per-pixel Gaussians",
+        },
+    )
+
+
+def official_network(network: nn.Module, papers: Mapping[str, str]) -> Network:
+    """MVSplat or DepthSplat of `networks.build`, with weights, ready for export."""
+    module = official.SceneNetwork(network)
     return Network(
         module,
         official.OUTPUT_NAMES,
@@ -117,11 +129,7 @@ def _official(options: argparse.Namespace) -> Network:
         ((2, 64, 96), (3, 96, 64), (4, 64, 64)),
         parity_tolerance=1e-3,
         parity_quantile=1.0,
-        papers={
-            "licence": "the checkpoint's own; see docs/MODELS.md",
-            "provenance": f"{title}, SHA-256 {file.digest}",
-            "purpose": f"{loaded.name} ({loaded.variant}{rule}): posed images to per-pixel Gaussians",
-        },
+        papers=papers,
         opset=official.OPSET,
     )
 

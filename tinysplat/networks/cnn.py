@@ -1,7 +1,7 @@
 """The convolutional feature extractor that both official networks share (after GMFlow, Xu et al. 2022).
 
 Every norm is an InstanceNorm without affine parameters or running statistics, so norms own no tensors.
-Facts: MVSplat and DepthSplat checkpoints; docs/MODELS.md, "Official networks".
+Facts: MVSplat and DepthSplat checkpoints; docs/MODELS.md, "MVSplat and DepthSplat".
 """
 
 from __future__ import annotations
