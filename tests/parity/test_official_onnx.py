@@ -25,15 +25,16 @@ from golden.official.networks import FOLDER, deterministic_network, network_name
 from numpy.typing import NDArray
 from scenes import make_cameras, write_scene
 
-import tinysplat_runtime as ts
 from tinysplat.bench.inputs import Photos
 from tinysplat.bench.network import contract_inputs
 from tinysplat.networks import DepthSplat, MVSplat
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
 from tinysplat.networks.outputs import PixelGaussians
+from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.artifacts import Artifact
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.inference import Graph, open_graph
+from tinysplat_runtime.scenes import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "export"))  # a folder of scripts, which import their neighbours
@@ -204,8 +205,8 @@ def test_encode_runs_the_artifact_end_to_end(exported: Exported, views: int, tmp
 
 def test_each_photo_gets_its_own_gaussians(exported: Exported, tmp_path: Path) -> None:
     write_scene(tmp_path, views=4, height=64, width=80)
-    scene = ts.load_scene(tmp_path).views([2, 0, 3])
-    found = ts.predict(scene, str(exported.path))
+    scene = load_scene(tmp_path).views([2, 0, 3])
+    found = Runtime().predict(scene, str(exported.path))
     middle = np.mean([camera.centre for camera in scene.cameras], axis=0)
     photos = Photos(scene.images(), tuple(scene.cameras))
     wanted = run_torch(exported.module, contract_inputs(photos, scene.depth_range()))
