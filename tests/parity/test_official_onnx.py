@@ -8,11 +8,11 @@ make all six official configurations with the command that users run.
 from __future__ import annotations
 
 import json
-import logging
+import os
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +24,10 @@ from golden.official.checkpoint import write_checkpoint
 from golden.official.networks import FOLDER, deterministic_network, network_name, outputs_as_official
 from numpy.typing import NDArray
 from scenes import make_cameras, write_scene
+from shallow_networks import shallow_network
 
 from tinysplat.bench.inputs import Photos
 from tinysplat.bench.network import contract_inputs
-from tinysplat.networks import DepthSplat, MVSplat
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
 from tinysplat.networks.outputs import PixelGaussians
 from tinysplat_runtime.api import Runtime
@@ -37,9 +37,6 @@ from tinysplat_runtime.inference import Graph, open_graph
 from tinysplat_runtime.scenes import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "export"))  # a folder of scripts, which import their neighbours
-
-import network as export_network  # noqa: E402
 
 pytestmark = pytest.mark.timeout(900)  # an export on a busy machine
 
@@ -66,29 +63,15 @@ class Exported:
     module: SceneNetwork
 
 
-def make_shallow(network: MVSplat | DepthSplat) -> MVSplat | DepthSplat:
-    """One plain and one shifted transformer layer; ViT blocks that each hand out their tokens."""
-    features = network.backbone if isinstance(network, MVSplat) else network.depth_predictor
-    features.transformer.layers = features.transformer.layers[:2]
-    if isinstance(network, DepthSplat):
-        vit = network.depth_predictor.pretrained
-        vit.blocks, vit.size = vit.blocks[:4], replace(vit.size, taken=(0, 1, 2, 3))
-    return network
-
-
 @pytest.fixture(scope="module", params=SHALLOW)
 def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Exported:
     model = request.param
     path = tmp_path_factory.mktemp("official") / f"{model}.onnx"
-    network = export_network.official_network(
-        make_shallow(deterministic_network(model)), {"licence": "none", "provenance": "deterministic weights"}
-    )
-    logging.disable()  # pytest's handler would have the exporter write out its trace, at several times the cost
-    try:
-        export_network.write_graph(network, path)
-    finally:
-        logging.disable(logging.NOTSET)
-    return Exported(path, open_graph(Artifact(model, path), "network"), network.module)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT, ROOT / "runtime", ROOT / "tests")))}
+    command = [sys.executable, "-m", "shallow_networks", model, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    return Exported(path, open_graph(Artifact(model, path), "network"), SceneNetwork(shallow_network(model)))
 
 
 def export_command(*arguments: object) -> list[str]:
