@@ -1,8 +1,8 @@
 """Official networks as ONNX artifacts against torch and the authors' outputs.
 
-An export takes a minute, as the graph is long. The ordinary tests therefore export networks whose repeated parts are
-fewer (two transformer layers, four ViT blocks): every kind of part, at every number of views and size. The slow tests
-make all six official configurations with the command that users run.
+All are slow, as an export takes a minute or more. Most run on networks whose repeated parts are fewer (two transformer
+layers, four ViT blocks): every kind of part, at every number of views and size. The last makes all six official
+configurations with the command that users run.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from tinysplat_runtime.scenes import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 
-pytestmark = pytest.mark.timeout(900)  # an export on a busy machine
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # an export on a busy machine
 
 PARITY_RTOL = 1e-3  # of the output's largest magnitude; 3e-5 is usual, MVSplat's far plane amplifies rounding
 HALF_RTOL = 0.05  # random weights amplify their own rounding more than trained ones
@@ -208,7 +208,6 @@ def test_export_refuses_another_networks_checkpoint_in_one_line(tmp_path: Path) 
     assert not (tmp_path / "x.onnx").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("model", GOLDEN)
 def test_artifact_of_the_command_matches_torch_and_the_official_implementation(model: str, tmp_path: Path) -> None:
     checkpoint, path = tmp_path / f"{model}.ckpt", tmp_path / f"{model}.onnx"
