@@ -14,6 +14,12 @@ from ..inference import GraphStore, as_input
 from ..quaternions import conjugate_quats, left_multiplication_matrices, matrices_to_quats
 from .planes import GEOMETRY, PlaneClass
 
+MAX_PLANE = 1e15
+"""Largest magnitude of a plane's values: sums of a million of their squares stay inside float32."""
+
+MAX_SH = 1e15
+"""The same for SH coefficients."""
+
 
 @dataclass(frozen=True)
 class ProjectedLayer:
@@ -43,7 +49,7 @@ def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, wh
         where: the layer's name for messages.
 
     Raises:
-        NumericError: Gaussians with z ≤ 0, or whose planes are beyond float32, named by view and count.
+        NumericError: Gaussians with z ≤ 0, or with a plane beyond MAX_PLANE, named by view and count.
     """
     rotations = np.stack([camera.rotation for camera in layer.cameras])
     centres = np.stack([camera.centre for camera in layer.cameras]) - layer.origin
@@ -63,10 +69,9 @@ def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, wh
     )
     geometry = out["geometry"]
     valid = geometry[:, 0] > 0
-    # One sum per channel finds NaN and infinity faster than a look at every number.
-    finite = np.isfinite(geometry.sum(axis=(2, 3), dtype=np.float64)).all()
-    if not finite:
-        valid &= np.isfinite(geometry).all(axis=1)
+    # Largest and smallest per channel show NaN and what is too large faster than a look at every number.
+    if not max(geometry.max(), -geometry.min()) <= MAX_PLANE:
+        valid &= (np.abs(geometry) <= MAX_PLANE).all(axis=1)
     moment = out["rotation_moment"]
     if not valid.all():
         _handle_invalid(geometry, valid, drop_invalid, where)
@@ -95,8 +100,17 @@ def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray) -> N
 
 
 def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
-    """(d, d) float64 uncentred second moment of the layer's SH coefficients."""
-    return store.transform("analysis_moment").run({"sh": layer.sh})["moment"].astype(np.float64)
+    """(d, d) float64 uncentred second moment of the layer's SH coefficients.
+
+    Raises:
+        NumericError: a coefficient whose square would leave float32.
+    """
+    moment = store.transform("analysis_moment").run({"sh": layer.sh})["moment"].astype(np.float64)
+    if not np.abs(moment).max() <= MAX_SH**2:
+        index = np.unravel_index(int(np.abs(layer.sh).argmax()), layer.sh.shape)
+        found = f"a coefficient of {layer.sh[index]:.3g}, at most {MAX_SH:g} can be coded"
+        raise NumericError(found, where=f"sh{[int(i) for i in index]}")
+    return moment
 
 
 def color_planes(store: GraphStore, layer: Gaussians, projection: NDArray) -> NDArray:
@@ -110,12 +124,12 @@ def _handle_invalid(geometry: NDArray, valid: NDArray, drop_invalid: bool, where
     view = int(np.argmax(counts > 0))
     if not drop_invalid:
         raise NumericError(
-            f"view {view}: {counts[view]} Gaussians at or behind their own camera (z ≤ 0) or beyond float32"
+            f"view {view}: {counts[view]} Gaussians at or behind their own camera (z ≤ 0) or beyond {MAX_PLANE:g}"
             f" ({int(counts.sum())} in all); expected z > 0, or --drop-invalid to make them transparent",
             where=where,
         )
     if not valid.any():
-        raise NumericError("no Gaussian lies in front of its own camera", where=where)
+        raise NumericError(f"every Gaussian is at or behind its own camera or beyond {MAX_PLANE:g}", where=where)
     # A dropped pixel takes its view's median everywhere but in opacity, so that it costs next to nothing.
     for planes, mask in zip(geometry, valid, strict=True):
         seen = planes[:, mask] if mask.any() else np.moveaxis(geometry, 1, 0)[:, valid]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..blas import single_thread
 from ..cameras import Camera
+from ..errors import InputError
 from ..sh import sh_basis
 from .planes import Reduction
 
@@ -82,8 +83,13 @@ def reduce_basis(spectrum: tuple[NDArray, NDArray], weighting: NDArray, k: int) 
         spectrum: `weighted_spectrum` under the same weighting.
         weighting: (B, B) Δ.
         k: 1 to d.
+
+    Raises:
+        InputError: another k.
     """
     energies, vectors = spectrum
+    if not 1 <= k <= len(energies):
+        raise InputError(f"{k} components, accepted are 1 to {len(energies)}", where="k")
     delta = _all_colors(weighting)
     with single_thread():
         inverse = np.linalg.solve(delta, vectors[:, :k]).astype(np.float16)

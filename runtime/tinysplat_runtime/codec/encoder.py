@@ -19,12 +19,12 @@ from ..inference import GraphStore
 from ..reports import Stopwatch
 from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
 from .allocation import Steps
-from .analysis import ProjectedLayer, project_layer
+from .analysis import MAX_PLANE, ProjectedLayer, project_layer
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from .paper import paper_colors, paper_plan
 from .planes import Channel, LayerPlan, PlaneClass
 from .profiles import AdaptiveSettings, PaperSettings, Profile
-from .quantize import CodeMap, choose_code_map
+from .quantize import CodeMap, choose_code_map, without_outliers
 
 FLAT_SHARE = 0.12
 """A channel whose standard deviation is below this share of its step codes to nothing but its mean: store the mean."""
@@ -211,8 +211,14 @@ def is_flat(channel: Channel, mean: float, spread: float, step: float) -> bool:
 
 def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
     values = channel.values
-    mean = float(values.mean(dtype=np.float64))
     low, high = channel.window
+    if not max(-low, high) <= MAX_PLANE:
+        raise NumericError(
+            f"values from {low:.3g} to {high:.3g}, at most {MAX_PLANE:g} can be coded", where=channel.name
+        )
+    if channel.plane_class != PlaneClass.DEPTH:
+        low, high = without_outliers(values, low, high, channel.step)
+    mean = float(values.mean(dtype=np.float64))
     if is_flat(channel, mean, float(values.std(dtype=np.float64)), channel.step):
         return _Quantised(channel, None, None, mean)
     code_map = choose_code_map(low, high, mean, channel.step)

@@ -22,6 +22,12 @@ MAX_MAPPED_QP = 24
 
 _CODES_PER_STEP_AT_QP4 = 16.0
 
+OUTLIER_RATIO = 4.0
+"""Coarsening that is borne to keep every value of a plane."""
+
+OUTLIER_SHARE = 1e-3
+"""Largest share of a plane's values that may be clipped to spare the rest more than that."""
+
 
 @dataclass(frozen=True)
 class CodeMap:
@@ -85,6 +91,31 @@ def choose_code_map(low: float, high: float, mean: float, step: float) -> CodeMa
     scale = step / hevc_step(qp)
     offset = max(min(mean - MID_CODE * scale, low), high - MAX_CODE * scale)
     return _rounded(scale, offset, qp)
+
+
+def without_outliers(values: NDArray, low: float, high: float, step: float) -> tuple[float, float]:
+    """The range to represent, without the few values that would ruin all others.
+
+    12 bits hold about 400 steps. Where the range asks for `OUTLIER_RATIO` times as many and all but a share of
+    `OUTLIER_SHARE` of the values lie in a range `OUTLIER_RATIO` times smaller, those few are left out: they are
+    clipped and counted, where otherwise every value of the plane would come out that much coarser.
+
+    Args:
+        values: any shape.
+        low, high: range of the values, or a part of it.
+        step: wanted quantiser step in the same units, > 0.
+    """
+    reachable = step * MAX_CODE / hevc_step(0)
+    if high - low <= OUTLIER_RATIO * reachable:
+        return low, high
+    few = max(1, int(values.size * OUTLIER_SHARE / 2))
+    if 2 * few + 1 >= values.size:
+        return low, high
+    ordered = np.partition(values, (few, values.size - 1 - few), axis=None)
+    inner = max(float(ordered[few]), low), min(float(ordered[-1 - few]), high)
+    margin = max(inner[1] - inner[0], reachable) / 2  # so that only what lies far out is cut
+    kept = max(low, inner[0] - margin), min(high, inner[1] + margin)
+    return kept if OUTLIER_RATIO * (kept[1] - kept[0]) < high - low else (low, high)
 
 
 def _rounded(scale: float, offset: float, qp: int) -> CodeMap:
