@@ -158,15 +158,15 @@ def test_positions_beyond_what_float64_resolves_are_refused_without_a_warning(se
 
 
 def test_scenes_that_no_file_can_hold_are_refused_when_they_are_encoded() -> None:
+    """Every Gaussian is in range; a file whose codes mix their depth and offset could decode to 1e32."""
     g = make_smooth_gaussians(1, 8, 8, 0)
-    factor = 1e31
-    camera = g.cameras[0]
-    c2w = np.eye(4)
-    c2w[:3, :3] = camera.c2w[:3, :3]
-    far = ts.Gaussians((g.means - camera.centre) * factor, g.quats, g.scales * factor, g.opacities, g.sh,
-                       (Camera(camera.K, c2w, 8, 8),))  # fmt: skip
+    camera = Camera([[1e-6, 0, 4], [0, 1e-6, 4], [0, 0, 1]], np.eye(4), 8, 8)
+    means = np.tile(np.float32([0, 0, 1]), (1, 8, 8, 1))
+    means[0, 0, :, 2] = 1e13
+    means[0, 1, :, 0] = 1e19
+    scene = ts.Gaussians(means, g.quats, g.scales, g.opacities, g.sh, (camera,))
     with pytest.raises(NumericError, match="what a file can hold"):
-        ts.compress(far)
+        ts.compress(scene, "paper")
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------
@@ -240,12 +240,9 @@ def test_decoding_takes_at_most_twice_the_memory_that_the_limit_counts(tmp_path:
     fixed[6] += depth_channels - 1
     data = L.LAYER_FIXED.pack(*fixed) + layer.data[L.LAYER_FIXED.size : head] + repeated + layer.data[head:]
     first = channels[0].streams[0].length
-    parts = [
-        replace(p, data=data) if p is layer
-        else replace(p, data=p.data[:first] * (depth_channels - 1) + p.data) if (p.kind, p.index) == (L.PLANES[PlaneClass.DEPTH], 0)
-        else p
-        for p in seed.parts
-    ]  # fmt: skip
+    depth = next(p for p in seed.parts if (p.kind, p.index) == (L.PLANES[PlaneClass.DEPTH], 0))
+    changed = {layer: data, depth: depth.data[:first] * (depth_channels - 1) + depth.data}
+    parts = [replace(p, data=changed.get(p, p.data)) for p in seed.parts]
     (tmp_path / "large").write_bytes(join(parts))
     (tmp_path / "small").write_bytes(corpus.tsplat_seeds()[0].data)
     command = [sys.executable, "-c", _PEAK, str(tmp_path / "small"), str(tmp_path / "large")]
