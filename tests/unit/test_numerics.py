@@ -210,6 +210,6 @@ def test_focal_lengths_from_a_hundredth_to_a_million_pixels_survive_coding() -> 
         rays = np.stack([(u - 4) / focal, (v - 4) / focal, np.ones_like(u)], axis=-1)
         means = (rays * z[..., None]) @ camera.rotation + camera.centre
         scene = ts.Gaussians(means, g.quats, g.scales, g.opacities, g.sh, (Camera(K, camera.c2w, 8, 8),))
-        found = ts.decompress(ts.compress(scene, "balanced"))
+        found = ts.decompress(ts.compress(scene, "paper", -12))
         depth = (found.means - camera.centre) @ camera.rotation[2]
         np.testing.assert_allclose(depth, z, rtol=5e-3)
