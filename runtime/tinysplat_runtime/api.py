@@ -140,13 +140,22 @@ class Runtime:
 
         return measure
 
-    def decompress(self, data: bytes, *, max_bytes: int | None = None, watch: Stopwatch | None = None) -> Gaussians:
+    def decompress(
+        self,
+        data: bytes,
+        *,
+        max_bytes: int | None = None,
+        lost: list[str] | None = None,
+        watch: Stopwatch | None = None,
+    ) -> Gaussians:
         """Gaussians of a `.tsplat` file's bytes, cameras with them.
 
         Args:
             data: the whole file; with `max_bytes`, what there is of it.
             max_bytes: decode from this many first bytes alone: planes behind them are replaced by their stand-ins.
                 `inspect` lists useful numbers under `prefixes`.
+            lost: give a list to decode what is intact of a damaged or cut file; it is filled with the names of the
+                planes that are not.
             watch: filled with seconds per stage.
 
         Raises:
@@ -156,7 +165,7 @@ class Runtime:
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
         return decode_gaussians(
-            data, self.store, threads=self.threads, limits=self.limits, max_bytes=max_bytes, watch=watch
+            data, self.store, threads=self.threads, limits=self.limits, max_bytes=max_bytes, lost=lost, watch=watch
         )
 
     def render(self, gaussians: Gaussians, camera: Camera, size: tuple[int, int] | None = None, **options: Any) -> Any:
@@ -199,9 +208,9 @@ def compress(
     )
 
 
-def decompress(data: bytes, *, max_bytes: int | None = None) -> Gaussians:
+def decompress(data: bytes, *, max_bytes: int | None = None, lost: list[str] | None = None) -> Gaussians:
     """Gaussians of a file's bytes; see `Runtime.decompress`."""
-    return _shared().decompress(data, max_bytes=max_bytes)
+    return _shared().decompress(data, max_bytes=max_bytes, lost=lost)
 
 
 def render(

@@ -181,6 +181,9 @@ def _prefix() -> _Parser:
     prefix.add_argument(
         "--max-bytes", type=count, metavar="N", help="decode the first N bytes alone; `info` lists useful numbers"
     )
+    prefix.add_argument(
+        "--partial", action="store_true", help="decode what is intact of a damaged or cut file, and say what is lost"
+    )
     return prefix
 
 

@@ -25,7 +25,15 @@ from .images import write_png
 from .inspection import inspect_bytes
 from .intake.stereo import stereo_scene
 from .interchange import load_gaussians, save_gaussians
-from .opening import MAX_FILE_BYTES, decompress_named, file_limits, grid_option, limited_runtime, load_any
+from .opening import (
+    MAX_FILE_BYTES,
+    decompress_named,
+    file_limits,
+    grid_option,
+    is_in_part,
+    limited_runtime,
+    load_any,
+)  # fmt: skip
 from .progress import progress
 from .render import Renderer, between, orbit
 from .reports import Stopwatch, peak_rss_bytes
@@ -76,7 +84,7 @@ def decode(args: Namespace) -> None:
     with watch.stage("write"):
         write(args, args.output, gaussians)
     if args.report:
-        described = inspect_bytes(data, runtime.limits, is_prefix=args.max_bytes is not None)
+        described = inspect_bytes(data, runtime.limits, is_prefix=is_in_part(args))
         _write_json(args.report, _report(described, watch))
     if not args.quiet:
         print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
@@ -232,7 +240,7 @@ def _report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
 def _render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:
     if Path(args.file).suffix.lower() == ".tsplat":
         data = read_limited(args.file, MAX_FILE_BYTES)
-        return _report(inspect_bytes(data, file_limits(args), is_prefix=args.max_bytes is not None), watch)
+        return _report(inspect_bytes(data, file_limits(args), is_prefix=is_in_part(args)), watch)
     return {
         "gaussians": gaussians.count,
         "sh_degree": gaussians.degree,

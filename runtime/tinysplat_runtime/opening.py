@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,25 +24,35 @@ def file_limits(args: Namespace) -> Limits:
     return Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
 
 
+def is_in_part(args: Namespace) -> bool:
+    """Whether the file may end before its metadata says that it does."""
+    return args.max_bytes is not None or bool(args.partial)
+
+
 def limited_runtime(args: Namespace) -> Runtime:
     """A runtime with the options that commands share."""
     return Runtime(threads=args.threads, limits=file_limits(args))
 
 
 def decompress_named(runtime: Runtime, data: bytes, args: Namespace, watch: Stopwatch) -> Gaussians:
-    """Gaussians of a .tsplat file's bytes; errors name `args.file`."""
+    """Gaussians of a .tsplat file's bytes; errors name `args.file`, and so does the line that says what is lost."""
+    lost: list[str] | None = [] if args.partial else None
     try:
-        return runtime.decompress(data, max_bytes=args.max_bytes, watch=watch)
+        gaussians = runtime.decompress(data, max_bytes=args.max_bytes, lost=lost, watch=watch)
     except TinySplatError as error:
         raise error.within(args.file) from None
+    if lost:
+        print(f"{args.file}: lost {len(lost)} of its planes: {', '.join(lost)}", file=sys.stderr)
+    return gaussians
 
 
 def load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
     """The Gaussians of `args.file`, of any format that holds some."""
     if Path(args.file).suffix.lower() == ".tsplat":
         return decompress_named(limited_runtime(args), read_limited(args.file, MAX_FILE_BYTES), args, watch)
-    if args.max_bytes is not None:
-        raise InputError(f"only .tsplat files can be decoded from a prefix, not {args.file}", where="--max-bytes")
+    for option, value in (("--max-bytes", args.max_bytes), ("--partial", args.partial or None)):
+        if value is not None:
+            raise InputError(f"only .tsplat files can be decoded in part, not {args.file}", where=option)
     return load_gaussians(args.file)
 
 

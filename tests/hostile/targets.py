@@ -74,7 +74,8 @@ def _store() -> GraphStore:
 def _decode(rng: Random) -> None:
     data = damage_whole(rng.choice(corpus.tsplat_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
-    gaussians = decode_gaussians(data, _store(), threads=1, limits=LIMITS, max_bytes=prefix)
+    lost: list[str] | None = [] if rng.random() < 0.2 else None
+    gaussians = decode_gaussians(data, _store(), threads=1, limits=LIMITS, max_bytes=prefix, lost=lost)
     check_decoded(gaussians)
     if rng.random() < 0.1:
         picture = render(gaussians, gaussians.cameras[0], (8, 8), threads=1)

@@ -1,8 +1,9 @@
 """Planes that are not at hand: which ones they are, and what stands in for them.
 
-A prefix of a file lacks its last planes. Whatever the reason, the decoder treats a plane that is not there in one way,
-described in docs/FORMAT.md, "Planes that are absent": its samples are all `stand_in_code`, and a view without its first
-depth picture is hidden, since Gaussians at a guessed depth would only cover what is right.
+A prefix of a file lacks its last planes, a damaged file those whose checksums differ. Whatever the reason, the decoder
+treats a plane that is not there in one way, described in docs/FORMAT.md, "Prefixes": its samples are all
+`stand_in_code`, and a view without its first depth picture is hidden, since Gaussians at a guessed depth would only
+cover what is right.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import NamedTuple
 
 from ..container.layout import PLANES
 from ..container.reader import Container, LayerHeader
+from ..errors import FormatError
 from .hevc import MAX_CODE
 from .planes import PlaneClass
 from .quantize import MID_CODE
@@ -42,6 +44,25 @@ def cut_off_planes(container: Container) -> frozenset[PlaneRef]:
         for ref in all_planes(container)
         if not container.holds(ref.layer, container.layers[ref.layer].channels[ref.channel], ref.view)
     )
+
+
+def damaged_planes(container: Container) -> frozenset[PlaneRef]:
+    """The pictures whose bytes are not all there, or not those that were written."""
+    absent = cut_off_planes(container)
+    return absent | {ref for ref in all_planes(container) if ref not in absent and not _is_intact(container, ref)}
+
+
+def _is_intact(container: Container, ref: PlaneRef) -> bool:
+    try:
+        container.payload(ref.layer, container.layers[ref.layer].channels[ref.channel], ref.view)
+    except FormatError:
+        return False
+    return True
+
+
+def plane_name(container: Container, ref: PlaneRef) -> str:
+    """For messages, for instance `layer 0 color2 view 1`."""
+    return f"layer {ref.layer} {container.layers[ref.layer].channels[ref.channel].name} view {ref.view}"
 
 
 def stand_in_code(layer: LayerHeader, channel: int) -> int:

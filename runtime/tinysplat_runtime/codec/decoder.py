@@ -16,7 +16,7 @@ from ..gaussians import FIELDS, Gaussians
 from ..inference import GraphStore, as_input
 from ..quaternions import matrices_to_quats, multiply_quats
 from ..reports import Stopwatch
-from .absent import PlaneRef, cut_off_planes, first_picture_end, hidden_views, stand_in_code
+from .absent import PlaneRef, cut_off_planes, damaged_planes, first_picture_end, hidden_views, plane_name, stand_in_code
 from .hevc import PlaneDecoder
 from .planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 
@@ -28,6 +28,7 @@ def decode_gaussians(
     threads: int,
     limits: Limits | None = None,
     max_bytes: int | None = None,
+    lost: list[str] | None = None,
     watch: Stopwatch | None = None,
 ) -> Gaussians:
     """Decode a file.
@@ -38,19 +39,24 @@ def decode_gaussians(
         threads: planes decoded at a time.
         limits: what to accept.
         max_bytes: decode from this many first bytes alone; `absent` says what stands in for the rest.
+        lost: decode what is intact of a damaged or cut file; filled with the names of the planes that are not, for
+            which the same stands in. None refuses such a file.
         watch: filled with seconds per stage.
 
     Returns:
         Gaussians with cameras and all layers.
 
     Raises:
-        FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture.
+        FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture; with
+            `lost`, damaged metadata or no intact depth picture of layer 0.
     """
     watch = watch or Stopwatch()
     with watch.stage("parse"):
-        is_prefix = max_bytes is not None
+        is_prefix = max_bytes is not None or lost is not None
         container = read_container(memoryview(data)[:max_bytes], limits, is_prefix=is_prefix)
-        absent = cut_off_planes(container)
+        absent = cut_off_planes(container) if lost is None else damaged_planes(container)
+        if lost is not None:
+            lost += [plane_name(container, ref) for ref in sorted(absent)]
         _check_something_is_left(container, absent)
     layers = []
     for index, layer in enumerate(container.layers):
@@ -71,7 +77,7 @@ def _check_something_is_left(container: Container, absent: Collection[PlaneRef])
     first = container.layers[0]
     if absent and len(hidden_views(first, 0, absent)) == len(first.cameras):
         end = first_picture_end(container)
-        raise FormatError(f"holds no depth picture; the smallest prefix with one is {end} bytes", where="file")
+        raise FormatError(f"holds no intact depth picture; the first of them ends at byte {end}", where="file")
 
 
 def _slots(layer: LayerHeader) -> tuple[dict[ChannelRecord, int], dict[ChannelRecord, int]]:

@@ -1,0 +1,127 @@
+"""Damaged and cut files: intact planes are recovered, and what is lost is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hostile.containers import Seed, join
+from scenes import make_smooth_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime import cli
+from tinysplat_runtime.codec.planes import GEOMETRY, PlaneClass
+from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussians import FIELDS
+
+
+@pytest.fixture(scope="module")
+def seed() -> Seed:
+    return Seed.of(ts.compress(make_smooth_gaussians(2, 24, 32, 1, layers=2), "balanced", -6))
+
+
+def _flip(data: bytes, position: int) -> bytes:
+    damaged = bytearray(data)
+    damaged[position] ^= 4
+    return bytes(damaged)
+
+
+def _position(seed: Seed, plane_class: PlaneClass, view: int) -> int:
+    """A byte in the middle of the first picture of a class, in the file."""
+    container = read_container(seed.data)
+    stream = next(c for c in container.layers[0].channels if c.plane_class == plane_class and c.streams).streams[view]
+    before = sum(len(p.data) for p in seed.parts[: _section(seed, plane_class)])
+    header = L.HEADER.size + len(seed.parts) * L.TABLE_ROW.size
+    return header + before + stream.offset + stream.length // 2
+
+
+def _section(seed: Seed, plane_class: PlaneClass) -> int:
+    return next(i for i, p in enumerate(seed.parts) if (p.kind, p.index) == (L.PLANES[plane_class], 0))
+
+
+def test_an_intact_file_loses_nothing(seed: Seed) -> None:
+    lost: list[str] = []
+    whole, found = ts.decompress(seed.data), ts.decompress(seed.data, lost=lost)
+    assert lost == []
+    for a, b in zip(whole.layers, found.layers, strict=True):
+        assert all((getattr(a, name) == getattr(b, name)).all() for name in FIELDS)
+
+
+@pytest.mark.parametrize("view", [0, 1])
+@pytest.mark.parametrize("plane_class", list(PlaneClass))
+def test_one_damaged_plane_is_named_and_the_rest_is_exact(seed: Seed, plane_class: PlaneClass, view: int) -> None:
+    data = _flip(seed.data, _position(seed, plane_class, view))
+    with pytest.raises(FormatError, match="CRC differs"):
+        ts.decompress(data)
+    lost: list[str] = []
+    whole, found = ts.decompress(seed.data), ts.decompress(data, lost=lost)
+    assert len(lost) == 1 and lost[0].startswith(f"layer 0 {plane_class.label}") and lost[0].endswith(f"view {view}")
+    touched = {
+        PlaneClass.DEPTH: {"means", "scales", "opacities"}, PlaneClass.OFFSET: {"means"},
+        PlaneClass.SCALE: {"scales"}, PlaneClass.ROTATION: {"quats"}, PlaneClass.OPACITY: {"opacities"},
+        PlaneClass.COLOR: {"sh"},
+    }[plane_class]  # fmt: skip
+    assert set(GEOMETRY) | {PlaneClass.COLOR} == set(PlaneClass)
+    for name in FIELDS:
+        other = 1 - view
+        np.testing.assert_array_equal(getattr(found, name)[other], getattr(whole, name)[other])
+        if name not in touched:
+            np.testing.assert_array_equal(getattr(found, name)[view], getattr(whole, name)[view])
+        assert np.isfinite(getattr(found, name)).all()
+    if plane_class == PlaneClass.DEPTH:
+        assert not found.opacities[view].any()
+
+
+def test_any_flipped_byte_is_recovered_from_or_refused_and_never_passes_unnoticed(seed: Seed) -> None:
+    whole = ts.decompress(seed.data)
+    for position in np.random.default_rng(1).choice(len(seed.data), 150, replace=False):
+        lost: list[str] = []
+        try:
+            found = ts.decompress(_flip(seed.data, int(position)), lost=lost)
+        except FormatError:
+            continue
+        assert len(lost) == 1
+        assert (
+            sum((a.opacities.shape == b.opacities.shape) for a, b in zip(whole.layers, found.layers, strict=True)) == 2
+        )
+
+
+def test_a_cut_file_gives_what_it_holds_and_names_every_missing_plane(seed: Seed) -> None:
+    planes = sum(len(c.streams) for layer in read_container(seed.data).layers for c in layer.channels)
+    lengths = range(len(seed.data) // 3, len(seed.data), len(seed.data) // 20)
+    missing = []
+    for length in lengths:
+        lost: list[str] = []
+        ts.decompress(seed.data[:length], lost=lost)
+        missing.append(len(lost))
+    assert missing == sorted(missing, reverse=True) and 0 < missing[0] < planes
+
+
+def test_without_metadata_or_any_depth_there_is_nothing_to_recover(seed: Seed) -> None:
+    with pytest.raises(FormatError):
+        ts.decompress(_flip(seed.data, 30), lost=[])
+    data = seed.data
+    for view in (0, 1):
+        data = _flip(data, _position(seed, PlaneClass.DEPTH, view))
+    with pytest.raises(FormatError, match="no intact depth"):
+        ts.decompress(data, lost=[])
+    parts = [p for p in seed.parts if p.kind != L.LAYER]
+    with pytest.raises(FormatError, match="missing"):
+        ts.decompress(join(parts), lost=[])
+
+
+def test_the_command_says_what_is_lost_in_one_line(seed: Seed, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "f.tsplat").write_bytes(_flip(seed.data, _position(seed, PlaneClass.OPACITY, 1)))
+    arguments = ["decode", str(tmp_path / "f.tsplat"), "-o", str(tmp_path / "g.npz")]
+    assert cli.main(arguments) == 2
+    capsys.readouterr()
+    assert cli.main([*arguments, "--partial", "--report", str(tmp_path / "r.json")]) == 0
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "lost 1 of its planes: layer 0 opacity0 view 1" in said
+    assert cli.main(["render", str(tmp_path / "f.tsplat"), "-o", str(tmp_path / "p.png"), "--partial"]) == 0
+    capsys.readouterr()
+    assert cli.main(["render", str(tmp_path / "g.npz"), "-o", str(tmp_path / "p.png"), "--partial"]) == 2
+    assert "--partial" in capsys.readouterr().err
