@@ -29,6 +29,7 @@ _MODULE_OF = {
     "TinySplatError": "errors",
     "compress": "api",
     "decompress": "api",
+    "encode": "api",
     "inspect": "api",
     "load_gaussians": "interchange",
     "load_scene": "scenes",
@@ -49,6 +50,7 @@ __all__ = [
     "TinySplatError",
     "compress",
     "decompress",
+    "encode",
     "inspect",
     "load_gaussians",
     "load_scene",
@@ -58,7 +60,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from .api import Runtime, compress, decompress, inspect, predict, render
+    from .api import Runtime, compress, decompress, encode, inspect, predict, render
     from .cameras import Camera
     from .errors import FormatError, InputError, ModelError, NumericError, TinySplatError
     from .gaussians import Gaussians

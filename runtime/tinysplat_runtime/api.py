@@ -25,6 +25,7 @@ from .errors import InputError
 from .gaussians import Gaussians
 from .inference import GraphStore
 from .inspection import inspect_bytes
+from .modes import check_options, choose, compress_hybrid, compress_photos, photo_scene
 from .predict import predict as run_network
 from .render import Renderer
 from .render import render as render_gaussians
@@ -125,6 +126,48 @@ class Runtime:
         wanted = float(qp or 0)
         return encoder.code(encoder.plan(wanted), wanted)
 
+    def encode(
+        self,
+        scene: Scene,
+        model: str = DEFAULT_MODEL,
+        profile: str = DEFAULT_PROFILE,
+        qp: float | None = None,
+        *,
+        mode: str = "gaussians",
+        gaussians: Gaussians | None = None,
+        stats: EncodeStats | None = None,
+        **options: Any,
+    ) -> bytes:
+        """Photos to a `.tsplat` file's bytes.
+
+        Args:
+            scene, model: see `predict`.
+            profile, qp, options: see `compress`.
+            mode: what the file carries: gaussians, photos, hybrid or auto (`modes` says what they are).
+            gaussians: what `predict` made of the scene, if that is at hand.
+            stats: filled with what coding measured, the mode, and why `auto` came to it.
+
+        Raises:
+            InputError: an unknown mode, one that contradicts a target, and what `predict` and `compress` refuse.
+            ModelError, NumericError: as `predict` and `compress`.
+        """
+        stats = stats or EncodeStats()
+        check_options(mode, has_target=any(options.get(name) is not None for name in ("target_size", "target_psnr")))
+        gaussians = gaussians or self.predict(scene, model, watch=stats.watch)
+        network_seconds = stats.watch.seconds.get("network", 0.0)
+        if mode == "gaussians":
+            return self.compress(gaussians, profile, qp, stats=stats, **options)
+        stats.mode = mode
+        photos, coding = photo_scene(scene, gaussians, model, self.store), find_profile(profile)
+        if mode == "hybrid":
+            return compress_hybrid(photos, coding, float(qp or 0), self.store, threads=self.threads, stats=stats)
+        data = compress_photos(photos, coding, float(qp or 0), threads=self.threads, stats=stats)
+        if mode == "auto":
+            planes = self.compress(gaussians, profile, qp, stats=stats, **options)
+            stats.mode, stats.reason = choose(planes, data, photos.network, network_seconds)
+            data = data if stats.mode == "photos" else planes
+        return data
+
     def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
         """PSNR of a file's render to that of `gaussians`, the mean over their views."""
         renderer = Renderer(gaussians, threads=self.threads)
@@ -146,6 +189,7 @@ class Runtime:
         *,
         max_bytes: int | None = None,
         lost: list[str] | None = None,
+        model: str | None = None,
         watch: Stopwatch | None = None,
     ) -> Gaussians:
         """Gaussians of a `.tsplat` file's bytes, cameras with them.
@@ -156,16 +200,25 @@ class Runtime:
                 `inspect` lists useful numbers under `prefixes`.
             lost: give a list to decode what is intact of a damaged or cut file; it is filled with the names of the
                 planes that are not.
+            model: the network for a file of photos, by path or name; None to find it among the artifacts by its hash.
             watch: filled with seconds per stage.
 
         Raises:
             FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture.
             InputError: `max_bytes` is below 1.
+            ModelError: the file carries photos, and the network that it names is not at hand.
         """
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
         return decode_gaussians(
-            data, self.store, threads=self.threads, limits=self.limits, max_bytes=max_bytes, lost=lost, watch=watch
+            data,
+            self.store,
+            threads=self.threads,
+            limits=self.limits,
+            max_bytes=max_bytes,
+            lost=lost,
+            model=model,
+            watch=watch,
         )
 
     def render(self, gaussians: Gaussians, camera: Camera, size: tuple[int, int] | None = None, **options: Any) -> Any:
@@ -208,9 +261,24 @@ def compress(
     )
 
 
-def decompress(data: bytes, *, max_bytes: int | None = None, lost: list[str] | None = None) -> Gaussians:
+def encode(
+    scene: Scene,
+    model: str = DEFAULT_MODEL,
+    profile: str = DEFAULT_PROFILE,
+    qp: float | None = None,
+    *,
+    mode: str = "gaussians",
+    **options: Any,
+) -> bytes:
+    """Photos to a `.tsplat` file's bytes; see `Runtime.encode`."""
+    return _shared().encode(scene, model, profile, qp, mode=mode, **options)
+
+
+def decompress(
+    data: bytes, *, max_bytes: int | None = None, lost: list[str] | None = None, model: str | None = None
+) -> Gaussians:
     """Gaussians of a file's bytes; see `Runtime.decompress`."""
-    return _shared().decompress(data, max_bytes=max_bytes, lost=lost)
+    return _shared().decompress(data, max_bytes=max_bytes, lost=lost, model=model)
 
 
 def render(

@@ -39,6 +39,10 @@ class Artifact:
     sha256: str | None = None
     entry: dict[str, Any] | None = None
 
+    def file_sha256(self) -> str:
+        """Hash of the ONNX file, hexadecimal; of a user's own file as it is now. Weights beside it are not in it."""
+        return self.sha256 or hashlib.sha256(self.read()).hexdigest()
+
     def read(self) -> bytes:
         """The file's bytes, checked against the manifest's hash.
 
@@ -111,3 +115,33 @@ def find_artifact(name: str, role: str, folder: str | os.PathLike[str] | None = 
             f"unknown {role} '{name}'; there are {known}, or give the path of an .onnx file", where="model"
         )
     return artifact
+
+
+def network_by_hash(
+    name: str, sha256: str, given: str | None = None, folder: str | os.PathLike[str] | None = None
+) -> Artifact:
+    """The network whose file has exactly this hash.
+
+    Args:
+        name: what it was called where it was used; for messages.
+        sha256: of its ONNX file, hexadecimal.
+        given: the path of a file, or a name in the manifest, to take in place of looking through the manifest.
+        folder: of the artifacts; None for the usual places.
+
+    Raises:
+        ModelError: there is none, or the one given or the one of that name is another.
+    """
+    if given is not None:
+        found = find_artifact(given, "network", folder)
+        if found.file_sha256() != sha256:
+            message = f"sha256 {found.file_sha256()[:12]}…, the file needs network '{name}' of sha256 {sha256}"
+            raise ModelError(message, where=str(found.path))
+        return found
+    manifest = load_manifest(folder)
+    for artifact in manifest.values():
+        if artifact.role == "network" and artifact.sha256 == sha256:
+            return artifact
+    here = manifest.get(name)
+    other = f"; the '{name}' at hand is another (sha256 {here.sha256[:12]}…)" if here and here.sha256 else ""
+    message = f"network '{name}' of sha256 {sha256} is not at hand{other}; give its file with --model FILE.onnx"
+    raise ModelError(message, where="model")

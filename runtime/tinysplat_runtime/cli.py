@@ -19,6 +19,8 @@ from .errors import InputError, TinySplatError
 
 PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they mean; not imported, to start fast
 
+MODES = ("gaussians", "photos", "hybrid", "auto")  # modes.py says what they are
+
 ENTRY_POINTS = "tinysplat.commands"
 
 EXTRAS = {"eval": "eval", "bench": "eval", "compare": "eval", "poses": "poses", "batch": "cluster", "view": "view"}
@@ -184,6 +186,9 @@ def _prefix() -> _Parser:
     prefix.add_argument(
         "--partial", action="store_true", help="decode what is intact of a damaged or cut file, and say what is lost"
     )
+    prefix.add_argument(
+        "--model", metavar="NAME|FILE.onnx", help="the network for a file of photos, where it is not found by its hash"
+    )
     return prefix
 
 
@@ -215,12 +220,16 @@ def build_parser() -> tuple[_Parser, Commands]:
     encode.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over cameras.json's")
     encode.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
     encode.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
+    encode.add_argument(
+        "--mode", choices=MODES, default="gaussians", help="what the file carries; default gaussians, any receiver's"
+    )
     encode.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
 
     compress = commands.add_parser(
         "compress", parents=[common, coding], help="Gaussians of any network to a .tsplat file"
     )
     compress.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
+    compress.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
     compress.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     compress.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 

@@ -61,11 +61,13 @@ def encode(args: Namespace) -> None:
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
             print(f"{args.save_gaussians}: {loss}", file=sys.stderr)
-    _compress(args, runtime, gaussians, EncodeStats(watch=watch))
+    _compress(args, runtime, gaussians, EncodeStats(watch=watch), scene)
 
 
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
+    if args.mode != "gaussians":
+        raise InputError(f"'{args.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
     grid = grid_option(args.grid)
     cameras = load_cameras(args.cameras) if args.cameras else None
     gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
@@ -181,22 +183,31 @@ def _chosen_views(scene: Scene, views: Sequence[int] | AutoViews | None) -> Scen
     return scene
 
 
-def _compress(args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats) -> None:
-    data = runtime.compress(
-        gaussians, args.profile, args.qp, target_size=args.target_size, target_psnr=args.target_psnr,
-        drop_invalid=args.drop_invalid, stats=stats,
-    )  # fmt: skip
+def _compress(
+    args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats, scene: Scene | None = None
+) -> None:
+    options = {"target_size": args.target_size, "target_psnr": args.target_psnr, "drop_invalid": args.drop_invalid}
+    if scene is None:
+        data = runtime.compress(gaussians, args.profile, args.qp, stats=stats, **options)
+    else:
+        model = args.model or DEFAULT_MODEL
+        data = runtime.encode(
+            scene, model, args.profile, args.qp, mode=args.mode, gaussians=gaussians, stats=stats, **options
+        )
     with stats.watch.stage("write"):
         write_atomically(args.output, data)
     seconds = sum(stats.watch.seconds.values())
     if args.report:
         report = _report(inspect_bytes(data), stats.watch)
         report["clipped"] = stats.clipped
-        report["error_by_attribute"] = _errors(gaussians, runtime.decompress(data))
+        report["error_by_attribute"] = _errors(gaussians, runtime.decompress(data, model=getattr(args, "model", None)))
+        report["reason"] = stats.reason
         _write_json(args.report, report)
     if not args.quiet:
         raw = sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
         print(f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {seconds:.2f} s")
+        if stats.reason:
+            print(f"mode {stats.mode}: {stats.reason}")
 
 
 def _errors(gaussians: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
@@ -226,7 +237,18 @@ def _padded(a: NDArray, b: NDArray) -> NDArray:
 
 
 def _report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
-    keys = ("bytes", "bytes_by_class", "metadata_bytes", "views", "height", "width", "gaussians", "sh_degree", "k")
+    keys = (
+        "mode",
+        "bytes",
+        "bytes_by_class",
+        "metadata_bytes",
+        "views",
+        "height",
+        "width",
+        "gaussians",
+        "sh_degree",
+        "k",
+    )
     return {
         **{key: described[key] for key in keys},
         "error_by_attribute": {},
@@ -293,9 +315,9 @@ def info_text(file: str, described: dict[str, Any]) -> str:
     d = described
     total = d["bytes"]
     lines = [
-        f"{file}: {total} bytes, format {d['version']}, profile {d['profile']}, Q_g {d['qp']:g}",
-        f"{d['views']} views of {d['width']}x{d['height']}, {d['gaussians']} Gaussians in {len(d['layers'])} layers,"
-        f" SH degree {d['sh_degree']}, k = {d['k']}",
+        f"{file}: {total} bytes, format {d['version']}, mode {d['mode']}, profile {d['profile']}, Q_g {d['qp']:g}",
+        f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d),
+        *_network_lines(d),
         "",
         "class        bytes   share",
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),
@@ -313,6 +335,22 @@ def info_text(file: str, described: dict[str, Any]) -> str:
     if d["left_out"]:
         lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in d["left_out"])]
     return "\n".join(lines)
+
+
+def _gaussians_text(d: dict[str, Any]) -> str:
+    if d["gaussians"] is None:
+        return ""
+    return f", {d['gaussians']} Gaussians in {len(d['layers'])} layers, SH degree {d['sh_degree']}, k = {d['k']}"
+
+
+def _network_lines(d: dict[str, Any]) -> list[str]:
+    if d["network"] is None:
+        return []
+    network, photos = d["network"], d["photos"]
+    return [
+        f"network {network['name']}, sha256 {network['sha256']}, near {network['near']:g}, far {network['far']:g}",
+        f"photos of {photos['width']}x{photos['height']} at QP {photos['qp']}: {photos['bytes']} bytes",
+    ]
 
 
 def _plane_text(plane: dict[str, Any]) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .artifacts import Artifact, find_artifact
+from .artifacts import Artifact, find_artifact, network_by_hash
 from .errors import ModelError
 from .threads import available_cores
 
@@ -186,6 +186,16 @@ class GraphStore:
     def network(self, name: str) -> Graph:
         """A network, by its name in the manifest or the path of its file."""
         return self._open(name, "network", "network")
+
+    def network_ref(self, name: str) -> tuple[str, str]:
+        """(name, sha256) of a network's ONNX file, by which `network_by_hash` finds it again."""
+        artifact = find_artifact(name, "network", self._models)
+        return artifact.name, artifact.file_sha256()
+
+    def network_by_hash(self, name: str, sha256: str, given: str | None = None) -> Graph:
+        """The network of exactly that hash; arguments and errors of `artifacts.network_by_hash`."""
+        artifact = network_by_hash(name, sha256, given, self._models)
+        return self.network(artifact.name if artifact.sha256 else str(artifact.path))
 
     def _open(self, name: str, role: str, contract: str) -> Graph:
         with self._lock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from .codec.planes import PlaneClass
@@ -19,25 +20,31 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         is_prefix: accept bytes that end before the file does.
 
     Returns:
-        A JSON-ready object: version, profile, qp, views, height, width, gaussians, sh_degree, k, bytes,
-        bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes, prefixes, left_out.
+        A JSON-ready object: version, mode, network, photos, profile, qp, views, height, width, gaussians, sh_degree,
+        k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes, prefixes, left_out.
+        In mode photos, what only the network knows (gaussians, sh_degree, k) is None; without photos, network and
+        photos are.
 
     Raises:
         FormatError: damaged, cut short, foreign, or beyond the limits.
     """
     container = read_container(data, limits, is_prefix=is_prefix)
-    first = container.layers[0]
+    first = container.layers[0] if container.layers else None
+    camera = container.cameras[0]
     by_class, by_view = _bytes_by_class(container), _bytes_by_view(container)
     return {
         "version": ".".join(map(str, container.version)),
+        "mode": container.mode,
+        "network": asdict(container.network) if container.network else None,
+        "photos": _photos(container),
         "profile": container.profile,
         "qp": container.qp,
         "views": len(container.cameras),
-        "height": first.height,
-        "width": first.width,
-        "gaussians": sum(layer.gaussians for layer in container.layers),
-        "sh_degree": first.degree,
-        "k": _k(first),
+        "height": camera.height,
+        "width": camera.width,
+        "gaussians": sum(layer.gaussians for layer in container.layers) if first else None,
+        "sh_degree": first.degree if first else None,
+        "k": _k(first) if first else None,
         "bytes": container.total_bytes,
         "bytes_by_class": by_class,
         "bytes_by_view": by_view,
@@ -71,6 +78,8 @@ def _bytes_by_class(container: Container) -> dict[str, int]:
     totals = {plane_class.label: 0 for plane_class in PlaneClass}
     for plane_class, _, length in _streams(container):
         totals[plane_class.label] += length
+    if container.photos is not None:
+        totals["photos"] = len(container.photos.data)
     return totals
 
 
@@ -78,7 +87,17 @@ def _bytes_by_view(container: Container) -> list[int]:
     totals = [0] * len(container.cameras)
     for _, view, length in _streams(container):
         totals[view] += length
+    for view, stream in enumerate(container.photos.streams if container.photos else ()):
+        totals[view] += stream.length
     return totals
+
+
+def _photos(container: Container) -> dict[str, Any] | None:
+    photos = container.photos
+    if photos is None:
+        return None
+    size = {"height": photos.height, "width": photos.width, "qp": photos.qp}
+    return {**size, "bytes": len(photos.data), "bytes_by_view": [stream.length for stream in photos.streams]}
 
 
 def _layer(layer: LayerHeader) -> dict[str, Any]:

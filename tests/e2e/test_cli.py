@@ -138,6 +138,29 @@ def test_target_sizes_in_any_unit_are_met(encoded, tmp_path):
         assert 0.97 * size <= (tmp_path / "t.tsplat").stat().st_size <= size
 
 
+def test_photo_and_hybrid_files_go_through_every_command(scene, tmp_path):
+    for mode in ("photos", "hybrid"):
+        file, report = tmp_path / f"{mode}.tsplat", tmp_path / "r.json"
+        succeed("encode", scene, "-o", file, "--mode", mode, "--report", report)
+        assert json.loads(report.read_text())["mode"] == mode
+        assert "network sweep" in succeed("info", file)
+        succeed("decode", file, "-o", tmp_path / "g.npz", "--report", report)
+        assert json.loads(report.read_text())["seconds"]["network"] > 0
+        succeed("render", file, "-o", tmp_path / "x.png")
+
+
+def test_auto_says_what_it_chose_and_why(scene, tmp_path):
+    printed = succeed("encode", scene, "-o", tmp_path / "a.tsplat", "--mode", "auto", "--report", tmp_path / "r.json")
+    report = json.loads((tmp_path / "r.json").read_text())
+    assert f"mode {report['mode']}: {report['reason']}" in printed
+    assert json.loads(succeed("info", tmp_path / "a.tsplat", "--json"))["mode"] == report["mode"]
+
+
+def test_modes_that_need_photos_are_refused_for_gaussians(encoded, tmp_path):
+    for mode in ("photos", "hybrid", "auto"):
+        assert "photos" in fail("compress", encoded["raw"], "-o", tmp_path / "o.tsplat", "--mode", mode)
+
+
 def test_models_lists_networks_and_graphs():
     listed = json.loads(succeed("models", "--json"))
     assert listed["sweep"]["role"] == "network"
@@ -230,6 +253,8 @@ def test_an_unreadable_photo_is_named(scene, tmp_path):
         (["--target-size", "9KB", "--target-psnr", "40"], "--target-psnr"),
         (["--target-size", "9 stone"], "--target-size"),
         (["--target-size", "300"], "at least"),
+        (["--target-size", "9KB", "--mode", "photos"], "target"),
+        (["--mode", "hybrid", "--profile", "paper"], "profile"),
         (["--target-psnr", "119"], "nearest"),
     ],
 )

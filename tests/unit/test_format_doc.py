@@ -10,6 +10,7 @@ from golden_cases import DATA
 
 from tinysplat_runtime.codec.planes import PlaneClass
 from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.extras import NETWORK_FIXED, PHOTOS_FIXED
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
 _HEADING = "| offset | bytes | field | type | meaning and range | a reader must |"
@@ -28,11 +29,21 @@ def _tables() -> list[list[tuple[int, int, str]]]:
     return tables
 
 
-@pytest.mark.parametrize(
-    ("number", "fields"),
-    list(enumerate([L.HEADER, L.TABLE_ROW, L.SCENE_FIXED, L.CAMERA, L.LAYER_FIXED, L.CHANNEL, L.STREAM])),
-    ids=["header", "row", "SCEN", "CAMS", "LAYR", "channel", "stream"],
-)
+STRUCTURES = {
+    "header": L.HEADER,
+    "row": L.TABLE_ROW,
+    "SCEN": L.SCENE_FIXED,
+    "CAMS": L.CAMERA,
+    "LAYR": L.LAYER_FIXED,
+    "channel": L.CHANNEL,
+    "stream": L.STREAM,
+    "NETW": NETWORK_FIXED,
+    "PHOT": PHOTOS_FIXED,
+}
+"""In the order of the page's tables."""
+
+
+@pytest.mark.parametrize(("number", "fields"), list(enumerate(STRUCTURES.values())), ids=list(STRUCTURES))
 def test_every_table_describes_its_structure_without_gaps(number, fields):
     table = _tables()[number]
     end = 0

@@ -27,7 +27,7 @@ from .probe import PlaneSet, Probe
 from .profiles import AdaptiveSettings
 from .quantize import hevc_step
 
-_COARSE_DEPTH = 2.0
+COARSE_DEPTH = 2.0
 """Step of the first depth picture in steps of the second, where two are needed. Where that is too fine for 12 bits too,
 the first comes out as fine as they allow; 3, 6 and 12 cost 1 to 3 % of depth's bytes."""
 
@@ -95,7 +95,7 @@ def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings
     for plane_class, values in planes.values.items():
         step = steps[plane_class] * 2 ** (qp / 6)
         if plane_class == PlaneClass.DEPTH and is_too_fine:
-            step *= _COARSE_DEPTH
+            step *= COARSE_DEPTH
         count = reduction.k if plane_class == PlaneClass.COLOR else values.shape[1]
         for target in range(count):
             channel = values[:, target]

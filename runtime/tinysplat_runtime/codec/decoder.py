@@ -14,10 +14,13 @@ from ..container.reader import Container, LayerHeader, read_container
 from ..errors import FormatError
 from ..gaussians import FIELDS, Gaussians
 from ..inference import GraphStore, as_input
+from ..predict import predict
 from ..quaternions import matrices_to_quats, multiply_quats
 from ..reports import Stopwatch
 from .absent import PlaneRef, cut_off_planes, damaged_planes, first_picture_end, hidden_views, plane_name, stand_in_code
 from .hevc import PlaneDecoder
+from .hybrid import add_colors, as_codes, check_prediction, predicted_geometry
+from .photos import decode_photos
 from .planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 
 
@@ -29,6 +32,7 @@ def decode_gaussians(
     limits: Limits | None = None,
     max_bytes: int | None = None,
     lost: list[str] | None = None,
+    model: str | None = None,
     watch: Stopwatch | None = None,
 ) -> Gaussians:
     """Decode a file.
@@ -41,6 +45,7 @@ def decode_gaussians(
         max_bytes: decode from this many first bytes alone; `absent` says what stands in for the rest.
         lost: decode what is intact of a damaged or cut file; filled with the names of the planes that are not, for
             which the same stands in. None refuses such a file.
+        model: the network for a file of photos: a path, or a name in the manifest; None to find it by its hash.
         watch: filled with seconds per stage.
 
     Returns:
@@ -49,6 +54,7 @@ def decode_gaussians(
     Raises:
         FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture; with
             `lost`, damaged metadata or no intact depth picture of layer 0.
+        ModelError: the network that the file names is not at hand.
     """
     watch = watch or Stopwatch()
     with watch.stage("parse"):
@@ -58,13 +64,17 @@ def decode_gaussians(
         if lost is not None:
             lost += [plane_name(container, ref) for ref in sorted(absent)]
         _check_something_is_left(container, absent)
+    prediction = _predict(container, store, threads, model, watch) if container.photos else None
+    if prediction is not None and not container.layers:
+        return prediction
     layers = []
     for index, layer in enumerate(container.layers):
         with watch.stage("libavcodec"):
             geometry, colors = _decode_planes(container, index, threads, absent)
         with watch.stage("synthesis"):
-            layers.append(_synthesise(container, layer, geometry, colors, store))
-            layers[-1].opacities[hidden_views(layer, index, absent)] = 0
+            layers.append(_synthesise(container, layer, geometry, colors, store, _of_layer(prediction, index, layer)))
+            if prediction is None:
+                layers[-1].opacities[hidden_views(layer, index, absent)] = 0
     return Gaussians.unchecked(
         **{name: getattr(layers[0], name) for name in FIELDS},
         cameras=container.cameras,
@@ -73,7 +83,29 @@ def decode_gaussians(
     )
 
 
+def _predict(container: Container, store: GraphStore, threads: int, model: str | None, watch: Stopwatch) -> Gaussians:
+    """What the network that the file names makes of its photos."""
+    photos, network = container.photos, container.network
+    assert photos is not None and network is not None
+    with watch.stage("libavcodec"):
+        images = decode_photos(photos, container.parameter_sets[photos.parameter_set], threads)
+    with watch.stage("network"):
+        graph = store.network_by_hash(network.name, network.sha256, model)
+        return predict(images, container.cameras, network.near, network.far, graph)
+
+
+def _of_layer(prediction: Gaussians | None, index: int, layer: LayerHeader) -> Gaussians | None:
+    if prediction is None:
+        return None
+    if index >= len(prediction.layers):
+        raise FormatError(f"the network gives {len(prediction.layers)} layers", where=f"layer {index}")
+    check_prediction(layer, prediction.layers[index], index)
+    return prediction.layers[index]
+
+
 def _check_something_is_left(container: Container, absent: Collection[PlaneRef]) -> None:
+    if container.photos is not None:
+        return
     first = container.layers[0]
     if absent and len(hidden_views(first, 0, absent)) == len(first.cameras):
         end = first_picture_end(container)
@@ -137,11 +169,21 @@ def _run(decode: Callable[[tuple[ChannelRecord, int, NDArray]], None], tasks: Se
 
 
 def _synthesise(
-    container: Container, layer: LayerHeader, geometry: NDArray, colors: NDArray, store: GraphStore
+    container: Container,
+    layer: LayerHeader,
+    geometry: NDArray,
+    colors: NDArray,
+    store: GraphStore,
+    prediction: Gaussians | None,
 ) -> Gaussians:
     """Run the synthesis graph; dequantisation and all linear maps are folded into matrices in float64."""
     cameras = layer.cameras
     mix = _geometry_mix(layer, geometry.shape[1])
+    if prediction is not None:
+        codes, predicted_mix = as_codes(predicted_geometry(store, prediction, "prediction"))
+        geometry = np.concatenate([codes, geometry], axis=1)
+        mix[:, -1] += predicted_mix[:, -1]
+        mix = np.concatenate([predicted_mix[:, :-1], mix], axis=1)
     rotations = np.stack([camera.rotation.T for camera in cameras])
     quats = matrices_to_quats(rotations)
     if layer.reference_quats is not None:
@@ -162,6 +204,8 @@ def _synthesise(
         }
     )
     arrays["sh"] = arrays["sh"].reshape(*arrays["opacities"].shape, -1, 3)
+    if prediction is not None:
+        arrays["sh"] = add_colors(arrays["sh"], prediction.sh)
     return Gaussians.unchecked(**arrays, cameras=cameras, origin=container.origin)
 
 

@@ -21,6 +21,7 @@ from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
 from .allocation import Steps
 from .analysis import MAX_PLANE, ProjectedLayer, project_layer
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
+from .hybrid import hybrid_settings, residual_plan
 from .paper import paper_colors, paper_plan
 from .planes import Channel, LayerPlan, PlaneClass
 from .profiles import AdaptiveSettings, PaperSettings, Profile
@@ -57,10 +58,27 @@ class EncodeStats:
     Attributes:
         clipped: samples outside the representable range, by class label.
         watch: seconds per stage.
+        mode: what the file carries; see `modes`.
+        reason: why mode `auto` came to it; empty where the caller chose.
     """
 
     clipped: dict[str, int] = field(default_factory=dict)
     watch: Stopwatch = field(default_factory=Stopwatch)
+    mode: str = "gaussians"
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class PhotoMode:
+    """What a hybrid file has besides planes.
+
+    Attributes:
+        prediction: what the network makes of the decoded photos, of the same layers as the scene.
+        sections: the photos, and the name of the network.
+    """
+
+    prediction: Gaussians
+    sections: tuple[tuple[bytes, int, bytes], ...]
 
 
 @dataclass(frozen=True)
@@ -105,6 +123,12 @@ def encode_gaussians(
     return encoder.code(encoder.plan(qp), qp)
 
 
+def check_qp(qp: float) -> None:
+    """InputError for a Q_g beyond ±60."""
+    if not -MAX_GLOBAL_QP <= qp <= MAX_GLOBAL_QP:  # also refuses NaN
+        raise InputError(f"{qp:g}, accepted are -{MAX_GLOBAL_QP} to {MAX_GLOBAL_QP}", where="qp")
+
+
 class SceneEncoder:
     """Codes one scene as often as a search wants: what does not depend on Q_g happens once, and so does the coding of
     planes that are the same from one time to the next.
@@ -119,14 +143,18 @@ class SceneEncoder:
         threads: int,
         drop_invalid: bool = False,
         stats: EncodeStats | None = None,
+        photo_mode: PhotoMode | None = None,
     ) -> None:
-        """Check and project the scene; arguments and errors are those of `encode_gaussians`."""
+        """Check and project the scene; arguments and errors are those of `encode_gaussians`.
+
+        With a `photo_mode`, planes hold what its prediction lacks.
+        """
         if not gaussians.is_per_pixel:
             raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
         if len(gaussians.cameras) > MAX_VIEWS:
             raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
         self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
-        self._store = store
+        self._store, self._photo_mode = store, photo_mode
         self._coder = _PlaneCoder(profile.encoder)
         self._prepared: list[AdaptiveLayer] | None = None
         self._steps: list[Steps] | None = None
@@ -138,9 +166,10 @@ class SceneEncoder:
 
     def plan(self, qp: float) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
-        if not -MAX_GLOBAL_QP <= qp <= MAX_GLOBAL_QP:  # also refuses NaN
-            raise InputError(f"{qp:g}, accepted are -{MAX_GLOBAL_QP} to {MAX_GLOBAL_QP}", where="qp")
+        check_qp(qp)
         settings = self.profile.settings
+        if self._photo_mode is not None:
+            return self._residual_plans(self._photo_mode.prediction, qp)
         if isinstance(settings, PaperSettings):
             pairs = zip(self.gaussians.layers, self._projected, strict=True)
             return [self._paper_plan(*pair, settings, qp) for pair in pairs]
@@ -159,9 +188,25 @@ class SceneEncoder:
                 self._prepared = self._prepare(settings, 0.0)
             prepared = self._prepared if qp >= 0 else self._prepare(settings, qp)
         with self.stats.watch.stage("quantise"):
-            if self._steps is None:
-                self._steps = scene_steps(self._prepared, settings)
-            return [adaptive_plan(layer, s, settings, qp) for layer, s in zip(prepared, self._steps, strict=True)]
+            steps = self._scene_steps(self._prepared, settings)
+            return [adaptive_plan(layer, s, settings, qp) for layer, s in zip(prepared, steps, strict=True)]
+
+    def _scene_steps(self, prepared: list[AdaptiveLayer], settings: AdaptiveSettings) -> list[Steps]:
+        if self._steps is None:
+            self._steps = scene_steps(prepared, settings)
+        return self._steps
+
+    def _residual_plans(self, prediction: Gaussians, qp: float) -> list[LayerPlan]:
+        """Differences take the steps that the planes themselves would."""
+        settings, layers = hybrid_settings(self.profile), self.gaussians.layers
+        with self.stats.watch.stage("vabr"):
+            steps = self._scene_steps(self._prepare(settings, 0.0), settings)
+            return [
+                residual_plan(self._store, layer, projected, predicted, s, settings, qp)
+                for layer, projected, predicted, s in zip(
+                    layers, self._projected, prediction.layers, steps, strict=True
+                )
+            ]
 
     def _prepare(self, settings: AdaptiveSettings, qp: float) -> list[AdaptiveLayer]:
         pairs = zip(self.gaussians.layers, self._projected, strict=True)
@@ -175,7 +220,8 @@ class SceneEncoder:
             coded = [_code_layer(layer, plan, self._coder, pool, self.stats) for layer, plan in pairs]
         with self.stats.watch.stage("write"):
             cameras, origin = self.gaussians.cameras, self.gaussians.origin
-            data = write_container(coded, cameras, origin, self.profile.name, qp)
+            extras = () if self._photo_mode is None else self._photo_mode.sections
+            data = write_container(coded, cameras, origin, self.profile.name, qp, extras)
             _check_readable(data)
         return data
 

@@ -1,4 +1,4 @@
-"""One 12-bit plane, one HEVC intra picture: libx265 in, libavcodec out, both through PyAV.
+"""One plane or photo, one HEVC intra picture: libx265 in, libavcodec out, both through PyAV.
 
 A picture's parameter sets (VPS, SPS, PPS) depend on its size and the encoder's settings alone, never on its QP, so a
 file stores them once and this module takes them off every picture. What is left is a single slice NAL unit.
@@ -7,6 +7,7 @@ file stores them once and this module takes them off every picture. What is left
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -68,52 +69,61 @@ def encode_plane(codes: NDArray, qp: int, settings: EncoderSettings) -> CodedPla
     Returns:
         The coded picture, of size `padded_size(H, W)`.
     """
-    padded = pad_plane(codes)
+    return encode_picture([pad_plane(codes)], _PIXEL_FORMAT, qp, settings)
+
+
+def encode_picture(planes: Sequence[NDArray], pixel_format: str, qp: int, settings: EncoderSettings) -> CodedPlane:
+    """Code the planes of one picture, uint16 and of the sizes that libavcodec's pixel format demands."""
     context = av.CodecContext.create("libx265", "w")
-    context.height, context.width = padded.shape
-    context.pix_fmt = _PIXEL_FORMAT
+    context.height, context.width = planes[0].shape
+    context.pix_fmt = pixel_format
     context.time_base, context.framerate = Fraction(1, 25), Fraction(25)
     params = ":".join((_FIXED_PARAMS, f"qp={qp}", *settings.params))
     context.options = {"preset": settings.preset, "x265-params": params}
-    frame = av.VideoFrame.from_ndarray(padded, format=_PIXEL_FORMAT)
+    frame = av.VideoFrame(context.width, context.height, pixel_format)
+    for plane, samples in zip(frame.planes, planes, strict=True):
+        lines = np.zeros((plane.height, plane.line_size // 2), np.uint16)
+        lines[:, : plane.width] = samples
+        plane.update(lines.tobytes())
     frame.pts = 0
     stream = b"".join(bytes(packet) for packet in (*context.encode(frame), *context.encode(None)))
     units = _nal_units(stream)
     slices = [unit for unit in units if _nal_type(unit) in _IDR_TYPES]
     if len(slices) != 1:
-        raise TinySplatError(f"libx265 gave {len(slices)} slices for one plane, expected 1")
+        raise TinySplatError(f"libx265 gave {len(slices)} slices for one picture, expected 1")
     sets = b"".join(_START_CODE + unit for unit in units if _nal_type(unit) in (_VPS, _SPS, _PPS))
     return CodedPlane(sets, slices[0])
 
 
-class PlaneDecoder:
-    """Decodes the planes of one size; keeps libavcodec's context from plane to plane. Not for sharing among threads."""
+class PictureDecoder:
+    """Decodes pictures of one size and format; keeps libavcodec's context from one to the next. Not for sharing among
+    threads.
+    """
 
-    def __init__(self, parameter_sets: bytes, height: int, width: int) -> None:
+    def __init__(self, parameter_sets: bytes, height: int, width: int, pixel_format: str) -> None:
         """Open libavcodec.
 
         Args:
             parameter_sets: VPS, SPS and PPS with start codes.
-            height, width: size of the plane, before padding.
+            height, width: size of the coded pictures.
+            pixel_format: what they must be, in libavcodec's words, of 16-bit samples.
 
         Raises:
             FormatError: libavcodec refuses the parameter sets.
         """
-        self._size = (height, width)
-        self._coded = padded_size(height, width)
+        self._expected = (height, width, pixel_format)
         self._context = av.CodecContext.create("hevc", "r")
         self._context.thread_count = 1
         self._context.extradata = parameter_sets
         # A stream that claims a much larger size is stopped before its pictures are allocated; libavcodec counts
         # pixels with the margins of its buffers, and the exact size is checked once there is a picture.
-        height, width = (side + _BUFFER_MARGIN for side in self._coded)
-        self._context.options = {"max_pixels": str(height * width)}
+        self._context.options = {"max_pixels": str((height + _BUFFER_MARGIN) * (width + _BUFFER_MARGIN))}
 
-    def decode_into(self, payload: bytes | memoryview, out: NDArray) -> None:
-        """Decode one slice NAL unit into `out` (H, W) uint16.
+    def decode(self, payload: bytes | memoryview) -> list[NDArray]:
+        """The planes of one picture given as a slice NAL unit: (h, w) uint16 views, good until the next call.
 
         Raises:
-            FormatError: the payload is no single intra picture of this size.
+            FormatError: the payload is no single intra picture of this size and format.
         """
         data = bytes(payload)
         if len(data) < 3 or _nal_type(data) not in _IDR_TYPES or b"\x00\x00\x01" in data:
@@ -126,13 +136,33 @@ class PlaneDecoder:
             raise FormatError(f"{len(frames)} pictures decoded, expected 1", where="plane")
         frame = frames[0]
         found = (frame.height, frame.width, frame.format.name)
-        if found != (*self._coded, _PIXEL_FORMAT):
-            expected = f"{self._coded[1]}x{self._coded[0]} {_PIXEL_FORMAT}"
+        if found != self._expected:
+            height, width, pixel_format = self._expected
+            expected = f"{width}x{height} {pixel_format}"
             raise FormatError(f"picture is {found[1]}x{found[0]} {found[2]}, expected {expected}", where="plane")
-        plane = frame.planes[0]
-        pixels = np.frombuffer(memoryview(plane), np.uint16).reshape(frame.height, plane.line_size // 2)
+        return [
+            np.frombuffer(memoryview(p), np.uint16).reshape(p.height, p.line_size // 2)[:, : p.width]
+            for p in frame.planes
+        ]
+
+
+class PlaneDecoder:
+    """A `PictureDecoder` for the planes of one size."""
+
+    def __init__(self, parameter_sets: bytes, height: int, width: int) -> None:
+        """Arguments and errors of `PictureDecoder`; height and width are the plane's own, before padding."""
+        self._size = (height, width)
+        self._decoder = PictureDecoder(parameter_sets, *padded_size(height, width), _PIXEL_FORMAT)
+
+    def decode_into(self, payload: bytes | memoryview, out: NDArray) -> None:
+        """Decode one slice NAL unit into `out` (H, W) uint16.
+
+        Raises:
+            FormatError: the payload is no single intra picture of this size.
+        """
         height, width = self._size
-        out[...] = pixels[:height, :width]
+        (plane,) = self._decoder.decode(payload)
+        out[...] = plane[:height, :width]
 
 
 def _nal_units(stream: bytes) -> list[bytes]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -22,6 +22,7 @@ from ..errors import FormatError, InputError
 from ..sh import MAX_SH_DEGREE
 from . import layout as L
 from .bounds import check_ranges, decoding_bytes
+from .extras import NETWORK, PHOTO_PICTURES, PHOTOS, NetworkRef, PhotoHeader, read_network, read_photos
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,8 @@ class Container:
         layers: metadata, the network's per-pixel layer first.
         parameter_sets: HEVC parameter sets by index.
         streams: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
-        plane_sections: the sections that hold pictures, in the file's order.
+        plane_sections: the sections that hold pictures of planes, in the file's order.
+        network: the network that the receiver runs on `photos`; both or neither.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
     """
 
@@ -103,6 +105,13 @@ class Container:
     streams: Mapping[tuple[PlaneClass, int], memoryview]
     plane_sections: tuple[Section, ...]
     total_bytes: int
+    network: NetworkRef | None = None
+    photos: PhotoHeader | None = None
+
+    @property
+    def mode(self) -> str:
+        """`gaussians`; `photos`, which a network turns into them; `hybrid`, whose planes correct what it gives."""
+        return "gaussians" if self.photos is None else "hybrid" if self.layers else "photos"
 
     def holds(self, layer: int, channel: L.ChannelRecord, view: int) -> bool:
         """Whether the bytes at hand reach to the end of one picture; always for a whole file."""
@@ -122,13 +131,14 @@ class Container:
         return data
 
 
-class _Cursor:
+class Cursor:
     """Reads structures off a section, never past its end."""
 
     def __init__(self, section: Section) -> None:
         self.section, self.at = section, 0
 
     def take(self, count: int) -> memoryview:
+        """The next bytes."""
         left = len(self.section.data) - self.at
         if count > left:
             raise FormatError(f"at byte {self.at} needs {count} bytes, {left} remain", where=self.section.label)
@@ -136,9 +146,15 @@ class _Cursor:
         return self.section.data[self.at - count : self.at]
 
     def unpack(self, fields: struct.Struct) -> tuple:
+        """The next structure."""
         return fields.unpack(self.take(fields.size))
 
+    def require(self, condition: bool, message: str) -> None:
+        """FormatError with the message and the section's name, unless the condition holds."""
+        _require(condition, self.section, message)
+
     def finish(self) -> None:
+        """FormatError if bytes are left."""
         if self.at != len(self.section.data):
             raise FormatError(f"{len(self.section.data) - self.at} bytes too many", where=self.section.label)
 
@@ -158,11 +174,14 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
     version, total, sections = _read_table(view, is_prefix)
     scene = _only(sections, L.SCENE)
-    cursor = _Cursor(scene)
+    cursor = Cursor(scene)
     views, n_layers, qp, *origin, profile = cursor.unpack(L.SCENE_FIXED)
     cursor.finish()
     _require(1 <= views <= limits.max_views, scene, f"{views} views, accepted are 1 to {limits.max_views}")
-    _require(1 <= n_layers <= limits.max_layers, scene, f"{n_layers} layers, accepted are 1 to {limits.max_layers}")
+    network, photos = _read_photo_mode(sections, views)
+    fewest = 1 if photos is None else 0
+    accepted = f"{n_layers} layers, accepted are {fewest} to {limits.max_layers}"
+    _require(fewest <= n_layers <= limits.max_layers, scene, accepted)
     _require(math.isfinite(qp), scene, "Q_g is not finite")
     _require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
     poses = _read_cameras(_only(sections, L.CAMERAS), views)
@@ -180,16 +199,43 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
             )
         check_ranges(layer, np.array(origin), where)
         layers.append(layer)
-    cameras = tuple(Camera(K, c2w, layers[0].width, layers[0].height) for K, c2w in poses)
+    height, width = _grid(layers, photos, views, limits)
+    cameras = tuple(Camera(K, c2w, width, height) for K, c2w in poses)
     streams = {(c, i): _joined(sections, c, i, layer) for i, layer in enumerate(layers) for c in _coded(layer)}
     sets = {s.index: _verified(s) for s in sections if s.kind == L.PARAMETER_SETS}
     for index, layer in enumerate(layers):
         if _coded(layer) and layer.parameter_set not in sets:
             raise FormatError(f"parameter set {layer.parameter_set} is missing", where=f"section LAYR[{index}]")
+    if photos is not None and photos.parameter_set not in sets:
+        raise FormatError(f"parameter set {photos.parameter_set} is missing", where="section PHOT[0]")
     planes = tuple(s for s in sections if s.kind in _PLANE_KINDS)
     return Container(
-        version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, planes, total
+        version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, planes, total,
+        network, photos,
     )  # fmt: skip
+
+
+def _read_photo_mode(sections: list[Section], views: int) -> tuple[NetworkRef | None, PhotoHeader | None]:
+    if not {NETWORK, PHOTOS, PHOTO_PICTURES} & {section.kind for section in sections}:
+        return None, None
+    network = read_network(Cursor(_only(sections, NETWORK)))
+    pictures = _only(sections, PHOTO_PICTURES)
+    return network, read_photos(Cursor(_only(sections, PHOTOS)), views, pictures.data)
+
+
+def _grid(layers: Sequence[LayerHeader], photos: PhotoHeader | None, views: int, limits: L.Limits) -> tuple[int, int]:
+    """Height and width of layer 0, which the photos share where there are any."""
+    if photos is None:
+        return layers[0].height, layers[0].width
+    size = photos.height, photos.width
+    if layers and size != (layers[0].height, layers[0].width):
+        found = f"{photos.width}x{photos.height}, layer 0 is {layers[0].width}x{layers[0].height}"
+        raise FormatError(found, where="section PHOT[0]")
+    pixels = views * photos.height * photos.width
+    if pixels > limits.max_pixels:
+        found = f"{pixels} pixels of photos, the limit is {limits.max_pixels} (--max-pixels)"
+        raise FormatError(found, where="section PHOT[0]")
+    return size
 
 
 def _read_table(view: memoryview, is_prefix: bool) -> tuple[tuple[int, int], int, list[Section]]:
@@ -228,7 +274,7 @@ def _read_table(view: memoryview, is_prefix: bool) -> tuple[tuple[int, int], int
 
 
 _PLANE_KINDS = frozenset(L.PLANES.values())
-_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *_PLANE_KINDS}
+_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, NETWORK, PHOTOS, PHOTO_PICTURES, *_PLANE_KINDS}
 
 
 def _only(sections: list[Section], kind: bytes, index: int = 0) -> Section:
@@ -283,7 +329,7 @@ def _matrix(fx: float, fy: float, cx: float, cy: float, skew: float) -> NDArray:
 
 
 def _read_cameras(section: Section, views: int) -> list[tuple[NDArray, NDArray]]:
-    cursor = _Cursor(section)
+    cursor = Cursor(section)
     poses = []
     for view in range(views):
         numbers = cursor.unpack(L.CAMERA)
@@ -300,7 +346,7 @@ def _read_cameras(section: Section, views: int) -> list[tuple[NDArray, NDArray]]
 
 
 def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray]]) -> LayerHeader:
-    cursor = _Cursor(section)
+    cursor = Cursor(section)
     height, width, degree, source_degree, flags, sets, n_channels, k, *numbers = cursor.unpack(L.LAYER_FIXED)
     z_min, z_max, lost, condition = numbers
     _require(
@@ -353,7 +399,7 @@ def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray
 
 
 def _read_channels(
-    cursor: _Cursor, count: int, targets: Mapping[PlaneClass, int], views: int
+    cursor: Cursor, count: int, targets: Mapping[PlaneClass, int], views: int
 ) -> tuple[L.ChannelRecord, ...]:
     section = cursor.section
     ends = dict.fromkeys(PlaneClass, 0)

@@ -50,9 +50,17 @@ class CodedLayer:
 
 
 def write_container(
-    layers: Sequence[CodedLayer], cameras: Sequence[Camera], origin: NDArray, profile: str, qp: float
+    layers: Sequence[CodedLayer],
+    cameras: Sequence[Camera],
+    origin: NDArray,
+    profile: str,
+    qp: float,
+    extras: Sequence[tuple[bytes, int, bytes]] = (),
 ) -> bytes:
-    """The file: metadata first, then planes such that every prefix gives as good a picture as it can."""
+    """The file: metadata first, then planes such that every prefix gives as good a picture as it can.
+
+    `extras` are the sections of a mode (`extras.py`), which stand between the two.
+    """
     scene = L.SCENE_FIXED.pack(len(cameras), len(layers), qp, *origin, profile.encode("ascii"))
     sections: list[tuple[bytes, int, bytes]] = [
         (L.SCENE, 0, scene),
@@ -64,7 +72,7 @@ def write_container(
             parameter_sets.append(layer.parameter_sets)
         sections.append((L.LAYER, index, _layer(layer, index, parameter_sets.index(layer.parameter_sets))))
     sections += [(L.PARAMETER_SETS, index, sets) for index, sets in enumerate(parameter_sets)]
-    return _assemble([*sections, *_plane_sections(layers)])
+    return _assemble([*sections, *extras, *_plane_sections(layers)])
 
 
 _PASSES: tuple[tuple[PlaneClass, ...], ...] = (

@@ -1,0 +1,147 @@
+"""Mode `hybrid`: planes that correct what a network makes of the decoded photos.
+
+Encoder and decoder run the same network on the same decoded photos and project what it gives; the planes hold the
+difference in float, in the units of docs/FORMAT.md. Nothing else depends on the prediction: pictures decode without
+it, so that another processor's last bits move a Gaussian by as little, and never drift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.reader import LayerHeader
+from ..errors import FormatError, InputError
+from ..gaussians import Gaussians
+from ..inference import GraphStore
+from .adaptive import COARSE_DEPTH
+from .allocation import Steps
+from .analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
+from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
+from .hevc import MAX_CODE
+from .planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
+from .profiles import AdaptiveSettings, Profile
+from .quantize import hevc_step
+
+_HALF_RANGE = 1 << 16
+
+
+def hybrid_settings(profile: Profile) -> AdaptiveSettings:
+    """The profile's steps; InputError for `paper`, whose steps say nothing of differences."""
+    if not isinstance(profile.settings, AdaptiveSettings):
+        raise InputError(f"'{profile.name}' with mode hybrid, accepted are fast, balanced, max", where="profile")
+    return profile.settings
+
+
+def predicted_geometry(store: GraphStore, prediction: Gaussians, where: str) -> NDArray:
+    """(V, 11, H, W) float32 planes of a network's layer, with −1/z for depth.
+
+    A Gaussian that the network puts behind its camera has no depth: the view's median stands in, with opacity 0.
+    """
+    geometry = project_layer(store, prediction, drop_invalid=True, where=where).geometry
+    depth = geometry[:, GEOMETRY[PlaneClass.DEPTH]]
+    np.divide(-1, depth, out=depth)
+    return geometry
+
+
+def residual_plan(
+    store: GraphStore,
+    layer: Gaussians,
+    projected: ProjectedLayer,
+    prediction: Gaussians,
+    steps: Steps,
+    settings: AdaptiveSettings,
+    qp: float,
+) -> LayerPlan:
+    """Channels for the difference between a layer and its prediction at Q_g = `qp`, given the steps at 0."""
+    predicted = predicted_geometry(store, prediction, "prediction")
+    geometry = projected.geometry.copy()
+    depth = geometry[:, 0]
+    limits = (float(depth.min()), float(depth.max()))
+    np.divide(-1, depth, out=depth)
+    scale = 2 ** (qp / 6)
+    depth_step = steps[PlaneClass.DEPTH] * scale
+    rotation = GEOMETRY[PlaneClass.ROTATION]
+    similarity = (geometry[:, rotation] * predicted[:, rotation]).sum(axis=1, keepdims=True)
+    geometry[:, rotation] *= np.where(similarity < 0, np.float32(-1), np.float32(1))
+    geometry -= predicted
+    difference = replace(layer, sh=layer.sh - _fitted(prediction.sh, layer.sh.shape), extra_layers=())
+    colors, reduction = _colors(store, difference, steps[PlaneClass.COLOR] * scale, settings)
+
+    span = float(np.ptp(geometry[:, 0]))
+    is_too_fine = depth_step < hevc_step(0) * span / MAX_CODE
+    channels = []
+    for plane_class in PlaneClass:
+        planes = colors if plane_class == PlaneClass.COLOR else geometry[:, GEOMETRY[plane_class]]
+        step = steps[plane_class] * scale
+        if plane_class == PlaneClass.DEPTH and is_too_fine:
+            step *= COARSE_DEPTH
+        for target in range(planes.shape[1]):
+            values = planes[:, target]
+            channels.append(Channel(plane_class, target, values, step, (float(values.min()), float(values.max()))))
+    return LayerPlan(
+        tuple(channels),
+        layer.degree,
+        limits,
+        inverse_depth=True,
+        refine_depth=depth_step if is_too_fine else None,
+        reduction=reduction,
+    )
+
+
+def _colors(
+    store: GraphStore, difference: Gaussians, step: float, settings: AdaptiveSettings
+) -> tuple[NDArray, Reduction]:
+    """Colour planes of the difference; as many components as carry more than the step lets through."""
+    weighting = second_moment_weighting(view_directions(difference.cameras), difference.degree)
+    spectrum = weighted_spectrum(coefficient_moment(store, difference), weighting)
+    left_out = np.append(np.cumsum(spectrum[0][::-1])[::-1], 0.0)
+    reduction = reduce_basis(spectrum, weighting, max(1, int(np.argmax(left_out <= settings.energy_floor * step**2))))
+    return color_planes(store, difference, reduction.projection), reduction
+
+
+def check_prediction(layer: LayerHeader, prediction: Gaussians, index: int) -> None:
+    """FormatError unless the network gave the grid that the layer corrects."""
+    found = prediction.opacities.shape
+    if found != (len(layer.cameras), layer.height, layer.width):
+        expected = f"{layer.width}x{layer.height}"
+        message = f"{expected}, but the network gives {found[2]}x{found[1]} for it"
+        raise FormatError(message, where=f"layer {index}")
+
+
+def as_codes(planes: NDArray) -> tuple[NDArray, NDArray]:
+    """Float planes in the form that the synthesis graph adds up: 16-bit codes and what one is worth.
+
+    Args:
+        planes: (V, C, H, W) float32.
+
+    Returns:
+        codes (V, 2C, H, W) uint16, upper halves first, and mix (C, 2C + 1) float64: planes = mix · (codes, 1), to
+        2⁻³² of each channel's range.
+    """
+    count = planes.shape[1]
+    low = planes.min(axis=(0, 2, 3)).astype(np.float64)
+    span = np.maximum(planes.max(axis=(0, 2, 3)) - low, 1e-30)
+    unit = span / (_HALF_RANGE**2 - 1)
+    steps = np.rint((planes - low[:, None, None]) / unit[:, None, None]).astype(np.uint32)
+    codes = np.concatenate([steps >> 16, steps & (_HALF_RANGE - 1)], axis=1).astype(np.uint16)
+    mix = np.zeros((count, 2 * count + 1))
+    mix[:, :count] = np.diag(unit * _HALF_RANGE)
+    mix[:, count:-1] = np.diag(unit)
+    mix[:, -1] = low
+    return codes, mix
+
+
+def add_colors(sh: NDArray, prediction: NDArray) -> NDArray:
+    """Coefficients of the sum; a degree that one of them lacks counts as zeros."""
+    return sh + _fitted(prediction, sh.shape)
+
+
+def _fitted(sh: NDArray, shape: tuple[int, ...]) -> NDArray:
+    """Coefficients (…, B', 3) as (…, B, 3): cut, or filled with zeros."""
+    count = min(sh.shape[-2], shape[-2])
+    out = np.zeros((*sh.shape[:-2], shape[-2], 3), np.float32)
+    out[..., :count, :] = sh[..., :count, :]
+    return out

@@ -1,0 +1,229 @@
+"""Files of photos and hybrid files: what they decode to, what they need, and what is refused."""
+
+from __future__ import annotations
+
+import shutil
+from itertools import accumulate
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+import pytest
+from scenes import make_photo, write_scene
+from sections import file_of, sections_of
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.artifacts import models_dir
+from tinysplat_runtime.codec.hybrid import as_codes
+from tinysplat_runtime.codec.photos import decode_photos, encode_photos
+from tinysplat_runtime.codec.profiles import PROFILES
+from tinysplat_runtime.container import extras
+from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import FormatError, InputError, ModelError
+from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.modes import AUTO_SECONDS, choose
+
+RUNTIME = ts.Runtime(threads=2)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> ts.Scene:
+    return ts.load_scene(write_scene(tmp_path_factory.mktemp("photos") / "scene", views=2, height=40, width=56))
+
+
+@pytest.fixture(scope="module")
+def raw(scene) -> ts.Gaussians:
+    return RUNTIME.predict(scene)
+
+
+@pytest.fixture(scope="module")
+def files(scene, raw) -> dict[str, bytes]:
+    return {mode: RUNTIME.encode(scene, mode=mode, gaussians=raw) for mode in ("gaussians", "photos", "hybrid")}
+
+
+def _psnr(a: ts.Gaussians, b: ts.Gaussians) -> float:
+    pairs = [(RUNTIME.render(a, camera), RUNTIME.render(b, camera)) for camera in a.cameras]
+    return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
+
+
+def _there_and_back(images: np.ndarray, qp: float) -> np.ndarray:
+    coded = encode_photos(images, qp, PROFILES["fast"].encoder, threads=2)
+    ends = accumulate(map(len, coded.payloads), initial=0)
+    streams = tuple(L.StreamRef(end, len(p), crc32(p)) for end, p in zip(ends, coded.payloads, strict=False))
+    data = memoryview(b"".join(coded.payloads))
+    header = extras.PhotoHeader(coded.height, coded.width, coded.qp, 255, streams, data)
+    return decode_photos(header, coded.parameter_sets, threads=2)
+
+
+@pytest.mark.parametrize("size", [(40, 56), (33, 47), (16, 16), (7, 9)])
+def test_photos_come_back_at_their_size_and_near_what_they_were(size):
+    images = np.stack([make_photo(*size, seed=i) for i in range(2)]).astype(np.float32) / 255
+    decoded = _there_and_back(images, qp=-10)
+    assert decoded.shape == images.shape and decoded.dtype == np.float32
+    assert decoded.min() >= 0 and decoded.max() <= 1
+    difference = decoded - images
+    assert np.sqrt(np.mean((difference @ [0.2126, 0.7152, 0.0722]) ** 2)) < 0.01
+    assert np.sqrt(np.mean(difference**2)) < 0.08  # chroma has half the resolution
+
+
+def test_a_grey_photo_stays_grey():
+    images = np.full((1, 24, 40, 3), 0.5, np.float32)
+    np.testing.assert_allclose(_there_and_back(images, qp=0), 0.5, atol=2e-3)
+
+
+def test_photo_files_are_small_and_decode_to_what_the_network_makes_of_them(files, raw):
+    decoded = RUNTIME.decompress(files["photos"])
+    assert len(files["photos"]) < 0.5 * len(files["gaussians"])
+    assert [layer.opacities.shape for layer in decoded.layers] == [layer.opacities.shape for layer in raw.layers]
+    assert _psnr(raw, decoded) > 25
+
+
+def test_hybrid_files_are_nearer_to_the_raw_gaussians_than_photos(files, raw):
+    photos, hybrid = (_psnr(raw, RUNTIME.decompress(files[mode])) for mode in ("photos", "hybrid"))
+    assert hybrid > photos + 5
+
+
+def test_a_hybrid_file_of_coarse_photos_still_reaches_the_planes_fidelity(scene, raw, files):
+    fine = RUNTIME.decompress(RUNTIME.encode(scene, mode="hybrid", gaussians=raw, qp=-12))
+    assert _psnr(raw, fine) > _psnr(raw, RUNTIME.decompress(files["hybrid"])) + 3
+
+
+def test_predictions_enter_synthesis_to_float_precision():
+    planes = np.random.default_rng(0).normal(size=(2, 3, 5, 6)).astype(np.float32) * [[[[1]], [[1e-4]], [[300]]]]
+    codes, mix = as_codes(planes.astype(np.float32))
+    ones = np.ones_like(codes[:, :1])
+    found = np.einsum("cp,vphw->vchw", mix, np.concatenate([codes, ones], axis=1))
+    span = np.ptp(planes, axis=(0, 2, 3))[:, None, None]
+    assert (np.abs(found - planes) / span).max() < 1e-7
+
+
+def test_bytes_do_not_depend_on_threads(scene, raw, files):
+    for mode in ("photos", "hybrid"):
+        assert ts.Runtime(threads=1).encode(scene, mode=mode, gaussians=raw) == files[mode]
+
+
+def test_info_names_mode_network_and_photos_and_its_bytes_add_up(files):
+    for mode, data in files.items():
+        described = ts.inspect(data)
+        assert described["mode"] == mode
+        assert described["bytes"] == sum(described["bytes_by_class"].values()) + described["metadata_bytes"]
+        if mode != "gaussians":
+            assert described["network"]["name"] == "sweep" and len(described["network"]["sha256"]) == 64
+            assert described["photos"]["bytes"] == described["bytes_by_class"]["photos"] > 0
+
+
+def test_a_hybrid_prefix_falls_back_to_the_photos(files, raw):
+    described = ts.inspect(files["hybrid"])
+    start = described["bytes"] - sum(plane["bytes"] for plane in described["planes"])
+    least = RUNTIME.decompress(files["hybrid"], max_bytes=start)
+    assert abs(_psnr(raw, least) - _psnr(raw, RUNTIME.decompress(files["photos"]))) < 6
+    with pytest.raises(FormatError, match="no picture"):
+        RUNTIME.decompress(files["hybrid"], max_bytes=start - 1)
+
+
+def test_another_network_at_decode_is_a_model_error_with_name_and_hash(files, tmp_path):
+    other = tmp_path / "other.onnx"
+    other.write_bytes((models_dir() / "sweep.onnx").read_bytes() + b"\0")
+    wanted = ts.inspect(files["photos"])["network"]["sha256"]
+    with pytest.raises(ModelError, match=f"(?s)other.onnx.*'sweep' of sha256 {wanted}"):
+        RUNTIME.decompress(files["photos"], model=str(other))
+
+
+def test_a_missing_network_at_decode_is_a_model_error_that_names_the_option(files):
+    sections = sections_of(files["photos"])
+    for section in sections:
+        if section[0] == extras.NETWORK:
+            section[3] = bytes(32) + section[3][32:]
+    with pytest.raises(ModelError, match=rf"'sweep' of sha256 {'0' * 64} is not at hand; .*another.*--model"):
+        RUNTIME.decompress(file_of(sections))
+
+
+def test_a_users_own_network_is_found_when_it_is_given(scene, tmp_path):
+    own = shutil.copy(models_dir() / "sweep.onnx", tmp_path / "mine.onnx")
+    Path(own).write_bytes(Path(own).read_bytes())
+    data = RUNTIME.encode(scene, str(own), mode="photos")
+    assert ts.inspect(data)["network"]["name"] == "mine"
+    decoded = RUNTIME.decompress(data, model=str(own))
+    assert all(np.isfinite(getattr(decoded, name)).all() for name in FIELDS)
+
+
+def test_auto_weighs_size_time_and_availability():
+    shipped = extras.NetworkRef("sweep", RUNTIME.store.network_ref("sweep")[1], 1.0, 2.0)
+    own = extras.NetworkRef("mine", "00" * 32, 1.0, 2.0)
+    small, large = b"x" * 10, b"x" * 20
+    assert choose(large, small, shipped, 0.1)[0] == "photos"
+    assert choose(small, large, shipped, 0.1)[0] == "gaussians"
+    assert choose(large, small, own, 0.1)[0] == "gaussians"
+    assert choose(large, small, shipped, 2 * AUTO_SECONDS)[0] == "gaussians"
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"mode": "film"}, "gaussians, photos, hybrid, auto"),
+        ({"mode": "photos", "target_size": 9000}, "target"),
+        ({"mode": "hybrid", "target_psnr": 40.0}, "target"),
+        ({"mode": "hybrid", "profile": "paper"}, "fast, balanced, max"),
+        ({"mode": "photos", "qp": float("nan")}, "qp"),
+    ],
+)
+def test_contradictory_modes_are_refused(scene, raw, options, named):
+    with pytest.raises(InputError, match=named):
+        RUNTIME.encode(scene, gaussians=raw, **options)
+
+
+def _damaged(data: bytes, kind: bytes, change) -> bytes:
+    sections = sections_of(data)
+    for section in sections:
+        if (section[0] == kind and section[2] != 0) or (section[0] == kind and kind != L.PARAMETER_SETS):
+            section[3] = change(section[3])
+    return file_of(sections)
+
+
+def _photos_header(**fields):
+    names = ("height", "width", "format", "qp", "parameter_set", "reserved")
+
+    def change(section: bytes) -> bytes:
+        values = dict(zip(names, extras.PHOTOS_FIXED.unpack(section[: extras.PHOTOS_FIXED.size]), strict=True))
+        return extras.PHOTOS_FIXED.pack(*{**values, **fields}.values()) + section[extras.PHOTOS_FIXED.size :]
+
+    return change
+
+
+HOSTILE = {
+    "photos of no rows": (extras.PHOTOS, _photos_header(height=0)),
+    "photos too large": (extras.PHOTOS, _photos_header(height=1 << 16, width=1 << 16)),
+    "photos of another size": (extras.PHOTOS, _photos_header(height=90)),
+    "an unknown format": (extras.PHOTOS, _photos_header(format=7)),
+    "QP beyond HEVC's": (extras.PHOTOS, _photos_header(qp=90)),
+    "a parameter set that is not there": (extras.PHOTOS, _photos_header(parameter_set=9)),
+    "a table cut short": (extras.PHOTOS, lambda section: section[:-1]),
+    "pictures cut short": (extras.PHOTO_PICTURES, lambda section: section[:-1]),
+    "pictures altered": (extras.PHOTO_PICTURES, lambda section: section[:40] + bytes([section[40] ^ 1]) + section[41:]),
+    "near beyond far": (extras.NETWORK, lambda section: section[:96] + section[104:] + section[96:104]),
+    "a name with a line feed": (extras.NETWORK, lambda section: section[:32] + b"\n" + section[33:]),
+    "a network cut short": (extras.NETWORK, lambda section: section[:-1]),
+    "parameter sets of planes": (L.PARAMETER_SETS, lambda section: b""),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_hostile_photo_sections_are_format_errors(files, case):
+    kind, change = HOSTILE[case]
+    with pytest.raises(FormatError):
+        RUNTIME.decompress(_damaged(files["photos"], kind, change))
+
+
+@pytest.mark.parametrize("kind", [extras.NETWORK, extras.PHOTOS, extras.PHOTO_PICTURES])
+def test_a_mode_without_one_of_its_sections_is_refused(files, kind):
+    for mode in ("photos", "hybrid"):
+        with pytest.raises(FormatError):
+            read_container(file_of([s for s in sections_of(files[mode]) if s[0] != kind]))
+
+
+def test_truncated_photo_files_are_format_errors(files):
+    data = files["photos"]
+    for length in range(0, len(data), 7):
+        with pytest.raises(FormatError):
+            read_container(data[:length])
