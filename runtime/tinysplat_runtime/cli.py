@@ -23,7 +23,7 @@ MODES = ("gaussians", "photos", "hybrid", "auto")  # modes.py says what they are
 
 ENTRY_POINTS = "tinysplat.commands"
 
-EXTRAS = {"eval": "eval", "bench": "eval", "compare": "eval", "poses": "poses", "batch": "cluster", "view": "view"}
+EXTRAS = {"eval": "eval", "bench": "eval", "compare": "eval", "poses": "poses", "batch": "cluster"}
 """Commands that an extra brings, for the message when it is not installed."""
 
 
@@ -60,6 +60,13 @@ def indices(text: str) -> list[int]:
         return [int(part) for part in text.split(",")]
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}', expected indices such as 0,4") from None
+
+
+def port(text: str) -> int:
+    """A TCP port, 0 for any."""
+    if not text.isdigit() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"'{text}', expected a port of 0 to 65535")
+    return int(text)
 
 
 def positive(text: str) -> float:

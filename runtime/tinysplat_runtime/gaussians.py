@@ -138,6 +138,18 @@ class Gaussians:
         arrays = {name: np.concatenate([rows(layer, name) for layer in self.layers]) for name in FIELDS}
         return Gaussians.unchecked(**arrays, origin=self.origin)
 
+    def _repr_png_(self) -> bytes | None:
+        """A notebook's picture of the first view."""
+        from .notebook import png
+
+        return png(self)
+
+    def _repr_html_(self) -> str:
+        """A notebook's summary."""
+        from .notebook import html
+
+        return html(self)
+
     def with_cameras(self, cameras: Iterable[Camera]) -> Gaussians:
         """The same Gaussians seen as the pixels of other cameras."""
         return replace(self, cameras=tuple(cameras))

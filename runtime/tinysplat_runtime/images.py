@@ -98,21 +98,33 @@ def image_size(path: StrPath) -> tuple[int, int]:
 
 
 def write_png(path: StrPath, image: NDArray) -> None:
-    """Write a PNG file, atomically, with 8 bits a channel unless samples are uint16.
-
-    Args:
-        path: the file to write.
-        image: (H, W, 3) RGB or (H, W) grey; uint8, or floating point in [0, 1], which is clipped and rounded. Grey of
-            uint16 gives a file with 16 bits a sample.
+    """Write a PNG file, atomically; see `png_bytes` for the image.
 
     Raises:
         InputError: another shape or type, or NaN.
         OSError: the file cannot be written.
     """
+    try:
+        data = png_bytes(image)
+    except InputError as error:
+        raise error.within(str(path)) from None
+    write_atomically(path, data)
+
+
+def png_bytes(image: NDArray) -> bytes:
+    """An image as a PNG file's bytes.
+
+    Args:
+        image: (H, W, 3) RGB or (H, W) grey; uint8, or floating point in [0, 1], which is clipped and rounded. Grey of
+            uint16 gives 16 bits a sample.
+
+    Raises:
+        InputError: another shape or type, or NaN.
+    """
     deep = np.asarray(image).dtype == np.uint16 and np.ndim(image) == 2
     pixels = np.ascontiguousarray(image) if deep else to_uint8(image)
     if pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)) or 0 in pixels.shape:
-        raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3) or (H, W)", where=str(path))
+        raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3) or (H, W)")
     pix_fmt = "gray16le" if deep else "rgb24" if pixels.ndim == 3 else "gray"
     codec: Any = av.CodecContext.create("png", "w")
     codec.height, codec.width = pixels.shape[:2]
@@ -120,7 +132,7 @@ def write_png(path: StrPath, image: NDArray) -> None:
     codec.options = {"pred": "mixed"}
     frame: Any = av.VideoFrame.from_ndarray(pixels, format=pix_fmt)
     packets = [*codec.encode(frame.reformat(format="gray16be") if deep else frame), *codec.encode(None)]
-    write_atomically(path, b"".join(bytes(packet) for packet in packets))
+    return b"".join(bytes(packet) for packet in packets)
 
 
 def to_uint8(image: NDArray) -> NDArray:

@@ -1,0 +1,132 @@
+"""`tinysplat view`: a scene in the browser, or as one web page."""
+
+from __future__ import annotations
+
+import http.server
+import threading
+import webbrowser
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat.viewer.page import build_page
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.cli import port
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import read_limited, write_atomically
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.opening import MAX_FILE_BYTES, load_any
+from tinysplat_runtime.reports import Stopwatch
+from tinysplat_runtime.scenes import Scene, load_cameras, load_scene
+
+HELP = "a scene in the browser, or as one web page"
+
+SAME_PLACE = 1e-3
+"""A photo belongs to a view when their centres differ by no more of the views' spread, and their axes by no more."""
+
+
+def configure(parser: ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "Serves one page on this machine and opens the browser; with --html writes the page, which opens anywhere"
+        " without a network."
+    )
+    parser.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
+    parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show in place of the render")
+    parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
+    parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
+    parser.set_defaults(max_bytes=None, max_pixels=None, max_memory=None)
+
+
+def run(args: Namespace) -> None:
+    """Make the page; write it, or serve it until interrupted."""
+    page = make_page(args).encode()
+    if args.html:
+        write_atomically(args.html, page)
+        if not args.quiet:
+            print(f"{args.html}: {len(page) / 1e6:.1f} MB, opens without a network")
+        return
+    serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
+
+
+def make_page(args: Namespace) -> str:
+    """The page of the file that `args` names."""
+    gaussians = load_any(args, Stopwatch())
+    cameras = list(gaussians.cameras) or (load_cameras(args.cameras) if args.cameras else [_outside(gaussians)])
+    photos = _photos(load_scene(args.photos), cameras) if args.photos else {}
+    described = _described(args.file)
+    summary = f"{gaussians.count:,} Gaussians, SH degree {gaussians.degree}"
+    if described:
+        summary += f"; {described['bytes'] / 1000:.1f} KB, profile {described['profile']}"
+    classes = {**described["bytes_by_class"], "metadata": described["metadata_bytes"]} if described else {}
+    return build_page(
+        gaussians, cameras, title=Path(args.file).name, summary=summary, bytes_by_class=classes, photos=photos
+    )
+
+
+def serve(page: bytes, port_number: int, *, quiet: bool, browser: bool) -> None:
+    """Serve the page on this machine alone until interrupted."""
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            found = self.path.partition("?")[0] in ("/", "/index.html")
+            self.send_response(200 if found else 404)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(page) if found else 0))
+            self.end_headers()
+            if found:
+                self.wfile.write(page)
+
+        def log_message(self, format: str, *args: Any) -> None:
+            """Requests are nobody's concern."""
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", port_number), Handler) as server:
+        address = f"http://127.0.0.1:{server.server_address[1]}/"
+        if not quiet:
+            print(f"{address} (Ctrl-C ends)", flush=True)
+        if browser:
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        server.serve_forever()
+
+
+def _described(file: str) -> dict[str, Any]:
+    if Path(file).suffix.lower() != ".tsplat":
+        return {}
+    return inspect_bytes(read_limited(file, MAX_FILE_BYTES))
+
+
+def _photos(scene: Scene, cameras: Sequence[Camera]) -> dict[int, NDArray]:
+    """Photos of the views that a scene's frames were taken from, by view.
+
+    Raises:
+        InputError: no frame belongs to any view.
+    """
+    centres = np.stack([camera.centre for camera in cameras])
+    reach = SAME_PLACE * max(float(np.linalg.norm(np.ptp(centres, axis=0))), 1e-9)
+    photos: dict[int, NDArray] = {}
+    for i, camera in enumerate(cameras):
+        for frame in scene.frames:
+            moved = np.linalg.norm(frame.camera.centre - camera.centre)
+            turned = np.abs(frame.camera.rotation - camera.rotation).max()
+            if moved <= reach and turned <= SAME_PLACE:
+                photos[i] = frame.resized(camera.height, camera.width).image()
+                break
+    if not photos:
+        raise InputError("no photo was taken from any of the file's views", where=str(scene.path))
+    return photos
+
+
+def _outside(gaussians: Gaussians) -> Camera:
+    """A view of Gaussians without cameras: from in front, y down as .ply scenes have it."""
+    flat = gaussians.flat()
+    low, high = np.percentile(flat.means.astype(np.float64) + flat.origin, (5, 95), axis=0)
+    c2w = np.eye(4)
+    c2w[:3, 3] = (low + high) / 2 - (0, 0, 1.5 * float(np.linalg.norm(high - low)) or 1.0)
+    return Camera(np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]]), c2w, 800, 600)
