@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat.viewer.page import build_page
+from tinysplat_runtime.api import decompress
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.cli import port
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.files import read_limited, write_atomically
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inspection import inspect_bytes
-from tinysplat_runtime.opening import MAX_FILE_BYTES, load_any
-from tinysplat_runtime.reports import Stopwatch
+from tinysplat_runtime.interchange import load_gaussians
+from tinysplat_runtime.opening import MAX_FILE_BYTES
 from tinysplat_runtime.scenes import Scene, load_cameras, load_scene
 
 HELP = "a scene in the browser, or as one web page"
@@ -42,7 +43,6 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
     parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
-    parser.set_defaults(max_bytes=None, max_pixels=None, max_memory=None)
 
 
 def run(args: Namespace) -> None:
@@ -58,7 +58,7 @@ def run(args: Namespace) -> None:
 
 def make_page(args: Namespace) -> str:
     """The page of the file that `args` names."""
-    gaussians = load_any(args, Stopwatch())
+    gaussians = _load(args.file)
     cameras = list(gaussians.cameras) or (load_cameras(args.cameras) if args.cameras else [_outside(gaussians)])
     photos = _photos(load_scene(args.photos), cameras) if args.photos else {}
     described = _described(args.file)
@@ -94,6 +94,15 @@ def serve(page: bytes, port_number: int, *, quiet: bool, browser: bool) -> None:
         if browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         server.serve_forever()
+
+
+def _load(file: str) -> Gaussians:
+    if Path(file).suffix.lower() != ".tsplat":
+        return load_gaussians(file)
+    try:
+        return decompress(read_limited(file, MAX_FILE_BYTES))
+    except TinySplatError as error:
+        raise error.within(file) from None
 
 
 def _described(file: str) -> dict[str, Any]:
