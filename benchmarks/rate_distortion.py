@@ -5,7 +5,8 @@
 
 Pictures are taken at the cameras in a file's `target_K` and `target_c2w`, or else midway between its views. Writes
 rate_distortion.json and rate_distortion.png, and prints bytes at equal dB, BD-rate against the first profile, bytes per
-class, and processor seconds. `--ablation` takes the ideas of the profile `balanced` away one by one instead.
+class, and processor seconds. `--ablation` takes the ideas of the profile `balanced` away one by one instead: a BD-rate
+above 0 is what an idea gains.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +22,21 @@ import numpy as np
 from tinysplat.bench.inputs import truncated
 from tinysplat.bench.peers import MAX_DEGREE, MissingToolError, peer_formats
 from tinysplat.commands.eval import numbers, words
+from tinysplat.evaluation import ideas
 from tinysplat.evaluation.plots import Curve, save_curves
 from tinysplat.evaluation.rate_distortion import Pictures, Point, bd_rate, bytes_at, measure_point, to_json
 from tinysplat.evaluation.sources import FileSource
 from tinysplat.evaluation.tables import ABSENT, format_table, number
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.profiles import PROFILES, AdaptiveSettings, Profile, find_profile
+from tinysplat_runtime.codec.profiles import PROFILES, Profile, find_profile
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inspection import inspect_bytes
 
 EQUAL_DB = (38.0, 39.0, 40.0, 41.0)
 Curves = dict[str, list[Point]]
+Encode = Callable[[Gaussians], bytes]
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -51,20 +53,24 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def variants(options: argparse.Namespace) -> dict[str, Profile]:
-    """What is compared, the reference first."""
+def encoders(options: argparse.Namespace, runtime: Runtime) -> dict[str, Callable[[float], Encode]]:
+    """What is compared, by name, the reference first: for each Q_g a way to code."""
+
+    def of_profile(profile: Profile) -> Callable[[float], Encode]:
+        return lambda qp: (
+            lambda g: encode_gaussians(g, profile, qp, runtime.store, threads=runtime.threads, drop_invalid=True)
+        )
+
+    def of_change(change: ideas.Change) -> Callable[[float], Encode]:
+        return lambda qp: lambda g: ideas.encode_changed(g, qp, runtime, change)
+
     if not options.ablation:
-        return {name: find_profile(name) for name in options.profiles}
-    return {"paper": PROFILES["paper"], "balanced": PROFILES["balanced"], **without_ideas()}
-
-
-def without_ideas() -> dict[str, Profile]:
-    """The profile `balanced` with one idea off at a time."""
-    balanced = PROFILES["balanced"]
-    settings = balanced.settings
-    assert isinstance(settings, AdaptiveSettings)
-    changed = {"steps not measured": replace(settings, windows=0)}
-    return {name: replace(balanced, settings=value) for name, value in changed.items()}
+        return {name: of_profile(find_profile(name)) for name in options.profiles}
+    return {
+        "balanced": of_profile(PROFILES["balanced"]),
+        "steps not measured": of_profile(ideas.without_measured_steps()),
+        **{name: of_change(change) for name, change in ideas.CHANGES.items()},
+    }
 
 
 def curves_of(path: str, options: argparse.Namespace, runtime: Runtime) -> Curves:
@@ -73,22 +79,15 @@ def curves_of(path: str, options: argparse.Namespace, runtime: Runtime) -> Curve
     case = source.load(source.windows()[0][0], "", (0, 0), runtime)
     pictures = Pictures(case.gaussians, case.cameras[: options.targets], runtime.threads)
     curves: Curves = {}
-    for name, profile in variants(options).items():
+    for name, encode in encoders(options, runtime).items():
         curves[name] = []
         for qp in options.qps:
-            point = measure_point(
-                pictures, case.gaussians, qp, encoder(profile, qp, runtime), runtime.decompress, classes
-            )
+            point = measure_point(pictures, case.gaussians, qp, encode(qp), runtime.decompress, classes)
             curves[name].append(point)
             print(f"{source.name} {name} Q_g {qp:g}: {point.bytes} B, {point.psnr:.2f} dB", file=sys.stderr)
     if options.peers:
         curves |= peer_points(case.gaussians, pictures, runtime)
     return curves
-
-
-def encoder(profile: Profile, qp: float, runtime: Runtime) -> Callable[[Gaussians], bytes]:
-    """Codes with a profile at Q_g = `qp`."""
-    return lambda g: encode_gaussians(g, profile, qp, runtime.store, threads=runtime.threads, drop_invalid=True)
 
 
 def classes(data: bytes) -> dict[str, int]:

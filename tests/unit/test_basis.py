@@ -10,6 +10,7 @@ from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.basis import (
     LAMBDA_FLOOR,
     mean_magnitude_weighting,
+    needed_degree,
     reduce_basis,
     second_moment_weighting,
     view_directions,
@@ -88,3 +89,16 @@ def test_degenerate_moments_give_finite_maps(moment, k):
     reduction = reduce_basis(weighted_spectrum(moment, weighting), weighting, k)
     assert np.isfinite(reduction.inverse).all() and np.isfinite(reduction.projection).all()
     assert 0 <= reduction.energy_lost <= 1
+
+
+def test_needed_degree_is_the_least_whose_rest_is_within_the_budget():
+    cameras = make_skewed_cameras(2, 20, 30)
+    directions = view_directions(cameras)
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((500, 16, 3)) * np.repeat([1, 0.1, 0.01, 0.001], [1, 3, 5, 7])[:, None]
+    moment = x.reshape(500, 48).T @ x.reshape(500, 48) / 500
+    for lower in range(4):
+        rest = np.einsum("nbc,db->ndc", x[:, (lower + 1) ** 2 :], sh_basis(directions, 3)[:, (lower + 1) ** 2 :])
+        energy = float(np.square(rest).sum(axis=-1).mean())
+        assert needed_degree(moment, directions, 3, energy * 1.001 + 1e-12) == lower
+        assert lower == 3 or needed_degree(moment, directions, 3, energy * 0.999) == lower + 1

@@ -20,7 +20,7 @@ from ..gaussians import Gaussians
 from ..inference import GraphStore
 from .allocation import Steps, equal_slope_steps
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
-from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
+from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .hevc import MAX_CODE
 from .planes import Channel, LayerPlan, PlaneClass, Reduction
 from .probe import PlaneSet, Probe
@@ -30,6 +30,10 @@ from .quantize import hevc_step
 COARSE_DEPTH = 2.0
 """Step of the first depth picture in steps of the second, where two are needed. Where that is too fine for 12 bits too,
 the first comes out as fine as they allow; 3, 6 and 12 cost 1 to 3 % of depth's bytes."""
+
+_WORTH_TWO_PICTURES = 0.5
+"""Depth is coded twice when the step wanted is below this share of the finest that 12 bits have. Two pictures cost a
+tenth more than one of the same step would: nearer to it, the bytes buy more in other classes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +59,15 @@ def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
 def prepare_layer(
     store: GraphStore, layer: Gaussians, projected: ProjectedLayer, settings: AdaptiveSettings, qp: float
 ) -> AdaptiveLayer:
-    """Planes of a layer, with as many colour components as Q_g = `qp` could ask for."""
-    weighting = second_moment_weighting(view_directions(layer.cameras), layer.degree)
-    spectrum = weighted_spectrum(coefficient_moment(store, layer), weighting)
+    """Planes of a layer, of as high a degree and with as many colour components as Q_g = `qp` could ask for."""
+    directions, moment = view_directions(layer.cameras), coefficient_moment(store, layer)
     finest = class_step(settings, PlaneClass.COLOR) * 2 ** (qp / 6 - settings.margin)
+    degree = needed_degree(moment, directions, layer.degree, settings.energy_floor * finest**2)
+    functions = (degree + 1) ** 2
+    if degree < layer.degree:
+        layer = replace(layer, sh=layer.sh[..., :functions, :], extra_layers=())
+    weighting = second_moment_weighting(directions, degree)
+    spectrum = weighted_spectrum(moment[: 3 * functions, : 3 * functions], weighting)
     reduction = reduce_basis(spectrum, weighting, _components(spectrum[0], finest, settings))
     scales, mix = _principal_scales(projected.planes(PlaneClass.SCALE))
     planes = {
@@ -88,7 +97,8 @@ def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings
     planes = layer.planes
     inverse = planes.values[PlaneClass.DEPTH]
     depth_step = steps[PlaneClass.DEPTH] * 2 ** (qp / 6)
-    is_too_fine = depth_step < hevc_step(0) * (float(inverse.max()) - float(inverse.min())) / MAX_CODE
+    finest = hevc_step(0) * (float(inverse.max()) - float(inverse.min())) / MAX_CODE
+    is_too_fine = depth_step < _WORTH_TWO_PICTURES * finest
     color_step = steps[PlaneClass.COLOR] * 2 ** (qp / 6)
     reduction = _truncated(layer, _components(layer.energies, color_step, settings))
     channels = []

@@ -55,6 +55,26 @@ def second_moment_weighting(directions: NDArray, degree: int) -> NDArray:
     return vectors * roots @ vectors.T
 
 
+def needed_degree(moment: NDArray, directions: NDArray, degree: int, budget: float) -> int:
+    """Least SH degree behind which there is at most `budget` of mean squared colour, summed over the three colours.
+
+    Args:
+        moment: (d, d) second moment of the coefficient vectors (coefficient-major, RGB last).
+        directions: (n, 3) unit vectors from which colours are seen.
+        degree: of the coefficients.
+        budget: squared colour that may be left out.
+    """
+    basis = sh_basis(directions, degree)
+    seen = basis.T @ basis / len(basis)  # (B, B)
+    functions = len(seen)
+    by_function = np.einsum("bcec->be", np.asarray(moment, np.float64).reshape(functions, 3, functions, 3))
+    for lower in range(degree):
+        rest = slice((lower + 1) ** 2, None)
+        if float((seen[rest, rest] * by_function[rest, rest]).sum()) <= budget:
+            return lower
+    return degree
+
+
 def weighted_spectrum(moment: NDArray, weighting: NDArray) -> tuple[NDArray, NDArray]:
     """Eigenvalues (d,) and eigenvectors (d, d) of Δ·E[x xᵀ]·Δᵀ, by falling eigenvalue.
 

@@ -99,11 +99,7 @@ PROFILES: dict[str, Profile] = {
     profile.name: profile
     for profile in (
         Profile("paper", EncoderSettings("medium"), PAPER),
-        Profile(
-            "fast",
-            EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF)),
-            replace(ADAPTIVE, windows=1),
-        ),
+        Profile("fast", EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF)), ADAPTIVE),
         Profile("balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF)), ADAPTIVE),
         Profile(
             "max",

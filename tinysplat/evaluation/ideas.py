@@ -1,0 +1,133 @@
+"""What each idea of the profile `balanced` is worth: its plan with one idea undone, coded as a real file.
+
+Steps of the undone class are those of the plan, brought to the units of the planes that take its place, so that errors
+stay about what they were and the bytes tell. Whoever wants both at once takes the BD-rate over several Q_g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.codec.analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
+from tinysplat_runtime.codec.basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
+from tinysplat_runtime.codec.encoder import SceneEncoder
+from tinysplat_runtime.codec.planes import Channel, LayerPlan, PlaneClass
+from tinysplat_runtime.codec.profiles import PROFILES, AdaptiveSettings, Profile
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.inference import GraphStore
+
+PAPER_K = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A layer with what a changed plan needs of it."""
+
+    layer: Gaussians
+    projected: ProjectedLayer
+    store: GraphStore
+
+
+Change = Callable[[LayerPlan, Part], LayerPlan]
+
+
+def depth_as_z(plan: LayerPlan, part: Part) -> LayerPlan:
+    """z in place of −1/z, at the step that is as fine at the mean depth."""
+    z = part.projected.planes(PlaneClass.DEPTH)[:, 0]
+    factor = float(z.mean(dtype=np.float64)) ** 2
+    step = _steps(plan, PlaneClass.DEPTH)[0] * factor
+    refine = None if plan.refine_depth is None else plan.refine_depth * factor
+    return replace(_with(plan, PlaneClass.DEPTH, z[:, None], step), inverse_depth=False, refine_depth=refine)
+
+
+def one_depth_picture(plan: LayerPlan, part: Part) -> LayerPlan:
+    """Depth once, as finely as 12 bits allow where the step wanted is finer."""
+    if plan.refine_depth is None:
+        return plan
+    values = next(c.values for c in plan.channels if c.plane_class == PlaneClass.DEPTH)
+    return replace(_with(plan, PlaneClass.DEPTH, values[:, None], plan.refine_depth), refine_depth=None)
+
+
+def scales_as_they_are(plan: LayerPlan, part: Part) -> LayerPlan:
+    """ŝ without its principal axes."""
+    planes = part.projected.planes(PlaneClass.SCALE)
+    return replace(_with(plan, PlaneClass.SCALE, planes, _steps(plan, PlaneClass.SCALE)[0]), scale_mix=None)
+
+
+def rotations_as_they_are(plan: LayerPlan, part: Part) -> LayerPlan:
+    """Four components, relative to nothing."""
+    planes = part.projected.planes(PlaneClass.ROTATION)
+    return replace(_with(plan, PlaneClass.ROTATION, planes, _steps(plan, PlaneClass.ROTATION)[0]), reference_quats=None)
+
+
+def paper_weighting(plan: LayerPlan, part: Part) -> LayerPlan:
+    """VABR weighted by diag(E|Y|), k = 6, at a step that is the same share of the leading component's deviation."""
+    layer = part.layer
+    weighting = mean_magnitude_weighting(view_directions(layer.cameras), layer.degree)
+    moment = coefficient_moment(part.store, layer)
+    reduction = reduce_basis(weighted_spectrum(moment, weighting), weighting, min(PAPER_K, len(moment)))
+    planes = color_planes(part.store, layer, reduction.projection)
+    leading = next(c for c in plan.channels if c.plane_class == PlaneClass.COLOR)
+    step = leading.step * float(planes[:, 0].std() / max(float(leading.values.std()), 1e-30))
+    return replace(_with(plan, PlaneClass.COLOR, planes, step), reduction=reduction)
+
+
+def components(k: int) -> Change:
+    """Keeps at most k colour components."""
+
+    def change(plan: LayerPlan, part: Part) -> LayerPlan:
+        reduction = plan.reduction
+        assert reduction is not None
+        kept = tuple(c for c in plan.channels if c.plane_class != PlaneClass.COLOR or c.target < k)
+        cut = replace(reduction, inverse=reduction.inverse[:, :k], projection=reduction.projection[:, :k])
+        return replace(plan, channels=kept, reduction=cut)
+
+    return change
+
+
+CHANGES: dict[str, Change] = {
+    "depth as z": depth_as_z,
+    "one depth picture": one_depth_picture,
+    "ŝ without PCA": scales_as_they_are,
+    "rotation as four components": rotations_as_they_are,
+    "VABR as the paper's": paper_weighting,
+    "k ≤ 1": components(1),
+    "k ≤ 3": components(3),
+}
+"""By what is undone."""
+
+
+def encode_changed(gaussians: Gaussians, qp: float, runtime: Runtime, change: Change) -> bytes:
+    """A file of `balanced` whose layers' plans went through `change`."""
+    store = runtime.store
+    encoder = SceneEncoder(gaussians, PROFILES["balanced"], store, threads=runtime.threads, drop_invalid=True)
+    plans = [
+        change(plan, Part(layer, project_layer(store, layer, drop_invalid=True, where="layer"), store))
+        for plan, layer in zip(encoder.plan(qp), gaussians.layers, strict=True)
+    ]
+    return encoder.code(plans, qp)
+
+
+def without_measured_steps() -> Profile:
+    """`balanced` with fixed sensitivities, those of MVSplat-like Gaussians."""
+    balanced = PROFILES["balanced"]
+    assert isinstance(balanced.settings, AdaptiveSettings)
+    return replace(balanced, settings=replace(balanced.settings, windows=0))
+
+
+def _steps(plan: LayerPlan, plane_class: PlaneClass) -> Sequence[float]:
+    return [c.step for c in plan.channels if c.plane_class == plane_class]
+
+
+def _with(plan: LayerPlan, plane_class: PlaneClass, planes: NDArray, step: float) -> LayerPlan:
+    """The plan with other planes (V, C, H, W) for a class."""
+    channels = [c for c in plan.channels if c.plane_class != plane_class]
+    for target in range(planes.shape[1]):
+        values = np.ascontiguousarray(planes[:, target])
+        channels.append(Channel(plane_class, target, values, step, (float(values.min()), float(values.max()))))
+    return replace(plan, channels=tuple(sorted(channels, key=lambda c: c.plane_class)))
