@@ -6,6 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from reference.rasteriser import render_reference
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.gaussians import Gaussians
@@ -138,6 +139,70 @@ def test_gaussians_never_checked_may_hold_nan_and_are_then_not_drawn(compiled):
         fields[name][::2] = np.nan
         drawn = Renderer(Gaussians.unchecked(**fields), compiled=compiled)
         assert_finite(drawn.render(pinhole(20, 20), outputs=OUTPUTS))
+
+
+EXTREME_SCENES = {
+    "one pixel": (cloud(60, seed=1), pinhole(1, 1)),
+    "a strip one row high": (cloud(60, seed=2), pinhole(1, 500, focal=400)),
+    "a strip one column wide": (cloud(60, seed=3), pinhole(300, 1, focal=200)),
+    "around and inside the Gaussians": (
+        cloud(60, seed=4, means=np.random.default_rng(4).normal(size=(60, 3)) * 0.3, scales=np.full((60, 3), 0.5)),
+        pinhole(20, 30),
+    ),
+    "on and through the near plane": (
+        cloud(
+            60,
+            seed=5,
+            means=np.stack([*np.random.default_rng(5).normal(size=(2, 60)) * 0.01, np.linspace(-0.01, 0.03, 60)], -1),
+            scales=np.full((60, 3), 0.01),
+        ),
+        pinhole(20, 30),
+    ),
+    "covering the picture": (cloud(40, seed=6, scales=np.full((40, 3), 30.0)), pinhole(16, 24)),
+    "smaller than a pixel": (cloud(300, seed=7, scales=np.full((300, 3), 1e-7)), pinhole(24, 24)),
+    "needles": (cloud(80, seed=8, scales=np.tile([0.5, 1e-5, 1e-5], (80, 1))), pinhole(32, 32)),
+    "all at one depth": (
+        cloud(80, seed=9, means=np.random.default_rng(9).uniform(-1, 1, (80, 3)) * [1, 1, 0] + [0, 0, 2]),
+        pinhole(24, 24),
+    ),
+    "opaque to the last ulp": (cloud(60, seed=10, opacities=np.nextafter(np.ones(60, np.float32), 0)), pinhole(24, 24)),
+}
+
+
+@pytest.mark.parametrize("name", EXTREME_SCENES)
+def test_extreme_scenes_agree_with_float64(name):
+    scene, camera = EXTREME_SCENES[name]
+    found, wanted = render(scene, camera, outputs=OUTPUTS), render_reference(scene, camera)
+    assert_finite(found)
+    for output, bound in (("rgb", 1.0), ("alpha", 1.0)):
+        error = np.abs(found[output] - np.clip(wanted[output], 0, 1))
+        error = error.reshape(camera.height * camera.width, -1).max(axis=1)
+        assert (error > 1e-4 * bound).sum() <= max(1, error.size // 100), (output, error.max())
+        assert error.max() <= 1 / 255 + 1e-3
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 7680), (4320, 1), (16, 7680)])
+def test_strips_of_8k_are_the_same_whole_and_in_parts(height, width):
+    scene = cloud(400, seed=11)
+    whole = render(scene, pinhole(height, width, focal=600), outputs=OUTPUTS)
+    assert_finite(whole)
+    part = Camera(
+        [[600, 0, width / 2 - width // 3], [0, 600, height / 2], [0, 0, 1]], np.eye(4), max(width // 3, 1), height
+    )
+    columns = slice(width // 3, width // 3 + part.width)
+    error = np.abs(render(scene, part) - whole["rgb"][:, columns]).max(axis=-1)
+    assert (error > 1e-4).mean() <= 0.01
+
+
+def test_equal_depths_are_drawn_in_the_order_given_and_reversing_them_shows():
+    means = np.tile([0.0, 0, 2.0], (2, 1))
+    sh = np.zeros((2, 1, 3))
+    sh[0, 0], sh[1, 0] = (1.5, -1.5, -1.5), (-1.5, 1.5, -1.5)
+    both = cloud(2, means=means, sh=sh, scales=np.full((2, 3), 0.3), opacities=np.full(2, 0.9))
+    middle = render(both, pinhole(9, 9))[4, 4]
+    assert middle[0] > 5 * middle[1]
+    other = cloud(2, means=means, sh=sh[::-1], scales=np.full((2, 3), 0.3), opacities=np.full(2, 0.9))
+    assert render(other, pinhole(9, 9))[4, 4][1] > 5 * render(other, pinhole(9, 9))[4, 4][0]
 
 
 def test_radix_order_is_the_stable_order_for_narrow_and_wide_keys():

@@ -1,0 +1,101 @@
+"""The network `sweep` as users run it, at the edges of what photos and poses can be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import make_photo
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError, NumericError
+from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.predict import predict
+
+HEIGHT, WIDTH = 32, 48
+STORE = GraphStore(threads=1)
+
+
+def _turn(axis: int, angle: float) -> NDArray:
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.eye(3)
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    R[i, i] = R[j, j] = c
+    R[i, j], R[j, i] = -s, s
+    return R
+
+
+def _camera(position: tuple[float, float, float], rotation: NDArray | None = None, focal: float = 40.0) -> Camera:
+    c2w = np.eye(4)
+    c2w[:3, :3] = np.eye(3) if rotation is None else rotation
+    c2w[:3, 3] = position
+    return Camera(np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]]), c2w, WIDTH, HEIGHT)
+
+
+def _photos(views: int = 2) -> NDArray:
+    return np.stack([make_photo(HEIGHT, WIDTH, seed=n) for n in range(views)]).astype(np.float32) / 255
+
+
+def _assert_usable(g: ts.Gaussians, cameras: list[Camera]) -> None:
+    for layer in g.layers:
+        assert all(np.isfinite(getattr(layer, name)).all() for name in FIELDS)
+        assert layer.scales.min() >= 0 and layer.opacities.min() >= 0 and layer.opacities.max() <= 1
+    picture = ts.Runtime(threads=1).render(g, cameras[0])
+    assert np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1
+
+
+POSES = {
+    "side by side": [_camera((0, 0, 0)), _camera((0.2, 0, 0))],
+    "nearly the same place": [_camera((0, 0, 0)), _camera((1e-4, 0, 0))],
+    "one behind the other": [_camera((0, 0, 0)), _camera((0, 0, -0.5))],
+    "beyond the far plane": [_camera((0, 0, 0)), _camera((0, 0, 100.0))],
+    "turned alone": [_camera((0, 0, 0)), _camera((0, 0, 0), _turn(1, 0.2))],
+    "turned a millionth": [_camera((0, 0, 0)), _camera((0, 0, 0), _turn(1, 2e-5))],
+    "back to back": [_camera((0, 0, 0)), _camera((0.1, 0, 0), _turn(1, np.pi))],
+    "face to face": [_camera((0, 0, 0)), _camera((0, 0, 5.0), _turn(1, np.pi))],
+    "upside down": [_camera((0, 0, 0)), _camera((0.2, 0, 0), _turn(2, np.pi))],
+    "a thousand near planes apart": [_camera((0, 0, 0)), _camera((1000.0, 0, 0))],
+    "far from the origin": [_camera((1e7, -1e7, 1e6)), _camera((1e7 + 0.2, -1e7, 1e6))],
+    "focal lengths 1000 times apart": [_camera((0, 0, 0), focal=4.0), _camera((0.2, 0, 0), focal=4000.0)],
+}
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_any_two_different_poses_give_finite_gaussians(name: str) -> None:
+    cameras = POSES[name]
+    _assert_usable(predict(_photos(), cameras, 1.0, 8.0, STORE.network("sweep")), cameras)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-7])
+def test_views_of_one_pose_are_refused_by_number(offset: float) -> None:
+    cameras = [_camera((0, 0, 0)), _camera((0.5, 0, 0)), _camera((offset, 0, 0))]
+    with pytest.raises(InputError, match="views 0 and 2 have the same pose"):
+        predict(_photos(3), cameras, 1.0, 8.0, STORE.network("sweep"))
+
+
+@pytest.mark.parametrize(("near", "far"), [(1e-4, 1e4), (1.0, 1.0001), (1e-6, 1.0), (1.0, 1e8), (1e5, 1e6)])
+def test_any_depth_range_gives_finite_gaussians_or_names_the_cause(near: float, far: float) -> None:
+    cameras = POSES["side by side"]
+    try:
+        found = predict(_photos(), cameras, near, far, STORE.network("sweep"))
+    except NumericError as error:
+        assert "not finite" in str(error) and error.where
+    else:
+        _assert_usable(found, cameras)
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "noise", "one pixel", "stripes"])
+def test_photos_without_information_give_finite_gaussians(kind: str) -> None:
+    shape = (2, HEIGHT, WIDTH, 3)
+    images = {
+        "black": np.zeros(shape), "white": np.ones(shape), "noise": np.random.default_rng(0).random(shape),
+        "one pixel": np.zeros(shape), "stripes": np.zeros(shape),
+    }[kind].astype(np.float32)  # fmt: skip
+    if kind == "one pixel":
+        images[:, 16, 24] = 1
+    if kind == "stripes":
+        images[:, :, ::2] = 1
+    cameras = POSES["side by side"]
+    _assert_usable(predict(images, cameras, 1.0, 8.0, STORE.network("sweep")), cameras)
