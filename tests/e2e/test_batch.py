@@ -1,0 +1,167 @@
+"""Batches: results that are true, resume, retries, and workers that are killed on both engines."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import pytest
+from batch_work import note
+from scenes import write_scene
+
+import tinysplat_runtime as ts
+from tinysplat.batch.engines import run_processes, run_ray
+from tinysplat.batch.jobs import Job, Options, encode, is_done, read_manifest
+from tinysplat.batch.run import run_batch
+from tinysplat.batch.storage import local_folder, read, write
+from tinysplat_runtime.errors import InputError
+
+SCRIPT = Path(sys.executable).with_name("tinysplat")
+
+
+def tinysplat(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, timeout=150)
+
+
+def silent(line: str) -> None:
+    """Progress that nobody reads."""
+
+
+# ---- workers that are killed -------------------------------------------------------------------------------------
+
+
+def jobs_named(folder: Path, *names: str) -> list[Job]:
+    return [Job(name, f"/scenes/{name}", str(folder / f"{name}.txt")) for name in names]
+
+
+NAMES = ("a", "b", "killer", "c", "flaky", "d", "bad", "poison", "e", "f")
+
+
+def assert_nothing_lost(folder: Path, document: dict[str, Any]) -> None:
+    scenes = document["scenes"]
+    assert set(scenes) == set(NAMES)
+    assert {name for name, record in scenes.items() if record["status"] == "failed"} == {"bad", "poison"}
+    assert "no frames" in scenes["bad"]["error"]
+    assert scenes["poison"]["attempts"] == 4
+    assert scenes["flaky"]["attempts"] >= 2 and scenes["killer"]["attempts"] >= 2
+    for name in set(NAMES) - {"bad", "poison"}:
+        assert (folder / f"{name}.txt").exists()
+    assert json.loads((folder / "results.json").read_text()) == document
+
+
+def test_processes_survive_workers_that_die(tmp_path: Path) -> None:
+    engine = partial(run_processes, work=note, workers=2, attempts=4)
+    document = run_batch(jobs_named(tmp_path, *NAMES), str(tmp_path), engine, silent)
+    assert_nothing_lost(tmp_path, document)
+    others = [record["attempts"] for name, record in document["scenes"].items() if name not in ("poison", "flaky")]
+    assert max(others) <= 2  # a job beside one that dies is begun once more at most
+
+
+@pytest.mark.slow
+def test_a_ray_cluster_survives_workers_that_die_and_does_no_scene_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # workers find `batch_work`
+    engine = partial(run_ray, work=note, workers=2, attempts=4, address=None)
+    document = run_batch(jobs_named(tmp_path, *NAMES), str(tmp_path), engine, silent)
+    assert_nothing_lost(tmp_path, document)
+    assert document["scenes"]["bad"]["attempts"] == 1
+    for name in set(NAMES) - {"bad", "poison"}:
+        assert (tmp_path / f"{name}.txt").read_text() == "done\n"
+    assert len({record["worker"] for record in document["scenes"].values() if "worker" in record}) >= 2
+
+
+@pytest.mark.slow
+def test_ray_encodes_what_processes_encode(scenes: Path, tmp_path: Path) -> None:
+    for engine in ("ray", "processes"):
+        done = tinysplat("batch", scenes / "manifest.txt", "-o", tmp_path / engine, "--engine", engine, "--workers", 2)
+        assert done.returncode == 0, done.stderr
+    for name in ("s0", "s1"):
+        assert (tmp_path / f"ray/{name}.tsplat").read_bytes() == (tmp_path / f"processes/{name}.tsplat").read_bytes()
+
+
+# ---- the command -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scenes")
+    for i in range(2):
+        write_scene(folder / f"s{i}", views=2, height=32, width=48)
+    (folder / "manifest.txt").write_text("# two scenes\ns0\n\n" + json.dumps({"scene": "s1", "qp": 6}) + "\n")
+    return folder
+
+
+def test_a_batch_runs_resumes_and_repairs(scenes: Path, tmp_path: Path) -> None:
+    command = ("batch", scenes / "manifest.txt", "-o", tmp_path / "out", "--workers", 1)
+    done = tinysplat(*command)
+    assert done.returncode == 0, done.stderr
+    assert "2 of 2 scenes, 0 done before" in done.stdout
+    results = json.loads((tmp_path / "out/results.json").read_text())["scenes"]
+    for name, record in results.items():
+        data = (tmp_path / f"out/{name}.tsplat").read_bytes()
+        assert record["bytes"] == len(data) and record["sha256"] == hashlib.sha256(data).hexdigest()
+    assert ts.inspect((tmp_path / "out/s1.tsplat").read_bytes())["qp"] == 6
+    assert results["s0"]["worker"] == results["s1"]["worker"]
+    (tmp_path / "out/s1.tsplat").write_bytes(data[:100])
+    done = tinysplat(*command)
+    assert "2 of 2 scenes, 1 done before" in done.stdout
+    assert (tmp_path / "out/s1.tsplat").read_bytes() == data
+    assert "0 done before" in tinysplat(*command, "--qp", 3).stdout.replace("1 done before", "0 done before")
+
+
+def test_bad_batches_are_one_line(scenes: Path, tmp_path: Path) -> None:
+    manifest = tmp_path / "m.txt"
+
+    def fail(text: str | None, *options: object) -> str:
+        if text is not None:
+            manifest.write_text(text)
+        done = tinysplat("batch", manifest, "-o", tmp_path / "out", *options)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+        return done.stderr
+
+    assert "no such file" in fail(None)
+    assert "no scenes" in fail("\n# nothing\n")
+    assert "line 2: the name 's0' again, first in line 1" in fail(f"{scenes}/s0\n{scenes}/s0/\n")
+    assert "line 1: not JSON" in fail("{scene")
+    assert 'expected a scene\'s path or an object with "scene"' in fail("{}")
+    assert "unknown quality" in fail('{"scene": "a", "quality": 3}')
+    assert "name: '../x', expected a plain file name" in fail('{"scene": "a", "name": "../x"}')
+    assert "views: 3, expected a list" in fail('{"scene": "a", "views": 3}')
+    assert "an address is for --engine ray" in fail("a", "--address", "x")
+    assert "1 scenes failed, the first: " in fail(f"{scenes}/gone", "--workers", 1)
+    (tmp_path / "out/results.json").write_text("[]")
+    assert "results.json: not a batch's results" in fail("a")
+
+
+# ---- places ------------------------------------------------------------------------------------------------------
+
+
+def test_urls_are_read_and_written_through_fsspec(scenes: Path) -> None:
+    fsspec.filesystem("memory").put(str(scenes / "s0") + "/", "/in/s0/", recursive=True)
+    job = Job("s0", "memory://in/s0", "memory://out/s0.tsplat", Options())
+    record = {**encode(job), "status": "done", "fingerprint": job.fingerprint}
+    assert is_done(job, record)
+    data = read("memory://out/s0.tsplat")
+    assert data is not None and ts.inspect(data)["views"] == 2
+    write("memory://out/s0.tsplat", data[:-1])
+    assert not is_done(job, record) and not is_done(job, None)
+    assert fsspec.filesystem("memory").ls("/out", detail=False) == ["/out/s0.tsplat"]
+    with pytest.raises(InputError, match="nothing there"), local_folder("memory://in/gone"):
+        pass
+    with pytest.raises(InputError, match="nope"):
+        read("nope://x")
+
+
+def test_every_option_changes_the_fingerprint() -> None:
+    (plain,) = read_manifest("/a", "out", Options())
+    others = ['{"scene": "/a", "qp": 1}', '{"scene": "/a", "views": [0, 1]}', "/b/a", '{"scene": "/a", "size": [8, 8]}']
+    prints = {read_manifest(text, "out", Options())[0].fingerprint for text in others}
+    assert len(prints | {plain.fingerprint}) == 5

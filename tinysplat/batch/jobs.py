@@ -1,0 +1,179 @@
+"""One scene of a batch: what is to be done, how a worker does it, and what came of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import PurePosixPath
+from typing import Any
+
+from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
+from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.scenes import load_scene
+from tinysplat_runtime.viewchoice import choose_views
+
+from .storage import join, local_folder, read, write
+
+SUFFIX = ".tsplat"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How every scene of a batch is coded; a manifest's entry may set any of them for its scene.
+
+    Attributes:
+        views: indices, or None to take all, or `auto` of them.
+        auto: how many views to choose where `views` is None and there are more; 0 takes all.
+        size: (height, width) to resize photos to, or None.
+        near, far: depth range over the scene's own, or None.
+        model: network.
+        profile: of the codec.
+        qp: Q_g.
+    """
+
+    views: tuple[int, ...] | None = None
+    auto: int = 0
+    size: tuple[int, int] | None = None
+    near: float | None = None
+    far: float | None = None
+    model: str = DEFAULT_MODEL
+    profile: str = "balanced"
+    qp: float = 0.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """A scene to code.
+
+    Attributes:
+        name: of the output, unique in its batch.
+        scene: path or URL.
+        output: path or URL of the file.
+        options: how.
+    """
+
+    name: str
+    scene: str
+    output: str
+    options: Options = field(default_factory=Options)
+
+    @property
+    def fingerprint(self) -> str:
+        """Changes with the scene's place and every option."""
+        text = json.dumps([self.scene, dataclasses.asdict(self.options)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def encode(job: Job, threads: int = 1) -> dict[str, Any]:
+    """Do a job in this process, which keeps its graphs from job to job.
+
+    Returns:
+        The job's record: `bytes` and `sha256` of the file, `seconds`, `worker`.
+
+    Raises:
+        TinySplatError: the scene is at fault; another attempt would end the same way.
+        OSError: storage failed; another attempt may not.
+    """
+    start = time.perf_counter()
+    options, runtime = job.options, _runtime(threads)
+    with local_folder(job.scene) as folder:
+        scene = load_scene(folder, near=options.near, far=options.far)
+        if options.views is not None:
+            scene = scene.views(options.views)
+        elif options.auto and len(scene.frames) > options.auto:
+            scene = scene.views(choose_views(scene.cameras, *scene.depth_range(), options.auto))
+        if options.size is not None:
+            scene = scene.resized(*options.size)
+        data = runtime.compress(runtime.predict(scene, options.model), options.profile, options.qp)
+    write(job.output, data)
+    return {
+        "bytes": len(data),
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "seconds": round(time.perf_counter() - start, 3),
+        "worker": os.getpid(),
+    }
+
+
+def is_done(job: Job, record: dict[str, Any] | None) -> bool:
+    """Whether a record of an earlier run stands for this job and its file is whole."""
+    if not record or record.get("status") != "done" or record.get("fingerprint") != job.fingerprint:
+        return False
+    data = read(job.output)
+    if data is None or hashlib.sha256(data).hexdigest() != record.get("sha256"):
+        return False
+    try:
+        inspect_bytes(data)
+    except TinySplatError:
+        return False
+    return True
+
+
+def read_manifest(text: str, folder: str, defaults: Options, base: str = "") -> list[Job]:
+    """Jobs of a manifest: a scene per line, or per line a JSON object.
+
+    An object has `scene`, optionally `name`, and any of the options. Empty lines and lines that start with # are
+    ignored. Relative paths count from `base`.
+
+    Raises:
+        InputError: names the line at fault.
+    """
+    jobs: list[Job] = []
+    names: dict[str, int] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        try:
+            job = _job(line.strip(), folder, defaults, base)
+        except InputError as error:
+            raise error.within(f"line {number}") from None
+        if job.name in names:
+            raise InputError(f"the name '{job.name}' again, first in line {names[job.name]}; give one with \"name\"",
+                             where=f"line {number}")  # fmt: skip
+        names[job.name] = number
+        jobs.append(job)
+    if not jobs:
+        raise InputError("no scenes, expected one per line")
+    return jobs
+
+
+def _job(line: str, folder: str, defaults: Options, base: str) -> Job:
+    entry: Any = {"scene": line}
+    if line.startswith("{"):
+        try:
+            entry = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"not JSON ({str(error)[:60]})") from None
+    if not isinstance(entry, dict) or not isinstance(entry.get("scene"), str):
+        raise InputError('expected a scene\'s path or an object with "scene"')
+    scene = entry.pop("scene")
+    name = entry.pop("name", PurePosixPath(scene.rstrip("/")).name)
+    if not isinstance(name, str) or not name or PurePosixPath(name).name != name or name.startswith("."):
+        raise InputError(f"'{str(name)[:60]}', expected a plain file name", where="name")
+    unknown = sorted(set(entry) - {f.name for f in dataclasses.fields(Options)})
+    if unknown:
+        raise InputError(f"unknown {', '.join(unknown)[:80]}, expected options of `tinysplat batch`")
+    values: dict[str, Any] = {
+        key: _tuple(key, value) if key in ("views", "size") else value for key, value in entry.items()
+    }
+    place = scene if "://" in scene or scene.startswith("/") or not base else join(base, scene)
+    return Job(name, place, join(folder, name + SUFFIX), dataclasses.replace(defaults, **values))
+
+
+def _tuple(key: str, value: Sequence[int] | None) -> tuple[int, ...] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or not all(type(item) is int for item in value):
+        raise InputError(f"{str(value)[:40]}, expected a list of whole numbers", where=key)
+    return tuple(value)
+
+
+@lru_cache(maxsize=1)
+def _runtime(threads: int) -> Runtime:
+    return Runtime(threads=threads)

@@ -1,0 +1,80 @@
+"""A batch from manifest to results: skip what is done, run the rest, keep `results.json` true all along."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from tinysplat_runtime.errors import InputError
+
+from .engines import Outcome
+from .jobs import Job, is_done
+from .storage import join, read, write
+
+RESULTS = "results.json"
+
+WRITE_EVERY_S = 2.0
+"""The results are rewritten at most this often, and at the end; what is lost with them is coded again on resume."""
+
+Engine = Callable[[Sequence[Job]], Iterator[Outcome]]
+
+
+def run_batch(jobs: Sequence[Job], folder: str, engine: Engine, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Run what is not done yet.
+
+    Args:
+        jobs: all of the batch.
+        folder: where outputs and results go, path or URL.
+        engine: runs jobs and yields outcomes as they come.
+        progress: takes a line now and then.
+
+    Returns:
+        What `results.json` holds: `scenes` by name with `status` (done, failed), `output`, `bytes`, `sha256`,
+        `seconds`, `attempts`, `error`; and `done`, `failed`, `skipped`, `scenes_per_second` of this run.
+    """
+    place = join(folder, RESULTS)
+    earlier = _earlier(place)
+    records = {job.name: earlier[job.name] for job in jobs if is_done(job, earlier.get(job.name))}
+    skipped, left = len(records), [job for job in jobs if job.name not in records]
+    start = written = time.perf_counter()
+    finished = 0
+    for outcome in engine(left) if left else ():
+        records[outcome.job.name] = _record(outcome)
+        finished += 1
+        now = time.perf_counter()
+        if now - written >= WRITE_EVERY_S:
+            write(place, _document(jobs, records, skipped, finished / (now - start)))
+            written = now
+            progress(f"{skipped + finished}/{len(jobs)} scenes, {finished / (now - start):.2f} a second")
+    seconds = max(time.perf_counter() - start, 1e-9)
+    data = _document(jobs, records, skipped, finished / seconds)
+    write(place, data)
+    return dict(json.loads(data))
+
+
+def _earlier(place: str) -> dict[str, Any]:
+    data = read(place)
+    if data is None:
+        return {}
+    try:
+        scenes = json.loads(data)["scenes"]
+    except (ValueError, KeyError, TypeError):
+        raise InputError("not a batch's results; move it away to begin anew", where=place) from None
+    return scenes if isinstance(scenes, dict) else {}
+
+
+def _record(outcome: Outcome) -> dict[str, Any]:
+    job = outcome.job
+    record = {"status": "failed" if outcome.error else "done", "scene": job.scene, "output": job.output}
+    extra = {"error": outcome.error} if outcome.error else (outcome.record or {})
+    return {**record, **extra, "attempts": outcome.attempts, "fingerprint": job.fingerprint}
+
+
+def _document(jobs: Sequence[Job], records: dict[str, Any], skipped: int, rate: float) -> bytes:
+    ordered = {job.name: records[job.name] for job in jobs if job.name in records}
+    states = [record["status"] for record in ordered.values()]
+    totals = {"done": states.count("done"), "failed": states.count("failed"), "skipped": skipped}
+    document = {**totals, "of": len(jobs), "scenes_per_second": round(rate, 3), "scenes": ordered}
+    return (json.dumps(document, indent=1) + "\n").encode()

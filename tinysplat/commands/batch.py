@@ -1,0 +1,82 @@
+"""`tinysplat batch`: many scenes to files, on this machine's cores or on a Ray cluster."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from functools import partial
+
+from tinysplat.batch.engines import run_processes, run_ray
+from tinysplat.batch.jobs import Options, encode, read_manifest
+from tinysplat.batch.run import RESULTS, Engine, run_batch
+from tinysplat.batch.storage import join, read
+from tinysplat_runtime.api import DEFAULT_MODEL
+from tinysplat_runtime.cli import PROFILES, AutoViews, count, size, views
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.threads import available_cores
+
+HELP = "many scenes to files, here or on a Ray cluster"
+
+
+def configure(parser: ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.description = (
+        "Codes every scene of a manifest (a path or URL per line, or JSON objects with scene, name and options) to"
+        f" DIR/NAME.tsplat and keeps DIR/{RESULTS}. Run again, it skips what is done and valid."
+    )
+    parser.add_argument("manifest", metavar="MANIFEST", help="text file, a scene per line")
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder or URL (s3://, gs://, memory://)")
+    parser.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
+    parser.add_argument("--address", metavar="ADDRESS", help="a Ray cluster's; default: one started on this machine")
+    parser.add_argument("--workers", type=count, metavar="N", help="scenes at a time; default: all cores")
+    parser.add_argument("--attempts", type=count, default=3, metavar="N", help="per scene, if a worker dies; default 3")
+    parser.add_argument("--views", type=views, metavar="I,J|auto[:N]", help="views of every scene; default: all")
+    parser.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
+    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth, over the scenes' own")
+    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth, over the scenes' own")
+    parser.add_argument("--model", default=DEFAULT_MODEL, metavar="NAME|FILE.onnx", help="network")
+    parser.add_argument("--profile", choices=PROFILES, default="balanced", help="default: balanced")
+    parser.add_argument(
+        "--qp", type=float, default=0.0, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0"
+    )
+
+
+def run(args: Namespace) -> int:
+    """Run the batch; exit status 2 where scenes failed, with their number on standard error."""
+    if args.address and args.engine != "ray":
+        raise InputError("an address is for --engine ray", where="--address")
+    data = read(args.manifest)
+    if data is None:
+        raise InputError("no such file", where=args.manifest)
+    chosen = args.views
+    options = Options(
+        views=None if chosen is None or isinstance(chosen, AutoViews) else tuple(chosen),
+        auto=chosen.count if isinstance(chosen, AutoViews) else 0,
+        size=args.size, near=args.near, far=args.far, model=args.model, profile=args.profile, qp=args.qp,
+    )  # fmt: skip
+    base = args.manifest.rpartition("/")[0] or "."
+    try:
+        jobs = read_manifest(data.decode("utf-8", "replace"), args.output, options, base)
+    except InputError as error:
+        raise error.within(args.manifest) from None
+    quiet = args.quiet or not sys.stderr.isatty()
+    document = run_batch(
+        jobs, args.output, _engine(args), lambda line: None if quiet else print(f"\r{line}", end="", file=sys.stderr)
+    )
+    if not args.quiet:
+        place = join(args.output, RESULTS)
+        print(f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
+              f" {document['scenes_per_second']:.2f} scenes/s")  # fmt: skip
+    if document["failed"]:
+        first = next(r for r in document["scenes"].values() if r["status"] == "failed")
+        print(f"tinysplat: {document['failed']} scenes failed, the first: {first['error']}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _engine(args: Namespace) -> Engine:
+    workers = args.workers or available_cores()
+    work = partial(encode, threads=args.threads or 1)
+    if args.engine == "ray":
+        return partial(run_ray, work=work, workers=workers, attempts=args.attempts, address=args.address)
+    return partial(run_processes, work=work, workers=workers, attempts=args.attempts)
