@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .cameras import Camera
 from .codec.decoder import decode_gaussians
 from .codec.encoder import EncodeStats, SceneEncoder
+from .codec.lossless import encode_lossless
 from .codec.profiles import DEFAULT_PROFILE, find_profile
 from .codec.rate import encode_to_psnr, encode_to_size
 from .container.layout import Limits
@@ -95,6 +96,7 @@ class Runtime:
         *,
         target_size: int | None = None,
         target_psnr: float | None = None,
+        lossless: bool = False,
         drop_invalid: bool = False,
         stats: EncodeStats | None = None,
     ) -> bytes:
@@ -107,6 +109,7 @@ class Runtime:
             target_size: bytes of the file in place of `qp`: at most that many, and at least 97 % of it.
             target_psnr: dB of decoded against raw renders, the mean over the input views, in place of `qp`: at least
                 that many, and at most 0.2 more.
+            lossless: float16 planes, bit for bit (`codec.lossless` has the guarantee); profile and qp play no part.
             drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
             stats: filled with what coding measured.
 
@@ -115,7 +118,12 @@ class Runtime:
                 reached, or Gaussians of no pixels.
             NumericError: Gaussians with z ≤ 0.
         """
-        _check_targets(qp, target_size, target_psnr)
+        _check_targets(qp, target_size, target_psnr, lossless or None)
+        if lossless:
+            stats = stats or EncodeStats()
+            stats.mode = "lossless"
+            with stats.watch.stage("zlib"):
+                return encode_lossless(gaussians, self.store, threads=self.threads, drop_invalid=drop_invalid)
         encoder = SceneEncoder(
             gaussians, find_profile(profile), self.store, threads=self.threads, drop_invalid=drop_invalid, stats=stats
         )
@@ -152,7 +160,7 @@ class Runtime:
             ModelError, NumericError: as `predict` and `compress`.
         """
         stats = stats or EncodeStats()
-        check_options(mode, has_target=any(options.get(name) is not None for name in ("target_size", "target_psnr")))
+        check_options(mode, has_target=any(options.get(name) for name in ("target_size", "target_psnr", "lossless")))
         gaussians = gaussians or self.predict(scene, model, watch=stats.watch)
         network_seconds = stats.watch.seconds.get("network", 0.0)
         if mode == "gaussians":
@@ -226,8 +234,9 @@ class Runtime:
         return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
 
 
-def _check_targets(qp: float | None, size: int | None, psnr: float | None) -> None:
-    given = [name for name, value in (("qp", qp), ("target_size", size), ("target_psnr", psnr)) if value is not None]
+def _check_targets(qp: float | None, size: int | None, psnr: float | None, lossless: bool | None) -> None:
+    options = {"qp": qp, "target_size": size, "target_psnr": psnr, "lossless": lossless}
+    given = [name for name, value in options.items() if value is not None]
     if len(given) > 1:
         raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
     if size is not None and size < 1:
@@ -253,12 +262,14 @@ def compress(
     *,
     target_size: int | None = None,
     target_psnr: float | None = None,
+    lossless: bool = False,
     drop_invalid: bool = False,
 ) -> bytes:
     """A `.tsplat` file's bytes; see `Runtime.compress`."""
     return _shared().compress(
-        gaussians, profile, qp, target_size=target_size, target_psnr=target_psnr, drop_invalid=drop_invalid
-    )
+        gaussians, profile, qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless,
+        drop_invalid=drop_invalid,
+    )  # fmt: skip
 
 
 def encode(

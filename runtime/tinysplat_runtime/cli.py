@@ -153,6 +153,7 @@ def _coding() -> _Parser:
         metavar="DB",
         help="decoded against raw at the input views; met within 0.2 dB",
     )
+    rate.add_argument("--lossless", action="store_true", help="float16 planes bit for bit, for archiving")
     coding.add_argument(
         "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
     )

@@ -186,7 +186,8 @@ def _chosen_views(scene: Scene, views: Sequence[int] | AutoViews | None) -> Scen
 def _compress(
     args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats, scene: Scene | None = None
 ) -> None:
-    options = {"target_size": args.target_size, "target_psnr": args.target_psnr, "drop_invalid": args.drop_invalid}
+    names = ("target_size", "target_psnr", "lossless", "drop_invalid")
+    options = {name: getattr(args, name) for name in names}
     if scene is None:
         data = runtime.compress(gaussians, args.profile, args.qp, stats=stats, **options)
     else:

@@ -30,6 +30,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
     """
     container = read_container(data, limits, is_prefix=is_prefix)
     first = container.layers[0] if container.layers else None
+    layers = container.exact or container.layers
     camera = container.cameras[0]
     by_class, by_view = _bytes_by_class(container), _bytes_by_view(container)
     return {
@@ -42,8 +43,8 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "views": len(container.cameras),
         "height": camera.height,
         "width": camera.width,
-        "gaussians": sum(layer.gaussians for layer in container.layers) if first else None,
-        "sh_degree": first.degree if first else None,
+        "gaussians": sum(layer.gaussians for layer in layers) if layers else None,
+        "sh_degree": layers[0].degree if layers else None,
         "k": _k(first) if first else None,
         "bytes": container.total_bytes,
         "bytes_by_class": by_class,
@@ -80,6 +81,8 @@ def _bytes_by_class(container: Container) -> dict[str, int]:
         totals[plane_class.label] += length
     if container.photos is not None:
         totals["photos"] = len(container.photos.data)
+    if container.exact:
+        totals["exact"] = sum(len(layer.data) for layer in container.exact)
     return totals
 
 
@@ -89,6 +92,9 @@ def _bytes_by_view(container: Container) -> list[int]:
         totals[view] += length
     for view, stream in enumerate(container.photos.streams if container.photos else ()):
         totals[view] += stream.length
+    for layer in container.exact:
+        for number, stream in enumerate(layer.streams):
+            totals[number // layer.planes] += stream.length
     return totals
 
 

@@ -10,7 +10,7 @@ from golden_cases import DATA
 
 from tinysplat_runtime.codec.planes import PlaneClass
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.extras import NETWORK_FIXED, PHOTOS_FIXED
+from tinysplat_runtime.container.extras import EXACT_FIXED, NETWORK_FIXED, PHOTOS_FIXED
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
 _HEADING = "| offset | bytes | field | type | meaning and range | a reader must |"
@@ -39,6 +39,7 @@ STRUCTURES = {
     "stream": L.STREAM,
     "NETW": NETWORK_FIXED,
     "PHOT": PHOTOS_FIXED,
+    "EXAC": EXACT_FIXED,
 }
 """In the order of the page's tables."""
 

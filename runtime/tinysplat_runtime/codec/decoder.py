@@ -20,6 +20,7 @@ from ..reports import Stopwatch
 from .absent import PlaneRef, cut_off_planes, damaged_planes, first_picture_end, hidden_views, plane_name, stand_in_code
 from .hevc import PlaneDecoder
 from .hybrid import add_colors, as_codes, check_prediction, predicted_geometry
+from .lossless import decode_exact
 from .photos import decode_photos
 from .planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 
@@ -64,6 +65,8 @@ def decode_gaussians(
         if lost is not None:
             lost += [plane_name(container, ref) for ref in sorted(absent)]
         _check_something_is_left(container, absent)
+    if container.exact:
+        return _decode_exact(container, store, threads, watch)
     prediction = _predict(container, store, threads, model, watch) if container.photos else None
     if prediction is not None and not container.layers:
         return prediction
@@ -72,7 +75,9 @@ def decode_gaussians(
         with watch.stage("libavcodec"):
             geometry, colors = _decode_planes(container, index, threads, absent)
         with watch.stage("synthesis"):
-            layers.append(_synthesise(container, layer, geometry, colors, store, _of_layer(prediction, index, layer)))
+            layers.append(
+                _synthesise(container, layer, geometry, colors, store, _base(prediction, index, layer, store))
+            )
             if prediction is None:
                 layers[-1].opacities[hidden_views(layer, index, absent)] = 0
     return Gaussians.unchecked(
@@ -94,17 +99,42 @@ def _predict(container: Container, store: GraphStore, threads: int, model: str |
         return predict(images, container.cameras, network.near, network.far, graph)
 
 
-def _of_layer(prediction: Gaussians | None, index: int, layer: LayerHeader) -> Gaussians | None:
+def _base(
+    prediction: Gaussians | None, index: int, layer: LayerHeader, store: GraphStore
+) -> tuple[NDArray, NDArray] | None:
+    """Geometry and SH coefficients that a hybrid file's layer is added to."""
     if prediction is None:
         return None
     if index >= len(prediction.layers):
         raise FormatError(f"the network gives {len(prediction.layers)} layers", where=f"layer {index}")
     check_prediction(layer, prediction.layers[index], index)
-    return prediction.layers[index]
+    return predicted_geometry(store, prediction.layers[index], f"layer {index}"), prediction.layers[index].sh
+
+
+def _decode_exact(container: Container, store: GraphStore, threads: int, watch: Stopwatch) -> Gaussians:
+    layers = []
+    for index, exact in enumerate(container.exact):
+        with watch.stage("zlib"):
+            geometry, sh = decode_exact(exact, threads)
+        # A layer without channels: all that it is stands in the base.
+        header = LayerHeader(
+            exact.height, exact.width, 0, exact.degree, exact.depth_limits, 0.0, 1.0, True, exact.cameras, None, None,
+            None, 0, (),
+        )  # fmt: skip
+        ones = np.ones((len(exact.cameras), 1, exact.height, exact.width), np.uint16)
+        with watch.stage("synthesis"):
+            layer = _synthesise(container, header, ones, ones, store, (geometry, sh[..., :1, :]))
+        fields = {name: getattr(layer, name) for name in FIELDS} | {"sh": sh}
+        if not all(np.isfinite(array).all() for array in fields.values()):
+            raise FormatError("decodes to numbers beyond float32", where=f"layer {index}")
+        layers.append(Gaussians.unchecked(**fields, cameras=exact.cameras, origin=container.origin))
+    first = {name: getattr(layers[0], name) for name in FIELDS}
+    rest = tuple(layers[1:])
+    return Gaussians.unchecked(**first, cameras=container.cameras, origin=container.origin, extra_layers=rest)
 
 
 def _check_something_is_left(container: Container, absent: Collection[PlaneRef]) -> None:
-    if container.photos is not None:
+    if container.mode != "gaussians":
         return
     first = container.layers[0]
     if absent and len(hidden_views(first, 0, absent)) == len(first.cameras):
@@ -174,16 +204,19 @@ def _synthesise(
     geometry: NDArray,
     colors: NDArray,
     store: GraphStore,
-    prediction: Gaussians | None,
+    base: tuple[NDArray, NDArray] | None,
 ) -> Gaussians:
-    """Run the synthesis graph; dequantisation and all linear maps are folded into matrices in float64."""
+    """Run the synthesis graph; dequantisation and all linear maps are folded into matrices in float64.
+
+    `base` is what the codes are added to: geometry planes (V, 11, H, W) and SH coefficients.
+    """
     cameras = layer.cameras
     mix = _geometry_mix(layer, geometry.shape[1])
-    if prediction is not None:
-        codes, predicted_mix = as_codes(predicted_geometry(store, prediction, "prediction"))
+    if base is not None:
+        codes, base_mix = as_codes(base[0])
         geometry = np.concatenate([codes, geometry], axis=1)
-        mix[:, -1] += predicted_mix[:, -1]
-        mix = np.concatenate([predicted_mix[:, :-1], mix], axis=1)
+        mix[:, -1] += base_mix[:, -1]
+        mix = np.concatenate([base_mix[:, :-1], mix], axis=1)
     rotations = np.stack([camera.rotation.T for camera in cameras])
     quats = matrices_to_quats(rotations)
     if layer.reference_quats is not None:
@@ -204,8 +237,8 @@ def _synthesise(
         }
     )
     arrays["sh"] = arrays["sh"].reshape(*arrays["opacities"].shape, -1, 3)
-    if prediction is not None:
-        arrays["sh"] = add_colors(arrays["sh"], prediction.sh)
+    if base is not None:
+        arrays["sh"] = add_colors(arrays["sh"], base[1])
     return Gaussians.unchecked(**arrays, cameras=cameras, origin=container.origin)
 
 

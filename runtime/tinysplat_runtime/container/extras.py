@@ -1,17 +1,22 @@
-"""Sections of the modes beyond Gaussian planes: the network that a receiver runs, and the photos that it runs on.
+"""Sections of the modes beyond coded planes: a network and the photos that it runs on, or planes that are exact.
 
-Layout: docs/FORMAT.md, sections NETW and PHOT. Reading checks every number and length, as reader.py does.
+Layout: docs/FORMAT.md, sections NETW, PHOT and EXAC. Reading checks every number and length, as reader.py does.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from zlib import crc32
 
-from ..errors import FormatError
-from .layout import MAX_SIDE, PARAMETER_SETS, STREAM, StreamRef
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+from ..errors import FormatError, InputError
+from ..sh import MAX_SH_DEGREE
+from .layout import INTRINSICS, MAX_SIDE, PARAMETER_SETS, STREAM, StreamRef
 
 if TYPE_CHECKING:
     from .reader import Cursor
@@ -19,6 +24,13 @@ if TYPE_CHECKING:
 NETWORK = b"NETW"
 PHOTOS = b"PHOT"
 PHOTO_PICTURES = b"PICS"
+
+EXACT = b"EXAC"
+EXACT_PLANES = b"EXAP"
+
+EXACT_FIXED = struct.Struct("<IIB3sff32s")
+"""height, width, SH degree, reserved (0), least z, largest z, SHA-256 of the planes; then per view INTRINSICS, and per
+view and plane a STREAM."""
 
 NETWORK_FIXED = struct.Struct("<32s64sdd")
 """sha256 of the ONNX file, its name (ASCII, zero-padded), near, far in scene units."""
@@ -83,6 +95,62 @@ class PhotoHeader:
         return data
 
 
+@dataclass(frozen=True)
+class CodedExact:
+    """A layer of exact planes ready for the file: a payload per view and plane, views outermost."""
+
+    cameras: tuple[Camera, ...]
+    degree: int
+    depth_limits: tuple[float, float]
+    sha256: bytes
+    payloads: tuple[bytes, ...]
+
+
+@dataclass(frozen=True)
+class ExactLayer:
+    """A layer of exact planes of a file: its grid, and where its planes lie in `data`, views outermost."""
+
+    cameras: tuple[Camera, ...]
+    degree: int
+    depth_limits: tuple[float, float]
+    sha256: bytes
+    streams: tuple[StreamRef, ...]
+    data: memoryview
+
+    @property
+    def height(self) -> int:
+        """Rows of the grid."""
+        return self.cameras[0].height
+
+    @property
+    def width(self) -> int:
+        """Columns of the grid."""
+        return self.cameras[0].width
+
+    @property
+    def planes(self) -> int:
+        """Planes of a view."""
+        return exact_plane_count(self.degree)
+
+    @property
+    def gaussians(self) -> int:
+        """Gaussians of the layer."""
+        return len(self.cameras) * self.height * self.width
+
+    def payload(self, number: int) -> memoryview:
+        """One plane's bytes; FormatError if its CRC differs."""
+        stream = self.streams[number]
+        data = self.data[stream.offset : stream.offset + stream.length]
+        if crc32(data) != stream.crc:
+            raise FormatError("CRC differs: the bytes were altered", where=f"exact plane {number}")
+        return data
+
+
+def exact_plane_count(degree: int) -> int:
+    """Planes of a view: 12 of geometry, and all SH coefficients."""
+    return 12 + 3 * (degree + 1) ** 2
+
+
 def network_section(network: NetworkRef) -> tuple[bytes, int, bytes]:
     """The section that names a network; a longer name is cut."""
     name = network.name.encode("ascii", "replace")[:64]
@@ -98,6 +166,47 @@ def photo_sections(photos: CodedPhotos) -> list[tuple[bytes, int, bytes]]:
         (PARAMETER_SETS, PHOTO_PARAMETER_SET, photos.parameter_sets),
         (PHOTO_PICTURES, 0, b"".join(photos.payloads)),
     ]
+
+
+def exact_sections(layer: CodedExact, index: int) -> list[tuple[bytes, int, bytes]]:
+    """The sections of a layer of exact planes."""
+    first = layer.cameras[0]
+    fixed = EXACT_FIXED.pack(first.height, first.width, layer.degree, b"", *layer.depth_limits, layer.sha256)
+    matrices = [camera.K for camera in layer.cameras]
+    intrinsics = b"".join(INTRINSICS.pack(K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]) for K in matrices)
+    table = b"".join(STREAM.pack(len(payload), crc32(payload)) for payload in layer.payloads)
+    return [(EXACT, index, fixed + intrinsics + table), (EXACT_PLANES, index, b"".join(layer.payloads))]
+
+
+def read_exact(cursor: Cursor, poses: Sequence[NDArray], data: memoryview) -> ExactLayer:
+    """Parse and check an EXAC section; `data` are the bytes of its planes, `poses` c2w per view."""
+    height, width, degree, _, z_min, z_max, digest = cursor.unpack(EXACT_FIXED)
+    cursor.require(1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE, f"grid {width}x{height}, sides 1 to {MAX_SIDE}")
+    cursor.require(degree <= MAX_SH_DEGREE, f"SH degree {degree}, accepted are 0 to {MAX_SH_DEGREE}")
+    depths = f"depth limits {z_min:g} to {z_max:g}, expected positive and ordered"
+    cursor.require(1 / _MAX_DEPTH < z_min <= z_max < _MAX_DEPTH, depths)
+    cameras = []
+    for view, c2w in enumerate(poses):
+        fx, fy, cx, cy, skew = cursor.unpack(INTRINSICS)
+        try:
+            cameras.append(Camera([[fx, skew, cx], [0, fy, cy], [0, 0, 1]], c2w, width, height))  # type: ignore[arg-type]
+        except InputError as error:
+            where = f"{cursor.section.label}: view {view}: {error.where}"
+            raise FormatError(error.message, where=where) from None
+    streams = _read_streams(cursor, len(poses) * exact_plane_count(degree), data)
+    return ExactLayer(tuple(cameras), degree, (z_min, z_max), digest, streams, data)
+
+
+def _read_streams(cursor: Cursor, count: int, data: memoryview) -> tuple[StreamRef, ...]:
+    """The table at a section's end: `count` lengths, which add up to that of `data`, with CRCs."""
+    streams, end = [], 0
+    for _ in range(count):
+        length, crc = cursor.unpack(STREAM)
+        streams.append(StreamRef(end, length, crc))
+        end += length
+    cursor.finish()
+    cursor.require(end == len(data), f"{len(data)} bytes behind it, {end} announced")
+    return tuple(streams)
 
 
 def read_network(cursor: Cursor) -> NetworkRef:
@@ -117,11 +226,5 @@ def read_photos(cursor: Cursor, views: int, data: memoryview) -> PhotoHeader:
     cursor.require(1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE, sides)
     cursor.require(pixel_format == YCC_420_10, f"photo format {pixel_format} is unknown")
     cursor.require(qp <= 51, f"QP {qp}, accepted are 0 to 51")
-    streams, end = [], 0
-    for _ in range(views):
-        length, crc = cursor.unpack(STREAM)
-        streams.append(StreamRef(end, length, crc))
-        end += length
-    cursor.finish()
-    cursor.require(end == len(data), f"{len(data)} bytes of pictures, {end} announced")
-    return PhotoHeader(height, width, qp, parameter_set, tuple(streams), data)
+    streams = _read_streams(cursor, views, data)
+    return PhotoHeader(height, width, qp, parameter_set, streams, data)

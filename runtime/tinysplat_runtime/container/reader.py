@@ -22,7 +22,19 @@ from ..errors import FormatError, InputError
 from ..sh import MAX_SH_DEGREE
 from . import layout as L
 from .bounds import check_ranges, decoding_bytes
-from .extras import NETWORK, PHOTO_PICTURES, PHOTOS, NetworkRef, PhotoHeader, read_network, read_photos
+from .extras import (
+    EXACT,
+    EXACT_PLANES,
+    NETWORK,
+    PHOTO_PICTURES,
+    PHOTOS,
+    ExactLayer,
+    NetworkRef,
+    PhotoHeader,
+    read_exact,
+    read_network,
+    read_photos,
+)
 
 
 @dataclass(frozen=True)
@@ -92,6 +104,7 @@ class Container:
         streams: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
         plane_sections: the sections that hold pictures of planes, in the file's order.
         network: the network that the receiver runs on `photos`; both or neither.
+        exact: layers of exact planes, in place of `layers`.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
     """
 
@@ -107,10 +120,15 @@ class Container:
     total_bytes: int
     network: NetworkRef | None = None
     photos: PhotoHeader | None = None
+    exact: tuple[ExactLayer, ...] = ()
 
     @property
     def mode(self) -> str:
-        """`gaussians`; `photos`, which a network turns into them; `hybrid`, whose planes correct what it gives."""
+        """`gaussians`; `photos`, which a network turns into them; `hybrid`, whose planes correct what it gives;
+        `lossless`.
+        """
+        if self.exact:
+            return "lossless"
         return "gaussians" if self.photos is None else "hybrid" if self.layers else "photos"
 
     def holds(self, layer: int, channel: L.ChannelRecord, view: int) -> bool:
@@ -185,8 +203,9 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     _require(math.isfinite(qp), scene, "Q_g is not finite")
     _require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
     poses = _read_cameras(_only(sections, L.CAMERAS), views)
+    exact = _read_exact_layers(sections, n_layers, [c2w for _, c2w in poses], limits)
     layers, pixels, memory = [], 0, 0
-    for index in range(n_layers):
+    for index in range(0 if exact else n_layers):
         layer = _read_layer(_only(sections, L.LAYER, index), index, poses)
         pixels += layer.gaussians
         memory += decoding_bytes(layer)
@@ -199,7 +218,7 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
             )
         check_ranges(layer, np.array(origin), where)
         layers.append(layer)
-    height, width = _grid(layers, photos, views, limits)
+    height, width = _grid(exact or layers, photos, views, limits)
     cameras = tuple(Camera(K, c2w, width, height) for K, c2w in poses)
     streams = {(c, i): _joined(sections, c, i, layer) for i, layer in enumerate(layers) for c in _coded(layer)}
     sets = {s.index: _verified(s) for s in sections if s.kind == L.PARAMETER_SETS}
@@ -211,7 +230,7 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     planes = tuple(s for s in sections if s.kind in _PLANE_KINDS)
     return Container(
         version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, planes, total,
-        network, photos,
+        network, photos, exact,
     )  # fmt: skip
 
 
@@ -223,7 +242,28 @@ def _read_photo_mode(sections: list[Section], views: int) -> tuple[NetworkRef | 
     return network, read_photos(Cursor(_only(sections, PHOTOS)), views, pictures.data)
 
 
-def _grid(layers: Sequence[LayerHeader], photos: PhotoHeader | None, views: int, limits: L.Limits) -> tuple[int, int]:
+def _read_exact_layers(
+    sections: list[Section], count: int, poses: Sequence[NDArray], limits: L.Limits
+) -> tuple[ExactLayer, ...]:
+    if EXACT not in {section.kind for section in sections}:
+        return ()
+    layers = []
+    pixels = memory = 0
+    for index in range(count):
+        planes = _only(sections, EXACT_PLANES, index)
+        layer = read_exact(Cursor(_only(sections, EXACT, index)), poses, planes.data)
+        pixels += layer.gaussians
+        memory += 12 * layer.gaussians * layer.planes  # float16, float64 and float32 at a time
+        if pixels > limits.max_pixels or memory > limits.max_memory_bytes:
+            found = f"{pixels} Gaussians, {memory} bytes to decode: over --max-pixels or --max-memory"
+            raise FormatError(found, where=f"section EXAC[{index}]")
+        layers.append(layer)
+    return tuple(layers)
+
+
+def _grid(
+    layers: Sequence[LayerHeader] | Sequence[ExactLayer], photos: PhotoHeader | None, views: int, limits: L.Limits
+) -> tuple[int, int]:
     """Height and width of layer 0, which the photos share where there are any."""
     if photos is None:
         return layers[0].height, layers[0].width
@@ -274,7 +314,8 @@ def _read_table(view: memoryview, is_prefix: bool) -> tuple[tuple[int, int], int
 
 
 _PLANE_KINDS = frozenset(L.PLANES.values())
-_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, NETWORK, PHOTOS, PHOTO_PICTURES, *_PLANE_KINDS}
+_MODE_KINDS = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES, EXACT, EXACT_PLANES})
+_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *_MODE_KINDS, *_PLANE_KINDS}
 
 
 def _only(sections: list[Section], kind: bytes, index: int = 0) -> Section:

@@ -56,12 +56,15 @@ def write_container(
     profile: str,
     qp: float,
     extras: Sequence[tuple[bytes, int, bytes]] = (),
+    *,
+    layer_count: int | None = None,
 ) -> bytes:
     """The file: metadata first, then planes such that every prefix gives as good a picture as it can.
 
-    `extras` are the sections of a mode (`extras.py`), which stand between the two.
+    `extras` are the sections of a mode (`extras.py`), which stand between the two; `layer_count` is how many layers
+    they hold where `layers` are none.
     """
-    scene = L.SCENE_FIXED.pack(len(cameras), len(layers), qp, *origin, profile.encode("ascii"))
+    scene = L.SCENE_FIXED.pack(len(cameras), layer_count or len(layers), qp, *origin, profile.encode("ascii"))
     sections: list[tuple[bytes, int, bytes]] = [
         (L.SCENE, 0, scene),
         (L.CAMERAS, 0, b"".join(_camera(camera) for camera in cameras)),

@@ -1,0 +1,156 @@
+"""`--lossless`: planes come back bit for bit, and nothing else is accepted for them."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import make_smooth_gaussians
+from sections import file_of, sections_of
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.codec.lossless import decode_exact, exact_planes, pack, unpack
+from tinysplat_runtime.container import extras
+from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import FormatError, InputError, NumericError
+from tinysplat_runtime.inference import GraphStore
+
+
+@pytest.fixture(scope="module")
+def gaussians():
+    return make_smooth_gaussians(2, 19, 26, degree=2, layers=2)
+
+
+@pytest.fixture(scope="module")
+def data(gaussians):
+    return ts.compress(gaussians, lossless=True)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 9), st.integers(1, 9), st.randoms(use_true_random=False))
+def test_any_bits_come_back_from_any_grid(height, width, random):
+    bits = np.array([random.randrange(1 << 16) for _ in range(height * width)], np.uint16).reshape(height, width)
+    assert (unpack(pack(bits.view(np.float16)), (height, width), "").view(np.uint16) == bits).all()
+
+
+def test_planes_come_back_bit_for_bit(gaussians, data):
+    container = read_container(data)
+    for layer, exact in zip(gaussians.layers, container.exact, strict=True):
+        planes, _ = exact_planes(GraphStore(), layer, drop_invalid=False, where="")
+        geometry, sh = decode_exact(exact, threads=2)
+        assert (geometry[:, 1:] == planes[:, 2:12].astype(np.float64)).all()
+        assert (geometry[:, 0] == planes[:, 0].astype(np.float64) + planes[:, 1]).all()
+        assert (sh == np.moveaxis(planes[:, 12:], 1, -1).reshape(sh.shape)).all()
+
+
+def test_gaussians_differ_by_no_more_than_float16_rounds(gaussians, data):
+    for a, b in zip(gaussians.layers, ts.decompress(data).layers, strict=True):
+        np.testing.assert_allclose(b.means, a.means, atol=2e-3)
+        np.testing.assert_allclose(b.scales, a.scales, rtol=2e-3)
+        np.testing.assert_allclose(b.opacities, a.opacities, atol=5e-4)
+        assert (b.sh == a.sh.astype(np.float16)).all()
+        depth = [np.linalg.norm(layer.means[0] - layer.cameras[0].centre, axis=-1) for layer in (a, b)]
+        np.testing.assert_allclose(depth[1], depth[0], rtol=2e-4)
+
+
+def test_coding_what_was_decoded_loses_nothing_more_but_rounding(data):
+    once = ts.decompress(data)
+    twice = ts.decompress(ts.compress(once, lossless=True))
+    assert (once.sh == twice.sh).all()
+    np.testing.assert_allclose(once.opacities, twice.opacities, atol=5e-4)
+
+
+def test_bytes_do_not_depend_on_threads(gaussians, data):
+    assert ts.Runtime(threads=1).compress(gaussians, lossless=True) == data
+
+
+def test_info_says_lossless_and_adds_up(gaussians, data):
+    described = ts.inspect(data)
+    assert (described["mode"], described["gaussians"], described["sh_degree"]) == ("lossless", gaussians.count, 2)
+    assert described["bytes"] == sum(described["bytes_by_class"].values()) + described["metadata_bytes"]
+    assert sum(described["bytes_by_view"]) == described["bytes_by_class"]["exact"]
+
+
+@pytest.mark.parametrize("options", [{"qp": 0}, {"target_size": 1000}, {"target_psnr": 40.0}])
+def test_lossless_contradicts_a_rate(gaussians, options):
+    with pytest.raises(InputError, match="lossless"):
+        ts.compress(gaussians, lossless=True, **options)
+
+
+def test_values_beyond_float16_are_refused():
+    g = make_smooth_gaussians(1, 8, 8, degree=0)
+    g.sh[0, 3, 4, 0, 1] = 1e5
+    with pytest.raises(NumericError, match="float16"):
+        ts.compress(g, lossless=True)
+
+
+def test_any_flipped_bit_is_a_format_error(data):
+    rng = np.random.default_rng(0)
+    for position in rng.choice(len(data), 60, replace=False):
+        damaged = bytearray(data)
+        damaged[position] ^= 1 << rng.integers(8)
+        with pytest.raises(FormatError):
+            ts.decompress(bytes(damaged))
+
+
+def test_truncation_is_a_format_error(data):
+    for length in range(0, len(data), 211):
+        with pytest.raises(FormatError):
+            read_container(data[:length])
+
+
+def _with_planes(data: bytes, change) -> bytes:
+    """The file with every plane's bytes changed, lengths and checksums right."""
+    sections = sections_of(data)
+    layers = read_container(data).exact
+    for section in sections:
+        layer = layers[section[2]] if section[0] in (extras.EXACT, extras.EXACT_PLANES) else None
+        if layer is None:
+            continue
+        payloads = [change(bytes(layer.payload(n))) for n in range(len(layer.streams))]
+        if section[0] == extras.EXACT_PLANES:
+            section[3] = b"".join(payloads)
+        else:
+            table = b"".join(L.STREAM.pack(len(p), zlib.crc32(p)) for p in payloads)
+            section[3] = section[3][: -len(table)] + table
+    return file_of(sections)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda payload: zlib.compress(b"\0" * 10),
+        lambda payload: zlib.compress(b"\0" * 100_000),
+        lambda payload: payload + b"\0",
+        lambda payload: payload[:-1],
+        lambda payload: b"",
+        lambda payload: zlib.compress(zlib.decompress(payload)[::-1]),
+    ],
+    ids=["too short", "a bomb", "bytes behind", "cut", "empty", "other planes"],
+)
+def test_planes_that_are_not_those_written_are_format_errors(data, change):
+    with pytest.raises(FormatError):
+        ts.decompress(_with_planes(data, change))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [(0, 0), (1, 1 << 17), (2, 9), (4, float("nan")), (4, -1.0), (5, float("inf")), (6, bytes(32))]
+)
+def test_impossible_headers_are_refused(data, field, value):
+    sections = sections_of(data)
+    section = next(s for s in sections if s[0] == extras.EXACT)
+    values = list(extras.EXACT_FIXED.unpack(section[3][: extras.EXACT_FIXED.size]))
+    values[field] = value
+    section[3] = extras.EXACT_FIXED.pack(*values) + section[3][extras.EXACT_FIXED.size :]
+    with pytest.raises(FormatError):
+        ts.decompress(file_of(sections))
+
+
+def test_limits_hold_for_exact_planes_too(data, gaussians):
+    for limits in (L.Limits(max_pixels=gaussians.count - 1), L.Limits(max_memory_bytes=1000)):
+        with pytest.raises(FormatError, match="--max"):
+            read_container(data, limits)
