@@ -186,6 +186,15 @@ def _selection() -> _Parser:
     return selection
 
 
+def _provider() -> _Parser:
+    provider = _Parser(add_help=False)
+    provider.add_argument(
+        "--provider", metavar="NAME",
+        help="onnxruntime's execution provider, such as CUDA, before the CPU's; `tinysplat doctor` lists them",
+    )  # fmt: skip
+    return provider
+
+
 def _prefix() -> _Parser:
     prefix = _Parser(add_help=False)
     prefix.add_argument(
@@ -211,7 +220,10 @@ def build_parser() -> tuple[_Parser, Commands]:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
     common, coding, limits, prefix = _common(), _coding(), _limits(), _prefix()
 
-    encode = commands.add_parser("encode", parents=[common, coding], help="photos and cameras to a .tsplat file")
+    provider = _provider()
+    encode = commands.add_parser(
+        "encode", parents=[common, coding, provider], help="photos and cameras to a .tsplat file"
+    )
     encode.add_argument(
         "scene", metavar="SCENE", nargs="+",
         help="folder with cameras.json, transforms.json or COLMAP's sparse/; a RealEstate10K .txt; two stereo photos",
@@ -234,7 +246,7 @@ def build_parser() -> tuple[_Parser, Commands]:
     encode.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
 
     compress = commands.add_parser(
-        "compress", parents=[common, coding], help="Gaussians of any network to a .tsplat file"
+        "compress", parents=[common, coding, provider], help="Gaussians of any network to a .tsplat file"
     )
     compress.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
     compress.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
@@ -243,13 +255,15 @@ def build_parser() -> tuple[_Parser, Commands]:
 
     selection = _selection()
     decode = commands.add_parser(
-        "decode", parents=[common, limits, prefix, selection], help="a .tsplat file back to Gaussians"
+        "decode", parents=[common, limits, prefix, selection, provider], help="a .tsplat file back to Gaussians"
     )
     decode.add_argument("file", metavar="F.tsplat")
     decode.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors, .ply, .spz or .sog")
     decode.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
 
-    render = commands.add_parser("render", parents=[common, limits, prefix], help="a picture or a video of Gaussians")
+    render = commands.add_parser(
+        "render", parents=[common, limits, prefix, provider], help="a picture or a video of Gaussians"
+    )
     render.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
     render.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
     render.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
@@ -263,7 +277,7 @@ def build_parser() -> tuple[_Parser, Commands]:
 
     convert = commands.add_parser(
         "convert",
-        parents=[common, limits, prefix, selection],
+        parents=[common, limits, prefix, selection, provider],
         help="Gaussian files to other formats, cut, moved or joined",
     )
     convert.add_argument("files", nargs="+", metavar="IN", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
@@ -279,6 +293,9 @@ def build_parser() -> tuple[_Parser, Commands]:
 
     models = commands.add_parser("models", parents=[common], help="the networks and graphs at hand")
     models.add_argument("--json", action="store_true", help="as JSON")
+
+    doctor = commands.add_parser("doctor", parents=[common], help="what is installed, and what is wrong with it")
+    doctor.add_argument("--json", action="store_true", help="as JSON")
     return parser, commands
 
 

@@ -18,6 +18,8 @@ from .cameras import Camera
 from .cli import AutoViews
 from .codec.encoder import EncodeStats
 from .conversion import convert, selected, write
+from .doctor import examine
+from .doctor import text as doctor_text
 from .errors import InputError, TinySplatError
 from .files import read_limited, write_atomically
 from .gaussians import FIELDS, Gaussians
@@ -33,6 +35,7 @@ from .opening import (
     is_in_part,
     limited_runtime,
     load_any,
+    providers,
 )  # fmt: skip
 from .progress import progress
 from .render import Renderer, between, orbit
@@ -48,7 +51,7 @@ ALL_VIEWS = range(2, 7)
 DEEPEST = 65535
 """Largest value of a depth map's 16 bits."""
 
-__all__ = ["compress", "convert", "decode", "encode", "info", "models", "render"]
+__all__ = ["compress", "convert", "decode", "doctor", "encode", "info", "models", "render"]
 
 
 def encode(args: Namespace) -> None:
@@ -56,7 +59,7 @@ def encode(args: Namespace) -> None:
     scene = _chosen_views(_scene(args), args.views)
     if args.size:
         scene = scene.resized(*args.size)
-    runtime, watch = Runtime(threads=args.threads), Stopwatch()
+    runtime, watch = Runtime(threads=args.threads, providers=providers(args)), Stopwatch()
     gaussians = runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch)
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
@@ -72,7 +75,7 @@ def compress(args: Namespace) -> None:
     cameras = load_cameras(args.cameras) if args.cameras else None
     gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
     try:
-        _compress(args, Runtime(threads=args.threads), gaussians, EncodeStats())
+        _compress(args, Runtime(threads=args.threads, providers=providers(args)), gaussians, EncodeStats())
     except TinySplatError as error:
         raise error.within(args.gaussians) from None
 
@@ -141,6 +144,14 @@ def info(args: Namespace) -> None:
     except TinySplatError as error:
         raise error.within(args.file) from None
     print(json.dumps(described, indent=2) if args.json else info_text(args.file, described))
+
+
+def doctor(args: Namespace) -> None:
+    """What is installed, and what is wrong with it; InputError where something is."""
+    report = examine()
+    print(json.dumps(report, indent=2) if args.json else doctor_text(report))
+    if report["wrong"]:
+        raise InputError(f"{len(report['wrong'])} things are wrong, the first: {report['wrong'][0]}", where="doctor")
 
 
 def models(args: Namespace) -> None:

@@ -29,9 +29,18 @@ def is_in_part(args: Namespace) -> bool:
     return args.max_bytes is not None or bool(args.partial)
 
 
+def providers(args: Namespace) -> tuple[str, ...]:
+    """`--provider` in onnxruntime's spelling, and the CPU behind it."""
+    cpu = "CPUExecutionProvider"
+    if not args.provider:
+        return (cpu,)
+    name = args.provider if args.provider.endswith("ExecutionProvider") else f"{args.provider}ExecutionProvider"
+    return tuple(dict.fromkeys((name, cpu)))
+
+
 def limited_runtime(args: Namespace) -> Runtime:
     """A runtime with the options that commands share."""
-    return Runtime(threads=args.threads, limits=file_limits(args))
+    return Runtime(threads=args.threads, providers=providers(args), limits=file_limits(args))
 
 
 def decompress_named(runtime: Runtime, data: bytes, args: Namespace, watch: Stopwatch) -> Gaussians:

@@ -1,0 +1,52 @@
+"""`doctor` and `--provider`: what an installation is made of, and what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from scenes import make_smooth_gaussians
+
+import tinysplat_runtime as ts
+
+SCRIPT = Path(sys.executable).with_name("tinysplat")
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def tinysplat(*arguments: object, models: Path = MODELS) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "TINYSPLAT_MODELS": str(models)}
+    command = [str(SCRIPT), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=environment)
+
+
+def test_a_sound_installation_has_nothing_wrong() -> None:
+    done = tinysplat("doctor", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["wrong"] == [] and "CPUExecutionProvider" in report["providers"]
+    assert report["codecs"]["libx265"] == "encoder" and report["codecs"]["hevc"] == "decoder"
+    assert report["packages"]["numpy"] and report["extras"]["io"] == "installed"
+    assert "as the manifest says" in report["models"]["sweep"]
+    assert tinysplat("doctor").stdout.rstrip().endswith("nothing is wrong")
+
+
+def test_an_altered_model_is_named(tmp_path: Path) -> None:
+    models = tmp_path / "models"
+    shutil.copytree(MODELS, models)
+    (models / "sweep.onnx").write_bytes(b"altered")
+    done = tinysplat("doctor", models=models)
+    assert done.returncode == 2 and "sweep.onnx: sha256" in done.stderr and done.stderr.count("\n") == 1
+    assert "WRONG: " in done.stdout
+
+
+def test_providers_are_asked_for_by_name(tmp_path: Path) -> None:
+    ts.save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 16, 16))
+    done = tinysplat("compress", tmp_path / "g.npz", "-o", tmp_path / "g.tsplat", "--provider", "CPU")
+    assert done.returncode == 0, done.stderr
+    done = tinysplat("decode", tmp_path / "g.tsplat", "-o", tmp_path / "d.npz", "--provider", "Nope")
+    assert done.returncode == 2 and "NopeExecutionProvider is not in this onnxruntime" in done.stderr
+    assert done.stderr.count("\n") == 1
