@@ -5,7 +5,7 @@ DEMO_VENV := .venv-demo
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo dev test test-slow lint format export golden clean
+.PHONY: help demo dev test test-slow lint format export docs golden clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -34,6 +34,10 @@ export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python export/transforms.py
 	$(VENV)/bin/python export/network.py sweep
 
+docs: $(VENV)/.installed  ## the documentation site in site/, without a network once installed
+	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[docs]"
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict -q
+
 golden: $(VENV)/.installed  ## rewrite the golden files; a reviewed decision, with its reason in the changelog
 	$(VENV)/bin/python tests/golden/regenerate.py
 
@@ -50,4 +54,4 @@ $(DEMO_VENV)/.installed: pyproject.toml
 	touch $@
 
 clean:  ## remove environments and outputs
-	rm -rf $(VENV) $(DEMO_VENV) demo_out build dist *.egg-info
+	rm -rf $(VENV) $(DEMO_VENV) demo_out site build dist *.egg-info

@@ -31,7 +31,7 @@ _CODECS = (("libx265", "w"), ("hevc", "r"), ("png", "r"), ("mjpeg", "r"), ("libx
 
 
 def examine() -> dict[str, Any]:
-    """A JSON-ready account of versions, machine, providers, codecs, models, extras and programs; `wrong` a line each."""
+    """JSON-ready: versions, machine, providers, codecs, models, extras, programs, and in `wrong` a line per fault."""
     wrong: list[str] = []
     report: dict[str, Any] = {
         "tinysplat": __version__,

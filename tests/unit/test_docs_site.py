@@ -1,0 +1,57 @@
+"""The documentation site's sources: the menu and the guides lead somewhere, the references are complete."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from tinysplat_runtime.cli import build_parser
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+GUIDES = ("index", "TUTORIAL", "CLI", "FORMATS", "BATCH", "EDGE", "API", "FAQ")
+
+
+@pytest.fixture(scope="module")
+def hooks() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_hooks", DOCS / "site_hooks.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_entry_of_the_menu_is_a_page() -> None:
+    listed = re.findall(r": (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), flags=re.MULTILINE)
+    assert len(listed) > 10 and all((DOCS / name).exists() for name in listed)
+
+
+def test_links_of_the_guides_lead_somewhere() -> None:
+    pages = [DOCS / f"{name}.md" for name in GUIDES]
+    links = [(page, link) for page in pages for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text())]
+    assert len(links) > 10
+    dead = [f"{page.name}: {link}" for page, link in links if "://" not in link and not (page.parent / link).exists()]
+    assert dead == []
+
+
+def test_the_reference_has_every_command_and_option(hooks: ModuleType) -> None:
+    text = hooks.on_page_markdown((DOCS / "CLI.md").read_text(), page=None)
+    _, commands = build_parser()
+    for name, parser in commands.choices.items():
+        assert f"## {name}\n" in text
+        for action in parser._actions:
+            assert all(option in text for option in action.option_strings)
+
+
+def test_names_of_the_python_reference_exist() -> None:
+    names = re.findall(r"^::: ([\w.]+)$", (DOCS / "API.md").read_text(), flags=re.MULTILINE)
+    assert len(names) > 10
+    for name in names:
+        if not (ROOT / "runtime" / f"{name.replace('.', '/')}.py").exists():  # not a module
+            module, _, attribute = name.rpartition(".")
+            assert hasattr(importlib.import_module(module), attribute), name
