@@ -19,6 +19,7 @@ from tinysplat_runtime.codec.profiles import ADAPTIVE
 from tinysplat_runtime.codec.quantize import choose_code_map
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.inspection import inspect_bytes
 from tinysplat_runtime.render import Renderer
 
 
@@ -119,6 +120,19 @@ def test_without_windows_steps_are_the_stated_ones(layers):
 def test_any_grid_can_be_measured(store, views, size):
     gaussians = make_smooth_gaussians(views, *size, degree=0)
     assert all(step > 0 for step in scene_steps(_prepared(gaussians, store), ADAPTIVE)[0].values())
+
+
+def test_sh_bands_that_nobody_sees_are_left_out_and_listed():
+    scene = make_smooth_gaussians(2, 24, 32, degree=2)
+    weights = np.repeat([1, 1, 1e-5], [1, 3, 5]).astype(np.float32)
+    runtime = Runtime(threads=1)
+    data = runtime.compress(replace(scene, sh=scene.sh * weights[:, None]))
+    assert runtime.decompress(data).degree == 1
+    described = inspect_bytes(data)
+    entry = described["left_out"][0]
+    assert (entry["what"], entry["kept"], entry["of"]) == ("sh degree", 1, 2)
+    assert entry["bytes_saved"] == 2 * described["k"] * 3 * (9 - 4)
+    assert runtime.decompress(runtime.compress(scene, qp=-6)).degree == 2
 
 
 def test_bytes_do_not_depend_on_threads():
