@@ -27,7 +27,7 @@ DEPTH_EXPONENT = 1.0
 _SHAPE = (PlaneClass.SCALE, PlaneClass.ROTATION, PlaneClass.OFFSET)
 """Classes measured together, as they matter little and by the same things: the size and opacity of Gaussians."""
 
-_OCTAVES = np.arange(-16, 25) / 4  # steps tried, relative to the default
+_OCTAVES = np.arange(-16, 9) / 4  # steps tried, relative to the default
 _LEAST_DAMAGE = 1e-12
 _HALVINGS = 40
 
@@ -57,7 +57,8 @@ def equal_slope_steps(
     Args:
         layers: planes.
         probe: of the same layers.
-        defaults: steps to start from; the ones chosen lie within 2^−4 to 2^6 of them.
+        defaults: steps to start from; the ones chosen lie within 2^−4 to 2^2 of them: windows are
+            a sample, and what does not show in them may show elsewhere.
         sensitivity: picture error per squared error, by class; divides what classes do that are measured together.
         target: mean squared picture error wanted of all classes together.
 
