@@ -22,10 +22,10 @@ def on_page_markdown(markdown: str, page: object, **_: object) -> str:
 
 
 def _reference() -> str:
-    from tinysplat_runtime.cli import _join, build_parser
+    from tinysplat_runtime.cli import build_parser, join_commands
 
     parser, commands = build_parser()
-    _join(commands, [])  # those of other packages too
+    join_commands(commands, [])  # those of other packages too
     helps = {action.dest: action.help for action in commands._choices_actions}
     parts = [f"```text\n{_help(parser)}```"]
     for name, command in sorted(commands.choices.items()):

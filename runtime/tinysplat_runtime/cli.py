@@ -1,7 +1,7 @@
 """The command line: argument parsing, and errors as one line with an exit status. What commands do: commands.py.
 
 Exit status: 0 done, 2 the input is at fault (one line on standard error), 130 interrupted, 1 a fault of ours.
-Commands outside the runtime join through the entry-point group `tinysplat.commands`; see `_join`.
+Commands outside the runtime join through the entry-point group `tinysplat.commands`; see `join_commands`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,14 @@ MODES = ("gaussians", "photos", "hybrid", "auto")  # modes.py says what they are
 
 ENTRY_POINTS = "tinysplat.commands"
 
-EXTRAS = {"eval": "eval", "bench": "eval", "compare": "eval", "poses": "poses", "batch": "cluster"}
+EXTRAS = {
+    "eval": "eval",
+    "bench": "eval",
+    "compare": "eval",
+    "poses": "poses",
+    "batch": "cluster",
+    "completion": "completion",
+}
 """Commands that an extra brings, for the message when it is not installed."""
 
 
@@ -330,7 +337,7 @@ def _run(arguments: list[str]) -> int:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # libraries' notes to programmers; what users need to know is an error
     parser, commands = build_parser()
-    joined = _join(commands, arguments)
+    joined = join_commands(commands, arguments)
     args = parser.parse_args(arguments)
     if args.command in joined:
         return joined[args.command](args) or 0
@@ -341,7 +348,7 @@ def _run(arguments: list[str]) -> int:
     return 0
 
 
-def _join(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:
+def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:
     """Add the commands of other packages, but only when one of them, or the list of all, is asked for.
 
     An entry point of the group names a module with `HELP`, `configure(parser)` and `run(args)`.

@@ -1,14 +1,16 @@
-"""`doctor` and `--provider`: what an installation is made of, and what is wrong with it."""
+"""`doctor`, `--provider` and `completion`: what an installation is made of, and what is wrong with it."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
@@ -41,6 +43,13 @@ def test_an_altered_model_is_named(tmp_path: Path) -> None:
     done = tinysplat("doctor", models=models)
     assert done.returncode == 2 and "sweep.onnx: sha256" in done.stderr and done.stderr.count("\n") == 1
     assert "WRONG: " in done.stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_completions_know_commands_and_options(shell: str) -> None:
+    done = tinysplat("completion", shell)
+    assert done.returncode == 0, done.stderr
+    assert {"encode", "convert", "batch", "--min-opacity"} <= set(re.findall(r"--[a-z-]+|[a-z]+", done.stdout))
 
 
 def test_providers_are_asked_for_by_name(tmp_path: Path) -> None:
