@@ -5,7 +5,7 @@ DEMO_VENV := .venv-demo
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo dev test test-slow lint format export docs golden clean
+.PHONY: help demo dev test test-slow test-ranges fuzz lint format export docs golden clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -20,6 +20,12 @@ test: $(VENV)/.installed  ## all tests (under 15 minutes on 2 cores)
 
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
 	$(VENV)/bin/python -m pytest -q -m slow
+
+test-ranges: $(VENV)/.installed  ## the runtime at the oldest and newest versions of what it depends on (needs the network)
+	$(VENV)/bin/python .ci/ranges.py
+
+fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.8 million damaged files, about 20 minutes of one core
+	PYTHONPATH=tests $(VENV)/bin/python -m hostile.campaign
 
 lint: $(VENV)/.installed  ## ruff and mypy
 	$(VENV)/bin/ruff check .

@@ -1,0 +1,68 @@
+"""Test the runtime at both ends of its dependencies' ranges: the oldest and newest versions that pyproject.toml allows.
+
+    python .ci/ranges.py [oldest] [newest]        # both, when none is named; `make test-ranges`
+
+Makes a virtual environment for each end, installs the project with the extra `io` and pytest, prints the versions that
+it got, and runs the tests that need nothing else. Takes a few minutes and the network.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+import tomllib
+
+ROOT = Path(__file__).resolve().parents[1]
+
+TESTS = ("tests/e2e/test_cli.py", "tests/unit/test_container.py", "tests/unit/test_hevc.py", "tests/unit/test_files.py")
+"""The whole chain from the command line, the container, and libx265 and libavcodec through PyAV."""
+
+
+def requirements(end: str) -> list[str]:
+    """The base dependencies at one end of their ranges, for instance `numpy==1.26.0`."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        listed = tomllib.load(file)["project"]["dependencies"]
+    if end == "newest":
+        return listed
+    return [requirement.split(",")[0].replace(">=", "==") for requirement in listed]
+
+
+def run(end: str) -> int:
+    """Test one end; the status of pytest or pip."""
+    with tempfile.TemporaryDirectory() as folder:
+        venv.create(folder, with_pip=True)
+        python = str(Path(folder) / "bin" / "python")
+        install = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+        # In one call, so that the project's own ranges and the pins have to agree; old wheels of av need no compiler.
+        command = [
+            *install,
+            "--only-binary",
+            ":all:",
+            *requirements(end),
+            f"{ROOT}[io]",
+            "pytest>=8,<10",
+            "pytest-timeout",
+            "hypothesis",
+        ]
+        status = subprocess.run(command, check=False).returncode
+        if status:
+            return status
+        names = ("numpy", "onnxruntime", "av")
+        shown = subprocess.run([python, "-m", "pip", "freeze"], capture_output=True, text=True, check=True).stdout
+        print(f"{end}: " + ", ".join(line for line in shown.splitlines() if line.split("==")[0] in names), flush=True)
+        options = ["-q", "-p", "no:cacheprovider", "-W", "default"]  # old versions warn about what newer ones mended
+        return subprocess.run([python, "-m", "pytest", *options, *TESTS], cwd=ROOT, check=False).returncode
+
+
+def main() -> int:
+    """Test the ends that are named; the first status that is not 0."""
+    ends = sys.argv[1:] or ["oldest", "newest"]
+    return max(run(end) for end in ends)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
