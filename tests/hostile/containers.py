@@ -14,6 +14,7 @@ from zlib import crc32
 from sections import sections_of
 
 from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.extras import EXACT, EXACT_FIXED
 from tinysplat_runtime.container.reader import read_container
 
 from .damage import VALUES, damage
@@ -103,7 +104,7 @@ def damage_section(seed: Seed, rng: Random) -> bytes:
 def place_field(seed: Seed, rng: Random) -> bytes:
     """One field of the metadata at a value that readers break at, everything else right."""
     parts = list(seed.parts)
-    i = rng.choice([i for i, p in enumerate(parts) if p.kind in (L.SCENE, L.CAMERAS, L.LAYER) and p.data])
+    i = rng.choice([i for i, p in enumerate(parts) if p.kind in (L.SCENE, L.CAMERAS, L.LAYER, EXACT) and p.data])
     data = bytearray(parts[i].data)
     fields = _FIELDS.get(parts[i].kind)
     if fields and rng.random() < 0.7:
@@ -179,6 +180,8 @@ def damage_container(seed: Seed, rng: Random) -> bytes:
 
 def damage_pictures(seed: Seed, rng: Random) -> bytes:
     """Pictures or parameter sets damaged, every checksum on the way to libavcodec right."""
+    if not seed.pictures:  # exact planes: sections of their own
+        return damage_section(seed, rng)
     parts = list(seed.parts)
     if rng.random() < 0.25:
         i = rng.choice([i for i, p in enumerate(parts) if p.kind == L.PARAMETER_SETS])
@@ -230,4 +233,5 @@ _FIELDS = {
     L.SCENE: _field_offsets(L.SCENE_FIXED),
     L.CAMERAS: _field_offsets(L.CAMERA),
     L.LAYER: _field_offsets(L.LAYER_FIXED),
+    EXACT: _field_offsets(EXACT_FIXED),
 }

@@ -22,7 +22,8 @@ from .containers import Seed
 
 @lru_cache(maxsize=1)
 def tsplat_seeds() -> tuple[Seed, ...]:
-    """Files of 16×16 and less: both ways to code, one and two layers, one to three views, SH degree 0 to 2."""
+    """Files of 16×16 and less: both ways to code, one and two layers, one to three views, SH degree 0 to 2;
+    and one of exact planes."""
     cases = [
         (make_smooth_gaussians(1, 5, 7, 0), "paper"),
         (make_smooth_gaussians(2, 16, 16, 1), "paper"),
@@ -31,7 +32,9 @@ def tsplat_seeds() -> tuple[Seed, ...]:
         (make_smooth_gaussians(3, 8, 12, 0), "balanced"),
     ]
     runtime = ts.Runtime(threads=1)
-    return tuple(Seed.of(runtime.compress(g, profile)) for g, profile in cases)
+    files = [runtime.compress(g, profile) for g, profile in cases]
+    files.append(runtime.compress(make_smooth_gaussians(1, 6, 8, 0), lossless=True))
+    return tuple(Seed.of(data) for data in files)
 
 
 def _written(suffix: str, write: Callable[[Path], object]) -> bytes:
