@@ -157,6 +157,21 @@ def test_positions_beyond_what_float64_resolves_are_refused_without_a_warning(se
         Camera(np.eye(3), c2w, 4, 4)
 
 
+def test_reference_rotations_whose_length_overflows_are_refused_without_a_warning(seed: Seed) -> None:
+    for value in (1e30, -3e38):
+        with pytest.raises(FormatError, match="length 1"):
+            read_container(_changed(seed, L.LAYER, _field((L.LAYER_FIXED.size, "<f4"), value)))
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_float64_beyond_float32_is_refused_by_name_without_a_warning(name: str) -> None:
+    g = make_smooth_gaussians(1, 2, 2, 0)
+    arrays = {field: getattr(g, field).astype(np.float64) for field in FIELDS}
+    arrays[name][0, 1, 1] = 1e39
+    with pytest.raises(InputError, match=name):
+        ts.Gaussians(**arrays, cameras=g.cameras)
+
+
 def test_scenes_that_no_file_can_hold_are_refused_when_they_are_encoded() -> None:
     """Every Gaussian is in range; a file whose codes mix their depth and offset could decode to 1e32."""
     g = make_smooth_gaussians(1, 8, 8, 0)
