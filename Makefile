@@ -42,7 +42,7 @@ export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 
 docs: $(VENV)/.installed  ## the documentation site in site/, without a network once installed
 	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[docs]"
-	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict -q
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
 
 golden: $(VENV)/.installed  ## rewrite the golden files; a reviewed decision, with its reason in the changelog
 	$(VENV)/bin/python tests/golden/regenerate.py

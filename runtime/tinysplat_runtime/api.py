@@ -149,8 +149,11 @@ class Runtime:
         """Photos to a `.tsplat` file's bytes.
 
         Args:
-            scene, model: see `predict`.
-            profile, qp, options: see `compress`.
+            scene: see `predict`.
+            model: see `predict`.
+            profile: see `compress`.
+            qp: see `compress`.
+            **options: see `compress`.
             mode: what the file carries: gaussians, photos, hybrid or auto (`modes` says what they are).
             gaussians: what `predict` made of the scene, if that is at hand.
             stats: filled with what coding measured, the mode, and why `auto` came to it.
