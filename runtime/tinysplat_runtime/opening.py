@@ -47,7 +47,7 @@ def decompress_named(runtime: Runtime, data: bytes, args: Namespace, watch: Stop
     """Gaussians of a .tsplat file's bytes; errors name `args.file`, and so does the line that says what is lost."""
     lost: list[str] | None = [] if args.partial else None
     try:
-        gaussians = runtime.decompress(data, max_bytes=args.max_bytes, lost=lost, watch=watch)
+        gaussians = runtime.decompress(data, max_bytes=args.max_bytes, lost=lost, model=args.model, watch=watch)
     except TinySplatError as error:
         raise error.within(args.file) from None
     if lost:

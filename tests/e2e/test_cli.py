@@ -149,6 +149,17 @@ def test_photo_and_hybrid_files_go_through_every_command(scene, tmp_path):
         succeed("render", file, "-o", tmp_path / "x.png")
 
 
+def test_the_network_for_a_file_of_photos_can_be_given(scene, tmp_path):
+    own = tmp_path / "mine.onnx"
+    own.write_bytes((Path(__file__).resolve().parents[2] / "models" / "sweep.onnx").read_bytes() + b"\xd0\x7d\x01")
+    file = tmp_path / "p.tsplat"
+    succeed("encode", scene, "-o", file, "--mode", "photos", "--model", own)
+    message = fail("decode", file, "-o", tmp_path / "g.npz")
+    assert "'mine'" in message and "--model" in message
+    succeed("decode", file, "-o", tmp_path / "g.npz", "--model", own)
+    assert "sweep.onnx" in fail("decode", file, "-o", tmp_path / "h.npz", "--model", "sweep")
+
+
 def test_auto_says_what_it_chose_and_why(scene, tmp_path):
     printed = succeed("encode", scene, "-o", tmp_path / "a.tsplat", "--mode", "auto", "--report", tmp_path / "r.json")
     report = json.loads((tmp_path / "r.json").read_text())
