@@ -38,7 +38,6 @@ def measure(file: str, profile: str, points: int) -> dict:
     return {"file": Path(file).stem, "profile": profile, "bytes": len(data), "curve": curve, "prefixes": prefixes}
 
 
-
 def plot(rows: list[dict], path: Path) -> None:
     """Curves of all files, with a mark at the end of every section."""
     import matplotlib
