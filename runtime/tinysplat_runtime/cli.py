@@ -7,11 +7,15 @@ Commands outside the runtime join through the entry-point group `tinysplat.comma
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from types import FrameType
 from typing import NoReturn, TypeAlias
 
 from . import __version__
@@ -311,6 +315,37 @@ _EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
+    with _interrupts() as noticed:
+        try:
+            return _answered(argv)
+        except Exception:
+            if noticed:  # C code on the way may have made another error of it, as numpy's import does
+                return 130
+            raise
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Interrupts that came while the block ran; each raises KeyboardInterrupt as it always does."""
+    noticed: list[int] = []
+
+    def notice(number: int, frame: FrameType | None) -> None:
+        noticed.append(number)
+        signal.default_int_handler(number, frame)
+
+    is_ours = threading.current_thread() is threading.main_thread()
+    if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield noticed
+        return
+    signal.signal(signal.SIGINT, notice)
+    try:
+        yield noticed
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _answered(argv: Sequence[str] | None) -> int:
+    """Run a command, its errors as one line."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         return _run(arguments)
