@@ -40,6 +40,11 @@ export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python export/transforms.py
 	$(VENV)/bin/python export/network.py sweep
 
+viewer: tinysplat/viewer/libraries.js.gz  ## what the page of `tinysplat view` is drawn with, by npm; wheels carry it
+
+tinysplat/viewer/libraries.js.gz: export/viewer/package.json export/viewer/libraries.js
+	cd export/viewer && npm install --no-audit --no-fund --silent && npm run --silent build
+
 docs: $(VENV)/.installed  ## the documentation site in site/, without a network once installed
 	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[docs]"
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict

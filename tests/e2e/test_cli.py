@@ -323,7 +323,7 @@ def test_outputs_that_cannot_be_written_are_named(encoded, tmp_path):
     assert "nowhere" in fail("decode", encoded["file"], "-o", tmp_path / "nowhere" / "g.npz")
     (tmp_path / "folder.npz").mkdir()
     assert "folder.npz" in fail("decode", encoded["file"], "-o", tmp_path / "folder.npz")
-    assert ".spz" in fail("decode", encoded["file"], "-o", tmp_path / "g.spz")
+    assert ".splats" in fail("decode", encoded["file"], "-o", tmp_path / "g.splats")
     assert ".jpg" in fail("render", encoded["file"], "-o", tmp_path / "g.jpg")
 
 

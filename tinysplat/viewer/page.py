@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.editing import cut_degree, similarity
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.images import png_bytes
 from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
@@ -54,6 +55,9 @@ def build_page(
 
     Returns:
         HTML that loads nothing from anywhere.
+
+    Raises:
+        InputError: the viewer's libraries have not been built.
     """
     moved, views = _upright(gaussians, cameras)
     columns = _columns(moved)
@@ -71,9 +75,21 @@ def build_page(
         title=html.escape(title),
         scene=json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element
         arrays=base64.b64encode(gzip.compress(packed, mtime=0)).decode(),
-        libraries=base64.b64encode(_file("libraries.js.gz")).decode(),
+        libraries=base64.b64encode(libraries()).decode(),
         viewer=_text("viewer.js"),
     )
+
+
+def libraries() -> bytes:
+    """The gzipped script with three.js and Spark that every page carries.
+
+    Raises:
+        InputError: it has not been built; it is no part of the source tree, which holds nobody else's code.
+    """
+    path = importlib.resources.files(__package__) / "libraries.js.gz"
+    if not path.is_file():
+        raise InputError("not built in this installation; `make viewer` builds it, with node and npm", where=str(path))
+    return path.read_bytes()
 
 
 def _upright(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[Gaussians, list[Camera]]:
@@ -136,9 +152,5 @@ def _byte_planes(column: NDArray) -> bytes:
     return np.ascontiguousarray(column.view(np.uint8).reshape(len(column), -1).T).tobytes()
 
 
-def _file(name: str) -> bytes:
-    return (importlib.resources.files(__package__) / name).read_bytes()
-
-
 def _text(name: str) -> str:
-    return _file(name).decode("utf-8")
+    return (importlib.resources.files(__package__) / name).read_text("utf-8")
