@@ -45,6 +45,13 @@ def _predict(path: Path, runtime: Runtime, model: str) -> Callable[[], Any]:
     return lambda: runtime.predict(scene, model)
 
 
+def _predict_in_torch(path: Path, runtime: Runtime, checkpoint: str) -> Callable[[], Any]:
+    from .official import checkpoint_task  # brings torch, which would weigh on the other tasks
+
+    scene = load_scene(path)
+    return lambda: checkpoint_task(Path(checkpoint), runtime.threads, scene)
+
+
 def _encode(path: Path, runtime: Runtime, profile: str) -> Callable[[], Any]:
     gaussians = load_gaussians(path)
     return lambda: runtime.compress(gaussians, profile, drop_invalid=True)
@@ -63,6 +70,7 @@ def _render(path: Path, runtime: Runtime, size: str) -> Callable[[], Any]:
 
 TASKS: dict[str, Callable[[Path, Runtime, str], Callable[[], Any]]] = {
     "network": _predict,
+    "checkpoint": _predict_in_torch,
     "encode": _encode,
     "decode": _decode,
     "render": _render,
