@@ -7,6 +7,7 @@ Values are smooth wherever the depth map is: every plane of the codec is a smoot
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -78,7 +79,7 @@ def surface_slopes(inverse_depth: Tensor, rays: Tensor, K: Tensor) -> Tensor:
 
 
 def pixel_layer(
-    images: Tensor, K_unit: Tensor, c2w: Tensor, inverse_depth: Tensor, opacities: Tensor, footprint: float
+    images: Tensor, K_unit: Tensor, c2w: Tensor, inverse_depth: Tensor, opacities: Tensor, footprint: float | Tensor
 ) -> GaussianLayer:
     """One Gaussian per pixel on the surface, its mean on the ray through the pixel's centre.
 
@@ -91,7 +92,7 @@ def pixel_layer(
         c2w: (V, 4, 4).
         inverse_depth: (V, 1, H, W), > 0.
         opacities: (V, 1, H, W) in [0, 1].
-        footprint: standard deviation on a frontal surface, pixels.
+        footprint: standard deviation on a frontal surface, pixels; one number or (V, 1, H, W).
     """
     height, width = images.shape[2:]
     K = pixel_intrinsics(K_unit, height, width)
@@ -139,6 +140,23 @@ class CoarseSettings:
     hidden_recede: float = 0.85
 
 
+@dataclass(frozen=True)
+class CoarseChanges:
+    """What a learned network changes in the second layer: maps (V, n, h, w) on its grid, ring included.
+
+    Attributes:
+        inverse_depth: factor, n = 1.
+        width: factor, n = 1.
+        opacity: added to the logit, n = 1.
+        colour: added, n = 3.
+    """
+
+    inverse_depth: Tensor
+    width: Tensor
+    opacity: Tensor
+    colour: Tensor
+
+
 def coarse_layer(
     images: Tensor,
     K_unit: Tensor,
@@ -147,6 +165,7 @@ def coarse_layer(
     far: Tensor,
     pairs: ViewPairs,
     settings: CoarseSettings,
+    changes: CoarseChanges | None = None,
 ) -> GaussianLayer:
     """One wide, round Gaussian per cell at the farthest depth nearby, continued past the frame.
 
@@ -158,6 +177,7 @@ def coarse_layer(
         far: (V,) far plane.
         pairs: every view with every other.
         settings: sizes and factors.
+        changes: to the construction, or None.
 
     Returns:
         A layer of (H / cell + 2·ring, W / cell + 2·ring) Gaussians with its own K.
@@ -171,6 +191,12 @@ def coarse_layer(
     behind = functional.pad(farthest, (ring,) * 4, mode="replicate") * ring_factor
     least = (settings.farthest / far)[:, None, None, None]
     colours = functional.pad(colours, (ring,) * 4, mode="replicate")
+    opacity: Tensor | float = settings.opacity
+    width_px: Tensor | float = settings.width
+    if changes is not None:
+        behind, colours = behind * changes.inverse_depth, colours + changes.colour
+        logit = math.log(settings.opacity / (1 - settings.opacity))
+        opacity, width_px = torch.sigmoid(logit + changes.opacity), settings.width * changes.width
 
     shift = torch.tensor([[0.0, 0.0, ring], [0.0, 0.0, ring], [0.0, 0.0, 0.0]])
     K = pixel_intrinsics(K_unit, height, width) + shift
@@ -180,13 +206,13 @@ def coarse_layer(
     behind = torch.maximum(_behind_others(behind, terms, inverse_depth, pairs, settings.hidden_recede), least)
     covered = (ring_factor < 1) * _seen_elsewhere(behind, terms, pairs)
     depth = 1 / behind
-    scale = settings.width / cell * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
+    scale = width_px / cell * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
     grid = (-1, height + 2 * ring, width + 2 * ring)
     return GaussianLayer(
         unproject(rays, depth, c2w).permute(0, 2, 3, 1),
         rotation_quats(c2w[:, :3, :3])[:, None, None].expand(*grid, 4),
         scale.permute(0, 2, 3, 1).expand(*grid, 3),
-        (settings.opacity * (1 - covered))[:, 0],
+        (opacity * (1 - covered))[:, 0],
         _degree_zero(colours),
         K,
     )

@@ -169,10 +169,10 @@ class Sweep(nn.Module):
             level, agreement, witnesses.sweep_terms(rays, K), witnesses, sweep, settings
         )
 
-        level = align_photos(_double(level), images, K, pairs, sweep, settings.alignment)
+        level = align_photos(double(level), images, K, pairs, sweep, settings.alignment)
         inverse_depth = sweep.at(level)
         colours = images + settings.sharpening * (images - box_mean(images, 3))
-        surface = pixel_layer(colours, K, c2w, inverse_depth, _double(opacities), settings.footprint)
+        surface = pixel_layer(colours, K, c2w, inverse_depth, double(opacities), settings.footprint)
         coarse = coarse_layer(colours, K, c2w, inverse_depth, far, witnesses, settings.coarse)
         return *surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]
 
@@ -236,7 +236,7 @@ def soft_argmin(costs: Tensor, sharpness: float) -> Tensor:
     return (weights * index).sum(dim=1, keepdim=True) / weights.sum(dim=1, keepdim=True) / (count - 1)
 
 
-def _error_in_sources(
+def error_in_sources(
     level: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, *further: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """How far the points of `level` (V, 1, h, w) lie before what each source sees at their place.
@@ -260,7 +260,7 @@ def cross_view_agreement(
 
     The best source counts. A pixel that no source has in its frame gets `unseen_agreement`.
     """
-    error, seen, _ = _error_in_sources(level, terms, pairs, sweep)
+    error, seen, _ = error_in_sources(level, terms, pairs, sweep)
     agreement = pairs.by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
     anywhere = pairs.by_view(seen).amax(dim=1)
     return torch.where(anywhere > 0, agreement, settings.unseen_agreement).clamp_min(1e-3)
@@ -282,7 +282,7 @@ def opacities_from_agreement(
         terms, pairs, sweep, settings: as for `cross_view_agreement`.
     """
     trust = settings.trust
-    error, seen, witness = _error_in_sources(level, terms, pairs, sweep, matched)
+    error, seen, witness = error_in_sources(level, terms, pairs, sweep, matched)
     in_front = ((error - trust.intrusion_from) / trust.intrusion_ramp).clamp(0, 1)
     intrusion = pairs.by_view(in_front * seen * witness.clamp(trust.least_witness, 1.0)).amax(dim=1)
     agreement = pairs.by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
@@ -319,5 +319,6 @@ def align_photos(
     return level
 
 
-def _double(maps: Tensor) -> Tensor:
+def double(maps: Tensor) -> Tensor:
+    """Maps (V, C, h, w) at twice the resolution, bilinear."""
     return functional.interpolate(maps, scale_factor=2.0, mode="bilinear", align_corners=False)

@@ -1,0 +1,381 @@
+"""`edge`: a small learned network that starts from `sweep` and corrects it.
+
+The analytic part is `sweep`'s: matching costs, semi-global aggregation, filling, agreement between views, and Gaussians
+by construction. A U-Net at half resolution sees the costs and what the analysis made of them, and adds to the logits
+over inverse-depth candidates; a learned convex upsampling keeps depth edges sharp; a head at full resolution changes
+depth, opacity, footprint and colour within bounds, and a small one the coarse layer. The last layer of every head
+starts at zero, so that the untrained network is the analysis and training can only move it from there.
+
+Convex upsampling is after Teed and Deng, "RAFT" (2020), section 3.3.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from .aggregation import box_mean, fill_uncertain, local_contrast, path_costs
+from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
+from .pairs import ViewPairs
+from .surfels import CoarseChanges, coarse_layer, pixel_layer
+from .sweep import (
+    MAX_VIEWS,
+    MIN_VIEWS,
+    OUTPUT_NAMES,
+    AlignmentSettings,
+    InverseDepths,
+    SweepSettings,
+    align_photos,
+    cross_view_agreement,
+    double,
+    error_in_sources,
+    matching_costs,
+    opacities_from_agreement,
+    soft_argmin,
+)
+
+__all__ = ["MAX_VIEWS", "MIN_SIDE", "MIN_VIEWS", "OUTPUT_NAMES", "STRIDE", "Edge", "EdgeSettings"]
+
+STRIDE = 16
+"""Image sides are multiples of it: the U-Net's coarsest grid."""
+
+MIN_SIDE = 32
+
+WINDOW = 2
+"""Candidates on each side of the best that the expected depth is taken over."""
+
+OPACITY_CAP = 0.65
+"""Bound on a surface Gaussian's opacity: changes of depth order by coding stay small (`TrustSettings.opacity`)."""
+
+
+@dataclass(frozen=True)
+class EdgeSettings:
+    """Sizes and bounds.
+
+    Attributes:
+        analysis: the analytic part.
+        widths: channels at 1/2, 1/4, 1/8 and 1/16 resolution.
+        fine: channels that the U-Net hands to each pixel of full resolution.
+        head: channels of the head at full resolution.
+        likelihood: fall of a candidate's input value with its aggregated cost.
+        contrast: factor on raw costs less their mean over candidates, as an input.
+        prior_width: standard deviation of the analytic depth's prior over candidates, candidates.
+        prior_floor: lowest log value of that prior.
+        depth_reach: bound on the head's change of depth, candidates.
+        colour_reach: bound on the change of colour.
+        log_footprint_reach: bound on the change of the logarithm of the footprint.
+        coarse: channels of the coarse layer's head.
+        coarse_blurs: sides of the boxes, cells, whose mean colours a coarse Gaussian may turn to.
+        coarse_reach: bounds on the changes of the logarithms of the coarse layer's inverse depth and width.
+    """
+
+    analysis: SweepSettings = field(
+        default_factory=lambda: SweepSettings(candidates=32, alignment=AlignmentSettings(steps=1))
+    )
+    widths: tuple[int, int, int, int] = (32, 64, 96, 96)
+    fine: int = 8
+    head: int = 16
+    likelihood: float = 3.0
+    contrast: float = 8.0
+    prior_width: float = 0.7
+    prior_floor: float = -8.0
+    depth_reach: float = 1.0
+    colour_reach: float = 0.15
+    log_footprint_reach: float = 1.2
+    coarse: int = 32
+    coarse_blurs: tuple[int, int] = (9, 33)
+    coarse_reach: tuple[float, float] = (0.5, 0.7)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What the analytic part finds at half resolution; no gradient flows into it.
+
+    Attributes:
+        cost: (V, D, h, w) matching costs.
+        paths: (V, D, h, w) aggregated costs, less their minimum over candidates.
+        level: (V, 1, h, w) filled depth, a level of `InverseDepths`.
+        agreement: (V, 1, h, w) of views, before filling.
+    """
+
+    cost: Tensor
+    paths: Tensor
+    level: Tensor
+    agreement: Tensor
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What training needs beside the Gaussians.
+
+    Attributes:
+        outputs: the tensors named by `OUTPUT_NAMES`.
+        logits: (V, D, h, w) over candidates, half resolution.
+        level: (V, 1, H, W) final depth as a level of `depths`.
+        depths: the swept range.
+        footprint: (V, 1, H, W) pixels.
+        opacity: (V, 1, H, W).
+        colours: (V, 3, H, W).
+    """
+
+    outputs: tuple[Tensor, ...]
+    logits: Tensor
+    level: Tensor
+    depths: InverseDepths
+    footprint: Tensor
+    opacity: Tensor
+    colours: Tensor
+
+
+class Residual(nn.Module):
+    """x + two convolutions, the second of which starts at zero; ReLU at the end."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first, self.second = _convolution(channels, channels), _zero(_convolution(channels, channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(V, C, h, w) to the same."""
+        return functional.relu(x + self.second(functional.relu(self.first(x))))
+
+
+class UNet(nn.Module):
+    """Features at the input's resolution and at half of it, with context from an eighth."""
+
+    def __init__(self, inputs: int, widths: tuple[int, int, int, int]) -> None:
+        super().__init__()
+        self.entry = _convolution(inputs, widths[0])
+        self.down = nn.ModuleList(_convolution(a, b, stride=2) for a, b in pairwise(widths))
+        self.encode = nn.ModuleList(Residual(width) for width in widths)
+        self.lateral = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in pairwise(widths))
+        self.decode = nn.ModuleList(Residual(width) for width in widths[:-1])
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """(V, C, h, w), sides multiples of 8, to (V, widths[0], h, w) and (V, widths[1], h / 2, w / 2)."""
+        levels = [self.encode[0](functional.relu(self.entry(x)))]
+        for down, encode in zip(self.down, self.encode[1:], strict=True):
+            levels.append(encode(functional.relu(down(levels[-1]))))
+        coarse = levels.pop()
+        decoded = [coarse]
+        for lateral, decode in zip(reversed(self.lateral), reversed(self.decode), strict=True):
+            decoded.append(decode(functional.relu(levels.pop() + double(lateral(decoded[-1])))))
+        return decoded[-1], decoded[-2]
+
+
+class CoarseHead(nn.Module):
+    """Changes of the coarse layer, on its own grid: what is at the frame's border is continued into the ring.
+
+    Three convolutions, dilated further and further, see how far a cell lies beyond the frame and what is there. Where
+    nothing is known the mean colour of a neighbourhood is the better guess, so a cell's colour may turn to it.
+    """
+
+    def __init__(self, features: int, settings: EdgeSettings) -> None:
+        super().__init__()
+        self.settings = settings
+        width = settings.coarse
+        self.reduce = nn.Conv2d(features, width - 4, 1)
+        self.mix = nn.ModuleList(_convolution(width + 8 * (step == 1), width, dilation=step) for step in (1, 3, 9))
+        self.out = _zero(nn.Conv2d(width, 6 + len(settings.coarse_blurs), 1))
+
+    def forward(self, features: Tensor, known: Tensor) -> CoarseChanges:
+        """Changes on the padded grid from features (V, C, h, w) and colour and level (V, 4, h, w) of the cells."""
+        s, ring = self.settings, self.settings.analysis.coarse.ring
+        padding = (ring,) * 4
+        maps = functional.pad(torch.cat([self.reduce(features), known], dim=1), padding, mode="replicate")
+        colours = maps[:, -4:-1]
+        blurs = [box_mean(colours, side) for side in s.coarse_blurs]
+        inside = functional.pad(torch.ones_like(known[:, :1]), padding)
+        near = box_mean(inside, 2 * ring + 1)  # falls with the distance from the frame
+        x = torch.cat([maps, *(blur - colours for blur in blurs), inside, near.expand_as(inside)], dim=1)
+        for layer in self.mix:
+            x = functional.relu(layer(x))
+        change = torch.tanh(self.out(x))
+        depth_reach, width_reach = s.coarse_reach
+        colour = s.colour_reach * change[:, 3:6]
+        for i, blur in enumerate(blurs):
+            colour = colour + change[:, 6 + i : 7 + i] * (blur - colours)
+        return CoarseChanges(
+            torch.exp(depth_reach * change[:, :1]), torch.exp(width_reach * change[:, 1:2]), 3 * change[:, 2:3], colour
+        )
+
+
+class Edge(nn.Module):
+    """Posed photos to two layers of Gaussians."""
+
+    def __init__(self, settings: EdgeSettings | None = None) -> None:
+        super().__init__()
+        self.settings = s = settings or EdgeSettings()
+        count, width = s.analysis.candidates, s.widths[0]
+        self.unet = UNet(2 * count + 7, s.widths)
+        self.logits = _zero(_convolution(width, count))
+        self.trust_costs = nn.Parameter(torch.tensor(1.0))
+        self.upsampling = _zero(nn.Conv2d(width, 36, 1))
+        self.register_buffer("bilinear", _bilinear_logits(), persistent=False)
+        self.fine = nn.Sequential(
+            _convolution(width + 7, width), nn.ReLU(), nn.Conv2d(width, 4 * s.fine, 1), nn.PixelShuffle(2)
+        )
+        self.head = nn.Sequential(
+            _convolution(s.fine + 9, s.head), nn.ReLU(), _convolution(s.head, s.head), nn.ReLU(),
+            _zero(_convolution(s.head, 6)),
+        )  # fmt: skip
+        self.coarse = CoarseHead(s.widths[1], s)
+
+    def forward(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> tuple[Tensor, ...]:
+        """Predict Gaussians; arguments and result are those of `sweep.Sweep.forward`, H and W multiples of `STRIDE`."""
+        return self.predict(images, K, c2w, near, far).outputs
+
+    def predict(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> Prediction:
+        """As `forward`, with what the losses look at."""
+        s = self.settings
+        pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
+        depths = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)
+        half = functional.avg_pool2d(images, 2)
+        rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
+        terms = pairs.sweep_terms(rays, K)
+        with _without_gradient():
+            found = analyse(half, terms, pairs, depths, s.analysis)
+
+        features, coarse_features = self.unet(self._inputs(half, found))
+        logits = self._prior(found) + self.logits(features)
+        level, confidence = expected_level(logits)
+        full = convex_upsampling(level, self.upsampling(features) + self.bilinear)
+        with _without_gradient():
+            error, seen, _ = error_in_sources(level, terms, pairs, depths)
+            opacity = opacities_from_agreement(
+                level, found.agreement, witnesses.sweep_terms(rays, K), witnesses, depths, s.analysis
+            )
+            aligned = align_photos(full.detach(), images, K, pairs, depths, s.analysis.alignment)
+            difference, visible = photo_difference(aligned, images, K, pairs, depths)
+        full = full + (aligned - full.detach())  # the gradient passes the alignment as if it were not there
+
+        error = pairs.by_view(error.clamp(-4, 4) * seen) / 4
+        extra = [found.agreement, error.amin(dim=1), error.amax(dim=1), opacity, confidence]
+        extra += [
+            s.analysis.candidates / 8 * (level - found.level),
+            functional.avg_pool2d(difference, 2).abs().mean(1, True),
+        ]
+        fine = self.fine(torch.cat([features, *extra], dim=1))
+        opacity = double(opacity)
+        relief = (s.analysis.candidates / 4 * (full - box_mean(full, 9))).clamp(-2, 2)
+        change = self.head(torch.cat([fine, images - 0.5, 4 * difference, visible, relief, opacity], dim=1))
+
+        unit = s.depth_reach / (s.analysis.candidates - 1)
+        full = (full + unit * torch.tanh(change[:, :1])).clamp(0, 1)
+        opacity = OPACITY_CAP * torch.sigmoid(torch.logit(opacity / OPACITY_CAP, 1e-3) + change[:, 1:2])
+        footprint = s.analysis.footprint * torch.exp(s.log_footprint_reach * torch.tanh(change[:, 2:3]))
+        colours = images + s.analysis.sharpening * (images - box_mean(images, 3))
+        coarse_colours, colours = colours, colours + s.colour_reach * torch.tanh(change[:, 3:])
+        inverse_depth = depths.at(full)
+        surface = pixel_layer(colours, K, c2w, inverse_depth, opacity, footprint)
+        changes = self.coarse(coarse_features, functional.avg_pool2d(torch.cat([half, level.detach()], dim=1), 2))
+        coarse = coarse_layer(
+            coarse_colours, K, c2w, inverse_depth.detach(), far, witnesses, s.analysis.coarse, changes
+        )
+        outputs = (*surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0])
+        return Prediction(outputs, logits, full, depths, footprint, opacity, colours)
+
+    def _inputs(self, half: Tensor, found: Analysis) -> Tensor:
+        """The U-Net's input (V, 2·D + 7, h, w); every channel is of the order of one."""
+        s = self.settings
+        likelihood = torch.exp(-s.likelihood * found.paths)
+        raw = s.contrast * (found.cost - found.cost.mean(dim=1, keepdim=True))
+        contrast = local_contrast(half.mean(dim=1, keepdim=True), s.analysis.contrast_window, floor=0.03)
+        best = s.contrast * found.cost.amin(dim=1, keepdim=True)
+        maps = [half - 0.5, 0.5 * contrast, 2 * found.level - 1, found.agreement, best]
+        return torch.cat([likelihood, raw, *maps], dim=1)
+
+    def _prior(self, found: Analysis) -> Tensor:
+        """Logits (V, D, h, w) of the analysis alone: its depth, and its costs with a learned weight."""
+        s = self.settings
+        count = s.analysis.candidates
+        index = torch.arange(count, dtype=found.level.dtype, device=found.level.device)[:, None, None]
+        distance = (index - (count - 1) * found.level) / s.prior_width
+        return (-0.5 * distance.square()).clamp_min(s.prior_floor) - self.trust_costs * found.paths.clamp_max(4)
+
+
+def analyse(
+    half: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, settings: SweepSettings
+) -> Analysis:
+    """The first half of `sweep`: matching, aggregation, agreement and filling at half resolution."""
+    cost = matching_costs(half, terms, pairs, depths, settings)
+    paths = path_costs(cost, half, step=settings.step, jump=settings.jump, edge=settings.edge)
+    level = soft_argmin(paths, settings.sharpness)
+    agreement = cross_view_agreement(level, terms, pairs, depths, settings)
+    level = fill_uncertain(level, agreement, half, edge=settings.fill_edge, dilations=settings.fill_dilations)
+    return Analysis(cost, paths - paths.amin(dim=1, keepdim=True), level, agreement)
+
+
+def expected_level(logits: Tensor) -> tuple[Tensor, Tensor]:
+    """Level (V, 1, h, w) about the most likely candidate, and the probability of that neighbourhood."""
+    count = logits.shape[1]
+    index = torch.arange(count, dtype=logits.dtype, device=logits.device)[:, None, None]
+    best = logits.argmax(dim=1, keepdim=True).to(logits.dtype)
+    near = torch.softmax(logits, dim=1) * ((index - best).abs() < WINDOW + 0.5)
+    mass = near.sum(dim=1, keepdim=True)
+    return (near * index).sum(dim=1, keepdim=True) / mass / (count - 1), mass
+
+
+def convex_upsampling(values: Tensor, logits: Tensor) -> Tensor:
+    """Twice the resolution: every new pixel a convex combination of the 3 × 3 old ones around it.
+
+    Args:
+        values: (V, 1, h, w).
+        logits: (V, 36, h, w), nine for each of the four new pixels: index 4·neighbour + new pixel.
+
+    Returns:
+        (V, 1, 2h, 2w).
+    """
+    height, width = values.shape[2:]
+    padded = functional.pad(values, (1, 1, 1, 1), mode="replicate")
+    around = [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    weights = torch.softmax(logits.unflatten(1, (9, 4)), dim=1)
+    mixed = sum(weights[:, k] * around[k] for k in range(9))
+    return functional.pixel_shuffle(mixed, 2)
+
+
+def photo_difference(
+    level: Tensor, images: Tensor, K: Tensor, pairs: ViewPairs, depths: InverseDepths
+) -> tuple[Tensor, Tensor]:
+    """What the sources show at each pixel's place less the pixel itself, (V, 3, H, W), mean of those that see it.
+
+    The second result is the share of sources that have the place in their frame, (V, 1, H, W).
+    """
+    height, width = images.shape[2:]
+    rays = pixel_rays(pixel_intrinsics(K, height, width), height, width)
+    x, y, ratio = project_sweep(*pairs.sweep_terms(rays, K), depths.at(level)[pairs.reference])
+    read = sample_bilinear(images[pairs.source], x, y)[:, :, 0]
+    seen = inside_frame(x, y, ratio)
+    total = pairs.by_view((read - images[pairs.reference]) * seen).sum(dim=1)
+    count = pairs.by_view(seen).sum(dim=1)
+    return total / count.clamp_min(1), count / pairs.sources
+
+
+def _convolution(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> nn.Conv2d:
+    """A 3 × 3 convolution for ReLU features, initialised after He et al. 2015."""
+    layer = nn.Conv2d(inputs, outputs, 3, stride, padding=dilation, dilation=dilation)
+    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+    return layer
+
+
+def _zero(layer: nn.Conv2d) -> nn.Conv2d:
+    nn.init.zeros_(layer.weight)
+    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+    return layer
+
+
+def _bilinear_logits() -> Tensor:
+    """Logits (1, 36, 1, 1) with which `convex_upsampling` is bilinear interpolation, but for a floor of 1e-3."""
+    along = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]])  # (new, old)
+    weights = torch.einsum("ai,bj->ijab", along, along).reshape(1, 36, 1, 1)
+    return torch.log(weights.clamp_min(1e-3))
+
+
+def _without_gradient() -> AbstractContextManager[None]:
+    """No gradient inside; a tracer, which needs none, is not told."""
+    return nullcontext() if torch.compiler.is_compiling() else torch.no_grad()  # type: ignore[return-value]

@@ -1,0 +1,158 @@
+"""The small file that says how to train: TOML, every key with a default but the folder of photos."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tinysplat.networks.edge import MIN_SIDE, STRIDE
+from tinysplat_runtime.errors import InputError
+
+from .losses import LossWeights
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_Section = TypeVar("_Section")
+
+
+@dataclass(frozen=True)
+class DataSettings:
+    """Where samples come from; relative folders are relative to the configuration file.
+
+    Attributes:
+        photos: folder of scene folders whose photos are targets and textures.
+        validation: folder of scene folders with eval_index.json, or empty for none.
+        seed: of weights, textures and samples.
+        side: of the square crops, pixels; a multiple of 16.
+        large_side, large_share: another size, and the share of samples that have it.
+        photo_share: share of samples that are real photos, the others are procedural.
+        many_views_share: share of procedural samples with three context views instead of two.
+        targets: target views of a sample.
+        textures: size of the texture bank.
+    """
+
+    photos: str = ""
+    validation: str = ""
+    seed: int = 0
+    side: int = 160
+    large_side: int = 256
+    large_share: float = 0.1
+    photo_share: float = 0.5
+    many_views_share: float = 0.1
+    targets: int = 1
+    textures: int = 700
+
+
+@dataclass(frozen=True)
+class OptimiserSettings:
+    """AdamW, its schedule, and the average of the weights.
+
+    The rate rises over `warmup` steps, stays, and falls to a fiftieth along half a cosine over the last `cooldown`.
+    `steps` may be changed between a run and its continuation; the checkpoint holds no schedule.
+
+    Attributes:
+        rate: learning rate.
+        decay: weight decay.
+        batch: samples per step.
+        steps: after which training ends.
+        warmup, cooldown: steps.
+        clip: bound on the gradient's norm.
+        average: decay of the exponential moving average of the weights.
+    """
+
+    rate: float = 1e-3
+    decay: float = 1e-4
+    batch: int = 2
+    steps: int = 5000
+    warmup: int = 100
+    cooldown: int = 2000
+    clip: float = 1.0
+    average: float = 0.998
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How it runs.
+
+    Attributes:
+        device: cpu, cuda, or auto for cuda where there is one.
+        threads: of torch on the CPU; 0 leaves torch's choice.
+        bfloat16: let the learned layers compute in bfloat16 while training.
+        save_minutes: between checkpoints.
+        log_steps: between lines and points of the curves.
+        validate_steps: between validations.
+        validation_windows: per validation scene and kind.
+    """
+
+    device: str = "auto"
+    threads: int = 0
+    bfloat16: bool = True
+    save_minutes: float = 4.0
+    log_steps: int = 50
+    validate_steps: int = 500
+    validation_windows: int = 1
+
+
+@dataclass(frozen=True)
+class Config:
+    """A training run."""
+
+    data: DataSettings = field(default_factory=DataSettings)
+    loss: LossWeights = field(default_factory=LossWeights)
+    optimiser: OptimiserSettings = field(default_factory=OptimiserSettings)
+    run: RunSettings = field(default_factory=RunSettings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and strings, for the checkpoint."""
+        return asdict(self)
+
+
+def load_config(path: Path) -> Config:
+    """Read a configuration.
+
+    Raises:
+        InputError: names the key that is unknown or of the wrong type, or the line that is not TOML.
+    """
+    try:
+        document = tomllib.loads(path.read_text("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"not TOML ({error})", where=str(path)) from None
+    config = _section(Config, document, str(path))
+    folder = path.parent
+    if not config.data.photos:
+        raise InputError("missing, expected a folder of scene folders", where=f"{path}: data.photos")
+    for name in ("side", "large_side"):
+        side = getattr(config.data, name)
+        if side < MIN_SIDE or side % STRIDE:
+            message = f"{side}, expected a multiple of {STRIDE} from {MIN_SIDE} on"
+            raise InputError(message, where=f"{path}: data.{name}")
+    data = {**asdict(config.data), "photos": str(folder / config.data.photos)}
+    if config.data.validation:
+        data["validation"] = str(folder / config.data.validation)
+    return Config(DataSettings(**data), config.loss, config.optimiser, config.run)
+
+
+def _section(kind: type[_Section], values: dict[str, Any], where: str) -> _Section:
+    """A settings class out of a TOML table, types checked against its defaults."""
+    default = kind()
+    known = {entry.name for entry in fields(default)}  # type: ignore[arg-type]
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if name not in known:
+            raise InputError(f"unknown key, expected one of {', '.join(sorted(known))}", where=f"{where}: {name}")
+        expected = getattr(default, name)
+        if is_dataclass(expected):
+            if not isinstance(value, dict):
+                raise InputError("expected a table", where=f"{where}: {name}")
+            found[name] = _section(type(expected), value, f"{where}: {name}")
+            continue
+        accepted = (int, float) if isinstance(expected, float) else (type(expected),)
+        if isinstance(value, bool) or not isinstance(value, accepted):
+            raise InputError(f"{value!r}, expected {type(expected).__name__}", where=f"{where}: {name}")
+        found[name] = type(expected)(value)
+    return kind(**found)

@@ -1,0 +1,193 @@
+"""The training loop: deterministic in its step, stoppable at any time, resumable exactly."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tinysplat.networks.edge import Edge
+from tinysplat_runtime.errors import InputError
+
+from .config import Config, OptimiserSettings
+from .curves import draw_curves
+from .data import SampleStream
+from .losses import losses
+from .samples import Sample
+from .state import TrainingState
+from .validation import validate, validation_samples
+
+CHECKPOINT, CURVES = "edge.pt", "curves.png"
+"""Files of a run, in its folder."""
+
+VALIDATION_KINDS = ("near", "wide")
+VALIDATION_SIZE = (256, 256)
+
+Say = Callable[[str], None]
+
+
+def use_bfloat16(network: Edge, device: torch.device) -> None:
+    """Let the costly learned layers compute in bfloat16; geometry, and whatever reads their results, stays float32."""
+
+    def narrowed(forward: Callable[[Tensor], Any]) -> Callable[[Tensor], Any]:
+        def run(x: Tensor) -> Any:
+            with torch.autocast(device.type, torch.bfloat16):
+                found = forward(x)
+            return tuple(part.float() for part in found) if isinstance(found, tuple) else found.float()
+
+        return run
+
+    for module in (network.unet, network.logits, network.upsampling, network.fine, network.head):
+        module.forward = narrowed(module.forward)  # type: ignore[method-assign]
+
+
+def learning_rate(step: int, settings: OptimiserSettings) -> float:
+    """Rate of step number `step`, counted from 0."""
+    rate = settings.rate * min(1.0, (step + 1) / settings.warmup)
+    left = (settings.steps - step) / max(settings.cooldown, 1)
+    return rate if left >= 1 else rate * (0.02 + 0.98 * 0.5 * (1 - math.cos(math.pi * max(left, 0.0))))
+
+
+def choose_device(name: str) -> torch.device:
+    """The device called cpu, cuda or auto.
+
+    Raises:
+        InputError: no such device here.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    if name not in ("cpu", "cuda") or (name == "cuda" and not torch.cuda.is_available()):
+        raise InputError(f"{name!r}, expected cpu, auto, or cuda where there is one", where="run.device")
+    return torch.device(name)
+
+
+def train(
+    config: Config, folder: Path, *, resume: bool = False, minutes: float | None = None, say: Say = print
+) -> TrainingState:
+    """Train until the configured step or for some minutes, and leave checkpoint and curves in a folder.
+
+    Args:
+        config: what to do.
+        folder: made if need be.
+        resume: go on from the folder's checkpoint.
+        minutes: stop after so long, in good order; None for no limit.
+        say: takes lines of progress.
+
+    Returns:
+        The state at the end.
+
+    Raises:
+        InputError: nothing to train on, or no fitting checkpoint to resume.
+    """
+    if config.run.threads:
+        torch.set_num_threads(config.run.threads)
+    device = choose_device(config.run.device)
+    checkpoint = folder / CHECKPOINT
+    if resume:
+        state = TrainingState.load(checkpoint, config, device)
+    elif checkpoint.exists():
+        raise InputError("there is a checkpoint already, expected --resume or another folder", where=str(checkpoint))
+    else:
+        state = TrainingState.fresh(config, device)
+    if config.run.bfloat16:
+        use_bfloat16(state.network, device)
+    stream = SampleStream(config.data)
+    for line in stream.photos.skipped:
+        say(f"skipped: {line}")
+    folder.mkdir(parents=True, exist_ok=True)
+    scenes = len(stream.photos.scenes)
+    say(f"{scenes} scenes, {len(stream.photos.skipped)} photos skipped, from step {state.step} on {device}")
+    run = _Run(config, folder, state, device, say)
+    try:
+        run.until(stream.follow(state.step * config.optimiser.batch), minutes)
+    finally:
+        run.save()
+    return state
+
+
+class _Run:
+    """A run in progress: the state, and when it was last saved."""
+
+    def __init__(self, config: Config, folder: Path, state: TrainingState, device: torch.device, say: Say) -> None:
+        self.config, self.folder, self.state, self.device, self.say = config, folder, state, device, say
+        self.saved = self.started = time.monotonic()
+        self.recent: list[dict[str, float]] = []
+
+    def until(self, samples: Iterator[Sample], minutes: float | None) -> None:
+        """Steps until the configured number is done or the time is up."""
+        settings, state = self.config.run, self.state
+        end = math.inf if minutes is None else self.started + 60 * minutes
+        while state.step < self.config.optimiser.steps and time.monotonic() < end:
+            batch = [next(samples) for _ in range(self.config.optimiser.batch)]
+            self.recent += train_step(state, batch, self.config, self.device)
+            if state.step % settings.log_steps == 0:
+                self.log()
+            if state.step % settings.validate_steps == 0 and self.config.data.validation:
+                self.validate()
+            if time.monotonic() > self.saved + 60 * settings.save_minutes:
+                self.save()
+
+    def log(self) -> None:
+        """Means of the figures since the last time."""
+        names = sorted({name for figures in self.recent for name in figures})
+        means = {n: float(np.mean([figures[n] for figures in self.recent if n in figures])) for n in names}
+        self.state.history.append({"step": self.state.step, **means})
+        self.recent.clear()
+        text = ", ".join(f"{name} {value:.4g}" for name, value in means.items())
+        self.say(f"step {self.state.step}, {time.monotonic() - self.started:.0f} s: {text}")
+
+    def validate(self) -> None:
+        """PSNR of the averaged weights on the validation windows."""
+        samples = validation_samples(
+            Path(self.config.data.validation), VALIDATION_KINDS, VALIDATION_SIZE, self.config.run.validation_windows
+        )
+        with torch.device(self.device):
+            found = validate(self.state.averaged(), (sample.to(self.device) for sample in samples))
+        means = {
+            f"validation {kind}": float(np.mean([v for name, v in found.items() if name.endswith(kind)]))
+            for kind in VALIDATION_KINDS
+        }
+        self.state.history.append({"step": self.state.step, **means})
+        self.say(f"step {self.state.step}: " + ", ".join(f"{k} {v:.3f} dB" for k, v in {**means, **found}.items()))
+
+    def save(self) -> None:
+        """Checkpoint and curves."""
+        self.state.save(self.folder / CHECKPOINT, self.config)
+        if self.state.history:
+            draw_curves(self.state.history, self.folder / CURVES)
+        self.saved = time.monotonic()
+
+
+def train_step(
+    state: TrainingState, batch: list[Sample], config: Config, device: torch.device
+) -> list[dict[str, float]]:
+    """One step of AdamW on a batch; the figures of its samples.
+
+    A step whose gradient is not finite is counted and left out.
+    """
+    settings = config.optimiser
+    for group in state.optimiser.param_groups:
+        group["lr"] = learning_rate(state.step, settings)
+    state.optimiser.zero_grad(set_to_none=True)
+    figures = []
+    with torch.device(device):
+        for sample in batch:
+            moved = sample.to(device)
+            loss, found = losses(state.network.predict(*moved.inputs()), moved, config.loss)
+            (loss / len(batch)).backward()
+            figures.append(found)
+    norm = torch.nn.utils.clip_grad_norm_(state.network.parameters(), settings.clip)
+    if torch.isfinite(norm):
+        state.optimiser.step()
+        state.step += 1
+        state.update_average(settings.average)
+    else:
+        state.step += 1
+        state.skipped += 1
+    return figures

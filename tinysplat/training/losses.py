@@ -1,0 +1,110 @@
+"""What training minimises.
+
+photometric: L1, squared error and gradient L1 of rendered target views.
+depth: cross-entropy of the candidates' logits at half resolution, and the final depth's smooth L1, where depth is known.
+rate: what the planes cost to code, as total variation in quantiser steps: Σ_planes mean log2(1 + |∇plane| / step).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from tinysplat.networks.edge import Prediction
+
+from .samples import Sample, psnr, render_outputs
+
+DEPTH_STEP = 1e-3
+"""Quantiser step of inverse depth, relative to its mean: `balanced` at Q_g 0, see docs/FORMAT.md."""
+
+FOOTPRINT_STEP, OPACITY_STEP, COLOUR_STEP = 0.28, 0.13, 0.03
+"""Steps of the other planes: 0.009 / √sensitivity."""
+
+LARGEST_ERROR = 4.0
+"""Depth errors beyond this many candidates pull no harder."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Factors of the terms.
+
+    Attributes:
+        l1, squared, gradient: of the photometric term.
+        logits: cross-entropy of candidates.
+        depth: smooth L1 of the final depth, candidates.
+        rate: bits per pixel, roughly.
+    """
+
+    l1: float = 0.5
+    squared: float = 16.0
+    gradient: float = 0.25
+    logits: float = 0.01
+    depth: float = 0.02
+    rate: float = 0.002
+
+
+def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tuple[Tensor, dict[str, float]]:
+    """The loss of a sample, and figures for the curves: its terms, PSNR, and the share of good depths."""
+    terms: dict[str, Tensor] = {}
+    figures: dict[str, float] = {}
+    rendered = [(render_outputs(prediction.outputs, camera), target) for target, camera in sample.targets()]
+    terms["photometric"] = torch.stack([photometric(a, b, weights) for a, b in rendered]).mean()
+    terms["rate"] = weights.rate * rate(prediction)
+    if sample.depth is not None:
+        truth, known = candidate_truth(prediction, sample.depth)
+        terms["logits"] = weights.logits * candidate_entropy(prediction.logits, truth, known)
+        error = (prediction.level * (prediction.depths.count - 1) - truth).abs()
+        robust = functional.smooth_l1_loss(
+            error.clamp_max(LARGEST_ERROR), torch.zeros_like(error), reduction="none", beta=0.5
+        )
+        terms["depth"] = weights.depth * (robust * known).sum() / known.sum().clamp_min(1)
+        figures["within one candidate"] = float(((error < 1) * known).sum() / known.sum().clamp_min(1))
+    kind = "photos" if sample.depth is None else "procedural"
+    figures[f"PSNR {kind}"] = sum(psnr(a.detach(), b) for a, b in rendered) / len(rendered)
+    figures.update({name: float(term.detach()) for name, term in terms.items()})
+    return torch.stack(list(terms.values())).sum(), figures
+
+
+def photometric(image: Tensor, target: Tensor, weights: LossWeights) -> Tensor:
+    """Weighted L1, mean squared error and L1 of the differences' gradients of pictures (3, H, W)."""
+    error = image - target
+    slopes = (error[:, 1:] - error[:, :-1]).abs().mean() + (error[:, :, 1:] - error[:, :, :-1]).abs().mean()
+    return weights.l1 * error.abs().mean() + weights.squared * error.square().mean() + weights.gradient * slopes
+
+
+def candidate_truth(prediction: Prediction, depth: Tensor) -> tuple[Tensor, Tensor]:
+    """Exact depth (V, H, W) in candidates, (V, 1, H, W), and 1 where it is known and within the swept range."""
+    depths = prediction.depths
+    last = depths.count - 1
+    offset, span = depths.offset[:, None, None, None], depths.span[:, None, None, None]
+    truth = (1 / depth[:, None].clamp_min(1e-6) - offset) / span * last
+    known = (depth[:, None] > 0) & (truth > -0.5) & (truth < last + 0.5)
+    return truth.clamp(0, last), known.float()
+
+
+def candidate_entropy(logits: Tensor, truth: Tensor, known: Tensor) -> Tensor:
+    """Cross-entropy of logits (V, D, h, w) with the two candidates about the truth at twice the resolution."""
+    truth, known = truth[:, :, 1::2, 1::2], known[:, :, 1::2, 1::2]
+    below = truth.floor().clamp_max(logits.shape[1] - 2)
+    above_share = truth - below
+    log_p = torch.log_softmax(logits, dim=1)
+    index = below.long()
+    entropy = -(1 - above_share) * log_p.gather(1, index) - above_share * log_p.gather(1, index + 1)
+    return (entropy * known).sum() / known.sum().clamp_min(1)
+
+
+def rate(prediction: Prediction) -> Tensor:
+    """Bits per Gaussian of the first layer, roughly: total variation of its planes in quantiser steps."""
+    inverse_depth = prediction.depths.at(prediction.level)
+    planes = torch.cat([
+        inverse_depth / (DEPTH_STEP * inverse_depth.detach().mean(dim=(1, 2, 3), keepdim=True)),
+        prediction.footprint / FOOTPRINT_STEP,
+        prediction.opacity / OPACITY_STEP,
+        prediction.colours / COLOUR_STEP,
+    ], dim=1)  # fmt: skip
+    across, down = planes[..., 1:] - planes[..., :-1], planes[..., 1:, :] - planes[..., :-1, :]
+    bits = (torch.log2(1 + d.abs()).mean(dim=(0, 2, 3)).sum() for d in (across, down))
+    return 0.5 * torch.stack(list(bits)).sum()

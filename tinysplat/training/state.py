@@ -1,0 +1,120 @@
+"""Everything that a training run is: weights, their average, the optimiser, the step, the curves; saved and restored."""
+
+from __future__ import annotations
+
+import io
+import pickle
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from tinysplat.networks.edge import Edge
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import write_atomically
+
+from .config import Config, OptimiserSettings
+
+ARCHITECTURE = "tinysplat edge 1"
+"""Changes with every change of the network that old weights do not fit."""
+
+
+@dataclass
+class TrainingState:
+    """A run between two steps.
+
+    Attributes:
+        network: with the weights that are trained.
+        average: exponential moving average of the weights, by name: what is validated and exported.
+        optimiser: AdamW with its moments.
+        step: steps done.
+        skipped: steps left out because their gradient was not finite.
+        history: points of the curves, each with its step and figures by name.
+    """
+
+    network: Edge
+    average: dict[str, Tensor]
+    optimiser: torch.optim.AdamW
+    step: int = 0
+    skipped: int = 0
+    history: list[dict[str, float]] = field(default_factory=list)
+
+    @classmethod
+    def fresh(cls, config: Config, device: torch.device) -> TrainingState:
+        """Initial weights from the seed."""
+        torch.manual_seed(config.data.seed)
+        network = Edge().to(device)
+        return cls(network, {k: v.clone() for k, v in network.state_dict().items()}, _adamw(network, config.optimiser))
+
+    def averaged(self) -> Edge:
+        """The network with the averaged weights, for evaluation."""
+        network = Edge(self.network.settings).to(next(self.network.parameters()).device)
+        network.load_state_dict(self.average)
+        return network.eval()
+
+    def update_average(self, decay: float) -> None:
+        """Take the present weights into the average; early steps count more, so that it forgets the initial weights."""
+        decay = min(decay, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for name, value in self.network.state_dict().items():
+                self.average[name].lerp_(value, 1 - decay)
+
+    def save(self, path: Path, config: Config) -> None:
+        """Write the run, atomically."""
+        content = {
+            "architecture": ARCHITECTURE,
+            "settings": repr(asdict(self.network.settings)),
+            "config": config.as_dict(),
+            "network": self.network.state_dict(),
+            "average": self.average,
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "skipped": self.skipped,
+            "history": self.history,
+        }
+        buffer = io.BytesIO()
+        torch.save(content, buffer)
+        write_atomically(path, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: Path, config: Config, device: torch.device) -> TrainingState:
+        """Continue a run.
+
+        Raises:
+            InputError: no such file, no checkpoint of this training, or of another architecture.
+        """
+        content = read_checkpoint(path, device)
+        state = cls.fresh(config, device)
+        state.network.load_state_dict(content["network"])
+        state.average = content["average"]
+        state.optimiser.load_state_dict(content["optimiser"])
+        state.step, state.skipped, state.history = content["step"], content["skipped"], content["history"]
+        return state
+
+
+def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """What `TrainingState.save` wrote, by torch's restricted unpickler.
+
+    Raises:
+        InputError: no such file, no checkpoint of this training, or of another architecture.
+    """
+    if not path.is_file():
+        raise InputError("no such file", where=str(path))
+    try:
+        content = torch.load(path, map_location=device, weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"not a checkpoint of tinysplat.training ({reason[:80]})", where=str(path)) from None
+    found = content.get("architecture") if isinstance(content, dict) else None
+    if found != ARCHITECTURE:
+        raise InputError(f"a checkpoint of {found or 'something else'}, expected {ARCHITECTURE}", where=str(path))
+    settings = repr(asdict(Edge().settings))
+    if content["settings"] != settings:
+        raise InputError("other sizes of the network than this version's", where=str(path))
+    return content
+
+
+def _adamw(network: Edge, settings: OptimiserSettings) -> torch.optim.AdamW:
+    return torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.decay, betas=(0.9, 0.98))

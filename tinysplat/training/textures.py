@@ -1,0 +1,131 @@
+"""Textures for procedural scenes: crops of photos with an open licence, and patterns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.images import read_image
+
+SIZE = 192
+"""Side of a texture, pixels."""
+
+PHOTOS = (
+    *("astronaut", "coffee", "chelsea", "rocket", "hubble_deep_field", "immunohistochemistry", "retina", "camera"),
+    *("brick", "grass", "gravel", "page", "text", "coins", "moon", "cat", "cell", "clock"),
+)
+"""Pictures of scikit-image, all CC0 or in the public domain; those that would have to be fetched are left out."""
+
+CROPS = 4
+"""Crops of a picture of scikit-image at each of two scales."""
+
+
+def texture_bank(folders: Sequence[Path], count: int, rng: np.random.Generator) -> NDArray:
+    """Textures (count, SIZE, SIZE, 3) uint8: at most half of them crops of photos, the others patterns.
+
+    Args:
+        folders: scene folders whose photos may be cut up; photos that cannot be read are passed over.
+        count: how many textures.
+        rng: of the crops and patterns.
+    """
+    crops = [*_skimage_crops(rng), *_photo_crops(folders, rng)]
+    chosen = [crops[i] for i in rng.permutation(len(crops))[: (2 * count) // 3]]
+    patterns = [_PATTERNS[rng.integers(len(_PATTERNS))](rng) for _ in range(count - len(chosen))]
+    return np.stack([*chosen, *(np.clip(pattern, 0, 255).astype(np.uint8) for pattern in patterns)])
+
+
+def _crop(picture: NDArray, rng: np.random.Generator) -> NDArray:
+    top, left = (rng.integers(0, size - SIZE + 1) for size in picture.shape[:2])
+    return picture[top : top + SIZE, left : left + SIZE]
+
+
+def _photo_crops(folders: Sequence[Path], rng: np.random.Generator) -> list[NDArray]:
+    crops = []
+    for folder in folders:
+        for path in sorted(folder.glob("images/*")):
+            try:
+                picture = read_image(path)
+            except InputError:
+                continue
+            if min(picture.shape[:2]) >= SIZE:
+                crops.append(_crop(picture, rng))
+    return crops
+
+
+def _skimage_crops(rng: np.random.Generator) -> list[NDArray]:
+    """Crops of scikit-image's own photos, none where it is not installed."""
+    try:
+        import skimage.data
+        from PIL import Image
+    except ImportError:
+        return []
+    crops = []
+    for name in PHOTOS:
+        try:
+            picture = np.asarray(getattr(skimage.data, name)())
+        except Exception:  # a picture that is not part of the package wants pooch and a network, in many ways
+            continue
+        if picture.ndim == 2:
+            picture = np.repeat(picture[..., None], 3, axis=2)
+        photo = Image.fromarray(picture[..., :3])
+        for scale in (1.0, 0.5):
+            width, height = int(photo.width * scale), int(photo.height * scale)
+            if min(width, height) >= SIZE:
+                scaled = np.asarray(photo.resize((width, height), Image.Resampling.LANCZOS))
+                crops += [_crop(scaled, rng) for _ in range(CROPS)]
+    return crops
+
+
+def _colour(rng: np.random.Generator) -> NDArray:
+    return rng.random(3) * 255
+
+
+def _octaves(rng: np.random.Generator) -> NDArray:
+    """Smooth noise of several scales."""
+    total = np.zeros((SIZE, SIZE, 3))
+    for cells in (3, 6, 12, 24, 48):
+        corners = rng.random((cells + 1, cells + 1, 3))
+        at = np.linspace(0, cells - 1e-6, SIZE)
+        i, f = at.astype(int), (at % 1)[:, None]
+        rows = corners[i] * (1 - f[:, :, None]) + corners[i + 1] * f[:, :, None]
+        total += rng.random() * (rows[:, i] * (1 - f[None]) + rows[:, i + 1] * f[None])
+    return total / total.max() * 255
+
+
+def _stripes(rng: np.random.Generator) -> NDArray:
+    """Two colours in parallel stripes, the repeated structure that matching gets lost in."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    angle = rng.random() * np.pi
+    wave = np.sin((x * np.cos(angle) + y * np.sin(angle)) * rng.uniform(0.15, 1.0))[..., None]
+    return np.where(wave > rng.uniform(-0.7, 0.7), _colour(rng), _colour(rng))
+
+
+def _checks(rng: np.random.Generator) -> NDArray:
+    """Tiles with joints."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    side, joint = rng.integers(6, 40), rng.integers(1, 3)
+    is_joint = ((x % side < joint) | (y % side < joint))[..., None]
+    shade = rng.normal(0, rng.uniform(0, 12), (SIZE // side + 1, SIZE // side + 1))[y // side, x // side][..., None]
+    return np.where(is_joint, _colour(rng), _colour(rng) + shade)
+
+
+def _blank(rng: np.random.Generator) -> NDArray:
+    """One colour with hardly any grain, and a slow gradient: walls and skies."""
+    gradient = np.linspace(-1, 1, SIZE)[:, None, None] * rng.uniform(0, 25)
+    return _colour(rng) + gradient + rng.normal(0, rng.uniform(0, 5), (SIZE, SIZE, 1))
+
+
+def _patches(rng: np.random.Generator) -> NDArray:
+    """Rectangles of plain colour on one another."""
+    picture = np.tile(_colour(rng), (SIZE, SIZE, 1))
+    for _ in range(rng.integers(5, 60)):
+        (x, y), (w, h) = rng.integers(0, SIZE, 2), rng.integers(3, 50, 2)
+        picture[y : y + h, x : x + w] = _colour(rng)
+    return picture
+
+
+_PATTERNS = (_octaves, _stripes, _checks, _blank, _patches)

@@ -1,0 +1,53 @@
+"""PSNR of a network in torch on the windows of evaluation scenes: what the learning curves show."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+from tinysplat.evaluation.scene_index import EVAL_INDEX, parse_window, read_index
+from tinysplat_runtime.scenes import load_scene
+
+from .samples import Sample, psnr, render_outputs
+
+
+def validation_samples(
+    folder: Path, kinds: Sequence[str], size: tuple[int, int], limit: int | None = None
+) -> Iterable[Sample]:
+    """The windows of scene folders with `eval_index.json`, photos scaled to cover `size` and cropped.
+
+    Args:
+        folder: holds scene folders.
+        kinds: kinds of window wanted.
+        size: (height, width).
+        limit: windows per scene and kind, evenly spread, or None for all.
+    """
+    for path in sorted(folder.glob(f"*/{EVAL_INDEX}")):
+        index = read_index(path)
+        scene = load_scene(path.parent, index.get("near"), index.get("far"))
+        windows = [parse_window(entry, len(scene.frames), str(path)) for entry in index["windows"]]
+        for kind in kinds:
+            chosen = [window for window in windows if window.kind == kind]
+            if limit is not None and len(chosen) > limit:
+                chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, limit).round().astype(int)]
+            for window in chosen:
+                views = scene.views((*window.context, *window.targets)).resized(*size)
+                K, c2w = (np.stack([getattr(camera, name) for camera in views.cameras]) for name in ("K", "c2w"))
+                name, count = f"{scene.name} {kind}", len(window.context)
+                yield Sample.of(name, views.images(), K, c2w, scene.depth_range(), count)
+
+
+def validate(network: nn.Module, samples: Iterable[Sample]) -> dict[str, float]:
+    """Mean PSNR in dB by name of the samples, drawn by the differentiable rasteriser."""
+    found = defaultdict(list)
+    with torch.no_grad():
+        for sample in samples:
+            outputs = network(*sample.inputs())
+            for target, camera in sample.targets():
+                found[sample.name].append(psnr(render_outputs(outputs, camera), target))
+    return {name: float(np.mean(values)) for name, values in found.items()}
