@@ -1,6 +1,7 @@
 """Export a network to models/NAME.onnx, check it against torch, and enter it in the manifest.
 
     python export/network.py sweep [-o models/sweep.onnx]
+    python export/network.py edge [--checkpoint DIR/edge.pt]
     python export/network.py mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights]
 
 A new network is an entry in `NETWORKS`: how to build it, and what its artifact says about itself.
@@ -10,6 +11,7 @@ Written outside models/, the file is complete but not listed; `--model FILE.onnx
 from __future__ import annotations
 
 import argparse
+import hashlib
 import sys
 import warnings
 from collections.abc import Callable, Mapping
@@ -23,9 +25,10 @@ from torch import Tensor, nn
 from torch.export import Dim
 
 from tinysplat.checkpoints import load_network
+from tinysplat.networks import edge, sweep
 from tinysplat.networks import export_support as official
-from tinysplat.networks import sweep
 from tinysplat.networks.depthsplat import SCALE_RULES
+from tinysplat.training.state import averaged_network
 from tinysplat_runtime.artifacts import Artifact
 from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
 from tinysplat_runtime.inference import open_graph
@@ -38,6 +41,9 @@ INPUT_AXES: dict[str, dict[int, str]] = {
     "far": {0: "V"},
 }
 """Inputs of the role `network` and their dynamic axes."""
+
+TRAINED_EDGE = MODELS / "training" / "edge.pt"
+"""The training run that the shipped weights of `edge` are from."""
 
 HALF_TOLERANCE = 0.05
 """Parity expected of float16 weights, whose rounding a deep network amplifies."""
@@ -102,6 +108,26 @@ def _sweep(options: argparse.Namespace) -> Network:
     )
 
 
+def _edge(options: argparse.Namespace) -> Network:
+    checkpoint = options.checkpoint or TRAINED_EDGE
+    module, steps = averaged_network(checkpoint)
+    return Network(
+        module.eval(),
+        edge.OUTPUT_NAMES,
+        Limits(edge.MIN_VIEWS, edge.MAX_VIEWS, edge.STRIDE, edge.MIN_SIDE),
+        ((2, 64, 96), (3, 96, 64), (6, 64, 64)),
+        parity_tolerance=1e-3,
+        parity_quantile=0.99,
+        papers={
+            "licence": "Apache-2.0",
+            "provenance": f"averaged weights of tinysplat.training after {steps} steps on procedural scenes and photos"
+            " with an open licence (docs/MODELS.md lists them), "
+            f"checkpoint SHA-256 {hashlib.sha256(checkpoint.read_bytes()).hexdigest()}",
+            "purpose": "sweep, corrected by a small learned network, to two layers of Gaussians",
+        },
+    )
+
+
 def _official(options: argparse.Namespace) -> Network:
     if options.checkpoint is None:
         raise InputError(f"{options.name} needs one; docs/MODELS.md says where it is", where="--checkpoint")
@@ -136,6 +162,7 @@ def official_network(network: nn.Module, papers: Mapping[str, str]) -> Network:
 
 NETWORKS: dict[str, Callable[[argparse.Namespace], Network]] = {
     "sweep": _sweep,
+    "edge": _edge,
     **dict.fromkeys(("mvsplat", "depthsplat-small", "depthsplat-base", "depthsplat-large"), _official),
 }
 

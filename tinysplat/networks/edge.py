@@ -334,8 +334,7 @@ def convex_upsampling(values: Tensor, logits: Tensor) -> Tensor:
     padded = functional.pad(values, (1, 1, 1, 1), mode="replicate")
     around = [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)]
     weights = torch.softmax(logits.unflatten(1, (9, 4)), dim=1)
-    mixed = sum(weights[:, k] * around[k] for k in range(9))
-    return functional.pixel_shuffle(mixed, 2)
+    return functional.pixel_shuffle((weights * torch.stack(around, dim=1)).sum(dim=1), 2)
 
 
 def photo_difference(
@@ -378,4 +377,4 @@ def _bilinear_logits() -> Tensor:
 
 def _without_gradient() -> AbstractContextManager[None]:
     """No gradient inside; a tracer, which needs none, is not told."""
-    return nullcontext() if torch.compiler.is_compiling() else torch.no_grad()  # type: ignore[return-value]
+    return nullcontext() if torch.compiler.is_compiling() else torch.no_grad()

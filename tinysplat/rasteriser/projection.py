@@ -1,7 +1,7 @@
 """3-D Gaussians to 2-D splats as differentiable torch operations: EWA projection.
 
-The definition is `tinysplat_runtime.render.project`'s (Zwicker et al. 2001; Kerbl et al. 2023), Σ₂ = J W Σ Wᵀ Jᵀ + 0.3·1
-in pixels², J taken at the mean clamped to the image widened by 15 % of its size on each side.
+The definition is that of `tinysplat_runtime.render.project` (Zwicker et al. 2001; Kerbl et al. 2023): in pixels²,
+Σ₂ = J W Σ Wᵀ Jᵀ + 0.3·1, J taken at the mean clamped to the image widened by 15 % of its size on each side.
 """
 
 from __future__ import annotations

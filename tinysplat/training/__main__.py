@@ -3,31 +3,41 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
+from typing import Any
 
 from tinysplat_runtime.errors import TinySplatError
 
-from .config import load_config
-from .loop import train
-
 
 def main(arguments: list[str] | None = None) -> int:
-    """Train; 0 when done, 2 when what was given cannot be used, 130 when interrupted (the checkpoint is written)."""
+    """Train; 0 when done, 2 when what was given cannot be used, 130 when stopped by a signal, after a checkpoint."""
     parser = argparse.ArgumentParser(prog="python -m tinysplat.training", description="Train the network edge.")
     parser.add_argument("config", type=Path, metavar="CONFIG.toml")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for checkpoint and curves")
     parser.add_argument("--minutes", type=float, help="stop after so long; default: at the configured step")
     parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
     options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, _interrupt)
     try:
+        from .config import load_config
+        from .loop import train
+
         train(load_config(options.config), options.out, resume=options.resume, minutes=options.minutes, say=_say)
     except (TinySplatError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except ImportError as error:
+        print(f'error: needs the package {error.name}; pip install "tinysplat[train]" brings it', file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def _interrupt(signum: int, frame: Any) -> None:
+    raise KeyboardInterrupt
 
 
 def _say(line: str) -> None:

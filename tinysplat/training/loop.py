@@ -169,25 +169,30 @@ def train_step(
 ) -> list[dict[str, float]]:
     """One step of AdamW on a batch; the figures of its samples.
 
-    A step whose gradient is not finite is counted and left out.
+    A step whose loss or gradient is not finite is counted and left out.
     """
     settings = config.optimiser
     for group in state.optimiser.param_groups:
         group["lr"] = learning_rate(state.step, settings)
     state.optimiser.zero_grad(set_to_none=True)
     figures = []
+    is_finite = True
     with torch.device(device):
         for sample in batch:
             moved = sample.to(device)
             loss, found = losses(state.network.predict(*moved.inputs()), moved, config.loss)
+            if not torch.isfinite(loss):  # torch's gradient of a bilinear read at NaN writes out of bounds
+                is_finite = False
+                break
             (loss / len(batch)).backward()
             figures.append(found)
-    norm = torch.nn.utils.clip_grad_norm_(state.network.parameters(), settings.clip)
-    if torch.isfinite(norm):
+    is_finite = is_finite and bool(
+        torch.isfinite(torch.nn.utils.clip_grad_norm_(state.network.parameters(), settings.clip))
+    )
+    state.step += 1
+    if is_finite:
         state.optimiser.step()
-        state.step += 1
         state.update_average(settings.average)
     else:
-        state.step += 1
         state.skipped += 1
     return figures

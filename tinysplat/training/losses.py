@@ -1,7 +1,7 @@
 """What training minimises.
 
 photometric: L1, squared error and gradient L1 of rendered target views.
-depth: cross-entropy of the candidates' logits at half resolution, and the final depth's smooth L1, where depth is known.
+depth: cross-entropy of the candidates' logits at half resolution, and smooth L1 of the final depth, where it is known.
 rate: what the planes cost to code, as total variation in quantiser steps: Σ_planes mean log2(1 + |∇plane| / step).
 """
 

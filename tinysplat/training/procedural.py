@@ -111,8 +111,9 @@ def _furnish(b: _Builder, spread: float) -> float:
         b.add(BOX, np.array([0, rng.uniform(0.8, 2.5), back / 2]), euler(0, rng.normal(0, 0.3), rng.normal(0, 0.04)),
               np.array([60, 0.03, back]))  # fmt: skip
     elif rng.random() < 0.6:
-        b.add(ROOM, np.array([rng.normal(0, 0.5), rng.normal(0, 0.4), back - 6]),
-              euler(*rng.normal(0, [0.05, 0.5, 0.15])), np.array([rng.uniform(1.8, 5), rng.uniform(1, 3), 6.0]))  # fmt: skip
+        middle = np.array([rng.normal(0, 0.5), rng.normal(0, 0.4), back - 6])
+        turn = euler(*rng.normal(0, [0.05, 0.5, 0.15]))
+        b.add(ROOM, middle, turn, np.array([rng.uniform(1.8, 5), rng.uniform(1, 3), 6.0]))
     b.add(BOX, np.array([0, 0, back + 3.0]), euler(*rng.normal(0, [0.1, 0.4, 0.4])), np.array([120, 120, 0.05]))
     if rng.random() < 0.5:  # a table
         b.add(BOX, np.array([0, rng.uniform(0.5, 1.6), rng.uniform(2, 5)]), euler(*rng.normal(0, [0.1, 0.6, 0.25])),
@@ -195,5 +196,5 @@ def _photographed(rng: np.random.Generator, images: NDArray) -> NDArray:
     images = images ** rng.uniform(0.7, 1.4)
     if rng.random() < 0.12:
         images = images * rng.uniform(0.25, 0.7)
-    images = images * (1 + rng.normal(0, 0.015, (len(images), 1, 1, 1)))
-    return np.clip(images + rng.normal(0, rng.uniform(0, 0.012), images.shape), 0, 1).astype(np.float32)
+    images = images * (1 + rng.normal(0, 0.006, (len(images), 1, 1, 1)))
+    return np.clip(images + rng.normal(0, rng.uniform(0, 0.004), images.shape), 0, 1).astype(np.float32)

@@ -64,8 +64,8 @@ class Sample:
         """The network's inputs: images, unit K, c2w, near, far of the context views."""
         height, width = self.images.shape[2:]
         unit = self.K[: self.views] / self.K.new_tensor([[width], [height], [1]])
-        depths = (torch.full((self.views,), float(depth)) for depth in (self.near, self.far))
-        return self.images[: self.views], unit, self.c2w[: self.views], *depths
+        near, far = (torch.full((self.views,), float(depth)) for depth in (self.near, self.far))
+        return self.images[: self.views], unit, self.c2w[: self.views], near, far
 
     def targets(self) -> list[tuple[Tensor, PinholeCamera]]:
         """Target pictures (3, H, W) and their cameras."""

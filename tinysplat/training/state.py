@@ -1,4 +1,4 @@
-"""Everything that a training run is: weights, their average, the optimiser, the step, the curves; saved and restored."""
+"""A training run between two steps: weights, their average, optimiser, step and curves; saved and restored."""
 
 from __future__ import annotations
 
@@ -114,6 +114,18 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
     if content["settings"] != settings:
         raise InputError("other sizes of the network than this version's", where=str(path))
     return content
+
+
+def averaged_network(path: Path) -> tuple[Edge, int]:
+    """The network with the averaged weights of a checkpoint, and the steps it has seen.
+
+    Raises:
+        InputError: as `read_checkpoint`.
+    """
+    content = read_checkpoint(path)
+    network = Edge()
+    network.load_state_dict(content["average"])
+    return network, int(content["step"])
 
 
 def _adamw(network: Edge, settings: OptimiserSettings) -> torch.optim.AdamW:

@@ -1,9 +1,13 @@
-"""Ray casting of textured boxes, ellipsoids and rooms with exact depth, compiled with numba for one thread."""
+"""Ray casting of textured boxes, ellipsoids and rooms with exact depth, compiled with numba for one thread.
+
+Needs the package numba.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -15,7 +19,15 @@ BOX, ELLIPSOID, ROOM = 0, 1, 2
 NEAREST = 0.1
 """Hits nearer than this depth do not count, scene units."""
 
-_F = np.float32
+AMBIENT = 0.7
+"""Share of light that comes from everywhere."""
+
+_F: Any = np.float32  # compiled code mixes it with float, which numpy's annotations do not allow
+_NOTHING = _F(1e8)
+
+# Columns of the packed geometry and looks of primitives
+_CENTRE, _EXTENT, _ROTATION = 0, 3, 6
+_DENSITY, _SHIFT, _GAIN, _BIAS, _GLOSS = 0, 1, 3, 4, 7
 
 
 @dataclass(frozen=True)
@@ -46,9 +58,12 @@ class Primitives:
     bias: NDArray
     gloss: NDArray
 
-    def arrays(self) -> tuple[NDArray, ...]:
-        """All of them, in the order above."""
-        return tuple(vars(self).values())
+    def packed(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Kind and texture (P, 2) int64, geometry (P, 15) and looks (P, 8) float32."""
+        ids = np.stack([self.kind, self.texture], axis=1)
+        geometry = np.concatenate([self.centre, self.extent, self.rotation.reshape(-1, 9)], axis=1)
+        looks = [self.density[:, None], self.shift, self.gain[:, None], self.bias, self.gloss[:, None]]
+        return ids, geometry.astype(_F), np.concatenate(looks, axis=1).astype(_F)
 
 
 def trace(
@@ -66,12 +81,13 @@ def trace(
         samples: rays per pixel along each axis.
 
     Returns:
-        Picture (side, side, 3) float32 in [0, 1], and z (side, side) of the ray nearest each pixel's centre; 0 where
+        Picture (side, side, 3) float32 in [0, 1], and z (side, side) of a ray near each pixel's centre; 0 where
         nothing was hit.
     """
     image, depth = np.zeros((side, side, 3), _F), np.zeros((side, side), _F)
-    rotation, origin, intrinsics = (np.ascontiguousarray(a, _F) for a in (c2w[:3, :3], c2w[:3, 3], K))
-    _trace(*primitives.arrays(), textures, light.astype(_F), intrinsics, rotation, origin, samples, image, depth)
+    camera = np.concatenate([c2w[:3, :3], c2w[:3, 3:], np.linalg.inv(K)], axis=1).astype(_F)  # (3, 7)
+    arrays = (*primitives.packed(), textures, light.astype(_F), camera)
+    _trace(*arrays, samples, image, depth)
     return image, depth
 
 
@@ -84,116 +100,151 @@ def _reflected(position: float, size: int) -> int:
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _hit(kind: int, local: NDArray, ray: NDArray, extent: NDArray) -> tuple[float, int]:
-    """Depth of the first hit, or a huge number, and the axis of the face that was hit (0 for ellipsoids)."""
-    if kind == 1:
-        a, b, c = _F(0), _F(0), _F(-1)
-        for k in range(3):
-            e = _F(1) / (extent[k] * extent[k])
-            a += ray[k] * ray[k] * e
-            b += local[k] * ray[k] * e
-            c += local[k] * local[k] * e
-        disc = b * b - a * c
-        if disc <= 0:
-            return _F(1e9), 0
-        return (-b - math.sqrt(disc)) / a, 0
-    enter, leave, enter_axis, leave_axis = _F(-1e9), _F(1e9), 0, 0
+def _hit_ellipsoid(origin: NDArray, ray: NDArray, extent: NDArray) -> float:
+    """Depth of the first hit of a ray in the ellipsoid's frame, or a huge number."""
+    a, b, c = _F(0), _F(0), _F(-1)
+    for k in range(3):
+        e = _F(1) / (extent[k] * extent[k])
+        a += ray[k] * ray[k] * e
+        b += origin[k] * ray[k] * e
+        c += origin[k] * origin[k] * e
+    inside = b * b - a * c
+    return (-b - math.sqrt(inside)) / a if inside > 0 else _NOTHING
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _hit_box(origin: NDArray, ray: NDArray, extent: NDArray, from_inside: bool) -> tuple[float, int]:
+    """Depth of the first hit of a ray in the box's frame, or a huge number, and the axis of the face."""
+    enter, leave, enter_axis, leave_axis = -_NOTHING, _NOTHING, 0, 0
     for k in range(3):
         inverse = _F(1) / (ray[k] if abs(ray[k]) > _F(1e-7) else _F(1e-7))
-        one, two = (-extent[k] - local[k]) * inverse, (extent[k] - local[k]) * inverse
+        one, two = (-extent[k] - origin[k]) * inverse, (extent[k] - origin[k]) * inverse
         if min(one, two) > enter:
             enter, enter_axis = min(one, two), k
         if max(one, two) < leave:
             leave, leave_axis = max(one, two), k
     if enter > leave:
-        return _F(1e9), 0
-    return (leave, leave_axis) if kind == 2 else (enter, enter_axis)
+        return _NOTHING, 0
+    return (leave, leave_axis) if from_inside else (enter, enter_axis)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _texel(page: NDArray, u: float, v: float, out: NDArray) -> None:
+    """Read a texture at (u, v) pixels, bilinear."""
+    size = page.shape[0]
+    fu, fv = u - math.floor(u), v - math.floor(v)
+    i0, i1, j0, j1 = _reflected(u, size), _reflected(u + 1, size), _reflected(v, size), _reflected(v + 1, size)
+    for k in range(3):
+        top = (1 - fu) * page[j0, i0, k] + fu * page[j0, i1, k]
+        bottom = (1 - fu) * page[j1, i0, k] + fu * page[j1, i1, k]
+        out[k] = ((1 - fv) * top + fv * bottom) / _F(255)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _shade(
+    at: NDArray, is_round: bool, axis: int, geometry: NDArray, looks: NDArray, page: NDArray, light: NDArray,
+    ray: NDArray, out: NDArray,
+) -> None:  # fmt: skip
+    """Colour of a hit: texture, Lambert's law beside ambient light, and a highlight about the mirrored light.
+
+    Args:
+        at: (3,) place in the primitive's frame.
+        is_round: of an ellipsoid; otherwise `axis` is that of the face.
+        axis: see `is_round`.
+        geometry, looks: rows of the primitive.
+        page: its texture.
+        light: (3,) towards the light.
+        ray: (3,) viewing ray in the world.
+        out: (3,) becomes the colour.
+    """
+    normal = np.zeros(3, np.float32)
+    if is_round:
+        u, v = math.atan2(at[0], at[2]) * geometry[_EXTENT], at[1]
+        for k in range(3):
+            normal[k] = at[k] / (geometry[_EXTENT + k] * geometry[_EXTENT + k])
+    else:
+        normal[axis] = _F(1)
+        u, v = at[(axis + 1) % 3], at[(axis + 2) % 3]
+    length = math.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
+    facing, lit, along, mirrored, ray2 = _F(0), _F(0), _F(0), _F(0), _F(0)
+    for k in range(3):
+        n = _F(0)
+        for j in range(3):
+            n += geometry[_ROTATION + 3 * j + k] * normal[j] / length
+        facing += n * ray[k]
+        lit += n * light[k]
+        along += ray[k] * light[k]
+        ray2 += ray[k] * ray[k]
+    mirrored = (along - 2 * facing * lit) / math.sqrt(ray2)
+    shade = _F(AMBIENT) + _F(1 - AMBIENT) * (-lit if facing > 0 else lit)
+    glint = looks[_GLOSS] * max(mirrored, _F(0)) ** 16
+    _texel(page, abs(u * looks[_DENSITY] + looks[_SHIFT]), abs(v * looks[_DENSITY] + looks[_SHIFT + 1]), out)
+    for k in range(3):
+        value = (out[k] * looks[_GAIN] + looks[_BIAS + k]) * shade + glint
+        out[k] = min(max(value, _F(0)), _F(1))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _origins(geometry: NDArray, camera: NDArray) -> tuple[NDArray, NDArray]:
+    """The camera's centre in the primitives' frames (P, 3), and spheres about them (P, 5).
+
+    A sphere is the centre less the camera's, its squared distance, and its squared radius.
+    """
+    count = geometry.shape[0]
+    local, spheres = np.zeros((count, 3), np.float32), np.zeros((count, 5), np.float32)
+    for p in range(count):
+        for k in range(3):
+            spheres[p, k] = geometry[p, _CENTRE + k] - camera[k, 3]
+            spheres[p, 3] += spheres[p, k] * spheres[p, k]
+            spheres[p, 4] += geometry[p, _EXTENT + k] * geometry[p, _EXTENT + k]
+        for k in range(3):
+            for j in range(3):
+                local[p, k] -= geometry[p, _ROTATION + 3 * k + j] * spheres[p, j]
+    return local, spheres
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _trace(
-    kind: NDArray, centre: NDArray, rotation: NDArray, extent: NDArray, texture: NDArray, density: NDArray,
-    shift: NDArray, gain: NDArray, bias: NDArray, gloss: NDArray, textures: NDArray, light: NDArray, K: NDArray,
-    camera: NDArray, origin: NDArray, samples: int, image: NDArray, depth: NDArray,
+    ids: NDArray, geometry: NDArray, looks: NDArray, textures: NDArray, light: NDArray, camera: NDArray, samples: int,
+    image: NDArray, depth: NDArray,
 ) -> None:  # fmt: skip
-    count, side, size = kind.shape[0], depth.shape[0], textures.shape[1]
-    local = np.empty((count, 3), np.float32)
-    to = np.empty((count, 3), np.float32)
-    reach2 = np.empty(count, np.float32)
-    far2 = np.empty(count, np.float32)
-    for p in range(count):
-        reach2[p] = (extent[p] ** 2).sum()
-        far2[p] = 0
-        for k in range(3):
-            to[p, k] = centre[p, k] - origin[k]
-            far2[p] += to[p, k] ** 2
-            local[p, k] = 0
-            for j in range(3):
-                local[p, k] += rotation[p, k, j] * (origin[j] - centre[p, j])
-    d, ray, best_ray, normal = (
-        np.empty(3, np.float32),
-        np.empty(3, np.float32),
-        np.empty(3, np.float32),
-        np.empty(3, np.float32),
-    )
-    share = _F(1) / (samples * samples)
-    for row in range(side):
-        for column in range(side):
-            for q in range(samples * samples):
-                x = (column + (q % samples + _F(0.5)) / samples - K[0, 2]) / K[0, 0]
-                y = (row + (q // samples + _F(0.5)) / samples - K[1, 2]) / K[1, 1]
-                for k in range(3):
-                    d[k] = camera[k, 0] * x + camera[k, 1] * y + camera[k, 2]
-                d2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-                best, at, axis = _F(1e8), -1, 0
-                for p in range(count):
-                    along = d[0] * to[p, 0] + d[1] * to[p, 1] + d[2] * to[p, 2]
-                    if far2[p] - along * along / d2 > reach2[p]:
-                        continue
-                    for k in range(3):
-                        ray[k] = rotation[p, k, 0] * d[0] + rotation[p, k, 1] * d[1] + rotation[p, k, 2] * d[2]
-                    t, face = _hit(kind[p], local[p], ray, extent[p])
-                    if NEAREST <= t < best:
-                        best, at, axis = t, p, face
-                        for k in range(3):
-                            best_ray[k] = ray[k]
-                if at < 0:
+    local, spheres = _origins(geometry, camera)
+    side = depth.shape[0]
+    d, ray, best_ray, colour = np.empty((4, 3), np.float32)
+    share, middle = _F(1) / (samples * samples), (samples * samples) // 2
+    for pixel in range(side * side):
+        row, column = pixel // side, pixel % side
+        for q in range(samples * samples):
+            x, y = column + (q % samples + _F(0.5)) / samples, row + (q // samples + _F(0.5)) / samples
+            d2 = _F(0)
+            for k in range(3):
+                d[k] = _F(0)
+                for j in range(3):
+                    d[k] += camera[k, j] * (camera[j, 4] * x + camera[j, 5] * y + camera[j, 6])
+                d2 += d[k] * d[k]
+            best, at, axis = _NOTHING, -1, 0
+            for p in range(ids.shape[0]):
+                along = d[0] * spheres[p, 0] + d[1] * spheres[p, 1] + d[2] * spheres[p, 2]
+                if spheres[p, 3] - along * along / d2 > spheres[p, 4]:
                     continue
-                if q == (samples * samples) // 2:
-                    depth[row, column] = best
-                h0, h1, h2 = (
-                    local[at, 0] + best * best_ray[0],
-                    local[at, 1] + best * best_ray[1],
-                    local[at, 2] + best * best_ray[2],
-                )
-                if kind[at] == 1:
-                    u, v = math.atan2(h0, h2) * extent[at, 0], h1
-                    n0, n1, n2 = h0 / extent[at, 0] ** 2, h1 / extent[at, 1] ** 2, h2 / extent[at, 2] ** 2
+                for k in range(3):
+                    at_k = _ROTATION + 3 * k
+                    ray[k] = geometry[p, at_k] * d[0] + geometry[p, at_k + 1] * d[1] + geometry[p, at_k + 2] * d[2]
+                extent, face = geometry[p, _EXTENT:_ROTATION], 0
+                if ids[p, 0] == ELLIPSOID:
+                    t = _hit_ellipsoid(local[p], ray, extent)
                 else:
-                    n0, n1, n2 = _F(axis == 0), _F(axis == 1), _F(axis == 2)
-                    u, v = (h1, h2) if axis == 0 else ((h2, h0) if axis == 1 else (h0, h1))
-                length = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-                facing, shade, mirror = _F(0), _F(0), _F(0)
-                for k in range(3):
-                    normal[k] = (rotation[at, 0, k] * n0 + rotation[at, 1, k] * n1 + rotation[at, 2, k] * n2) / length
-                    facing += normal[k] * d[k]
-                for k in range(3):
-                    shade += normal[k] * light[k] * (_F(-1) if facing > 0 else _F(1))
-                    mirror += (d[k] - 2 * facing * normal[k]) * light[k]
-                shade = _F(0.7) + _F(0.3) * shade
-                glint = gloss[at] * max(mirror / math.sqrt(d2), _F(0)) ** 16
-                u = abs(u * density[at] + shift[at, 0])
-                v = abs(v * density[at] + shift[at, 1])
-                fu, fv = u - math.floor(u), v - math.floor(v)
-                i0, i1, j0, j1 = (
-                    _reflected(u, size),
-                    _reflected(u + 1, size),
-                    _reflected(v, size),
-                    _reflected(v + 1, size),
-                )
-                page = textures[texture[at]]
-                for k in range(3):
-                    top = (1 - fu) * page[j0, i0, k] + fu * page[j0, i1, k]
-                    bottom = (1 - fu) * page[j1, i0, k] + fu * page[j1, i1, k]
-                    value = ((1 - fv) * top + fv * bottom) / _F(255) * gain[at] + bias[at, k]
-                    image[row, column, k] += min(max(value * shade + glint, _F(0)), _F(1)) * share
+                    t, face = _hit_box(local[p], ray, extent, ids[p, 0] == ROOM)
+                if NEAREST <= t < best:
+                    best, at, axis = t, p, face
+                    best_ray[:] = ray
+            if at < 0:
+                continue
+            if q == middle:
+                depth[row, column] = best
+            for k in range(3):
+                best_ray[k] = local[at, k] + best * best_ray[k]
+            page = textures[ids[at, 1]]
+            _shade(best_ray, ids[at, 0] == ELLIPSOID, axis, geometry[at], looks[at], page, light, d, colour)
+            for k in range(3):
+                image[row, column, k] += colour[k] * share

@@ -1,0 +1,117 @@
+"""The shipped graph of `edge`: its torch twin, every number of views, and inputs that real life brings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from two_planes import FAR, NEAR, SQUARE_Z, trace
+
+from tinysplat.networks.edge import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OPACITY_CAP, OUTPUT_NAMES, STRIDE
+from tinysplat.training.state import averaged_network
+from tinysplat_runtime.artifacts import models_dir
+from tinysplat_runtime.inference import GraphStore
+
+STORE = GraphStore(threads=1)
+
+RTOL = 2e-3  # of an output's largest magnitude: weights are stored as float16
+SHARE = 0.98  # of the values: where two candidates are about as good, rounding decides which is taken
+
+SIZES = [(2, 64, 96), (3, 96, 64), (6, 64, 64)]
+
+
+def network_inputs(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> dict[str, np.ndarray]:
+    return {
+        "images": np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32),
+        "K": np.float32([camera.K_unit for camera in cameras]),
+        "c2w": np.float32([camera.c2w for camera in cameras]),
+        "near": np.full(len(cameras), near, np.float32),
+        "far": np.full(len(cameras), far, np.float32),
+    }
+
+
+def run(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> dict[str, np.ndarray]:
+    """Outputs by name, checked to be finite and within the network's bounds."""
+    outputs = STORE.network("edge").run(network_inputs(images, cameras, near, far))
+    assert all(np.isfinite(array).all() for array in outputs.values())
+    assert outputs["opacities"].min() >= 0 and outputs["opacities"].max() <= OPACITY_CAP
+    assert outputs["layer1_opacities"].min() >= 0 and outputs["layer1_opacities"].max() <= 1
+    assert outputs["depth"].min() >= near * (1 - 1e-4) and outputs["depth"].max() <= far * (1 + 1e-4)
+    assert outputs["scales"].min() > 0 and outputs["layer1_scales"].min() > 0
+    return outputs
+
+
+def depth_error(outputs: dict[str, np.ndarray], depth: np.ndarray) -> float:
+    return float(np.median(np.abs(outputs["depth"] / depth - 1)))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_onnx_matches_the_torch_twin_with_the_shipped_weights(size: tuple[int, int, int]) -> None:
+    scene = trace(*size)
+    inputs = network_inputs(scene.images, scene.cameras)
+    found = STORE.network("edge").run(inputs)
+    module, steps = averaged_network(models_dir() / "training" / "edge.pt")
+    assert steps > 0
+    with torch.no_grad():
+        expected = module.eval()(*(torch.from_numpy(array) for array in inputs.values()))
+    for name, want in zip(OUTPUT_NAMES, expected, strict=True):
+        assert found[name].shape == tuple(want.shape), name
+        error = np.abs(found[name] - want.numpy()) / max(float(want.abs().max()), 1e-30)
+        assert np.quantile(error, SHARE) < RTOL, name
+
+
+@pytest.mark.parametrize("size", [(2, 96, 128), (3, 96, 64), (4, 64, 96)])
+def test_depth_of_textured_planes_is_found(size: tuple[int, int, int]) -> None:
+    scene = trace(*size)
+    assert depth_error(run(scene.images, scene.cameras), scene.depth) < 0.01
+
+
+def test_a_portrait_is_as_good_as_a_landscape() -> None:
+    scene = trace(2, 128, 64)
+    assert depth_error(run(scene.images, scene.cameras), scene.depth) < 0.01
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.5, 1.0), (1.0, 2.0), (0.5, 2.0)])
+def test_a_depth_range_that_is_too_wide_is_forgiven(near: float, far: float) -> None:
+    scene = trace(2, 96, 128)
+    outputs = run(scene.images, scene.cameras, near * NEAR, far * FAR)
+    assert depth_error(outputs, scene.depth) < 0.03
+
+
+def test_a_depth_range_that_cuts_the_scene_gives_finite_gaussians() -> None:
+    scene = trace(2, 64, 96)
+    outputs = run(scene.images, scene.cameras, 2.0 * NEAR, 0.5 * FAR)
+    assert SQUARE_Z < np.median(outputs["depth"]) <= 0.5 * FAR * (1 + 1e-4)
+
+
+def test_grey_pictures_lose_little() -> None:
+    scene = trace(2, 96, 128)
+    grey = np.repeat(scene.images.mean(axis=-1, keepdims=True), 3, axis=-1)
+    assert depth_error(run(grey, scene.cameras), scene.depth) < 0.02
+
+
+def test_a_difference_of_exposure_is_survived() -> None:
+    scene = trace(2, 96, 128)
+    images = scene.images * np.float32([0.85, 1.0])[:, None, None, None]
+    assert depth_error(run(images, scene.cameras), scene.depth) < 0.03
+
+
+@pytest.mark.parametrize("spacing", [0.01, 1.2])
+def test_narrow_and_wide_baselines_give_finite_gaussians(spacing: float) -> None:
+    scene = trace(2, 64, 96, spacing=spacing)
+    run(scene.images, scene.cameras)
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "noise"])
+def test_pictures_without_information_give_finite_gaussians(kind: str) -> None:
+    scene = trace(2, 32, 48)
+    noise = np.random.default_rng(0).random(scene.images.shape).astype(np.float32)
+    images = {"black": 0 * scene.images, "white": 0 * scene.images + 1, "noise": noise}[kind]
+    run(images, scene.cameras)
+
+
+def test_metadata_states_the_limits_of_the_module() -> None:
+    metadata = STORE.network("edge").metadata
+    assert metadata["role"] == "network" and metadata["licence"] == "Apache-2.0" and metadata["provenance"]
+    assert (metadata["min_views"], metadata["max_views"]) == (MIN_VIEWS, MAX_VIEWS)
+    assert (metadata["stride"], metadata["min_side"]) == (STRIDE, MIN_SIDE)

@@ -1,0 +1,158 @@
+"""The network `edge` in torch: at first it is its analytic part, it stays within its bounds, and its size is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from two_planes import FAR, NEAR, trace
+
+from tinysplat.networks.edge import (
+    OPACITY_CAP,
+    OUTPUT_NAMES,
+    Edge,
+    EdgeSettings,
+    convex_upsampling,
+    expected_level,
+)
+from tinysplat.networks.sweep import Sweep
+
+
+def inputs(views: int, height: int, width: int) -> tuple[Tensor, ...]:
+    scene = trace(views, height, width)
+    return (
+        torch.from_numpy(np.ascontiguousarray(scene.images.transpose(0, 3, 1, 2), np.float32)),
+        torch.from_numpy(np.float32([camera.K_unit for camera in scene.cameras])),
+        torch.from_numpy(np.float32([camera.c2w for camera in scene.cameras])),
+        torch.full((views,), NEAR),
+        torch.full((views,), FAR),
+    )
+
+
+def disturbed(amount: float) -> Edge:
+    """A network whose weights, those that start at zero too, have noise added."""
+    torch.manual_seed(0)
+    network = Edge()
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.add_(amount * torch.randn_like(parameter))
+    return network
+
+
+def test_untrained_it_is_its_analytic_part() -> None:
+    given = inputs(2, 64, 96)
+    with torch.no_grad():
+        found = dict(zip(OUTPUT_NAMES, Edge()(*given), strict=True))
+        expected = dict(zip(OUTPUT_NAMES, Sweep(EdgeSettings().analysis)(*given), strict=True))
+    for name in ("sh", "layer1_sh", "layer1_quats", "layer1_opacities", "layer1_K"):
+        torch.testing.assert_close(found[name], expected[name], atol=1e-5, rtol=1e-5)
+    depth = (found["depth"] / expected["depth"] - 1).abs()
+    assert float(depth.median()) < 1e-3 and float(depth.quantile(0.95)) < 0.02
+    assert float((found["opacities"] - expected["opacities"]).abs().quantile(0.95)) < 0.05
+
+
+def test_depth_of_two_textured_planes_is_found_without_training() -> None:
+    scene = trace(3, 96, 128)
+    with torch.no_grad():
+        depth = Edge()(*inputs(3, 96, 128))[OUTPUT_NAMES.index("depth")].numpy()
+    error = np.abs(depth / scene.depth - 1)
+    assert np.median(error) < 0.005 and np.quantile(error, 0.9) < 0.04
+
+
+def test_whatever_the_weights_are_outputs_stay_within_their_bounds() -> None:
+    with torch.no_grad():
+        outputs = dict(zip(OUTPUT_NAMES, disturbed(0.3)(*inputs(2, 48, 64)), strict=True))
+    for name, values in outputs.items():
+        assert torch.isfinite(values).all(), name
+    assert float(outputs["opacities"].min()) >= 0 and float(outputs["opacities"].max()) <= OPACITY_CAP
+    assert float(outputs["layer1_opacities"].max()) <= 1
+    assert float(outputs["depth"].min()) >= NEAR * (1 - 1e-5) and float(outputs["depth"].max()) <= FAR * (1 + 1e-5)
+    assert float(outputs["scales"].min()) > 0 and float(outputs["layer1_scales"].min()) > 0
+
+
+def test_keeping_nothing_of_what_was_learned_leaves_the_analytic_part() -> None:
+    given = inputs(2, 48, 64)
+    shrunk, fresh = disturbed(0.05), Edge()
+    shrunk.shrink(0.0)
+    with torch.no_grad():
+        shrunk.trust_costs.copy_(fresh.trust_costs)
+        for found, expected in zip(shrunk(*given), fresh(*given), strict=True):
+            torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-6)
+
+
+def test_every_weight_is_reached_by_the_gradient() -> None:
+    network = disturbed(0.01)
+    prediction = network.predict(*inputs(2, 64, 64))
+    total = sum(values.square().mean() for values in prediction.outputs if values.requires_grad)
+    total = total + prediction.logits.square().mean()
+    total.backward()
+    without = [n for n, p in network.named_parameters() if p.grad is None or not torch.isfinite(p.grad).all()]
+    assert without == []
+    assert sum(float(p.grad.abs().max()) > 0 for p in network.parameters()) > 0.9 * len(list(network.parameters()))
+
+
+def test_the_network_is_small() -> None:
+    network = Edge()
+    assert sum(p.numel() for p in network.parameters()) < 1_000_000
+    work = [0]
+
+    def count(module: nn.Conv2d, given: tuple[Tensor, ...], result: Tensor) -> None:
+        work[0] += result.numel() * module.weight[0].numel()
+
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d):
+            module.register_forward_hook(count)
+    with torch.no_grad():
+        network(*inputs(2, 64, 64))
+    ring = 2 * EdgeSettings().analysis.coarse.ring
+    assert work[0] * 16 < 12e9  # 2×256×256; the ring counts sixteen times instead of once
+    assert ring == 48
+
+
+def test_warped_values_stay_below_six_million(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = [0]
+    original = functional.grid_sample
+
+    def counted(images: Tensor, grid: Tensor, **options: object) -> Tensor:
+        found = original(images, grid, **options)  # type: ignore[arg-type]
+        read[0] += found.numel()
+        return found
+
+    monkeypatch.setattr(functional, "grid_sample", counted)
+    with torch.no_grad():
+        Edge()(*inputs(2, 64, 64))
+    # 64 × 64 pixels: the frame counts a sixteenth of 256 × 256, but the ring more than that
+    assert 0 < 16 * read[0] <= 6.3e6
+
+
+@pytest.mark.parametrize("position", [4.0, 4.3, 9.75])
+def test_the_expected_level_is_found_to_a_fraction_of_a_candidate(position: float) -> None:
+    index = torch.arange(16.0)[None, :, None, None]
+    logits = (-0.5 * ((index - position) / 0.7).square()).clamp_min(-8) + torch.zeros(1, 16, 2, 2)
+    level, mass = expected_level(logits)
+    torch.testing.assert_close(level * 15, torch.full((1, 1, 2, 2), position), atol=0.02, rtol=0)
+    assert float(mass.min()) > 0.9
+
+
+def test_a_distant_second_candidate_does_not_pull_the_level() -> None:
+    logits = torch.full((1, 16, 1, 1), -9.0)
+    logits[0, [3, 12]] = torch.tensor([2.0, 1.9])[:, None, None]
+    assert float(expected_level(logits)[0]) * 15 == pytest.approx(3, abs=1e-3)
+
+
+def test_upsampling_starts_as_bilinear_interpolation() -> None:
+    values = torch.rand(2, 1, 5, 7)
+    network = Edge()
+    found = convex_upsampling(values, network.bilinear.expand(2, 36, 5, 7))
+    expected = functional.interpolate(values, scale_factor=2.0, mode="bilinear", align_corners=False)
+    torch.testing.assert_close(found, expected, atol=5e-3, rtol=0)
+
+
+def test_upsampling_never_leaves_the_range_of_the_neighbourhood() -> None:
+    values = torch.rand(1, 1, 6, 6)
+    found = convex_upsampling(values, 5 * torch.randn(1, 36, 6, 6))
+    low = -functional.max_pool2d(-values, 3, 1, 1).repeat_interleave(2, 2).repeat_interleave(2, 3)
+    high = functional.max_pool2d(values, 3, 1, 1).repeat_interleave(2, 2).repeat_interleave(2, 3)
+    assert ((found >= low - 1e-6) & (found <= high + 1e-6)).all()
