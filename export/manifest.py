@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +42,23 @@ def stamp(model: onnx.ModelProto, metadata: dict[str, Any]) -> None:
 
 
 def _drop_debris(model: onnx.ModelProto) -> None:
-    """Remove the exporter's per-node notes: they hold stack traces with paths of the exporting machine."""
-    for holder in (*model.graph.node, *model.graph.value_info, *model.graph.initializer, *model.graph.input,
-                   *model.graph.output, model.graph):  # fmt: skip
+    """Remove the exporter's notes, in subgraphs too: they hold stack traces with paths of the exporting machine."""
+    for function in model.functions:
+        _clear_notes([function, *function.node])
+    _drop_from_graph(model.graph)
+
+
+def _drop_from_graph(graph: onnx.GraphProto) -> None:
+    _clear_notes([graph, *graph.node, *graph.value_info, *graph.initializer, *graph.input, *graph.output])
+    for node in graph.node:
+        for attribute in node.attribute:
+            for inner in (attribute.g, *attribute.graphs):
+                if inner.node:
+                    _drop_from_graph(inner)
+
+
+def _clear_notes(holders: Sequence[Any]) -> None:
+    for holder in holders:
         if hasattr(holder, "metadata_props"):
             del holder.metadata_props[:]
         holder.doc_string = ""

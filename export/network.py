@@ -28,7 +28,7 @@ from tinysplat.checkpoints import load_network
 from tinysplat.networks import edge, sweep
 from tinysplat.networks import export_support as official
 from tinysplat.networks.depthsplat import SCALE_RULES
-from tinysplat.training.state import averaged_network
+from tinysplat.training.state import shipped_network
 from tinysplat_runtime.artifacts import Artifact
 from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
 from tinysplat_runtime.inference import open_graph
@@ -110,9 +110,9 @@ def _sweep(options: argparse.Namespace) -> Network:
 
 def _edge(options: argparse.Namespace) -> Network:
     checkpoint = options.checkpoint or TRAINED_EDGE
-    module, steps = averaged_network(checkpoint)
+    module, steps = shipped_network(checkpoint)
     return Network(
-        module.eval(),
+        module,
         edge.OUTPUT_NAMES,
         Limits(edge.MIN_VIEWS, edge.MAX_VIEWS, edge.STRIDE, edge.MIN_SIDE),
         ((2, 64, 96), (3, 96, 64), (6, 64, 64)),
@@ -120,9 +120,9 @@ def _edge(options: argparse.Namespace) -> Network:
         parity_quantile=0.99,
         papers={
             "licence": "Apache-2.0",
-            "provenance": f"averaged weights of tinysplat.training after {steps} steps on procedural scenes and photos"
-            " with an open licence (docs/MODELS.md lists them), "
-            f"checkpoint SHA-256 {hashlib.sha256(checkpoint.read_bytes()).hexdigest()}",
+            "provenance": f"weights of tinysplat.training, last of several runs ({steps} steps), on procedural scenes"
+            " and photos with an open licence (docs/MODELS.md lists them), checkpoint SHA-256"
+            f" {hashlib.sha256(checkpoint.read_bytes()).hexdigest()}",
             "purpose": "sweep, corrected by a small learned network, to two layers of Gaussians",
         },
     )

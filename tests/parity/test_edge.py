@@ -8,7 +8,7 @@ import torch
 from two_planes import FAR, NEAR, SQUARE_Z, trace
 
 from tinysplat.networks.edge import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OPACITY_CAP, OUTPUT_NAMES, STRIDE
-from tinysplat.training.state import averaged_network
+from tinysplat.training.state import shipped_network
 from tinysplat_runtime.artifacts import models_dir
 from tinysplat_runtime.inference import GraphStore
 
@@ -50,7 +50,7 @@ def test_onnx_matches_the_torch_twin_with_the_shipped_weights(size: tuple[int, i
     scene = trace(*size)
     inputs = network_inputs(scene.images, scene.cameras)
     found = STORE.network("edge").run(inputs)
-    module, steps = averaged_network(models_dir() / "training" / "edge.pt")
+    module, steps = shipped_network(models_dir() / "training" / "edge.pt")
     assert steps > 0
     with torch.no_grad():
         expected = module.eval()(*(torch.from_numpy(array) for array in inputs.values()))
@@ -63,12 +63,12 @@ def test_onnx_matches_the_torch_twin_with_the_shipped_weights(size: tuple[int, i
 @pytest.mark.parametrize("size", [(2, 96, 128), (3, 96, 64), (4, 64, 96)])
 def test_depth_of_textured_planes_is_found(size: tuple[int, int, int]) -> None:
     scene = trace(*size)
-    assert depth_error(run(scene.images, scene.cameras), scene.depth) < 0.01
+    assert depth_error(run(scene.images, scene.cameras), scene.depth) < 0.02
 
 
 def test_a_portrait_is_as_good_as_a_landscape() -> None:
     scene = trace(2, 128, 64)
-    assert depth_error(run(scene.images, scene.cameras), scene.depth) < 0.01
+    assert depth_error(run(scene.images, scene.cameras), scene.depth) < 0.02
 
 
 @pytest.mark.parametrize(("near", "far"), [(0.5, 1.0), (1.0, 2.0), (0.5, 2.0)])

@@ -127,7 +127,7 @@ def test_a_corrupt_photo_is_skipped_and_counted_and_reported(tmp_path: Path) -> 
     assert any("1 scenes, 1 photos skipped" in line for line in lines)
 
 
-def weights(state: TrainingState) -> list[Tensor]:
+def all_weights(state: TrainingState) -> list[Tensor]:
     return [*state.network.state_dict().values(), *state.average.values()]
 
 
@@ -137,7 +137,7 @@ def test_an_interrupted_and_resumed_run_equals_an_uninterrupted_one(photos: Path
     train(tiny_config(photos, steps=2, cooldown=0), tmp_path / "parts", say=lambda line: None)
     resumed = train(config, tmp_path / "parts", resume=True, say=lambda line: None)
     assert whole.step == resumed.step == 4 and len(whole.history) == len(resumed.history) == 4
-    assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
+    assert all(torch.equal(a, b) for a, b in zip(all_weights(whole), all_weights(resumed), strict=True))
     moments = [list(state.optimiser.state_dict()["state"].values()) for state in (whole, resumed)]
     assert all(torch.equal(a["exp_avg_sq"], b["exp_avg_sq"]) for a, b in zip(*moments, strict=True))
     assert (tmp_path / "parts" / CURVES).stat().st_size > 1000
@@ -174,7 +174,7 @@ def test_steps_on_one_sample_make_its_picture_better(photos: Path) -> None:
         loss.backward()
         state.optimiser.step()
         found.append(float(loss.detach()))
-    assert found[-1] < 0.9 * found[0]
+    assert found[-1] < found[0] - 0.05, found
 
 
 def flat_prediction(photos: Path) -> tuple[object, Sample]:
@@ -201,7 +201,8 @@ def test_the_rate_is_zero_for_constant_planes_and_grows_with_noise(photos: Path)
 def test_the_photometric_loss_is_zero_for_equal_pictures_alone() -> None:
     picture = torch.rand(3, 8, 8)
     assert float(photometric(picture, picture, LossWeights())) == 0
-    assert float(photometric(picture + 0.1, picture, LossWeights(1, 0, 1))) == pytest.approx(0.1, abs=1e-6)
+    weights = LossWeights(l1=1, squared=0, gradient=1, decibel=0)
+    assert float(photometric(picture + 0.1, picture, weights)) == pytest.approx(0.1, abs=1e-6)
 
 
 def test_the_entropy_is_least_at_the_true_candidates() -> None:

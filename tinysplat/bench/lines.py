@@ -7,11 +7,10 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable
 from typing import Any
 
-from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
 
 from .inputs import user_inputs
 from .machine import commit, package_versions, processor_name
-from .network import shipped_networks
 from .report import finite_json
 from .sections import FULL, QUICK, Bench
 from .timing import Row
@@ -30,7 +29,7 @@ def make_bench(options: Namespace) -> Bench:
     """A run as the options say."""
     scenes, files, left_out = user_inputs(options.inputs)
     plan = QUICK if options.quick else FULL
-    return Bench(plan, Runtime(threads=options.threads), scenes, files, shipped_networks()[:1], left_out)
+    return Bench(plan, Runtime(threads=options.threads), scenes, files, [DEFAULT_MODEL], left_out)
 
 
 def print_rows(rows: Iterable[Row]) -> list[Row]:

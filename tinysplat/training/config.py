@@ -108,8 +108,11 @@ class Config:
     run: RunSettings = field(default_factory=RunSettings)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers and strings, for the checkpoint."""
-        return asdict(self)
+        """Plain numbers and strings, for the checkpoint; of folders only their names."""
+        content = asdict(self)
+        for name in ("photos", "validation"):
+            content["data"][name] = Path(content["data"][name]).name
+        return content
 
 
 def load_config(path: Path) -> Config:

@@ -23,6 +23,9 @@ DEPTH_STEP = 1e-3
 FOOTPRINT_STEP, OPACITY_STEP, COLOUR_STEP = 0.28, 0.13, 0.03
 """Steps of the other planes: 0.009 / √sensitivity."""
 
+ERROR_FLOOR = 1e-4
+"""Squared error, 40 dB, below which its logarithm pulls no harder."""
+
 LARGEST_ERROR = 4.0
 """Depth errors beyond this many candidates pull no harder."""
 
@@ -33,14 +36,16 @@ class LossWeights:
 
     Attributes:
         l1, squared, gradient: of the photometric term.
+        decibel: of the logarithm of the mean squared error in it: every picture counts alike, however hard it is.
         logits: cross-entropy of candidates.
         depth: smooth L1 of the final depth, candidates.
         rate: bits per pixel, roughly.
     """
 
     l1: float = 0.5
-    squared: float = 16.0
+    squared: float = 0.0
     gradient: float = 0.25
+    decibel: float = 0.3
     logits: float = 0.01
     depth: float = 0.02
     rate: float = 0.002
@@ -69,10 +74,13 @@ def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tupl
 
 
 def photometric(image: Tensor, target: Tensor, weights: LossWeights) -> Tensor:
-    """Weighted L1, mean squared error and L1 of the differences' gradients of pictures (3, H, W)."""
+    """Weighted L1, mean squared error, its logarithm, and L1 of the differences' gradients of pictures (3, H, W)."""
     error = image - target
     slopes = (error[:, 1:] - error[:, :-1]).abs().mean() + (error[:, :, 1:] - error[:, :, :-1]).abs().mean()
-    return weights.l1 * error.abs().mean() + weights.squared * error.square().mean() + weights.gradient * slopes
+    squared = error.square().mean()
+    decibel = torch.log(squared / ERROR_FLOOR + 1)
+    parts = (weights.l1 * error.abs().mean(), weights.squared * squared, weights.decibel * decibel)
+    return torch.stack(parts).sum() + weights.gradient * slopes
 
 
 def candidate_truth(prediction: Prediction, depth: Tensor) -> tuple[Tensor, Tensor]:
