@@ -6,6 +6,7 @@ is not. No more jobs are handed out than workers can have at hand, so that a bat
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -107,7 +108,7 @@ def run_ray(jobs: Sequence[Job], work: Work, workers: int, attempts: int, addres
     if ours:
         start = {"address": address} if address else {"num_cpus": workers, "include_dashboard": False}
         try:
-            ray.init(log_to_driver=False, logging_level="ERROR", **start)
+            ray.init(log_to_driver=False, logging_level=logging.ERROR, **start)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise InputError(f"no Ray cluster there ({str(error).splitlines()[0][:120]})", where=str(address)) from None
     try:

@@ -26,7 +26,7 @@ from .growth import write_room
 from .inputs import Photos, Room
 from .memory import Peak, measure_peak
 from .network import contract_inputs
-from .timing import Baseline, Effort, Figures, Row, Stage, Variant, measure
+from .timing import Baseline, Effort, Figures, Row, Setting, Stage, Variant, measure
 
 Arrays = dict[str, NDArray]
 
@@ -80,7 +80,7 @@ def official_stage(loaded: LoadedNetwork, models: Sequence[Path], source: Room, 
     variants = [Variant(TORCH, run, figures, threads=threads)]
     for path in models:
         graph = open_graph(Artifact(path.stem, path), "network", threads=threads)
-        settings = {"model": str(path), "file_bytes": path.stat().st_size}
+        settings: dict[str, Setting] = {"model": str(path), "file_bytes": path.stat().st_size}
         variants.append(
             Variant(path.stem, partial(graph.run, inputs), figures, settings, threads, Baseline(TORCH, run))
         )
