@@ -16,7 +16,7 @@ demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back,
 dev: $(VENV)/.installed  ## the development environment
 
 test: $(VENV)/.installed  ## all tests (under 15 minutes on 2 cores)
-	$(VENV)/bin/python -m pytest -q
+	$(VENV)/bin/python -m pytest -q -m "not slow"
 
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
 	$(VENV)/bin/python -m pytest -q -m slow
