@@ -347,7 +347,11 @@ def test_more_photos_than_can_all_be_used_names_the_option(scene, tmp_path):
 
 
 def test_commands_of_an_extra_that_is_not_installed_name_the_extra():
-    assert 'pip install "tinysplat[cluster]"' in fail("batch", "x")
+    without = "import sys; sys.modules['tinysplat'] = None; from tinysplat_runtime.cli import main; "
+    without += "sys.exit(main(['eval', 'x']))"
+    done = subprocess.run([sys.executable, "-c", without], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "tinysplat" in done.stderr and 'pip install "tinysplat[eval]"' in done.stderr
 
 
 def test_unknown_commands_are_one_line():
