@@ -34,7 +34,7 @@ from .reports import Stopwatch
 from .scenes import Scene
 from .threads import available_cores
 
-DEFAULT_MODEL = "sweep"
+DEFAULT_MODEL = "edge"
 
 
 class Runtime:

@@ -13,6 +13,7 @@ import pytest
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
@@ -143,7 +144,7 @@ def test_photo_and_hybrid_files_go_through_every_command(scene, tmp_path):
         file, report = tmp_path / f"{mode}.tsplat", tmp_path / "r.json"
         succeed("encode", scene, "-o", file, "--mode", mode, "--report", report)
         assert json.loads(report.read_text())["mode"] == mode
-        assert "network sweep" in succeed("info", file)
+        assert f"network {DEFAULT_MODEL}" in succeed("info", file)
         succeed("decode", file, "-o", tmp_path / "g.npz", "--report", report)
         assert json.loads(report.read_text())["seconds"]["network"] > 0
         succeed("render", file, "-o", tmp_path / "x.png")
@@ -151,7 +152,8 @@ def test_photo_and_hybrid_files_go_through_every_command(scene, tmp_path):
 
 def test_the_network_for_a_file_of_photos_can_be_given(scene, tmp_path):
     own = tmp_path / "mine.onnx"
-    own.write_bytes((Path(__file__).resolve().parents[2] / "models" / "sweep.onnx").read_bytes() + b"\xd0\x7d\x01")
+    shipped = Path(__file__).resolve().parents[2] / "models" / f"{DEFAULT_MODEL}.onnx"
+    own.write_bytes(shipped.read_bytes() + b"\xd0\x7d\x01")
     file = tmp_path / "p.tsplat"
     succeed("encode", scene, "-o", file, "--mode", "photos", "--model", own)
     message = fail("decode", file, "-o", tmp_path / "g.npz")

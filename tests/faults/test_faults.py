@@ -106,10 +106,11 @@ def test_an_interrupted_command_ends_with_130_and_leaves_nothing(inputs, tmp_pat
         status, err = _finish(process)
         statuses.append(status)
         assert "Traceback" not in err, err
-        if status == 130:
-            assert list(tmp_path.iterdir()) == []
+        # An interpreter on its way out, its work done, dies of the signal itself: 130 to a shell, and a whole file.
+        whole = [] if status == 130 else [tmp_path / f"out{suffix}"]
+        assert list(tmp_path.iterdir()) == whole
         (tmp_path / f"out{suffix}").unlink(missing_ok=True)
-    assert set(statuses) <= {0, 130} and statuses[0] == 130
+    assert set(statuses) <= {0, 130, -signal.SIGINT} and statuses[0] == 130
 
 
 def _small_files() -> None:

@@ -13,6 +13,7 @@ from scenes import make_photo, write_scene
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.artifacts import models_dir
 from tinysplat_runtime.codec.hybrid import as_codes
 from tinysplat_runtime.codec.photos import decode_photos, encode_photos
@@ -109,7 +110,7 @@ def test_info_names_mode_network_and_photos_and_its_bytes_add_up(files):
         assert described["mode"] == mode
         assert described["bytes"] == sum(described["bytes_by_class"].values()) + described["metadata_bytes"]
         if mode != "gaussians":
-            assert described["network"]["name"] == "sweep" and len(described["network"]["sha256"]) == 64
+            assert described["network"]["name"] == DEFAULT_MODEL and len(described["network"]["sha256"]) == 64
             assert described["photos"]["bytes"] == described["bytes_by_class"]["photos"] > 0
 
 
@@ -124,9 +125,9 @@ def test_a_hybrid_prefix_falls_back_to_the_photos(files, raw):
 
 def test_another_network_at_decode_is_a_model_error_with_name_and_hash(files, tmp_path):
     other = tmp_path / "other.onnx"
-    other.write_bytes((models_dir() / "sweep.onnx").read_bytes() + b"\0")
+    other.write_bytes((models_dir() / f"{DEFAULT_MODEL}.onnx").read_bytes() + b"\0")
     wanted = ts.inspect(files["photos"])["network"]["sha256"]
-    with pytest.raises(ModelError, match=f"(?s)other.onnx.*'sweep' of sha256 {wanted}"):
+    with pytest.raises(ModelError, match=f"(?s)other.onnx.*'{DEFAULT_MODEL}' of sha256 {wanted}"):
         RUNTIME.decompress(files["photos"], model=str(other))
 
 
@@ -135,7 +136,7 @@ def test_a_missing_network_at_decode_is_a_model_error_that_names_the_option(file
     for section in sections:
         if section[0] == extras.NETWORK:
             section[3] = bytes(32) + section[3][32:]
-    with pytest.raises(ModelError, match=rf"'sweep' of sha256 {'0' * 64} is not at hand; .*another.*--model"):
+    with pytest.raises(ModelError, match=rf"'{DEFAULT_MODEL}' of sha256 {'0' * 64} is not at hand; .*another.*--model"):
         RUNTIME.decompress(file_of(sections))
 
 
