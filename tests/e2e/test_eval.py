@@ -13,6 +13,7 @@ import pytest
 from chunks import make_chunk_scene, write_chunks
 from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, write_eval_scene
 
+from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
@@ -57,7 +58,7 @@ def test_a_run_prints_tables_and_writes_what_was_asked_for(scenes, tmp_path):
         "eval", scenes / "one", "-o", tmp_path / "r", "--kind", "near", "--json", tmp_path / "r.json", "--csv",
         tmp_path / "r.csv", "--size", "48x64", "--lpips-linear", scenes / "one" / "0.png",
     )  # fmt: skip
-    assert "near, 2 views, sweep, balanced at Q_g 0, 48x64" in done.stdout and "no weights" in done.stdout
+    assert f"near, 2 views, {DEFAULT_MODEL}, balanced at Q_g 0, 48x64" in done.stdout and "no weights" in done.stdout
     assert "1 windows measured" in done.stdout and "no backbone weights of LPIPS-vgg" in done.stdout
     (entry,) = json.loads((tmp_path / "r.json").read_text())["scenes"]
     assert entry["scene"] == "one" and entry["lpips"] is None and entry["psnr"] > entry["psnr_photo"]
