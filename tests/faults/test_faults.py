@@ -106,11 +106,12 @@ def test_an_interrupted_command_ends_with_130_and_leaves_nothing(inputs, tmp_pat
         status, err = _finish(process)
         statuses.append(status)
         assert "Traceback" not in err, err
-        # An interpreter on its way out, its work done, dies of the signal itself: 130 to a shell, and a whole file.
-        whole = [] if status == 130 else [tmp_path / f"out{suffix}"]
-        assert list(tmp_path.iterdir()) == whole
+        found = list(tmp_path.iterdir())
+        assert found in ([], [tmp_path / f"out{suffix}"])
+        assert status != 130 or found == []
         (tmp_path / f"out{suffix}").unlink(missing_ok=True)
-    assert set(statuses) <= {0, 130, -signal.SIGINT} and statuses[0] == 130
+    # An interpreter that is on its way out, or was in a library's start, ends by the signal: 130 to a shell as well.
+    assert set(statuses) <= {0, 130, -signal.SIGINT} and statuses[0] in (130, -signal.SIGINT)
 
 
 def _small_files() -> None:

@@ -26,7 +26,7 @@ from tinysplat.evaluation.ablation import (
 from tinysplat.evaluation.paper_tables import network_name, time_codings
 from tinysplat.evaluation.published import BITS, MAIN, VIEWS
 from tinysplat.metrics import attribute_errors
-from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
 from tinysplat_runtime.interchange import save_gaussians
 
 FINE = -30.0
@@ -175,7 +175,9 @@ def test_table_main_prints_the_papers_rows_and_ours(run, inputs):
     assert rows[0] == ["network", "codec", "by", "RE10K", "ACID", "scenes"]
     printed = {tuple(row[:3]): row[3:] for row in rows[2:]}
     assert printed["MVSplat", "TinySplat", "printed"][0] == "26.32 / 0.8671 / 0.1349 / 0.216"
-    assert printed["sweep", "balanced", "here"][:2] == ["–", "–"] and "/" in printed["sweep", "raw", "here"][2]
+    assert (
+        printed[DEFAULT_MODEL, "balanced", "here"][:2] == ["–", "–"] and "/" in printed[DEFAULT_MODEL, "raw", "here"][2]
+    )
     assert "†" in printed["made", "paper", "here"][2]
     assert (folder / "table-main.md").read_text() == text
 
@@ -195,7 +197,7 @@ def test_table_main_puts_a_data_set_under_its_own_column(run, tmp_path):
 def test_table_views_has_two_four_and_six(run, inputs):
     text, _, _ = run("table-views", inputs[0], "--profile", "fast")
     for views in (2, 4, 6):
-        assert f"| {views} DepthSplat" in text and f"| {views} sweep" in text
+        assert f"| {views} DepthSplat" in text and f"| {views} {DEFAULT_MODEL}" in text
 
 
 def test_table_bits_and_table_time_stand_beside_the_printed_ones(run, inputs):
