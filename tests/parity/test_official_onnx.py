@@ -1,7 +1,7 @@
 """Official networks as ONNX artifacts against torch and the authors' outputs.
 
 An export takes a minute or more. Most tests run on networks whose repeated parts are fewer (two transformer layers,
-four ViT blocks): every kind of part, at every number of views and size; MVSplat's are in the ordinary tests, DepthSplat's
+four ViT blocks): every kind of part, at every number of views and size; MVSplat runs in the ordinary tests, DepthSplat
 among the slow ones. The last, slow as well, makes all six official configurations with the command that users run.
 """
 
