@@ -181,11 +181,12 @@ class Runtime:
 
     def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
         """PSNR of a file's render to that of `gaussians`, the mean over their views."""
-        renderer = Renderer(gaussians, threads=self.threads)
+        # In numpy, so that no byte depends on whether numba is installed.
+        renderer = Renderer(gaussians, threads=self.threads, compiled=False)
         raw = [renderer.render(camera) for camera in gaussians.cameras]
 
         def measure(data: bytes) -> float:
-            decoded = Renderer(self.decompress(data), threads=self.threads)
+            decoded = Renderer(self.decompress(data), threads=self.threads, compiled=False)
             errors = [
                 float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
                 for camera, image in zip(gaussians.cameras, raw, strict=True)

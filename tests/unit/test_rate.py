@@ -15,6 +15,7 @@ from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.codec.quantize import choose_code_map
 from tinysplat_runtime.codec.rate import ChannelModel
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.render import renderer
 
 RUNTIME = ts.Runtime(threads=2)
 
@@ -61,6 +62,14 @@ def test_a_target_psnr_is_reached_and_passed_by_at_most_a_fifth_of_a_decibel(gau
 def test_the_search_does_not_depend_on_threads(gaussians):
     one, three = (ts.Runtime(threads=n).compress(gaussians, target_size=15_000) for n in (1, 3))
     assert one == three
+
+
+def test_the_search_does_not_depend_on_whether_numba_is_installed(gaussians, monkeypatch):
+    """Compiled pictures differ in their last bits, and with them would the search's next step."""
+    asked = []
+    monkeypatch.setattr(renderer, "_compiled_module", lambda required: asked.append(required))
+    RUNTIME.compress(gaussians, target_psnr=38)
+    assert asked == []
 
 
 def test_targets_out_of_reach_name_the_nearest(gaussians):
