@@ -106,7 +106,8 @@ def render(args: Namespace) -> None:
         raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
     watch = Stopwatch()
     gaussians = load_any(args, watch)
-    renderer = Renderer(gaussians, threads=args.threads)
+    # Loading compiled code takes longer than drawing one picture without it.
+    renderer = Renderer(gaussians, threads=args.threads, compiled=None if suffix == ".mp4" else False)
     if suffix == ".png":
         camera = _chosen_camera(args.camera, gaussians)
         with watch.stage("render"):
