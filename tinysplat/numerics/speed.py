@@ -18,7 +18,7 @@ from tinysplat_runtime.codec.quantize import choose_code_map
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inference import CONTRACTS, GraphStore
 from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats
-from tinysplat_runtime.render.prepare import prepare, principal_axes
+from tinysplat_runtime.render.prepare import ALPHA_MIN, prepare, principal_axes
 from tinysplat_runtime.render.project import DILATION, Splats, View, project
 from tinysplat_runtime.sh import sh_basis
 
@@ -249,7 +249,7 @@ def _ewa(g: Gaussians, _: GraphStore, effort: Effort) -> list[Row]:
             project(block, view, (4, 4), splats)
         return splats.records[:-1, :2]
 
-    shown = flat.opacities >= 1 / 255
+    shown = flat.opacities >= ALPHA_MIN
     means, quats, scales = (a[shown] for a in (flat.means, flat.quats, flat.scales))
 
     def straight(dtype: Any) -> Run:

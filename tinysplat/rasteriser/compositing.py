@@ -10,8 +10,9 @@ from torch import Tensor
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render.prepare import ALPHA_MIN
+from tinysplat_runtime.render.renderer import NEAR_PLANE
 
-from .projection import NEAR_PLANE, PinholeCamera, Splats
+from .projection import PinholeCamera, Splats
 from .tiles import composite_in_tiles
 
 HAS_NUMBA = importlib.util.find_spec("numba") is not None

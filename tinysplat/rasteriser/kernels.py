@@ -12,9 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_ALPHA_MIN = np.float32(1 / 255)
-_ALPHA_MAX = np.float32(0.99)
-_TRANSMITTANCE_MIN = np.float32(1e-4 * (1 - 2e-5))
+from tinysplat_runtime.render.composite import ALPHA_MAX, TRANSMITTANCE_MIN
+from tinysplat_runtime.render.prepare import ALPHA_MIN
+
+_ALPHA_MIN = np.float32(ALPHA_MIN)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1)
 _RULES = {"contract", "reassoc", "arcp", "nsz"}
@@ -67,12 +68,12 @@ def composite(
                 if not open_[row, column]:
                     continue
                 dx = column + _HALF - x
-                alpha = min(o * math.exp(-_HALF * (a * dx * dx + c * dy * dy) - b * dx * dy), _ALPHA_MAX)
+                alpha = min(o * math.exp(-_HALF * (a * dx * dx + c * dy * dy) - b * dx * dy), ALPHA_MAX)
                 if alpha < _ALPHA_MIN:
                     continue
                 before = left[row, column]
                 after = before * (_ONE - alpha)
-                if after < _TRANSMITTANCE_MIN:
+                if after < TRANSMITTANCE_MIN:
                     open_[row, column] = False
                     continue
                 weight = before - after
@@ -126,12 +127,12 @@ def composite_gradient(
                 dx = column + _HALF - x
                 shape = math.exp(-_HALF * (a * dx * dx + c * dy * dy) - b * dx * dy)
                 full = o * shape
-                alpha = min(full, _ALPHA_MAX)
+                alpha = min(full, ALPHA_MAX)
                 if alpha < _ALPHA_MIN:
                     continue
                 before = left[row, column]
                 after = before * (_ONE - alpha)
-                if after < _TRANSMITTANCE_MIN:
+                if after < TRANSMITTANCE_MIN:
                     open_[row, column] = False
                     continue
                 weight = before - after
@@ -142,7 +143,7 @@ def composite_gradient(
                 g_green += weight * d1
                 g_blue += weight * d2
                 behind[row, column] -= weight * along
-                if full > _ALPHA_MAX:
+                if full > ALPHA_MAX:
                     continue
                 d_alpha = before * along - behind[row, column] / (_ONE - alpha)
                 g_o += d_alpha * shape

@@ -12,9 +12,7 @@ import torch
 from torch import Tensor
 
 from tinysplat_runtime.render.project import DILATION, JACOBIAN_MARGIN
-
-NEAR_PLANE = 0.01
-"""Smallest depth that is drawn, scene units: the runtime's default."""
+from tinysplat_runtime.render.renderer import NEAR_PLANE
 
 
 @dataclass(frozen=True)

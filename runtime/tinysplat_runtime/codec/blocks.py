@@ -30,7 +30,7 @@ def _dct_matrix() -> NDArray:
     return rows.astype(np.float32)
 
 
-_DCT = _dct_matrix()
+DCT = _dct_matrix()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,9 @@ class BlockSpectrum:
         count, height, width = planes.shape
         pad = ((0, 0), (0, -height % SIDE), (0, -width % SIDE))
         padded = np.pad(planes, pad, mode="edge") if any(side for _, side in pad) else planes
-        rows = padded.reshape(count, -1, SIDE) @ _DCT.T
+        rows = padded.reshape(count, -1, SIDE) @ DCT.T
         blocks = rows.reshape(count, padded.shape[1] // SIDE, SIDE, padded.shape[2])
-        return cls((_DCT @ blocks).reshape(*blocks.shape[:3], -1, SIDE), (height, width))
+        return cls((DCT @ blocks).reshape(*blocks.shape[:3], -1, SIDE), (height, width))
 
     def coding_error(self, step: float) -> NDArray:
         """(n, H, W) what quantisation at `step` would add to the planes."""
@@ -61,8 +61,8 @@ class BlockSpectrum:
         levels = np.sign(scaled) * np.floor(np.abs(scaled) + np.float32(DEAD_ZONE))
         error = (levels - scaled) * np.float32(step)
         count, rows, _, columns, _ = error.shape
-        blocks = _DCT.T @ error.reshape(count, rows, SIDE, columns * SIDE)
-        planes = (blocks.reshape(-1, SIDE) @ _DCT).reshape(count, rows * SIDE, columns * SIDE)
+        blocks = DCT.T @ error.reshape(count, rows, SIDE, columns * SIDE)
+        planes = (blocks.reshape(-1, SIDE) @ DCT).reshape(count, rows * SIDE, columns * SIDE)
         return planes[:, : self.size[0], : self.size[1]]
 
     def bits(self, steps: NDArray) -> NDArray:

@@ -19,6 +19,7 @@ from ..cameras import Camera
 from ..gaussians import Gaussians
 from ..quaternions import left_multiplication_matrices, matrices_to_quats, multiply_quats
 from ..render import Renderer, between
+from ..render.prepare import ALPHA_MIN
 from ..sh import C0, sh_basis
 from .planes import PlaneClass
 
@@ -29,7 +30,6 @@ _REACH = 3.0  # standard deviations beyond which a Gaussian's part in a window i
 _DILATION_PX = 3.0
 _LEAST_DEPTH = 1e-6
 _LEAST_W = 0.1
-_LEAST_OPACITY = 1 / 255
 _GOLDEN = 0.6180339887498949
 
 
@@ -155,7 +155,7 @@ def _select(planes: PlaneSet, window: Camera) -> _Selection:
     v = K[1, 1] * y / safe + K[1, 2]
     reach = np.float32(_REACH * window.focal) * planes.widest / safe + np.float32(_DILATION_PX)
     near = (np.abs(u - window.width / 2) < window.width / 2 + reach) & (z > _LEAST_DEPTH)
-    near &= (np.abs(v - window.height / 2) < window.height / 2 + reach) & (layer.opacities >= _LEAST_OPACITY)
+    near &= (np.abs(v - window.height / 2) < window.height / 2 + reach) & (layer.opacities >= ALPHA_MIN)
     views, rows, columns = np.nonzero(near)
     directions = points[views, rows, columns]
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)

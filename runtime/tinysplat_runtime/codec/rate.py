@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..container.reader import read_container
 from ..container.writer import CodedChannel, CodedLayer, write_container
 from ..errors import InputError
+from .blocks import DCT, DEAD_ZONE, SIDE
 from .encoder import MAX_GLOBAL_QP, SceneEncoder, is_flat
 from .planes import Channel, LayerPlan, PlaneClass
 from .quantize import choose_code_map
@@ -38,13 +39,11 @@ _NEAR = 1.0
 _DB_PER_QP = 0.5
 """Typical fall of the PSNR, for the first guesses."""
 
-_BLOCK = 8
 _SAMPLED_BLOCKS = 1024
 _BINS_PER_OCTAVE = 8
-_DEAD_ZONE = 0.6
+_LEAST_LEVEL = 0.6
 """Coefficients below this share of the step cost nothing."""
 
-_HEVC_ROUNDING = 1 / 3
 _TINY = 1e-30
 _PLANS = 3
 _SAME_PLAN = 1.0
@@ -155,7 +154,7 @@ class ChannelModel:
             return 0.0
         step = choose_code_map(low, high, self._mean, step).step
         edges = self._first_bin + np.arange(len(self._counts))
-        at = math.log2(_DEAD_ZONE * step) * _BINS_PER_OCTAVE
+        at = math.log2(_LEAST_LEVEL * step) * _BINS_PER_OCTAVE
         count = float(np.interp(at, edges, self._counts, right=0.0))
         octaves = float(np.interp(at, edges, self._octaves, right=0.0))
         bits = self._bits(count, octaves, step)
@@ -164,9 +163,9 @@ class ChannelModel:
         return bits / 8
 
     def _refinement_bits(self, coarse: float, fine: float) -> float:
-        rounded = np.floor(self._coefficients / coarse + _HEVC_ROUNDING)
+        rounded = np.floor(self._coefficients / coarse + DEAD_ZONE)
         rest = np.abs(self._coefficients - coarse * rounded)
-        kept = rest[rest > _DEAD_ZONE * fine]
+        kept = rest[rest > _LEAST_LEVEL * fine]
         return self._bits(len(kept), float(np.log2(kept).sum(dtype=np.float64)), fine)
 
     def _bits(self, count: float, octaves: float, step: float) -> float:
@@ -182,29 +181,19 @@ def _sampled_dct(values: NDArray) -> tuple[NDArray, float]:
     The mean of a block counts by half its difference to its neighbour, as intra prediction takes off the rest.
     """
     views, height, width = values.shape
-    if height < _BLOCK or width < _BLOCK:
-        grow = ((0, 0), (0, max(_BLOCK - height, 0)), (0, max(_BLOCK - width, 0)))
+    if height < SIDE or width < SIDE:
+        grow = ((0, 0), (0, max(SIDE - height, 0)), (0, max(SIDE - width, 0)))
         values = np.pad(values, grow, mode="edge")
-    rows, columns = values.shape[1] // _BLOCK, values.shape[2] // _BLOCK
-    blocks = values[:, : rows * _BLOCK, : columns * _BLOCK].reshape(views, rows, _BLOCK, columns, _BLOCK)
+    rows, columns = values.shape[1] // SIDE, values.shape[2] // SIDE
+    blocks = values[:, : rows * SIDE, : columns * SIDE].reshape(views, rows, SIDE, columns, SIDE)
     means = blocks.mean(axis=(2, 4))  # (V, rows, columns)
     steps = np.diff(means, axis=2, prepend=np.roll(means[:, :, :1], 1, axis=1))
     count = means.size
     stride = -(-count // _SAMPLED_BLOCKS) | 1  # odd, so that it does not fall in step with the columns
-    sampled = blocks.swapaxes(2, 3).reshape(count, _BLOCK, _BLOCK)[::stride].astype(np.float32)
-    magnitudes = np.abs(_DCT @ sampled @ _DCT.T).reshape(len(sampled), -1)
-    magnitudes[:, 0] = np.abs(steps.reshape(count)[::stride]) * (_BLOCK / 2)
+    sampled = blocks.swapaxes(2, 3).reshape(count, SIDE, SIDE)[::stride].astype(np.float32)
+    magnitudes = np.abs(DCT @ sampled @ DCT.T).reshape(len(sampled), -1)
+    magnitudes[:, 0] = np.abs(steps.reshape(count)[::stride]) * (SIDE / 2)
     return magnitudes, count / len(sampled)
-
-
-def _dct_matrix() -> NDArray:
-    frequency, sample = np.mgrid[:_BLOCK, :_BLOCK]
-    matrix = np.sqrt(2 / _BLOCK) * np.cos(np.pi * (2 * sample + 1) * frequency / (2 * _BLOCK))
-    matrix[0] /= np.sqrt(2)
-    return matrix.astype(np.float32)
-
-
-_DCT = _dct_matrix()
 
 
 def _models(plans: Sequence[LayerPlan]) -> list[ChannelModel]:
