@@ -23,7 +23,7 @@ from tinysplat.evaluation import Settings, Source, find_sources, paper_figures, 
 from tinysplat.evaluation.lpips_files import BACKBONE_FILES
 from tinysplat.evaluation.paper_tables import SCENES, Inputs
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.cli import size
+from tinysplat_runtime.arguments import size
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.files import write_atomically
 from tinysplat_runtime.threads import available_cores

@@ -14,11 +14,11 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from types import FrameType
 from typing import NoReturn, TypeAlias
 
 from . import __version__
+from .arguments import byte_count, count, indices, numbers, positive, size, views
 from .errors import InputError, TinySplatError
 
 PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they mean; not imported, to start fast
@@ -38,105 +38,12 @@ EXTRAS = {
 """Commands that an extra brings, for the message when it is not installed."""
 
 
-@dataclass(frozen=True)
-class AutoViews:
-    """Views chosen by coverage and baseline.
-
-    Attributes:
-        count: how many.
-    """
-
-    count: int
-
-
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
 
     def error(self, message: str) -> NoReturn:
         print(f"{self.prog}: {message}", file=sys.stderr)
         raise SystemExit(2)
-
-
-def size(text: str) -> tuple[int, int]:
-    """`256x384` to (height, width)."""
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
-        raise argparse.ArgumentTypeError(f"'{text}', expected HEIGHTxWIDTH such as 256x384")
-    return int(parts[0]), int(parts[1])
-
-
-def indices(text: str) -> list[int]:
-    """`0,4` to [0, 4]."""
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}', expected indices such as 0,4") from None
-
-
-def port(text: str) -> int:
-    """A TCP port, 0 for any."""
-    if not text.isdigit() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a port of 0 to 65535")
-    return int(text)
-
-
-def positive(text: str) -> float:
-    """A finite number above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"'{text}', expected a number above 0")
-    return value
-
-
-def numbers(length: int) -> Callable[[str], tuple[float, ...]]:
-    """Reads `length` finite numbers with commas between them."""
-
-    def parse(text: str) -> tuple[float, ...]:
-        try:
-            values = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            values = ()
-        if len(values) != length or not all(abs(value) < float("inf") for value in values):
-            raise argparse.ArgumentTypeError(f"'{text}', expected {length} numbers with commas between them")
-        return values
-
-    return parse
-
-
-def views(text: str) -> list[int] | AutoViews:
-    """`0,4` to [0, 4]; `auto` or `auto:3` to how many views to choose."""
-    word, _, count = text.partition(":")
-    if word != "auto":
-        return indices(text)
-    if count and not (count.isdigit() and int(count) >= 2):
-        raise argparse.ArgumentTypeError(f"'{text}', expected auto or auto:N with N of 2 or more")
-    return AutoViews(int(count or 2))
-
-
-def count(text: str) -> int:
-    """A whole number, 1 or more."""
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number of 1 or more")
-    return int(text)
-
-
-_BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
-
-
-def byte_count(text: str) -> int:
-    """`100KB`, `1.5 MiB` or `4096` to bytes; KB is 1000."""
-    number = text.rstrip("BbKkMmGgIi ")
-    unit = text[len(number) :].strip().lower()
-    try:
-        value = float(number) * _BYTES[unit]
-    except (KeyError, ValueError):
-        value = 0.0
-    if not 1 <= value < 1 << 40:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a size such as 100KB, 1.5MB or 4096")
-    return int(value)
 
 
 def _common() -> _Parser:
@@ -229,85 +136,102 @@ def build_parser() -> tuple[_Parser, Commands]:
     parser = _Parser(prog="tinysplat", description="Posed photos in, a tiny 3D Gaussian scene out.", epilog=_EPILOG)
     parser.add_argument("--version", action="version", version=f"tinysplat {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
-    common, coding, limits, prefix = _common(), _coding(), _limits(), _prefix()
+    for add in (_encode, _compress, _decode, _render, _convert, _info, _models, _doctor):
+        add(commands)
+    return parser, commands
 
-    provider = _provider()
-    encode = commands.add_parser(
-        "encode", parents=[common, coding, provider], help="photos and cameras to a .tsplat file"
+
+def _encode(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "encode", parents=[_common(), _coding(), _provider()], help="photos and cameras to a .tsplat file"
     )
-    encode.add_argument(
+    parser.add_argument(
         "scene", metavar="SCENE", nargs="+",
         help="folder with cameras.json, transforms.json or COLMAP's sparse/; a RealEstate10K .txt; two stereo photos",
     )  # fmt: skip
-    encode.add_argument(
+    parser.add_argument(
         "--views", type=views, metavar="I,J|auto[:N]",
         help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all, if 2 to 6",
     )  # fmt: skip
-    encode.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
-    encode.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
-    encode.add_argument(
+    parser.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
+    parser.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
+    parser.add_argument(
         "--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
     )
-    encode.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over cameras.json's")
-    encode.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
-    encode.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
-    encode.add_argument(
+    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over cameras.json's")
+    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
+    parser.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
+    parser.add_argument(
         "--mode", choices=MODES, default="gaussians", help="what the file carries; default gaussians, any receiver's"
     )
-    encode.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
+    parser.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
 
-    compress = commands.add_parser(
-        "compress", parents=[common, coding, provider], help="Gaussians of any network to a .tsplat file"
-    )
-    compress.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
-    compress.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
-    compress.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
-    compress.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 
-    selection = _selection()
-    decode = commands.add_parser(
-        "decode", parents=[common, limits, prefix, selection, provider], help="a .tsplat file back to Gaussians"
+def _compress(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "compress", parents=[_common(), _coding(), _provider()], help="Gaussians of any network to a .tsplat file"
     )
-    decode.add_argument("file", metavar="F.tsplat")
-    decode.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors, .ply, .spz or .sog")
-    decode.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
+    parser.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
+    parser.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
+    parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
+    parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 
-    render = commands.add_parser(
-        "render", parents=[common, limits, prefix, provider], help="a picture or a video of Gaussians"
+
+def _decode(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "decode",
+        parents=[_common(), _limits(), _prefix(), _selection(), _provider()],
+        help="a .tsplat file back to Gaussians",
     )
-    render.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
-    render.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
-    render.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
-    render.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
-    render.add_argument("--frames", type=count, default=60, metavar="N", help="frames of a video; default 60")
-    render.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
-    render.add_argument("--depth", action="store_true", help="a depth map (z, 16-bit PNG) in place of colours")
-    render.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",
+    parser.add_argument("file", metavar="F.tsplat")
+    parser.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
+
+
+def _render(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "render", parents=[_common(), _limits(), _prefix(), _provider()], help="a picture or a video of Gaussians"
+    )
+    parser.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
+    parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
+    parser.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
+    parser.add_argument("--frames", type=count, default=60, metavar="N", help="frames of a video; default 60")
+    parser.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
+    parser.add_argument("--depth", action="store_true", help="a depth map (z, 16-bit PNG) in place of colours")
+    parser.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",
                         help="value of a depth map per scene unit; default 1000")  # fmt: skip
-    render.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
+    parser.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
 
-    convert = commands.add_parser(
+
+def _convert(commands: Commands) -> None:
+    parser = commands.add_parser(
         "convert",
-        parents=[common, limits, prefix, selection, provider],
+        parents=[_common(), _limits(), _prefix(), _selection(), _provider()],
         help="Gaussian files to other formats, cut, moved or joined",
     )
-    convert.add_argument("files", nargs="+", metavar="IN", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
-    convert.add_argument("-o", "--output", required=True, metavar="OUT", help=".npz, .safetensors, .ply, .spz or .sog")
-    convert.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
-    convert.add_argument("--rotate", default="x,0", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
-    convert.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
-    convert.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
+    parser.add_argument("files", nargs="+", metavar="IN", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
+    parser.add_argument("--rotate", default="x,0", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
+    parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
+    parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
 
-    info = commands.add_parser("info", parents=[common, limits], help="what a .tsplat file holds")
-    info.add_argument("file", metavar="F.tsplat")
-    info.add_argument("--json", action="store_true", help="as JSON")
 
-    models = commands.add_parser("models", parents=[common], help="the networks and graphs at hand")
-    models.add_argument("--json", action="store_true", help="as JSON")
+def _info(commands: Commands) -> None:
+    parser = commands.add_parser("info", parents=[_common(), _limits()], help="what a .tsplat file holds")
+    parser.add_argument("file", metavar="F.tsplat")
+    parser.add_argument("--json", action="store_true", help="as JSON")
 
-    doctor = commands.add_parser("doctor", parents=[common], help="what is installed, and what is wrong with it")
-    doctor.add_argument("--json", action="store_true", help="as JSON")
-    return parser, commands
+
+def _models(commands: Commands) -> None:
+    parser = commands.add_parser("models", parents=[_common()], help="the networks and graphs at hand")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def _doctor(commands: Commands) -> None:
+    parser = commands.add_parser("doctor", parents=[_common()], help="what is installed, and what is wrong with it")
+    parser.add_argument("--json", action="store_true", help="as JSON")
 
 
 _EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"

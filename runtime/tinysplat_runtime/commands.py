@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .api import DEFAULT_MODEL, Runtime
+from .arguments import AutoViews
 from .artifacts import load_manifest
 from .cameras import Camera
-from .cli import AutoViews
 from .codec.encoder import EncodeStats
 from .conversion import convert, selected, write
 from .doctor import examine

@@ -11,7 +11,8 @@ from tinysplat.batch.jobs import Options, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.cli import PROFILES, AutoViews, count, size, views
+from tinysplat_runtime.arguments import AutoViews, count, size, views
+from tinysplat_runtime.cli import PROFILES
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.threads import available_cores
 

@@ -10,8 +10,8 @@ from typing import Any
 from tinysplat.evaluation.comparison import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
 from tinysplat.evaluation.tables import format_table, number
 from tinysplat_runtime.api import decompress
+from tinysplat_runtime.arguments import size
 from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.cli import size
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.files import read_limited, write_atomically
 from tinysplat_runtime.gaussians import Gaussians

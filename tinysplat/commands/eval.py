@@ -16,7 +16,7 @@ from tinysplat.evaluation.sources import ChunkSource
 from tinysplat.evaluation.summary import document
 from tinysplat.evaluation.tables import csv_text, results_text
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.cli import indices, size
+from tinysplat_runtime.arguments import indices, size
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.files import write_atomically

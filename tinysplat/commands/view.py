@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from tinysplat.viewer.page import build_page
 from tinysplat_runtime.api import decompress
+from tinysplat_runtime.arguments import port
 from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.cli import port
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.files import read_limited, write_atomically
 from tinysplat_runtime.gaussians import Gaussians
