@@ -1,12 +1,16 @@
-"""Rate–distortion of the profiles, and of other formats, on Gaussian files: bytes against decoded-vs-raw PSNR.
+"""Rate–distortion of profiles, modes and other formats; what each idea of the codec gains; seconds of every profile.
 
-    python benchmarks/rate_distortion.py G.npz … [--profiles paper,balanced] [--qps 0,6,12] [--peers] [-o FOLDER]
-    python benchmarks/rate_distortion.py G.npz … --ablation
+    python benchmarks/rate_distortion.py curves   INPUT … [--model edge,sweep] [--modes photos,hybrid] [--peers spz,sog]
+    python benchmarks/rate_distortion.py ablation INPUT … [--rounds 7]
+    python benchmarks/rate_distortion.py seconds  INPUT … [--rounds 7]
+                                                  [--views 2,4,6] [--limit 1] [--qps 0,6] [--quick] [-o FOLDER]
 
-Pictures are taken at the cameras in a file's `target_K` and `target_c2w`, or else midway between its views. Writes
-rate_distortion.json and rate_distortion.png, and prints bytes at equal dB, BD-rate against the first profile, bytes per
-class, and processor seconds. `--ablation` takes the ideas of the profile `balanced` away one by one instead: a BD-rate
-above 0 is what an idea gains.
+INPUT are scene folders with `eval_index.json`, folders of such, or Gaussian files. Pictures are taken at a window's
+targets; of a Gaussian file, at the cameras in its `target_K` and `target_c2w`, or else midway between its views.
+
+`curves` writes points.csv, curves.md and a plot per network; `ablation` points.csv and ablation.md of the profile
+`balanced` without each of its ideas, with `--rounds` also what each costs; `seconds` medians of interleaved rounds, and
+dB beside them. `curves` and `ablation` go on where they were stopped. docs/CODEC.md, docs/BENCHMARKS.md.
 """
 
 from __future__ import annotations
@@ -14,147 +18,193 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from tinysplat.bench.inputs import truncated
-from tinysplat.bench.peers import MAX_DEGREE, MissingToolError, peer_formats
+from tinysplat.bench.timing import Effort
+from tinysplat.bench.way_seconds import (
+    cost_table,
+    save_seconds_plots,
+    seconds_table,
+    time_costs,
+    time_ways,
+)
 from tinysplat.commands.eval import numbers, words
-from tinysplat.evaluation import ideas
-from tinysplat.evaluation.plots import Curve, save_curves
-from tinysplat.evaluation.rate_distortion import Pictures, Point, bd_rate, bytes_at, measure_point, to_json
-from tinysplat.evaluation.sources import FileSource
-from tinysplat.evaluation.tables import ABSENT, format_table, number
-from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.profiles import PROFILES, Profile, find_profile
+from tinysplat.evaluation import find_sources
+from tinysplat.evaluation.curve_plots import save_rate_plots
+from tinysplat.evaluation.curve_rows import Row, RowFile, grouped
+from tinysplat.evaluation.curve_tables import bits_table, gain_table, photo_table, rate_table, single_table
+from tinysplat.evaluation.rate_distortion import Pictures
+from tinysplat.evaluation.runner import Job
+from tinysplat.evaluation.subjects import Subject, list_subjects, load_subject, network_of, stamp
+from tinysplat.evaluation.ways import MODES, PEERS, Way, ablation_ways, find_ways
+from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
+from tinysplat_runtime.cli import size
+from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.files import write_atomically
 
-EQUAL_DB = (38.0, 39.0, 40.0, 41.0)
-Curves = dict[str, list[Point]]
-Encode = Callable[[Gaussians], bytes]
+CURVE_QPS: Mapping[str, tuple[float, ...]] = {
+    "paper": (0, 4, 8, 12, 18),
+    **dict.fromkeys(("fast", "balanced", "max"), (-6, -2, 2, 6, 10)),
+    "photos": (-12, -4, 4, 12),
+    "hybrid": (-6, 0, 6, 12),
+}
+"""Q_g by what it belongs to: each steps around 40 dB, or down to sizes where photos still serve."""
+
+ABLATION_QPS = (0.0, 4.0, 8.0)
+SECONDS_QPS = (0.0, 8.0)
+QUICK_QPS = (0.0, 8.0)
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The script's options."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("files", nargs="+", metavar="G.npz", help="Gaussian files")
+    parser.add_argument("what", choices=("curves", "ablation", "seconds"))
+    parser.add_argument("inputs", nargs="+", metavar="INPUT", help="scene folders, folders of such, Gaussian files")
+    parser.add_argument("--model", type=words, default=(DEFAULT_MODEL,), metavar="M,M", help="networks of the scenes")
     parser.add_argument("--profiles", type=words, default=tuple(PROFILES), metavar="P,P", help="default: all")
-    parser.add_argument("--qps", type=numbers, default=(0.0, 4.0, 8.0, 12.0, 16.0), metavar="Q,Q")
-    parser.add_argument("--targets", type=int, default=3, metavar="N", help="pictures per file at most; default 3")
-    parser.add_argument("--peers", action="store_true", help="SPZ and SOG too, where they are installed")
-    parser.add_argument("--ablation", action="store_true", help="profile balanced without each of its ideas")
+    parser.add_argument("--modes", type=words, default=(), metavar="M,M", help=f"of {', '.join(MODES)}; default none")
+    parser.add_argument("--peers", type=words, default=(), metavar="F,F", help=f"of {', '.join(PEERS)}; default none")
+    parser.add_argument("--qps", type=numbers, default=None, metavar="Q,Q", help="of everything; default by profile")
+    parser.add_argument("--views", type=numbers, default=(2.0, 4.0, 6.0), metavar="N,N", help="default 2,4,6")
+    parser.add_argument("--kind", type=words, default=("near", "multi"), metavar="K,K", help="default near,multi")
+    parser.add_argument("--limit", type=int, default=1, metavar="N", help="windows per scene and views; default 1")
+    parser.add_argument("--targets", type=int, default=3, metavar="N", help="pictures per window at most; default 3")
+    parser.add_argument("--size", type=size, default=(256, 256), metavar="HxW", help="of scenes; default 256x256")
+    parser.add_argument(
+        "--rounds", type=int, default=0, metavar="N", help="of timing; default 7 for seconds, else none"
+    )
+    parser.add_argument("--quick", action="store_true", help="two points a curve, one picture, three rounds")
     parser.add_argument("--threads", type=int, default=None, metavar="N", help="default: all cores")
-    parser.add_argument("-o", "--output", default="rate_distortion", metavar="FOLDER")
+    parser.add_argument("-o", "--output", type=Path, default=Path("rate_distortion"), metavar="FOLDER")
     return parser
 
 
-def encoders(options: argparse.Namespace, runtime: Runtime) -> dict[str, Callable[[float], Encode]]:
-    """What is compared, by name, the reference first: for each Q_g a way to code."""
-
-    def of_profile(profile: Profile) -> Callable[[float], Encode]:
-        return lambda qp: (
-            lambda g: encode_gaussians(g, profile, qp, runtime.store, threads=runtime.threads, drop_invalid=True)
-        )
-
-    def of_change(change: ideas.Change) -> Callable[[float], Encode]:
-        return lambda qp: lambda g: ideas.encode_changed(g, qp, runtime, change)
-
-    if not options.ablation:
-        return {name: of_profile(find_profile(name)) for name in options.profiles}
-    return {
-        "balanced": of_profile(PROFILES["balanced"]),
-        "steps not measured": of_profile(ideas.without_measured_steps()),
-        **{name: of_change(change) for name, change in ideas.CHANGES.items()},
-    }
+def jobs_of(options: argparse.Namespace) -> list[Job]:
+    """Windows that the options name; what is left out is said on standard error."""
+    sources, left_out = find_sources(options.inputs)
+    views = [int(count) for count in options.views]
+    jobs, lost = list_subjects(sources, options.model, options.kind, views, options.limit, options.size)
+    for entry in (*left_out, *lost):
+        print(f"rate_distortion: {entry}", file=sys.stderr)
+    if not jobs:
+        raise InputError("no window to measure", where="rate_distortion")
+    return jobs
 
 
-def curves_of(path: str, options: argparse.Namespace, runtime: Runtime) -> Curves:
-    """All curves on one file."""
-    source = FileSource(Path(path))
-    case = source.load(source.windows()[0][0], "", (0, 0), runtime)
-    pictures = Pictures(case.gaussians, case.cameras[: options.targets], runtime.threads)
-    curves: Curves = {}
-    for name, encode in encoders(options, runtime).items():
-        curves[name] = []
-        for qp in options.qps:
-            point = measure_point(pictures, case.gaussians, qp, encode(qp), runtime.decompress, classes)
-            curves[name].append(point)
-            print(f"{source.name} {name} Q_g {qp:g}: {point.bytes} B, {point.psnr:.2f} dB", file=sys.stderr)
-    if options.peers:
-        curves |= peer_points(case.gaussians, pictures, runtime)
-    return curves
+def ways_of(options: argparse.Namespace, runtime: Runtime) -> list[Way]:
+    """What is compared, the reference first."""
+    qps = options.qps or (QUICK_QPS if options.quick else None)
+    if options.what == "ablation":
+        return ablation_ways(qps or ABLATION_QPS, runtime)
+    names = (*options.profiles, *options.modes)
+    default = SECONDS_QPS if options.what == "seconds" else None
+    chosen = {name: qps or default or CURVE_QPS.get(name, ()) for name in names}
+    return find_ways(options.profiles, options.modes, options.peers, chosen, runtime)
 
 
-def classes(data: bytes) -> dict[str, int]:
-    """Bytes per class and of the metadata."""
-    described = inspect_bytes(data)
-    return {**described["bytes_by_class"], "metadata": described["metadata_bytes"]}
+def measured(jobs: Sequence[Job], ways: Sequence[Way], options: argparse.Namespace, runtime: Runtime) -> Iterator[Row]:
+    """A row per window, way and setting; those at hand are not measured again."""
+    kept = RowFile(options.output / "points.csv")
+    for job in jobs:
+        network, views, case, mark = *_identity(job), stamp(job)
+        loaded: tuple[Subject, Pictures] | None = None
+        for way in ways:
+            for setting in way.settings:
+                row = kept.find((network, views, case, way.name, setting), mark)
+                if row is None:
+                    loaded = loaded or _load(job, options, runtime)
+                    subject, pictures = loaded
+                    refused = way.refuses(subject)
+                    if refused:
+                        print(f"rate_distortion: {job}: no {way.name}, {refused}", file=sys.stderr)
+                        break
+                    point = way.measure(subject, pictures, setting)
+                    row = Row(network, views, case, way.name, point, pictures.raw_to_photo, mark)
+                    kept.add(row)
+                    text = f"{way.name} {setting:g}: {point.bytes} B, {point.psnr:.2f} dB"
+                    print(f"{job}: {text}", file=sys.stderr, flush=True)
+                yield row
 
 
-def peer_points(gaussians: Gaussians, pictures: Pictures, runtime: Runtime) -> Curves:
-    """Formats that have no quality to choose: one point each, of SH cut to what they hold."""
-    if gaussians.degree > MAX_DEGREE:
-        gaussians = truncated(gaussians, MAX_DEGREE)
-    points: Curves = {}
-    for peer in peer_formats(runtime, sog_limit_s=600):
-        if peer.name.startswith(("SPZ", "SOG")):
-            try:
-                points[peer.name] = [measure_point(pictures, gaussians, 0.0, peer.encode, peer.decode)]
-            except MissingToolError as error:
-                print(f"left out {peer.name}: {error}", file=sys.stderr)
-    return points
+def effort_of(options: argparse.Namespace) -> Effort:
+    """Rounds of timing."""
+    return Effort(options.rounds or (3 if options.quick else 7), budget_s=float("inf"))
 
 
-def summary(curves: Mapping[str, Sequence[Point]]) -> str:
-    """Tables: bytes at equal dB as shares of the reference's, BD-rate, seconds; and bytes per class."""
-    reference = next(iter(curves.values()))
-    rows, by_class = [], []
-    for name, points in curves.items():
-        sizes = [(bytes_at(points, db), bytes_at(reference, db)) for db in EQUAL_DB]
-        cells = [ABSENT if a is None else f"{a / 1000:.1f}" + (f" ({a / b:.0%})" if b else "") for a, b in sizes]
-        try:
-            rate = f"{bd_rate(reference, points, (EQUAL_DB[0], EQUAL_DB[-1])):+.1%}"
-        except InputError:
-            rate = ABSENT
-        times = [float(np.median([getattr(p, key) for p in points])) for key in ("encode_cpu_s", "decode_cpu_s")]
-        rows.append([name, *cells, rate, *(number(t, 3) for t in times)])
-        for point in points:
-            if point.bytes_by_class:
-                sizes_by_class = [number(n / 1000, 1) for n in point.bytes_by_class.values()]
-                by_class.append([f"{name} Q_g {point.setting:g}", number(point.psnr, 2), *sizes_by_class])
-    header = ["", *(f"KB at {db:g} dB" for db in EQUAL_DB), "BD-rate 38–41 dB", "encode CPU s", "decode CPU s"]
-    labels = list(next(p.bytes_by_class for points in curves.values() for p in points if p.bytes_by_class))
-    return format_table(header, rows) + "\n\n" + format_table(["KB", "dB", *labels], by_class)
+def write_seconds(jobs: Sequence[Job], ways: Sequence[Way], options: argparse.Namespace, runtime: Runtime) -> str:
+    """Time every way and setting on every window; returns the text."""
+    times = []
+    for job in jobs:
+        subject, pictures = _load(job, options, runtime)
+        able = [way for way in ways if not way.refuses(subject)]
+        times += time_ways(able, subject, pictures, effort_of(options), _identity(job))
+    save_seconds_plots(options.output, times)
+    document = json.dumps([vars(entry) for entry in times], indent=1, ensure_ascii=False)
+    write_atomically(options.output / "seconds.json", (document + "\n").encode())
+    return seconds_table(times) + "\n"
+
+
+def costs_text(jobs: Sequence[Job], options: argparse.Namespace, runtime: Runtime) -> str:
+    """What each idea costs on every window."""
+    qp = options.qps[0] if options.qps else ABLATION_QPS[0]
+    return cost_table([
+        cost
+        for job in jobs
+        for cost in time_costs(load_subject(job, runtime), qp, runtime, effort_of(options), _identity(job))
+    ])  # fmt: skip
+
+
+def write_curves(rows: Sequence[Row], folder: Path) -> str:
+    """Tables and plots of `curves`; returns the text."""
+    sections = []
+    for (network, views), members in grouped(rows, "network", "views").items():
+        cases = ", ".join(dict.fromkeys(row.case for row in members))
+        tables = (rate_table(members), single_table(members), photo_table(members), bits_table(members))
+        sections.append("\n\n".join([f"## {network}, {views} views: {cases}", *(table for table in tables if table)]))
+    save_rate_plots(folder, rows)
+    return "\n\n".join(sections) + "\n"
+
+
+def run(options: argparse.Namespace) -> str:
+    """Measure; returns the text."""
+    if options.quick:
+        options.targets = 1
+    runtime = Runtime(threads=options.threads)
+    jobs, ways = jobs_of(options), ways_of(options, runtime)
+    options.output.mkdir(parents=True, exist_ok=True)
+    if options.what == "seconds":
+        return write_seconds(jobs, ways, options, runtime)
+    rows = list(measured(jobs, ways, options, runtime))
+    if options.what == "curves":
+        return write_curves(rows, options.output)
+    costs = [costs_text(jobs, options, runtime)] if options.rounds else []
+    return "\n\n".join([gain_table(rows), *costs]) + "\n"
 
 
 def main() -> int:
     """Measure, print, write."""
     options = build_parser().parse_args()
-    folder = Path(options.output)
-    runtime = Runtime(threads=options.threads)
     try:
-        results = {path: curves_of(path, options, runtime) for path in options.files}
+        text = run(options)
+        write_atomically(options.output / f"{options.what}.md", text.encode())
     except (TinySplatError, OSError) as error:
         print(f"rate_distortion: {error}", file=sys.stderr)
         return 2
-    folder.mkdir(parents=True, exist_ok=True)
-    for path, curves in results.items():
-        print(f"{Path(path).stem}\n{summary(curves)}\n")
-    document = {Path(path).stem: {n: to_json(p) for n, p in curves.items()} for path, curves in results.items()}
-    (folder / "rate_distortion.json").write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
-    panels = {
-        f"{Path(path).stem}: dB to the raw render": [
-            Curve(name, [(p.bytes / 1000, p.psnr) for p in points]) for name, points in curves.items()
-        ]
-        for path, curves in results.items()
-    }
-    save_curves(folder / "rate_distortion.png", "decoded against raw", panels)
+    print(text, end="")
     return 0
+
+
+def _identity(job: Job) -> tuple[str, int, str]:
+    return network_of(job), len(job.window.context), f"{job.source.name} {job.window}"
+
+
+def _load(job: Job, options: argparse.Namespace, runtime: Runtime) -> tuple[Subject, Pictures]:
+    subject = load_subject(job, runtime)
+    case, count = subject.case, options.targets
+    photos = None if case.photos is None else case.photos[:count]
+    return subject, Pictures(case.gaussians, case.cameras[:count], photos, runtime.threads)
 
 
 if __name__ == "__main__":

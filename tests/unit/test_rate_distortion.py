@@ -10,7 +10,7 @@ from tinysplat_runtime.errors import InputError
 
 
 def _points(pairs):
-    return [Point(0, int(size), db, {}, 0, 0) for size, db in pairs]
+    return [Point(0, int(size), db) for size, db in pairs]
 
 
 REFERENCE = _points([(10_000, 35.0), (20_000, 38.0), (40_000, 41.0), (80_000, 44.0)])

@@ -14,14 +14,26 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
-from tinysplat_runtime.codec.basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
+from tinysplat_runtime.codec.basis import (
+    mean_magnitude_weighting,
+    reduce_basis,
+    second_moment_weighting,
+    view_directions,
+    weighted_spectrum,
+)
 from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.planes import Channel, LayerPlan, PlaneClass
 from tinysplat_runtime.codec.profiles import PROFILES, AdaptiveSettings, Profile
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inference import GraphStore
 
+BASE = PROFILES["balanced"]
+"""The profile whose ideas these are."""
+
 PAPER_K = 6
+
+STEPS_NOT_MEASURED = "steps not measured"
+"""Name of `without_measured_steps` where ideas are compared: a change of profile, not of plan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +86,20 @@ def paper_weighting(plan: LayerPlan, part: Part) -> LayerPlan:
     planes = color_planes(part.store, layer, reduction.projection)
     leading = next(c for c in plan.channels if c.plane_class == PlaneClass.COLOR)
     step = leading.step * float(planes[:, 0].std() / max(float(leading.values.std()), 1e-30))
-    return replace(_with(plan, PlaneClass.COLOR, planes, step), reduction=reduction)
+    return replace(_with(plan, PlaneClass.COLOR, planes, step), reduction=reduction, degree=layer.degree)
+
+
+def all_bands(plan: LayerPlan, part: Part) -> LayerPlan:
+    """SH of the layer's own degree, with as many components at the same step."""
+    layer = part.layer
+    if plan.degree == layer.degree or plan.reduction is None:
+        return plan
+    weighting = second_moment_weighting(view_directions(layer.cameras), layer.degree)
+    spectrum = weighted_spectrum(coefficient_moment(part.store, layer), weighting)
+    reduction = reduce_basis(spectrum, weighting, plan.reduction.k)
+    planes = color_planes(part.store, layer, reduction.projection)
+    step = _steps(plan, PlaneClass.COLOR)[0]
+    return replace(_with(plan, PlaneClass.COLOR, planes, step), reduction=reduction, degree=layer.degree)
 
 
 def components(k: int) -> Change:
@@ -96,28 +121,46 @@ CHANGES: dict[str, Change] = {
     "ŝ without PCA": scales_as_they_are,
     "rotation as four components": rotations_as_they_are,
     "VABR as the paper's": paper_weighting,
+    "all SH bands": all_bands,
     "k ≤ 1": components(1),
     "k ≤ 3": components(3),
 }
 """By what is undone."""
 
+WORK: dict[str, tuple[str, ...]] = {
+    STEPS_NOT_MEASURED: ("scene_steps",),
+    "ŝ without PCA": ("_principal_scales",),
+    "rotation as four components": ("relative_rotation_planes",),
+}
+"""Functions that planning calls for an idea alone, by what is undone; the others cost nothing before coding."""
+
 
 def encode_changed(gaussians: Gaussians, qp: float, runtime: Runtime, change: Change) -> bytes:
     """A file of `balanced` whose layers' plans went through `change`."""
-    store = runtime.store
-    encoder = SceneEncoder(gaussians, PROFILES["balanced"], store, threads=runtime.threads, drop_invalid=True)
-    plans = [
+    encoder = _encoder(gaussians, runtime)
+    return encoder.code(_changed(encoder, qp, runtime.store, change), qp)
+
+
+def changed_plans(gaussians: Gaussians, qp: float, runtime: Runtime, change: Change) -> list[LayerPlan]:
+    """The plans behind such a file."""
+    return _changed(_encoder(gaussians, runtime), qp, runtime.store, change)
+
+
+def _encoder(gaussians: Gaussians, runtime: Runtime) -> SceneEncoder:
+    return SceneEncoder(gaussians, BASE, runtime.store, threads=runtime.threads, drop_invalid=True)
+
+
+def _changed(encoder: SceneEncoder, qp: float, store: GraphStore, change: Change) -> list[LayerPlan]:
+    return [
         change(plan, Part(layer, project_layer(store, layer, drop_invalid=True, where="layer"), store))
-        for plan, layer in zip(encoder.plan(qp), gaussians.layers, strict=True)
+        for plan, layer in zip(encoder.plan(qp), encoder.gaussians.layers, strict=True)
     ]
-    return encoder.code(plans, qp)
 
 
 def without_measured_steps() -> Profile:
     """`balanced` with fixed sensitivities, those of MVSplat-like Gaussians."""
-    balanced = PROFILES["balanced"]
-    assert isinstance(balanced.settings, AdaptiveSettings)
-    return replace(balanced, settings=replace(balanced.settings, windows=0))
+    assert isinstance(BASE.settings, AdaptiveSettings)
+    return replace(BASE, settings=replace(BASE.settings, windows=0))
 
 
 def _steps(plan: LayerPlan, plane_class: PlaneClass) -> Sequence[float]:

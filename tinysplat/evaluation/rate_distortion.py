@@ -1,27 +1,28 @@
 """Rate–distortion curves of ways to store Gaussians, and what lies between them: BD-rate.
 
-A point is a file's bytes and the PSNR of pictures of the decoded Gaussians against pictures of the raw ones, at cameras
-that the Gaussians were not made from where a file names some. Everything is rendered once per set of Gaussians.
+A point is a file's bytes and the PSNR of pictures of the decoded Gaussians, at cameras that the Gaussians were not made
+from where there are some: against pictures of the raw ones, and against photos where these are at hand. Everything is
+rendered once per set of Gaussians.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from tinysplat.metrics import psnr
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
 
-_LEAST_OVERLAP_DB = 0.5
+from .measure import capped_psnr
+
+LEAST_OVERLAP_DB = 0.5
+"""A BD-rate over less says more about the curves' ends than about the codecs."""
 
 
 @dataclass(frozen=True)
@@ -32,34 +33,43 @@ class Point:
         setting: what it was coded with, Q_g for instance.
         bytes: of the file.
         psnr: decoded against raw pictures, dB, mean over pictures.
+        to_photo: decoded pictures against photos, dB, mean over pictures; None where there are no photos.
         bytes_by_class: of its planes, where it has any.
-        encode_cpu_s, decode_cpu_s: processor seconds of this process, all threads.
     """
 
     setting: float
     bytes: int
     psnr: float
-    bytes_by_class: dict[str, int]
-    encode_cpu_s: float
-    decode_cpu_s: float
+    to_photo: float | None = None
+    bytes_by_class: Mapping[str, int] = field(default_factory=dict)
 
 
 class Pictures:
-    """Pictures of the raw Gaussians, and PSNR against them.
+    """Pictures of the raw Gaussians, and PSNR against them and against photos.
 
-    Args:
-        gaussians: raw.
-        cameras: where pictures are taken.
-        threads: of the rasteriser.
+    Attributes:
+        raw_to_photo: the raw Gaussians' own pictures against the photos, dB; None where there are no photos.
     """
 
-    def __init__(self, gaussians: Gaussians, cameras: Sequence[Camera], threads: int) -> None:
-        self._cameras, self._threads = tuple(cameras), threads
-        self._raw = self._render(gaussians)
+    def __init__(
+        self, gaussians: Gaussians, cameras: Sequence[Camera], photos: Sequence[NDArray] | None, threads: int
+    ) -> None:
+        """Render the raw Gaussians.
 
-    def psnr(self, decoded: Gaussians) -> float:
-        """Mean PSNR in dB of the decoded Gaussians' pictures."""
-        return float(np.mean([psnr(a, b) for a, b in zip(self._render(decoded), self._raw, strict=True)]))
+        Args:
+            gaussians: raw.
+            cameras: where pictures are taken.
+            photos: (H, W, 3) in [0, 1] per camera, or None.
+            threads: of the rasteriser.
+        """
+        self._cameras, self._photos, self._threads = tuple(cameras), photos, threads
+        self._raw = self._render(gaussians)
+        self.raw_to_photo = None if photos is None else _mean_psnr(self._raw, photos)
+
+    def psnr(self, decoded: Gaussians) -> tuple[float, float | None]:
+        """Mean PSNR in dB of the decoded Gaussians' pictures to raw pictures, and to photos where there are some."""
+        seen = self._render(decoded)
+        return _mean_psnr(seen, self._raw), None if self._photos is None else _mean_psnr(seen, self._photos)
 
     def _render(self, gaussians: Gaussians) -> list[NDArray]:
         renderer = Renderer(gaussians, self._threads)
@@ -68,20 +78,19 @@ class Pictures:
 
 def measure_point(
     pictures: Pictures,
-    gaussians: Gaussians,
     setting: float,
-    encode: Callable[[Gaussians], bytes],
+    encode: Callable[[], bytes],
     decode: Callable[[bytes], Gaussians],
-    classes: Callable[[bytes], dict[str, int]] | None = None,
+    classes: Callable[[bytes], Mapping[str, int]],
 ) -> Point:
     """Code, decode, look."""
-    start = time.process_time()
-    data = encode(gaussians)
-    coded = time.process_time()
-    decoded = decode(data)
-    done = time.process_time()
-    by_class = classes(data) if classes else {}
-    return Point(setting, len(data), pictures.psnr(decoded), by_class, coded - start, done - coded)
+    data = encode()
+    return Point(setting, len(data), *pictures.psnr(decode(data)), classes(data))
+
+
+def towards_photos(points: Iterable[Point]) -> list[Point]:
+    """The curve against photos: points whose `psnr` is that to photos; those without one are left out."""
+    return [replace(point, psnr=point.to_photo) for point in points if point.to_photo is not None]
 
 
 def bytes_at(points: Iterable[Point], db: float) -> float | None:
@@ -92,7 +101,12 @@ def bytes_at(points: Iterable[Point], db: float) -> float | None:
     return float(np.exp(_interpolated(curve)(db)))
 
 
-def bd_rate(reference: Iterable[Point], points: Iterable[Point], limits: tuple[float, float] | None = None) -> float:
+def bd_rate(
+    reference: Iterable[Point],
+    points: Iterable[Point],
+    limits: tuple[float, float] | None = None,
+    least_overlap: float = LEAST_OVERLAP_DB,
+) -> float:
     """Mean difference of bytes at equal PSNR, as a share of the reference's: −0.5 is half the bytes.
 
     Bjøntegaard's measure (VCEG-M33) with log bytes over dB interpolated by monotone cubics in place of one polynomial,
@@ -101,23 +115,21 @@ def bd_rate(reference: Iterable[Point], points: Iterable[Point], limits: tuple[f
     Args:
         reference, points: at least two files each.
         limits: dB to integrate between, where the whole overlap is not wanted.
+        least_overlap: dB that the curves must have in common.
 
     Raises:
-        InputError: the curves have less than half a dB in common.
+        InputError: the curves have less in common, or one has a single point.
     """
     curves = [_curve(reference), _curve(points)]
+    if min(map(len, curves)) < 2:
+        raise InputError("a curve of one point, BD-rate needs two", where="curves")
     low, high = limits or (-np.inf, np.inf)
     for curve in curves:
         low, high = max(low, curve[0, 0]), min(high, curve[-1, 0])
-    if high - low < _LEAST_OVERLAP_DB or min(map(len, curves)) < 2:
-        raise InputError(f"curves share {max(high - low, 0):.2f} dB, BD-rate needs {_LEAST_OVERLAP_DB}", where="curves")
+    if high - low < least_overlap:
+        raise InputError(f"curves share {max(high - low, 0):.2f} dB, BD-rate needs {least_overlap:g}", where="curves")
     areas = [float(_interpolated(curve).integrate(low, high)) for curve in curves]
     return float(np.expm1((areas[1] - areas[0]) / (high - low)))
-
-
-def to_json(points: Iterable[Point]) -> list[dict[str, Any]]:
-    """Points as JSON-ready objects."""
-    return [vars(point) for point in points]
 
 
 def _curve(points: Iterable[Point]) -> NDArray:
@@ -131,3 +143,7 @@ def _curve(points: Iterable[Point]) -> NDArray:
 
 def _interpolated(curve: NDArray) -> PchipInterpolator:
     return PchipInterpolator(curve[:, 0], curve[:, 1])
+
+
+def _mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:
+    return float(np.mean([capped_psnr(a, b) for a, b in zip(images, references, strict=True)]))
