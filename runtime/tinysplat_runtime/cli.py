@@ -101,6 +101,10 @@ def _selection() -> _Parser:
         "--sh-bits", type=indices, default=(5, 4), metavar="A,B",
         help="bits that .spz keeps of SH coefficients of degree 1 and above it, up to 8,8; default 5,4",
     )  # fmt: skip
+    selection.add_argument(
+        "--spz-version", type=int, choices=(2, 3, 4), default=3,
+        help="of a written .spz; 4 is smaller and needs readers that know zstd; default 3",
+    )  # fmt: skip
     return selection
 
 

@@ -55,7 +55,7 @@ def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
     if args.points:
         save_points(path, gaussians)
         return
-    for loss in save_gaussians(path, gaussians, sh_bits=_sh_bits(args.sh_bits)):
+    for loss in save_gaussians(path, gaussians, _sh_bits(args.sh_bits), args.spz_version):
         print(f"{path}: {loss}", file=sys.stderr)
 
 

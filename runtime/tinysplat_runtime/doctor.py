@@ -15,7 +15,7 @@ from .errors import TinySplatError
 from .threads import available_cores
 
 EXTRAS = {
-    "io": ("safetensors", "plyfile"),
+    "io": ("safetensors", "plyfile", "zstandard"),
     "poses": ("pycolmap",),
     "eval": ("matplotlib", "PIL", "tqdm", "torch"),
     "cluster": ("fsspec", "ray"),

@@ -39,7 +39,7 @@ from .images import to_uint8
 from .ply import MAX_PLY_DEGREE, read_ply, write_ply, write_points
 from .sh import C0
 from .splat_transform import READS, read_foreign, write_sog
-from .spz import SH_BITS, read_spz, write_spz
+from .spz import SH_BITS, SPZ_VERSION, read_spz, write_spz
 
 MAX_BYTES = 8 << 30
 """Most memory that the arrays of one file may take: 24 million Gaussians of SH degree 4."""
@@ -92,7 +92,9 @@ def load_gaussians(
         raise error.within(str(path)) from None
 
 
-def save_gaussians(path: StrPath, gaussians: Gaussians, sh_bits: tuple[int, int] = SH_BITS) -> list[str]:
+def save_gaussians(
+    path: StrPath, gaussians: Gaussians, sh_bits: tuple[int, int] = SH_BITS, spz_version: int = SPZ_VERSION
+) -> list[str]:
     """Write a Gaussian file, atomically.
 
     .npz and .safetensors keep everything and read back exactly.
@@ -101,6 +103,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, sh_bits: tuple[int, int]
         path: .npz, .safetensors, .ply or .spz; .sog with the program splat-transform.
         gaussians: any, with any number of layers.
         sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
+        spz_version: 2, 3 or 4; 4 takes zstandard, here and in readers, keeps SH degree 4 and is smaller.
 
     Returns:
         What the format could not keep or other readers may not expect, one line each; empty when there is nothing.
@@ -115,7 +118,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, sh_bits: tuple[int, int]
         ".npz": _save_npz,
         ".safetensors": _save_safetensors,
         ".ply": _save_ply,
-        ".spz": partial(_save_spz, sh_bits=sh_bits),
+        ".spz": partial(_save_spz, sh_bits=sh_bits, version=spz_version),
         ".sog": _save_sog,
     }
     write = _by_suffix(path, writers)
@@ -367,9 +370,9 @@ def _save_ply(path: Path, gaussians: Gaussians) -> list[str]:
     return notes
 
 
-def _save_spz(path: Path, gaussians: Gaussians, sh_bits: tuple[int, int]) -> list[str]:
+def _save_spz(path: Path, gaussians: Gaussians, sh_bits: tuple[int, int], version: int) -> list[str]:
     flat = gaussians.flat()
-    return write_spz(path, flat, flat.means.astype(np.float64) + flat.origin, sh_bits)
+    return write_spz(path, flat, flat.means.astype(np.float64) + flat.origin, sh_bits, version)
 
 
 def _save_sog(path: Path, gaussians: Gaussians) -> list[str]:

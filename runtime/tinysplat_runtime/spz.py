@@ -1,65 +1,76 @@
-"""Points in the SPZ format, versions 2 and 3 in, version 3 out.
+"""Points in the SPZ format, versions 1 to 4 in, 2 to 4 out.
 
-A gzip stream of a 16-byte header and, attribute by attribute: positions as 24-bit fixed point, opacities and colours
-as bytes, logarithms of scales as bytes, rotations as the three smallest components (version 3) or x, y, z as bytes
-(version 2), and higher SH coefficients as bytes. Source: the `load-spz.cc` of github.com/nianticlabs/spz.
+Attribute by attribute: positions as 24-bit fixed point (version 1: float16), opacities and colours as bytes, logarithms
+of scales as bytes, rotations as the three smallest components (versions 1 and 2: x, y, z as bytes), and higher SH
+coefficients as bytes. How the bytes lie in a file is in `spz_streams`. Source: `load-spz.cc` of
+github.com/nianticlabs/spz.
 
 SPZ's axes are x right, y up, z backward where .ply and OpenCV scenes have y down and z forward: y and z change sign on
 the way out and back again on the way in, in positions, rotations and SH, so that viewers show both the same way up.
 
 Written here in numpy and not by a package because those at hand end their process on damaged files, print on standard
 output, and fix positions to 1/4096 of a unit; here the fixed point follows the scene's size.
-
-Trust boundary: the header's count is held against a bound on memory before anything more is inflated.
 """
 
 from __future__ import annotations
 
-import gzip
-import struct
-import zlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .files import parsing
 from .gaussians import Gaussians
 from .quaternions import normalize_quats
 from .sh import sh_basis
+from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, read_blocks, write_blocks
 
-MAX_SPZ_DEGREE = 3
+SPZ_VERSION = 3
+"""What is written unless asked otherwise: the newest that readers without zstd open."""
 
 SH_BITS = (5, 4)
 """Bits of an SH coefficient of degree 1 and above it, out of the 8 that are stored; the SPZ library's own default."""
 
-_MAGIC, _VERSION = 0x5053474E, 3
-_HEADER = struct.Struct("<IIIBBBB")
+_MAX_DEGREE = {2: 3, 3: 3, 4: MAX_DEGREE}
+"""The highest SH degree that readers of a version know."""
+
 _COLOUR_SCALE = 0.15
 _LOG_SCALE_OFFSET, _LOG_SCALE_STEPS = 10.0, 16.0
 _FIXED_LIMIT = (1 << 23) - 1
-_MAX_FRACTIONAL_BITS = 30  # readers shift a 32-bit 1 by it
 _COMPONENT_BITS, _COMPONENT_MASK = 10, (1 << 9) - 1
 _FLIP = np.array([1.0, -1.0, -1.0])  # y and z, either way
 
 
-def write_spz(path: Path, gaussians: Gaussians, means: NDArray, sh_bits: tuple[int, int] = SH_BITS) -> list[str]:
-    """Write points as SPZ version 3.
+def write_spz(
+    path: Path,
+    gaussians: Gaussians,
+    means: NDArray,
+    sh_bits: tuple[int, int] = SH_BITS,
+    version: int = SPZ_VERSION,
+) -> list[str]:
+    """Write points as SPZ.
 
     Args:
         path: the file.
         gaussians: (N,), without layers.
         means: (N, 3) world positions.
         sh_bits: bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8 each.
+        version: of the format, one of WRITES.
 
     Returns:
         What the format could not keep, one line each.
+
+    Raises:
+        InputError: another version, or positions too far away for the format.
+        ImportError: version 4, and zstandard is not installed.
     """
+    if version not in WRITES:
+        raise InputError(f"{version}, expected {', '.join(map(str, WRITES))}", where="SPZ version")
     notes = []
-    degree = min(gaussians.degree, MAX_SPZ_DEGREE)
+    degree = min(gaussians.degree, _MAX_DEGREE[version])
     if gaussians.degree > degree:
-        notes.append(f"SH of degree {gaussians.degree} cut to {degree}, the highest that readers of .spz know")
+        cut = f"SH of degree {gaussians.degree} cut to {degree}"
+        notes.append(f"{cut}, the highest that readers of .spz version {version} know")
     points = means.astype(np.float64) * _FLIP
     bits = _fractional_bits(points)
     fixed = np.rint(np.ldexp(points, bits)).clip(-_FIXED_LIMIT, _FIXED_LIMIT).astype(np.int32)
@@ -75,17 +86,15 @@ def write_spz(path: Path, gaussians: Gaussians, means: NDArray, sh_bits: tuple[i
     clamped = int(((colour < -0.5) | (colour > 255.5)).any(axis=1).sum())
     if clamped:
         notes.append(f"colours of {clamped} Gaussians clamped to what .spz can hold")
-    header = _HEADER.pack(_MAGIC, _VERSION, len(points), degree, bits, 0, 0)
-    parts = [
-        fixed.astype("<i4")[..., None].view(np.uint8)[..., :3],
-        _bytes(gaussians.opacities.astype(np.float64) * 255),
+    blocks = [
+        fixed.astype("<i4")[..., None].view(np.uint8)[..., :3].reshape(len(points), 9),
+        _bytes(gaussians.opacities.astype(np.float64) * 255)[:, None],
         _bytes(colour),
         _bytes(scale_codes),
-        _pack_smallest_three(quats),
-        _quantise_sh(sh[:, 1:] * _sh_signs(degree)[1:, None], sh_bits),
+        _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
+        _quantise_sh(sh[:, 1:] * _sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
     ]
-    body = b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
-    path.write_bytes(gzip.compress(header + body, mtime=0))
+    write_blocks(path, SpzHeader(version, len(points), degree, bits), blocks)
     return notes
 
 
@@ -94,46 +103,14 @@ def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:
 
     Raises:
         InputError: damaged, of another version, or larger than `max_bytes`.
+        ImportError: version 4, and zstandard is not installed.
     """
-    with path.open("rb") as file:
-        head = file.read(4)
-        if head == struct.pack("<I", _MAGIC):
-            raise InputError("SPZ of version 4 or newer; convert it with `splat-transform in.spz out.ply`")
-        file.seek(0)
-        with parsing(".spz file"), gzip.open(file) as stream:
-            return _read_stream(stream, max_bytes)
-
-
-def _read_stream(stream: gzip.GzipFile, max_bytes: int) -> dict[str, NDArray]:
-    try:
-        header = stream.read(_HEADER.size)
-        if len(header) < _HEADER.size:
-            raise InputError("cut short in its header")
-        magic, version, count, degree, bits, _, _ = _HEADER.unpack(header)
-        if magic != _MAGIC:
-            raise InputError("does not hold an SPZ header")
-        if version not in (2, 3):
-            raise InputError(f"SPZ version {version}, accepted are 2 and 3")
-        if not count or degree > 4 or bits > _MAX_FRACTIONAL_BITS:
-            raise InputError(f"damaged header: {count} points of SH degree {degree}, {bits} fractional bits")
-        functions = (degree + 1) ** 2
-        if count * (11 + 3 * functions) * 8 > max_bytes:  # as the arrays below, in float64
-            raise InputError(f"announces {count} points, more than {max_bytes} bytes can hold")
-        rotation_bytes = 4 if version == 3 else 3
-        widths = (9, 1, 3, 3, rotation_bytes, 3 * (functions - 1))
-        blocks = []
-        for width in widths:
-            block = stream.read(count * width)
-            if len(block) < count * width:
-                raise InputError(f"cut short: announces {count} points")
-            blocks.append(np.frombuffer(block, np.uint8).reshape(count, width))
-    except (EOFError, zlib.error, OSError) as error:
-        raise InputError(f"damaged gzip stream ({str(error)[:80]})") from None
-    positions, alphas, colours, scales, rotations, higher = blocks
-    rest = (higher.reshape(count, functions - 1, 3) - 128.0) / 128 * _sh_signs(degree)[1:, None]
-    quats = _unpack_smallest_three(rotations) if version == 3 else _unpack_first_three(rotations)
+    header, (positions, alphas, colours, scales, rotations, higher) = read_blocks(path, max_bytes)
+    functions = (header.degree + 1) ** 2
+    rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128 * _sh_signs(header.degree)[1:, None]
+    quats = _unpack_smallest_three(rotations) if header.version >= 3 else _unpack_first_three(rotations)
     return {
-        "means": np.ldexp(_from_24_bits(positions).astype(np.float64), -bits) * _FLIP,
+        "means": _positions(positions, header) * _FLIP,
         "quats": quats * np.array([1, *_FLIP]),
         "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),
         "opacities": alphas[:, 0] / 255.0,
@@ -141,12 +118,19 @@ def _read_stream(stream: gzip.GzipFile, max_bytes: int) -> dict[str, NDArray]:
     }
 
 
+def _positions(octets: NDArray, header: SpzHeader) -> NDArray:
+    """(N, 3) float64 in SPZ's axes."""
+    if header.version == 1:
+        return np.ascontiguousarray(octets).view("<f2").astype(np.float64)
+    return np.ldexp(_from_24_bits(octets).astype(np.float64), -header.fractional_bits)
+
+
 def _fractional_bits(points: NDArray) -> int:
     """As many as positions leave room for in 24 bits."""
     reach = float(np.abs(points).max())
     if reach >= _FIXED_LIMIT:
         raise InputError(f"positions reach {reach:.3g} units, .spz holds {_FIXED_LIMIT}; bring the scene nearer first")
-    return int(np.clip(np.floor(np.log2(_FIXED_LIMIT / max(reach, 1e-30))), 0, _MAX_FRACTIONAL_BITS))
+    return int(np.clip(np.floor(np.log2(_FIXED_LIMIT / max(reach, 1e-30))), 0, MAX_FRACTIONAL_BITS))
 
 
 def _position_notes(points: NDArray, bits: int, scales: NDArray) -> list[str]:
@@ -194,6 +178,11 @@ def _unpack_smallest_three(octets: NDArray) -> NDArray:
     rest = np.sqrt(np.maximum(1 - (xyzw**2).sum(axis=1), 0))
     np.put_along_axis(xyzw, largest[:, None], rest[:, None], axis=1)
     return np.roll(xyzw, 1, axis=1)
+
+
+def _pack_first_three(quats: NDArray) -> NDArray:
+    """(N, 3) bytes of unit quaternions wxyz: x, y, z with w made positive."""
+    return _bytes((quats[:, 1:] * np.where(quats[:, :1] < 0, -1, 1) + 1) * 127.5)
 
 
 def _unpack_first_three(octets: NDArray) -> NDArray:

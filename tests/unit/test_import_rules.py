@@ -18,6 +18,7 @@ ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "t
 
 EXTRAS_INSIDE_FUNCTIONS = {
     "interchange.py": {"safetensors"},  # tinysplat[io]
+    "spz_streams.py": {"zstandard"},
     "intake/colmap_worker.py": {"pycolmap"},  # tinysplat[poses]
     "intake/lenses.py": {"pycolmap"},  # tinysplat[poses]
     "intake/nerfstudio.py": {"plyfile"},  # tinysplat[io]
