@@ -151,7 +151,8 @@ def _encode(commands: Commands) -> None:
     )
     parser.add_argument(
         "scene", metavar="SCENE", nargs="+",
-        help="folder with cameras.json, transforms.json or COLMAP's sparse/; a RealEstate10K .txt; two stereo photos",
+        help="folder with cameras.json, transforms.json or COLMAP's sparse/; a RealEstate10K .txt; two stereo photos;"
+        " a video with --poses",
     )  # fmt: skip
     parser.add_argument(
         "--views", type=views, metavar="I,J|auto[:N]",
@@ -159,6 +160,14 @@ def _encode(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
     parser.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
+    parser.add_argument(
+        "--poses", metavar="POSES",
+        help="of a video's frames: RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model",
+    )  # fmt: skip
+    parser.add_argument(
+        "--first-number", type=int, choices=(0, 1), default=0,
+        help="what POSES count from in names such as frame_00012.png; default 0",
+    )  # fmt: skip
     parser.add_argument(
         "--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
     )

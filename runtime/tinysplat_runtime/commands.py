@@ -26,6 +26,7 @@ from .gaussians import FIELDS, Gaussians
 from .images import write_png
 from .inspection import inspect_bytes
 from .intake.stereo import stereo_scene
+from .intake.video import video_scene
 from .interchange import load_gaussians, save_gaussians
 from .opening import (
     MAX_FILE_BYTES,
@@ -168,7 +169,11 @@ def models(args: Namespace) -> None:
 
 
 def _scene(args: Namespace) -> Scene:
-    """The scene that `encode` names: one path, or two photos of a stereo pair."""
+    """The scene that `encode` names: one path, two photos of a stereo pair, or a video with `--poses`."""
+    if args.poses is not None:
+        if len(args.scene) != 1:
+            raise InputError(f"with {len(args.scene)} paths, expected one video", where="--poses")
+        return video_scene(args.scene[0], args.poses, near=args.near, far=args.far, first_number=args.first_number)
     given = [name for name in ("focal", "baseline") if getattr(args, name) is not None]
     if len(args.scene) == 1 and not given:
         return load_scene(args.scene[0], near=args.near, far=args.far)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from .cameras import Camera
 from .errors import InputError
 from .files import StrPath, read_limited
+from .footage import Video
 from .images import read_image, resize_cover
 from .intake.lenses import Lens
 from .jsonfields import MAX_DEPTH, depth, frame_entries, parse_object, photo_name
@@ -44,15 +45,19 @@ class Frame:
 
     Attributes:
         camera: the view as `image` delivers it.
-        path: the photo.
+        path: the photo, or the video that it is a frame of.
         photo_camera: the view as the photo has it, where `camera` is resized from it; otherwise None.
         lens: the intrinsics that the photo was taken with, where its distortion is to be taken out first.
+        video: the file at `path` looked through, where it is a video; otherwise None.
+        index: which of the video's frames.
     """
 
     camera: Camera
     path: Path
     photo_camera: Camera | None = None
     lens: Lens | None = None
+    video: Video | None = None
+    index: int = 0
 
     def resized(self, height: int, width: int) -> Frame:
         """The frame scaled to cover height × width and cropped around its centre; always from the whole photo."""
@@ -66,7 +71,7 @@ class Frame:
             InputError: names the photo, which cannot be read or is not of the size that its camera states.
         """
         stated = self.lens or self.photo_camera or self.camera
-        pixels = read_image(self.path)
+        pixels = read_image(self.path) if self.video is None else self.video.frame(self.index)
         if pixels.shape[:2] != (stated.height, stated.width):
             found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
             raise InputError(f"{found}, but its camera states {stated.width}x{stated.height}", where=str(self.path))
@@ -176,7 +181,8 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
 
     Args:
         path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
-            in `sparse/`; one of these two .json files; or a RealEstate10K camera file (.txt).
+            in `sparse/`; one of these two .json files; or a RealEstate10K camera file (.txt). For a video and poses
+            see `intake.video.video_scene`.
         near: replaces the scene's own near depth, scene units.
         far: replaces the scene's own far depth.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.footage import SUFFIXES
 from tinysplat_runtime.scenes import CAMERAS_FILE, Scene
 
 from .colmap import load_colmap, model_folder
@@ -14,6 +16,7 @@ from .realestate import load_realestate
 Reader = Callable[[Path, float | None, float | None], Scene]
 """Takes a path, near and far; the latter two replace the scene's own where they are not None."""
 
+POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
 ACCEPTED = f"{CAMERAS_FILE}, {FILE} or a COLMAP model in sparse/"
 
 
@@ -27,4 +30,6 @@ def foreign_reader(path: Path) -> Reader | None:
         return load_colmap if model_folder(path) is not None else None
     if path.suffix == ".json" and path.name.startswith("transforms"):
         return load_transforms
+    if path.suffix.lower() in SUFFIXES:
+        raise InputError(f"a video needs its cameras: --poses {POSES}", where=str(path))
     return load_realestate if path.suffix == ".txt" else None

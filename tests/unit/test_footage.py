@@ -1,0 +1,164 @@
+"""Videos with poses: the frame that a pose is of arrives, whatever lies between key frames; faults are one line."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import make_cameras
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.cli import main
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.footage import open_video
+from tinysplat_runtime.intake.video import video_scene
+from tinysplat_runtime.scenes import camera_entry, load_scene
+from tinysplat_runtime.video import write_video
+
+HEIGHT, WIDTH, COUNT, FPS = 32, 48, 40, 25
+CAMERAS = make_cameras(COUNT, HEIGHT, WIDTH)
+
+
+def picture(i: int) -> NDArray:
+    """Grey that tells the frame's number, brighter on the left half by a tenth."""
+    image = np.full((HEIGHT, WIDTH, 3), (i + 5) / 64, np.float32)
+    image[:, : WIDTH // 2] += 0.1
+    return image
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("clip") / "clip.mp4"
+    write_video(path, map(picture, range(COUNT)), fps=FPS)
+    return path
+
+
+def number_of(image: NDArray) -> int:
+    """Which of `picture`'s frames an image in [0, 1] is."""
+    return round(float(image[:, WIDTH // 2 + 4 :].mean()) * 64) - 5
+
+
+def realestate_line(stamp: int, camera: Camera) -> str:
+    K, w2c = camera.K_unit, camera.w2c[:3]
+    return " ".join(map(str, [stamp, K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, *w2c.ravel()]))
+
+
+def write_poses(path: Path, stamps: dict[int, int]) -> Path:
+    """A RealEstate10K file: cameras by number and the time of each in microseconds."""
+    path.write_text("\n".join(["https://x", *(realestate_line(t, CAMERAS[i]) for i, t in stamps.items())]))
+    return path
+
+
+def write_cameras(folder: Path, names: dict[str, Camera], **changes: Any) -> Path:
+    frames = [{**camera_entry(name, camera), **changes} for name, camera in names.items()]
+    (folder / "cameras.json").write_text(json.dumps({"near": 1.0, "far": 9.0, "frames": frames}))
+    return folder
+
+
+def test_any_frame_is_decoded_by_its_number(clip: Path) -> None:
+    video = open_video(clip)
+    assert (len(video.stamps), video.height, video.width) == (COUNT, HEIGHT, WIDTH)
+    assert [number_of(video.frame(i) / 255) for i in (0, 1, 7, 30, COUNT - 1, 2)] == [0, 1, 7, 30, COUNT - 1, 2]
+
+
+def test_realestate_poses_choose_frames_by_their_time(clip: Path, tmp_path: Path) -> None:
+    stamps = {i: i * 1_000_000 // FPS + 3000 for i in (3, 21, 39)}  # 3 ms beside the frames' own times
+    poses = write_poses(tmp_path / "poses.txt", stamps)
+    scene = video_scene(clip, poses, near=1.0, far=9.0)
+    assert [number_of(image) for image in scene.images()] == [3, 21, 39]
+    for camera, i in zip(scene.cameras, (3, 21, 39), strict=True):
+        np.testing.assert_allclose(camera.K, CAMERAS[i].K, atol=1e-9)
+        np.testing.assert_allclose(camera.c2w, CAMERAS[i].c2w, atol=1e-9)
+    assert scene.resized(16, 16).images().shape == (3, 16, 16, 3)
+
+
+def test_a_video_beside_a_realestate_file_stands_for_its_photos(clip: Path, tmp_path: Path) -> None:
+    poses = write_poses(tmp_path / "clip.txt", {0: 0, 4: 160_000})
+    assert "no video beside it" in refusal(lambda: load_scene(poses))
+    (tmp_path / "clip.mp4").symlink_to(clip)
+    assert [number_of(image) for image in load_scene(poses).images()] == [0, 4]
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_other_poses_name_frames_by_number(clip: Path, tmp_path: Path, first: int) -> None:
+    named = {f"images/frame_{i + first:05}.png": CAMERAS[i] for i in (2, 12)}
+    scene = video_scene(clip, write_cameras(tmp_path, named), first_number=first)
+    assert [number_of(image) for image in scene.images()] == [2, 12] and scene.depth_range() == (1.0, 9.0)
+
+
+def test_frames_are_turned_as_players_turn_them(clip: Path, tmp_path: Path) -> None:
+    data = bytearray(clip.read_bytes())
+    straight = struct.pack(">9i", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
+    turned = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, 0, 0, 1 << 30)  # by 90 degrees, clockwise
+    at = data.index(straight, data.index(b"tkhd"))
+    data[at : at + len(turned)] = turned
+    (tmp_path / "turned.mp4").write_bytes(data)
+    video = open_video(tmp_path / "turned.mp4")
+    assert (video.height, video.width) == (WIDTH, HEIGHT)
+    image = video.frame(0) / 255.0
+    assert image[: WIDTH // 2 - 4].mean() > image[WIDTH // 2 + 4 :].mean() + 0.08  # left has become top
+
+
+def test_the_command_encodes_a_video_with_poses(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses = write_poses(tmp_path / "poses.txt", {0: 0, 8: 320_000})
+    out, depths = str(tmp_path / "f.tsplat"), ["--near", "1", "--far", "9"]
+    assert main(["encode", str(clip), "--poses", str(poses), "-o", out, *depths]) == 0
+    assert main(["encode", str(clip), "-o", out, *depths]) == 2
+    assert "a video needs its cameras: --poses" in capsys.readouterr().err
+    assert main(["encode", str(clip), str(clip), "--poses", str(poses), "-o", out]) == 2
+    assert "--poses: with 2 paths, expected one video" in capsys.readouterr().err
+
+
+def refusal(call: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_poses_that_the_video_has_no_frames_for_are_named(clip: Path, tmp_path: Path) -> None:
+    late = write_poses(tmp_path / "late.txt", {0: 0, 1: 9_000_000})
+    message = refusal(lambda: video_scene(clip, late))
+    assert (
+        "late.txt: line 3: " in message and "no frame at 9.000 s, its 40 frames are shown from 0 to 1.560 s" in message
+    )
+    folder = write_cameras(tmp_path, {"f_39.png": CAMERAS[0], "f_40.png": CAMERAS[1]})
+    assert f"f_40.png: {clip}: frame 40, but its frames are 0 to 39" in refusal(lambda: video_scene(clip, folder))
+    write_cameras(tmp_path, {"0.png": CAMERAS[0]})
+    assert "frame -1" in refusal(lambda: video_scene(clip, folder, first_number=1))
+    write_cameras(tmp_path, {"desk.png": CAMERAS[0]})
+    assert "desk.png: no number in the name" in refusal(lambda: video_scene(clip, folder))
+    write_cameras(tmp_path, {"0.png": CAMERAS[0]}, width=64)
+    assert "48x32 pixels, but the camera states 64x32" in refusal(lambda: video_scene(clip, folder))
+    assert "expected a video (.mp4" in refusal(lambda: video_scene(tmp_path / "photo.png", late))
+
+
+def test_what_is_no_video_is_one_line(clip: Path, tmp_path: Path) -> None:
+    path = tmp_path / "v.mp4"
+    data = clip.read_bytes()
+    playlist = f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{clip}\n#EXT-X-ENDLIST\n".encode()  # names another file
+    for attack in (b"", b"not a video", data[:40], playlist):
+        path.write_bytes(attack)
+        assert str(path) in refusal(lambda: open_video(path))
+    assert "no such file" in refusal(lambda: open_video(tmp_path / "gone.mp4"))
+    with av.open(str(path), "w", format="mp4") as container:
+        stream = container.add_stream("aac", rate=44100)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.sample_rate = 44100
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    assert "holds no video" in refusal(lambda: open_video(path))
+
+
+def test_a_video_that_is_cut_short_has_the_frames_that_are_left(clip: Path, tmp_path: Path) -> None:
+    data = clip.read_bytes()
+    (tmp_path / "v.mp4").write_bytes(data[: data.index(b"mdat") + (len(data) - data.index(b"mdat")) * 9 // 10])
+    video = open_video(tmp_path / "v.mp4")
+    assert 1 < len(video.stamps) < COUNT and number_of(video.frame(0) / 255) == 0
+    assert f"frame {COUNT - 1}, but its frames are 0 to " in refusal(lambda: video.frame(COUNT - 1))
