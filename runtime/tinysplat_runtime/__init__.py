@@ -23,6 +23,7 @@ _MODULE_OF = {
     "Gaussians": "gaussians",
     "InputError": "errors",
     "ModelError": "errors",
+    "Notes": "notes",
     "NumericError": "errors",
     "Runtime": "api",
     "Scene": "scenes",
@@ -44,6 +45,7 @@ __all__ = [
     "Gaussians",
     "InputError",
     "ModelError",
+    "Notes",
     "NumericError",
     "Runtime",
     "Scene",
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
     from .errors import FormatError, InputError, ModelError, NumericError, TinySplatError
     from .gaussians import Gaussians
     from .interchange import load_gaussians, save_gaussians
+    from .notes import Notes
     from .scenes import Scene, load_scene
 
 

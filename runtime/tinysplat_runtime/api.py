@@ -22,6 +22,7 @@ from .codec.lossless import encode_lossless
 from .codec.profiles import DEFAULT_PROFILE, find_profile
 from .codec.rate import encode_to_psnr, encode_to_size
 from .container.layout import Limits
+from .container.notes import added_bytes, with_notes
 from .errors import InputError
 from .gaussians import Gaussians
 from .inference import GraphStore
@@ -103,7 +104,7 @@ class Runtime:
         """Code Gaussians as a `.tsplat` file's bytes.
 
         Args:
-            gaussians: per pixel, with cameras.
+            gaussians: per pixel, with cameras; the file carries their notes.
             profile: paper, fast, balanced or max.
             qp: Q_g; every quantiser step is multiplied by 2^(qp/6). None is 0, or what a target asks for.
             target_size: bytes of the file in place of `qp`: at most that many, and at least 97 % of it.
@@ -119,20 +120,22 @@ class Runtime:
             NumericError: Gaussians with z ≤ 0.
         """
         _check_targets(qp, target_size, target_psnr, lossless or None)
+        notes = gaussians.notes
         if lossless:
             stats = stats or EncodeStats()
             stats.mode = "lossless"
             with stats.watch.stage("zlib"):
-                return encode_lossless(gaussians, self.store, threads=self.threads, drop_invalid=drop_invalid)
+                exact = encode_lossless(gaussians, self.store, threads=self.threads, drop_invalid=drop_invalid)
+            return with_notes(exact, notes)
         encoder = SceneEncoder(
             gaussians, find_profile(profile), self.store, threads=self.threads, drop_invalid=drop_invalid, stats=stats
         )
         if target_size is not None:
-            return encode_to_size(encoder, target_size)
+            return with_notes(encode_to_size(encoder, target_size - added_bytes(notes)), notes)
         if target_psnr is not None:
-            return encode_to_psnr(encoder, target_psnr, self._fidelity(gaussians))
+            return with_notes(encode_to_psnr(encoder, target_psnr, self._fidelity(gaussians)), notes)
         wanted = float(qp or 0)
-        return encoder.code(encoder.plan(wanted), wanted)
+        return with_notes(encoder.code(encoder.plan(wanted), wanted), notes)
 
     def encode(
         self,
@@ -155,7 +158,7 @@ class Runtime:
             qp: see `compress`.
             **options: see `compress`.
             mode: what the file carries: gaussians, photos, hybrid or auto (`modes` says what they are).
-            gaussians: what `predict` made of the scene, if that is at hand.
+            gaussians: what `predict` made of the scene, if that is at hand; the file carries their notes.
             stats: filled with what coding measured, the mode, and why `auto` came to it.
 
         Raises:
@@ -171,8 +174,10 @@ class Runtime:
         stats.mode = mode
         photos, coding = photo_scene(scene, gaussians, model, self.store), find_profile(profile)
         if mode == "hybrid":
-            return compress_hybrid(photos, coding, float(qp or 0), self.store, threads=self.threads, stats=stats)
+            data = compress_hybrid(photos, coding, float(qp or 0), self.store, threads=self.threads, stats=stats)
+            return with_notes(data, gaussians.notes)
         data = compress_photos(photos, coding, float(qp or 0), threads=self.threads, stats=stats)
+        data = with_notes(data, gaussians.notes)
         if mode == "auto":
             planes = self.compress(gaussians, profile, qp, stats=stats, **options)
             stats.mode, stats.reason = choose(planes, data, photos.network, network_seconds)

@@ -108,6 +108,14 @@ def _selection() -> _Parser:
     return selection
 
 
+def _notes() -> _Parser:
+    notes = _Parser(add_help=False)
+    notes.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the file")
+    notes.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the file")
+    notes.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the file")
+    return notes
+
+
 def _provider() -> _Parser:
     provider = _Parser(add_help=False)
     provider.add_argument(
@@ -147,7 +155,7 @@ def build_parser() -> tuple[_Parser, Commands]:
 
 def _encode(commands: Commands) -> None:
     parser = commands.add_parser(
-        "encode", parents=[_common(), _coding(), _provider()], help="photos and cameras to a .tsplat file"
+        "encode", parents=[_common(), _coding(), _notes(), _provider()], help="photos and cameras to a .tsplat file"
     )
     parser.add_argument(
         "scene", metavar="SCENE", nargs="+",
@@ -182,7 +190,9 @@ def _encode(commands: Commands) -> None:
 
 def _compress(commands: Commands) -> None:
     parser = commands.add_parser(
-        "compress", parents=[_common(), _coding(), _provider()], help="Gaussians of any network to a .tsplat file"
+        "compress",
+        parents=[_common(), _coding(), _notes(), _provider()],
+        help="Gaussians of any network to a .tsplat file",
     )
     parser.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
     parser.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
@@ -193,7 +203,7 @@ def _compress(commands: Commands) -> None:
 def _decode(commands: Commands) -> None:
     parser = commands.add_parser(
         "decode",
-        parents=[_common(), _limits(), _prefix(), _selection(), _provider()],
+        parents=[_common(), _limits(), _prefix(), _selection(), _notes(), _provider()],
         help="a .tsplat file back to Gaussians",
     )
     parser.add_argument("file", metavar="F.tsplat")
@@ -220,7 +230,7 @@ def _render(commands: Commands) -> None:
 def _convert(commands: Commands) -> None:
     parser = commands.add_parser(
         "convert",
-        parents=[_common(), _limits(), _prefix(), _selection(), _provider()],
+        parents=[_common(), _limits(), _prefix(), _selection(), _notes(), _provider()],
         help="Gaussian files to other formats, cut, moved or joined",
     )
     parser.add_argument("files", nargs="+", metavar="IN", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")

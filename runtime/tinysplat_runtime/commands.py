@@ -36,6 +36,7 @@ from .opening import (
     is_in_part,
     limited_runtime,
     load_any,
+    noted,
     providers,
 )  # fmt: skip
 from .progress import progress
@@ -61,7 +62,7 @@ def encode(args: Namespace) -> None:
     if args.size:
         scene = scene.resized(*args.size)
     runtime, watch = Runtime(threads=args.threads, providers=providers(args)), Stopwatch()
-    gaussians = runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch)
+    gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch))
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
             print(f"{args.save_gaussians}: {loss}", file=sys.stderr)
@@ -74,7 +75,7 @@ def compress(args: Namespace) -> None:
         raise InputError(f"'{args.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
     grid = grid_option(args.grid)
     cameras = load_cameras(args.cameras) if args.cameras else None
-    gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
+    gaussians = noted(args, load_gaussians(args.gaussians, grid=grid, cameras=cameras))
     try:
         _compress(args, Runtime(threads=args.threads, providers=providers(args)), gaussians, EncodeStats())
     except TinySplatError as error:
@@ -86,7 +87,7 @@ def decode(args: Namespace) -> None:
     runtime, watch = limited_runtime(args), Stopwatch()
     data = read_limited(args.file, MAX_FILE_BYTES)
     gaussians = decompress_named(runtime, data, args, watch)
-    gaussians = selected(args, gaussians)
+    gaussians = noted(args, selected(args, gaussians))
     with watch.stage("write"):
         write(args, args.output, gaussians)
     if args.report:
@@ -336,6 +337,7 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         f"{file}: {total} bytes, format {d['version']}, mode {d['mode']}, profile {d['profile']}, Q_g {d['qp']:g}",
         f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d),
         *_network_lines(d),
+        *(f"{name}: {text}" for name, text in d["notes"].items() if text),
         "",
         "class        bytes   share",
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),

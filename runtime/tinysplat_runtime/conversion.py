@@ -14,7 +14,7 @@ from .editing import crop, cut_degree, drop_transparent, merge, select_views, si
 from .errors import InputError, TinySplatError
 from .gaussians import Gaussians
 from .interchange import save_gaussians, save_points
-from .opening import load_any
+from .opening import load_any, noted
 from .quaternions import normalize_quats, quats_to_matrices
 from .reports import Stopwatch
 
@@ -33,7 +33,7 @@ def convert(args: Namespace) -> None:
     gaussians = parts[0] if len(parts) == 1 else merge(parts)
     if args.crop:
         gaussians = crop(gaussians, args.crop[:3], args.crop[3:])
-    gaussians = similarity(gaussians, _rotation(args.rotate), args.scale, args.translate)
+    gaussians = noted(args, similarity(gaussians, _rotation(args.rotate), args.scale, args.translate))
     write(args, args.output, gaussians)
     if not args.quiet:
         print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from .cameras import Camera
 from .errors import InputError
 from .gaussians import FIELDS, Gaussians
+from .notes import Notes
 from .quaternions import matrices_to_quats, multiply_quats
 from .sh import sh_basis
 
@@ -87,7 +88,7 @@ def crop(gaussians: Gaussians, low: ArrayLike, high: ArrayLike) -> Gaussians:
 
 
 def merge(parts: Sequence[Gaussians]) -> Gaussians:
-    """All layers of several sets as one list (N,), relative to the first one's origin."""
+    """All layers of several sets as one list (N,), relative to the first one's origin; notes joined."""
     flats = [part.flat() for part in parts]
     origin = flats[0].origin
     functions = max(flat.sh.shape[1] for flat in flats)
@@ -98,6 +99,7 @@ def merge(parts: Sequence[Gaussians]) -> Gaussians:
         opacities=np.concatenate([flat.opacities for flat in flats]),
         sh=np.concatenate([np.pad(f.sh, ((0, 0), (0, functions - f.sh.shape[1]), (0, 0))) for f in flats]),
         origin=origin,
+        notes=Notes.joined([part.notes for part in parts]),
     )
 
 
@@ -117,6 +119,8 @@ def similarity(
     translation: ArrayLike = (0, 0, 0),
 ) -> Gaussians:
     """Move the scene: x becomes scale · R x + t for means and cameras; scales, rotations and SH follow.
+
+    What the notes say of the unit is dropped where the scale is not 1.
 
     Args:
         gaussians: any.
@@ -150,7 +154,10 @@ def similarity(
             origin=moved_origin,
         )
 
-    return replace(move(gaussians), extra_layers=tuple(move(layer) for layer in gaussians.extra_layers))
+    # a unit no longer fits what was enlarged
+    notes = gaussians.notes if scale == 1 else replace(gaussians.notes, unit="")
+    extra_layers = tuple(move(layer) for layer in gaussians.extra_layers)
+    return replace(move(gaussians), extra_layers=extra_layers, notes=notes)
 
 
 def rotate_sh(sh: NDArray, rotation: NDArray) -> NDArray:

@@ -98,7 +98,7 @@ def open_video(path: StrPath) -> Video:
     """
     check_readable(path)
     with _opened(Path(path)) as (container, stream):
-        stamps = set()
+        stamps: set[int] = set()
         for packet in container.demux(stream):
             if packet.size and not packet.is_discard:
                 if packet.pts is None or len(stamps) >= MAX_FRAMES:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .cameras import MAX_POSITION, Camera
 from .errors import InputError
+from .notes import NO_NOTES, Notes
 from .sh import sh_degree
 
 FIELDS: dict[str, tuple[int, ...]] = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (-1, 3)}
@@ -31,6 +32,7 @@ class Gaussians:
         cameras: one per view, sizes equal to (H, W); empty when the Gaussians belong to no pixels.
         origin: (3,) float64, world position that `means` are relative to.
         extra_layers: coarser grids behind this one, each a per-pixel Gaussians of its own cameras and no layers.
+        notes: what their maker says about them; `with_notes` sets it.
 
     Raises:
         InputError: names the field, the first index at fault and what is accepted.
@@ -44,6 +46,7 @@ class Gaussians:
     cameras: tuple[Camera, ...] = ()
     origin: NDArray = field(default_factory=lambda: np.zeros(3))
     extra_layers: tuple[Gaussians, ...] = ()
+    notes: Notes = NO_NOTES
 
     def __post_init__(self) -> None:
         lead = np.shape(self.opacities)
@@ -98,7 +101,7 @@ class Gaussians:
     def unchecked(cls, **fields: object) -> Gaussians:
         """Build without validation, for arrays whose making already proves them right (the decoder's)."""
         self = object.__new__(cls)
-        defaults = {"cameras": (), "origin": np.zeros(3), "extra_layers": ()}
+        defaults = {"cameras": (), "origin": np.zeros(3), "extra_layers": (), "notes": NO_NOTES}
         for name, value in {**defaults, **fields}.items():
             object.__setattr__(self, name, value)
         return self
@@ -136,7 +139,7 @@ class Gaussians:
             return array
 
         arrays = {name: np.concatenate([rows(layer, name) for layer in self.layers]) for name in FIELDS}
-        return Gaussians.unchecked(**arrays, origin=self.origin)
+        return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes)
 
     def _repr_png_(self) -> bytes | None:
         """A notebook's picture of the first view."""
@@ -153,6 +156,10 @@ class Gaussians:
     def with_cameras(self, cameras: Iterable[Camera]) -> Gaussians:
         """The same Gaussians seen as the pixels of other cameras."""
         return replace(self, cameras=tuple(cameras))
+
+    def with_notes(self, notes: Notes) -> Gaussians:
+        """The same Gaussians with other words of their maker's."""
+        return Gaussians.unchecked(**{**vars(self), "notes": notes})
 
 
 def _float32(name: str, value: ArrayLike) -> NDArray:

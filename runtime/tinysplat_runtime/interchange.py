@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from .cameras import Camera
 from .errors import InputError
+from .file_notes import KEEPS, NPZ_ARRAY, npz_array, ply_comments, read_notes
 from .files import StrPath, atomic_path, check_readable, parsing
 from .gaussians import FIELDS, Gaussians
 from .images import to_uint8
@@ -85,7 +86,8 @@ def load_gaussians(
     if grid is not None and (len(grid) != 3 or min(grid) < 1):
         raise InputError(f"{tuple(grid)}, expected (V, H, W), each at least 1", where="grid")
     try:
-        return _assemble(read(Path(path), max_bytes), grid, cameras)
+        gaussians = _assemble(read(Path(path), max_bytes), grid, cameras)
+        return gaussians.with_notes(read_notes(Path(path)))
     except ImportError:
         raise InputError(f"{Path(path).suffix} {_INSTALL}", where=str(path)) from None
     except InputError as error:
@@ -124,7 +126,7 @@ def save_gaussians(
     write = _by_suffix(path, writers)
     try:
         with atomic_path(path) as temporary:
-            return write(temporary, gaussians)
+            return [*write(temporary, gaussians), *_lost_notes(path, gaussians)]
     except ImportError:
         raise InputError(f"{Path(path).suffix} {_INSTALL}", where=str(path)) from None
     except InputError as error:
@@ -143,7 +145,8 @@ def save_points(path: StrPath, gaussians: Gaussians) -> None:
     far = flat.origin.any() and _loses_digits(means, _centres(gaussians.cameras))
     try:
         with atomic_path(path) as temporary:
-            write_points(temporary, means if far else means.astype(np.float32), to_uint8(0.5 + C0 * flat.sh[:, 0]))
+            positions, comments = means if far else means.astype(np.float32), ply_comments(gaussians.notes)
+            write_points(temporary, positions, to_uint8(0.5 + C0 * flat.sh[:, 0]), comments)
     except ImportError:
         raise InputError(f".ply {_INSTALL}", where=str(path)) from None
 
@@ -246,7 +249,7 @@ def _assemble(
     means, origin = _place_means([fields["means"] for fields in layers], _centres(views[0]), origin)
 
     def build(n: int, extra_layers: tuple[Gaussians, ...] = ()) -> Gaussians:
-        fields = {**layers[n], "means": means[n]}
+        fields: dict[str, Any] = {**layers[n], "means": means[n]}
         try:
             return Gaussians(**fields, cameras=views[n], origin=origin, extra_layers=extra_layers)
         except InputError as error:
@@ -347,6 +350,8 @@ def _arrays(gaussians: Gaussians) -> dict[str, NDArray]:
 
 def _save_npz(path: Path, gaussians: Gaussians) -> list[str]:
     arrays: dict[str, Any] = _arrays(gaussians)  # numpy's annotations take every keyword for an option
+    if gaussians.notes:
+        arrays[NPZ_ARRAY] = npz_array(gaussians.notes)
     with path.open("wb") as file:
         np.savez(file, **arrays)
     return []
@@ -355,18 +360,19 @@ def _save_npz(path: Path, gaussians: Gaussians) -> list[str]:
 def _save_safetensors(path: Path, gaussians: Gaussians) -> list[str]:
     from safetensors.numpy import save_file
 
-    save_file(_arrays(gaussians), str(path))
+    save_file(_arrays(gaussians), str(path), metadata=gaussians.notes.given() or None)
     return []
 
 
 def _save_ply(path: Path, gaussians: Gaussians) -> list[str]:
     flat, notes = gaussians.flat(), _cut_notes(gaussians, ".ply")
+    comments = ply_comments(gaussians.notes)
     means = flat.means.astype(np.float64) + flat.origin
     if flat.origin.any() and _loses_digits(means, _centres(gaussians.cameras)):
         notes.append("x, y, z written as double: too far from the world's origin for float")
-        write_ply(path, flat, means)
+        write_ply(path, flat, means, comments)
     else:
-        write_ply(path, flat, means.astype(np.float32))
+        write_ply(path, flat, means.astype(np.float32), comments)
     return notes
 
 
@@ -382,6 +388,11 @@ def _save_sog(path: Path, gaussians: Gaussians) -> list[str]:
         notes.append("positions lose digits: too far from the world's origin for float; bring the scene nearer first")
     write_sog(path, flat, means.astype(np.float32))
     return notes
+
+
+def _lost_notes(path: StrPath, gaussians: Gaussians) -> list[str]:
+    suffix, given = Path(path).suffix.lower(), gaussians.notes.given()
+    return [f"{' and '.join(given)} left out, {suffix} has no room for text"] if given and suffix not in KEEPS else []
 
 
 def _cut_notes(gaussians: Gaussians, suffix: str) -> list[str]:

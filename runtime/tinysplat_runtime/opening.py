@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from .api import Runtime
@@ -13,6 +14,7 @@ from .errors import InputError, TinySplatError
 from .files import read_limited
 from .gaussians import Gaussians
 from .interchange import load_gaussians
+from .notes import NAMES
 from .reports import Stopwatch
 
 MAX_FILE_BYTES = 1 << 31
@@ -63,6 +65,15 @@ def load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
         if value is not None:
             raise InputError(f"only .tsplat files can be decoded in part, not {args.file}", where=option)
     return load_gaussians(args.file)
+
+
+def noted(args: Namespace, gaussians: Gaussians) -> Gaussians:
+    """The Gaussians with what `--unit`, `--attribution` and `--licence` say, over what they said of themselves."""
+    given = {name: getattr(args, name) for name in NAMES if getattr(args, name) is not None}
+    try:
+        return gaussians.with_notes(replace(gaussians.notes, **given)) if given else gaussians
+    except InputError as error:
+        raise InputError(error.message, where=f"--{error.where}") from None
 
 
 def grid_option(values: Sequence[int] | None) -> tuple[int, int, int] | None:

@@ -65,13 +65,14 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
         }
 
 
-def write_ply(path: Path, gaussians: Gaussians, means: NDArray) -> None:
+def write_ply(path: Path, gaussians: Gaussians, means: NDArray, comments: Sequence[str] = ()) -> None:
     """Write points; SH above degree MAX_PLY_DEGREE is left out, opacities 0 and 1 and scales 0 move by less than 1e-7.
 
     Args:
         path: the file.
         gaussians: (N,), without layers.
         means: (N, 3) world positions, float32 or float64; the file's type for them follows.
+        comments: lines of ASCII for the header.
     """
     import plyfile
 
@@ -92,16 +93,18 @@ def write_ply(path: Path, gaussians: Gaussians, means: NDArray) -> None:
     for names, block in blocks:
         for name, column in zip(names, block.T, strict=True):
             vertex[name] = column
-    plyfile.PlyData([plyfile.PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(path))
+    elements = [plyfile.PlyElement.describe(vertex, "vertex")]
+    plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
 
 
-def write_points(path: Path, means: NDArray, colours: NDArray) -> None:
+def write_points(path: Path, means: NDArray, colours: NDArray, comments: Sequence[str] = ()) -> None:
     """Write a plain point cloud, as MeshLab, CloudCompare and Blender open it.
 
     Args:
         path: the file.
         means: (N, 3) world positions, float32 or float64; the file's type for them follows.
         colours: (N, 3) uint8 RGB.
+        comments: lines of ASCII for the header.
     """
     import plyfile
 
@@ -110,7 +113,8 @@ def write_points(path: Path, means: NDArray, colours: NDArray) -> None:
     for i in range(3):
         vertex["xyz"[i]] = means[:, i]
         vertex[("red", "green", "blue")[i]] = colours[:, i]
-    plyfile.PlyData([plyfile.PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(path))
+    elements = [plyfile.PlyElement.describe(vertex, "vertex")]
+    plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
 
 
 def _columns(vertex: NDArray, names: Sequence[str]) -> NDArray:

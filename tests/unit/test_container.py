@@ -68,7 +68,7 @@ def test_trailing_bytes_are_refused(data):
 
 def test_unknown_optional_sections_are_skipped_and_required_ones_refused(data):
     sections = sections_of(data)
-    optional = file_of([*sections, [b"NOTE", 0, 0, b"hello"]])
+    optional = file_of([*sections, [b"XTRA", 0, 0, b"hello"]])
     assert read_container(optional).total_bytes == len(optional)
     with pytest.raises(FormatError, match="required"):
         read_container(file_of([*sections, [b"NEXT", L.REQUIRED, 0, b""]]))

@@ -11,6 +11,7 @@ from golden_cases import DATA
 from tinysplat_runtime.codec.planes import PlaneClass
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.extras import EXACT_FIXED, NETWORK_FIXED, PHOTOS_FIXED
+from tinysplat_runtime.container.notes import NOTES_FIXED
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
 _HEADING = "| offset | bytes | field | type | meaning and range | a reader must |"
@@ -40,6 +41,7 @@ STRUCTURES = {
     "NETW": NETWORK_FIXED,
     "PHOT": PHOTOS_FIXED,
     "EXAC": EXACT_FIXED,
+    "NOTE": NOTES_FIXED,
 }
 """In the order of the page's tables."""
 

@@ -65,6 +65,18 @@ def decode_gaussians(
         if lost is not None:
             lost += [plane_name(container, ref) for ref in sorted(absent)]
         _check_something_is_left(container, absent)
+    return _decode(container, absent, store, threads, model, watch).with_notes(container.notes)
+
+
+def _decode(
+    container: Container,
+    absent: Collection[PlaneRef],
+    store: GraphStore,
+    threads: int,
+    model: str | None,
+    watch: Stopwatch,
+) -> Gaussians:
+    """Gaussians of a file of any mode."""
     if container.exact:
         return _decode_exact(container, store, threads, watch)
     prediction = _predict(container, store, threads, model, watch) if container.photos else None

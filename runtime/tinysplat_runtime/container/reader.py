@@ -19,6 +19,7 @@ from ..cameras import MAX_POSITION, Camera
 from ..codec.hevc import MAX_QP
 from ..codec.planes import GEOMETRY, PlaneClass
 from ..errors import FormatError, InputError
+from ..notes import NO_NOTES, Notes
 from ..sh import MAX_SH_DEGREE
 from . import layout as L
 from .bounds import check_ranges, decoding_bytes
@@ -35,6 +36,7 @@ from .extras import (
     read_network,
     read_photos,
 )
+from .notes import NOTES, read_notes
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ class Container:
         plane_sections: the sections that hold pictures of planes, in the file's order.
         network: the network that the receiver runs on `photos`; both or neither.
         exact: layers of exact planes, in place of `layers`.
+        notes: what the scene's maker says about it.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
     """
 
@@ -121,6 +124,7 @@ class Container:
     network: NetworkRef | None = None
     photos: PhotoHeader | None = None
     exact: tuple[ExactLayer, ...] = ()
+    notes: Notes = NO_NOTES
 
     @property
     def mode(self) -> str:
@@ -230,8 +234,12 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     planes = tuple(s for s in sections if s.kind in _PLANE_KINDS)
     return Container(
         version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, planes, total,
-        network, photos, exact,
+        network, photos, exact, _read_notes(sections),
     )  # fmt: skip
+
+
+def _read_notes(sections: list[Section]) -> Notes:
+    return read_notes(Cursor(_only(sections, NOTES))) if NOTES in {section.kind for section in sections} else NO_NOTES
 
 
 def _read_photo_mode(sections: list[Section], views: int) -> tuple[NetworkRef | None, PhotoHeader | None]:
@@ -315,7 +323,7 @@ def _read_table(view: memoryview, is_prefix: bool) -> tuple[tuple[int, int], int
 
 _PLANE_KINDS = frozenset(L.PLANES.values())
 _MODE_KINDS = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES, EXACT, EXACT_PLANES})
-_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *_MODE_KINDS, *_PLANE_KINDS}
+_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, NOTES, *_MODE_KINDS, *_PLANE_KINDS}
 
 
 def _only(sections: list[Section], kind: bytes, index: int = 0) -> Section:
