@@ -73,7 +73,7 @@ def test_a_flipped_bit_behind_a_repaired_section_checksum_is_still_seen(seed: Se
 
 
 def test_a_table_of_more_sections_than_the_format_allows_is_refused(seed: Seed) -> None:
-    notes = [Part(b"NOTE", 0, n, b"") for n in range(L.MAX_SECTIONS - len(seed.parts) + 1)]
+    notes = [Part(b"XTRA", 0, n, b"") for n in range(L.MAX_SECTIONS - len(seed.parts) + 1)]
     read_container(join([*seed.parts, *notes[:-1]]))
     with pytest.raises(FormatError, match="sections"):
         read_container(join([*seed.parts, *notes]))
