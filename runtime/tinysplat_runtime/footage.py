@@ -23,7 +23,7 @@ from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .files import StrPath, check_readable
+from .files import StrPath, check_readable, parsing
 from .images import MAX_PIXELS
 
 SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".ts")
@@ -103,10 +103,10 @@ def open_video(path: StrPath) -> Video:
             if packet.size and not packet.is_discard:
                 if packet.pts is None or len(stamps) >= MAX_FRAMES:
                     found = "frames without times" if packet.pts is None else f"more than {MAX_FRAMES} frames"
-                    raise InputError(f"{found}; `ffmpeg -i IN OUT.mp4` writes a part of it anew", where=str(path))
+                    raise InputError(f"{found}; `ffmpeg -i IN OUT.mp4` writes a part of it anew")
                 stamps.add(packet.pts)
         if not stamps:
-            raise InputError("a video without frames", where=str(path))
+            raise InputError("a video without frames")
         first = min(stamps)
         container.seek(first, stream=stream)
         height, width = _upright(next(container.decode(stream))).shape[:2]
@@ -116,18 +116,25 @@ def open_video(path: StrPath) -> Video:
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """The container and its video stream, for the time of the block."""
+    options = {"format_whitelist": _CONTAINERS}
     try:
-        with path.open("rb") as file, av.open(file, options={"format_whitelist": _CONTAINERS}) as container:
+        with (
+            parsing(f"video, accepted are {', '.join(SUFFIXES)}"),
+            path.open("rb") as file,
+            av.open(file, options=options, metadata_errors="replace") as container,
+        ):
             if not container.streams.video:
-                raise InputError("holds no video", where=str(path))
+                raise InputError("holds no video")
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise InputError("coded in a way that this build of av does not know")
             if not 0 < stream.width * stream.height <= MAX_PIXELS:
-                raise InputError(f"{stream.width}x{stream.height} pixels, at most {MAX_PIXELS}", where=str(path))
+                raise InputError(f"{stream.width}x{stream.height} pixels, at most {MAX_PIXELS}")
             yield container, stream
-    except (av.FFmpegError, OSError, StopIteration) as error:  # OSError: a damaged length sought beyond the file
-        reason = getattr(error, "strerror", None) or "no frame can be decoded"
-        accepted = ", ".join(SUFFIXES)
-        raise InputError(f"not a video that can be read ({reason}); accepted are {accepted}", where=str(path)) from None
+    except InputError as error:
+        raise InputError(error.message, where=str(path)) from None
+    except av.FFmpegError as error:  # av's own PermissionError, for what libavformat finds unfit
+        raise InputError(f"damaged or foreign video ({error.strerror})", where=str(path)) from None
 
 
 def _upright(picture: Any) -> NDArray:

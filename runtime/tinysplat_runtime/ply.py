@@ -54,7 +54,7 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
     if missing or len(rest) % 3:
         found = f"lacks {', '.join(missing[:6])}" if missing else f"{len(rest)} f_rest properties"
         raise InputError(f"{found}, expected vertices in the layout of 3D Gaussian Splatting")
-    with parsing(".ply file"), np.errstate(over="ignore"):
+    with parsing(".ply file"), np.errstate(over="ignore", invalid="ignore"):
         higher = _columns(vertex, rest).reshape(len(vertex), 3, -1).swapaxes(1, 2)  # (N, B − 1, 3)
         return {
             "means": _columns(vertex, _MEANS),

@@ -16,6 +16,7 @@ from scenes import make_cameras, make_gaussians, make_photo, make_smooth_gaussia
 import tinysplat_runtime as ts
 from tinysplat_runtime.artifacts import models_dir
 from tinysplat_runtime.images import write_png
+from tinysplat_runtime.video import write_video
 
 from .containers import Seed
 
@@ -23,7 +24,7 @@ from .containers import Seed
 @lru_cache(maxsize=1)
 def tsplat_seeds() -> tuple[Seed, ...]:
     """Files of 16×16 and less: both ways to code, one and two layers, one to three views, SH degree 0 to 2;
-    and one of exact planes."""
+    one of exact planes, and one with notes."""
     cases = [
         (make_smooth_gaussians(1, 5, 7, 0), "paper"),
         (make_smooth_gaussians(2, 16, 16, 1), "paper"),
@@ -34,6 +35,8 @@ def tsplat_seeds() -> tuple[Seed, ...]:
     runtime = ts.Runtime(threads=1)
     files = [runtime.compress(g, profile) for g, profile in cases]
     files.append(runtime.compress(make_smooth_gaussians(1, 6, 8, 0), lossless=True))
+    noted = make_smooth_gaussians(1, 5, 7, 0).with_notes(ts.Notes("metre", "Jörg Müller", "CC-BY-4.0"))
+    files.append(runtime.compress(noted, "paper"))
     return tuple(Seed.of(data) for data in files)
 
 
@@ -47,12 +50,31 @@ def _written(suffix: str, write: Callable[[Path], object]) -> bytes:
 @lru_cache(maxsize=8)
 def gaussian_seeds(suffix: str) -> tuple[bytes, ...]:
     """Gaussian files of one suffix: per pixel with two layers, and a list."""
-    scenes = [make_gaussians(1, 3, 4, 1, layers=2), make_gaussians(2, 2, 3, 0), make_gaussians(1, 2, 2, 3)]
+    noted = make_gaussians(1, 3, 4, 1, layers=2).with_notes(ts.Notes(attribution="Jörg Müller"))
+    scenes = [noted, make_gaussians(2, 2, 3, 0), make_gaussians(1, 2, 2, 3)]
     files = [_written(suffix, lambda path, g=g: ts.save_gaussians(path, g)) for g in scenes]
     if suffix == ".npz":
         arrays = {n: getattr(scenes[1], n) for n in ("means", "quats", "scales", "opacities", "sh")}
         files.append(_written(suffix, lambda path: np.savez_compressed(path, **arrays)))
     return tuple(files)
+
+
+@lru_cache(maxsize=1)
+def spz_seeds() -> tuple[bytes, ...]:
+    """SPZ files of every version that is written."""
+    scenes = [make_gaussians(1, 3, 4, 1), make_gaussians(1, 2, 2, 0)]
+    return tuple(
+        _written(".spz", lambda path, g=g, v=version: ts.save_gaussians(path, g, spz_version=v))
+        for g in scenes
+        for version in (2, 3, 4)
+    )
+
+
+@lru_cache(maxsize=1)
+def video_seeds() -> tuple[bytes, ...]:
+    """A video of six frames of 16×16."""
+    frames = [np.full((16, 16, 3), 40 * i, np.uint8) for i in range(6)]
+    return (_written(".mp4", lambda path: write_video(path, frames)),)
 
 
 @lru_cache(maxsize=1)

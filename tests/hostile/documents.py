@@ -6,6 +6,7 @@ surface stays intact and what it holds is damaged.
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import struct
@@ -133,3 +134,10 @@ def damage_ply(data: bytes, rng: Random) -> bytes:
         if not lines:
             break
     return b"\n".join(lines) + data[end:]
+
+
+def damage_spz(data: bytes, rng: Random) -> bytes:
+    """An SPZ file damaged as a whole or, where it is a gzip stream, inside of it, so that the stream stays intact."""
+    if data[:2] != b"\x1f\x8b" or rng.random() < 0.3:
+        return damage(data, rng)
+    return gzip.compress(damage(gzip.decompress(data), rng), compresslevel=1, mtime=0)

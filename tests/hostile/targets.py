@@ -23,6 +23,7 @@ from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_p
 from tinysplat_runtime.container.layout import Limits
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError, ModelError
+from tinysplat_runtime.footage import open_video
 from tinysplat_runtime.gaussians import FIELDS
 from tinysplat_runtime.images import read_image
 from tinysplat_runtime.inference import GraphStore, open_graph
@@ -33,7 +34,7 @@ from tinysplat_runtime.scenes import load_cameras, load_scene
 from . import corpus
 from .containers import damage_container, damage_whole
 from .damage import damage
-from .documents import damage_json, damage_npz, damage_ply, damage_safetensors
+from .documents import damage_json, damage_npz, damage_ply, damage_safetensors, damage_spz
 
 LIMITS = Limits(max_pixels=1 << 14, max_memory_bytes=16 << 20)
 """What the attacked readers may take: small, so that a file that gets more shows in the process's memory."""
@@ -152,12 +153,21 @@ def _from_file(
     return attack
 
 
-def _gaussian_file(suffix: str, spoil: Callable[[bytes, Random], bytes]) -> Target:
+def _gaussian_file(
+    suffix: str, spoil: Callable[[bytes, Random], bytes], seeds: Callable[[], tuple[bytes, ...]] | None = None
+) -> Target:
     def load(path: Path) -> None:
         ts.load_gaussians(path, max_bytes=LIMITS.max_memory_bytes)
 
-    attack = _from_file(suffix, lambda: corpus.gaussian_seeds(suffix), load, spoil)
+    attack = _from_file(suffix, seeds or (lambda: corpus.gaussian_seeds(suffix)), load, spoil)
     return Target(suffix.removeprefix("."), attack, (InputError,))
+
+
+def _video(path: Path) -> None:
+    video = open_video(path)
+    for index in {0, len(video.stamps) - 1}:
+        if video.frame(index).shape != (video.height, video.width, 3):
+            raise BrokenPromiseError("a frame of another size than the video's")
 
 
 def _cameras(path: Path) -> None:
@@ -181,9 +191,11 @@ TARGETS: dict[str, Target] = {
         _gaussian_file(".npz", damage_npz),
         _gaussian_file(".safetensors", damage_safetensors),
         _gaussian_file(".ply", damage_ply),
+        _gaussian_file(".spz", damage_spz, corpus.spz_seeds),
         Target("cameras", _from_file(".json", corpus.camera_seeds, _cameras, damage_json), (InputError,)),
         Target("png", _from_file(".png", lambda: corpus.photo_seeds()[:1], read_image), (InputError,)),
         Target("jpeg", _from_file(".jpg", lambda: corpus.photo_seeds()[1:], read_image), (InputError,)),
+        Target("video", _from_file(".mp4", corpus.video_seeds, _video), (InputError,)),
         Target("onnx", _from_file(".onnx", corpus.model_seeds, _model), (ModelError,)),
     )
 }
