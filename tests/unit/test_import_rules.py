@@ -18,6 +18,7 @@ ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "t
 
 EXTRAS_INSIDE_FUNCTIONS = {
     "interchange.py": {"safetensors"},  # tinysplat[io]
+    "file_notes.py": {"safetensors"},
     "spz_streams.py": {"zstandard"},
     "intake/colmap_worker.py": {"pycolmap"},  # tinysplat[poses]
     "intake/lenses.py": {"pycolmap"},  # tinysplat[poses]
@@ -98,6 +99,7 @@ BLOCKED = (
     "onnxscript",
     "safetensors",
     "plyfile",
+    "zstandard",
     "pycolmap",
     "tqdm",
     "PIL",
