@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .cameras import Camera
 from .codec.decoder import decode_gaussians
 from .codec.encoder import EncodeStats, SceneEncoder
+from .codec.like import encode_like
 from .codec.lossless import encode_lossless
 from .codec.profiles import DEFAULT_PROFILE, find_profile
 from .codec.rate import encode_to_psnr, encode_to_size
@@ -36,6 +37,9 @@ from .scenes import Scene
 from .threads import available_cores
 
 DEFAULT_MODEL = "edge"
+
+TARGETS = ("target_size", "target_psnr", "lossless", "like")
+"""Options of `compress` that say how planes are coded in place of Q_g."""
 
 
 class Runtime:
@@ -98,6 +102,7 @@ class Runtime:
         target_size: int | None = None,
         target_psnr: float | None = None,
         lossless: bool = False,
+        like: bytes | None = None,
         drop_invalid: bool = False,
         stats: EncodeStats | None = None,
     ) -> bytes:
@@ -111,15 +116,18 @@ class Runtime:
             target_psnr: dB of decoded against raw renders, the mean over the input views, in place of `qp`: at least
                 that many, and at most 0.2 more.
             lossless: float16 planes, bit for bit (`codec.lossless` has the guarantee); profile and qp play no part.
+            like: a file's bytes, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay where
+                nothing changed (`codec.like`): a decoded scene that is coded again, edited or not, loses nothing else.
             drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
             stats: filled with what coding measured.
 
         Raises:
+            FormatError: `like` is damaged.
             InputError: an option out of range, two options that contradict each other, a target that cannot be
-                reached, or Gaussians of no pixels.
+                reached, Gaussians of no pixels, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
-        _check_targets(qp, target_size, target_psnr, lossless or None)
+        _check_targets(qp=qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless or None, like=like)
         notes = gaussians.notes
         if lossless:
             stats = stats or EncodeStats()
@@ -127,6 +135,12 @@ class Runtime:
             with stats.watch.stage("zlib"):
                 exact = encode_lossless(gaussians, self.store, threads=self.threads, drop_invalid=drop_invalid)
             return with_notes(exact, notes)
+        if like is not None:
+            limits, threads = self.limits, self.threads
+            coded = encode_like(
+                gaussians, like, self.store, threads=threads, limits=limits, drop_invalid=drop_invalid, stats=stats
+            )
+            return with_notes(coded, notes)
         encoder = SceneEncoder(
             gaussians, find_profile(profile), self.store, threads=self.threads, drop_invalid=drop_invalid, stats=stats
         )
@@ -166,7 +180,7 @@ class Runtime:
             ModelError, NumericError: as `predict` and `compress`.
         """
         stats = stats or EncodeStats()
-        check_options(mode, has_target=any(options.get(name) for name in ("target_size", "target_psnr", "lossless")))
+        check_options(mode, has_target=any(options.get(name) for name in TARGETS))
         gaussians = gaussians or self.predict(scene, model, watch=stats.watch)
         network_seconds = stats.watch.seconds.get("network", 0.0)
         if mode == "gaussians":
@@ -243,11 +257,11 @@ class Runtime:
         return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
 
 
-def _check_targets(qp: float | None, size: int | None, psnr: float | None, lossless: bool | None) -> None:
-    options = {"qp": qp, "target_size": size, "target_psnr": psnr, "lossless": lossless}
+def _check_targets(**options: Any) -> None:
     given = [name for name, value in options.items() if value is not None]
     if len(given) > 1:
         raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
+    size, psnr = options["target_size"], options["target_psnr"]
     if size is not None and size < 1:
         raise InputError(f"{size} bytes, expected 1 or more", where="target_size")
     if psnr is not None and not 0 < psnr < 120:
@@ -272,12 +286,13 @@ def compress(
     target_size: int | None = None,
     target_psnr: float | None = None,
     lossless: bool = False,
+    like: bytes | None = None,
     drop_invalid: bool = False,
 ) -> bytes:
     """A `.tsplat` file's bytes; see `Runtime.compress`."""
     return _shared().compress(
         gaussians, profile, qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless,
-        drop_invalid=drop_invalid,
+        like=like, drop_invalid=drop_invalid,
     )  # fmt: skip
 
 

@@ -72,6 +72,10 @@ def _coding() -> _Parser:
         help="decoded against raw at the input views; met within 0.2 dB",
     )
     rate.add_argument("--lossless", action="store_true", help="float16 planes bit for bit, for archiving")
+    rate.add_argument(
+        "--like", metavar="F.tsplat",
+        help="with the profile, steps and maps of this file, and its own pictures where nothing changed",
+    )  # fmt: skip
     coding.add_argument(
         "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
     )

@@ -206,6 +206,8 @@ def _compress(
 ) -> None:
     names = ("target_size", "target_psnr", "lossless", "drop_invalid")
     options = {name: getattr(args, name) for name in names}
+    if args.like is not None:
+        options["like"] = read_limited(args.like, MAX_FILE_BYTES)
     if scene is None:
         data = runtime.compress(gaussians, args.profile, args.qp, stats=stats, **options)
     else:

@@ -111,7 +111,7 @@ def check_options(mode: str, *, has_target: bool) -> None:
     if mode not in MODES:
         raise InputError(f"'{mode}', accepted are {', '.join(MODES)}", where="mode")
     if has_target and mode != "gaussians":
-        raise InputError(f"'{mode}' with a target or lossless, which only gaussians can be given", where="mode")
+        raise InputError(f"'{mode}' with a target, lossless or like, which only gaussians can be given", where="mode")
 
 
 def _coded(scene: PhotoScene, profile: Profile, qp: float, threads: int, stats: EncodeStats) -> CodedPhotos:

@@ -113,11 +113,19 @@ def reduce_basis(spectrum: tuple[NDArray, NDArray], weighting: NDArray, k: int) 
     delta = _all_colors(weighting)
     with single_thread():
         inverse = np.linalg.solve(delta, vectors[:, :k]).astype(np.float16)
-        reached = delta @ inverse.astype(np.float64)
-        projection = delta.T @ np.linalg.pinv(reached).T
         condition = float(np.linalg.cond(weighting))
+    projection = left_inverse(inverse, weighting)
     total = energies.sum()
     return Reduction(inverse, projection, float(energies[k:].sum() / total) if total > 0 else 0.0, condition)
+
+
+def left_inverse(inverse: NDArray, weighting: NDArray) -> NDArray:
+    """The forward map (d, k) float64 of an inverse map (d, k): planes = forwardᵀ · coefficients are those whose
+    inverse comes nearest to the coefficients under the weighting Δ (B, B).
+    """
+    delta = _all_colors(weighting)
+    with single_thread():
+        return delta.T @ np.linalg.pinv(delta @ inverse.astype(np.float64)).T
 
 
 def _all_colors(weighting: NDArray) -> NDArray:

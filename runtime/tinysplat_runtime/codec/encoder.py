@@ -222,11 +222,11 @@ class SceneEncoder:
             cameras, origin = self.gaussians.cameras, self.gaussians.origin
             extras = () if self._photo_mode is None else self._photo_mode.sections
             data = write_container(coded, cameras, origin, self.profile.name, qp, extras)
-            _check_readable(data)
+            check_readable(data)
         return data
 
 
-def _check_readable(data: bytes) -> None:
+def check_readable(data: bytes) -> None:
     """Refuse to hand out a file that no reader would take: scenes at the end of float32 can lead to one."""
     try:
         read_container(data, _UNLIMITED)

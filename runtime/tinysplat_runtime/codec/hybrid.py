@@ -67,7 +67,7 @@ def residual_plan(
     similarity = (geometry[:, rotation] * predicted[:, rotation]).sum(axis=1, keepdims=True)
     geometry[:, rotation] *= np.where(similarity < 0, np.float32(-1), np.float32(1))
     geometry -= predicted
-    difference = replace(layer, sh=layer.sh - _fitted(prediction.sh, layer.sh.shape), extra_layers=())
+    difference = replace(layer, sh=layer.sh - fitted_sh(prediction.sh, layer.sh.shape), extra_layers=())
     colors, reduction = _colors(store, difference, steps[PlaneClass.COLOR] * scale, settings)
 
     span = float(np.ptp(geometry[:, 0]))
@@ -136,10 +136,10 @@ def as_codes(planes: NDArray) -> tuple[NDArray, NDArray]:
 
 def add_colors(sh: NDArray, prediction: NDArray) -> NDArray:
     """Coefficients of the sum; a degree that one of them lacks counts as zeros."""
-    return sh + _fitted(prediction, sh.shape)
+    return sh + fitted_sh(prediction, sh.shape)
 
 
-def _fitted(sh: NDArray, shape: tuple[int, ...]) -> NDArray:
+def fitted_sh(sh: NDArray, shape: tuple[int, ...]) -> NDArray:
     """Coefficients (…, B', 3) as (…, B, 3): cut, or filled with zeros."""
     count = min(sh.shape[-2], shape[-2])
     out = np.zeros((*sh.shape[:-2], shape[-2], 3), np.float32)

@@ -1,0 +1,125 @@
+"""Coding like a file: nothing changed costs nothing, an edit costs where it was made, and what does not fit is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hostile.containers import Seed, join
+from scenes import make_smooth_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.container.layout import PARAMETER_SETS, SCENE
+from tinysplat_runtime.container.reader import Container, read_container
+from tinysplat_runtime.errors import FormatError, InputError
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.render import render
+
+PROFILES = ("paper", "fast", "balanced", "max")
+
+
+def psnr(decoded: Gaussians, raw: Gaussians) -> float:
+    errors = [np.mean((render(decoded, c) - render(raw, c)) ** 2) for c in raw.cameras]
+    return float(-10 * np.log10(np.mean(errors)))
+
+
+def payloads(container: Container) -> dict[tuple[str, int], bytes]:
+    layer = container.layers[0]
+    return {
+        (f"{channel.name} {n}", view): bytes(container.payload(0, channel, view))
+        for n, channel in enumerate(layer.channels)
+        for view in range(len(channel.streams))
+    }
+
+
+@pytest.mark.parametrize(("degree", "layers"), [(0, 1), (2, 2)])
+@pytest.mark.parametrize("profile", PROFILES)
+def test_a_decoded_file_coded_like_itself_is_the_same_file(profile: str, degree: int, layers: int) -> None:
+    data = ts.compress(make_smooth_gaussians(2, 24, 32, degree, layers=layers), profile, 3)
+    assert ts.compress(ts.decompress(data), like=data) == data
+
+
+@pytest.mark.parametrize("profile", ["paper", "balanced"])
+def test_a_scene_that_went_through_another_format_loses_nothing_that_shows(profile: str, tmp_path) -> None:
+    g = make_smooth_gaussians(2, 40, 56, 1)
+    data = ts.compress(g, profile)
+    ts.save_gaussians(tmp_path / "g.ply", ts.decompress(data))
+    again = ts.compress(ts.load_gaussians(tmp_path / "g.ply", (2, 40, 56), g.cameras), like=data)
+    assert psnr(ts.decompress(data), g) - psnr(ts.decompress(again), g) <= 0.02
+
+
+def test_an_edit_changes_the_pictures_of_its_views_and_classes_alone() -> None:
+    data = ts.compress(make_smooth_gaussians(2, 40, 56, 1))
+    decoded = ts.decompress(data)
+    decoded.opacities[1, :10, :20] = 0
+    edited = ts.compress(decoded, like=data)
+    before, after = payloads(read_container(data)), payloads(read_container(edited))
+    changed = {(name.split()[0], view) for name, view in before if before[name, view] != after[name, view]}
+    assert changed == {("opacity0", 1)}
+    assert ts.decompress(edited).opacities[1, :8, :18].max() < 0.1
+
+
+def test_a_moved_scene_keeps_its_pictures() -> None:
+    data = ts.compress(make_smooth_gaussians(2, 24, 32, 0))
+    decoded = ts.decompress(data)
+    shift = np.array([3.0, -2, 5])
+    cameras = []
+    for camera in decoded.cameras:
+        c2w = camera.c2w.copy()
+        c2w[:3, 3] += shift
+        cameras.append(replace(camera, c2w=c2w))
+    fields = {name: getattr(decoded, name) for name in FIELDS}
+    moved = Gaussians(**fields, cameras=tuple(cameras), origin=decoded.origin + shift)
+    again = ts.compress(moved, like=data)
+    assert payloads(read_container(again)) == payloads(read_container(data))
+    np.testing.assert_allclose(ts.decompress(again).origin, shift)
+
+
+def test_another_scene_is_coded_with_the_steps_and_maps_of_the_file() -> None:
+    first, other = (make_smooth_gaussians(2, 40, 56, 1, seed=seed) for seed in (0, 1))
+    data = ts.compress(first)
+    stats = EncodeStats()
+    like = ts.Runtime(threads=1).compress(other, like=data, stats=stats)
+    a, b = (read_container(one).layers[0] for one in (data, like))
+    steps = [[(c.name, c.qp, c.scale) for c in layer.channels] for layer in (a, b)]
+    assert steps[0] == steps[1]
+    np.testing.assert_array_equal(a.basis, b.basis)
+    assert psnr(ts.decompress(like), other) > 30
+    assert set(stats.clipped) <= {"depth", "color", "opacity", "scale", "rotation", "offset"}
+
+
+def test_bytes_are_the_same_for_any_number_of_threads() -> None:
+    first, other = (make_smooth_gaussians(2, 24, 32, 1, seed=seed) for seed in (0, 1))
+    data = ts.compress(first, "fast")
+    files = [ts.Runtime(threads=threads).compress(other, like=data) for threads in (1, 4)]
+    assert files[0] == files[1]
+
+
+def test_pictures_of_another_x265_are_all_coded_anew() -> None:
+    g = make_smooth_gaussians(2, 24, 32, 0)
+    parts = Seed.of(ts.compress(g, "paper")).parts
+    other = next(p.data for p in Seed.of(ts.compress(g, "fast")).parts if p.kind == PARAMETER_SETS)
+    scene = next(p.data for p in Seed.of(ts.compress(g, "fast")).parts if p.kind == SCENE)
+    renamed = join([replace(p, data=scene) if p.kind == SCENE else p for p in parts])
+    decoded = ts.decompress(renamed)
+    decoded.opacities[0, 0] = 0
+    again = ts.compress(decoded, like=renamed)
+    assert [p.data for p in Seed.of(again).parts if p.kind == PARAMETER_SETS] == [other]
+    assert psnr(ts.decompress(again), decoded) > 30
+
+
+def test_what_does_not_fit_is_told() -> None:
+    g = make_smooth_gaussians(2, 16, 24, 0)
+    data = ts.compress(g)
+    with pytest.raises(InputError, match="2x16x16, those of the file are 2x16x24"):
+        ts.compress(make_smooth_gaussians(2, 16, 16, 0), like=data)
+    with pytest.raises(InputError, match="mode lossless"):
+        ts.compress(g, like=ts.compress(g, lossless=True))
+    with pytest.raises(InputError, match="contradicts"):
+        ts.compress(g, qp=3, like=data)
+    with pytest.raises(FormatError, match=r"^like: "):
+        ts.compress(g, like=data[:-1])
+    with pytest.raises(InputError, match="pixels"):
+        ts.compress(g.flat(), like=data)
