@@ -349,11 +349,14 @@ def _arrays(gaussians: Gaussians) -> dict[str, NDArray]:
 
 
 def _save_npz(path: Path, gaussians: Gaussians) -> list[str]:
-    arrays: dict[str, Any] = _arrays(gaussians)  # numpy's annotations take every keyword for an option
+    arrays = _arrays(gaussians)
     if gaussians.notes:
         arrays[NPZ_ARRAY] = npz_array(gaussians.notes)
-    with path.open("wb") as file:
-        np.savez(file, **arrays)
+    # As numpy.savez does, whose older versions leave the archive open when the disk is full.
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
     return []
 
 

@@ -5,7 +5,9 @@ docs/ROBUSTNESS.md, "Faults", is the table of what these tests hold.
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import json
 import os
 import resource
 import signal
@@ -19,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluation_scenes import write_eval_scene
 from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
@@ -85,6 +88,82 @@ def test_a_command_killed_at_any_moment_leaves_the_old_file_or_the_whole_new_one
             left.unlink()
     assert list(tmp_path.iterdir()) == [target]
     assert False in seen  # some kills did come before the end
+
+
+def _children(process: subprocess.Popen[str]) -> set[int]:
+    """Processes of the session that the command leads, itself left out."""
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            session = int(stat.read_text().rpartition(")")[2].split()[3])
+            found |= {int(stat.parent.name)} if session == process.pid else set()
+    return found - {process.pid}
+
+
+def _wait_for_end(processes: set[int]) -> None:
+    deadline = time.monotonic() + 30
+    while any(Path(f"/proc/{pid}").exists() for pid in processes):
+        assert time.monotonic() < deadline, "workers outlive the command"
+        time.sleep(0.02)
+
+
+def _figures(folder: Path) -> dict[str, object]:
+    """What a run over many scenes leaves, without clocks: files by name, of JSON documents what two runs agree on."""
+    clocks = ("seconds", "scenes_per_second", "worker", "skipped", "attempts", "resumed", "fingerprint", "output")
+
+    def timeless(value: object) -> object:
+        if isinstance(value, dict):
+            return {key: timeless(item) for key, item in value.items() if key not in clocks}
+        return [timeless(item) for item in value] if isinstance(value, list) else value
+
+    found: dict[str, object] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and not path.name.startswith(".tinysplat-"):
+            name = str(path.relative_to(folder))
+            found[name] = timeless(json.loads(path.read_text())) if path.suffix == ".json" else path.read_bytes()
+    return found
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[object]]:
+    """Arguments before -o of the commands that go over many scenes."""
+    folder = tmp_path_factory.mktemp("many")
+    window = {"kind": "near", "context": [0, 2], "target": [1]}
+    for n in range(2):
+        write_eval_scene(folder / f"s{n}", [window])
+    (folder / "manifest.txt").write_text("".join(f'{{"scene": "s{n}", "views": [0, 2]}}\n' for n in range(2)))
+    return {
+        "batch": ["batch", folder / "manifest.txt", "--workers", 2, "--model", "sweep"],
+        "eval": ["eval", folder, "--jobs", 2, "--model", "sweep", "--size", "48x64", "--lpips", "none"],
+    }
+
+
+@pytest.mark.parametrize("command", ["batch", "eval"])
+def test_a_run_over_many_scenes_killed_at_any_moment_leaves_whole_files_and_goes_on(many, tmp_path, command) -> None:
+    began = time.perf_counter()
+    status, err = _finish(_start(*many[command], "-o", tmp_path / "wanted", "-q"))
+    took = time.perf_counter() - began
+    assert status == 0, err
+    wanted, target = _figures(tmp_path / "wanted"), tmp_path / "out"
+    target.mkdir()
+    results = json.dumps({"scenes": {}}).encode()  # of a run before
+    (target / "results.json").write_bytes(results)
+    seen = set()
+    for moment in (0.4, 0.7, 0.95):
+        process = _start(*many[command], "-o", target, "-q")
+        time.sleep(took * moment)
+        workers = _children(process)
+        process.send_signal(signal.SIGKILL)
+        process.communicate(timeout=60)
+        _wait_for_end(workers)
+        found = _figures(target)
+        old = found["results.json"] == json.loads(results)
+        assert all(value == wanted[name] for name, value in found.items() if not (name == "results.json" and old))
+        seen.add(len(found))
+    assert min(seen) < len(wanted)  # some kills did come before the end
+    status, err = _finish(_start(*many[command], "-o", target, "-q"))
+    assert status == 0, err
+    assert _figures(target) == wanted
 
 
 def _wait_until_it_works(process: subprocess.Popen[str]) -> None:

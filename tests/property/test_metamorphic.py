@@ -128,7 +128,7 @@ def _psnr(decoded: Gaussians, raw: Gaussians) -> float:
     return float(-10 * np.log10(np.mean(errors)))
 
 
-@pytest.mark.parametrize("profile", ["paper", "fast"])
+@pytest.mark.parametrize("profile", ["paper", "fast", "balanced", "max"])
 def test_quality_falls_with_every_three_steps_of_qp(profile) -> None:
     g = make_smooth_gaussians(2, 40, 56, 1)
     quality = [_psnr(ts.decompress(ts.compress(g, profile, qp)), g) for qp in range(-9, 22, 3)]
@@ -137,7 +137,7 @@ def test_quality_falls_with_every_three_steps_of_qp(profile) -> None:
 
 
 def _coded_again(data: bytes, settings: EncoderSettings) -> bytes:
-    """The next generation with the same steps: every picture decoded and coded at its own QP."""
+    """The next generation with the same steps and no picture kept: every one decoded and coded at its own QP."""
     seed, container = Seed.of(data), read_container(data)
     parts, at = list(seed.parts), iter(seed.pictures)
     sections: dict[int, list[tuple[int, bytes]]] = {}
@@ -174,6 +174,34 @@ def test_generations_with_the_first_ones_steps_lose_little_and_then_settle(profi
         quality.append(_psnr(ts.decompress(data), g))
     assert quality[0] - quality[1] <= first, quality
     assert quality[0] - quality[-1] <= fifth, quality  # measured: docs/NUMERICS.md, "Generations"
+
+
+@given(seed=st.integers(0, 20), profile=st.sampled_from(["paper", "fast", "balanced"]), degree=st.integers(0, 2))
+@settings(max_examples=5)
+def test_five_generations_coded_like_the_first_are_the_first(seed, profile, degree) -> None:
+    data = first = ts.compress(make_smooth_gaussians(2, 24, 32, degree, seed=seed), profile)
+    for _ in range(4):
+        data = ts.compress(ts.decompress(data), like=data)
+    assert data == first
+
+
+def _fainter(g: Gaussians, rows: slice) -> Gaussians:
+    """Some rows of the first view at half their opacity."""
+    opacities = g.opacities.copy()
+    opacities[0, rows] *= 0.5
+    return replace(g, opacities=opacities)
+
+
+@pytest.mark.parametrize("profile", ["paper", "fast", "balanced"])
+def test_generations_edited_in_between_lose_little_beside_the_edits(profile) -> None:
+    raw = make_smooth_gaussians(2, 64, 80, 1)
+    data = ts.compress(raw, profile)
+    uncoded = ts.decompress(data)
+    for n in range(4):
+        rows = slice(8 * n, 8 * n + 8)
+        raw, uncoded = _fainter(raw, rows), _fainter(uncoded, rows)
+        data = ts.compress(_fainter(ts.decompress(data), rows), like=data)
+        assert _psnr(uncoded, raw) - _psnr(ts.decompress(data), raw) <= 0.1 * (n + 1)
 
 
 # ---- the same bytes -------------------------------------------------------------------------------------------------

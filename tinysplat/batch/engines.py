@@ -17,6 +17,7 @@ from typing import Any
 
 from tinysplat_runtime.errors import InputError, TinySplatError
 
+from ..children import end_with_parent
 from .jobs import Job
 
 Work = Callable[[Job], dict[str, Any]]
@@ -67,7 +68,8 @@ def _pool(
 ) -> Iterator[Outcome]:
     """Run jobs of `queue` until it is empty or a process dies; the jobs then under way are added to `suspects`."""
     running: dict[Future[dict[str, Any]], tuple[Job, int]] = {}
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=end_with_parent) as pool:
         while (queue or running) and not suspects:
             while queue and len(running) < AHEAD * workers:
                 try:

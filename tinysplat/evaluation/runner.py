@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +14,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.progress import progress
 
+from ..children import end_with_parent
 from .lpips_files import LpipsFiles
 from .measure import PictureMetric, measure_coding, prepare
 from .records import Key, Record, ResultStore, code_fingerprint, model_fingerprint
@@ -267,15 +266,8 @@ def _start_worker(settings: Settings) -> None:
     """Set up a process of the pool: it dies with its parent, and at once when interrupted; records are never torn."""
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_die_with_parent, daemon=True).start()
+    end_with_parent()
     _worker = _Worker(settings)
-
-
-def _die_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)  # the pool's queue would otherwise be waited on for ever
 
 
 def _run_in_worker(job: Job, codings: tuple[Coding, ...]) -> Result:
