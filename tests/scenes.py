@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.images import write_png
-from tinysplat_runtime.quaternions import normalize_quats, quats_to_matrices
+from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 
 NEAR, FAR = 1.5, 8.0
 
@@ -150,6 +150,35 @@ def scene_document(cameras: Sequence[Camera]) -> dict[str, object]:
         for i, c in enumerate(cameras)
     ]
     return {"near": NEAR, "far": FAR, "frames": frames}
+
+
+def transforms_document(cameras: Sequence[Camera]) -> dict[str, object]:
+    """A `transforms.json` as nerfstudio writes it; y and z of each camera point up and backward."""
+    first, frames = cameras[0], []
+    for i, camera in enumerate(cameras):
+        matrix = camera.c2w.copy()
+        matrix[:, 1:3] *= -1
+        frames.append({"file_path": f"images/{i:04}.png", "transform_matrix": matrix.tolist()})
+    shared = {"fl_x": first.K[0, 0], "fl_y": first.K[1, 1], "cx": first.K[0, 2], "cy": first.K[1, 2]}
+    size = {"w": first.width, "h": first.height}
+    return {**shared, **size, "camera_model": "OPENCV", "frames": frames, "near": 1.0, "far": 9.0}
+
+
+def colmap_texts(cameras: Sequence[Camera], points: NDArray, camera: str | None = None) -> dict[str, str]:
+    """A model in COLMAP's text format by file name, in which every photo observes all points (N, 3); `camera` is its
+    camera's line without the id.
+    """
+    K, width, height = cameras[0].K, cameras[0].width, cameras[0].height
+    camera = camera or f"PINHOLE {width} {height} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}"
+    lines = []
+    for i, view in reversed(list(enumerate(cameras))):
+        qw, qx, qy, qz = matrices_to_quats(view.w2c[:3, :3])
+        pose = " ".join(f"{value:.17g}" for value in (qw, qx, qy, qz, *view.w2c[:3, 3]))
+        seen = " ".join(f"1.0 1.0 {p + 1}" for p in range(len(points)))
+        lines.append(f"{i + 1} {pose} 1 {i:04}.png\n{seen}\n")
+    tracks = " ".join(f"{i + 1} {{0}}" for i in range(len(cameras)))
+    rows = [f"{p + 1} {x} {y} {z} 9 9 9 0.5 {tracks.format(p)}\n" for p, (x, y, z) in enumerate(points)]
+    return {"cameras.txt": f"# cameras\n1 {camera}\n", "images.txt": "".join(lines), "points3D.txt": "".join(rows)}
 
 
 def write_scene(folder: Path, views: int = 3, height: int = 24, width: int = 32) -> Path:

@@ -140,8 +140,9 @@ def open_graph(
     if unknown:
         have = ", ".join(ort.get_available_providers())
         raise ModelError(f"execution provider {unknown[0]} is not in this onnxruntime; it has {have}", where="provider")
+    ort.set_default_logger_severity(4)  # failures come back as exceptions; nothing else belongs on standard error
     options = ort.SessionOptions()
-    options.log_severity_level = 4  # failures come back as exceptions; nothing else belongs on standard error
+    options.log_severity_level = 4
     options.intra_op_num_threads = threads or available_cores()
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads must not steal x265's cores

@@ -15,6 +15,10 @@ MAX_DEPTH = 1e30
 """Depths in float32, and what they are multiplied with, stay finite below it."""
 
 
+MAX_NAME_BYTES, MAX_PATH_LENGTH = 240, 2000
+"""Longest name and path of a photo: file systems hold 255 bytes and 4096, a suffix and the scene's folder included."""
+
+
 def parse_object(data: bytes) -> dict[str, Any]:
     """A JSON object; NaN passes, so that the field that holds it is refused by name."""
     try:
@@ -48,7 +52,11 @@ def photo_name(i: int, entry: dict[str, Any], key: str = "file") -> str:
         raise InputError(f"{found}, expected the name of a photo", where=where)
     for path in (PurePosixPath(name), PureWindowsPath(name)):
         if path.anchor or ".." in path.parts:
-            raise InputError(f"'{name}' leaves the scene's folder, expected a path inside it", where=where)
+            raise InputError(f"'{name[:60]}' leaves the scene's folder, expected a path inside it", where=where)
+    longest = max(len(part.encode("utf-8", "surrogatepass")) for part in name.split("/"))
+    if longest > MAX_NAME_BYTES or len(name) > MAX_PATH_LENGTH:
+        found = f"a path of {len(name)} characters, its longest name of {longest} bytes"
+        raise InputError(f"{found}, accepted are {MAX_PATH_LENGTH} and {MAX_NAME_BYTES}", where=where)
     return name
 
 

@@ -16,6 +16,7 @@ from .cameras import Camera
 from .errors import InputError, ModelError, NumericError
 from .gaussians import FIELDS, Gaussians
 from .inference import Graph, as_input
+from .jsonfields import MAX_DEPTH
 
 FAR_FROM_ORIGIN = 128.0
 """Camera centres beyond this many near planes from the world's origin keep an origin of their own: one float32 ulp of
@@ -23,6 +24,10 @@ a mean at that distance is 1.5e-5 of the near depth, a hundredth of a pixel for 
 
 SAME_POSE = 1e-6
 """Two views closer than this, in near planes and as |R₁ − R₂|, are one view given twice."""
+
+
+MAX_SIDE = 4096
+"""Largest stride and least side that a network may ask for: photos are grown to them before it runs."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,15 @@ class Limits:
 
     @classmethod
     def of(cls, graph: Graph) -> Limits:
-        """Read them from an opened graph; ModelError if one is not a whole number ≥ 1."""
+        """Read them from an opened graph; ModelError if one is not a whole number from 1 to MAX_SIDE."""
         values = {name: graph.metadata.get(name, default) for name, default in vars(cls()).items()}
         for name, value in values.items():
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise ModelError(f"metadata '{name}' is {value!r}, expected a whole number ≥ 1", where=graph.name)
+            if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MAX_SIDE:
+                found, accepted = str(value)[:40], f"whole numbers from 1 to {MAX_SIDE}"
+                raise ModelError(f"metadata '{name}' is {found}, accepted are {accepted}", where=graph.name)
+        if values["min_views"] > values["max_views"]:
+            found = f"{values['min_views']} to {values['max_views']} views"
+            raise ModelError(f"metadata says {found}, expected min_views <= max_views", where=graph.name)
         return cls(**values)
 
 
@@ -91,7 +100,10 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
         }
     )
     keep_origin = float(np.linalg.norm(centres, axis=1).max()) > FAR_FROM_ORIGIN * near
-    return _assemble(outputs, cameras, middle, keep_origin=keep_origin, name=graph.name)
+    try:
+        return _assemble(outputs, cameras, middle, keep_origin=keep_origin, name=graph.name)
+    except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
+        raise ModelError(f"returned {error}", where=graph.name) from None
 
 
 def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: Limits) -> NDArray:
@@ -126,6 +138,8 @@ def _check_range(near: float, far: float) -> None:
     for name, value in (("near", near), ("far", far)):
         if not np.isfinite(value) or value <= 0:
             raise InputError(f"{value}, expected a depth > 0", where=name)
+        if not 1 / MAX_DEPTH < value < MAX_DEPTH:
+            raise InputError(f"{value:g}, expected a depth from {1 / MAX_DEPTH:g} to {MAX_DEPTH:g}", where=name)
     if not near < far or not np.float32(1 / near) > np.float32(1 / far):
         raise InputError(f"near {near:g} and far {far:g}, expected near < far", where="near")
 
@@ -168,10 +182,17 @@ def _assemble(
         arrays = _layer_arrays(outputs, prefix, name)
         if n == 0:
             arrays = {field: array[:, :height, :width] for field, array in arrays.items()}
+            if arrays["opacities"].shape != (len(cameras), height, width):
+                found = outputs["means"].shape[:3]
+                raise ModelError(f"a grid {found} for {len(cameras)} photos of {width}x{height}", where=name)
             layer_cameras = tuple(cameras)
         else:
             grid = arrays["opacities"].shape
+            if f"{prefix}K" not in outputs:
+                raise ModelError(f"output '{prefix}K' is missing", where=name)
             K = _finite(outputs, f"{prefix}K")
+            if K.shape != (len(cameras), 3, 3):
+                raise ModelError(f"output '{prefix}K' has shape {K.shape}, expected (V, 3, 3)", where=name)
             layer_cameras = tuple(
                 Camera(K[v], camera.c2w, grid[2], grid[1]) for v, camera in enumerate(cameras)
             )  # fmt: skip

@@ -14,7 +14,15 @@ from zlib import crc32
 from sections import sections_of
 
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.extras import EXACT, EXACT_FIXED
+from tinysplat_runtime.container.extras import (
+    EXACT,
+    EXACT_FIXED,
+    NETWORK,
+    NETWORK_FIXED,
+    PHOTO_PICTURES,
+    PHOTOS,
+    PHOTOS_FIXED,
+)
 from tinysplat_runtime.container.reader import read_container
 
 from .damage import VALUES, damage
@@ -44,9 +52,12 @@ class Seed:
     @classmethod
     def of(cls, data: bytes) -> Seed:
         """Take a file apart."""
-        parts = split(data)
+        parts, container = split(data), read_container(data)
         pictures = []
-        for index, layer in enumerate(read_container(data).layers):
+        if container.photos is not None:
+            sections = [i for i, p in enumerate(parts) if p.kind == PHOTO_PICTURES]
+            pictures += [_place(parts, sections, stream) for stream in container.photos.streams]
+        for index, layer in enumerate(container.layers):
             for channel in layer.channels:
                 kind = L.PLANES[channel.plane_class]
                 sections = [i for i, p in enumerate(parts) if p.kind == kind and p.index % L.PART == index]
@@ -104,7 +115,7 @@ def damage_section(seed: Seed, rng: Random) -> bytes:
 def place_field(seed: Seed, rng: Random) -> bytes:
     """One field of the metadata at a value that readers break at, everything else right."""
     parts = list(seed.parts)
-    i = rng.choice([i for i, p in enumerate(parts) if p.kind in (L.SCENE, L.CAMERAS, L.LAYER, EXACT) and p.data])
+    i = rng.choice([i for i, p in enumerate(parts) if p.kind in _FIELDS and p.data])
     data = bytearray(parts[i].data)
     fields = _FIELDS.get(parts[i].kind)
     if fields and rng.random() < 0.7:
@@ -195,9 +206,10 @@ def damage_pictures(seed: Seed, rng: Random) -> bytes:
 def _with_picture(parts: list[Part], i: int, start: int, picture: bytes) -> Part:
     """Section `i` with another picture of the same length; its checksum in the layer's records follows."""
     old = parts[i].data[start : start + len(picture)]
-    layer = next(n for n, p in enumerate(parts) if p.kind == L.LAYER and p.index == parts[i].index % L.PART)
+    table = (PHOTOS, 0) if parts[i].kind == PHOTO_PICTURES else (L.LAYER, parts[i].index % L.PART)
+    of = next(n for n, p in enumerate(parts) if (p.kind, p.index) == table)
     record, repaired = (L.STREAM.pack(len(old), crc32(data)) for data in (old, picture))
-    parts[layer] = replace(parts[layer], data=parts[layer].data.replace(record, repaired))
+    parts[of] = replace(parts[of], data=parts[of].data.replace(record, repaired))
     return replace(parts[i], data=parts[i].data[:start] + picture + parts[i].data[start + len(picture) :])
 
 
@@ -234,4 +246,6 @@ _FIELDS = {
     L.CAMERAS: _field_offsets(L.CAMERA),
     L.LAYER: _field_offsets(L.LAYER_FIXED),
     EXACT: _field_offsets(EXACT_FIXED),
+    PHOTOS: _field_offsets(PHOTOS_FIXED),
+    NETWORK: _field_offsets(NETWORK_FIXED),
 }

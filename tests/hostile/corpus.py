@@ -11,7 +11,16 @@ from pathlib import Path
 
 import av
 import numpy as np
-from scenes import make_cameras, make_gaussians, make_photo, make_smooth_gaussians, scene_document
+from scenes import (
+    colmap_texts,
+    make_cameras,
+    make_gaussians,
+    make_photo,
+    make_smooth_gaussians,
+    scene_document,
+    transforms_document,
+    write_scene,
+)
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.artifacts import models_dir
@@ -37,6 +46,16 @@ def tsplat_seeds() -> tuple[Seed, ...]:
     files.append(runtime.compress(make_smooth_gaussians(1, 6, 8, 0), lossless=True))
     noted = make_smooth_gaussians(1, 5, 7, 0).with_notes(ts.Notes("metre", "Jörg Müller", "CC-BY-4.0"))
     files.append(runtime.compress(noted, "paper"))
+    return tuple(Seed.of(data) for data in files)
+
+
+@lru_cache(maxsize=1)
+def photo_file_seeds() -> tuple[Seed, ...]:
+    """Files of mode photos and hybrid, which the network `sweep` decodes."""
+    runtime = ts.Runtime(threads=1)
+    with tempfile.TemporaryDirectory() as folder:
+        scene = ts.load_scene(write_scene(Path(folder) / "scene", views=2, height=16, width=16))
+        files = [runtime.encode(scene, "sweep", "fast", mode=mode) for mode in ("photos", "hybrid")]
     return tuple(Seed.of(data) for data in files)
 
 
@@ -84,6 +103,35 @@ def camera_seeds() -> tuple[bytes, ...]:
     return tuple(
         json.dumps(document, indent=indent).encode() for document, indent in zip(documents, (None, 1), strict=True)
     )
+
+
+@lru_cache(maxsize=1)
+def transforms_seeds() -> tuple[bytes, ...]:
+    """`transforms.json` files: intrinsics shared, per frame with a fisheye's distortion, and as angles, with points."""
+    shared = transforms_document(make_cameras(2, 6, 8))
+    own = {name: shared[name] for name in ("fl_x", "fl_y", "cx", "cy", "w", "h")}
+    frames = [{**frame, **own, "k1": 0.01, "k2": -0.002} for frame in shared["frames"]]  # type: ignore[attr-defined]
+    fisheye = {"camera_model": "OPENCV_FISHEYE", "frames": frames, "near": 1, "far": 9}
+    angles = {"camera_angle_x": 0.8, "w": 8, "h": 6, "frames": shared["frames"], "ply_file_path": "points.ply"}
+    return tuple(json.dumps(document).encode() for document in (shared, fisheye, angles))
+
+
+@lru_cache(maxsize=1)
+def colmap_seeds() -> tuple[dict[str, bytes], ...]:
+    """COLMAP models by file name: text and binary, a pinhole and a camera with distortion."""
+    import pycolmap
+
+    points = np.array([[0.1, 0.05, 3.0], [-0.2, 0.1, 4.0]])
+    made: list[dict[str, bytes]] = []
+    for camera in (None, "OPENCV 8 6 9 9 4 3 0.01 0 0 0"):
+        texts = {name: text.encode() for name, text in colmap_texts(make_cameras(2, 6, 8), points, camera).items()}
+        with tempfile.TemporaryDirectory() as folder:
+            for name, text in texts.items():
+                (Path(folder) / name).write_bytes(text)
+            pycolmap.Reconstruction(folder).write_binary(folder)
+            binary = {path.name: path.read_bytes() for path in sorted(Path(folder).glob("*.bin"))}
+        made += [texts, binary]
+    return tuple(made)
 
 
 @lru_cache(maxsize=1)

@@ -15,7 +15,7 @@ from copy import deepcopy
 from random import Random
 from typing import Any
 
-from .damage import damage
+from .damage import VALUES, damage
 
 ODD: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2**31, 2**63, 10**400, 0.5, -0.0, 1e-320, 1e308, float("nan"), float("inf"), "", "0",
@@ -105,6 +105,36 @@ def damage_safetensors(data: bytes, rng: Random) -> bytes:
     return struct.pack("<Q", stated) + header + body
 
 
+_TOKENS = (
+    b"", b"-1", b"0", b"1", b"nan", b"-inf", b"1e400", b"1e-320", b"2147483648", b"18446744073709551616", b"x" * 3000,
+    b"PINHOLE", b"OPENCV_FISHEYE", b"SIMPLE_RADIAL", b"EQUIRECTANGULAR", b"../../etc/passwd", b"/etc/passwd", b"#",
+    b"\xff\xfe", b"9" * 400, b"1 2 3",
+)  # fmt: skip
+"""Words that a reader of text does not expect."""
+
+
+def damage_text(data: bytes, rng: Random) -> bytes:
+    """A text of lines and words: some replaced, removed, doubled or moved; sometimes plain damage."""
+    if rng.random() < 0.15:
+        return damage(data, rng)
+    lines = data.split(b"\n")
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+        match rng.randrange(6):
+            case 0 if len(lines) > 1:
+                del lines[i]
+            case 1:
+                lines.insert(j, lines[i])
+            case 2:
+                lines[i], lines[j] = lines[j], lines[i]
+            case _:
+                words = lines[i].split(b" ")
+                k = rng.randrange(len(words))
+                words[k : k + 1] = rng.choice(((rng.choice(_TOKENS),), (rng.choice(_TOKENS),), (), (words[k],) * 2))
+                lines[i] = b" ".join(words)
+    return b"\n".join(lines)
+
+
 def damage_ply(data: bytes, rng: Random) -> bytes:
     """A .ply whose header lines are damaged, doubled, removed or shuffled; sometimes its points."""
     end = data.index(b"end_header\n") + len(b"end_header\n")
@@ -140,4 +170,9 @@ def damage_spz(data: bytes, rng: Random) -> bytes:
     """An SPZ file damaged as a whole or, where it is a gzip stream, inside of it, so that the stream stays intact."""
     if data[:2] != b"\x1f\x8b" or rng.random() < 0.3:
         return damage(data, rng)
-    return gzip.compress(damage(gzip.decompress(data), rng), compresslevel=1, mtime=0)
+    body = bytearray(gzip.decompress(data))
+    if rng.random() < 0.5:  # a field of the header: magic, version, points, degree, fractional bits, flags, reserved
+        at, width = rng.choice(((0, 4), (4, 4), (8, 4), (8, 4), (12, 1), (13, 1), (14, 1), (15, 1)))
+        body[at : at + width] = rng.choice(VALUES[width])
+    damaged = damage(bytes(body), rng) if rng.random() < 0.6 else bytes(body)
+    return gzip.compress(damaged, compresslevel=1, mtime=0)

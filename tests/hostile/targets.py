@@ -15,26 +15,31 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+from scenes import make_cameras
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.artifacts import Artifact
 from tinysplat_runtime.codec.decoder import decode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.like import encode_like
 from tinysplat_runtime.container.layout import Limits
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.errors import FormatError, InputError, ModelError
+from tinysplat_runtime.errors import FormatError, InputError, ModelError, NumericError
 from tinysplat_runtime.footage import open_video
-from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.images import read_image
 from tinysplat_runtime.inference import GraphStore, open_graph
 from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.predict import predict
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scenes import load_cameras, load_scene
 
 from . import corpus
 from .containers import damage_container, damage_whole
 from .damage import damage
-from .documents import damage_json, damage_npz, damage_ply, damage_safetensors, damage_spz
+from .documents import damage_json, damage_npz, damage_ply, damage_safetensors, damage_spz, damage_text
+from .graphs import damage_network, network_seeds
+from .worker import forked_worker
 
 LIMITS = Limits(max_pixels=1 << 14, max_memory_bytes=16 << 20)
 """What the attacked readers may take: small, so that a file that gets more shows in the process's memory."""
@@ -175,6 +180,52 @@ def _cameras(path: Path) -> None:
     load_scene(path)
 
 
+def _transforms(rng: Random) -> None:
+    """A damaged `transforms.json`, sometimes beside a damaged point cloud."""
+    with tempfile.TemporaryDirectory() as folder:
+        points = rng.choice(corpus.gaussian_seeds(".ply"))
+        (Path(folder) / "points.ply").write_bytes(damage_ply(points, rng) if rng.random() < 0.3 else points)
+        (Path(folder) / "transforms.json").write_bytes(damage_json(rng.choice(corpus.transforms_seeds()), rng))
+        load_scene(folder)
+
+
+def _colmap(rng: Random) -> None:
+    """A model with one or two damaged files; pycolmap may die of it, in its own process and within bounds."""
+    seed = dict(rng.choice(corpus.colmap_seeds()))
+    for name in rng.sample(sorted(seed), rng.choice((1, 1, 2))):
+        seed[name] = (damage_text if name.endswith(".txt") else damage)(seed[name], rng)
+    with tempfile.TemporaryDirectory() as folder, forked_worker():
+        for name, data in seed.items():
+            (Path(folder) / name).write_bytes(data)
+        load_scene(folder)
+
+
+def _photo_file(rng: Random) -> None:
+    data = damage_container(rng.choice(corpus.photo_file_seeds()), rng)
+    if rng.random() < 0.5:
+        data = damage_whole(rng.choice(corpus.photo_file_seeds()), rng)
+    json.dumps(inspect_bytes(data, LIMITS), allow_nan=False)
+    check_decoded(decode_gaussians(data, _store(), threads=1, limits=LIMITS))
+
+
+def _like(rng: Random) -> None:
+    """A damaged file as the model of another scene's coding."""
+    seed = rng.choice(corpus.tsplat_seeds()[:3])
+    data = damage_whole(seed, rng)
+    scene = decode_gaussians(seed.data, _store(), threads=1)
+    if rng.random() < 0.5:
+        scene.opacities[:, ::2] = 0.5
+    coded = encode_like(scene, data, _store(), threads=1, limits=LIMITS)
+    check_decoded(decode_gaussians(coded, _store(), threads=1))
+
+
+def _network(path: Path) -> None:
+    graph = open_graph(Artifact("f", path), "network", threads=1)
+    cameras = make_cameras(2, 8, 8)
+    gaussians = predict(np.full((2, 8, 8, 3), 0.5, np.float32), cameras, 1.0, 9.0, graph)
+    check_decoded(Gaussians.unchecked(**{f: getattr(gaussians, f) for f in FIELDS}, cameras=gaussians.cameras))
+
+
 def _model(path: Path) -> None:
     graph = open_graph(Artifact("f", path), "analysis_moment", threads=1)
     graph.run({"sh": np.ones((1, 2, 2, 4, 3), np.float32)})
@@ -192,6 +243,11 @@ TARGETS: dict[str, Target] = {
         _gaussian_file(".safetensors", damage_safetensors),
         _gaussian_file(".ply", damage_ply),
         _gaussian_file(".spz", damage_spz, corpus.spz_seeds),
+        Target("transforms", _transforms, (InputError,)),
+        Target("colmap", _colmap, (InputError,)),
+        Target("photos", _photo_file, (FormatError, ModelError, InputError, NumericError)),
+        Target("like", _like, (FormatError, InputError, NumericError)),
+        Target("network", _from_file(".onnx", network_seeds, _network, damage_network), (ModelError, NumericError)),
         Target("cameras", _from_file(".json", corpus.camera_seeds, _cameras, damage_json), (InputError,)),
         Target("png", _from_file(".png", lambda: corpus.photo_seeds()[:1], read_image), (InputError,)),
         Target("jpeg", _from_file(".jpg", lambda: corpus.photo_seeds()[1:], read_image), (InputError,)),

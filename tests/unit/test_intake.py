@@ -12,13 +12,12 @@ import numpy as np
 import plyfile
 import pycolmap
 import pytest
-from scenes import make_cameras, make_photo, write_scene
+from scenes import colmap_texts, make_cameras, make_photo, transforms_document, write_scene
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.images import image_size, write_png
 from tinysplat_runtime.intake.stereo import stereo_scene
-from tinysplat_runtime.quaternions import matrices_to_quats
 from tinysplat_runtime.scenes import Scene, load_cameras, load_scene
 
 HEIGHT, WIDTH = 24, 32
@@ -36,14 +35,7 @@ def folder(tmp_path: Path) -> Path:
 
 def transforms(**changes: Any) -> dict[str, Any]:
     """A document as nerfstudio writes it, of CAMERAS; y and z of each camera point up and backward."""
-    K = CAMERAS[0].K
-    frames = []
-    for i, camera in enumerate(CAMERAS):
-        matrix = camera.c2w.copy()
-        matrix[:, 1:3] *= -1
-        frames.append({"file_path": f"images/{i:04}.png", "transform_matrix": matrix.tolist()})
-    shared = {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "w": WIDTH, "h": HEIGHT}
-    return {**shared, "camera_model": "OPENCV", "frames": frames, "near": 1.0, "far": 9.0, **changes}
+    return {**transforms_document(CAMERAS), **changes}
 
 
 def write_transforms(folder: Path, document: dict[str, Any]) -> Path:
@@ -183,19 +175,8 @@ def test_faults_of_a_frame_name_it(folder: Path, changes: dict[str, Any], words:
 def write_text_model(folder: Path, camera: str | None = None) -> Path:
     """A model in COLMAP's text format of CAMERAS, in which every photo observes POINTS."""
     folder.mkdir(parents=True)
-    K = CAMERAS[0].K
-    camera = camera or f"PINHOLE {WIDTH} {HEIGHT} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}"
-    (folder / "cameras.txt").write_text(f"# cameras\n1 {camera}\n")
-    lines = []
-    for i, view in reversed(list(enumerate(CAMERAS))):
-        qw, qx, qy, qz = matrices_to_quats(view.w2c[:3, :3])
-        pose = " ".join(f"{value:.17g}" for value in (qw, qx, qy, qz, *view.w2c[:3, 3]))
-        seen = " ".join(f"1.0 1.0 {p + 1}" for p in range(len(POINTS)))
-        lines.append(f"{i + 1} {pose} 1 {i:04}.png\n{seen}\n")
-    (folder / "images.txt").write_text("".join(lines))
-    tracks = " ".join(f"{i + 1} {{0}}" for i in range(3))
-    points = [f"{p + 1} {x} {y} {z} 9 9 9 0.5 {tracks.format(p)}\n" for p, (x, y, z) in enumerate(POINTS)]
-    (folder / "points3D.txt").write_text("".join(points))
+    for name, text in colmap_texts(CAMERAS, POINTS, camera).items():
+        (folder / name).write_text(text)
     return folder
 
 

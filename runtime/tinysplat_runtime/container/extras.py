@@ -215,7 +215,8 @@ def read_network(cursor: Cursor) -> NetworkRef:
     cursor.finish()
     name = raw_name.rstrip(b"\0")
     cursor.require(name.isascii() and name.decode("latin-1").isprintable(), "the network's name is not printable ASCII")
-    cursor.require(0 < near < far < _MAX_DEPTH, f"near {near:g} and far {far:g}, expected 0 < near < far")
+    depths = f"near {near:g} and far {far:g}, expected {1 / _MAX_DEPTH:g} < near < far < {_MAX_DEPTH:g}"
+    cursor.require(1 / _MAX_DEPTH < near < far < _MAX_DEPTH, depths)
     return NetworkRef(name.decode("ascii"), digest.hex(), near, far)
 
 

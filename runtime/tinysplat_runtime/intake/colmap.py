@@ -4,8 +4,9 @@ A project folder holds the photos in `images/` and a model in `sparse/0`, `spars
 the model's own files works as well, its photos beside it. The depth range is that of the points which the photos
 observe. Pixel centres lie at halves and axes are OpenCV's, as here, so that nothing is converted.
 
-Trust boundary: on a damaged model pycolmap ends its process in place of raising. It therefore reads in a process of
-its own (`colmap_worker`), which hands over arrays.
+Trust boundary: on a damaged model pycolmap ends its process in place of raising, or takes all memory. It therefore
+reads in a process of its own (`colmap_worker`), which hands over arrays, and only where `colmap_binary` found no
+wrong count.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scenes import Frame, Scene
 
+from .colmap_binary import check_counts
 from .depths import depth_range, depth_range_in_view
 from .lenses import INSTALL, Lens
 
@@ -71,6 +73,7 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
 
 def _read_apart(model: Path) -> dict[str, NDArray]:
     """What `colmap_worker` writes of a model."""
+    check_counts(model)
     command = [sys.executable, "-m", "tinysplat_runtime.intake.colmap_worker", str(model)]
     path = os.pathsep.join(entry for entry in sys.path if entry)  # the worker finds what this process found
     done = subprocess.run(command, capture_output=True, check=False, env={**os.environ, "PYTHONPATH": path})

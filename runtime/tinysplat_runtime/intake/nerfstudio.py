@@ -88,6 +88,8 @@ def _pose(entry: dict[str, Any]) -> NDArray:
         matrix = np.vstack([matrix, [0, 0, 0, 1]])
     if matrix.shape != (4, 4):
         raise InputError(f"shape {matrix.shape}, expected (4, 4)", where="transform_matrix")
+    if not np.isfinite(matrix).all():
+        raise InputError("holds NaN or infinity, expected finite numbers", where="transform_matrix")
     return matrix @ OPENGL_TO_OPENCV
 
 
