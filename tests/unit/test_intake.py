@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from scenes import colmap_texts, make_cameras, make_photo, transforms_document, 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.images import image_size, write_png
+from tinysplat_runtime.intake.colmap_binary import check_counts
 from tinysplat_runtime.intake.stereo import stereo_scene
 from tinysplat_runtime.scenes import Scene, load_cameras, load_scene
 
@@ -319,3 +322,56 @@ def test_the_size_of_a_photo_is_told_from_its_header(folder: Path) -> None:
 
 def test_a_folder_of_nothing_known_says_what_is_accepted(tmp_path: Path) -> None:
     assert "no cameras.json, transforms.json or a COLMAP model in sparse/" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("file", "at"), [("cameras.bin", 0), ("images.bin", 0), ("points3D.bin", 51), ("rigs.bin", 0), ("frames.bin", 72)]
+)
+def test_colmap_counts_beyond_their_file_are_refused_before_pycolmap_believes_them(
+    folder: Path, file: str, at: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the count of a track changed pycolmap took 20 seconds and all memory."""
+    model = make_binary(write_text_model(folder / "text"), folder / "sparse/0")
+    data = bytearray((model / file).read_bytes())
+    data[at : at + 4] = b"\xff\xff\xff\x7f"
+    (model / file).write_bytes(data)
+    monkeypatch.setattr("subprocess.run", None)
+    assert refusal(folder).endswith(f"{file}: damaged COLMAP model (announces more than it holds)")
+
+
+def test_colmap_models_of_any_size_pass_the_count(folder: Path) -> None:
+    model = make_binary(write_text_model(folder / "text"), folder / "sparse/0")
+    check_counts(model)
+    for file in sorted(model.glob("*.bin")):
+        whole = file.read_bytes()
+        for length in range(len(whole)):
+            file.write_bytes(whole[:length])
+            with contextlib.suppress(InputError):  # what is cut inside a last record's fields is pycolmap's to tell
+                check_counts(model)
+        file.write_bytes(whole)
+
+
+def test_the_process_that_reads_colmap_models_is_bounded(folder: Path) -> None:
+    code = (
+        "import resource, tinysplat_runtime.intake.colmap_worker as w\n"
+        "w.bound_resources(1000)\n"
+        "memory = resource.getrlimit(resource.RLIMIT_AS)[0]\n"
+        "assert resource.getrlimit(resource.RLIMIT_CPU)[0] == w.SECONDS_BASE\n"
+        "try: bytearray(memory)\n"
+        "except MemoryError: print('bounded')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "bounded\n"
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        ({"transform_matrix": [[float("inf")] * 4] * 4}, "transform_matrix: holds NaN or infinity"),
+        ({"file_path": "x" * 5000}, "frames[1].file_path: a path of 5000 characters"),
+    ],
+)
+def test_what_no_camera_and_no_file_system_holds_is_named(folder: Path, frame: dict[str, Any], words: str) -> None:
+    document = transforms()
+    document["frames"][1].update(frame)
+    assert words in refusal(write_transforms(folder, document))

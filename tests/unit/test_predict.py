@@ -10,7 +10,7 @@ from two_planes import FAR, NEAR, row_of_cameras, trace
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError, ModelError, NumericError
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.inference import Graph, GraphStore
 from tinysplat_runtime.predict import FAR_FROM_ORIGIN, predict
 
@@ -189,10 +189,49 @@ def test_outputs_of_shapes_outside_the_contract_are_refused():
         run_plane(grey(), row_of_cameras(2, 16, 24), opacities=np.zeros((2, 8, 8), np.float32))
 
 
-def test_metadata_that_is_no_number_is_refused():
-    graph = Graph("odd", PlaneSession(), {"stride": "four"}, ())
-    with pytest.raises(ModelError, match="stride"):
+@pytest.mark.parametrize(
+    ("metadata", "words"),
+    [
+        ({"stride": "four"}, "'stride' is four"),
+        ({"stride": 10**6}, "'stride' is 1000000, accepted are whole numbers from 1 to 4096"),
+        ({"min_side": 10**300}, "'min_side' is "),
+        ({"max_views": 1}, "2 to 1 views"),
+    ],
+)
+def test_metadata_that_no_network_can_mean_is_refused(metadata, words):
+    graph = Graph("odd", PlaneSession(), metadata, ())
+    with pytest.raises(ModelError, match=words):
         predict(grey(), row_of_cameras(2, 16, 24), NEAR, FAR, graph)
+
+
+@pytest.mark.parametrize(
+    ("replaced", "words"),
+    [
+        ({"layer1_K": np.ones((2, 2), np.float32)}, r"layer1_K' has shape \(2, 2\)"),
+        ({"layer1_K": 0.0}, "returned K: focal length"),
+        ({"means": np.ones((2, 8, 8, 3), np.float32)}, "beside means"),
+        ({name: np.ones((2, 8, 8, *map(abs, tail)), np.float32) for name, tail in FIELDS.items()}, "a grid"),
+        ({"sh": np.ones((2, 16, 24, 5, 3), np.float32)}, "returned sh"),
+    ],
+)
+def test_outputs_that_are_no_scene_are_the_networks_fault(replaced, words):
+    graph, _ = plane_graph(**replaced)
+    with pytest.raises(ModelError, match=words):
+        predict(grey(), row_of_cameras(2, 16, 24), NEAR, FAR, graph)
+
+
+def test_a_layer_without_intrinsics_is_the_networks_fault():
+    graph, session = plane_graph()
+    graph = Graph("plane", session, graph.metadata, graph.output_names[:-1])
+    with pytest.raises(ModelError, match="'layer1_K' is missing"):
+        predict(grey(), row_of_cameras(2, 16, 24), NEAR, FAR, graph)
+
+
+@pytest.mark.parametrize(("near", "far"), [(1e-300, 1.0), (1.0, 1e300)])
+def test_depths_that_float32_does_not_hold_are_refused(near, far):
+    graph, _ = plane_graph()
+    with pytest.raises(InputError, match="expected a depth from 1e-30 to 1e"):
+        predict(grey(), row_of_cameras(2, 16, 24), near, far, graph)
 
 
 def test_sweep_finds_the_planes_of_a_traced_scene_of_any_size():
