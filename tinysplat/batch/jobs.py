@@ -21,7 +21,8 @@ from tinysplat_runtime.viewchoice import choose_views
 
 from .storage import join, local_folder, read, write
 
-SUFFIX = ".tsplat"
+SUFFIXES = {"encode": ".tsplat", "evaluate": ".json"}
+"""What can be done with a scene, and how the name of its output ends."""
 
 
 @dataclass(frozen=True)
@@ -50,29 +51,31 @@ class Options:
 
 @dataclass(frozen=True)
 class Job:
-    """A scene to code.
+    """A scene to code or evaluate.
 
     Attributes:
         name: of the output, unique in its batch.
         scene: path or URL.
         output: path or URL of the file.
         options: how.
+        task: one of SUFFIXES.
     """
 
     name: str
     scene: str
     output: str
     options: Options = field(default_factory=Options)
+    task: str = "encode"
 
     @property
     def fingerprint(self) -> str:
-        """Changes with the scene's place and every option."""
-        text = json.dumps([self.scene, dataclasses.asdict(self.options)], sort_keys=True)
+        """Changes with the task, the scene's place and every option."""
+        text = json.dumps([self.task, self.scene, dataclasses.asdict(self.options)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def encode(job: Job, threads: int = 1) -> dict[str, Any]:
-    """Do a job in this process, which keeps its graphs from job to job.
+    """Code a scene in this process, which keeps its graphs from job to job.
 
     Returns:
         The job's record: `bytes` and `sha256` of the file, `seconds`, `worker`.
@@ -82,7 +85,7 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
         OSError: storage failed; another attempt may not.
     """
     start = time.perf_counter()
-    options, runtime = job.options, _runtime(threads)
+    options, runtime = job.options, worker_runtime(threads)
     with local_folder(job.scene) as folder:
         scene = load_scene(folder, near=options.near, far=options.far)
         if options.views is not None:
@@ -108,6 +111,8 @@ def is_done(job: Job, record: dict[str, Any] | None) -> bool:
     data = read(job.output)
     if data is None or hashlib.sha256(data).hexdigest() != record.get("sha256"):
         return False
+    if job.task != "encode":
+        return True
     try:
         inspect_bytes(data)
     except TinySplatError:
@@ -115,7 +120,7 @@ def is_done(job: Job, record: dict[str, Any] | None) -> bool:
     return True
 
 
-def read_manifest(text: str, folder: str, defaults: Options, base: str = "") -> list[Job]:
+def read_manifest(text: str, folder: str, defaults: Options, base: str = "", task: str = "encode") -> list[Job]:
     """Jobs of a manifest: a scene per line, or per line a JSON object.
 
     An object has `scene`, optionally `name`, and any of the options. Empty lines and lines that start with # are
@@ -130,7 +135,7 @@ def read_manifest(text: str, folder: str, defaults: Options, base: str = "") -> 
         if not line.strip() or line.startswith("#"):
             continue
         try:
-            job = _job(line.strip(), folder, defaults, base)
+            job = _job(line.strip(), folder, defaults, base, task)
         except InputError as error:
             raise error.within(f"line {number}") from None
         if job.name in names:
@@ -143,7 +148,7 @@ def read_manifest(text: str, folder: str, defaults: Options, base: str = "") -> 
     return jobs
 
 
-def _job(line: str, folder: str, defaults: Options, base: str) -> Job:
+def _job(line: str, folder: str, defaults: Options, base: str, task: str) -> Job:
     entry: Any = {"scene": line}
     if line.startswith("{"):
         try:
@@ -163,7 +168,7 @@ def _job(line: str, folder: str, defaults: Options, base: str) -> Job:
         key: _tuple(key, value) if key in ("views", "size") else value for key, value in entry.items()
     }
     place = scene if "://" in scene or scene.startswith("/") or not base else join(base, scene)
-    return Job(name, place, join(folder, name + SUFFIX), dataclasses.replace(defaults, **values))
+    return Job(name, place, join(folder, name + SUFFIXES[task]), dataclasses.replace(defaults, **values), task)
 
 
 def _tuple(key: str, value: Sequence[int] | None) -> tuple[int, ...] | None:
@@ -175,5 +180,6 @@ def _tuple(key: str, value: Sequence[int] | None) -> tuple[int, ...] | None:
 
 
 @lru_cache(maxsize=1)
-def _runtime(threads: int) -> Runtime:
+def worker_runtime(threads: int) -> Runtime:
+    """This process's runtime, which keeps graphs from job to job."""
     return Runtime(threads=threads)

@@ -1,4 +1,4 @@
-"""`tinysplat batch`: many scenes to files, on this machine's cores or on a Ray cluster."""
+"""`tinysplat batch`: many scenes to files or measured, on this machine's cores or on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from argparse import ArgumentParser, Namespace
 from functools import partial
 
 from tinysplat.batch.engines import run_processes, run_ray
+from tinysplat.batch.evaluation import evaluate
 from tinysplat.batch.jobs import Options, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
@@ -16,7 +17,7 @@ from tinysplat_runtime.cli import PROFILES
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.threads import available_cores
 
-HELP = "many scenes to files, here or on a Ray cluster"
+HELP = "many scenes to files, or measured, here or on a Ray cluster"
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -27,6 +28,8 @@ def configure(parser: ArgumentParser) -> None:
     )
     parser.add_argument("manifest", metavar="MANIFEST", help="text file, a scene per line")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder or URL (s3://, gs://, memory://)")
+    parser.add_argument("--evaluate", action="store_true",
+                        help="measure scenes with an eval_index.json, or Gaussian files, to DIR/NAME.json")  # fmt: skip
     parser.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
     parser.add_argument("--address", metavar="ADDRESS", help="a Ray cluster's; default: one started on this machine")
     parser.add_argument("--workers", type=count, metavar="N", help="scenes at a time; default: all cores")
@@ -46,6 +49,8 @@ def run(args: Namespace) -> int:
     """Run the batch; exit status 2 where scenes failed, with their number on standard error."""
     if args.address and args.engine != "ray":
         raise InputError("an address is for --engine ray", where="--address")
+    if args.evaluate and args.views is not None:
+        raise InputError("--evaluate takes the views of each scene's eval_index.json", where="--views")
     data = read(args.manifest)
     if data is None:
         raise InputError("no such file", where=args.manifest)
@@ -57,7 +62,8 @@ def run(args: Namespace) -> int:
     )  # fmt: skip
     base = args.manifest.rpartition("/")[0] or "."
     try:
-        jobs = read_manifest(data.decode("utf-8", "replace"), args.output, options, base)
+        task = "evaluate" if args.evaluate else "encode"
+        jobs = read_manifest(data.decode("utf-8", "replace"), args.output, options, base, task)
     except InputError as error:
         raise error.within(args.manifest) from None
     quiet = args.quiet or not sys.stderr.isatty()
@@ -68,6 +74,8 @@ def run(args: Namespace) -> int:
         place = join(args.output, RESULTS)
         print(f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
               f" {document['scenes_per_second']:.2f} scenes/s")  # fmt: skip
+        if "means" in document:
+            print(", ".join(f"{name} {value:.4g}" for name, value in document["means"].items() if value is not None))
     if document["failed"]:
         first = next(r for r in document["scenes"].values() if r["status"] == "failed")
         print(f"tinysplat: {document['failed']} scenes failed, the first: {first['error']}", file=sys.stderr)
@@ -77,7 +85,7 @@ def run(args: Namespace) -> int:
 
 def _engine(args: Namespace) -> Engine:
     workers = args.workers or available_cores()
-    work = partial(encode, threads=args.threads or 1)
+    work = partial(evaluate if args.evaluate else encode, threads=args.threads or 1)
     if args.engine == "ray":
         return partial(run_ray, work=work, workers=workers, attempts=args.attempts, address=args.address)
     return partial(run_processes, work=work, workers=workers, attempts=args.attempts)

@@ -103,13 +103,14 @@ class Outcome:
     resumed: int
 
 
-def evaluate(plan: Plan, settings: Settings, *, quiet: bool = True) -> Outcome:
+def evaluate(plan: Plan, settings: Settings, *, quiet: bool = True, runtime: Runtime | None = None) -> Outcome:
     """Measure what a plan asks for, keeping what is already there.
 
     Args:
         plan: what.
         settings: how.
         quiet: show no progress bar.
+        runtime: whose opened graphs to use where one process measures; None for an own one.
 
     Raises:
         InputError: the folder is none.
@@ -118,8 +119,8 @@ def evaluate(plan: Plan, settings: Settings, *, quiet: bool = True) -> Outcome:
     jobs, left_out, notes = list_jobs(plan)
     if any(job.source.needs_network for job in jobs):
         for model in plan.models:
-            Runtime(threads=1).store.network(model)  # a wrong model is one error, not one per window
-    worker = _Worker(settings)
+            (runtime or Runtime(threads=1)).store.network(model)  # a wrong model is one error, not one per window
+    worker = _Worker(settings, runtime)
     found = {(job, coding): record for job in jobs for coding, record in worker.known(job).items()}
     resumed = len(found)
     pending = [(job, tuple(c for c in job.codings if (job, c) not in found)) for job in jobs]
@@ -194,10 +195,10 @@ def _results(worker: _Worker, settings: Settings, pending: Sequence[Pending]) ->
 class _Worker:
     """Measures jobs in one process; graphs and weights stay loaded."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, runtime: Runtime | None = None) -> None:
         self._settings = settings
         self._store = ResultStore(settings.folder)
-        self._runtime = Runtime(threads=settings.threads)
+        self._runtime = runtime or Runtime(threads=settings.threads)
         self._lpips: PictureMetric | None = None
 
     def known(self, job: Job) -> dict[Coding, Record]:

@@ -1,0 +1,64 @@
+"""One scene of a batch evaluated: what `tinysplat eval` measures of it, as one JSON file."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from tinysplat_runtime.errors import InputError
+
+from .jobs import Job, worker_runtime
+from .storage import local_folder, write
+
+DEFAULT_SIZE = (256, 256)
+"""That of published figures, as in `tinysplat eval`."""
+
+MEANS = ("psnr", "psnr_raw", "psnr_decoded_raw", "ssim", "ssim_raw", "bytes")
+"""What of a scene's records goes into the batch's results, averaged over its windows."""
+
+
+def evaluate(job: Job, threads: int = 1) -> dict[str, Any]:
+    """Measure all windows of a scene (its `eval_index.json`, or a Gaussian file) in this process.
+
+    Returns:
+        The job's record: `windows`, `means`, and `bytes`, `sha256`, `seconds`, `worker` as for encoding.
+
+    Raises:
+        TinySplatError: the scene is at fault, or nothing of it could be measured.
+        OSError: storage failed; another attempt may not.
+    """
+    start = time.perf_counter()
+    try:
+        from tinysplat import evaluation
+        from tinysplat.evaluation.summary import mean_of
+    except ImportError as error:
+        install = 'pip install "tinysplat[cluster,eval]" brings it'
+        raise InputError(f"needs the package '{error.name}'; {install}", where="--evaluate") from None
+    options = job.options
+    with local_folder(job.scene) as folder, tempfile.TemporaryDirectory(prefix="tinysplat-") as results:
+        sources, left_out = evaluation.find_sources([folder], near=options.near, far=options.far)
+        coding = evaluation.Coding(options.profile, options.qp)
+        plan = evaluation.Plan(sources, (options.model,), [coding], options.size or DEFAULT_SIZE)
+        settings = evaluation.Settings(Path(results), threads=threads)
+        outcome = evaluation.evaluate(plan, settings, runtime=worker_runtime(threads))
+    left_out = [*left_out, *outcome.left_out]
+    if not outcome.records:
+        raise InputError(str(left_out[0]) if left_out else "no windows to evaluate", where=job.scene)
+    records = [dataclasses.replace(record, scene=job.name).as_json() for record in outcome.records]
+    document = {"scene": job.name, "records": records, "left_out": [str(entry) for entry in left_out]}
+    data = (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()
+    write(job.output, data)
+    return {
+        "windows": len(records),
+        "means": {name: mean_of([record[name] for record in records]) for name in MEANS},
+        "bytes": len(data),
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "seconds": round(time.perf_counter() - start, 3),
+        "worker": os.getpid(),
+    }
