@@ -109,8 +109,10 @@ def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:
     functions = (header.degree + 1) ** 2
     rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128 * _sh_signs(header.degree)[1:, None]
     quats = _unpack_smallest_three(rotations) if header.version >= 3 else _unpack_first_three(rotations)
+    with np.errstate(invalid="ignore"):  # NaN among version 1's positions: Gaussians will name it
+        means = _positions(positions, header) * _FLIP
     return {
-        "means": _positions(positions, header) * _FLIP,
+        "means": means,
         "quats": quats * np.array([1, *_FLIP]),
         "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),
         "opacities": alphas[:, 0] / 255.0,
