@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,10 @@ INVERSE_DEPTH_COLORS = np.array([[13, 8, 60], [70, 20, 140], [190, 55, 110], [24
 
 def write_scene(folder: Path) -> None:
     """Write the pair as a scene folder: two PNGs and cameras.json."""
-    from skimage.data import stereo_motorcycle
+    try:
+        from skimage.data import stereo_motorcycle
+    except ImportError:
+        raise ts.InputError('needs scikit-image; pip install "tinysplat[demo]" brings it', where="demo") from None
 
     left, right, _ = stereo_motorcycle()
     frames = []
@@ -99,20 +103,25 @@ def print_table(rows: list[dict[str, object]]) -> None:
         print("  ".join(f"{cell!s:>{max(len(key), 9)}}" for key, cell in zip(rows[0], line, strict=True)))
 
 
-def main() -> None:
-    """Run the demo."""
+def main() -> int:
+    """Run the demo; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("demo_out"))
     out: Path = parser.parse_args().out
     folder = out / "motorcycle"
     folder.mkdir(parents=True, exist_ok=True)
-    write_scene(folder)
+    try:
+        write_scene(folder)
+    except ts.InputError as error:
+        print(error, file=sys.stderr)
+        return 2
     full, runtime = ts.load_scene(folder), ts.Runtime()
     rows = [run(full.resized(256, 256), profile, out, runtime) for profile in ("paper", "balanced")]
     rows += [run(full, "balanced", out, runtime)]
     print_table(rows)
     print(f"\npictures (photo | raw render | decoded render | depth), videos and files: {out}/")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

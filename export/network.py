@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import extra  # noqa: F401  (first: names what is missing)
 import torch
 from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from torch import Tensor, nn

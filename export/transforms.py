@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import extra  # noqa: F401  (first: names what is missing)
 import torch
 from manifest import MODELS, OPSET, add_metadata, register  # this folder is first on the path of a script
 from torch import Tensor, nn

@@ -6,11 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import torch
 
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import Gaussians
+
+try:
+    import torch
+except ImportError as error:
+    raise ImportError('needs torch; pip install "tinysplat[torch]" brings it', name="torch") from error
 
 
 def to_gsplat(

@@ -23,6 +23,8 @@ EXTRAS = {
     "torch": ("torch",),
     "export": ("onnx", "onnxscript"),
     "demo": ("skimage",),
+    "completion": ("shtab",),
+    "train": ("matplotlib", "numba", "PIL", "skimage", "torch"),
 }
 """Modules that an extra brings."""
 

@@ -1,0 +1,11 @@
+"""Imported before all else by the scripts of this folder: one line where a package of the extra `export` is missing."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import find_spec
+
+for _package in ("onnx", "onnxscript", "torch"):
+    if find_spec(_package) is None:
+        print(f'export: needs the package {_package}; pip install "tinysplat[export]" brings it', file=sys.stderr)
+        raise SystemExit(2)
