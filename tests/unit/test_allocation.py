@@ -1,4 +1,4 @@
-"""Steps of equal slope: the stand-in for the video codec, the probe, and what they choose."""
+"""Steps: the stand-in for the video codec, the probe of depth, and what they choose."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.blocks import BlockSpectrum
-from tinysplat_runtime.codec.hevc import EncoderSettings, encode_plane
 from tinysplat_runtime.codec.planes import PlaneClass
-from tinysplat_runtime.codec.probe import Probe
+from tinysplat_runtime.codec.probe import DepthProbe
 from tinysplat_runtime.codec.profiles import ADAPTIVE
-from tinysplat_runtime.codec.quantize import choose_code_map
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inference import GraphStore
 from tinysplat_runtime.inspection import inspect_bytes
@@ -62,64 +60,71 @@ def test_smooth_planes_lose_less_than_noisy_ones_at_the_same_step():
     assert smooth.coding_error(0.5).std() < 0.3 * noisy.coding_error(0.5).std()
 
 
-def test_guessed_bits_rank_planes_and_steps_as_libx265_does():
-    guesses, sizes = [], []
-    rng = np.random.default_rng(1)
-    for noise in (0.02, 0.1, 0.5):
-        plane = _planes(size=(1, 64, 64)) + noise * rng.standard_normal((1, 64, 64)).astype(np.float32)
-        for step in (0.05, 0.2, 0.8):
-            code_map = choose_code_map(float(plane.min()), float(plane.max()), float(plane.mean()), step)
-            codes, _ = code_map.quantise(plane)
-            sizes.append(8 * len(encode_plane(codes[0], code_map.qp, EncoderSettings("superfast")).payload))
-            guesses.append(float(BlockSpectrum.of(plane).bits(np.array([step]))[0]))
-    ratios = np.array(guesses) / sizes
-    assert np.corrcoef(np.log(guesses), np.log(sizes))[0, 1] > 0.95
-    assert ratios.max() / ratios.min() < 4
+def _probe(layers, stripes=2, threads=1):
+    inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
+    return DepthProbe([layer.layer for layer in layers], inverse, stripes, threads), inverse
 
 
 def test_no_error_is_no_damage_and_more_error_is_more(layers):
-    sets = [layer.planes for layer in layers]
-    probe = Probe(sets, sets[0].layer.cameras, windows=2)
+    probe, inverse = _probe(layers)
     rng = np.random.default_rng(0)
-    for index, planes in enumerate(sets):
-        for plane_class, values in planes.values.items():
-            noise = rng.standard_normal(values.shape).astype(np.float32) * 1e-2
-            found = [probe.damage(index, {plane_class: noise * factor}) for factor in (0, 1, 8)]
-            assert found[0] == 0 < found[1] < found[2], (index, plane_class)
+    noise = [rng.standard_normal(planes.shape).astype(np.float32) * 1e-3 for planes in inverse]
+    found = [probe.damage([factor * errors for errors in noise]) for factor in (0, 1, 8)]
+    assert found[0] < 1e-12 < found[1] < found[2]
+    assert probe.damage([np.zeros_like(noise[0]), 8 * noise[1]]) > 1e-12  # layers behind the first count, too
 
 
-def test_planes_without_error_rebuild_the_gaussians_they_were_made_of(layers):
-    sets = [layer.planes for layer in layers]
-    probe = Probe(sets, sets[0].layer.cameras, windows=3)
-    renderer = Renderer(replace(sets[0].layer, extra_layers=(sets[1].layer,)))
-    for shot in probe._shots:
-        raw = renderer.render(shot._window)
+def test_threads_do_not_change_what_is_measured(layers):
+    errors = [0.01 * layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
+    one, two = (_probe(layers, stripes=3, threads=n)[0].damage(errors) for n in (1, 2))
+    assert one == two
+
+
+def test_stripes_are_parts_of_the_pictures_between_the_views(layers):
+    renderer = Renderer(replace(layers[0].layer, extra_layers=(layers[1].layer,)))
+    for shot in _probe(layers, stripes=3)[0]._shots:
+        raw = renderer.render(shot._camera)
         assert np.abs(np.clip(raw, 0, 1) - shot._picture).mean() < 2e-3  # all but what its selection leaves out
 
 
-def test_steps_are_finer_where_gaussians_are_opaque_than_where_they_hardly_show(store):
+def test_moved_depths_are_those_that_a_decoder_would_rebuild(layers):
+    probe, inverse = _probe(layers)
+    chosen, camera = probe._shots[0]._chosen[0], layers[0].layer.cameras[1]
+    of_view = chosen.at[0] == 1
+    moved = chosen.moved(0.05 * inverse[0])
+    centre = camera.centre - layers[0].layer.origin
+    before, after = (a["means"][of_view] - centre for a in (chosen.arrays, moved))
+    z = np.clip(chosen.inverse[of_view] * np.float32(1.05), *chosen.limits)
+    np.testing.assert_allclose(after @ camera.rotation.T[:, 2], -1 / z, rtol=1e-4)
+    np.testing.assert_allclose(np.cross(before, after), 0, atol=1e-4)  # along the ray
+
+
+def test_depth_is_coded_more_finely_where_gaussians_are_opaque(store):
     scene = make_smooth_gaussians(2, 40, 48, degree=0)
     solid, faint = (replace(scene, opacities=np.full_like(scene.opacities, o)) for o in (0.9, 0.05))
-    steps = [scene_steps(_prepared(g, store), replace(ADAPTIVE, target=1e-5))[0] for g in (solid, faint)]
-    assert steps[0][PlaneClass.COLOR] < steps[1][PlaneClass.COLOR]
+    steps = [scene_steps(_prepared(g, store), ADAPTIVE, 1)[0] for g in (solid, faint)]
+    assert steps[0][PlaneClass.DEPTH] < steps[1][PlaneClass.DEPTH]
 
 
-def test_a_lower_target_makes_every_step_finer_or_equal(layers):
-    coarse, fine = (scene_steps(layers, replace(ADAPTIVE, target=target)) for target in (1e-4, 1e-6))
-    for a, b in zip(coarse, fine, strict=True):
-        assert all(b[c] <= a[c] for c in a) and any(b[c] < a[c] for c in a)
+def test_a_lower_target_makes_depths_step_finer(layers):
+    coarse, fine = (scene_steps(layers, replace(ADAPTIVE, depth_damage=d), 1)[0] for d in (1e-4, 1e-6))
+    assert fine.pop(PlaneClass.DEPTH) < coarse.pop(PlaneClass.DEPTH)
+    assert fine == coarse
 
 
-def test_without_windows_steps_are_the_stated_ones(layers):
-    steps = scene_steps(layers, replace(ADAPTIVE, windows=0))[0]
+def test_without_stripes_steps_are_the_stated_ones(layers):
+    first, behind = scene_steps(layers, replace(ADAPTIVE, stripes=0), 1)
+    mean = -float(layers[0].planes[PlaneClass.DEPTH].mean(dtype=np.float64))
+    assert first[PlaneClass.DEPTH] == behind[PlaneClass.DEPTH] == pytest.approx(ADAPTIVE.depth_step * mean)
     for plane_class in ADAPTIVE.sensitivity:
-        assert steps[plane_class] == class_step(ADAPTIVE, plane_class)
+        assert first[plane_class] == class_step(ADAPTIVE, plane_class)
+        assert behind[plane_class] == ADAPTIVE.behind * first[plane_class]
 
 
 @pytest.mark.parametrize("views, size", [(1, (1, 1)), (1, (5, 90)), (3, (70, 9))])
 def test_any_grid_can_be_measured(store, views, size):
     gaussians = make_smooth_gaussians(views, *size, degree=0)
-    assert all(step > 0 for step in scene_steps(_prepared(gaussians, store), ADAPTIVE)[0].values())
+    assert all(step > 0 for step in scene_steps(_prepared(gaussians, store), ADAPTIVE, 1)[0].values())
 
 
 def test_sh_bands_that_nobody_sees_are_left_out_and_listed():

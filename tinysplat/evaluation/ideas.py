@@ -158,9 +158,9 @@ def _changed(encoder: SceneEncoder, qp: float, store: GraphStore, change: Change
 
 
 def without_measured_steps() -> Profile:
-    """`balanced` with fixed sensitivities, those of MVSplat-like Gaussians."""
+    """`balanced` with depth's step at a fixed share of the mean inverse depth."""
     assert isinstance(BASE.settings, AdaptiveSettings)
-    return replace(BASE, settings=replace(BASE.settings, windows=0))
+    return replace(BASE, settings=replace(BASE.settings, stripes=0))
 
 
 def _steps(plan: LayerPlan, plane_class: PlaneClass) -> Sequence[float]:

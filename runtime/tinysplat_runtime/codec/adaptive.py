@@ -1,15 +1,15 @@
 """The plan of the profiles `fast`, `balanced` and `max`: steps from what an error does to the picture.
 
-Against `paper`: steps of equal slope, measured on the scene itself, in place of σ/α; depth as −1/z, in two layers where
-12 bits are too coarse; ŝ through its own 3 × 3 PCA; rotations as three components relative to the view's dominant
-rotation; VABR weighted by the second moment of the basis, so that all components are equally visible and one step is
-right; as many components as carry more than the step lets through. What each gains: docs/CODEC.md.
+Against `paper`: steps of equal slope in place of σ/α, depth's measured on the scene itself; depth as −1/z, in two
+layers where 12 bits are too coarse; ŝ through its own 3 × 3 PCA; rotations as three components relative to the view's
+dominant rotation; VABR weighted by the second moment of the basis, so that all components are equally visible and one
+step is right; as many components as carry more than the step lets through. What each gains: docs/CODEC.md.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from ..blas import single_thread
 from ..gaussians import Gaussians
 from ..inference import GraphStore
-from .allocation import Steps, equal_slope_steps
+from .allocation import Steps, measured_depth_step
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .hevc import MAX_CODE
 from .planes import Channel, LayerPlan, PlaneClass, Reduction
-from .probe import PlaneSet, Probe
+from .probe import DepthProbe
 from .profiles import AdaptiveSettings
 from .quantize import hevc_step
 
@@ -41,12 +41,18 @@ class AdaptiveLayer:
     """A layer's planes and maps, before they have steps.
 
     Attributes:
-        planes: by class, in coding order.
+        layer: the Gaussians, of the degree that is stored.
+        planes: (V, C, H, W) float32 by class in coding order: −1/z, colour components, opacities, principal scales,
+            vector parts of relative rotations, pixel offsets.
+        reference_quats, scale_mix: see `LayerPlan`.
         reduction: VABR's maps, of at least as many components as will be coded.
         energies: (d,) weighted energy of every component, falling.
     """
 
-    planes: PlaneSet
+    layer: Gaussians
+    planes: Mapping[PlaneClass, NDArray]
+    reference_quats: NDArray
+    scale_mix: tuple[NDArray, NDArray]
     reduction: Reduction
     energies: NDArray
 
@@ -78,31 +84,39 @@ def prepare_layer(
         PlaneClass.ROTATION: relative_rotation_planes(projected, projected.reference_quats),
         PlaneClass.OFFSET: projected.planes(PlaneClass.OFFSET),
     }
-    planes_of_layer = PlaneSet(layer, planes, projected.reference_quats, mix, reduction.inverse)
-    return AdaptiveLayer(planes_of_layer, reduction, spectrum[0])
+    return AdaptiveLayer(layer, planes, projected.reference_quats, mix, reduction, spectrum[0])
 
 
-def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings) -> list[Steps]:
-    """Steps at Q_g = 0 of every class of every layer, from the scene itself where the settings say so."""
-    sets = [layer.planes for layer in layers]
-    defaults = [_default_steps(layer.planes, settings) for layer in layers]
-    if settings.windows == 0:
-        return defaults
-    probe = Probe(sets, sets[0].layer.cameras, settings.windows)
-    return equal_slope_steps(sets, probe, defaults, settings.sensitivity, settings.target)
+def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, threads: int) -> list[Steps]:
+    """Steps at Q_g = 0 of every class of every layer.
+
+    Depth's is the same in all layers, as a unit of −1/z moves what is seen alike in all of them.
+
+    Args:
+        layers: the scene.
+        settings: how much of the scene is looked at.
+        threads: for looking; never changes the steps.
+    """
+    inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
+    depth = settings.depth_step * -float(inverse[0].mean(dtype=np.float64))
+    if settings.stripes > 0:
+        probe = DepthProbe([layer.layer for layer in layers], inverse, settings.stripes, threads)
+        depth = measured_depth_step(probe, inverse, depth, settings.depth_damage, settings.rounds)
+    classes = {plane_class: class_step(settings, plane_class) for plane_class in settings.sensitivity}
+    factors = [1.0, *[settings.behind] * (len(layers) - 1)]
+    return [{PlaneClass.DEPTH: depth, **{c: step * factor for c, step in classes.items()}} for factor in factors]
 
 
 def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings, qp: float) -> LayerPlan:
     """Channels and maps of a layer at Q_g = `qp`, given its steps at 0."""
-    planes = layer.planes
-    inverse = planes.values[PlaneClass.DEPTH]
+    inverse = layer.planes[PlaneClass.DEPTH]
     depth_step = steps[PlaneClass.DEPTH] * 2 ** (qp / 6)
     finest = hevc_step(0) * (float(inverse.max()) - float(inverse.min())) / MAX_CODE
     is_too_fine = depth_step < _WORTH_TWO_PICTURES * finest
     color_step = steps[PlaneClass.COLOR] * 2 ** (qp / 6)
     reduction = _truncated(layer, _components(layer.energies, color_step, settings))
     channels = []
-    for plane_class, values in planes.values.items():
+    for plane_class, values in layer.planes.items():
         step = steps[plane_class] * 2 ** (qp / 6)
         if plane_class == PlaneClass.DEPTH and is_too_fine:
             step *= COARSE_DEPTH
@@ -114,20 +128,14 @@ def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings
             channels.append(Channel(plane_class, index, channel, step, (float(channel.min()), float(channel.max()))))
     return LayerPlan(
         tuple(channels),
-        planes.layer.degree,
+        layer.layer.degree,
         (-1 / float(inverse.min()), -1 / float(inverse.max())),
         inverse_depth=True,
         refine_depth=depth_step if is_too_fine else None,
-        reference_quats=planes.reference_quats.astype(np.float32),
-        scale_mix=planes.scale_mix,
+        reference_quats=layer.reference_quats.astype(np.float32),
+        scale_mix=layer.scale_mix,
         reduction=reduction,
     )
-
-
-def _default_steps(planes: PlaneSet, settings: AdaptiveSettings) -> Steps:
-    steps = {plane_class: class_step(settings, plane_class) for plane_class in settings.sensitivity}
-    mean = -float(planes.values[PlaneClass.DEPTH].mean(dtype=np.float64))
-    return {PlaneClass.DEPTH: settings.depth_step * mean, **steps}
 
 
 def _components(energies: NDArray, step: float, settings: AdaptiveSettings) -> int:

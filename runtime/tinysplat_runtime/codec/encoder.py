@@ -193,7 +193,7 @@ class SceneEncoder:
 
     def _scene_steps(self, prepared: list[AdaptiveLayer], settings: AdaptiveSettings) -> list[Steps]:
         if self._steps is None:
-            self._steps = scene_steps(prepared, settings)
+            self._steps = scene_steps(prepared, settings, self.threads)
         return self._steps
 
     def _residual_plans(self, prediction: Gaussians, qp: float) -> list[LayerPlan]:

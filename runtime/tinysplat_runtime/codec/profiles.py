@@ -30,20 +30,24 @@ class AdaptiveSettings:
     """Steps of equal slope; see `allocation`.
 
     Attributes:
-        windows: how many pieces of pictures errors are tried in; 0 to take the steps that measuring would start from.
-        target: mean squared error of decoded against raw pictures aimed at at Q_g = 0.
-        gain: coarseness of the steps that measuring starts from: gain / √sensitivity.
-        sensitivity: mean squared picture error per squared unit of attribute error, by class; units of the planes.
+        stripes: how many pieces of pictures errors of depth are tried in; 0 for the step that measuring starts from.
+        rounds: measurements, each at the step that the one before led to.
+        depth_damage: mean squared error of the picture that depth may cause at Q_g = 0.
         depth_step: step of inverse depth to start from, as a share of the mean inverse depth.
+        gain: coarseness of the other steps: gain / √sensitivity.
+        sensitivity: mean squared picture error per squared unit of attribute error, by class; units of the planes.
+        behind: how much coarser than layer 0's those steps are in other layers, which mostly show at edges.
         energy_floor: colour planes are kept until the weighted energy left out falls below this share of a step².
         margin: octaves below its start that the colour step may fall to without losing components.
     """
 
-    windows: int
-    target: float
+    stripes: int
+    rounds: int
+    depth_damage: float
+    depth_step: float
     gain: float
     sensitivity: Mapping[PlaneClass, float]
-    depth_step: float
+    behind: float
     energy_floor: float
     margin: float
 
@@ -78,17 +82,19 @@ PAPER = PaperSettings(
 )
 
 ADAPTIVE = AdaptiveSettings(
-    windows=2,
-    target=6e-5,
+    stripes=2,
+    rounds=1,
+    depth_damage=3e-5,
+    depth_step=6e-3,
     gain=0.009,
     sensitivity={
-        PlaneClass.OFFSET: 1.15e-3,
-        PlaneClass.SCALE: 4.5e-4,
+        PlaneClass.OFFSET: 2e-3,
+        PlaneClass.SCALE: 5e-4,
         PlaneClass.ROTATION: 9e-5,
-        PlaneClass.COLOR: 0.06,
-        PlaneClass.OPACITY: 3.2e-3,
+        PlaneClass.COLOR: 0.035,
+        PlaneClass.OPACITY: 4.5e-3,
     },
-    depth_step=4e-3,
+    behind=1.41,
     energy_floor=0.02,
     margin=1.0,
 )
@@ -104,7 +110,7 @@ PROFILES: dict[str, Profile] = {
         Profile(
             "max",
             EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF)),
-            replace(ADAPTIVE, windows=8),
+            replace(ADAPTIVE, stripes=8, rounds=2),
         ),
     )
 }
