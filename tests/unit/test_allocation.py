@@ -116,9 +116,17 @@ def test_without_stripes_steps_are_the_stated_ones(layers):
     first, behind = scene_steps(layers, replace(ADAPTIVE, stripes=0), 1)
     mean = -float(layers[0].planes[PlaneClass.DEPTH].mean(dtype=np.float64))
     assert first[PlaneClass.DEPTH] == behind[PlaneClass.DEPTH] == pytest.approx(ADAPTIVE.depth_step * mean)
-    for plane_class in ADAPTIVE.sensitivity:
+    for plane_class in (PlaneClass.COLOR, PlaneClass.OPACITY, PlaneClass.OFFSET):
         assert first[plane_class] == class_step(ADAPTIVE, plane_class)
         assert behind[plane_class] == ADAPTIVE.behind * first[plane_class]
+
+
+def test_scales_and_turns_of_small_splats_are_coded_more_coarsely(store):
+    scene = make_smooth_gaussians(2, 40, 48, degree=0)
+    steps = [scene_steps(_prepared(replace(scene, scales=f * scene.scales), store), ADAPTIVE, 1)[0] for f in (1, 0.5)]
+    for plane_class in (PlaneClass.SCALE, PlaneClass.ROTATION):
+        assert steps[1][plane_class] > steps[0][plane_class]
+    assert steps[1][PlaneClass.COLOR] == steps[0][PlaneClass.COLOR]
 
 
 @pytest.mark.parametrize("views, size", [(1, (1, 1)), (1, (5, 90)), (3, (70, 9))])

@@ -36,6 +36,10 @@ _WORTH_TWO_PICTURES = 0.5
 tenth more than one of the same step would: nearer to it, the bytes buy more in other classes."""
 
 
+_LEAST_WIDTH, _LARGEST_WIDTH = 0.2, 1.0
+"""Mean standard deviations in pixels between which the steps of scale and rotation follow them."""
+
+
 @dataclass(frozen=True, eq=False)
 class AdaptiveLayer:
     """A layer's planes and maps, before they have steps.
@@ -102,9 +106,15 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
     if settings.stripes > 0:
         probe = DepthProbe([layer.layer for layer in layers], inverse, settings.stripes, threads)
         depth = measured_depth_step(probe, inverse, depth, settings.depth_damage, settings.rounds)
-    classes = {plane_class: class_step(settings, plane_class) for plane_class in settings.sensitivity}
     factors = [1.0, *[settings.behind] * (len(layers) - 1)]
-    return [{PlaneClass.DEPTH: depth, **{c: step * factor for c, step in classes.items()}} for factor in factors]
+    return [{PlaneClass.DEPTH: depth, **_class_steps(*pair, settings)} for pair in zip(layers, factors, strict=True)]
+
+
+def _class_steps(layer: AdaptiveLayer, factor: float, settings: AdaptiveSettings) -> Steps:
+    """Steps of all classes but depth. Of a small splat, the rasteriser's dilation hides size and turn."""
+    width = min(max(float(layer.scale_mix[1].mean()), _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
+    hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}
+    return {c: class_step(settings, c) * factor * hidden.get(c, 1.0) for c in settings.sensitivity}
 
 
 def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings, qp: float) -> LayerPlan:

@@ -36,6 +36,7 @@ class AdaptiveSettings:
         depth_step: step of inverse depth to start from, as a share of the mean inverse depth.
         gain: coarseness of the other steps: gain / √sensitivity.
         sensitivity: mean squared picture error per squared unit of attribute error, by class; units of the planes.
+        width: mean standard deviation of the splats, in pixels, that the sensitivities of scale and rotation are for.
         behind: how much coarser than layer 0's those steps are in other layers, which mostly show at edges.
         energy_floor: colour planes are kept until the weighted energy left out falls below this share of a step².
         margin: octaves below its start that the colour step may fall to without losing components.
@@ -47,6 +48,7 @@ class AdaptiveSettings:
     depth_step: float
     gain: float
     sensitivity: Mapping[PlaneClass, float]
+    width: float
     behind: float
     energy_floor: float
     margin: float
@@ -89,11 +91,12 @@ ADAPTIVE = AdaptiveSettings(
     gain=0.009,
     sensitivity={
         PlaneClass.OFFSET: 2e-3,
-        PlaneClass.SCALE: 5e-4,
-        PlaneClass.ROTATION: 9e-5,
+        PlaneClass.SCALE: 9e-4,
+        PlaneClass.ROTATION: 1.8e-4,
         PlaneClass.COLOR: 0.035,
         PlaneClass.OPACITY: 4.5e-3,
     },
+    width=0.5,
     behind=1.41,
     energy_floor=0.02,
     margin=1.0,
