@@ -8,7 +8,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from zlib import crc32
 
 from numpy.typing import NDArray
@@ -16,10 +15,8 @@ from numpy.typing import NDArray
 from ..cameras import Camera
 from ..errors import FormatError, InputError
 from ..sh import MAX_SH_DEGREE
-from .layout import INTRINSICS, MAX_SIDE, PARAMETER_SETS, STREAM, StreamRef
-
-if TYPE_CHECKING:
-    from .reader import Cursor
+from .layout import INTRINSICS, MAX_SIDE, PARAMETER_SETS, STREAM, Limits, StreamRef
+from .sections import Cursor, Section, only
 
 NETWORK = b"NETW"
 PHOTOS = b"PHOT"
@@ -178,7 +175,7 @@ def exact_sections(layer: CodedExact, index: int) -> list[tuple[bytes, int, byte
     return [(EXACT, index, fixed + intrinsics + table), (EXACT_PLANES, index, b"".join(layer.payloads))]
 
 
-def read_exact(cursor: Cursor, poses: Sequence[NDArray], data: memoryview) -> ExactLayer:
+def _read_exact(cursor: Cursor, poses: Sequence[NDArray], data: memoryview) -> ExactLayer:
     """Parse and check an EXAC section; `data` are the bytes of its planes, `poses` c2w per view."""
     height, width, degree, _, z_min, z_max, digest = cursor.unpack(EXACT_FIXED)
     cursor.require(1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE, f"grid {width}x{height}, sides 1 to {MAX_SIDE}")
@@ -209,7 +206,7 @@ def _read_streams(cursor: Cursor, count: int, data: memoryview) -> tuple[StreamR
     return tuple(streams)
 
 
-def read_network(cursor: Cursor) -> NetworkRef:
+def _read_network(cursor: Cursor) -> NetworkRef:
     """Parse and check a NETW section."""
     digest, raw_name, near, far = cursor.unpack(NETWORK_FIXED)
     cursor.finish()
@@ -220,7 +217,7 @@ def read_network(cursor: Cursor) -> NetworkRef:
     return NetworkRef(name.decode("ascii"), digest.hex(), near, far)
 
 
-def read_photos(cursor: Cursor, views: int, data: memoryview) -> PhotoHeader:
+def _read_photos(cursor: Cursor, views: int, data: memoryview) -> PhotoHeader:
     """Parse and check a PHOT section; `data` are the bytes of the pictures."""
     height, width, pixel_format, qp, parameter_set, _ = cursor.unpack(PHOTOS_FIXED)
     sides = f"photos of {width}x{height}, sides are 1 to {MAX_SIDE}"
@@ -229,3 +226,36 @@ def read_photos(cursor: Cursor, views: int, data: memoryview) -> PhotoHeader:
     cursor.require(qp <= 51, f"QP {qp}, accepted are 0 to 51")
     streams = _read_streams(cursor, views, data)
     return PhotoHeader(height, width, qp, parameter_set, streams, data)
+
+
+def read_photo_mode(sections: Sequence[Section], views: int) -> tuple[NetworkRef | None, PhotoHeader | None]:
+    """The network and the photos of a file that has them; FormatError for one without the other."""
+    if not {NETWORK, PHOTOS, PHOTO_PICTURES} & {section.kind for section in sections}:
+        return None, None
+    network = _read_network(Cursor(only(sections, NETWORK)))
+    pictures = only(sections, PHOTO_PICTURES)
+    return network, _read_photos(Cursor(only(sections, PHOTOS)), views, pictures.data)
+
+
+def read_exact_layers(
+    sections: Sequence[Section], count: int, poses: Sequence[NDArray], limits: Limits
+) -> tuple[ExactLayer, ...]:
+    """The layers of exact planes, () for a file of another mode; `poses` are c2w per view.
+
+    Raises:
+        FormatError: damaged, or beyond the limits.
+    """
+    if EXACT not in {section.kind for section in sections}:
+        return ()
+    layers = []
+    pixels = memory = 0
+    for index in range(count):
+        planes = only(sections, EXACT_PLANES, index)
+        layer = _read_exact(Cursor(only(sections, EXACT, index)), poses, planes.data)
+        pixels += layer.gaussians
+        memory += 12 * layer.gaussians * layer.planes  # float16, float64 and float32 at a time
+        if pixels > limits.max_pixels or memory > limits.max_memory_bytes:
+            found = f"{pixels} Gaussians, {memory} bytes to decode: over --max-pixels or --max-memory"
+            raise FormatError(found, where=f"section EXAC[{index}]")
+        layers.append(layer)
+    return tuple(layers)

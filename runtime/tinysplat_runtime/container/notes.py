@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 from zlib import crc32
 
 from ..errors import FormatError, InputError
 from ..notes import MAX_BYTES, NAMES, Notes
 from . import layout as L
-
-if TYPE_CHECKING:
-    from .reader import Cursor
+from .sections import Cursor
 
 NOTES = b"NOTE"
 NOTES_FIXED = struct.Struct("<HHH")

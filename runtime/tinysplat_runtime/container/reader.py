@@ -7,7 +7,6 @@ number against its range. Code past this point may index freely. Layout: docs/FO
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from zlib import crc32
@@ -32,33 +31,11 @@ from .extras import (
     ExactLayer,
     NetworkRef,
     PhotoHeader,
-    read_exact,
-    read_network,
-    read_photos,
+    read_exact_layers,
+    read_photo_mode,
 )
 from .notes import NOTES, read_notes
-
-
-@dataclass(frozen=True)
-class Section:
-    """One row of the table and its bytes.
-
-    Attributes:
-        length: bytes that the table states; `data` has fewer where a prefix of the file ends in or before the section.
-        end: where the section ends in the file.
-    """
-
-    kind: bytes
-    index: int
-    length: int
-    crc: int
-    end: int
-    data: memoryview
-
-    @property
-    def label(self) -> str:
-        """For messages."""
-        return f"section {self.kind.decode('ascii', 'replace')}[{self.index}]"
+from .sections import Cursor, Section, only, read_table, require, verified
 
 
 @dataclass(frozen=True)
@@ -153,34 +130,6 @@ class Container:
         return data
 
 
-class Cursor:
-    """Reads structures off a section, never past its end."""
-
-    def __init__(self, section: Section) -> None:
-        self.section, self.at = section, 0
-
-    def take(self, count: int) -> memoryview:
-        """The next bytes."""
-        left = len(self.section.data) - self.at
-        if count > left:
-            raise FormatError(f"at byte {self.at} needs {count} bytes, {left} remain", where=self.section.label)
-        self.at += count
-        return self.section.data[self.at - count : self.at]
-
-    def unpack(self, fields: struct.Struct) -> tuple:
-        """The next structure."""
-        return fields.unpack(self.take(fields.size))
-
-    def require(self, condition: bool, message: str) -> None:
-        """FormatError with the message and the section's name, unless the condition holds."""
-        _require(condition, self.section, message)
-
-    def finish(self) -> None:
-        """FormatError if bytes are left."""
-        if self.at != len(self.section.data):
-            raise FormatError(f"{len(self.section.data) - self.at} bytes too many", where=self.section.label)
-
-
 def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, is_prefix: bool = False) -> Container:
     """Parse and check a file.
 
@@ -194,23 +143,23 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     """
     limits = limits or L.Limits()
     view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
-    version, total, sections = _read_table(view, is_prefix)
-    scene = _only(sections, L.SCENE)
+    version, total, sections = read_table(view, _KNOWN, _PLANE_KINDS, is_prefix=is_prefix)
+    scene = only(sections, L.SCENE)
     cursor = Cursor(scene)
     views, n_layers, qp, *origin, profile = cursor.unpack(L.SCENE_FIXED)
     cursor.finish()
-    _require(1 <= views <= limits.max_views, scene, f"{views} views, accepted are 1 to {limits.max_views}")
-    network, photos = _read_photo_mode(sections, views)
+    require(1 <= views <= limits.max_views, scene, f"{views} views, accepted are 1 to {limits.max_views}")
+    network, photos = read_photo_mode(sections, views)
     fewest = 1 if photos is None else 0
     accepted = f"{n_layers} layers, accepted are {fewest} to {limits.max_layers}"
-    _require(fewest <= n_layers <= limits.max_layers, scene, accepted)
-    _require(math.isfinite(qp), scene, "Q_g is not finite")
-    _require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
-    poses = _read_cameras(_only(sections, L.CAMERAS), views)
-    exact = _read_exact_layers(sections, n_layers, [c2w for _, c2w in poses], limits)
+    require(fewest <= n_layers <= limits.max_layers, scene, accepted)
+    require(math.isfinite(qp), scene, "Q_g is not finite")
+    require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
+    poses = _read_cameras(only(sections, L.CAMERAS), views)
+    exact = read_exact_layers(sections, n_layers, [c2w for _, c2w in poses], limits)
     layers, pixels, memory = [], 0, 0
     for index in range(0 if exact else n_layers):
-        layer = _read_layer(_only(sections, L.LAYER, index), index, poses)
+        layer = _read_layer(only(sections, L.LAYER, index), index, poses)
         pixels += layer.gaussians
         memory += decoding_bytes(layer)
         where = f"section LAYR[{index}]"
@@ -225,7 +174,7 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     height, width = _grid(exact or layers, photos, views, limits)
     cameras = tuple(Camera(K, c2w, width, height) for K, c2w in poses)
     streams = {(c, i): _joined(sections, c, i, layer) for i, layer in enumerate(layers) for c in _coded(layer)}
-    sets = {s.index: _verified(s) for s in sections if s.kind == L.PARAMETER_SETS}
+    sets = {s.index: verified(s) for s in sections if s.kind == L.PARAMETER_SETS}
     for index, layer in enumerate(layers):
         if _coded(layer) and layer.parameter_set not in sets:
             raise FormatError(f"parameter set {layer.parameter_set} is missing", where=f"section LAYR[{index}]")
@@ -239,34 +188,7 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
 
 
 def _read_notes(sections: list[Section]) -> Notes:
-    return read_notes(Cursor(_only(sections, NOTES))) if NOTES in {section.kind for section in sections} else NO_NOTES
-
-
-def _read_photo_mode(sections: list[Section], views: int) -> tuple[NetworkRef | None, PhotoHeader | None]:
-    if not {NETWORK, PHOTOS, PHOTO_PICTURES} & {section.kind for section in sections}:
-        return None, None
-    network = read_network(Cursor(_only(sections, NETWORK)))
-    pictures = _only(sections, PHOTO_PICTURES)
-    return network, read_photos(Cursor(_only(sections, PHOTOS)), views, pictures.data)
-
-
-def _read_exact_layers(
-    sections: list[Section], count: int, poses: Sequence[NDArray], limits: L.Limits
-) -> tuple[ExactLayer, ...]:
-    if EXACT not in {section.kind for section in sections}:
-        return ()
-    layers = []
-    pixels = memory = 0
-    for index in range(count):
-        planes = _only(sections, EXACT_PLANES, index)
-        layer = read_exact(Cursor(_only(sections, EXACT, index)), poses, planes.data)
-        pixels += layer.gaussians
-        memory += 12 * layer.gaussians * layer.planes  # float16, float64 and float32 at a time
-        if pixels > limits.max_pixels or memory > limits.max_memory_bytes:
-            found = f"{pixels} Gaussians, {memory} bytes to decode: over --max-pixels or --max-memory"
-            raise FormatError(found, where=f"section EXAC[{index}]")
-        layers.append(layer)
-    return tuple(layers)
+    return read_notes(Cursor(only(sections, NOTES))) if NOTES in {section.kind for section in sections} else NO_NOTES
 
 
 def _grid(
@@ -286,53 +208,9 @@ def _grid(
     return size
 
 
-def _read_table(view: memoryview, is_prefix: bool) -> tuple[tuple[int, int], int, list[Section]]:
-    if bytes(view[: len(L.MAGIC)]) != L.MAGIC:
-        raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
-    if len(view) < L.HEADER.size:
-        raise FormatError(f"needs {L.HEADER.size} bytes, there are {len(view)}: cut short", where="header")
-    _, major, minor, count, _, crc = L.HEADER.unpack(view[: L.HEADER.size])
-    if major != L.MAJOR:
-        raise FormatError(f"format version {major}.{minor}, this reader knows {L.MAJOR}.x", where="header")
-    end = L.HEADER.size + count * L.TABLE_ROW.size
-    if count > L.MAX_SECTIONS or end > len(view):
-        raise FormatError(f"{count} sections do not fit in {len(view)} bytes: cut short?", where="section table")
-    if crc32(view[L.HEADER.size : end], crc32(view[: L.HEADER.size - 4])) != crc:
-        raise FormatError("CRC differs: the header was altered", where="header")
-    sections = []
-    for row in range(count):
-        start = L.HEADER.size + row * L.TABLE_ROW.size
-        kind, flags, index, length, section_crc = L.TABLE_ROW.unpack(view[start : start + L.TABLE_ROW.size])
-        section = Section(kind, index, length, section_crc, end + length, view[end : end + length])
-        if len(section.data) != length and not is_prefix:
-            raise FormatError(f"needs {length} bytes, {len(section.data)} remain: cut short", where=section.label)
-        end += length
-        if kind in _KNOWN:
-            sections.append(section)
-        elif flags & L.REQUIRED:
-            raise FormatError("unknown and required; a newer reader is needed", where=section.label)
-    if end < len(view):
-        raise FormatError(f"{len(view) - end} bytes behind the last section", where="file")
-    metadata_end = max((s.end for s in sections if s.kind not in _PLANE_KINDS), default=0)
-    if metadata_end > len(view):
-        raise FormatError(
-            f"the first {len(view)} bytes hold no picture; the metadata alone takes {metadata_end}", where="file"
-        )
-    return (major, minor), end, sections
-
-
 _PLANE_KINDS = frozenset(L.PLANES.values())
 _MODE_KINDS = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES, EXACT, EXACT_PLANES})
 _KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, NOTES, *_MODE_KINDS, *_PLANE_KINDS}
-
-
-def _only(sections: list[Section], kind: bytes, index: int = 0) -> Section:
-    found = [s for s in sections if s.kind == kind and s.index == index]
-    if len(found) != 1:
-        label = f"section {kind.decode('ascii')}[{index}]"
-        raise FormatError("missing" if not found else f"stands {len(found)} times, expected once", where=label)
-    _verified(found[0])
-    return found[0]
 
 
 def _joined(sections: list[Section], plane_class: PlaneClass, index: int, layer: LayerHeader) -> memoryview:
@@ -353,17 +231,6 @@ def _joined(sections: list[Section], plane_class: PlaneClass, index: int, layer:
         raise FormatError(f"{stated} bytes, its pictures need {last.offset + last.length}", where=label)
     # A prefix ends in at most one section and holds nothing of those behind it, so that what is joined has no gap.
     return parts[0].data if len(parts) == 1 else memoryview(b"".join(s.data for s in parts))
-
-
-def _verified(section: Section) -> bytes:
-    if crc32(section.data) != section.crc:
-        raise FormatError("CRC differs: the bytes were altered", where=section.label)
-    return bytes(section.data)
-
-
-def _require(condition: bool, section: Section, message: str) -> None:
-    if not condition:
-        raise FormatError(message, where=section.label)
 
 
 def _ascii(raw: bytes, section: Section) -> str:
@@ -398,25 +265,25 @@ def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray
     cursor = Cursor(section)
     height, width, degree, source_degree, flags, sets, n_channels, k, *numbers = cursor.unpack(L.LAYER_FIXED)
     z_min, z_max, lost, condition = numbers
-    _require(
+    require(
         1 <= height <= L.MAX_SIDE and 1 <= width <= L.MAX_SIDE,
         section,
         f"grid {width}x{height}, sides are 1 to {L.MAX_SIDE}",
     )
-    _require(
+    require(
         degree <= source_degree <= MAX_SH_DEGREE, section, f"SH degree {degree} of {source_degree}, accepted are 0 to 4"
     )
-    _require(
+    require(
         0 < z_min <= z_max < math.inf, section, f"depth limits {z_min:g} to {z_max:g}, expected positive and ordered"
     )
-    _require(math.isfinite(lost) and 0 < condition < math.inf, section, "a number is out of range")
-    _require(flags < 32, section, f"unknown flags {flags:#x}")
-    _require(n_channels <= L.MAX_CHANNELS, section, f"{n_channels} channels, at most {L.MAX_CHANNELS}")
+    require(math.isfinite(lost) and 0 < condition < math.inf, section, "a number is out of range")
+    require(flags < 32, section, f"unknown flags {flags:#x}")
+    require(n_channels <= L.MAX_CHANNELS, section, f"{n_channels} channels, at most {L.MAX_CHANNELS}")
     own = [cursor.unpack(L.INTRINSICS) for _ in poses] if flags & L.OWN_INTRINSICS else None
     quats = mix = basis = None
     if flags & L.RELATIVE_ROTATION:
         quats = np.array([cursor.unpack(L.REFERENCE_QUAT) for _ in poses], np.float32)
-        _require(
+        require(
             bool((np.abs(np.linalg.norm(quats.astype(np.float64), axis=1) - 1) < 1e-3).all()),
             section,
             "a reference quaternion is not of length 1",
@@ -424,14 +291,14 @@ def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray
     if flags & L.SCALE_MIX:
         values = np.array(cursor.unpack(L.SCALE_MIX_FIELDS), np.float32)
         mix = (values[:9].reshape(3, 3), values[9:])
-        _require(bool(np.isfinite(values).all()), section, "the scale mix is not finite")
+        require(bool(np.isfinite(values).all()), section, "the scale mix is not finite")
     d = 3 * (degree + 1) ** 2
     if flags & L.BASIS:
-        _require(1 <= k <= d, section, f"k = {k}, accepted are 1 to {d}")
+        require(1 <= k <= d, section, f"k = {k}, accepted are 1 to {d}")
         basis = np.frombuffer(cursor.take(d * k * 2), "<f2").reshape(d, k)
-        _require(bool(np.isfinite(basis).all()), section, "the basis is not finite")
+        require(bool(np.isfinite(basis).all()), section, "the basis is not finite")
     else:
-        _require(degree == 0 and k == 0, section, f"degree {degree} without a basis")
+        require(degree == 0 and k == 0, section, f"degree {degree} without a basis")
     targets = {**{c: s.stop - s.start for c, s in GEOMETRY.items()}, PlaneClass.COLOR: k or 3}
     channels = _read_channels(cursor, n_channels, targets, len(poses))
     cursor.finish()
@@ -455,19 +322,19 @@ def _read_channels(
     channels: list[L.ChannelRecord] = []
     for _ in range(count):
         number, target, coding, qp, scale, offset = cursor.unpack(L.CHANNEL)
-        _require(number < len(PlaneClass), section, f"plane class {number}, known are 0 to {len(PlaneClass) - 1}")
+        require(number < len(PlaneClass), section, f"plane class {number}, known are 0 to {len(PlaneClass) - 1}")
         plane_class = PlaneClass(number)
-        _require(target < targets[plane_class], section, f"{plane_class.label} has no channel {target}")
-        _require(coding in (L.CONSTANT, L.INTRA), section, f"coding {coding} is unknown")
-        _require(qp <= MAX_QP, section, f"QP {qp}, accepted are 0 to {MAX_QP}")
-        _require(
+        require(target < targets[plane_class], section, f"{plane_class.label} has no channel {target}")
+        require(coding in (L.CONSTANT, L.INTRA), section, f"coding {coding} is unknown")
+        require(qp <= MAX_QP, section, f"QP {qp}, accepted are 0 to {MAX_QP}")
+        require(
             abs(scale) < 1e30 and abs(offset) < 1e30,
             section,
             f"{plane_class.label}{target}: scale or offset out of range",
         )
-        _require(not channels or plane_class >= channels[-1].plane_class, section, "channels are out of order")
+        require(not channels or plane_class >= channels[-1].plane_class, section, "channels are out of order")
         is_first = all((plane_class, target) != (c.plane_class, c.target) for c in channels)
-        _require(is_first or plane_class == PlaneClass.DEPTH, section, f"{plane_class.label}{target} stands twice")
+        require(is_first or plane_class == PlaneClass.DEPTH, section, f"{plane_class.label}{target} stands twice")
         streams = []
         for _ in range(views if coding == L.INTRA else 0):
             length, crc = cursor.unpack(L.STREAM)

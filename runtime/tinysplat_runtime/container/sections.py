@@ -1,0 +1,135 @@
+"""A file as its sections: header and table checked, bytes found, numbers read off them.
+
+Part of the trust boundary of reader.py: no length is believed before it is compared with the bytes that are there.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from zlib import crc32
+
+from ..errors import FormatError
+from . import layout as L
+
+
+@dataclass(frozen=True)
+class Section:
+    """One row of the table and its bytes.
+
+    Attributes:
+        length: bytes that the table states; `data` has fewer where a prefix of the file ends in or before the section.
+        end: where the section ends in the file.
+    """
+
+    kind: bytes
+    index: int
+    length: int
+    crc: int
+    end: int
+    data: memoryview
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return f"section {self.kind.decode('ascii', 'replace')}[{self.index}]"
+
+
+class Cursor:
+    """Reads structures off a section, never past its end."""
+
+    def __init__(self, section: Section) -> None:
+        self.section, self.at = section, 0
+
+    def take(self, count: int) -> memoryview:
+        """The next bytes."""
+        left = len(self.section.data) - self.at
+        if count > left:
+            raise FormatError(f"at byte {self.at} needs {count} bytes, {left} remain", where=self.section.label)
+        self.at += count
+        return self.section.data[self.at - count : self.at]
+
+    def unpack(self, fields: struct.Struct) -> tuple:
+        """The next structure."""
+        return fields.unpack(self.take(fields.size))
+
+    def require(self, condition: bool, message: str) -> None:
+        """FormatError with the message and the section's name, unless the condition holds."""
+        require(condition, self.section, message)
+
+    def finish(self) -> None:
+        """FormatError if bytes are left."""
+        if self.at != len(self.section.data):
+            raise FormatError(f"{len(self.section.data) - self.at} bytes too many", where=self.section.label)
+
+
+def read_table(
+    view: memoryview, known: Collection[bytes], planes: Collection[bytes], *, is_prefix: bool
+) -> tuple[tuple[int, int], int, list[Section]]:
+    """Parse and check header and table.
+
+    Args:
+        view: the file, or its first bytes.
+        known: section types to return; others are skipped, or refused where they are required.
+        planes: those of them that a prefix may lack.
+        is_prefix: accept a file that ends before its table says.
+
+    Returns:
+        Version, bytes of the whole file, and the known sections.
+    """
+    if bytes(view[: len(L.MAGIC)]) != L.MAGIC:
+        raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
+    if len(view) < L.HEADER.size:
+        raise FormatError(f"needs {L.HEADER.size} bytes, there are {len(view)}: cut short", where="header")
+    _, major, minor, count, _, crc = L.HEADER.unpack(view[: L.HEADER.size])
+    if major != L.MAJOR:
+        raise FormatError(f"format version {major}.{minor}, this reader knows {L.MAJOR}.x", where="header")
+    end = L.HEADER.size + count * L.TABLE_ROW.size
+    if count > L.MAX_SECTIONS or end > len(view):
+        raise FormatError(f"{count} sections do not fit in {len(view)} bytes: cut short?", where="section table")
+    if crc32(view[L.HEADER.size : end], crc32(view[: L.HEADER.size - 4])) != crc:
+        raise FormatError("CRC differs: the header was altered", where="header")
+    sections = []
+    for row in range(count):
+        start = L.HEADER.size + row * L.TABLE_ROW.size
+        kind, flags, index, length, section_crc = L.TABLE_ROW.unpack(view[start : start + L.TABLE_ROW.size])
+        section = Section(kind, index, length, section_crc, end + length, view[end : end + length])
+        if len(section.data) != length and not is_prefix:
+            raise FormatError(f"needs {length} bytes, {len(section.data)} remain: cut short", where=section.label)
+        end += length
+        if kind in known:
+            sections.append(section)
+        elif flags & L.REQUIRED:
+            raise FormatError("unknown and required; a newer reader is needed", where=section.label)
+    if end < len(view):
+        raise FormatError(f"{len(view) - end} bytes behind the last section", where="file")
+    metadata_end = max((s.end for s in sections if s.kind not in planes), default=0)
+    if metadata_end > len(view):
+        raise FormatError(
+            f"the first {len(view)} bytes hold no picture; the metadata alone takes {metadata_end}", where="file"
+        )
+    return (major, minor), end, sections
+
+
+def only(sections: Sequence[Section], kind: bytes, index: int = 0) -> Section:
+    """The one section of a type and index, its CRC checked."""
+    found = [s for s in sections if s.kind == kind and s.index == index]
+    if len(found) != 1:
+        label = f"section {kind.decode('ascii')}[{index}]"
+        raise FormatError("missing" if not found else f"stands {len(found)} times, expected once", where=label)
+    verified(found[0])
+    return found[0]
+
+
+def verified(section: Section) -> bytes:
+    """A section's bytes; FormatError if their CRC differs."""
+    if crc32(section.data) != section.crc:
+        raise FormatError("CRC differs: the bytes were altered", where=section.label)
+    return bytes(section.data)
+
+
+def require(condition: bool, section: Section, message: str) -> None:
+    """FormatError with the message and the section's name, unless the condition holds."""
+    if not condition:
+        raise FormatError(message, where=section.label)
