@@ -112,6 +112,18 @@ def test_a_camera_of_another_file_can_be_rendered_at_another_size(encoded, scene
     assert read_image(tmp_path / "x.png").shape == (20, 30, 3)
 
 
+def test_a_decoded_scene_is_coded_like_its_file_without_loss(encoded, tmp_path):
+    succeed("decode", encoded["file"], "-o", tmp_path / "g.npz")
+    report = tmp_path / "r.json"
+    succeed(
+        "compress", tmp_path / "g.npz", "-o", tmp_path / "again.tsplat", "--like", encoded["file"], "--report", report
+    )
+    assert (tmp_path / "again.tsplat").read_bytes() == encoded["file"].read_bytes()
+    assert json.loads(report.read_text())["error_by_attribute"]["means"]["max"] == 0
+    for wrong, words in ((tmp_path / "g.npz", "like: header: not a .tsplat file"), ("gone.tsplat", "no such file")):
+        assert words in fail("compress", tmp_path / "g.npz", "-o", tmp_path / "x.tsplat", "--like", wrong)
+
+
 def test_info_is_an_object_without_decoding(encoded):
     described = json.loads(succeed("info", encoded["file"], "--json"))
     assert described["bytes"] == encoded["file"].stat().st_size

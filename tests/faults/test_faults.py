@@ -236,10 +236,12 @@ def _same(a: ts.Gaussians, b: ts.Gaussians) -> bool:
     return all((getattr(a, name) == getattr(b, name)).all() for name in FIELDS)
 
 
-def test_64_decodes_in_threads_of_one_runtime_are_identical(inputs) -> None:
-    data = inputs["file"].read_bytes()
+@pytest.mark.parametrize("views", [2, 16])
+def test_64_decodes_in_threads_of_one_runtime_are_identical(views) -> None:
     runtime = ts.Runtime(threads=2)
+    data = runtime.compress(make_smooth_gaussians(views, 8, 16, 0), "fast")
     wanted = runtime.decompress(data)
+    assert len(wanted.cameras) == views
     with ThreadPoolExecutor(64) as pool:
         assert all(_same(wanted, found) for found in pool.map(runtime.decompress, [data] * 64))
 
@@ -260,12 +262,13 @@ def test_one_runtime_encodes_decodes_and_renders_in_several_threads_at_once() ->
         np.testing.assert_array_equal(picture, alone[n % 4][1])
 
 
-def test_decodes_in_several_processes_are_identical(inputs, tmp_path) -> None:
-    processes = [_start("decode", inputs["file"], "-o", tmp_path / f"{n}.npz", "-q") for n in range(4)]
+@pytest.mark.parametrize("count", [4, pytest.param(64, marks=pytest.mark.slow)])
+def test_decodes_in_several_processes_at_once_are_identical(inputs, tmp_path, count) -> None:
+    processes = [_start("decode", inputs["file"], "-o", tmp_path / f"{n}.npz", "-q") for n in range(count)]
     for process in processes:
         status, err = _finish(process)
         assert status == 0, err
-    found = [ts.load_gaussians(tmp_path / f"{n}.npz") for n in range(4)]
+    found = [ts.load_gaussians(tmp_path / f"{n}.npz") for n in range(count)]
     assert all(_same(found[0], other) for other in found[1:])
 
 
@@ -328,6 +331,9 @@ def test_the_whole_chain_runs_without_a_socket(inputs, tmp_path, monkeypatch) ->
     steps = [
         ["encode", inputs["scene"], "-o", tmp_path / "f.tsplat", "--save-gaussians", tmp_path / "raw.npz"],
         ["compress", tmp_path / "raw.npz", "-o", tmp_path / "g.tsplat"],
+        ["compress", tmp_path / "raw.npz", "-o", tmp_path / "h.tsplat", "--like", tmp_path / "g.tsplat"],
+        ["encode", inputs["scene"], "-o", tmp_path / "p.tsplat", "--mode", "photos"],
+        ["convert", tmp_path / "g.tsplat", "-o", tmp_path / "g.ply"],
         ["decode", tmp_path / "f.tsplat", "-o", tmp_path / "g.npz"],
         ["render", tmp_path / "f.tsplat", "-o", tmp_path / "p.png"],
         ["info", tmp_path / "f.tsplat"],

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from tinysplat.bench.timing import Row
 
@@ -77,14 +78,20 @@ def plot_speed(path: Path, rows: Sequence[Row]) -> None:
     FigureCanvasAgg(figure)
     for i, stage in enumerate(stages):
         axes = figure.add_subplot(2, (len(stages) + 1) // 2, i + 1)
+        times = []
         for way, colour in WAYS.items():
             row = next(r for r in rows if (r.stage, r.variant) == (stage, way))
             if row.seconds is not None:
-                axes.scatter(row.seconds.cpu * 1000, max(row.figures["error"], _EXACT), color=colour, label=way, s=42)
+                times.append(row.seconds.cpu * 1000)
+                axes.scatter(times[-1], max(row.figures["error"], _EXACT), color=colour, label=way, s=42)
         axes.set(xscale="log", yscale="log", title=stage, ylim=(_EXACT / 3, 1))
-        axes.grid(alpha=0.3, which="both")
+        axes.set_xlim(min(times) / 1.6, max(times) * 1.6)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.grid(alpha=0.3)
         if i == 0:
-            axes.legend()
+            figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=len(WAYS))
     figure.supxlabel("CPU milliseconds, 2×256×256 Gaussians (lower left is better)")
     figure.supylabel("error (0 drawn at 1e-17)")
     figure.savefig(path, dpi=90)
@@ -105,7 +112,8 @@ def plot_errors(path: Path, rows: Sequence[NumericRow]) -> None:
             axes.plot(at, values, "o", color=colour, label=way, markersize=4)
         axes.plot(at, [row.bound for row in members], "_", color="black", label="bound", markersize=9)
         axes.set(yscale="log", title=name, xlabel="case, in the table's order", ylabel="error")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(alpha=0.3)
         if i == 0:
-            axes.legend(ncols=2, fontsize=8)
+            figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=len(WAYS) + 1)
     figure.savefig(path, dpi=90)

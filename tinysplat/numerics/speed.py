@@ -17,7 +17,7 @@ from tinysplat_runtime.codec.basis import reduce_basis, second_moment_weighting,
 from tinysplat_runtime.codec.quantize import choose_code_map
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inference import CONTRACTS, GraphStore
-from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats
+from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from tinysplat_runtime.render.prepare import ALPHA_MIN, prepare, principal_axes
 from tinysplat_runtime.render.project import DILATION, Splats, View, project
 from tinysplat_runtime.sh import sh_basis
@@ -39,11 +39,12 @@ def make_gaussians(degree: int = 4) -> Gaussians:
     rays = np.stack([(x - 128) / 230, (y - 128) / 230, np.ones_like(x)], axis=-1)
     cameras, means = [], []
     for view in range(VIEWS):
-        c2w = np.eye(4)
-        c2w[:3, 3] = origin + np.array([0.2 * view, 0, 0])
+        c2w, place = np.eye(4), np.array([0.2 * view, 0, 0])
+        c2w[:3, :3] = quats_to_matrices(normalize_quats(np.array([1.0, 0.2, -0.3 + 0.1 * view, 0.1])))
+        c2w[:3, 3] = origin + place
         cameras.append(Camera(K, c2w, WIDTH, HEIGHT))
         depth = 3 + np.sin(x / 20 + view) * np.cos(y / 15)
-        means.append(rays * depth[..., None] + np.array([0.2 * view, 0, 0]))
+        means.append(rays * depth[..., None] @ c2w[:3, :3].T + place)
     lead = (VIEWS, HEIGHT, WIDTH)
     functions = (degree + 1) ** 2
     sh = rng.normal(size=(*lead, functions, 3)) / (1 + np.arange(functions))[:, None]
