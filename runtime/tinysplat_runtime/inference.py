@@ -152,9 +152,11 @@ def open_graph(
         # Its fallback would print to standard output, and try again what just failed.
         session = ort.InferenceSession(source, options, providers=list(providers), enable_fallback=0)
         graph = Graph(artifact.name, session, _metadata(session), tuple(o.name for o in session.get_outputs()))
+        tensors = {kind: _tensors(nodes) for kind, nodes in (
+            ("input", session.get_inputs()), ("output", session.get_outputs()))}  # fmt: skip
     except Exception as error:  # UnicodeDecodeError among them: names in a file need not be UTF-8
         raise ModelError(f"not a graph onnxruntime can run: {_first_line(error)}", where=str(artifact.path)) from error
-    _check_contract(graph, CONTRACTS[contract], str(artifact.path))
+    _check_contract(graph, tensors, CONTRACTS[contract], str(artifact.path))
     return graph
 
 
@@ -221,24 +223,30 @@ def _metadata(session: Any) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _check_contract(graph: Graph, contract: Contract, where: str) -> None:
+def _tensors(nodes: Sequence[Any]) -> dict[str, tuple[str, int]]:
+    """Element type and rank by name."""
+    return {node.name: (node.type, len(node.shape)) for node in nodes}
+
+
+def _check_contract(
+    graph: Graph, found: Mapping[str, Mapping[str, tuple[str, int]]], contract: Contract, where: str
+) -> None:
+    """ModelError unless the graph's tensors, by kind and name, are the contract's."""
     version = graph.metadata.get("contract", CONTRACT_VERSION)
     if version != CONTRACT_VERSION:
-        raise ModelError(f"contract version {version}, this runtime speaks {CONTRACT_VERSION}", where=where)
-    found = {"input": graph.session.get_inputs(), "output": graph.session.get_outputs()}
+        raise ModelError(f"contract version {str(version)[:40]}, this runtime speaks {CONTRACT_VERSION}", where=where)
     for kind, wanted in (("input", contract.inputs), ("output", contract.outputs)):
-        by_name = {node.name: node for node in found[kind]}
         for name, (dtype, rank) in wanted.items():
-            node = by_name.pop(name, None)
-            if node is None:
-                raise ModelError(f"{kind} '{name}' is missing; it has {', '.join(by_name) or 'none'}", where=where)
-            if node.type != dtype or len(node.shape) != rank:
-                raise ModelError(
-                    f"{kind} '{name}' is {node.type} of rank {len(node.shape)}, expected {dtype} of rank {rank}",
-                    where=where,
-                )
-        if kind == "input" and by_name:
-            raise ModelError(f"input '{next(iter(by_name))}' is not in the contract ({', '.join(wanted)})", where=where)
+            if name not in found[kind]:
+                have = ", ".join(other for other in found[kind] if other not in wanted) or "no other"
+                raise ModelError(f"{kind} '{name}' is missing; it has {have[:200]}", where=where)
+            found_dtype, found_rank = found[kind][name]
+            if (found_dtype, found_rank) != (dtype, rank):
+                is_, expected = f"{found_dtype} of rank {found_rank}", f"{dtype} of rank {rank}"
+                raise ModelError(f"{kind} '{name}' is {is_}, expected {expected}", where=where)
+        unknown = [name for name in found[kind] if name not in wanted]
+        if kind == "input" and unknown:
+            raise ModelError(f"input '{unknown[0][:60]}' is not in the contract ({', '.join(wanted)})", where=where)
 
 
 def _first_line(error: Exception) -> str:

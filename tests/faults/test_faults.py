@@ -10,6 +10,7 @@ import gc
 import json
 import os
 import resource
+import shutil
 import signal
 import socket
 import subprocess
@@ -25,7 +26,8 @@ from evaluation_scenes import write_eval_scene
 from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.artifacts import models_dir
+from tinysplat_runtime.errors import ModelError, TinySplatError
 from tinysplat_runtime.gaussians import FIELDS
 
 ROUNDS = 4
@@ -341,3 +343,16 @@ def test_the_whole_chain_runs_without_a_socket(inputs, tmp_path, monkeypatch) ->
     ]
     for step in steps:
         assert cli.main([str(part) for part in step]) == 0
+
+
+@pytest.mark.parametrize("name", ["analysis_vpt", "synthesis", "sweep"])
+def test_a_model_that_differs_from_its_manifest_is_refused_when_it_is_loaded(name, inputs, tmp_path) -> None:
+    shutil.copytree(models_dir(), tmp_path / "models", ignore=shutil.ignore_patterns("edge*"))
+    altered = tmp_path / "models" / f"{name}.onnx"
+    data = bytearray(altered.read_bytes())
+    data[len(data) // 2] ^= 1
+    altered.write_bytes(data)
+    runtime = ts.Runtime(models=tmp_path / "models")
+    scene = ts.load_scene(inputs["scene"])
+    with pytest.raises(ModelError, match=f"{name}.onnx: sha256"):
+        runtime.decompress(runtime.encode(scene, "sweep"))

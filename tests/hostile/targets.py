@@ -26,7 +26,7 @@ from tinysplat_runtime.container.layout import Limits
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError, ModelError, NumericError
 from tinysplat_runtime.footage import open_video
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussians import FIELDS
 from tinysplat_runtime.images import read_image
 from tinysplat_runtime.inference import GraphStore, open_graph
 from tinysplat_runtime.inspection import inspect_bytes
@@ -223,7 +223,10 @@ def _network(path: Path) -> None:
     graph = open_graph(Artifact("f", path), "network", threads=1)
     cameras = make_cameras(2, 8, 8)
     gaussians = predict(np.full((2, 8, 8, 3), 0.5, np.float32), cameras, 1.0, 9.0, graph)
-    check_decoded(Gaussians.unchecked(**{f: getattr(gaussians, f) for f in FIELDS}, cameras=gaussians.cameras))
+    for layer in gaussians.layers:  # of any length: quaternions are normalised where they are used
+        lengths = np.linalg.norm(layer.quats.astype(np.float64), axis=-1, keepdims=True)
+        np.divide(layer.quats, lengths, out=layer.quats, where=lengths > 0, casting="same_kind")
+    check_decoded(gaussians)
 
 
 def _model(path: Path) -> None:

@@ -28,6 +28,16 @@ def test_damaged_input_is_refused_by_the_right_error_or_read_rightly(
     assert any(o.kind == "accepted" for o in outcomes)  # and what is right is read
 
 
+FOUND = {"network": (41, 1321, 2774, 16822), "transforms": (53, 839), "photos": (142,), "colmap": (1,)}
+"""Attacks that were findings once: docs/ROBUSTNESS.md, "What was found"."""
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_what_was_found_stays_fixed(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert [attack(TARGETS[name], case).kind for case in FOUND[name]] == ["refused"] * len(FOUND[name])
+    assert tuple(capfd.readouterr()) == ("", "")
+
+
 def test_attacks_with_the_same_number_are_the_same() -> None:
     target = TARGETS["container"]
     assert [attack(target, case) for case in range(30)] == [attack(target, case) for case in range(30)]
