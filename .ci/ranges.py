@@ -2,8 +2,8 @@
 
     python .ci/ranges.py [oldest] [newest]        # both, when none is named; `make test-ranges`
 
-Makes a virtual environment for each end, installs the project with the extra `io` and pytest, prints the versions that
-it got, and runs the tests that need nothing else. Takes a few minutes and the network.
+Makes a virtual environment for each end, installs the project with the extras `io` and `fast` and pytest, prints the
+versions that it got, and runs the tests that need nothing else. Takes five minutes and the network.
 """
 
 from __future__ import annotations
@@ -18,14 +18,22 @@ import tomllib
 
 ROOT = Path(__file__).resolve().parents[1]
 
-TESTS = ("tests/e2e/test_cli.py", "tests/unit/test_container.py", "tests/unit/test_hevc.py", "tests/unit/test_files.py")
-"""The whole chain from the command line, the container, and libx265 and libavcodec through PyAV."""
+TESTS = (
+    "tests/e2e/test_cli.py", "tests/unit/test_container.py", "tests/unit/test_hevc.py", "tests/unit/test_files.py",
+    "tests/unit/test_interchange.py", "tests/unit/test_ply.py", "tests/unit/test_like.py",
+    "tests/unit/test_render_extremes.py", "tests/parity/test_rasteriser.py",
+)  # fmt: skip
+"""The whole chain from the command line, the container, libx265 and libavcodec through PyAV, Gaussian files, and both
+ways to draw them."""
+
+EXTRAS = ("io", "fast")
 
 
 def requirements(end: str) -> list[str]:
-    """The base dependencies at one end of their ranges, for instance `numpy==1.26.0`."""
+    """The dependencies of the runtime and of its extras at one end of their ranges, for instance `numpy==1.26.0`."""
     with (ROOT / "pyproject.toml").open("rb") as file:
-        listed = tomllib.load(file)["project"]["dependencies"]
+        project = tomllib.load(file)["project"]
+    listed = [*project["dependencies"], *(r for extra in EXTRAS for r in project["optional-dependencies"][extra])]
     if end == "newest":
         return listed
     return [requirement.split(",")[0].replace(">=", "==") for requirement in listed]
@@ -43,7 +51,7 @@ def run(end: str) -> int:
             "--only-binary",
             ":all:",
             *requirements(end),
-            f"{ROOT}[io]",
+            f"{ROOT}[{','.join(EXTRAS)}]",
             "pytest>=8,<10",
             "pytest-timeout",
             "hypothesis",
@@ -51,7 +59,7 @@ def run(end: str) -> int:
         status = subprocess.run(command, check=False).returncode
         if status:
             return status
-        names = ("numpy", "onnxruntime", "av")
+        names = {requirement.split("==")[0].split(">=")[0] for requirement in requirements(end)}
         shown = subprocess.run([python, "-m", "pip", "freeze"], capture_output=True, text=True, check=True).stdout
         print(f"{end}: " + ", ".join(line for line in shown.splitlines() if line.split("==")[0] in names), flush=True)
         options = ["-q", "-p", "no:cacheprovider", "-W", "default"]  # old versions warn about what newer ones mended
