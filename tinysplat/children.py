@@ -1,22 +1,44 @@
-"""Worker processes that end with the process that started them, however that ends.
+"""Worker processes that end when they should: with the process that started them, and at once when interrupted.
 
 A pool's worker waits on a queue whose writing end its siblings hold open as well: when the parent is killed, it would
-wait for ever. Unix and Windows alike.
+wait for ever; and an interrupt, which a terminal sends to all, would end it with a traceback. Files are never torn by
+either, since they are renamed into place.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
-def end_with_parent() -> None:
-    """Call in a worker: from now on it ends at once when its parent does. Files are never torn by it."""
-    threading.Thread(target=_watch, daemon=True).start()
+@contextmanager
+def starting_workers() -> Iterator[None]:
+    """Processes that the block starts, as a pool does when it is first given work, see no interrupt before they are
+    settled; one that comes meanwhile is kept for all. Windows has no such mask: a traceback more there, at worst.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _watch() -> None:
+def settle_worker() -> None:
+    """Call in a worker that was started so, first of all."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

@@ -17,7 +17,7 @@ from typing import Any
 
 from tinysplat_runtime.errors import InputError, TinySplatError
 
-from ..children import end_with_parent
+from ..children import settle_worker, starting_workers
 from .jobs import Job
 
 Work = Callable[[Job], dict[str, Any]]
@@ -69,11 +69,12 @@ def _pool(
     """Run jobs of `queue` until it is empty or a process dies; the jobs then under way are added to `suspects`."""
     running: dict[Future[dict[str, Any]], tuple[Job, int]] = {}
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=end_with_parent) as pool:
+    with ProcessPoolExecutor(workers, context, initializer=settle_worker) as pool:
         while (queue or running) and not suspects:
             while queue and len(running) < AHEAD * workers:
                 try:
-                    future = pool.submit(work, queue[0][0])
+                    with starting_workers():
+                        future = pool.submit(work, queue[0][0])
                 except BrokenProcessPool:  # one died since the last result
                     if not running:
                         return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -14,7 +13,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.progress import progress
 
-from ..children import end_with_parent
+from ..children import settle_worker, starting_workers
 from .lpips_files import LpipsFiles
 from .measure import PictureMetric, measure_coding, prepare
 from .records import Key, Record, ResultStore, code_fingerprint, model_fingerprint
@@ -178,7 +177,8 @@ def _results(worker: _Worker, settings: Settings, pending: Sequence[Pending]) ->
     context = multiprocessing.get_context("spawn")
     count = min(settings.processes, len(pending))
     with ProcessPoolExecutor(count, context, initializer=_start_worker, initargs=(settings,)) as pool:
-        futures = {pool.submit(_run_in_worker, job, codings): job for job, codings in pending}
+        with starting_workers():
+            futures = {pool.submit(_run_in_worker, job, codings): job for job, codings in pending}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
@@ -266,8 +266,7 @@ _worker: _Worker | None = None
 def _start_worker(settings: Settings) -> None:
     """Set up a process of the pool: it dies with its parent, and at once when interrupted; records are never torn."""
     global _worker
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    end_with_parent()
+    settle_worker()
     _worker = _Worker(settings)
 
 
