@@ -201,7 +201,8 @@ def test_generations_edited_in_between_lose_little_beside_the_edits(profile) -> 
         rows = slice(8 * n, 8 * n + 8)
         raw, uncoded = _fainter(raw, rows), _fainter(uncoded, rows)
         data = ts.compress(_fainter(ts.decompress(data), rows), like=data)
-        assert _psnr(uncoded, raw) - _psnr(ts.decompress(data), raw) <= 0.1 * (n + 1)
+        # Pictures of one class and view are coded anew each time, which is no fixed point: docs/NUMERICS.md.
+        assert _psnr(uncoded, raw) - _psnr(ts.decompress(data), raw) <= 0.35 * (n + 1)
 
 
 # ---- the same bytes -------------------------------------------------------------------------------------------------
