@@ -46,46 +46,60 @@ def sh_degree(n_functions: int) -> int:
     return degree
 
 
+def band_1(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+    """The three functions of degree 1 at the unit vector (x, y, z)."""
+    return -_C1 * y, _C1 * z, -_C1 * x
+
+
+def band_2(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+    """The five of degree 2."""
+    xx, yy, zz = x * x, y * y, z * z
+    return (
+        2 * _C2[2] * (x * y),
+        -2 * _C2[2] * (y * z),
+        _C2[1] * (2 * zz - xx - yy),
+        -2 * _C2[2] * (x * z),
+        _C2[2] * (xx - yy),
+    )
+
+
+def band_3(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+    """The seven of degree 3."""
+    xx, yy, zz = x * x, y * y, z * z
+    return (
+        -_C3[0] * y * (3 * xx - yy),
+        _C3[1] * (x * y) * z,
+        -_C3[2] * y * (4 * zz - xx - yy),
+        _C3[3] * z * (2 * zz - 3 * xx - 3 * yy),
+        -_C3[2] * x * (4 * zz - xx - yy),
+        _C3[4] * z * (xx - yy),
+        -_C3[0] * x * (xx - 3 * yy),
+    )
+
+
+def band_4(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+    """The nine of degree 4."""
+    xx, yy, zz = x * x, y * y, z * z
+    return (
+        _C4[0] * (x * y) * (xx - yy),
+        -_C4[1] * (y * z) * (3 * xx - yy),
+        _C4[2] * (x * y) * (7 * zz - 1),
+        -_C4[3] * (y * z) * (7 * zz - 3),
+        _C4[4] * (zz * (35 * zz - 30) + 3),
+        -_C4[3] * (x * z) * (7 * zz - 3),
+        _C4[5] * (xx - yy) * (7 * zz - 1),
+        -_C4[1] * (x * z) * (xx - 3 * yy),
+        _C4[6] * (xx * (xx - 3 * yy) - yy * (3 * xx - yy)),
+    )
+
+
 def sh_terms(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
     """The (degree + 1)² basis functions of the unit vector (x, y, z), constant function left out (it is `C0`).
 
-    Arithmetic only, so that the same formulas serve numpy arrays and torch tensors.
+    Arithmetic only, so that the same formulas serve numpy arrays, torch tensors and compiled code.
     """
-    terms: list[Any] = []
-    if degree >= 1:
-        terms += [-_C1 * y, _C1 * z, -_C1 * x]
-    if degree >= 2:
-        xx, yy, zz = x * x, y * y, z * z
-        terms += [
-            2 * _C2[2] * (x * y),
-            -2 * _C2[2] * (y * z),
-            _C2[1] * (2 * zz - xx - yy),
-            -2 * _C2[2] * (x * z),
-            _C2[2] * (xx - yy),
-        ]
-    if degree >= 3:
-        terms += [
-            -_C3[0] * y * (3 * xx - yy),
-            _C3[1] * (x * y) * z,
-            -_C3[2] * y * (4 * zz - xx - yy),
-            _C3[3] * z * (2 * zz - 3 * xx - 3 * yy),
-            -_C3[2] * x * (4 * zz - xx - yy),
-            _C3[4] * z * (xx - yy),
-            -_C3[0] * x * (xx - 3 * yy),
-        ]
-    if degree >= 4:
-        terms += [
-            _C4[0] * (x * y) * (xx - yy),
-            -_C4[1] * (y * z) * (3 * xx - yy),
-            _C4[2] * (x * y) * (7 * zz - 1),
-            -_C4[3] * (y * z) * (7 * zz - 3),
-            _C4[4] * (zz * (35 * zz - 30) + 3),
-            -_C4[3] * (x * z) * (7 * zz - 3),
-            _C4[5] * (xx - yy) * (7 * zz - 1),
-            -_C4[1] * (x * z) * (xx - 3 * yy),
-            _C4[6] * (xx * (xx - 3 * yy) - yy * (3 * xx - yy)),
-        ]
-    return terms
+    bands = (band_1, band_2, band_3, band_4)[:degree]
+    return [term for band in bands for term in band(x, y, z)]
 
 
 def sh_basis(directions: NDArray, degree: int) -> NDArray:

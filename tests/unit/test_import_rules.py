@@ -28,7 +28,7 @@ EXTRAS_INSIDE_FUNCTIONS = {
 }
 """Packages that an extra brings, by the one module whose functions may import them."""
 
-EXTRA_MODULES = {"render/compiled.py": {"numba"}}  # tinysplat[fast]
+EXTRA_MODULES = {"render/kernels_project.py": {"numba"}}  # tinysplat[fast]
 """Modules that are only imported where an extra is installed, and may import it as they please."""
 
 

@@ -11,6 +11,7 @@ from reference.rasteriser import render_reference
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, render, renderer
+from tinysplat_runtime.render import compiled as compiled_code
 from tinysplat_runtime.render.tiles import depth_order, runs, stable_argsort
 
 OUTPUTS = ("rgb", "depth", "alpha")
@@ -67,12 +68,41 @@ def test_pictures_do_not_depend_on_where_runs_are_cut(monkeypatch):
             np.testing.assert_allclose(cut[name], whole[name], atol=1e-5)
 
 
+def test_compiled_pictures_do_not_depend_on_where_batches_of_tiles_are_cut(monkeypatch):
+    scene = cloud(3000, scales=np.full((3000, 3), 0.03))
+    r = Renderer(scene, threads=2, compiled=True)
+    whole = r.render(pinhole(150, 300), outputs=OUTPUTS)
+    for limit in (1, 2000):
+        monkeypatch.setattr(compiled_code, "MAX_KEYS", limit)
+        cut = r.render(pinhole(150, 300), outputs=OUTPUTS)
+        for name in OUTPUTS:
+            np.testing.assert_array_equal(cut[name], whole[name])
+
+
+@by_both
+def test_what_a_renderer_keeps_from_frame_to_frame_does_not_show(compiled):
+    scene = cloud(20_000)
+    r = Renderer(scene, threads=1, compiled=compiled)
+    near, turn = pinhole(60, 80), np.eye(4)
+    turn[:3, :3] = [[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]]
+    aside = np.eye(4)
+    aside[0, 3] = 0.2
+    for c2w in (near.c2w, turn, aside, turn, near.c2w):
+        camera = Camera(near.K, c2w, 80, 60)
+        fresh = Renderer(scene, threads=1, compiled=compiled).render(camera, outputs=OUTPUTS)
+        again = r.render(camera, outputs=OUTPUTS)
+        for name in OUTPUTS:
+            np.testing.assert_array_equal(again[name], fresh[name])
+
+
+@by_both
 @pytest.mark.parametrize("scales", [(50.0, 50.0, 50.0), (50.0, 1e-3, 1e-3)], ids=["blobs", "needles"])
-def test_memory_stays_bounded_when_every_gaussian_crosses_the_picture(scales):
+def test_memory_stays_bounded_when_every_gaussian_crosses_the_picture(scales, compiled):
     count = 5000
     scene = cloud(count, scales=np.tile(scales, (count, 1)), opacities=np.full(count, 0.006))
     camera = pinhole(128, 128)  # 1,024 tiles each: 5 million pairs
-    r = Renderer(scene, threads=1)
+    r = Renderer(scene, threads=1, compiled=compiled)
+    r.render(camera)  # compiles, where there is something to compile
     tracemalloc.start()
     image = r.render(camera, outputs=OUTPUTS)
     peak = tracemalloc.get_traced_memory()[1]

@@ -5,7 +5,7 @@
     frames = [renderer.render(c) for c in between(cameras, 60)]
 
 What flows where: `prepare` (once per Gaussians) → `project` (3-D to 2-D, colours) → `tiles` (who covers which
-4×4 pixels, in depth order) → `composite` (front to back).
+4×4 pixels, in depth order) → `composite` (front to back); or, where numba is installed, `prepare` → `compiled`.
 """
 
 from __future__ import annotations

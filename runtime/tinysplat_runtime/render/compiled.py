@@ -1,206 +1,220 @@
-"""Compiled compositing, chosen where numba is installed (`tinysplat[fast]`): the same pictures, several times as fast.
+"""The whole way from Gaussians to a picture as compiled code, chosen where numba is installed (`tinysplat[fast]`).
 
-The definition is that of `composite.py`; projection and depth order are shared with it. What differs is the way: the
-image is cut into bands of rows, and a band takes the splats in depth order, one row of one splat at a time, eight
-pixels to a vector instruction. Where numpy needs lists of splats per tile to have long arrays, a loop needs none.
+The definitions are those of `project.py` and `composite.py`, the pictures the same to 1e-5, in a fraction of the time.
+A frame takes two passes, both of them over pieces that threads share: blocks of Gaussians are projected and listed by
+the tiles of pixels that they reach; then every tile sorts its own list by depth and blends it. No stage waits for one
+thread alone, which a sort of all splats would.
 
-This module alone imports numba, so that it may be missing.
+Only the loops in `kernels_project.py` and `kernels_blend.py` need numba; `Renderer` imports this module where it is.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from typing import Any
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from .composite import ALPHA_MAX, N_COLOUR, TRANSMITTANCE_MIN
-from .prepare import ALPHA_MIN, BLOCK_SIZE
-from .project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, MARGIN_PX, RED, WIDE_PX, Splats, X, Y
+from . import kernels_blend, kernels_project
+from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
+from .kernels_project import BOTTOM, CHUNK, GAMMA, GEOMETRY, IS_WIDE, LEFT, REACH, RECORD, RIGHT, TOP
+from .prepare import Block
+from .project import View, footprint_exponent, jacobian_limits, pixels_between, wide_shapes
 from .tiles import WIDE_MARGIN
 
-BANDS = 16
-"""Most bands of an image: enough for threads to share them evenly, few enough that each may look at every splat."""
+MAX_KEYS = 4_000_000
+"""Most (tile, splat) pairs listed at a time, 16 bytes each, unless a single tile has more."""
 
-LANES = 8
-"""Pixels blended together: the floats of a 32-byte vector."""
 
-_PLANES = 2 + N_COLOUR  # transmittance, red, green, blue, Σ w·z
-_F = np.float32
-_ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
-_RED, _GREEN, _BLUE, _DEPTH = (np.uint64(plane * LANES) for plane in range(1, _PLANES))
-_HALF, _MARGIN, _WIDE, _WIDER = _F(0.5), _F(MARGIN_PX), _F(WIDE_PX), _F(WIDE_MARGIN)
+@dataclass(frozen=True, eq=False)
+class _Packed:
+    """A block in the order that the loops want.
 
-Number = Any  # numba infers what kind when it compiles
+    Attributes:
+        block: the Gaussians without their planes.
+        first: row of its first record.
+        geometry: (chunks·13·128,) float32, see `kernels_project.project`. Rows that fill the last chunk up have no
+            opacity, which keeps them out of every picture.
+        sh: (chunks, 3 S·128) float32.
+        is_coloured: (chunks,) uint8, which chunks' records hold colours as seen from the renderer's present place.
+    """
 
-# A product and a sum may become one instruction; nothing else of "fast math" is safe with infinities about.
-_compile = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
+    block: Block
+    first: int
+    geometry: NDArray
+    sh: NDArray
+    is_coloured: NDArray
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.first, self.first + CHUNK * self.is_coloured.size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Visible:
+    """What of a block a frame shows: rows of records (m,), their tiles (m, 4), and how many by tile (tiles,)."""
+
+    ids: NDArray
+    boxes: NDArray
+    counts: NDArray
+
+
+class _Workspace:
+    """Scratch arrays of one thread."""
+
+    def __init__(self) -> None:
+        self.chunk = np.empty(kernels_project.SCRATCH, np.float32)
+        self.state = np.empty(kernels_blend.STATE, np.float32)
+        self.near = np.empty((kernels_blend.AHEAD, RECORD), np.float32)
+        self.histogram = np.empty(kernels_blend.DIGITS, np.int64)
 
 
 class Canvas:
-    """What every pixel has gathered.
+    """What every pixel has gathered: (H, W, 3) and (H, W) float32, `depth` (0, 0) where none is asked for."""
 
-    Attributes:
-        state: (H, groups, 5, 8) float32: transmittance, red, green, blue, Σ w·z of groups of eight pixels. The
-            transmittance of a pixel that has stopped is negative. Planes of a group lie at constant distances from
-            each other, without which the compiler could not tell that writing one leaves the others alone.
-    """
-
-    def __init__(self, height: int, width: int) -> None:
-        self.width = width
-        self.state = np.zeros((height, -(-width // LANES), _PLANES, LANES), np.float32)
-        self.state[:, :, 0] = 1
-
-    def _image(self, planes: slice) -> NDArray:
-        picked = self.state[:, :, planes].swapaxes(2, 3)
-        return picked.reshape(len(picked), -1, picked.shape[-1])[:, : self.width]
+    def __init__(self, height: int, width: int, with_depth: bool) -> None:
+        self.colour = np.empty((height, width, 3), np.float32)
+        self.left = np.empty((height, width), np.float32)
+        self.depth = np.empty((height, width) if with_depth else (0, 0), np.float32)
 
     def colours(self) -> NDArray:
         """(H, W, 3) what the splats add."""
-        return self._image(slice(1, 1 + N_COLOUR))
+        return self.colour
 
     def transmittance(self) -> NDArray:
         """(H, W) what the splats let through."""
-        return np.abs(self._image(slice(0, 1))[..., 0])
+        return self.left
 
     def depths(self) -> tuple[NDArray, NDArray]:
         """(H, W) each: Σ w·z, and Σ w."""
-        return self._image(slice(1 + N_COLOUR, None))[..., 0], np.float32(1) - self.transmittance()
+        return self.depth, np.float32(1) - self.left
 
 
-def composite(splats: Splats, order: NDArray, height: int, width: int, run_jobs: Callable) -> Canvas:
-    """Blend splats into a picture.
+class Rasteriser:
+    """Draws the same Gaussians again and again.
 
-    Args:
-        splats: the frame's splats.
-        order: (R,) int64 rows of the visible ones, nearest first.
-        height, width: of the picture.
-        run_jobs: maps a function over a list, perhaps on several threads.
+    Between frames it keeps the packed Gaussians and all buffers, and the colours for as long as the camera's centre
+    stays where it is: turning, zooming and other sizes leave the directions that SH depend on alone.
     """
-    canvas = Canvas(height, width)
-    rows = np.empty((2, order.size), np.int32)
 
-    def find_rows(start: int) -> None:
-        part = slice(start, start + BLOCK_SIZE)
-        _rows(splats.records, splats.log_opacities, order[part], height, rows[:, part])
+    def __init__(self, blocks: Iterable[Block], run_jobs: Callable) -> None:
+        """Pack blocks one at a time, so that they need not all exist in both orders; `run_jobs` maps over a list."""
+        self._packed = list(_pack(blocks))
+        rows = self._packed[-1].rows.stop if self._packed else 0
+        self._records = np.empty((rows, RECORD), np.float32)
+        self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
+        self._place = np.full(3, np.nan)
+        self._run = run_jobs
+        self._local = threading.local()
 
-    run_jobs(find_rows, range(0, order.size, BLOCK_SIZE))
-    band = -(-height // BANDS)
+    def draw(self, view: View, with_depth: bool) -> Canvas:
+        """Draw a frame."""
+        height, width = view.camera.height, view.camera.width
+        canvas = Canvas(height, width, with_depth)
+        columns, count = -(-width // TILE_WIDTH), -(-width // TILE_WIDTH) * -(-height // TILE_HEIGHT)
+        if not np.array_equal(view.offset, self._place):
+            self._place = view.offset
+            for packed in self._packed:
+                packed.is_coloured[:] = 0
+        visible = self._run(lambda packed: self._project(packed, view, columns, count), self._packed)
+        counts = np.stack([np.zeros(count, np.int64), *(part.counts for part in visible)])  # (blocks + 1, tiles)
+        for first, last in _batches(counts.sum(axis=0)):
+            self._composite(visible, counts[1:, first:last], (first, last), columns, canvas)
+        return canvas
 
-    def blend(first: int) -> None:
-        state = canvas.state[first : first + band]
-        mine = np.flatnonzero((rows[0] < first + len(state)) & (rows[1] >= first))
-        _blend(splats.records, splats.log_opacities, splats.depths, order[mine], rows[:, mine], first, width, state)
+    def _workspace(self) -> _Workspace:
+        if not hasattr(self._local, "workspace"):
+            self._local.workspace = _Workspace()
+        return self._local.workspace
 
-    run_jobs(blend, range(0, height, band))
-    return canvas
-
-
-@_compile
-def _rows(records: NDArray, log_opacities: NDArray, order: NDArray, height: Number, out: NDArray) -> None:
-    """First and last row of pixels that each footprint may reach, into `out` (2, R)."""
-    for entry in range(order.size):
-        splat = order[entry]
-        y, gamma = records[splat, Y], records[splat, GAMMA]
-        reach = math.sqrt(log_opacities[splat] - _LOG_ALPHA_MIN + _WIDER) / gamma + _MARGIN
-        out[0, entry] = _clipped(np.ceil(y - reach - _HALF), 0, height)
-        out[1, entry] = _clipped(np.floor(y + reach - _HALF), -1, height - 1)
-
-
-@_compile
-def _clipped(value: Number, low: Number, high: Number) -> Number:
-    """A whole number within limits; infinities are, too, and NaN is the lower limit."""
-    return high if value > high else (int(value) if value > low else low)
-
-
-@_compile
-def _exp(x: Number) -> Number:
-    """e^x for x in [−80, 88] to two units in the last place, as arithmetic that vectorises (Cephes' expf)."""
-    biased = np.int32(x * _F(1.44269504) + _F(127.5))  # the nearest power of two, and 127
-    whole = _F(biased) - _F(127)
-    r = x - whole * _F(0.693359375) + whole * _F(2.12194440e-4)
-    p = _F(1.9875691500e-4)
-    p = p * r + _F(1.3981999507e-3)
-    p = p * r + _F(8.3334519073e-3)
-    p = p * r + _F(4.1665795894e-2)
-    p = p * r + _F(1.6666665459e-1)
-    p = p * r + _F(5.0000001201e-1)
-    return (p * r * r + r + _F(1)) * np.int32(biased << np.int32(23)).view(np.float32)
-
-
-@_compile
-def _blend(
-    records: NDArray,
-    log_opacities: NDArray,
-    depths: NDArray,
-    order: NDArray,
-    rows: NDArray,
-    first: Number,
-    width: Number,
-    state: NDArray,
-) -> None:
-    """Blend splats into the rows of one band, `state` (h, groups, 5, 8), whose first row is `first`."""
-    groups, flat = state.shape[1], state.reshape(-1)
-    last = first + state.shape[0] - 1
-    for entry in range(order.size):
-        splat = order[entry]
-        x, y, alpha_x, beta_x, gamma = (
-            records[splat, X], records[splat, Y], records[splat, ALPHA_X], records[splat, BETA_X], records[splat, GAMMA]
+    def _project(self, packed: _Packed, view: View, columns: int, count: int) -> _Visible:
+        """Fill a block's records, and list what of them is visible."""
+        records, work = self._records[packed.rows], self._workspace()
+        numbers = np.concatenate(
+            [
+                view.offset, view.camera.K[:2, 2], *jacobian_limits(view), view.projection.ravel(),
+                [view.near_plane, view.camera.width, view.camera.height],
+            ]
         )  # fmt: skip
-        colour = records[splat, RED], records[splat, GREEN], records[splat, BLUE]
-        tau, reach = log_opacities[splat] - _LOG_ALPHA_MIN, _F(1) / alpha_x
-        half_width = math.sqrt(beta_x * beta_x + gamma * gamma) * reach / gamma
-        is_wide = not half_width + _F(1) / gamma < _WIDE  # beyond float32: take whole rows
-        half = _F(np.inf) if is_wide else half_width * math.sqrt(tau) + _MARGIN
-        left, right = _columns(x, half, width)
-        has_chords = right - left >= 2 * LANES and not is_wide  # narrower ones save nothing by them
-        for row in range(max(first, rows[0, entry]), min(last, rows[1, entry]) + 1):
-            dy = _F(row) + _HALF - y
-            fall = gamma * dy * (gamma * dy)
-            if has_chords:
-                if fall > tau:
-                    continue
-                left, right = _columns(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach + _MARGIN, width)
-            for group in range(left // LANES, right // LANES + 1 if left <= right else 0):
-                across = alpha_x * (_F(group * LANES) + _HALF - x) + beta_x * dy
-                # Unsigned, as a signed index might be negative and count from the end, which no vector can.
-                start = np.uint64(((row - first) * groups + group) * (_PLANES * LANES))
-                _blend_group(flat, start, across, alpha_x, log_opacities[splat] - fall, colour, depths[splat])
+        if kernels_project.project(packed.geometry, packed.sh, packed.is_coloured, numbers, work.chunk, records):
+            _redo_wide(packed.block, view, records)
+        ids, boxes, counts = self._ids[packed.rows], self._boxes[packed.rows], np.zeros(count, np.int64)
+        shown = kernels_blend.list_visible(records, packed.first, columns, ids, boxes, counts)
+        return _Visible(ids[:shown], boxes[:shown], counts)
+
+    def _composite(
+        self, visible: list[_Visible], counts: NDArray, tiles: tuple[int, int], columns: int, canvas: Canvas
+    ) -> None:
+        """Blend some tiles; `counts` (blocks, tiles) of their splats."""
+        ends = np.cumsum(counts.T).reshape(-1, len(visible))  # a tile's list holds its splats block by block
+        bounds = np.append(0, ends[:, -1])
+        starts = np.ascontiguousarray((ends - counts.T).T)
+        keys, scratch = np.empty((2, bounds[-1]), np.uint64)
+        self._run(
+            lambda part: kernels_blend.list_by_tile(
+                self._records, part[0].ids, part[0].boxes, columns, tiles, part[1], keys
+            ),
+            list(zip(visible, starts, strict=True)),
+        )
+
+        def blend(tile: int) -> None:
+            work, part = self._workspace(), slice(bounds[tile], bounds[tile + 1])
+            row, column = divmod(tiles[0] + tile, columns)
+            kernels_blend.composite_tile(
+                self._records, keys[part], scratch[part], (row * TILE_HEIGHT, column * TILE_WIDTH),
+                (work.state, work.near, work.histogram), (canvas.colour, canvas.left, canvas.depth),
+            )  # fmt: skip
+
+        self._run(blend, np.argsort(np.diff(bounds))[::-1].tolist())  # the longest first, so that threads end together
 
 
-@_compile
-def _columns(middle: Number, half: Number, width: Number) -> tuple[Number, Number]:
-    """First and last column of pixels whose centres lie within `half` of `middle`."""
-    first = _clipped(np.ceil(middle - half - _HALF), 0, width)
-    return first, _clipped(np.floor(middle + half - _HALF), -1, width - 1)
+def _pack(blocks: Iterable[Block]) -> Iterator[_Packed]:
+    first = 0
+    for block in blocks:
+        chunks, functions = -(-block.size // CHUNK), block.sh.shape[0]
+        planes = np.zeros((GEOMETRY, chunks * CHUNK), np.float32)
+        planes[-1] = -np.inf
+        planes[:3, : block.size] = block.means
+        planes[3:-1, : block.size] = block.axes.reshape(9, -1)
+        planes[-1, : block.size] = block.log_opacities
+        sh = np.zeros((3 * functions, chunks * CHUNK), np.float32)
+        sh[:, : block.size] = block.sh.reshape(3 * functions, -1)
+        geometry, sh = (_by_chunk(planes, chunks) for planes in (planes, sh))
+        yield _Packed(block.without_planes(), first, geometry.ravel(), sh, np.zeros(chunks, np.uint8))
+        first += chunks * CHUNK
 
 
-@_compile
-def _blend_group(
-    pixels: NDArray,
-    start: Number,
-    across: Number,
-    alpha_x: Number,
-    exponent: Number,
-    colour: tuple[Number, Number, Number],
-    depth: Number,
-) -> None:
-    """Blend one splat into the eight pixels whose planes begin at `start`; free of branches, so that it vectorises."""
-    red, green, blue = colour
-    for lane in range(LANES):
-        at = start + np.uint64(lane)
-        u = across + alpha_x * _F(lane)
-        alpha = min(_exp(max(exponent - u * u, _F(-80))), _ALPHA_MAX)
-        before = pixels[at]
-        weight = alpha * max(before, _F(0)) if alpha >= _ALPHA_MIN else _F(0)
-        after = before - weight
-        stops = (after < TRANSMITTANCE_MIN) & (weight > _F(0))
-        weight = _F(0) if stops else weight
-        pixels[at] = -before if stops else after
-        pixels[at + _RED] += weight * red
-        pixels[at + _GREEN] += weight * green
-        pixels[at + _BLUE] += weight * blue
-        pixels[at + _DEPTH] += weight * depth
+def _by_chunk(planes: NDArray, chunks: int) -> NDArray:
+    """(planes, chunks·128) to (chunks, planes·128)."""
+    return np.ascontiguousarray(planes.reshape(len(planes), chunks, CHUNK).swapaxes(0, 1)).reshape(chunks, -1)
+
+
+def _batches(counts: NDArray) -> Iterator[tuple[int, int]]:
+    """Ranges of tiles that have at most `MAX_KEYS` splats together, or a single tile."""
+    ends = np.cumsum(counts)
+    first = 0
+    while first < counts.size:
+        before = ends[first - 1] if first else 0
+        last = max(int(np.searchsorted(ends, before + MAX_KEYS, side="right")), first + 1)
+        yield first, last
+        first = last
+
+
+def _redo_wide(block: Block, view: View, records: NDArray) -> None:
+    """Do what float32 is too narrow for in float64, by the code of the numpy path."""
+    rows = np.flatnonzero(records[: block.size, IS_WIDE])
+    planes, half = wide_shapes(block, view, rows)
+    tau = footprint_exponent(block.log_opacities[rows])
+    shows = np.isfinite(planes).all(axis=0)
+    with np.errstate(all="ignore"):
+        edges = []
+        for centre, extent, size in zip(planes[:2], half, (view.camera.width, view.camera.height), strict=True):
+            edges.append(pixels_between(centre - extent * np.sqrt(tau), centre + extent * np.sqrt(tau), size))
+            shows &= edges[-1][0] <= edges[-1][1]
+        reach = np.sqrt(tau + np.float32(WIDE_MARGIN)) / planes[GAMMA]
+        top, bottom = pixels_between(planes[1] - reach, planes[1] + reach, view.camera.height)
+    records[rows, : GAMMA + 1] = planes.T
+    records[rows, LEFT], records[rows, TOP], records[rows, BOTTOM], records[rows, REACH] = 0, top, bottom, 0
+    records[rows, RIGHT] = np.where(shows & (top <= bottom), view.camera.width - 1, -1)

@@ -7,7 +7,7 @@ floats. A block is sized so that its temporaries stay in a core's L2 cache while
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,11 @@ class Block:
         """Number of Gaussians n."""
         return self.log_opacities.size
 
+    def without_planes(self) -> Block:
+        """The same without `axes` and `sh`, which most of its memory goes to."""
+        nothing = np.zeros((0, 3, 0), np.float32)
+        return replace(self, axes=nothing, sh=nothing)
+
 
 def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
     """R(q)·diag(s) as (3, 3, n) planes of the inputs' dtype; Σ = axes·axesᵀ (Kerbl et al. 2023, eq. 6)."""
@@ -55,18 +60,17 @@ def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
     return np.ascontiguousarray(np.moveaxis(axes, 0, -1))
 
 
-def prepare(gaussians: Gaussians) -> tuple[Block, ...]:
+def prepare(gaussians: Gaussians) -> Iterator[Block]:
     """Cut all layers of the Gaussians into blocks, in order; those that can never show are left out."""
-    blocks: list[Block] = []
     first = 0
     for fields in _slices(gaussians):
         shows = fields["opacities"] >= ALPHA_MIN
         if not shows.all():
             fields = {name: array[shows] for name, array in fields.items()}
         if fields["opacities"].size:
-            blocks.append(_block(first, **fields))
-            first += blocks[-1].size
-    return tuple(blocks)
+            block = _block(first, **fields)
+            yield block
+            first += block.size
 
 
 def _slices(gaussians: Gaussians) -> Iterator[dict[str, NDArray]]:

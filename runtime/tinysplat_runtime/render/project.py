@@ -150,10 +150,8 @@ def _shapes(
     Returns:
         (2, n) half extents of the footprints, pixels, and the indices of wide ones.
     """
-    size = np.array([[view.camera.width], [view.camera.height]])
-    principal = view.camera.K[:2, 2:]
-    low, high = -JACOBIAN_MARGIN * size - principal, (1 + JACOBIAN_MARGIN) * size - principal
-    clamped = np.clip(centred, low, high)
+    low, high = jacobian_limits(view)
+    clamped = np.clip(centred, low[:, None], high[:, None])
     half = np.empty((2, block.size), np.float32)
     outs = [*planes[ALPHA_X : GAMMA + 1], *half]
     jacobian = _jacobian(view, clamped.astype(np.float32), inverse_z.astype(np.float32))
@@ -161,13 +159,32 @@ def _shapes(
         out[:] = values
     wide = np.flatnonzero(is_wide(*half) & in_front)
     if wide.size:
-        axes = principal_axes(block.quats[wide].astype(np.float64), block.scales[wide].astype(np.float64))
-        jacobian = _jacobian(view, clamped.take(wide, axis=-1), inverse_z.take(wide))
-        for out, values in zip(outs, _factors(jacobian, axes), strict=True):
-            out[wide] = np.clip(values, -LIMIT, LIMIT)
-        planes[X : Y + 1, wide] = np.clip(planes[X : Y + 1, wide], -LIMIT, LIMIT)
+        planes[: GAMMA + 1, wide], half[:, wide] = wide_shapes(block, view, wide)
         in_front[wide] &= np.isfinite(planes[: GAMMA + 1, wide]).all(axis=0)  # NaN is among the wide
     return half * np.sqrt(footprint_exponent(block.log_opacities)), wide
+
+
+@np.errstate(all="ignore")
+def wide_shapes(block: Block, view: View, rows: NDArray) -> tuple[NDArray, NDArray]:
+    """Project `rows` (m,) of a block in float64.
+
+    Returns:
+        (5, m) pixels and factors of the exponent, (2, m) half extents per √τ; float32 within `LIMIT`, or NaN.
+    """
+    point = np.einsum("ij,jn->in", view.projection, block.means[:, rows] + view.offset[:, None])
+    centred = point[:2] / point[2]
+    low, high = jacobian_limits(view)
+    jacobian = _jacobian(view, np.clip(centred, low[:, None], high[:, None]), 1 / point[2])
+    axes = principal_axes(block.quats[rows].astype(np.float64), block.scales[rows].astype(np.float64))
+    values = np.stack([*(centred + view.camera.K[:2, 2:]), *_factors(jacobian, axes)])
+    values = np.clip(values, -LIMIT, LIMIT).astype(np.float32)
+    return values[: GAMMA + 1], values[GAMMA + 1 :]
+
+
+def jacobian_limits(view: View) -> tuple[NDArray, NDArray]:
+    """(2,) each: least and greatest pixel of the Jacobian's point, counted from the principal point."""
+    size, principal = np.array([view.camera.width, view.camera.height]), view.camera.K[:2, 2]
+    return -JACOBIAN_MARGIN * size - principal, (1 + JACOBIAN_MARGIN) * size - principal
 
 
 def _jacobian(view: View, clamped: NDArray, inverse_z: NDArray) -> NDArray:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from functools import partial
 from numbers import Real
 from types import ModuleType
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.threads import Crew, available_cores
 
 from .composite import Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
@@ -44,7 +43,7 @@ class Renderer:
         Args:
             gaussians: (V, H, W) with or without further layers, or (N,).
             threads: how many to use; None for one per available core.
-            compiled: whether compositing runs as compiled code, which needs numba (`tinysplat[fast]`) and gives the
+            compiled: whether frames are drawn by compiled code, which needs numba (`tinysplat[fast]`) and gives the
                 same pictures to 1e-5 except where rounding decides a threshold; None where numba is installed.
 
         Raises:
@@ -55,16 +54,17 @@ class Renderer:
             raise InputError(f"{type(gaussians).__name__}, expected Gaussians", where="gaussians")
         self._threads = _whole_number("threads", threads) if threads is not None else available_cores()
         self._origin = gaussians.origin
-        self._blocks = prepare(gaussians)
+        self._run = Crew(self._threads).map
+        module = _compiled_module(required=compiled is True) if compiled is not False else None
+        self._compiled = module.Rasteriser(prepare(gaussians), self._run) if module else None
+        self._blocks = () if module else tuple(prepare(gaussians))
         self._splats = Splats(sum(block.size for block in self._blocks))
-        self._compiled = _compiled_module(required=compiled is True) if compiled is not False else None
-        self._pool = ThreadPoolExecutor(self._threads, "render") if self._threads > 1 else None
         self._local = threading.local()
         self._lock = threading.Lock()
 
     @property
     def is_compiled(self) -> bool:
-        """Whether compositing runs as compiled code."""
+        """Whether frames are drawn by compiled code."""
         return self._compiled is not None
 
     def render(
@@ -96,11 +96,11 @@ class Renderer:
         return images["rgb"] if outputs == ("rgb",) else images
 
     def _draw(self, view: View, with_depth: bool) -> Any:
+        if self._compiled is not None:
+            return self._compiled.draw(view, with_depth)
         splats = self._splats
         ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
         order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
-        if self._compiled is not None:
-            return self._compiled.composite(splats, order, view.camera.height, view.camera.width, self._run)
         return self._composite(order, Grid(view.camera.width, view.camera.height), with_depth)
 
     def _composite(self, order: NDArray, grid: Grid, with_depth: bool) -> Canvas:
@@ -118,10 +118,6 @@ class Renderer:
         if not hasattr(self._local, "workspace"):
             self._local.workspace = Workspace()
         composite(canvas, self._splats, pairs, tiles, self._local.workspace)
-
-    def _run(self, job: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-        """Map `job` over items. What a job does never depends on the thread that runs it, nor on the others."""
-        return list(self._pool.map(job, items) if self._pool else map(job, items))
 
 
 def render(

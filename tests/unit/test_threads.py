@@ -1,0 +1,48 @@
+"""A crew of threads shares out work: every item once, results in order, errors to the caller."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from tinysplat_runtime.threads import Crew
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("count", [0, 1, 2, 100])
+def test_results_come_in_the_order_of_the_items(threads, count):
+    done = []
+    results = Crew(threads).map(lambda n: done.append(n) or n * n, range(count))
+    assert results == [n * n for n in range(count)]
+    assert sorted(done) == list(range(count))
+
+
+def test_the_caller_is_one_of_the_threads():
+    meeting = threading.Barrier(3, timeout=20)
+
+    def job(_):
+        meeting.wait()  # only passes when three work at once
+        return threading.current_thread()
+
+    workers = Crew(3).map(job, range(3))
+    assert threading.current_thread() in workers
+    assert len(set(workers)) == 3
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("bad", [0, 7, 49])
+def test_an_error_reaches_the_caller_and_ends_the_work(threads, bad):
+    begun = []
+
+    def job(n):
+        begun.append(n)
+        if n == bad:
+            raise ValueError(str(n))
+
+    crew = Crew(threads)
+    with pytest.raises(ValueError, match=str(bad)):
+        crew.map(job, range(50))
+    if threads == 1:
+        assert begun == list(range(bad + 1))
+    assert crew.map(str, range(3)) == ["0", "1", "2"]  # and it can work again
