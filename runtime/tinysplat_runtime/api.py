@@ -68,7 +68,8 @@ class Runtime:
             raise InputError(f"{threads}, expected 1 or more", where="threads")
         self.threads = threads or available_cores()
         self.limits = limits or Limits()
-        self.store = GraphStore(threads=self.threads, providers=providers, models=models)
+        # Decoding runs the synthesis of a view on each thread; threads within would only get in each other's way.
+        self.store = GraphStore(threads=1, providers=providers, models=models)
 
     def predict(self, scene: Scene, model: str = DEFAULT_MODEL, *, watch: Stopwatch | None = None) -> Gaussians:
         """Gaussians of all views of a scene.

@@ -118,12 +118,15 @@ def render(args: Namespace) -> None:
     else:
         path = _camera_path(args, gaussians)
         with watch.stage("render"):
+            # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
             frames = (renderer.render(camera, args.size) for camera in path)
             write_video(args.output, progress(frames, len(path), "render", quiet=args.quiet))
     if args.report:
         _write_json(args.report, _render_report(args, gaussians, watch))
     if not args.quiet:
-        print(f"{args.output}: {watch.seconds['render']:.3f} s")
+        seconds = watch.seconds["render"]
+        rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
+        print(f"{args.output}: {seconds:.3f} s{rate}")
 
 
 def _depth_map(args: Namespace, depth: NDArray) -> NDArray:

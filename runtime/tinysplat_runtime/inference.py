@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from .artifacts import Artifact, find_artifact, network_by_hash
 from .errors import ModelError
+from .recycling import Recycler
 from .threads import available_cores
 
 CONTRACT_VERSION = 1
@@ -115,6 +116,31 @@ class Graph:
             raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
         return dict(zip(names, values, strict=True))
 
+    def run_into(self, inputs: Mapping[str, NDArray], outputs: Mapping[str, NDArray]) -> None:
+        """Run that part of the graph which some outputs need, straight into arrays.
+
+        Args:
+            inputs: every input by name, C-contiguous in the contract's dtype; those that the wanted outputs do not
+                depend on may have any size.
+            outputs: C-contiguous arrays of exactly the results' shapes by name, overwritten.
+
+        Raises:
+            ModelError: as `run`.
+        """
+        import onnxruntime as ort
+
+        options = ort.RunOptions()
+        options.only_execute_path_to_fetches = True
+        binding = self.session.io_binding()
+        try:
+            for name, array in inputs.items():
+                binding.bind_cpu_input(name, array)
+            for name, array in outputs.items():
+                binding.bind_output(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
+            self.session.run_with_iobinding(binding, options)
+        except Exception as error:
+            raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
+
 
 def open_graph(
     artifact: Artifact,
@@ -169,6 +195,9 @@ class GraphStore:
             change last bits, and with them the bytes of a file.
         providers: onnxruntime execution providers in order of preference.
         models: folder of the artifacts; None for the usual places.
+
+    Attributes:
+        memory: where the results of synthesis lie.
     """
 
     def __init__(
@@ -179,6 +208,7 @@ class GraphStore:
         models: str | os.PathLike[str] | None = None,
     ) -> None:
         self._threads, self._providers, self._models = threads, tuple(providers), models
+        self.memory = Recycler()
         self._graphs: dict[str, Graph] = {}
         self._lock = threading.Lock()
 

@@ -17,6 +17,7 @@ import av
 
 from tinysplat_runtime.codec import encoder
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.threads import Crew
 
 _START_CODE = b"\x00\x00\x00\x01"
 
@@ -76,6 +77,8 @@ def file_streams(data: bytes) -> list[Stream]:
 def decode_alone(streams: list[Stream], threads: int) -> Callable[[], None]:
     """A call that has libavcodec decode the streams: no CRC, no check, nothing copied out of its pictures."""
 
+    crew = Crew(threads)
+
     def run() -> None:
         own = local()
 
@@ -89,11 +92,6 @@ def decode_alone(streams: list[Stream], threads: int) -> Callable[[], None]:
             if len(contexts[stream.parameter_sets].decode(av.Packet(stream.packet))) != 1:
                 raise AssertionError("libavcodec returned no picture for a packet")
 
-        if threads == 1:
-            for stream in streams:
-                decode(stream)
-            return
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(decode, streams))
+        crew.map(decode, streams)
 
     return run

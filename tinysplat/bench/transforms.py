@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.blas import single_thread
+from tinysplat_runtime.codec import synthesis
 from tinysplat_runtime.codec.decoder import decode_gaussians
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
@@ -24,6 +25,8 @@ from ..reference import transforms as reference
 from .timing import Figures, Stage, Variant
 
 Tensors = dict[str, NDArray]
+
+_GEOMETRY_INPUTS = ("geometry_codes", "geometry_mix", "K", "rotation", "rotation_quat", "centre")
 
 GRAPHS = ("analysis_vpt", "analysis_moment", "analysis_project", "synthesis")
 
@@ -38,6 +41,11 @@ class _RecordingGraph(Graph):
         """See `Graph.run`."""
         self.seen.append(dict(inputs))
         return super().run(inputs, outputs)
+
+    def run_into(self, inputs: Mapping[str, NDArray], outputs: Mapping[str, NDArray]) -> None:
+        """See `Graph.run_into`."""
+        self.seen.append(dict(inputs))
+        super().run_into(inputs, outputs)
 
 
 class _RecordingStore(GraphStore):
@@ -59,8 +67,27 @@ def recorded_inputs(gaussians: Gaussians) -> dict[str, Tensors]:
     """What coding and decoding with the default profile feed to the graphs, by graph, for the first layer."""
     store = _RecordingStore()
     data = encode_gaussians(gaussians, find_profile(DEFAULT_PROFILE), 0, store, threads=1)
-    decode_gaussians(data, store, threads=1)
-    return {name: graph.seen[0] for name, graph in store.recorded.items()}
+    strip = synthesis.STRIP_PX
+    synthesis.STRIP_PX = gaussians.count  # whole views
+    try:
+        decode_gaussians(data, store, threads=1)
+    finally:
+        synthesis.STRIP_PX = strip
+    views = len(gaussians.cameras)
+    return {
+        name: _joined(graph.seen, views) if name == "synthesis" else graph.seen[0]
+        for name, graph in store.recorded.items()
+    }
+
+
+def _joined(seen: Sequence[Tensors], views: int) -> Tensors:
+    """Inputs of the synthesis of the whole first layer, from those of its halves, a view each."""
+    merged = dict(seen[0])
+    for codes, names in (("geometry_codes", _GEOMETRY_INPUTS), ("color_codes", ("color_codes",))):
+        half = [run for run in seen if run[codes].shape[2:] != (1, 1)][:views]
+        for name in names:
+            merged[name] = np.concatenate([run[name] for run in half])
+    return merged
 
 
 def transform_stages(case: str, gaussians: Gaussians, threads: int) -> list[Stage]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from threading import local
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from functools import partial
+from threading import Lock, local
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +15,16 @@ from ..container.layout import ChannelRecord, Limits
 from ..container.reader import Container, LayerHeader, read_container
 from ..errors import FormatError
 from ..gaussians import FIELDS, Gaussians
-from ..inference import GraphStore, as_input
+from ..inference import GraphStore
 from ..predict import predict
-from ..quaternions import matrices_to_quats, multiply_quats
 from ..reports import Stopwatch
+from ..threads import Crew
 from .absent import PlaneRef, cut_off_planes, damaged_planes, first_picture_end, hidden_views, plane_name, stand_in_code
 from .hevc import PlaneDecoder
-from .hybrid import add_colors, as_codes, check_prediction, predicted_geometry
+from .hybrid import check_prediction, predicted_geometry
 from .lossless import decode_exact
 from .photos import decode_photos
-from .planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
+from .synthesis import LayerSynthesis, plane_slots
 
 
 def decode_gaussians(
@@ -83,15 +85,16 @@ def _decode(
     if prediction is not None and not container.layers:
         return prediction
     layers = []
+    crew = Crew(threads)
     for index, layer in enumerate(container.layers):
-        with watch.stage("libavcodec"):
-            geometry, colors = _decode_planes(container, index, threads, absent)
         with watch.stage("synthesis"):
-            layers.append(
-                _synthesise(container, layer, geometry, colors, store, _base(prediction, index, layer, store))
-            )
-            if prediction is None:
-                layers[-1].opacities[hidden_views(layer, index, absent)] = 0
+            base = _base(prediction, index, layer, store)
+            synthesis = LayerSynthesis(layer, container.origin, store, base)
+        _decode_layer(_Pictures(container, index), synthesis, crew, absent, watch)
+        with watch.stage("synthesis"):
+            layers.append(synthesis.gaussians())
+        if prediction is None:
+            layers[-1].opacities[hidden_views(layer, index, absent)] = 0
     return Gaussians.unchecked(
         **{name: getattr(layers[0], name) for name in FIELDS},
         cameras=container.cameras,
@@ -125,6 +128,7 @@ def _base(
 
 def _decode_exact(container: Container, store: GraphStore, threads: int, watch: Stopwatch) -> Gaussians:
     layers = []
+    crew = Crew(threads)
     for index, exact in enumerate(container.exact):
         with watch.stage("zlib"):
             geometry, sh = decode_exact(exact, threads)
@@ -133,9 +137,11 @@ def _decode_exact(container: Container, store: GraphStore, threads: int, watch: 
             exact.height, exact.width, 0, exact.degree, exact.depth_limits, 0.0, 1.0, True, exact.cameras, None, None,
             None, 0, (),
         )  # fmt: skip
-        ones = np.ones((len(exact.cameras), 1, exact.height, exact.width), np.uint16)
         with watch.stage("synthesis"):
-            layer = _synthesise(container, header, ones, ones, store, (geometry, sh[..., :1, :]))
+            synthesis = LayerSynthesis(header, container.origin, store, (geometry, sh[..., :1, :]))
+            no_codes = np.ones((1, exact.height, exact.width), np.uint16)
+            crew.map(partial(synthesis.geometry, codes=no_codes), range(len(exact.cameras)))
+            layer = synthesis.gaussians()
         fields = {name: getattr(layer, name) for name in FIELDS} | {"sh": sh}
         if not all(np.isfinite(array).all() for array in fields.values()):
             raise FormatError("decodes to numbers beyond float32", where=f"layer {index}")
@@ -154,134 +160,99 @@ def _check_something_is_left(container: Container, absent: Collection[PlaneRef])
         raise FormatError(f"holds no intact depth picture; the first of them ends at byte {end}", where="file")
 
 
-def _slots(layer: LayerHeader) -> tuple[dict[ChannelRecord, int], dict[ChannelRecord, int]]:
-    """Plane index of every channel that has pictures, in the geometry and in the colour tensor."""
-    coded = [c for c in layer.channels if c.streams]
-    geometry = [c for c in coded if c.plane_class != PlaneClass.COLOR]
-    colors = [c for c in coded if c.plane_class == PlaneClass.COLOR]
-    return {c: i for i, c in enumerate(geometry)}, {c: i for i, c in enumerate(colors)}
+@dataclass(frozen=True)
+class _Pictures:
+    """The pictures of layer `index` of a container, and a libavcodec context of each thread's own to decode them."""
 
+    container: Container
+    index: int
+    own: local = field(default_factory=local)
 
-def _decode_planes(
-    container: Container, index: int, threads: int, absent: Collection[PlaneRef]
-) -> tuple[NDArray, NDArray]:
-    """Codes (V, P + 1, H, W) of the geometry and (V, k + 1, H, W) of the colour channels; the last planes are ones."""
-    layer = container.layers[index]
-    views = len(layer.cameras)
-    out, tasks = [], []
-    for slots in _slots(layer):
-        codes = np.empty((views, len(slots) + 1, layer.height, layer.width), np.uint16)
-        codes[:, -1] = 1
-        out.append(codes)
-        for channel, plane in slots.items():
-            number = layer.channels.index(channel)
-            for view in range(views):
-                if (index, number, view) in absent:
-                    codes[view, plane] = stand_in_code(layer, number)
-                else:
-                    tasks.append((channel, view, codes[view, plane]))
-    _run(_plane_decoder(container, index), tasks, threads)
-    return out[0], out[1]
+    @property
+    def layer(self) -> LayerHeader:
+        return self.container.layers[self.index]
 
-
-def _plane_decoder(container: Container, index: int) -> Callable[[tuple[ChannelRecord, int, NDArray]], None]:
-    layer = container.layers[index]
-    own = local()  # a libavcodec context per thread, kept from plane to plane
-
-    def decode(task: tuple[ChannelRecord, int, NDArray]) -> None:
-        channel, view, out = task
-        payload = container.payload(index, channel, view)
-        if not hasattr(own, "decoder"):
-            own.decoder = PlaneDecoder(container.parameter_sets[layer.parameter_set], layer.height, layer.width)
+    def decode(self, channel: ChannelRecord, view: int, out: NDArray) -> None:
+        """Decode one picture into `out` (H, W) uint16."""
+        payload = self.container.payload(self.index, channel, view)
+        if not hasattr(self.own, "decoder"):
+            parameter_sets = self.container.parameter_sets[self.layer.parameter_set]
+            self.own.decoder = PlaneDecoder(parameter_sets, self.layer.height, self.layer.width)
         try:
-            own.decoder.decode_into(payload, out)
+            self.own.decoder.decode_into(payload, out)
         except FormatError as error:
             raise FormatError(error.message, where=f"plane {channel.name}, view {view}") from None
 
-    return decode
 
+class _Half:
+    """The planes of one view that its geometry, or its colours, are made of.
 
-def _run(decode: Callable[[tuple[ChannelRecord, int, NDArray]], None], tasks: Sequence, threads: int) -> None:
-    if threads == 1 or len(tasks) < 2:
-        for task in tasks:
-            decode(task)
-        return
-    with ThreadPoolExecutor(max_workers=min(threads, len(tasks))) as pool:
-        list(pool.map(decode, tasks))
-
-
-def _synthesise(
-    container: Container,
-    layer: LayerHeader,
-    geometry: NDArray,
-    colors: NDArray,
-    store: GraphStore,
-    base: tuple[NDArray, NDArray] | None,
-) -> Gaussians:
-    """Run the synthesis graph; dequantisation and all linear maps are folded into matrices in float64.
-
-    `base` is what the codes are added to: geometry planes (V, 11, H, W) and SH coefficients.
+    Memory is taken when the first plane is wanted and let go after synthesis, so that only views at work have some.
     """
-    cameras = layer.cameras
-    mix = _geometry_mix(layer, geometry.shape[1])
-    if base is not None:
-        codes, base_mix = as_codes(base[0])
-        geometry = np.concatenate([codes, geometry], axis=1)
-        mix[:, -1] += base_mix[:, -1]
-        mix = np.concatenate([base_mix[:, :-1], mix], axis=1)
-    rotations = np.stack([camera.rotation.T for camera in cameras])
-    quats = matrices_to_quats(rotations)
-    if layer.reference_quats is not None:
-        quats = multiply_quats(quats, layer.reference_quats.astype(np.float64))
-    arrays = store.transform("synthesis").run(
-        {
-            "geometry_codes": geometry,
-            "geometry_mix": as_input(np.broadcast_to(mix, (len(cameras), *mix.shape))),
-            "color_codes": colors,
-            "color_mix": as_input(_color_mix(layer, colors.shape[1])),
-            "K": as_input([camera.K for camera in cameras]),
-            "rotation": as_input(rotations),
-            "rotation_quat": as_input(quats),
-            "centre": as_input([camera.centre - container.origin for camera in cameras]),
-            "inverse_depth": as_input(layer.inverse_depth),
-            "relative_rotation": as_input(layer.reference_quats is not None),
-            "depth_limits": as_input(layer.depth_limits),
+
+    def __init__(self, pictures: _Pictures, view: int, slots: dict[ChannelRecord, int], absent: Collection[PlaneRef],
+                 synthesise: Callable[[int, NDArray], None]) -> None:  # fmt: skip
+        self._pictures, self._view, self._slots, self._synthesise = pictures, view, slots, synthesise
+        records = pictures.layer.channels
+        refs = {channel: PlaneRef(pictures.index, records.index(channel), view) for channel in slots}
+        self._present = [channel for channel in slots if refs[channel] not in absent]
+        self._stand_ins = {
+            slots[c]: stand_in_code(pictures.layer, ref.channel) for c, ref in refs.items() if ref in absent
         }
-    )
-    arrays["sh"] = arrays["sh"].reshape(*arrays["opacities"].shape, -1, 3)
-    if base is not None:
-        arrays["sh"] = add_colors(arrays["sh"], base[1])
-    return Gaussians.unchecked(**arrays, cameras=cameras, origin=container.origin)
+        self._waiting = max(len(self._present), 1)
+        self._codes: NDArray | None = None
+        self._lock = Lock()
+
+    def tasks(self) -> list[tuple[int, Callable[[], float]]]:
+        """What there is to do, as (bytes to decode, a call that returns the seconds it spent on synthesis)."""
+        if not self._present:
+            return [(0, self._finish)]
+        return [(channel.streams[self._view].length, partial(self._decode, channel)) for channel in self._present]
+
+    def _decode(self, channel: ChannelRecord) -> float:
+        with self._lock:
+            if self._codes is None:
+                self._codes = self._new_codes()
+        self._pictures.decode(channel, self._view, self._codes[self._slots[channel]])
+        return self._finish()
+
+    def _finish(self) -> float:
+        """Synthesise if this was the last plane."""
+        with self._lock:
+            self._waiting -= 1
+            if self._waiting:
+                return 0.0
+        start = time.perf_counter()
+        self._synthesise(self._view, self._new_codes() if self._codes is None else self._codes)
+        self._codes = None
+        return time.perf_counter() - start
+
+    def _new_codes(self) -> NDArray:
+        layer = self._pictures.layer
+        codes = np.empty((len(self._slots) + 1, layer.height, layer.width), np.uint16)
+        codes[-1] = 1
+        for plane, code in self._stand_ins.items():
+            codes[plane] = code
+        return codes
 
 
-def _geometry_mix(layer: LayerHeader, planes: int) -> NDArray:
-    """(11, P + 1) float64: geometry channels = mix · codes, the last code being 1."""
-    mix = np.zeros((GEOMETRY_CHANNELS, planes))
-    slots, _ = _slots(layer)
-    for channel in layer.channels:
-        if channel.plane_class == PlaneClass.COLOR:
-            continue
-        row = GEOMETRY[channel.plane_class].start + channel.target
-        mix[row, -1] += channel.offset
-        if channel in slots:
-            mix[row, slots[channel]] = channel.scale
-    if layer.scale_mix is not None:
-        rows = GEOMETRY[PlaneClass.SCALE]
-        matrix, mean = (a.astype(np.float64) for a in layer.scale_mix)
-        mix[rows] = matrix @ mix[rows]
-        mix[rows, -1] += mean
-    return mix
+def _decode_layer(
+    pictures: _Pictures, synthesis: LayerSynthesis, crew: Crew, absent: Collection[PlaneRef], watch: Stopwatch
+) -> None:
+    """Decode all pictures of a layer, and synthesise what is complete beside it.
 
-
-def _color_mix(layer: LayerHeader, planes: int) -> NDArray:
-    """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1."""
-    # Without VABR the colour planes are the three coefficients of degree 0 themselves.
-    inverse = np.eye(3) if layer.basis is None else layer.basis.astype(np.float64)  # (d, k)
-    mix = np.zeros((planes, len(inverse)))
-    _, slots = _slots(layer)
-    for channel in layer.channels:
-        if channel.plane_class == PlaneClass.COLOR:
-            mix[-1] += inverse[:, channel.target] * channel.offset
-            if channel in slots:
-                mix[slots[channel]] = inverse[:, channel.target] * channel.scale
-    return mix
+    The seconds of both stages are those of all threads by the number of threads, as they overlap.
+    """
+    tasks = []
+    for view in range(len(pictures.layer.cameras)):
+        geometry, colors = plane_slots(pictures.layer)
+        halves = (
+            _Half(pictures, view, geometry, absent, synthesis.geometry),
+            _Half(pictures, view, colors, absent, synthesis.colors),
+        )
+        # Longest first, so that threads finish the last view together.
+        tasks += sorted((task for half in halves for task in half.tasks()), key=lambda task: -task[0])
+    start = time.perf_counter()
+    spent = sum(crew.map(lambda task: task[1](), tasks)) / crew.threads
+    watch.add("synthesis", spent)
+    watch.add("libavcodec", time.perf_counter() - start - spent)

@@ -1,0 +1,144 @@
+"""Codes of a layer to Gaussians: what the synthesis graph is fed with, and where its results go.
+
+Dequantisation and all linear maps are folded into one matrix per group of planes, in float64. The graph runs a view at
+a time and geometry apart from colour, so that it can work on what is there while other planes are being decoded; it
+writes into the arrays of the result.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.layout import ChannelRecord
+from ..container.reader import LayerHeader
+from ..gaussians import Gaussians
+from ..inference import GraphStore, as_input
+from ..quaternions import matrices_to_quats, multiply_quats
+from .hybrid import add_colors, as_codes
+from .planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
+
+STRIP_PX = 1 << 16
+"""Pixels that the graph takes at a time: between its operators the numbers of so many stay in a core's share of the
+cache, and the operators' own cost does not yet count (512×960: 19 in place of 27 ms for a view)."""
+
+
+class LayerSynthesis:
+    """The Gaussians of one layer in the making; views and halves may come in any order, on any threads."""
+
+    def __init__(
+        self, layer: LayerHeader, origin: NDArray, store: GraphStore, base: tuple[NDArray, NDArray] | None
+    ) -> None:
+        """Fold the layer's numbers into matrices; `base` is what the codes are added to: geometry planes
+        (V, 11, H, W) and SH coefficients.
+        """
+        self._layer, self._origin, self._base = layer, origin, base
+        self._graph = store.transform("synthesis")
+        cameras, (geometry, colors) = layer.cameras, plane_slots(layer)
+        mix = _geometry_mix(layer, geometry)
+        self._base_codes: NDArray | None = None
+        if base is not None:
+            self._base_codes, base_mix = as_codes(base[0])
+            mix[:, -1] += base_mix[:, -1]
+            mix = np.concatenate([base_mix[:, :-1], mix], axis=1)
+        rotations = np.stack([camera.rotation.T for camera in cameras])
+        quats = matrices_to_quats(rotations)
+        if layer.reference_quats is not None:
+            quats = multiply_quats(quats, layer.reference_quats.astype(np.float64))
+        self._by_view = {
+            "K": as_input([camera.K for camera in cameras]),
+            "rotation": as_input(rotations),
+            "rotation_quat": as_input(quats),
+            "centre": as_input([camera.centre - origin for camera in cameras]),
+        }
+        color_mix = as_input(_color_mix(layer, colors))
+        # Inputs of the half that does not run are as small as they can be.
+        self._shared = {
+            "geometry_codes": np.ones((1, mix.shape[1], 1, 1), np.uint16),
+            "geometry_mix": as_input(mix[None]),
+            "color_codes": np.ones((1, len(color_mix), 1, 1), np.uint16),
+            "color_mix": color_mix,
+            "inverse_depth": as_input(layer.inverse_depth),
+            "relative_rotation": as_input(layer.reference_quats is not None),
+            "depth_limits": as_input(layer.depth_limits),
+        }
+        grid = (len(cameras), layer.height, layer.width)
+        means, quats, scales, opacities, self._sh = store.memory.empty(
+            [(*grid, 3), (*grid, 4), (*grid, 3), grid, (*grid, color_mix.shape[1])]
+        )
+        self._geometry = {"means": means, "quats": quats, "scales": scales, "opacities": opacities}
+
+    def geometry(self, view: int, codes: NDArray) -> None:
+        """Make a view's means, quats, scales and opacities from codes (P + 1, H, W) uint16, the last plane ones."""
+        if self._base_codes is not None:
+            codes = np.concatenate([self._base_codes[view], codes])
+        principal = float(self._by_view["K"][view, 1, 2])
+        strips = self._strips()
+        # A strip's rows count from its own first, which the principal point makes up for: bit for bit if exactly so.
+        if any(np.float32(principal - strip.start) != principal - strip.start for strip in strips):
+            strips = [slice(0, self._layer.height)]
+        for strip in strips:
+            K = self._by_view["K"][view : view + 1].copy()
+            K[0, 1, 2] -= strip.start
+            self._run(view, strip, {"geometry_codes": codes[None, :, strip], "K": K}, self._geometry)
+
+    def colors(self, view: int, codes: NDArray) -> None:
+        """Make a view's SH coefficients from codes (k + 1, H, W) uint16, the last plane ones."""
+        for strip in self._strips():
+            self._run(view, strip, {"color_codes": codes[None, :, strip]}, {"sh": self._sh})
+
+    def _strips(self) -> list[slice]:
+        rows = max(1, STRIP_PX // self._layer.width)
+        return [slice(row, min(row + rows, self._layer.height)) for row in range(0, self._layer.height, rows)]
+
+    def _run(self, view: int, strip: slice, inputs: dict[str, NDArray], outputs: dict[str, NDArray]) -> None:
+        own = slice(view, view + 1)
+        by_view = {key: array[own] for key, array in self._by_view.items()}
+        inputs = self._shared | by_view | {key: np.ascontiguousarray(array) for key, array in inputs.items()}
+        self._graph.run_into(inputs, {key: array[own, strip] for key, array in outputs.items()})
+
+    def gaussians(self) -> Gaussians:
+        """The layer, once all views are done."""
+        sh = self._sh.reshape(*self._sh.shape[:3], -1, 3)
+        if self._base is not None:
+            sh = add_colors(sh, self._base[1])
+        return Gaussians.unchecked(**self._geometry, sh=sh, cameras=self._layer.cameras, origin=self._origin)
+
+
+def plane_slots(layer: LayerHeader) -> tuple[dict[ChannelRecord, int], dict[ChannelRecord, int]]:
+    """Plane index of every channel that has pictures, among the geometry and among the colour planes."""
+    coded = [c for c in layer.channels if c.streams]
+    geometry = [c for c in coded if c.plane_class != PlaneClass.COLOR]
+    colors = [c for c in coded if c.plane_class == PlaneClass.COLOR]
+    return {c: i for i, c in enumerate(geometry)}, {c: i for i, c in enumerate(colors)}
+
+
+def _geometry_mix(layer: LayerHeader, slots: dict[ChannelRecord, int]) -> NDArray:
+    """(11, P + 1) float64: geometry channels = mix · codes, the last code being 1."""
+    mix = np.zeros((GEOMETRY_CHANNELS, len(slots) + 1))
+    for channel in layer.channels:
+        if channel.plane_class == PlaneClass.COLOR:
+            continue
+        row = GEOMETRY[channel.plane_class].start + channel.target
+        mix[row, -1] += channel.offset
+        if channel in slots:
+            mix[row, slots[channel]] = channel.scale
+    if layer.scale_mix is not None:
+        rows = GEOMETRY[PlaneClass.SCALE]
+        matrix, mean = (a.astype(np.float64) for a in layer.scale_mix)
+        mix[rows] = matrix @ mix[rows]
+        mix[rows, -1] += mean
+    return mix
+
+
+def _color_mix(layer: LayerHeader, slots: dict[ChannelRecord, int]) -> NDArray:
+    """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1."""
+    # Without VABR the colour planes are the three coefficients of degree 0 themselves.
+    inverse = np.eye(3) if layer.basis is None else layer.basis.astype(np.float64)  # (d, k)
+    mix = np.zeros((len(slots) + 1, len(inverse)))
+    for channel in layer.channels:
+        if channel.plane_class == PlaneClass.COLOR:
+            mix[-1] += inverse[:, channel.target] * channel.offset
+            if channel in slots:
+                mix[slots[channel]] = inverse[:, channel.target] * channel.scale
+    return mix

@@ -1,0 +1,43 @@
+"""Memory is used again once its last view is gone, and never before."""
+
+from __future__ import annotations
+
+import gc
+
+import numpy as np
+
+from tinysplat_runtime.recycling import Recycler
+
+
+def address(array):
+    return array.__array_interface__["data"][0]
+
+
+def test_memory_comes_back_when_the_last_view_is_gone():
+    recycler = Recycler()
+    (first,) = recycler.empty([(3, 5)])
+    first[:] = 7
+    view, place = first.T[2:], address(first)
+    del first
+    gc.collect()
+    (second,) = recycler.empty([(3, 5)])
+    assert address(second) != place
+    second[:] = 1
+    assert (view == 7).all()
+    del view, second
+    gc.collect()
+    third = recycler.empty([(15,), (3, 5)])
+    assert place in {address(array) for array in third}
+    assert third[0].dtype == np.float32 and third[0].shape == (15,)
+
+
+def test_what_the_next_call_does_not_need_is_let_go():
+    recycler = Recycler()
+    recycler.empty([(4,), (4,), (9,)])
+    gc.collect()
+    kept = recycler.empty([(4,)])
+    gc.collect()
+    assert recycler._free == []
+    del kept
+    gc.collect()
+    assert [buffer.size for buffer in recycler._free] == [4]
