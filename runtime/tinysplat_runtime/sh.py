@@ -51,9 +51,8 @@ def band_1(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
     return -_C1 * y, _C1 * z, -_C1 * x
 
 
-def band_2(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """The five of degree 2."""
-    xx, yy, zz = x * x, y * y, z * z
+def band_2(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]:
+    """The five of degree 2; xx, yy and zz are the squares of x, y and z."""
     return (
         2 * _C2[2] * (x * y),
         -2 * _C2[2] * (y * z),
@@ -63,9 +62,8 @@ def band_2(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
     )
 
 
-def band_3(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+def band_3(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]:
     """The seven of degree 3."""
-    xx, yy, zz = x * x, y * y, z * z
     return (
         -_C3[0] * y * (3 * xx - yy),
         _C3[1] * (x * y) * z,
@@ -77,9 +75,8 @@ def band_3(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
     )
 
 
-def band_4(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+def band_4(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]:
     """The nine of degree 4."""
-    xx, yy, zz = x * x, y * y, z * z
     return (
         _C4[0] * (x * y) * (xx - yy),
         -_C4[1] * (y * z) * (3 * xx - yy),
@@ -98,8 +95,14 @@ def sh_terms(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
 
     Arithmetic only, so that the same formulas serve numpy arrays, torch tensors and compiled code.
     """
-    bands = (band_1, band_2, band_3, band_4)[:degree]
-    return [term for band in bands for term in band(x, y, z)]
+    terms: list[Any] = []
+    if degree >= 1:
+        terms += band_1(x, y, z)
+    if degree >= 2:
+        squares = x * x, y * y, z * z
+        for band in (band_2, band_3, band_4)[: degree - 1]:
+            terms += band(x, y, z, *squares)
+    return terms
 
 
 def sh_basis(directions: NDArray, degree: int) -> NDArray:

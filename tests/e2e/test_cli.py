@@ -101,7 +101,8 @@ def test_a_decoded_view_looks_like_the_raw_one(encoded, tmp_path):
 
 def test_a_path_becomes_a_video(encoded, tmp_path):
     for path in ("between", "orbit"):
-        succeed("render", encoded["file"], "-o", tmp_path / f"{path}.mp4", "--path", path, "--frames", 4)
+        said = succeed("render", encoded["file"], "-o", tmp_path / f"{path}.mp4", "--path", path, "--frames", 4)
+        assert "4 frames, " in said and " frames/s" in said
         assert (tmp_path / f"{path}.mp4").stat().st_size > 500
 
 

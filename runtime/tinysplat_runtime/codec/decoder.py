@@ -140,7 +140,8 @@ def _decode_exact(container: Container, store: GraphStore, threads: int, watch: 
         with watch.stage("synthesis"):
             synthesis = LayerSynthesis(header, container.origin, store, (geometry, sh[..., :1, :]))
             no_codes = np.ones((1, exact.height, exact.width), np.uint16)
-            crew.map(partial(synthesis.geometry, codes=no_codes), range(len(exact.cameras)))
+            for half in (synthesis.geometry, synthesis.colors):
+                crew.map(partial(half, codes=no_codes), range(len(exact.cameras)))
             layer = synthesis.gaussians()
         fields = {name: getattr(layer, name) for name in FIELDS} | {"sh": sh}
         if not all(np.isfinite(array).all() for array in fields.values()):

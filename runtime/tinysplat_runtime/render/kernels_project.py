@@ -225,20 +225,23 @@ def _basis(functions: Number, work: NDArray) -> None:
     if functions > 4:
         for lane in range(CHUNK):
             i = _I(lane)
-            y0, y1, y2, y3, y4 = _BAND_2(work[i + x], work[i + y], work[i + z])
+            d, e, f = work[i + x], work[i + y], work[i + z]
+            y0, y1, y2, y3, y4 = _BAND_2(d, e, f, d * d, e * e, f * f)
             work[i + P[_BASIS + 4]], work[i + P[_BASIS + 5]], work[i + P[_BASIS + 6]] = _F(y0), _F(y1), _F(y2)
             work[i + P[_BASIS + 7]], work[i + P[_BASIS + 8]] = _F(y3), _F(y4)
     if functions > 9:
         for lane in range(CHUNK):
             i = _I(lane)
-            y0, y1, y2, y3, y4, y5, y6 = _BAND_3(work[i + x], work[i + y], work[i + z])
+            d, e, f = work[i + x], work[i + y], work[i + z]
+            y0, y1, y2, y3, y4, y5, y6 = _BAND_3(d, e, f, d * d, e * e, f * f)
             work[i + P[_BASIS + 9]], work[i + P[_BASIS + 10]], work[i + P[_BASIS + 11]] = _F(y0), _F(y1), _F(y2)
             work[i + P[_BASIS + 12]], work[i + P[_BASIS + 13]], work[i + P[_BASIS + 14]] = _F(y3), _F(y4), _F(y5)
             work[i + P[_BASIS + 15]] = _F(y6)
     if functions > 16:
         for lane in range(CHUNK):
             i = _I(lane)
-            y0, y1, y2, y3, y4, y5, y6, y7, y8 = _BAND_4(work[i + x], work[i + y], work[i + z])
+            d, e, f = work[i + x], work[i + y], work[i + z]
+            y0, y1, y2, y3, y4, y5, y6, y7, y8 = _BAND_4(d, e, f, d * d, e * e, f * f)
             work[i + P[_BASIS + 16]], work[i + P[_BASIS + 17]], work[i + P[_BASIS + 18]] = _F(y0), _F(y1), _F(y2)
             work[i + P[_BASIS + 19]], work[i + P[_BASIS + 20]], work[i + P[_BASIS + 21]] = _F(y3), _F(y4), _F(y5)
             work[i + P[_BASIS + 22]], work[i + P[_BASIS + 23]], work[i + P[_BASIS + 24]] = _F(y6), _F(y7), _F(y8)
