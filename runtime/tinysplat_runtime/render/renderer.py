@@ -33,8 +33,8 @@ class Renderer:
     """Renders one set of Gaussians from any number of cameras.
 
     Holds what does not depend on the camera (planar coefficients, principal axes) and the buffers of a frame, about
-    290 bytes per Gaussian of SH degree 3. Pictures do not depend on the number of threads, bit for bit. Frames asked
-    for from several threads at once are made one after the other.
+    290 bytes per Gaussian of SH degree 3, 340 compiled. Pictures do not depend on the number of threads, bit for bit.
+    Frames asked for from several threads at once are made one after the other.
     """
 
     def __init__(self, gaussians: Gaussians, threads: int | None = None, *, compiled: bool | None = None) -> None:
