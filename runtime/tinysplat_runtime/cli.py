@@ -107,7 +107,7 @@ def _selection() -> _Parser:
     )  # fmt: skip
     selection.add_argument(
         "--spz-version", type=int, choices=(2, 3, 4), default=3,
-        help="of a written .spz; 4 is smaller and needs readers that know zstd; default 3",
+        help="of a written .spz; 4 keeps SH degree 4 and needs readers that know zstd; default 3",
     )  # fmt: skip
     return selection
 

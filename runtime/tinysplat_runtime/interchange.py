@@ -105,7 +105,7 @@ def save_gaussians(
         path: .npz, .safetensors, .ply or .spz; .sog with the program splat-transform.
         gaussians: any, with any number of layers.
         sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
-        spz_version: 2, 3 or 4; 4 takes zstandard, here and in readers, keeps SH degree 4 and is smaller.
+        spz_version: 2, 3 or 4; 4 takes zstandard here and zstd in readers, and keeps SH degree 4.
 
     Returns:
         What the format could not keep or other readers may not expect, one line each; empty when there is nothing.

@@ -140,7 +140,8 @@ def encoded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     scene = write_scene(folder / "desk", views=3, height=24, width=32)
     cameras = make_cameras(3, 24, 32)
     gaussians = make_gaussians(3, 24, 32).with_cameras(cameras)
-    (folder / "g.tsplat").write_bytes(ts.compress(gaussians))
+    noted = gaussians.with_notes(ts.Notes(attribution="Ana <b>", licence="CC-BY-4.0"))
+    (folder / "g.tsplat").write_bytes(ts.compress(noted))
     ts.save_gaussians(folder / "g.spz", gaussians)
     return {"folder": folder, "scene": scene, "tsplat": folder / "g.tsplat", "spz": folder / "g.spz"}
 
@@ -151,6 +152,7 @@ def test_a_file_becomes_a_page_with_its_photos(encoded: dict[str, Path], tmp_pat
     _, scene = columns_of(Elements((tmp_path / "v.html").read_text()))
     assert [("photo" in camera) for camera in scene["cameras"]] == [True] * 3
     assert set(scene["bytes"]) >= {"depth", "color", "metadata"} and "profile balanced" in scene["summary"]
+    assert scene["summary"].endswith("; Ana <b>, CC-BY-4.0")
     done = tinysplat("view", encoded["spz"], "--html", tmp_path / "v.html")
     assert done.returncode == 0, done.stderr
     assert len(columns_of(Elements((tmp_path / "v.html").read_text()))[1]["cameras"]) == 1

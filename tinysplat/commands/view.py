@@ -65,6 +65,8 @@ def make_page(args: Namespace) -> str:
     summary = f"{gaussians.count:,} Gaussians, SH degree {gaussians.degree}"
     if described:
         summary += f"; {described['bytes'] / 1000:.1f} KB, profile {described['profile']}"
+    who = ", ".join(filter(None, (gaussians.notes.attribution, gaussians.notes.licence)))
+    summary += f"; {who}" if who else ""
     classes = {**described["bytes_by_class"], "metadata": described["metadata_bytes"]} if described else {}
     return build_page(
         gaussians, cameras, title=Path(args.file).name, summary=summary, bytes_by_class=classes, photos=photos

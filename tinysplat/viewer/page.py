@@ -84,7 +84,7 @@ def libraries() -> bytes:
     """The gzipped script with three.js and Spark that every page carries.
 
     Raises:
-        InputError: it has not been built; it is no part of the source tree, which holds nobody else's code.
+        InputError: it has not been built; a source tree does not carry a megabyte of other people's code.
     """
     path = importlib.resources.files(__package__) / "libraries.js.gz"
     if not path.is_file():
