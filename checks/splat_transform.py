@@ -21,11 +21,13 @@ from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.interchange import load_gaussians, save_gaussians
 from tinysplat_runtime.quaternions import normalize_quats
 
-TOLERANCES = {  # means in units, angles in degrees, opacities, log scales, SH
-    ".ply": (1e-6, 0.1, 1e-5, 1e-5, 1e-6),
-    ".spz": (1e-4, 0.5, 2.1e-3, 0.032, 0.07),
-    ".sog": (2e-3, 2.0, 4e-3, 0.1, 0.5),
-}
+CASES = (  # suffix, version of SPZ; then means in units, angles in degrees, opacities, log scales, SH
+    (".ply", 3, (1e-6, 0.1, 1e-5, 1e-5, 1e-6)),
+    (".spz", 2, (1e-4, 16.0, 2.1e-3, 0.032, 0.07)),  # w follows from x, y, z of 8 bits
+    (".spz", 3, (1e-4, 0.5, 2.1e-3, 0.032, 0.07)),
+    (".spz", 4, (1e-4, 0.5, 2.1e-3, 0.032, 0.07)),
+    (".sog", 3, (2e-3, 2.0, 4e-3, 0.1, 0.5)),
+)
 
 
 def some(count: int) -> Gaussians:
@@ -44,7 +46,7 @@ def nearest(gaussians: Gaussians, means: NDArray) -> NDArray:
 
 
 def errors(expected: Gaussians, found: Gaussians) -> tuple[float, ...]:
-    """Largest differences, in the order of TOLERANCES; for SH the root mean square."""
+    """Largest differences, in the order of CASES; for SH the root mean square."""
     rows = nearest(expected, found.means)
     dots = np.abs((normalize_quats(expected.quats[rows]) * normalize_quats(found.quats)).sum(-1)).clip(0, 1)
     return (
@@ -61,9 +63,9 @@ def main() -> int:
     gaussians, faults = some(2000), 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for suffix, tolerances in TOLERANCES.items():
+        for suffix, version, tolerances in CASES:
             start = time.perf_counter()
-            save_gaussians(folder / f"g{suffix}", gaussians)
+            save_gaussians(folder / f"g{suffix}", gaussians, spz_version=version)
             seconds = time.perf_counter() - start
             command = ["splat-transform", "-q", "-w", str(folder / f"g{suffix}"), str(folder / "back.ply")]
             subprocess.run(command, check=True, capture_output=True)
@@ -71,7 +73,8 @@ def main() -> int:
             ok = all(e <= t for e, t in zip(found, tolerances, strict=True))
             faults += not ok
             size = (folder / f"g{suffix}").stat().st_size
-            print(f"{suffix} {size} bytes {seconds:.2f} s", "ok" if ok else "WRONG", [f"{e:.3g}" for e in found])
+            label = f"{suffix} version {version}" if suffix == ".spz" else suffix
+            print(f"{label} {size} bytes {seconds:.2f} s", "ok" if ok else "WRONG", [f"{e:.3g}" for e in found])
     return 1 if faults else 0
 
 
