@@ -13,7 +13,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -29,21 +29,29 @@ NODE_TYPES = {"uint16": "uint16", "float32": "float32"}
 
 
 def record(file: str) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
-    """Inputs and outputs of the synthesis graph while `file`'s first layer is decoded."""
-    calls: list[tuple[dict[str, NDArray], dict[str, NDArray]]] = []
-    run = Graph.run
+    """Inputs and outputs of the synthesis graph for the first part of `file`'s first layer that is decoded.
 
-    def recording(self: Graph, inputs: Mapping[str, NDArray], outputs: Sequence[str] | None = None):
-        found = run(self, inputs, outputs)
-        calls.append((dict(inputs), found))
-        return found
+    The decoder runs the graph's halves, geometry and colours, one by one; what the other half needs is then a stand-in
+    of any size, so that the larger array of a name is the real one.
+    """
+    inputs: dict[str, NDArray] = {}
+    outputs: dict[str, NDArray] = {}
+    run_into = Graph.run_into
 
-    Graph.run = recording  # type: ignore[method-assign]
+    def recording(self: Graph, given: Mapping[str, NDArray], wanted: Mapping[str, NDArray]) -> None:
+        run_into(self, given, wanted)
+        if not set(wanted) & set(outputs):
+            outputs.update({name: array.copy() for name, array in wanted.items()})
+            for name, array in given.items():
+                if name not in inputs or array.size > inputs[name].size:
+                    inputs[name] = array.copy()
+
+    Graph.run_into = recording  # type: ignore[method-assign]
     try:
-        ts.decompress(Path(file).read_bytes())
+        ts.Runtime(threads=1).decompress(Path(file).read_bytes())
     finally:
-        Graph.run = run  # type: ignore[method-assign]
-    return calls[0]
+        Graph.run_into = run_into  # type: ignore[method-assign]
+    return inputs, outputs
 
 
 def main(file: str) -> int:

@@ -1,0 +1,31 @@
+"""The shipped graphs run wherever onnxruntime does: standard operators alone, those that docs/EDGE.md lists."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import onnx
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "EDGE.md").read_text("utf-8")
+GRAPHS = sorted((ROOT / "models").glob("*.onnx"))
+
+
+def listed(title: str) -> set[str]:
+    """Operators of a line `- title: A B C`."""
+    line = re.search(rf"^- {title}: (.+)$", PAGE, flags=re.MULTILINE)
+    assert line, title
+    return set(line[1].split())
+
+
+@pytest.mark.parametrize("path", GRAPHS, ids=lambda path: path.stem)
+def test_graphs_use_the_listed_standard_operators(path: Path) -> None:
+    model = onnx.load(path)
+    assert [opset.domain for opset in model.opset_import] == [""]
+    assert 18 <= model.opset_import[0].version <= 21 and model.ir_version <= 10
+    used = {node.op_type for node in model.graph.node}
+    if path.stem == "synthesis":
+        assert used == listed("synthesis")
+    assert used <= listed("synthesis") | listed("analysis and networks besides")
