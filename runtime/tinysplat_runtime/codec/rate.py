@@ -34,10 +34,14 @@ _ROUNDS = 8
 _LARGEST_SHIFT = 3.0
 """Most that a fine step moves a channel's QP: beyond it, more channels are moved instead."""
 
-_PSNR_TRIALS = 14
-_NEAR = 1.0
-_DB_PER_QP = 0.5
-"""Typical fall of the PSNR, for the first guesses."""
+_PSNR_TRIALS, _PSNR_PLANS = 14, 3
+_SAME_STEPS = 1.5
+"""Farther than this from the Q_g that plans are of, in one of the first trials, new plans are made."""
+
+_DB_PER_QP = 0.6
+"""Typical fall of the PSNR, for the first guess."""
+
+_LEAST_APART = 0.1
 
 _SAMPLED_BLOCKS = 1024
 _BINS_PER_OCTAVE = 8
@@ -90,39 +94,47 @@ def encode_to_psnr(encoder: SceneEncoder, target: float, measure: Callable[[byte
     Raises:
         InputError: no such file exists; says the nearest PSNR that does.
     """
-    low, high = -float(MAX_GLOBAL_QP), float(MAX_GLOBAL_QP)  # between them the PSNR falls through the target
-    at_low, at_high = math.inf, -math.inf
-    qp, aim = 0.0, target + PSNR_TOLERANCE / 2
-    base: tuple[list[LayerPlan], float] | None = None
-    for _ in range(_PSNR_TRIALS):
-        # Once near, steps alone change: what else follows from Q_g (components kept, depth layers) could jump.
-        if base is None or high - low > _NEAR:
-            base = encoder.plan(qp), qp
-        data = encoder.code([_scaled(plan, qp - base[1]) for plan in base[0]], qp)
+    qp, aim, slope = 0.0, target + PSNR_TOLERANCE / 2, _DB_PER_QP
+    plans, planned = encoder.plan(qp), qp
+    seen: list[tuple[float, float]] = []  # Q_g and dB of files of the present plans, latest last
+    nearest = math.inf
+    for trial in range(_PSNR_TRIALS):
+        data = encoder.code([_scaled(plan, qp - planned) for plan in plans], qp)
         found = measure(data)
         if target <= found <= target + PSNR_TOLERANCE:
             return data
-        if found < target:
-            high, at_high = qp, found
-        else:
-            low, at_low = qp, found
-        following = _next_qp(qp, found, aim, (low, at_low), (high, at_high))
+        nearest = min(nearest, found, key=lambda db: abs(db - target))
+        seen.append((qp, found))
+        slope = _slope(seen, slope)
+        following = min(max(_next_qp(seen, aim, slope), -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
         if following == qp:
             break
+        # Once near, steps alone change: what else follows from Q_g (components kept, depth layers) could jump.
+        if abs(following - planned) > _SAME_STEPS and trial < _PSNR_PLANS:
+            plans, planned, seen = encoder.plan(following), following, []
         qp = following
-    nearest = min((abs(at - target), at) for at in (at_low, at_high))[1]
     message = f"{target:g} dB; profile {encoder.profile.name} reaches {nearest:.2f} dB here as the nearest"
     raise InputError(message, where="target_psnr")
 
 
-def _next_qp(qp: float, found: float, aim: float, low: tuple[float, float], high: tuple[float, float]) -> float:
-    """Where to look next: along a line between the ends of the bracket, or along the typical slope without one."""
-    if math.isinf(low[1]) or math.isinf(high[1]):
-        guess = qp + (found - aim) / _DB_PER_QP * (1.0 if abs(found - aim) < 6 else 1.3)
-        return min(max(guess, low[0]), high[0])
+def _slope(seen: Sequence[tuple[float, float]], before: float) -> float:
+    """dB lost per Q_g: between the two latest files, if they are far enough apart to tell, else what it was before."""
+    if len(seen) < 2 or abs(seen[-1][0] - seen[-2][0]) < _LEAST_APART:
+        return before
+    found = (seen[-2][1] - seen[-1][1]) / (seen[-1][0] - seen[-2][0])
+    return min(max(found, _DB_PER_QP / 2), _DB_PER_QP * 2)
+
+
+def _next_qp(seen: Sequence[tuple[float, float]], aim: float, slope: float) -> float:
+    """Where to look next: between the nearest files on either side, or along the slope where all lie on one."""
+    above = [(qp, db) for qp, db in seen if db >= aim]
+    below = [(qp, db) for qp, db in seen if db < aim]
+    if not above or not below:
+        return seen[-1][0] + (seen[-1][1] - aim) / slope
+    low, high = max(above), min(below)
     share = (low[1] - aim) / (low[1] - high[1])
-    # Away from the ends, so that a curve that is no line still halves the bracket before long.
-    return low[0] + min(max(share, 0.15), 0.85) * (high[0] - low[0])
+    # Away from the ends, so that a curve that is no line still shortens the bracket before long.
+    return low[0] + min(max(share, 0.1), 0.9) * (high[0] - low[0])
 
 
 class ChannelModel:
