@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,6 @@ from .sources import Case
 
 PSNR_CEILING = 150.0
 """dB given to identical pictures, where float32's own rounding lies: JSON has no infinity."""
-
-COVERED_ALPHA = 0.5
 
 PictureMetric = Callable[[NDArray, NDArray], float]
 
@@ -53,13 +51,11 @@ class Prepared:
     Attributes:
         case: Gaussians, target cameras and photos.
         raw: pictures of the Gaussians as they are.
-        covered: (T, H, W) bool, pixels that the context's own pixels cover.
         scores: per-image lists of the raw render and the photo baseline.
     """
 
     case: Case
     raw: Rendered
-    covered: NDArray
     scores: dict[str, list[float]]
 
 
@@ -72,16 +68,16 @@ def prepare(case: Case, runtime: Runtime, lpips: PictureMetric | None = None) ->
         lpips: the metric, or None where there are no weights.
     """
     raw = render_targets(case.gaussians, case, runtime.threads)
-    layer0 = Renderer(replace(case.gaussians, extra_layers=()), threads=runtime.threads)
-    alphas = [layer0.render(camera, outputs=("alpha",))["alpha"] for camera in case.cameras]
-    covered = np.stack(alphas) > COVERED_ALPHA
-    scores: dict[str, list[float]] = {"coverage": [float(mask.mean()) for mask in covered]}
+    scores: dict[str, list[float]] = {}
+    if case.covered is not None:
+        scores["coverage"] = [float(mask.mean()) for mask in case.covered]
     if case.photos is not None:
         scores |= _scores(raw.images, case.photos, lpips, "_raw")
-        scores["psnr_raw_covered"] = _covered_psnr(raw.images, case.photos, covered)
+        scores |= _covered_psnr(raw.images, case, "psnr_raw_covered")
     if case.photos is not None and case.nearest is not None:
         scores |= _scores(case.nearest, case.photos, lpips, "_photo")
-    return Prepared(case, raw, covered, scores)
+        scores |= _covered_psnr(case.nearest, case, "psnr_photo_covered")
+    return Prepared(case, raw, scores)
 
 
 def measure_coding(
@@ -112,7 +108,7 @@ def measure_coding(
     per_image = {**prepared.scores, **_scores(rendered.images, prepared.raw.images, lpips, "_decoded_raw")}
     if case.photos is not None:
         per_image |= _scores(rendered.images, case.photos, lpips, "")
-        per_image["psnr_covered"] = _covered_psnr(rendered.images, case.photos, prepared.covered)
+        per_image |= _covered_psnr(rendered.images, case, "psnr_covered")
     if pictures is not None:
         write_pictures(pictures, prepared, rendered.images)
     described = inspect_bytes(data)
@@ -175,9 +171,12 @@ def _scores(
     }
 
 
-def _covered_psnr(images: NDArray, photos: NDArray, covered: NDArray) -> list[float]:
-    """Of the targets that have covered pixels at all."""
-    return [capped_psnr(a, b, mask) for a, b, mask in zip(images, photos, covered, strict=True) if mask.any()]
+def _covered_psnr(images: NDArray, case: Case, name: str) -> dict[str, list[float]]:
+    """Of the targets that have covered pixels at all, under a name; nothing where it is not known what is covered."""
+    if case.photos is None or case.covered is None:
+        return {}
+    triples = zip(images, case.photos, case.covered, strict=True)
+    return {name: [capped_psnr(image, photo, mask) for image, photo, mask in triples if mask.any()]}
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -35,8 +35,8 @@ class Record:
 
     PSNR in dB, SSIM and LPIPS are means over the target images; `_raw` is the render of the network's Gaussians against
     the photo, no suffix that of the decoded ones, `_decoded_raw` decoded against raw, `_photo` the context photo taken
-    from nearest, as if it were the answer. Covered pixels are those where layer 0, one Gaussian per context pixel,
-    renders with an alpha over one half.
+    from nearest, as if it were the answer. Covered pixels are those that
+    some context view has in its frame, by `coverage.covered_pixels`.
 
     Attributes:
         scene, kind, model, profile, qp, height, width, views, context, targets: what was measured.
@@ -76,6 +76,7 @@ class Record:
     coverage: float | None = None
     psnr_covered: float | None = None
     psnr_raw_covered: float | None = None
+    psnr_photo_covered: float | None = None
     depth: dict[str, Scores] = field(default_factory=dict)
     bytes_by_class: dict[str, int] = field(default_factory=dict)
     metadata_bytes: int = 0
@@ -186,7 +187,7 @@ def model_fingerprint(model: str) -> str:
 def code_fingerprint() -> str:
     """Hash of the code, graphs and libraries that figures depend on."""
     runtime, here = Path(str(tinysplat_runtime.__file__)).parent, Path(__file__).parent
-    measuring = [here / f"{name}.py" for name in ("lpips", "measure", "scene_index", "sources")]
+    measuring = [here / f"{name}.py" for name in ("coverage", "lpips", "measure", "scene_index", "sources")]
     sources = [*runtime.rglob("*.py"), *here.parent.glob("datasets/*.py"), here.parent / "metrics.py", *measuring]
     digest = hashlib.sha256()
     for path in sorted(sources):

@@ -35,6 +35,7 @@ from tinysplat_runtime.render import between
 from tinysplat_runtime.reports import Stopwatch
 from tinysplat_runtime.scenes import CAMERAS_FILE, Scene, load_scene
 
+from .coverage import covered_pixels
 from .scene_index import EVAL_INDEX, MAX_INDEX_BYTES, Window, parse_window, read_depth, read_index, stated_depth
 
 GAUSSIAN_SUFFIXES = (".npz", ".safetensors")
@@ -68,6 +69,7 @@ class Case:
         photos: (T, H, W, 3) float32 target photos, or None.
         nearest: (T, H, W, 3) float32, the context photo taken from nearest to each target, or None.
         depths: (H, W) true depth per target, 0 where unknown, or None.
+        covered: (T, H, W) bool, of `covered_pixels`, or None.
         seconds: of the stage `network`.
     """
 
@@ -76,6 +78,7 @@ class Case:
     photos: NDArray | None
     nearest: NDArray | None
     depths: tuple[NDArray | None, ...]
+    covered: NDArray | None
     seconds: dict[str, float]
 
 
@@ -241,7 +244,7 @@ class FileSource:
         """See `Source.load`; `model` and `size` are the file's own."""
         gaussians = load_gaussians(self.path)
         cameras = tuple(self._targets(gaussians))
-        return Case(gaussians, cameras, None, None, (None,) * len(cameras), {})
+        return Case(gaussians, cameras, None, None, (None,) * len(cameras), None, {})
 
     def fingerprint(self, window: Window) -> str:
         """Of the file's size and time of change."""
@@ -308,7 +311,8 @@ def _predicted(
         gaussians = predict(*context, near, far, graph)
     centres = np.stack([camera.centre for camera in context[1]])
     nearest = [int(np.linalg.norm(centres - camera.centre, axis=1).argmin()) for camera in targets[1]]
-    return Case(gaussians, tuple(targets[1]), targets[0], context[0][nearest], depths, watch.seconds)
+    covered = np.stack([covered_pixels(camera, context[1], near, far) for camera in targets[1]])
+    return Case(gaussians, tuple(targets[1]), targets[0], context[0][nearest], depths, covered, watch.seconds)
 
 
 def _sources_at(

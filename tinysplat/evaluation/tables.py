@@ -38,6 +38,8 @@ _COLUMNS: dict[str, Cell] = {
     "photo dB": lambda m: number(m["psnr_photo"], 2),
     "raw dB": lambda m: number(m["psnr_raw"], 2),
     "coded dB": lambda m: number(m["psnr"], 2),
+    "covered photo dB": lambda m: number(m["psnr_photo_covered"], 2),
+    "covered raw dB": lambda m: number(m["psnr_raw_covered"], 2),
     "covered dB": lambda m: number(m["psnr_covered"], 2),
     "coded–raw dB": lambda m: number(m["psnr_decoded_raw"], 2),
     "SSIM raw": lambda m: number(m["ssim_raw"], 4),

@@ -1,0 +1,55 @@
+"""Which pixels of a target the context views show: by cameras alone, exact where it can be counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from evaluation_scenes import NEAR_WINDOW, write_eval_scene
+
+from tinysplat.evaluation.coverage import covered_pixels
+from tinysplat.evaluation.sources import FolderSource
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.cameras import Camera
+
+FOCAL, WIDTH, HEIGHT = 40.0, 60, 20
+
+
+def camera(x: float, yaw: float = 0.0) -> Camera:
+    c2w = np.eye(4)
+    c2w[:3, :3] = [[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]]
+    c2w[0, 3] = x
+    return Camera(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), c2w, WIDTH, HEIGHT)
+
+
+def test_a_context_view_covers_itself() -> None:
+    assert covered_pixels(camera(0), [camera(0)], 1, 9).all()
+
+
+def test_the_uncovered_margin_is_as_wide_as_the_disparity() -> None:
+    # all depths alike: 0.5 · 40 / 2 = 10 pixels that lie beyond the context's right border
+    covered = covered_pixels(camera(0.5), [camera(0)], 2.0, 2.0 + 1e-6)
+    assert covered[:, : WIDTH - 10].all() and not covered[:, WIDTH - 10 :].any()
+
+
+def test_half_of_the_inverse_depths_decide() -> None:
+    # disparities from 0 (infinitely far) to 20 pixels: half of them are under 10
+    covered = covered_pixels(camera(0.5), [camera(0)], 1.0, 1e9)
+    assert abs(int(covered[0].sum()) - (WIDTH - 10)) <= 1
+
+
+def test_views_on_both_sides_cover_what_stands_between_them() -> None:
+    assert covered_pixels(camera(0), [camera(-0.5), camera(0.5)], 2.0, 2.5).all()
+
+
+def test_a_view_that_looks_away_or_from_behind_covers_nothing() -> None:
+    assert not covered_pixels(camera(0), [camera(0, yaw=np.pi)], 1, 9).any()
+    assert not covered_pixels(camera(0), [camera(0, yaw=2.0)], 1, 9).any()
+
+
+@pytest.mark.parametrize("model", ["sweep", "edge"])
+def test_every_network_is_judged_on_the_same_pixels(tmp_path, model: str) -> None:
+    source = FolderSource(write_eval_scene(tmp_path / "plane", [NEAR_WINDOW]))
+    case = source.load(source.windows()[0][0], model, (48, 64), Runtime(threads=1))
+    views = source.scene().resized(48, 64).views((0, 1, 2)).cameras
+    assert case.covered is not None
+    np.testing.assert_array_equal(case.covered, [covered_pixels(views[1], [views[0], views[2]], 2.0, 8.0)])
