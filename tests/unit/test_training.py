@@ -17,7 +17,7 @@ from tinysplat.training.config import Config, DataSettings, OptimiserSettings, R
 from tinysplat.training.data import SampleStream
 from tinysplat.training.loop import CHECKPOINT, CURVES, learning_rate, train
 from tinysplat.training.losses import LossWeights, candidate_entropy, losses, photometric, rate
-from tinysplat.training.photos import PhotoSet
+from tinysplat.training.photos import PhotoSet, _transposed
 from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.samples import Sample, psnr, render_outputs
 from tinysplat.training.state import TrainingState, read_checkpoint
@@ -66,6 +66,33 @@ def textures() -> np.ndarray:
 def test_textures_are_made_without_any_photos(textures: np.ndarray) -> None:
     assert textures.shape == (6, SIZE, SIZE, 3) and textures.dtype == np.uint8
     assert all(np.ptp(texture) > 0 for texture in textures)
+
+
+def test_further_pictures_become_textures_and_unreadable_ones_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    write_png(tmp_path / "deep" / "red.png", np.full((300, 400, 3), (200, 10, 10), np.uint8))
+    (tmp_path / "bad.jpg").write_bytes(b"no picture")
+    (tmp_path / "notes.txt").write_text("no picture either", "utf-8")
+    bank = texture_bank([], 120, np.random.default_rng(0), tmp_path)
+    assert sum(bool((np.abs(texture - (200.0, 10.0, 10.0)) < 2).all()) for texture in bank) >= 1
+
+
+def test_a_folder_without_pictures_is_one_clear_line(photos: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no picture that can be read, expected"):
+        SampleStream(dataclasses.replace(TINY, photos=str(photos), pictures=str(tmp_path)))
+
+
+def test_a_world_swapped_at_the_diagonal_is_seen_the_same_way(photos: Path) -> None:
+    scene = PhotoSet.load(photos).scenes[0]
+    images, K, c2w = np.stack(scene.images)[:, :40, :40], scene.K, scene.c2w
+    turned, turned_K, turned_c2w = _transposed(images, K, c2w)
+    point = np.array([0.3, -0.2, 4.0])
+    for view in range(len(K)):
+        x, y, z = K[view] @ c2w[view, :3, :3].T @ (point - c2w[view, :3, 3])
+        there = turned_K[view] @ turned_c2w[view, :3, :3].T @ (point[[1, 0, 2]] - turned_c2w[view, :3, 3])
+        np.testing.assert_allclose(there, [y, x, z])
+        assert np.linalg.det(turned_c2w[view, :3, :3]) == pytest.approx(1)
+    np.testing.assert_array_equal(turned[0, 7, 11], images[0, 11, 7])
 
 
 def test_exact_depth_carries_pixels_to_where_another_view_shows_the_same(textures: np.ndarray) -> None:

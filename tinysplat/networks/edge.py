@@ -1,10 +1,12 @@
 """`edge`: a small learned network that starts from `sweep` and corrects it.
 
 The analytic part is `sweep`'s: matching costs, semi-global aggregation, filling, agreement between views, and Gaussians
-by construction. A U-Net at half resolution sees the costs and what the analysis made of them, and adds to the logits
-over inverse-depth candidates; a learned convex upsampling keeps depth edges sharp; a head at full resolution changes
-depth, opacity, footprint and colour within bounds, and a small one the coarse layer. The last layer of every head
-starts at zero, so that the untrained network is the analysis and training can only move it from there.
+by construction; its costs are led by those of two coarser grids. A refiner whose weights are the same for every
+candidate adds to the logits over inverse depth at quarter resolution: it can learn what a good match looks like, and
+no liking for a depth. A U-Net at half resolution sees the costs about the depth that was found; a learned convex
+upsampling keeps depth edges sharp; a head at full resolution changes depth, opacity, footprint and colour within
+bounds, and a small one the coarse layer. The last layer of every head starts at zero, so that the untrained network is
+the analysis and training can only move it from there.
 
 Convex upsampling is after Teed and Deng, "RAFT" (2020), section 3.3.
 """
@@ -12,8 +14,9 @@ Convex upsampling is after Teed and Deng, "RAFT" (2020), section 3.3.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -41,6 +44,8 @@ from .sweep import (
 
 __all__ = ["MAX_VIEWS", "MIN_SIDE", "MIN_VIEWS", "OUTPUT_NAMES", "STRIDE", "Edge", "EdgeSettings"]
 
+_Layer = TypeVar("_Layer", nn.Conv2d, nn.Conv3d)
+
 STRIDE = 16
 """Image sides are multiples of it: the U-Net's coarsest grid."""
 
@@ -59,9 +64,15 @@ class EdgeSettings:
 
     Attributes:
         analysis: the analytic part.
+        fine_colour_weight: of the costs at half resolution, which compare colours alone: fewer values to warp.
+        coarser_grids: 1/4, 1/8, … of the photo's sides, whose costs lead those of the next finer one.
+        lead: factor on a coarser grid's aggregated costs.
+        lead_limit: those costs are cut here.
         widths: channels at 1/2, 1/4, 1/8 and 1/16 resolution.
         fine: channels that the U-Net hands to each pixel of full resolution.
         head: channels of the head at full resolution.
+        refiner: channels of the refiner of costs.
+        look: candidates on each side of the depth found whose costs the U-Net sees.
         likelihood: fall of a candidate's input value with its aggregated cost.
         contrast: factor on raw costs less their mean over candidates, as an input.
         prior_width: standard deviation of the analytic depth's prior over candidates, candidates.
@@ -75,11 +86,17 @@ class EdgeSettings:
     """
 
     analysis: SweepSettings = field(
-        default_factory=lambda: SweepSettings(candidates=32, alignment=AlignmentSettings(steps=1))
+        default_factory=lambda: SweepSettings(candidates=30, alignment=AlignmentSettings(steps=1))
     )
+    fine_colour_weight: float = 2.2
+    coarser_grids: int = 2
+    lead: float = 0.1
+    lead_limit: float = 2.0
     widths: tuple[int, int, int, int] = (32, 64, 96, 96)
     fine: int = 8
     head: int = 16
+    refiner: int = 8
+    look: int = 3
     likelihood: float = 3.0
     contrast: float = 8.0
     prior_width: float = 0.7
@@ -99,12 +116,14 @@ class Analysis:
     Attributes:
         cost: (V, D, h, w) matching costs.
         paths: (V, D, h, w) aggregated costs, less their minimum over candidates.
+        coarse_paths: (V, D, h / 2, w / 2), the same of the next coarser grid.
         level: (V, 1, h, w) filled depth, a level of `InverseDepths`.
         agreement: (V, 1, h, w) of views, before filling.
     """
 
     cost: Tensor
     paths: Tensor
+    coarse_paths: Tensor
     level: Tensor
     agreement: Tensor
 
@@ -142,6 +161,26 @@ class Residual(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(V, C, h, w) to the same."""
         return functional.relu(x + self.second(functional.relu(self.first(x))))
+
+
+class CostRefiner(nn.Module):
+    """Additions to the logits over candidates, from the volume of costs: every candidate is treated alike.
+
+    Three-dimensional convolutions over candidates, rows and columns; what the picture looks like is added to the first
+    of them for all candidates at once.
+    """
+
+    def __init__(self, volumes: int, maps: int, channels: int) -> None:
+        super().__init__()
+        self.entry = _convolution3(volumes, channels)
+        self.context = _convolution(maps, channels)
+        self.mix = _convolution3(channels, channels)
+        self.out = _zero(nn.Conv3d(channels, 1, 1))
+
+    def forward(self, volumes: Tensor, maps: Tensor) -> Tensor:
+        """(V, n, D, h, w) and (V, m, h, w) to (V, D, h, w)."""
+        x = functional.relu(self.entry(volumes) + self.context(maps)[:, :, None])
+        return self.out(x + functional.relu(self.mix(x)))[:, 0]
 
 
 class UNet(nn.Module):
@@ -210,9 +249,9 @@ class Edge(nn.Module):
     def __init__(self, settings: EdgeSettings | None = None) -> None:
         super().__init__()
         self.settings = s = settings or EdgeSettings()
-        count, width = s.analysis.candidates, s.widths[0]
-        self.unet = UNet(2 * count + 7, s.widths)
-        self.logits = _zero(_convolution(width, count))
+        width = s.widths[0]
+        self.refiner = CostRefiner(3, 6, s.refiner)
+        self.unet = UNet(2 * (2 * s.look + 1) + 8, s.widths)
         self.trust_costs = nn.Parameter(torch.tensor(1.0))
         self.upsampling = _zero(nn.Conv2d(width, 36, 1))
         self.register_buffer("bilinear", _bilinear_logits(), persistent=False)
@@ -228,7 +267,7 @@ class Edge(nn.Module):
     def shrink(self, share: float) -> None:
         """Keep a share of what was learned: scale the last layers, which are zero in the analytic part."""
         with torch.no_grad():
-            for layer in (self.logits, self.upsampling, self.head[-1], self.coarse.out):
+            for layer in (self.refiner.out, self.upsampling, self.head[-1], self.coarse.out):
                 for parameter in layer.parameters():
                     parameter.mul_(share)
 
@@ -245,11 +284,11 @@ class Edge(nn.Module):
         rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
         terms = pairs.sweep_terms(rays, K)
         with _without_gradient():
-            found = analyse(half, terms, pairs, depths, s.analysis)
+            found = analyse(half, terms, pairs, depths, s)
 
-        features, coarse_features = self.unet(self._inputs(half, found))
-        logits = self._prior(found) + self.logits(features)
+        logits = self._logits(half, found)
         level, confidence = expected_level(logits)
+        features, coarse_features = self.unet(self._inputs(half, found, logits, level, confidence))
         full = convex_upsampling(level, self.upsampling(features) + self.bilinear)
         with _without_gradient():
             error, seen, _ = error_in_sources(level, terms, pairs, depths)
@@ -286,15 +325,35 @@ class Edge(nn.Module):
         outputs = (*surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0])
         return Prediction(outputs, logits, full, depths, footprint, opacity, colours)
 
-    def _inputs(self, half: Tensor, found: Analysis) -> Tensor:
-        """The U-Net's input (V, 2·D + 7, h, w); every channel is of the order of one."""
+    def _logits(self, half: Tensor, found: Analysis) -> Tensor:
+        """Logits (V, D, h, w) over candidates: the analysis's, and what the refiner adds at quarter resolution."""
         s = self.settings
-        likelihood = torch.exp(-s.likelihood * found.paths)
-        raw = s.contrast * (found.cost - found.cost.mean(dim=1, keepdim=True))
+        quarter = functional.avg_pool2d(half, 2)
+        gray = quarter.mean(dim=1, keepdim=True)
+        contrast = local_contrast(gray, s.analysis.contrast_window, floor=0.03)
+        agreement = functional.avg_pool2d(torch.cat([found.agreement, self._best(found)], dim=1), 2)
+        raw = functional.avg_pool2d(s.contrast * (found.cost - found.cost.mean(dim=1, keepdim=True)), 2)
+        aggregated = functional.avg_pool2d(torch.exp(-s.likelihood * found.paths), 2)
+        coarse = torch.exp(-s.likelihood * found.coarse_paths)
+        maps = torch.cat([quarter - 0.5, 0.5 * contrast, agreement], dim=1)
+        added = self.refiner(torch.stack([raw, aggregated, coarse], dim=1), maps)
+        return self._prior(found) + double(added)
+
+    def _best(self, found: Analysis) -> Tensor:
+        return self.settings.contrast * found.cost.amin(dim=1, keepdim=True)
+
+    def _inputs(self, half: Tensor, found: Analysis, logits: Tensor, level: Tensor, confidence: Tensor) -> Tensor:
+        """The U-Net's input (V, 4·look + 10, h, w): nothing in it tells absolute depth; all is of the order of one."""
+        s = self.settings
+        last = s.analysis.candidates - 1
+        offsets = torch.arange(-s.look, s.look + 1)[:, None, None]
+        index = (torch.round(last * level.detach()).long() + offsets).clamp(0, last)
+        beside = (logits - logits.amax(dim=1, keepdim=True)).gather(1, index)
+        raw = s.contrast * (found.cost - found.cost.mean(dim=1, keepdim=True)).gather(1, index)
         contrast = local_contrast(half.mean(dim=1, keepdim=True), s.analysis.contrast_window, floor=0.03)
-        best = s.contrast * found.cost.amin(dim=1, keepdim=True)
-        maps = [half - 0.5, 0.5 * contrast, 2 * found.level - 1, found.agreement, best]
-        return torch.cat([likelihood, raw, *maps], dim=1)
+        relief = (last / 8 * (level - box_mean(level, 17))).clamp(-2, 2)
+        maps = [half - 0.5, 0.5 * contrast, relief, found.agreement, self._best(found), confidence]
+        return torch.cat([torch.exp(0.5 * beside), raw, *maps], dim=1)
 
     def _prior(self, found: Analysis) -> Tensor:
         """Logits (V, D, h, w) of the analysis alone: its depth, and its costs with a learned weight."""
@@ -306,15 +365,32 @@ class Edge(nn.Module):
 
 
 def analyse(
-    half: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, settings: SweepSettings
+    half: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, settings: EdgeSettings
 ) -> Analysis:
-    """The first half of `sweep`: matching, aggregation, agreement and filling at half resolution."""
-    cost = matching_costs(half, terms, pairs, depths, settings)
-    paths = path_costs(cost, half, step=settings.step, jump=settings.jump, edge=settings.edge)
-    level = soft_argmin(paths, settings.sharpness)
-    agreement = cross_view_agreement(level, terms, pairs, depths, settings)
-    level = fill_uncertain(level, agreement, half, edge=settings.fill_edge, dilations=settings.fill_dilations)
-    return Analysis(cost, paths - paths.amin(dim=1, keepdim=True), level, agreement)
+    """The first half of `sweep`: matching, aggregation, agreement and filling at half resolution.
+
+    A coarser grid's aggregated costs are added, with a small weight, to the costs of the next finer one: large blank or
+    repeated things are matched by what surrounds them.
+    """
+    s = settings.analysis
+    fine = replace(s, colour_weight=settings.fine_colour_weight, contrast_weight=0.0)
+    grids = [(half, terms[0])]
+    for _ in range(settings.coarser_grids):
+        grids.append((functional.avg_pool2d(grids[-1][0], 2), functional.avg_pool2d(grids[-1][1], 2)))
+    lead = torch.zeros(())
+    coarse = lead
+    for guide, turned in reversed(grids):
+        at_half = guide is half
+        cost = matching_costs(guide, (turned, terms[1]), pairs, depths, fine if at_half else s) + lead
+        paths = path_costs(cost, guide, step=s.step, jump=s.jump, edge=s.edge)
+        paths = paths - paths.amin(dim=1, keepdim=True)
+        if not at_half:
+            coarse = paths
+            lead = double(settings.lead * paths.clamp_max(settings.lead_limit))
+    level = soft_argmin(paths, s.sharpness)
+    agreement = cross_view_agreement(level, terms, pairs, depths, s)
+    level = fill_uncertain(level, agreement, half, edge=s.fill_edge, dilations=s.fill_dilations)
+    return Analysis(cost, paths, coarse, level, agreement)
 
 
 def expected_level(logits: Tensor) -> tuple[Tensor, Tensor]:
@@ -369,7 +445,15 @@ def _convolution(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) 
     return layer
 
 
-def _zero(layer: nn.Conv2d) -> nn.Conv2d:
+def _convolution3(inputs: int, outputs: int) -> nn.Conv3d:
+    """A 3 × 3 × 3 convolution, initialised as `_convolution`."""
+    layer = nn.Conv3d(inputs, outputs, 3, padding=1)
+    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+    return layer
+
+
+def _zero(layer: _Layer) -> _Layer:
     nn.init.zeros_(layer.weight)
     nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
     return layer

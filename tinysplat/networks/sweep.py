@@ -93,7 +93,7 @@ class SweepSettings:
         candidates: inverse depths from far to near, uniform.
         colour_weight: weight of the mean absolute colour difference.
         colour_limit: that difference is cut here.
-        contrast_weight: weight of the absolute difference of local contrast.
+        contrast_weight: weight of the absolute difference of local contrast; at 0 it is not looked at.
         contrast_limit: that difference is cut here.
         contrast_window: side of the window of local contrast, half-resolution pixels.
         unseen_cost: cost of a candidate that no other view has in its frame.
@@ -209,15 +209,18 @@ def matching_costs(
     Truncated absolute differences of colour and of local contrast (which does not see exposure), averaged over a
     small box and over the sources that have the point in their frame.
     """
-    gray = half.mean(dim=1, keepdim=True)
-    features = torch.cat([half, local_contrast(gray, settings.contrast_window, floor=0.03)], dim=1)
+    features = half
+    if settings.contrast_weight:
+        contrast = local_contrast(half.mean(dim=1, keepdim=True), settings.contrast_window, floor=0.03)
+        features = torch.cat([half, contrast], dim=1)
     candidates = sweep.candidates()[pairs.reference][:, :, None, None]
     x, y, ratio = project_sweep(*terms, candidates)
-    read = sample_bilinear(features[pairs.source], x, y)  # (P, 4, D, h, w)
+    read = sample_bilinear(features[pairs.source], x, y)  # (P, 3 or 4, D, h, w)
     difference = (read - features[pairs.reference][:, :, None]).abs()
-    colour = difference[:, :3].mean(dim=1).clamp_max(settings.colour_limit)
-    contrast = difference[:, 3].clamp_max(settings.contrast_limit)
-    cost = box_mean(settings.colour_weight * colour + settings.contrast_weight * contrast, settings.window)
+    cost = settings.colour_weight * difference[:, :3].mean(dim=1).clamp_max(settings.colour_limit)
+    if settings.contrast_weight:
+        cost = cost + settings.contrast_weight * difference[:, 3].clamp_max(settings.contrast_limit)
+    cost = box_mean(cost, settings.window)
     seen = inside_frame(x, y, ratio)
     count = pairs.by_view(seen).sum(dim=1)
     mean = pairs.by_view(cost * seen).sum(dim=1) / count.clamp_min(1)

@@ -26,6 +26,7 @@ class DataSettings:
 
     Attributes:
         photos: folder of scene folders whose photos are targets and textures.
+        pictures: folder of further photos for textures, searched to the bottom, or empty for none.
         validation: folder of scene folders with eval_index.json, or empty for none.
         seed: of weights, textures and samples.
         side: of the square crops, pixels; a multiple of 16.
@@ -37,6 +38,7 @@ class DataSettings:
     """
 
     photos: str = ""
+    pictures: str = ""
     validation: str = ""
     seed: int = 0
     side: int = 160
@@ -110,7 +112,7 @@ class Config:
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers and strings, for the checkpoint; of folders only their names."""
         content = asdict(self)
-        for name in ("photos", "validation"):
+        for name in ("photos", "pictures", "validation"):
             content["data"][name] = Path(content["data"][name]).name
         return content
 
@@ -135,8 +137,9 @@ def load_config(path: Path) -> Config:
             message = f"{side}, expected a multiple of {STRIDE} from {MIN_SIDE} on"
             raise InputError(message, where=f"{path}: data.{name}")
     data = {**asdict(config.data), "photos": str(folder / config.data.photos)}
-    if config.data.validation:
-        data["validation"] = str(folder / config.data.validation)
+    for name in ("pictures", "validation"):
+        if data[name]:
+            data[name] = str(folder / data[name])
     return Config(DataSettings(**data), config.loss, config.optimiser, config.run)
 
 

@@ -31,7 +31,7 @@ class SampleStream:
         settings: what to draw from.
 
     Raises:
-        InputError: the folder of photos holds nothing to train on.
+        InputError: the folder of photos holds nothing to train on, or that of pictures no picture.
     """
 
     def __init__(self, settings: DataSettings) -> None:
@@ -39,7 +39,8 @@ class SampleStream:
         folder = Path(settings.photos)
         self.photos = PhotoSet.load(folder)
         scenes = sorted(path.parent for path in folder.glob(f"*/{CAMERAS_FILE}"))
-        self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK))
+        pictures = Path(settings.pictures) if settings.pictures else None
+        self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK), pictures)
 
     def _generator(self, index: int) -> np.random.Generator:
         return np.random.default_rng([self.settings.seed, index])

@@ -35,15 +35,15 @@ Say = Callable[[str], None]
 def use_bfloat16(network: Edge, device: torch.device) -> None:
     """Let the costly learned layers compute in bfloat16; geometry, and whatever reads their results, stays float32."""
 
-    def narrowed(forward: Callable[[Tensor], Any]) -> Callable[[Tensor], Any]:
-        def run(x: Tensor) -> Any:
+    def narrowed(forward: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*maps: Tensor) -> Any:
             with torch.autocast(device.type, torch.bfloat16):
-                found = forward(x)
+                found = forward(*maps)
             return tuple(part.float() for part in found) if isinstance(found, tuple) else found.float()
 
         return run
 
-    for module in (network.unet, network.logits, network.upsampling, network.fine, network.head):
+    for module in (network.refiner, network.unet, network.upsampling, network.fine, network.head):
         module.forward = narrowed(module.forward)  # type: ignore[method-assign]
 
 

@@ -15,10 +15,10 @@ from tinysplat_runtime.scenes import CAMERAS_FILE, load_scene
 
 from .samples import Sample
 
-BASELINES = (0.04, 0.35)
+BASELINES = (0.04, 0.4)
 """Distance of the context cameras in units of the scene's typical depth."""
 
-MAX_ANGLE = 25.0
+MAX_ANGLE = 30.0
 """Between the viewing directions of any two views of a window, degrees."""
 
 BETWEEN = (-0.1, 1.1)
@@ -89,8 +89,9 @@ class PhotoSet:
         c2w = scene.c2w[frames]
         if rng.random() < 0.5:
             images, K, c2w = _mirrored(images, K, c2w)
-        if rng.random() < 0.3:
-            images = images[..., rng.permutation(3)]
+        if rng.random() < 0.5:
+            images, K, c2w = _transposed(images, K, c2w)
+        images = _recoloured(images, rng)
         depth_range = (scene.near * rng.uniform(0.75, 1.05), scene.far * rng.uniform(0.95, 1.3))
         return Sample.of(scene.name, images, K, c2w, depth_range, 2)
 
@@ -156,6 +157,22 @@ def _crops(
         K[:2] *= side / crop
         intrinsics.append(K)
     return np.stack(images), np.stack(intrinsics)
+
+
+def _recoloured(images: NDArray, rng: np.random.Generator) -> NDArray:
+    """Other light: channels swapped, a tone curve, a gain per channel, and small differences between the pictures."""
+    if rng.random() < 0.3:
+        images = images[..., rng.permutation(3)]
+    if rng.random() < 0.6:
+        images = images ** np.float32(rng.uniform(0.6, 1.6)) * rng.uniform(0.5, 1.1, 3).astype(np.float32)
+    exposures = 1 + rng.normal(0, 0.01, (len(images), 1, 1, 1))
+    return np.clip(images * exposures, 0, 1).astype(np.float32)
+
+
+def _transposed(images: NDArray, K: NDArray, c2w: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """The mirror image of the world at the diagonal: rows and columns swapped in square pictures without skew."""
+    swap = np.eye(4)[[1, 0, 2, 3]]
+    return images.transpose(0, 2, 1, 3), swap[:3, :3] @ K @ swap[:3, :3], swap @ c2w @ swap
 
 
 def _mirrored(images: NDArray, K: NDArray, c2w: NDArray) -> tuple[NDArray, NDArray, NDArray]:

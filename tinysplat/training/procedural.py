@@ -171,8 +171,8 @@ def _clutter(b: _Builder, spread: float) -> None:
 
 
 def _cameras(rng: np.random.Generator, depth: float, views: int, targets: int) -> list[NDArray]:
-    """c2w of context and target cameras along a line of 0.04 to 0.4 depths, turned towards a common point."""
-    baseline = depth * math.exp(rng.uniform(math.log(0.04), math.log(0.4)))
+    """c2w of context and target cameras along a line of 0.04 to 0.5 depths, turned towards a common point."""
+    baseline = depth * math.exp(rng.uniform(math.log(0.04), math.log(0.5)))
     angle = rng.normal(0, 0.6) + (math.pi if rng.random() < 0.5 else 0)
     direction = np.array([math.cos(angle), math.sin(angle), rng.normal(0, 0.25)])
     direction /= np.linalg.norm(direction)
