@@ -103,7 +103,9 @@ def _spawn(name: str, start: int, count: int, progress: Path) -> tuple[dict[str,
     command = [sys.executable, "-m", "hostile.campaign", "--chunk", f"{name}:{start}:{count}:{progress}"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_KILL_AFTER_S, check=False)
     if done.returncode == 0:
-        *noise, result = done.stdout.splitlines()
+        lines = done.stdout.split("\n")
+        result = next(line for line in lines if line.startswith('{"outcomes"'))  # a library may print after it, too
+        noise = [line for line in lines if line and line != result]
         found = json.loads(result)
         if noise or done.stderr:  # standard output carries results only, and refusals are exceptions
             found["findings"].append({"case": start, "what": f"printed: {[*noise, done.stderr][0][:200]}"})
