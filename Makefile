@@ -45,9 +45,14 @@ viewer: tinysplat/viewer/libraries.js.gz  ## what the page of `tinysplat view` i
 tinysplat/viewer/libraries.js.gz: export/viewer/package.json export/viewer/libraries.js
 	cd export/viewer && npm install --no-audit --no-fund --silent && npm run --silent build
 
-docs: $(VENV)/.installed  ## the documentation site in site/, without a network once installed
+docs: $(VENV)/.installed docs/assets/iframe-worker-shim.js  ## the documentation site in site/, for a server or opened from disk
 	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[docs]"
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
+
+docs/assets/iframe-worker-shim.js:  # MIT, by npm: search in pages opened from disk
+	mkdir -p $(@D)
+	cd $(@D) && npm pack --silent iframe-worker@1.0.4 && tar -xzf iframe-worker-1.0.4.tgz package/shim/index.js
+	mv $(@D)/package/shim/index.js $@ && rm -r $(@D)/package $(@D)/iframe-worker-1.0.4.tgz
 
 golden: $(VENV)/.installed  ## rewrite the golden files; a reviewed decision, with its reason in the changelog
 	$(VENV)/bin/python tests/golden/regenerate.py

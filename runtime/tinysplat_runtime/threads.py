@@ -53,7 +53,8 @@ class Crew:
         finally:
             for _ in queue:  # after an error, leave nothing to begin
                 pass
-            errors = [future.exception() for future in helping]
+            # Helpers that have not come by now, busy elsewhere or with the very job that asks, are not waited for.
+            errors = [future.exception() for future in helping if not future.cancel()]
         for error in errors:
             if error is not None:
                 raise error

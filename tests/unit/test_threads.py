@@ -46,3 +46,8 @@ def test_an_error_reaches_the_caller_and_ends_the_work(threads, bad):
     if threads == 1:
         assert begun == list(range(bad + 1))
     assert crew.map(str, range(3)) == ["0", "1", "2"]  # and it can work again
+
+
+def test_a_job_may_share_out_work_of_its_own():
+    crew = Crew(2)
+    assert crew.map(lambda n: sum(crew.map(lambda m: n * m, range(4))), range(4)) == [0, 6, 12, 18]
