@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from tinysplat.commands.eval import choose_lpips, numbers, words
@@ -44,6 +45,13 @@ def build_parser() -> argparse.ArgumentParser:
                         help=f"network, or one data set's network; default {DEFAULT_MODEL}")  # fmt: skip
     parser.add_argument("--profile", type=words, default=("paper", "balanced"), metavar="P,P")
     parser.add_argument("--qp", type=numbers, default=None, metavar="Q,Q", help="of fig-rd and fig-ablation")
+    parser.add_argument(
+        "--views",
+        type=numbers,
+        default=None,
+        metavar="N,N",
+        help="of figures and table-bits: one after the other for so many views, such as 2,4,6",
+    )
     parser.add_argument("--kind", type=words, default=("near",), metavar="K,K", help="two-view windows; default near")
     parser.add_argument("--limit", type=int, metavar="N", help="windows per scene; figures: default 1")
     parser.add_argument("--size", type=size, default=(256, 256), metavar="HxW", help="of SCENES; default 256x256")
@@ -94,6 +102,17 @@ def make(args: argparse.Namespace) -> str:
     """Run one command; returns its text."""
     inputs, lpips_text = make_inputs(args)
     folder = inputs.settings.folder
+    if not args.views:
+        return make_one(args, inputs, folder, lpips_text)
+    sections = []
+    for views in map(int, args.views):
+        text = make_one(args, replace(inputs, views=views), folder / f"{views}-views", lpips_text)
+        sections.append(f"{views} views. {text}")
+    return "\n".join(sections)
+
+
+def make_one(args: argparse.Namespace, inputs: Inputs, folder: Path, lpips_text: str) -> str:
+    """One command's text; its pictures go to `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     match args.what:
         case "table-main":

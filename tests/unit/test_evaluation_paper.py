@@ -224,6 +224,15 @@ def test_figures_leave_pictures_and_the_numbers_behind_them(run, inputs):
                 assert image.width > 300
 
 
+def test_figures_and_bits_go_by_number_of_views(run, inputs):
+    text, _, folder = run("fig-ablation", *inputs, "--views", "2,4", "--model", "sweep", "--qp=0,12")
+    two, four = text.split("4 views. ")
+    assert two.startswith("2 views. ") and "paper" in four and two.splitlines()[4:] != four.splitlines()[4:]
+    assert (folder / "2-views" / "fig-ablation.png").is_file() and (folder / "4-views" / "fig-ablation.png").is_file()
+    bits, _, _ = run("table-bits", inputs[0], "--views", "4", "--model", "sweep", "--profile", "paper")
+    assert "4 views. Share" in bits and bits.count(" here ") == 4
+
+
 def test_fig_k_passes_over_gaussians_without_view_dependence(run, inputs):
     _, said, _ = run("fig-k", inputs[0], status=2)
     assert "SH degree 0 has no components" in said and "no window to measure" in said

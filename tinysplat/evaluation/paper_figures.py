@@ -87,7 +87,8 @@ def rd_figure(inputs: Inputs, folder: Path, qps: Sequence[float]) -> str:
     """Rate against quality of every profile over Q_g."""
     rows, curves = [], []
     for data in inputs.sources:
-        records = inputs.records(data, [Coding(p, qp) for p in inputs.profiles for qp in qps])
+        codings = [Coding(p, qp) for p in inputs.profiles for qp in qps]
+        records = inputs.records(data, codings, inputs.wanted_views)
         for model in dict.fromkeys(r.model for r in records):
             for profile in inputs.profiles:
                 points = []

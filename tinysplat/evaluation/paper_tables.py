@@ -46,6 +46,8 @@ class Inputs:
         size: (height, width) of scene folders' photos.
         settings: how to measure, and where results are kept.
         quiet: show no progress.
+        views: number of context views that figures and the table of bits are made for; None for whatever there is,
+            the table of bits for 2.
     """
 
     sources: dict[str, list[Source]]
@@ -56,12 +58,18 @@ class Inputs:
     size: dict[str, tuple[int, int]]
     settings: Settings
     quiet: bool = True
+    views: int | None = None
 
     def plan(self, data: str, codings: Sequence[Coding], views: Sequence[int] = ()) -> Plan:
         """The plan for one data set; windows of more than two views are of whatever kind there is."""
         kinds = self.kinds if data == SCENES and (not views or 2 in views) else ()
         models = self.models.get(data, self.models.get("", ()))
         return Plan(self.sources[data], models, codings, self.size[data], kinds, views, self.limit)
+
+    @property
+    def wanted_views(self) -> tuple[int, ...]:
+        """Of a plan: the one number, or nothing for any."""
+        return () if self.views is None else (self.views,)
 
     def records(self, data: str, codings: Sequence[Coding], views: Sequence[int] = ()) -> list[Record]:
         """Measured; what is left out is said on standard error."""
@@ -73,7 +81,7 @@ class Inputs:
     def jobs(self) -> Iterator[Job]:
         """Every window of every data set, with no coding yet."""
         for data in self.sources:
-            jobs, left_out, notes = list_jobs(self.plan(data, ()))
+            jobs, left_out, notes = list_jobs(self.plan(data, (), self.wanted_views))
             for line in (*left_out, *notes):
                 print(f"paper: {line}", file=sys.stderr)
             yield from jobs
@@ -135,7 +143,7 @@ def bits_table(inputs: Inputs) -> str:
         rows.append([f"{qp}", "TinySplat", "printed", number(kilobytes, 2), *(number(shares[c], 1) for c in CLASSES)])
     for data in inputs.sources:
         codings = [Coding(p, qp) for p in inputs.profiles for qp in BIT_STEPS]
-        records = inputs.records(data, codings, (2,))
+        records = inputs.records(data, codings, inputs.wanted_views or (2,))
         for model in dict.fromkeys(r.model for r in records):
             for coding in codings:
                 chosen = [r for r in records if (r.model, r.profile, r.qp) == (model, coding.profile, coding.qp)]
