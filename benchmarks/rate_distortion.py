@@ -33,7 +33,14 @@ from tinysplat.commands.eval import numbers, words
 from tinysplat.evaluation import find_sources
 from tinysplat.evaluation.curve_plots import save_rate_plots
 from tinysplat.evaluation.curve_rows import Row, RowFile, grouped
-from tinysplat.evaluation.curve_tables import bits_table, gain_table, photo_table, rate_table, single_table
+from tinysplat.evaluation.curve_tables import (
+    bits_table,
+    gain_table,
+    overview_table,
+    photo_table,
+    rate_table,
+    single_table,
+)
 from tinysplat.evaluation.rate_distortion import Pictures
 from tinysplat.evaluation.runner import Job
 from tinysplat.evaluation.subjects import Subject, list_subjects, load_subject, network_of, stamp
@@ -45,10 +52,10 @@ from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.files import write_atomically
 
 CURVE_QPS: Mapping[str, tuple[float, ...]] = {
-    "paper": (0, 4, 8, 12, 18),
-    **dict.fromkeys(("fast", "balanced", "max"), (-6, -2, 2, 6, 10)),
+    "paper": (-6, 0, 6, 12, 18),
+    **dict.fromkeys(("fast", "balanced", "max"), (-4, 0, 4, 8)),
     "photos": (-12, -4, 4, 12),
-    "hybrid": (-6, 0, 6, 12),
+    "hybrid": (-4, 2, 8),
 }
 """Q_g by what it belongs to: each steps around 40 dB, or down to sizes where photos still serve."""
 
@@ -164,7 +171,7 @@ def write_curves(rows: Sequence[Row], folder: Path) -> str:
         tables = (rate_table(members), single_table(members), photo_table(members), bits_table(members))
         sections.append("\n\n".join([f"## {network}, {views} views: {cases}", *(table for table in tables if table)]))
     save_rate_plots(folder, rows)
-    return "\n\n".join(sections) + "\n"
+    return "\n\n".join([overview_table(rows), *sections]) + "\n"
 
 
 def run(options: argparse.Namespace) -> str:

@@ -15,7 +15,14 @@ from scenes import make_smooth_gaussians
 from benchmarks import rate_distortion as script
 from tinysplat.evaluation import ideas
 from tinysplat.evaluation.curve_rows import Row, RowFile, csv_of, read_rows
-from tinysplat.evaluation.curve_tables import bits_table, gain_table, photo_table, rate_table, single_table
+from tinysplat.evaluation.curve_tables import (
+    bits_table,
+    gain_table,
+    overview_table,
+    photo_table,
+    rate_table,
+    single_table,
+)
 from tinysplat.evaluation.rate_distortion import Point
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.interchange import save_gaussians
@@ -80,6 +87,12 @@ def test_shares_are_means_over_windows_in_proportion():
     rows = [*_rows("paper", 1), *_rows("x", 0.5), *_rows("paper", 2, "trex"), *_rows("x", 4, "trex")]
     cells = _cells(rate_table(rows))["x"]
     assert cells[-1] == "+0.0% (-50% to +100%)" and "(100%)" in cells[1]
+
+
+def test_the_overview_has_every_curve_and_no_points():
+    rows = [*_rows("paper", 1), *_rows("half", 0.5), *_rows("SPZ", 9, decibels=(41.0,))]
+    lines = overview_table(rows).splitlines()
+    assert "SPZ" not in lines[0] and " -50.0% |" in lines[2] and " 14.1 (50%) |" in lines[3]
 
 
 def test_curves_that_do_not_meet_say_so():

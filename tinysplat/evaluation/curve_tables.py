@@ -29,10 +29,26 @@ PHOTO_OVERLAP_DB = 0.2
 NEAR_40_DB = (37.0, 43.0)
 """Range that an idea's gain is taken over."""
 
+_OVERVIEW_DB = (39.0, 41.0)
 _POSITION = ("depth", "offset")
 _SHARES = ("position", "scale", "rotation", "color", "opacity", "photos")
 
 Curves = Mapping[str, Sequence[Point]]
+
+
+def overview_table(rows: Sequence[Row]) -> str:
+    """BD-rate and share of bytes of every way that has a curve, a row per network and number of views."""
+    limits = EQUAL_DB[0], EQUAL_DB[-1]
+    ways = [way for (way,), members in grouped(rows, "way").items() if len(points_of(members)) > len(_windows(members))]
+    table = []
+    for (network, views), members in grouped(rows, "network", "views").items():
+        windows = _windows(members)
+        name, rates = f"{network}, {views} views", [_rate_cell(windows, way, limits) for way in ways[1:]]
+        table.append([name, f"BD-rate {limits[0]:g}–{limits[1]:g} dB", ABSENT, *rates])
+        for db in _OVERVIEW_DB:
+            sizes = [_size_cell(windows, way, dict.fromkeys(windows, db)) for way in ways]
+            table.append([name, f"KB at {db:g} dB", *sizes])
+    return format_table(["", "", *ways], table)
 
 
 def rate_table(rows: Sequence[Row]) -> str:
