@@ -10,13 +10,13 @@ targets; of a Gaussian file, at the cameras in its `target_K` and `target_c2w`, 
 
 `curves` writes points.csv, curves.md and a plot per network; `ablation` points.csv and ablation.md of the profile
 `balanced` without each of its ideas, with `--rounds` also what each costs; `seconds` medians of interleaved rounds, and
-dB beside them. `curves` and `ablation` go on where they were stopped. docs/CODEC.md, docs/BENCHMARKS.md.
+dB beside them. `curves` and `ablation` go on where they were stopped, `seconds` adds to those at hand.
+docs/CODEC.md, docs/BENCHMARKS.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -24,10 +24,12 @@ from pathlib import Path
 from tinysplat.bench.timing import Effort
 from tinysplat.bench.way_seconds import (
     cost_table,
+    read_times,
     save_seconds_plots,
     seconds_table,
     time_costs,
     time_ways,
+    write_times,
 )
 from tinysplat.commands.eval import numbers, words
 from tinysplat.evaluation import find_sources
@@ -53,13 +55,13 @@ from tinysplat_runtime.files import write_atomically
 
 CURVE_QPS: Mapping[str, tuple[float, ...]] = {
     "paper": (-6, 0, 6, 12, 18),
-    **dict.fromkeys(("fast", "balanced", "max"), (-4, 0, 4, 8)),
-    "photos": (-12, -4, 4, 12),
-    "hybrid": (-4, 2, 8),
+    **dict.fromkeys(("fast", "balanced", "max"), (-4, 2, 8)),
+    "photos": (-10, 2, 14),
+    "hybrid": (-4, 6),
 }
 """Q_g by what it belongs to: each steps around 40 dB, or down to sizes where photos still serve."""
 
-ABLATION_QPS = (0.0, 4.0, 8.0)
+ABLATION_QPS = (0.0, 6.0)
 SECONDS_QPS = (0.0, 8.0)
 QUICK_QPS = (0.0, 8.0)
 
@@ -141,15 +143,15 @@ def effort_of(options: argparse.Namespace) -> Effort:
 
 
 def write_seconds(jobs: Sequence[Job], ways: Sequence[Way], options: argparse.Namespace, runtime: Runtime) -> str:
-    """Time every way and setting on every window; returns the text."""
-    times = []
+    """Time every way and setting on every window, beside those that were timed before; returns the text."""
+    path, times = options.output / "seconds.json", []
     for job in jobs:
         subject, pictures = _load(job, options, runtime)
         able = [way for way in ways if not way.refuses(subject)]
         times += time_ways(able, subject, pictures, effort_of(options), _identity(job))
+    times = list({entry.key: entry for entry in (*read_times(path), *times)}.values())
+    write_times(path, times)
     save_seconds_plots(options.output, times)
-    document = json.dumps([vars(entry) for entry in times], indent=1, ensure_ascii=False)
-    write_atomically(options.output / "seconds.json", (document + "\n").encode())
     return seconds_table(times) + "\n"
 
 

@@ -114,7 +114,7 @@ def test_windows_that_lack_a_size_are_counted():
 
 def test_bits_are_shares_of_the_planes_below_the_printed_ones():
     table = bits_table(_rows("paper", 1))
-    assert _cells(table)["paper"][3:] == ["30.0", "0.0", "0.0", "60.0", "10.0", "–"] and "164.6" in table
+    assert _cells(table)["paper"][4:] == ["30.0", "0.0", "0.0", "60.0", "10.0", "–"] and "164.6" in table
 
 
 def test_what_an_idea_gains_is_what_the_codec_without_it_costs():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import cProfile
 import gc
+import json
 import pstats
 import statistics
 import time
@@ -26,9 +27,13 @@ from tinysplat.evaluation.ways import Way
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.planes import LayerPlan
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.files import read_limited, write_atomically
 from tinysplat_runtime.gaussians import Gaussians
 
 from .timing import Effort, Stage, Variant, measure, timed
+
+_MAX_BYTES = 16 * 1000 * 1000
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,13 @@ class Timed:
     setting: float
     bytes: int
     psnr: float
-    encode: tuple[float, float, float, float]
-    decode: tuple[float, float, float, float]
+    encode: Sequence[float]
+    decode: Sequence[float]
+
+    @property
+    def key(self) -> tuple[str, int, str, str, float]:
+        """What tells it from others."""
+        return self.network, self.views, self.case, self.way, self.setting
 
 
 @dataclass(frozen=True)
@@ -137,6 +147,22 @@ def work_seconds(gaussians: Gaussians, qp: float, runtime: Runtime) -> dict[str,
     return {name: sum(spent.get(f, 0.0) for f in functions) for name, functions in ideas.WORK.items()}
 
 
+def read_times(path: Path) -> list[Timed]:
+    """What `write_times` wrote; nothing where there is no such file, InputError where it is another."""
+    if not path.is_file():
+        return []
+    try:
+        return [Timed(**entry) for entry in json.loads(read_limited(path, _MAX_BYTES))]
+    except (TypeError, ValueError) as error:
+        raise InputError(f"not seconds of ways ({error})", where=str(path)) from None
+
+
+def write_times(path: Path, times: Sequence[Timed]) -> None:
+    """As JSON, an object per way, setting and window."""
+    document = json.dumps([vars(entry) for entry in times], indent=1, ensure_ascii=False)
+    write_atomically(path, (document + "\n").encode())
+
+
 def seconds_table(times: Sequence[Timed]) -> str:
     """A row per way and setting, a table per window."""
     sections = []
@@ -195,6 +221,6 @@ def _panel(title: str, times: Sequence[Timed], seconds: Callable[[Timed], float]
     return Panel(title, "seconds, median", "dB, decoded to raw", curves)
 
 
-def _cells(seconds: tuple[float, float, float, float]) -> tuple[str, str, str]:
+def _cells(seconds: Sequence[float]) -> tuple[str, str, str]:
     median, low, high, cpu = seconds
     return number(median, 3), f"{low:.3f}–{high:.3f}", number(cpu, 3)

@@ -82,9 +82,9 @@ def photo_table(rows: Sequence[Row]) -> str:
 
 
 def bits_table(rows: Sequence[Row]) -> str:
-    """Share of each class in percent of the pictures' bytes, means over windows, below the paper's printed figures."""
+    """Every point, means over windows, below the paper's: dB, and each class's percentage of the pictures' bytes."""
     table = [
-        ["TinySplat, printed", f"{qp}", number(kilobytes, 1), ABSENT, *(_share(shares.get(c)) for c in _SHARES)]
+        ["TinySplat, printed", f"{qp}", number(kilobytes, 1), ABSENT, ABSENT, *(_share(shares.get(c)) for c in _SHARES)]
         for qp, (kilobytes, shares) in BITS.items()
     ]
     for (way,), members in grouped(rows, "way").items():
@@ -97,8 +97,10 @@ def bits_table(rows: Sequence[Row]) -> str:
                 total = sum(sizes[name] for name in _SHARES if name in sizes)
                 kilobytes, db = (float(np.mean([getattr(p, name) for p in points])) for name in ("bytes", "psnr"))
                 shares = (_share(100 * sizes[c] / total if c in sizes else None) for c in _SHARES)
-                table.append([way, f"{setting:g}", number(kilobytes / 1000, 1), number(db, 2), *shares])
-    return format_table(["", "Q_g", "KB", "dB", *_SHARES], table)
+                seen = [p.to_photo for p in points if p.to_photo is not None]
+                cells = number(kilobytes / 1000, 1), number(db, 2), number(float(np.mean(seen)) if seen else None, 2)
+                table.append([way, f"{setting:g}", *cells, *shares])
+    return format_table(["", "Q_g", "KB", "dB to raw", "dB to photo", *_SHARES], table)
 
 
 def gain_table(rows: Sequence[Row]) -> str:
