@@ -29,7 +29,7 @@ from .ablation import (
 )
 from .measure import Prepared, capped_psnr, render_targets
 from .paper_tables import Inputs, network_name
-from .plots import Curve, save_bars, save_curves, save_histograms
+from .plots import Curve, Panel, save_bars, save_grid, save_histograms
 from .runner import Coding, Job
 from .summary import mean_record
 from .tables import format_table, number
@@ -188,7 +188,10 @@ def _curves(
     to_photo = [
         Curve(name, [(p.bytes / 1000, p.to_photo) for p in points if p.to_photo is not None]) for name, points in curves
     ]
-    save_curves(path, title, {"dB to the raw render": to_raw, "dB to the photo": to_photo})
+    panels = [Panel("", "KB", "dB to the raw render", to_raw)]
+    if any(curve.points for curve in to_photo):
+        panels.append(Panel("", "KB", "dB to the photo", to_photo))
+    save_grid(path, title, [panels])
     return f"{title}\n\n{format_table([*header, *_POINT_HEADER], rows)}\n"
 
 

@@ -30,25 +30,6 @@ class Curve:
     points: Sequence[tuple[float, float]]
 
 
-def save_curves(path: Path, title: str, panels: Mapping[str, Sequence[Curve]]) -> None:
-    """One panel per axis label, sizes on a logarithmic axis; panels without points are left out."""
-    drawn = {label: [c for c in curves if c.points] for label, curves in panels.items()}
-    drawn = {label: curves for label, curves in drawn.items() if curves}
-    figure = Figure(figsize=(5.2 * max(len(drawn), 1), 4), layout="constrained")
-    figure.suptitle(title, fontsize=10)
-    for n, (label, curves) in enumerate(drawn.items()):
-        axis = figure.add_subplot(1, len(drawn), n + 1)
-        for curve in curves:
-            x, y = zip(*sorted(curve.points), strict=True)
-            axis.plot(x, y, marker="o", markersize=3, label=curve.name)
-        axis.set_xscale("log")
-        axis.set_xlabel("KB")
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=7)
-    _save(path, figure)
-
-
 @dataclass(frozen=True)
 class Panel:
     """Curves that share axes.
