@@ -169,7 +169,7 @@ def test_curves_cover_profiles_modes_and_peers_and_go_on(run, scene, file):
 def test_an_ablation_undoes_every_idea_and_tells_its_cost(run, file):
     text, _, folder = run("ablation", file, "--rounds", 1)
     names = {*ideas.CHANGES, ideas.STEPS_NOT_MEASURED}
-    assert {row.way for row in read_rows(folder / "points.csv")} == {"balanced", *names}
+    assert {row.way for row in read_rows(folder / "points.csv")} == {"balanced", *names, *ideas.other_settings()}
     gains, costs = text.split("CPU milliseconds of the idea")
     assert all(f"| {name} " in gains and f"| {name} " in costs for name in names)
 

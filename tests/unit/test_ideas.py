@@ -45,4 +45,4 @@ def test_what_is_undone_is_not_in_the_file(gaussians, runtime):
     assert header("rotation as four components").reference_quats is None
     assert header("k ≤ 3").basis.shape[1] == 3
     assert header("VABR as the paper's").basis.shape[1] == ideas.PAPER_K
-    assert not ideas.without_measured_steps().settings.stripes
+    assert not ideas.other_settings()[ideas.STEPS_NOT_MEASURED].settings.stripes

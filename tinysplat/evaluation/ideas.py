@@ -33,7 +33,7 @@ BASE = PROFILES["balanced"]
 PAPER_K = 6
 
 STEPS_NOT_MEASURED = "steps not measured"
-"""Name of `without_measured_steps` where ideas are compared: a change of profile, not of plan."""
+"""Of `other_settings`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +157,14 @@ def _changed(encoder: SceneEncoder, qp: float, store: GraphStore, change: Change
     ]
 
 
-def without_measured_steps() -> Profile:
-    """`balanced` with depth's step at a fixed share of the mean inverse depth."""
-    assert isinstance(BASE.settings, AdaptiveSettings)
-    return replace(BASE, settings=replace(BASE.settings, stripes=0))
+def other_settings() -> dict[str, Profile]:
+    """Ideas that are undone by a setting of `balanced`: depth's step at a fixed share of the mean inverse depth, and
+    layers behind the first coded with its steps.
+    """
+    settings = BASE.settings
+    assert isinstance(settings, AdaptiveSettings)
+    changed = {STEPS_NOT_MEASURED: replace(settings, stripes=0), "layers behind as fine": replace(settings, behind=1.0)}
+    return {name: replace(BASE, settings=other) for name, other in changed.items()}
 
 
 def _steps(plan: LayerPlan, plane_class: PlaneClass) -> Sequence[float]:

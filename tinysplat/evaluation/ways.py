@@ -86,7 +86,7 @@ def ablation_ways(settings: Sequence[float], runtime: Runtime) -> list[Way]:
 
     return [
         profile_way(DEFAULT_PROFILE, settings, runtime),
-        profile_way(ideas.without_measured_steps(), settings, runtime, ideas.STEPS_NOT_MEASURED),
+        *(profile_way(profile, settings, runtime, name) for name, profile in ideas.other_settings().items()),
         *(_own(name, settings, undone(change), runtime) for name, change in ideas.CHANGES.items()),
     ]
 
