@@ -10,8 +10,8 @@ targets; of a Gaussian file, at the cameras in its `target_K` and `target_c2w`, 
 
 `curves` writes points.csv, curves.md and a plot per network; `ablation` points.csv and ablation.md of the profile
 `balanced` without each of its ideas, with `--rounds` also what each costs; `seconds` medians of interleaved rounds, and
-dB beside them. `curves` and `ablation` go on where they were stopped, `seconds` adds to those at hand.
-docs/CODEC.md, docs/BENCHMARKS.md.
+dB beside them. `curves` and `ablation` go on where they were stopped, `seconds` adds to those at hand; without INPUT,
+tables are made of all that a folder holds. docs/CODEC.md, docs/BENCHMARKS.md.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tinysplat.bench.way_seconds import (
 from tinysplat.commands.eval import numbers, words
 from tinysplat.evaluation import find_sources
 from tinysplat.evaluation.curve_plots import save_rate_plots
-from tinysplat.evaluation.curve_rows import Row, RowFile, grouped
+from tinysplat.evaluation.curve_rows import Row, RowFile, grouped, read_rows
 from tinysplat.evaluation.curve_tables import (
     bits_table,
     gain_table,
@@ -70,7 +70,12 @@ def build_parser() -> argparse.ArgumentParser:
     """The script's options."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("what", choices=("curves", "ablation", "seconds"))
-    parser.add_argument("inputs", nargs="+", metavar="INPUT", help="scene folders, folders of such, Gaussian files")
+    parser.add_argument(
+        "inputs",
+        nargs="*",
+        metavar="INPUT",
+        help="scene folders, folders of such, Gaussian files; without any, tables of all that is in FOLDER",
+    )
     parser.add_argument("--model", type=words, default=(DEFAULT_MODEL,), metavar="M,M", help="networks of the scenes")
     parser.add_argument("--profiles", type=words, default=tuple(PROFILES), metavar="P,P", help="default: all")
     parser.add_argument("--modes", type=words, default=(), metavar="M,M", help=f"of {', '.join(MODES)}; default none")
@@ -181,11 +186,16 @@ def run(options: argparse.Namespace) -> str:
     if options.quick:
         options.targets = 1
     runtime = Runtime(threads=options.threads)
-    jobs, ways = jobs_of(options), ways_of(options, runtime)
+    jobs, ways = jobs_of(options) if options.inputs else [], ways_of(options, runtime)
     options.output.mkdir(parents=True, exist_ok=True)
     if options.what == "seconds":
         return write_seconds(jobs, ways, options, runtime)
-    rows = list(measured(jobs, ways, options, runtime))
+    points = options.output / "points.csv"
+    rows = (
+        list(measured(jobs, ways, options, runtime))
+        if options.inputs
+        else sorted(read_rows(points), key=lambda row: (row.network, row.views))
+    )
     if options.what == "curves":
         return write_curves(rows, options.output)
     costs = [costs_text(jobs, options, runtime)] if options.rounds else []

@@ -164,6 +164,7 @@ def test_curves_cover_profiles_modes_and_peers_and_go_on(run, scene, file):
             assert image.width > 300
     again, said, _ = run(*options)
     assert again == text and " dB" not in said
+    assert run("curves")[0] == text
 
 
 def test_an_ablation_undoes_every_idea_and_tells_its_cost(run, file):
