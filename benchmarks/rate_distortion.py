@@ -9,9 +9,9 @@ INPUT are scene folders with `eval_index.json`, folders of such, or Gaussian fil
 targets; of a Gaussian file, at the cameras in its `target_K` and `target_c2w`, or else midway between its views.
 
 `curves` writes points.csv, curves.md and a plot per network; `ablation` points.csv and ablation.md of the profile
-`balanced` without each of its ideas, with `--rounds` also what each costs; `seconds` medians of interleaved rounds, and
-dB beside them. `curves` and `ablation` go on where they were stopped, `seconds` adds to those at hand; without INPUT,
-tables are made of all that a folder holds. docs/CODEC.md, docs/BENCHMARKS.md.
+`balanced` without each of its ideas, with `--rounds` also what each costs; `seconds` medians of interleaved rounds
+beside dB, and points.csv. `curves` and `ablation` go on where they were stopped, `seconds` adds to those at hand;
+without INPUT, tables are made of all that a folder holds. docs/CODEC.md, docs/BENCHMARKS.md.
 """
 
 from __future__ import annotations
@@ -61,8 +61,11 @@ CURVE_QPS: Mapping[str, tuple[float, ...]] = {
 }
 """Q_g by what it belongs to: each steps around 40 dB, or down to sizes where photos still serve."""
 
-ABLATION_QPS = (0.0, 6.0)
-SECONDS_QPS = (0.0, 8.0)
+ABLATION_QPS = (-4.0, 0.0, 4.0)
+"""Of the profile with all its ideas; without one, the middle."""
+
+SECONDS_QPS: Mapping[str, tuple[float, ...]] = {"paper": (8, 16)}
+OTHER_SECONDS_QPS = (0.0, 6.0)
 QUICK_QPS = (0.0, 8.0)
 
 
@@ -81,6 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--modes", type=words, default=(), metavar="M,M", help=f"of {', '.join(MODES)}; default none")
     parser.add_argument("--peers", type=words, default=(), metavar="F,F", help=f"of {', '.join(PEERS)}; default none")
     parser.add_argument("--qps", type=numbers, default=None, metavar="Q,Q", help="of everything; default by profile")
+    parser.add_argument("--reference-qps", type=numbers, default=None, metavar="Q,Q", help="of the first profile")
     parser.add_argument("--views", type=numbers, default=(2.0, 4.0, 6.0), metavar="N,N", help="default 2,4,6")
     parser.add_argument("--kind", type=words, default=("near", "multi"), metavar="K,K", help="default near,multi")
     parser.add_argument("--limit", type=int, default=1, metavar="N", help="windows per scene and views; default 1")
@@ -113,8 +117,13 @@ def ways_of(options: argparse.Namespace, runtime: Runtime) -> list[Way]:
     if options.what == "ablation":
         return ablation_ways(qps or ABLATION_QPS, runtime)
     names = (*options.profiles, *options.modes)
-    default = SECONDS_QPS if options.what == "seconds" else None
-    chosen = {name: qps or default or CURVE_QPS.get(name, ()) for name in names}
+    if options.what == "seconds":
+        default = {name: SECONDS_QPS.get(name, OTHER_SECONDS_QPS) for name in names}
+    else:
+        default = {name: CURVE_QPS.get(name, ()) for name in names}
+    chosen = {name: qps or default[name] for name in names}
+    if options.reference_qps:
+        chosen[names[0]] = options.reference_qps
     return find_ways(options.profiles, options.modes, options.peers, chosen, runtime)
 
 
@@ -149,11 +158,14 @@ def effort_of(options: argparse.Namespace) -> Effort:
 
 def write_seconds(jobs: Sequence[Job], ways: Sequence[Way], options: argparse.Namespace, runtime: Runtime) -> str:
     """Time every way and setting on every window, beside those that were timed before; returns the text."""
-    path, times = options.output / "seconds.json", []
+    path, kept, times = options.output / "seconds.json", RowFile(options.output / "points.csv"), []
     for job in jobs:
         subject, pictures = _load(job, options, runtime)
         able = [way for way in ways if not way.refuses(subject)]
-        times += time_ways(able, subject, pictures, effort_of(options), _identity(job))
+        identity, mark = _identity(job), stamp(job)
+        for entry, point in time_ways(able, subject, pictures, effort_of(options), identity):
+            times.append(entry)
+            kept.add(Row(*identity, entry.way, point, pictures.raw_to_photo, mark))
     times = list({entry.key: entry for entry in (*read_times(path), *times)}.values())
     write_times(path, times)
     save_seconds_plots(options.output, times)
@@ -162,11 +174,10 @@ def write_seconds(jobs: Sequence[Job], ways: Sequence[Way], options: argparse.Na
 
 def costs_text(jobs: Sequence[Job], options: argparse.Namespace, runtime: Runtime) -> str:
     """What each idea costs on every window."""
-    qp = options.qps[0] if options.qps else ABLATION_QPS[0]
     return cost_table([
         cost
         for job in jobs
-        for cost in time_costs(load_subject(job, runtime), qp, runtime, effort_of(options), _identity(job))
+        for cost in time_costs(load_subject(job, runtime), 0.0, runtime, effort_of(options), _identity(job))
     ])  # fmt: skip
 
 

@@ -119,7 +119,9 @@ def test_bits_are_shares_of_the_planes_below_the_printed_ones():
 
 def test_what_an_idea_gains_is_what_the_codec_without_it_costs():
     rows = [*_rows("balanced", 1), *_rows("depth as z", 1.1), *(replace(r, views=4) for r in _rows("balanced", 1))]
-    assert _cells(gain_table(rows))["depth as z"] == ["+10.0%", "–"]
+    assert _cells(gain_table(rows))["depth as z"] == ["+10.0% (+10% to +10%)", "–"]
+    coarse = [*_rows("balanced", 1), *_rows("k ≤ 1", 1, decibels=(30.0,))]
+    assert _cells(gain_table(coarse))["k ≤ 1"] == ["1 KB at 30.0 dB"]
 
 
 # ---- the script --------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ import numpy as np
 from tinysplat.evaluation import ideas
 from tinysplat.evaluation.curve_plots import safe_name
 from tinysplat.evaluation.plots import Curve, Panel, save_grid
-from tinysplat.evaluation.rate_distortion import Pictures
+from tinysplat.evaluation.rate_distortion import Pictures, Point
 from tinysplat.evaluation.subjects import Subject
 from tinysplat.evaluation.tables import format_table, number
 from tinysplat.evaluation.ways import Way
@@ -86,20 +86,20 @@ class Cost:
 
 def time_ways(
     ways: Sequence[Way], subject: Subject, pictures: Pictures, effort: Effort, named: tuple[str, int, str]
-) -> list[Timed]:
-    """Every way at each of its settings, in turns; `named` is network, views and case."""
+) -> list[tuple[Timed, Point]]:
+    """Every way at each of its settings, in turns; `named` is network, views and case. Each comes with its point."""
     cells = [(way, setting) for way in ways for setting in way.settings]
-    variants, figures = [], []
+    variants, points = [], []
     for n, (way, setting) in enumerate(cells):
         data = way.encode(subject, setting)
-        figures.append((len(data), pictures.psnr(way.decode(subject, data))[0]))
+        points.append(Point(setting, len(data), *pictures.psnr(way.decode(subject, data)), way.classes(data)))
         variants.append(Variant(f"{n} encode", lambda way=way, setting=setting: way.encode(subject, setting)))  # type: ignore[misc]
         variants.append(Variant(f"{n} decode", lambda way=way, data=data: way.decode(subject, data)))  # type: ignore[misc]
     seconds = [row.seconds for row in measure(Stage("ways", named[2], variants), effort)]
     quartets = [(s.median, s.low, s.high, s.cpu) for s in seconds if s is not None]
     return [
-        Timed(*named, way.name, setting, *figures[n], quartets[2 * n], quartets[2 * n + 1])
-        for n, (way, setting) in enumerate(cells)
+        (Timed(*named, way.name, setting, p.bytes, p.psnr, encode, decode), p)
+        for (way, setting), p, encode, decode in zip(cells, points, quartets[::2], quartets[1::2], strict=True)
     ]
 
 

@@ -26,9 +26,6 @@ LOSSES_DB = (0.5, 0.2, 0.1)
 PHOTO_OVERLAP_DB = 0.2
 """Against photos curves are flat: what the network is worth hides what coding costs."""
 
-NEAR_40_DB = (37.0, 43.0)
-"""Range that an idea's gain is taken over."""
-
 _OVERVIEW_DB = (39.0, 41.0)
 _POSITION = ("depth", "offset")
 _SHARES = ("position", "scale", "rotation", "color", "opacity", "photos")
@@ -104,10 +101,10 @@ def bits_table(rows: Sequence[Row]) -> str:
 
 
 def gain_table(rows: Sequence[Row]) -> str:
-    """What every idea gains: the BD-rate of the codec without it, near 40 dB, by network and number of views."""
+    """What every idea gains: bytes of the codec without it over those with it at the same dB, by network and views."""
     groups = grouped(rows, "network", "views")
     ways = list(dict.fromkeys(row.way for row in rows))[1:]
-    table = [[way, *(_rate_cell(_windows(members), way, NEAR_40_DB) for members in groups.values())] for way in ways]
+    table = [[way, *(_gain_cell(_windows(members), way) for members in groups.values())] for way in ways]
     return format_table(["undone", *(f"{network}, {views} views" for network, views in groups)], table)
 
 
@@ -123,6 +120,23 @@ def single_table(rows: Sequence[Row]) -> str:
         return ""
     reference = rows[0].way
     return format_table(["", "KB", "dB", f"times `{reference}` at the same dB"], table)
+
+
+def _gain_cell(windows: Mapping[str, Curves], way: str) -> str:
+    """Mean share of bytes above the reference's at the dB of a way's points; a point itself where there is none."""
+    gains, beyond = [], []
+    for curves in windows.values():
+        for point in curves.get(way, ()):
+            reference = _reference(curves)
+            size = bytes_at(reference, point.psnr)
+            if size is None:
+                beyond.append(f"{point.bytes / 1000:.0f} KB at {point.psnr:.1f} dB")
+            else:
+                gains.append(point.bytes / size - 1)
+    if not gains:
+        return beyond[0] if beyond else ABSENT
+    spread = f" ({min(gains):+.0%} to {max(gains):+.0%})" if len(gains) > 1 else ""
+    return f"{float(np.mean(gains)):+.1%}{spread}"
 
 
 def _multiple(windows: Mapping[str, Curves], points: Mapping[str, Point]) -> str:

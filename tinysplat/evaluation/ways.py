@@ -79,7 +79,8 @@ def mode_way(mode: str, settings: Sequence[float], runtime: Runtime) -> Way:
 
 
 def ablation_ways(settings: Sequence[float], runtime: Runtime) -> list[Way]:
-    """The default profile, then without each of its ideas."""
+    """The default profile and other settings of it over Q_g, then without each of its other ideas at the middle one."""
+    middle = sorted(settings)[len(settings) // 2 :][:1]
 
     def undone(change: ideas.Change) -> Callable[[Subject, float], bytes]:
         return lambda subject, qp: ideas.encode_changed(subject.case.gaussians, qp, runtime, change)
@@ -87,7 +88,7 @@ def ablation_ways(settings: Sequence[float], runtime: Runtime) -> list[Way]:
     return [
         profile_way(DEFAULT_PROFILE, settings, runtime),
         *(profile_way(profile, settings, runtime, name) for name, profile in ideas.other_settings().items()),
-        *(_own(name, settings, undone(change), runtime) for name, change in ideas.CHANGES.items()),
+        *(_own(name, middle, undone(change), runtime) for name, change in ideas.CHANGES.items()),
     ]
 
 
