@@ -189,7 +189,7 @@ def write_curves(rows: Sequence[Row], folder: Path) -> str:
         tables = (rate_table(members), single_table(members), photo_table(members), bits_table(members))
         sections.append("\n\n".join([f"## {network}, {views} views: {cases}", *(table for table in tables if table)]))
     save_rate_plots(folder, rows)
-    return "\n\n".join([overview_table(rows), *sections]) + "\n"
+    return "\n\n".join(filter(None, [overview_table(rows), *sections])) + "\n"
 
 
 def run(options: argparse.Namespace) -> str:

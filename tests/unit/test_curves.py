@@ -100,9 +100,9 @@ def test_curves_that_do_not_meet_say_so():
     cells = _cells(rate_table(rows))
     assert cells["x"][1:] == ["–"] * 4 + ["curves share 0.00 dB"] * 2
     assert cells["SPZ"][-1] == "a curve of one point"
-    assert _cells(single_table(rows))["SPZ"] == ["509.1", "41.00", "9.0 ×"]
+    assert _cells(single_table(rows))["SPZ"] == ["509.1", "41.00", "9.00 ×"]
     beyond = single_table([*_rows("paper", 1), *_rows("SPZ", 9, decibels=(60.0,))])
-    assert "beyond its curve: 4608.0 × its 42.0 dB" in beyond
+    assert "beyond its curve: 4608.00 × its 42.0 dB" in beyond
     assert single_table(_rows("paper", 1)) == "" and photo_table(_rows("paper", 1, photo=None)) == ""
 
 

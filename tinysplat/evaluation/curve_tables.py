@@ -34,9 +34,11 @@ Curves = Mapping[str, Sequence[Point]]
 
 
 def overview_table(rows: Sequence[Row]) -> str:
-    """BD-rate and share of bytes of every way that has a curve, a row per network and number of views."""
+    """BD-rate and bytes of the ways that have curves, by network and number of views; empty where only one has."""
     limits = EQUAL_DB[0], EQUAL_DB[-1]
     ways = [way for (way,), members in grouped(rows, "way").items() if len(points_of(members)) > len(_windows(members))]
+    if len(ways) < 2:
+        return ""
     table = []
     for (network, views), members in grouped(rows, "network", "views").items():
         windows = _windows(members)
@@ -146,10 +148,10 @@ def _multiple(windows: Mapping[str, Curves], points: Mapping[str, Point]) -> str
         size = bytes_at(reference, point.psnr)
         if size is None:
             best = max(reference, key=lambda p: p.psnr)
-            beyond.append(f"{point.bytes / best.bytes:.1f} × its {best.psnr:.1f} dB")
+            beyond.append(f"{point.bytes / best.bytes:.2f} × its {best.psnr:.1f} dB")
         else:
             factors.append(point.bytes / size)
-    text = [f"{_geometric(factors):.1f} ×" + _counted(len(factors), len(points))] if factors else []
+    text = [f"{_geometric(factors):.2f} ×" + _counted(len(factors), len(points))] if factors else []
     return "; ".join([*text, *(f"beyond its curve: {entry}" for entry in beyond)])
 
 
