@@ -145,7 +145,7 @@ def measured(jobs: Sequence[Job], ways: Sequence[Way], options: argparse.Namespa
                         break
                     point = way.measure(subject, pictures, setting)
                     row = Row(network, views, case, way.name, point, pictures.raw_to_photo, mark)
-                    kept.add(row)
+                    row = kept.add(row)
                     text = f"{way.name} {setting:g}: {point.bytes} B, {point.psnr:.2f} dB"
                     print(f"{job}: {text}", file=sys.stderr, flush=True)
                 yield row

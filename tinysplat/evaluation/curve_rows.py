@@ -9,8 +9,9 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.files import read_limited, write_atomically
@@ -22,6 +23,7 @@ CLASSES = ("depth", "offset", "scale", "rotation", "color", "opacity", "photos",
 
 _IDENTITY = ("network", "views", "case", "way", "setting")
 _COLUMNS = (*_IDENTITY, "bytes", "to_raw", "to_photo", "raw_to_photo", *CLASSES, "stamp")
+_DIGITS = 4
 _MAX_BYTES = 64 * 1000 * 1000
 
 
@@ -66,10 +68,13 @@ class RowFile:
         row = self._rows.get(key)
         return row if row is not None and row.stamp == stamp else None
 
-    def add(self, row: Row) -> None:
-        """Keep a row, in place of any of the same key."""
+    def add(self, row: Row) -> Row:
+        """Keep a row, in place of any of the same key; returns it as the file has it, so that both give one table."""
+        point = replace(row.point, psnr=_rounded(row.point.psnr), to_photo=_rounded(row.point.to_photo))
+        row = replace(row, point=point, raw_to_photo=_rounded(row.raw_to_photo))
         self._rows[row.key] = row
         write_atomically(self.path, csv_of(self._rows.values()).encode())
+        return row
 
 
 def csv_of(rows: Iterable[Row]) -> str:
@@ -79,7 +84,7 @@ def csv_of(rows: Iterable[Row]) -> str:
     writer.writerow(_COLUMNS)
     for row in rows:
         point = row.point
-        decibels = ("" if db is None else f"{db:.4f}" for db in (point.psnr, point.to_photo, row.raw_to_photo))
+        decibels = ("" if db is None else f"{db:.{_DIGITS}f}" for db in (point.psnr, point.to_photo, row.raw_to_photo))
         classes = (point.bytes_by_class.get(name, "") for name in CLASSES)
         identity = (row.network, row.views, row.case, row.way, f"{point.setting:g}")
         writer.writerow([*identity, point.bytes, *decibels, *classes, row.stamp])
@@ -95,6 +100,11 @@ def read_rows(path: Path) -> list[Row]:
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"not a row of curves ({error})", where=f"{path}: line {number}") from None
     return rows
+
+
+def _rounded(db: Any) -> Any:
+    """dB as the file has them."""
+    return None if db is None else round(db, _DIGITS)
 
 
 def _row(fields: dict[str, str]) -> Row:
