@@ -202,11 +202,8 @@ def run(options: argparse.Namespace) -> str:
     if options.what == "seconds":
         return write_seconds(jobs, ways, options, runtime)
     points = options.output / "points.csv"
-    rows = (
-        list(measured(jobs, ways, options, runtime))
-        if options.inputs
-        else sorted(read_rows(points), key=lambda row: (row.network, row.views))
-    )
+    rows = list(measured(jobs, ways, options, runtime)) if options.inputs else read_rows(points)
+    rows.sort(key=lambda row: (row.network, row.views))
     if options.what == "curves":
         return write_curves(rows, options.output)
     costs = [costs_text(jobs, options, runtime)] if options.rounds else []
