@@ -79,31 +79,37 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
         NumericError: the network returned values that are not finite.
         ModelError: the graph failed, or its outputs have shapes outside the contract.
     """
-    limits = Limits.of(graph)
-    images = _checked_images(images, cameras, limits)
-    _check_range(near, far)
-    _check_poses(cameras, near)
-
+    outputs = graph.run(network_inputs(images, cameras, near, far, Limits.of(graph)))
     centres = np.stack([camera.centre for camera in cameras])
     middle = centres.mean(axis=0)
-    padded, K_unit = _pad(images, cameras, limits)
-    c2w = np.stack([camera.c2w for camera in cameras])
-    c2w[:, :3, :3] = np.stack([camera.rotation.T for camera in cameras])
-    c2w[:, :3, 3] -= middle
-    outputs = graph.run(
-        {
-            "images": as_input(padded.transpose(0, 3, 1, 2)),
-            "K": as_input(K_unit),
-            "c2w": as_input(c2w),
-            "near": np.full(len(cameras), near, np.float32),
-            "far": np.full(len(cameras), far, np.float32),
-        }
-    )
     keep_origin = float(np.linalg.norm(centres, axis=1).max()) > FAR_FROM_ORIGIN * near
     try:
         return _assemble(outputs, cameras, middle, keep_origin=keep_origin, name=graph.name)
     except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
         raise ModelError(f"returned {error}", where=graph.name) from None
+
+
+def network_inputs(
+    images: NDArray, cameras: Sequence[Camera], near: float, far: float, limits: Limits
+) -> dict[str, NDArray]:
+    """What a network's graph is fed with: checked, padded to its stride, and about the mean camera centre.
+
+    Arguments and errors are those of `predict`; names and shapes of the result those of docs/MODELS.md.
+    """
+    images = _checked_images(images, cameras, limits)
+    _check_range(near, far)
+    _check_poses(cameras, near)
+    padded, K_unit = _pad(images, cameras, limits)
+    c2w = np.stack([camera.c2w for camera in cameras])
+    c2w[:, :3, :3] = np.stack([camera.rotation.T for camera in cameras])
+    c2w[:, :3, 3] -= np.stack([camera.centre for camera in cameras]).mean(axis=0)
+    return {
+        "images": as_input(padded.transpose(0, 3, 1, 2)),
+        "K": as_input(K_unit),
+        "c2w": as_input(c2w),
+        "near": np.full(len(cameras), near, np.float32),
+        "far": np.full(len(cameras), far, np.float32),
+    }
 
 
 def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: Limits) -> NDArray:
