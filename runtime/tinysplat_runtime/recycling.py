@@ -32,15 +32,18 @@ class Recycler:
 
     def __init__(self) -> None:
         self._free: list[NDArray] = []
+        self._most = 0  # numbers kept at most
         self._lock = Lock()
 
     def empty(self, shapes: Sequence[tuple[int, ...]]) -> list[NDArray]:
         """Float32 arrays of these shapes with any content.
 
-        Of the memory that has come back, what does not serve them is let go: no more is kept than one call asked for.
+        Of the memory that has come back, what does not serve them is let go; until the next call no more is kept than
+        twice what the largest one asked for (a scene's first layer, and its smaller ones).
         """
         sizes = [math.prod(shape) for shape in shapes]
         with self._lock:
+            self._most = max(self._most, 2 * sum(sizes))
             free = [self._free.pop() for _ in range(len(self._free))]
         buffers = []
         for size in sizes:
@@ -50,6 +53,11 @@ class Recycler:
 
     def _lend(self, buffer: NDArray) -> NDArray:
         lease = _Lease(buffer)
-        # Appending is one step to Python's threads. A lock would be taken twice where garbage is collected within it.
-        weakref.finalize(lease, self._free.append, buffer).atexit = False
+        weakref.finalize(lease, self._take_back, buffer).atexit = False
         return np.asarray(lease)
+
+    def _take_back(self, buffer: NDArray) -> None:
+        # Without the lock, which would be taken twice where garbage is collected within it: appending is one step to
+        # Python's threads, and a buffer too many or too few does no harm.
+        if sum(kept.size for kept in self._free) + buffer.size <= self._most:
+            self._free.append(buffer)

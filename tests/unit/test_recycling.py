@@ -41,3 +41,11 @@ def test_what_the_next_call_does_not_need_is_let_go():
     del kept
     gc.collect()
     assert [buffer.size for buffer in recycler._free] == [4]
+
+
+def test_many_results_let_go_at_once_are_not_all_kept():
+    recycler = Recycler()
+    results = [recycler.empty([(100,), (10,)]) for _ in range(20)]
+    del results
+    gc.collect()
+    assert 110 <= sum(buffer.size for buffer in recycler._free) <= 220
