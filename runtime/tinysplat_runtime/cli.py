@@ -56,7 +56,7 @@ def _common() -> _Parser:
 def _coding() -> _Parser:
     coding = _Parser(add_help=False)
     coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
-    coding.add_argument("--profile", choices=PROFILES, default="balanced", help="default: balanced")
+    coding.add_argument("--profile", choices=PROFILES, help="default: balanced")
     rate = coding.add_mutually_exclusive_group()
     rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
     rate.add_argument(

@@ -17,6 +17,7 @@ from .arguments import AutoViews
 from .artifacts import load_manifest
 from .cameras import Camera
 from .codec.encoder import EncodeStats
+from .codec.profiles import DEFAULT_PROFILE
 from .conversion import convert, selected, write
 from .doctor import examine
 from .doctor import text as doctor_text
@@ -58,6 +59,7 @@ __all__ = ["compress", "convert", "decode", "doctor", "encode", "info", "models"
 
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file."""
+    args.profile = _profile(args)
     scene = _chosen_views(_scene(args), args.views)
     if args.size:
         scene = scene.resized(*args.size)
@@ -71,6 +73,7 @@ def encode(args: Namespace) -> None:
 
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
+    args.profile = _profile(args)
     if args.mode != "gaussians":
         raise InputError(f"'{args.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
     grid = grid_option(args.grid)
@@ -202,6 +205,14 @@ def _chosen_views(scene: Scene, views: Sequence[int] | AutoViews | None) -> Scen
             where=str(scene.path),
         )
     return scene
+
+
+def _profile(args: Namespace) -> str:
+    """The profile asked for, or the default; InputError where the rest of the command leaves it no say."""
+    for option in ("lossless", "like"):
+        if args.profile and getattr(args, option):
+            raise InputError(f"given with --{option}, which leaves it no say; expected one of them", where="--profile")
+    return args.profile or DEFAULT_PROFILE
 
 
 def _compress(

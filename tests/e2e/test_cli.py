@@ -276,6 +276,8 @@ def test_an_unreadable_photo_is_named(scene, tmp_path):
         (["--threads", "0"], "--threads"),
         (["--near", "5", "--far", "1"], "near"),
         (["--target-size", "9KB", "--qp", "0"], "--qp"),
+        (["--lossless", "--profile", "max"], "given with --lossless"),
+        (["--like", "first.tsplat", "--profile", "max"], "given with --like"),
         (["--target-size", "9KB", "--target-psnr", "40"], "--target-psnr"),
         (["--target-size", "9 stone"], "--target-size"),
         (["--target-size", "300"], "at least"),
