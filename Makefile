@@ -39,6 +39,7 @@ format: $(VENV)/.installed  ## rewrite in the project's style
 export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python export/transforms.py
 	$(VENV)/bin/python export/network.py sweep
+	$(VENV)/bin/python export/network.py edge --half-weights
 
 viewer: tinysplat/viewer/libraries.js.gz  ## what the page of `tinysplat view` is drawn with, by npm; wheels carry it
 
