@@ -16,6 +16,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import lru_cache
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -93,6 +94,12 @@ def _photo_folder(folder: Path, model: Path, name: str) -> Path:
     return next((root for root in roots if (root / name).is_file()), roots[0])
 
 
+@lru_cache(maxsize=256)
+def _lens(model: str, params: tuple[float, ...], width: int, height: int) -> Lens:
+    """One object for all photos of a camera: finding its camera without distortion takes 4 ms at 4000×3000."""
+    return Lens(model, params, width, height)
+
+
 def _frame(photos: Path, entry: dict[str, object]) -> Frame:
     name = str(entry["name"])
     for path in (PurePosixPath(name), PureWindowsPath(name)):
@@ -102,7 +109,7 @@ def _frame(photos: Path, entry: dict[str, object]) -> Frame:
     assert isinstance(camera, dict)  # written by our own worker
     w2c = np.vstack([np.array(entry["w2c"]), [0, 0, 0, 1]])
     try:
-        lens = Lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"])
+        lens = _lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"])
         seen: Camera = lens.camera(np.linalg.inv(w2c))
     except InputError as error:
         raise error.within(name) from None
