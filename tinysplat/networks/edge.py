@@ -346,7 +346,7 @@ class Edge(nn.Module):
         """The U-Net's input (V, 4·look + 10, h, w): nothing in it tells absolute depth; all is of the order of one."""
         s = self.settings
         last = s.analysis.candidates - 1
-        offsets = torch.arange(-s.look, s.look + 1)[:, None, None]
+        offsets = torch.arange(-s.look, s.look + 1, device=level.device)[:, None, None]
         index = (torch.round(last * level.detach()).long() + offsets).clamp(0, last)
         beside = (logits - logits.amax(dim=1, keepdim=True)).gather(1, index)
         raw = s.contrast * (found.cost - found.cost.mean(dim=1, keepdim=True)).gather(1, index)
