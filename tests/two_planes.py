@@ -5,6 +5,7 @@ scene = trace(views=2, height=96, width=128)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,19 @@ def trace(views: int, height: int, width: int, spacing: float = 0.2) -> TracedSc
         images.append(np.mean(shots, axis=0))
         depths.append(_shoot(camera, 0.5, 0.5)[1])
     return TracedScene(np.float32(images), np.array(depths), cameras)
+
+
+def network_inputs(
+    images: NDArray, cameras: Sequence[Camera], near: float = NEAR, far: float = FAR
+) -> dict[str, NDArray]:
+    """What a network's graph is fed with, photos (V, H, W, 3) of any values among it: nothing is checked or moved."""
+    return {
+        "images": np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32),
+        "K": np.float32([camera.K_unit for camera in cameras]),
+        "c2w": np.float32([camera.c2w for camera in cameras]),
+        "near": np.full(len(cameras), near, np.float32),
+        "far": np.full(len(cameras), far, np.float32),
+    }
 
 
 def _shoot(camera: Camera, dx: float, dy: float) -> tuple[NDArray, NDArray]:

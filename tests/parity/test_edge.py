@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from two_planes import FAR, NEAR, SQUARE_Z, trace
+from two_planes import FAR, NEAR, SQUARE_Z, network_inputs, trace
 
 from tinysplat.networks.edge import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OPACITY_CAP, OUTPUT_NAMES, STRIDE
 from tinysplat.training.state import shipped_network
@@ -18,16 +18,6 @@ RTOL = 2e-3  # of an output's largest magnitude: weights are stored as float16
 SHARE = 0.98  # of the values: where two candidates are about as good, rounding decides which is taken
 
 SIZES = [(2, 64, 96), (3, 96, 64), (6, 64, 64)]
-
-
-def network_inputs(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> dict[str, np.ndarray]:
-    return {
-        "images": np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32),
-        "K": np.float32([camera.K_unit for camera in cameras]),
-        "c2w": np.float32([camera.c2w for camera in cameras]),
-        "near": np.full(len(cameras), near, np.float32),
-        "far": np.full(len(cameras), far, np.float32),
-    }
 
 
 def run(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from two_planes import FAR, NEAR, trace
+from two_planes import FAR, NEAR, network_inputs, trace
 
 from tinysplat.networks.sweep import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OUTPUT_NAMES, STRIDE, Sweep
 from tinysplat_runtime.inference import GraphStore
@@ -16,16 +16,6 @@ RTOL = 1e-4  # of an output's largest magnitude; summation order alone moves dep
 SHARE = 0.995  # of the values: where two candidates cost the same, rounding decides which is taken
 
 SIZES = [(2, 64, 96), (3, 64, 96), (6, 64, 96), (2, 92, 48), (3, 92, 48)]
-
-
-def network_inputs(images: np.ndarray, cameras) -> dict[str, np.ndarray]:
-    return {
-        "images": np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32),
-        "K": np.float32([camera.K_unit for camera in cameras]),
-        "c2w": np.float32([camera.c2w for camera in cameras]),
-        "near": np.full(len(cameras), NEAR, np.float32),
-        "far": np.full(len(cameras), FAR, np.float32),
-    }
 
 
 def assert_same(inputs: dict[str, np.ndarray]) -> None:

@@ -8,10 +8,8 @@ Gaussians that reach a stripe take part, and their colours are evaluated for its
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +19,7 @@ from ..gaussians import Gaussians
 from ..render import Renderer, between
 from ..render.prepare import ALPHA_MIN
 from ..sh import C0, sh_basis
+from ..threads import Crew
 
 STRIPE_ROWS = 32
 """Rows of a stripe, which is as wide as the picture; fewer where the picture has fewer."""
@@ -42,21 +41,15 @@ class DepthProbe:
     """
 
     def __init__(self, layers: Sequence[Gaussians], inverse: Sequence[NDArray], stripes: int, threads: int) -> None:
-        self._threads = threads
+        self._run = Crew(threads).map
         cameras = _stripes(layers[0].cameras, stripes)
         with np.errstate(all="ignore"):  # numbers at float32's end are no reason to fail: what is not one shows as 0
-            self._shots = self._map(lambda camera: _Shot(layers, inverse, camera), cameras)
+            self._shots = self._run(lambda camera: _Shot(layers, inverse, camera), cameras)
 
     def damage(self, errors: Sequence[NDArray]) -> float:
         """Mean squared difference of the pictures when `errors` (V, H, W) are added to −1/z of every layer."""
         with np.errstate(all="ignore"):
-            return sum(self._map(lambda shot: shot.damage(errors), self._shots)) / len(self._shots)
-
-    def _map(self, job: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-        if self._threads == 1:
-            return [job(item) for item in items]
-        with ThreadPoolExecutor(self._threads) as pool:
-            return list(pool.map(job, items))
+            return sum(self._run(lambda shot: shot.damage(errors), self._shots)) / len(self._shots)
 
 
 @dataclass(frozen=True, eq=False)
