@@ -80,11 +80,9 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
         ModelError: the graph failed, or its outputs have shapes outside the contract.
     """
     outputs = graph.run(network_inputs(images, cameras, near, far, Limits.of(graph)))
-    centres = np.stack([camera.centre for camera in cameras])
-    middle = centres.mean(axis=0)
-    keep_origin = float(np.linalg.norm(centres, axis=1).max()) > FAR_FROM_ORIGIN * near
+    keep_origin = max(float(np.linalg.norm(camera.centre)) for camera in cameras) > FAR_FROM_ORIGIN * near
     try:
-        return _assemble(outputs, cameras, middle, keep_origin=keep_origin, name=graph.name)
+        return _assemble(outputs, cameras, _mean_centre(cameras), keep_origin=keep_origin, name=graph.name)
     except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
         raise ModelError(f"returned {error}", where=graph.name) from None
 
@@ -102,7 +100,7 @@ def network_inputs(
     padded, K_unit = _pad(images, cameras, limits)
     c2w = np.stack([camera.c2w for camera in cameras])
     c2w[:, :3, :3] = np.stack([camera.rotation.T for camera in cameras])
-    c2w[:, :3, 3] -= np.stack([camera.centre for camera in cameras]).mean(axis=0)
+    c2w[:, :3, 3] -= _mean_centre(cameras)
     return {
         "images": as_input(padded.transpose(0, 3, 1, 2)),
         "K": as_input(K_unit),
@@ -110,6 +108,11 @@ def network_inputs(
         "near": np.full(len(cameras), near, np.float32),
         "far": np.full(len(cameras), far, np.float32),
     }
+
+
+def _mean_centre(cameras: Sequence[Camera]) -> NDArray:
+    """(3,) float64: where a network's own origin lies in the world."""
+    return np.stack([camera.centre for camera in cameras]).mean(axis=0)
 
 
 def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: Limits) -> NDArray:
