@@ -10,6 +10,7 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps
+from tinysplat_runtime.codec.allocation import FARTHEST, measured_depth_step
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.blocks import BlockSpectrum
 from tinysplat_runtime.codec.planes import PlaneClass
@@ -60,9 +61,22 @@ def test_smooth_planes_lose_less_than_noisy_ones_at_the_same_step():
     assert smooth.coding_error(0.5).std() < 0.3 * noisy.coding_error(0.5).std()
 
 
+def test_blocks_of_another_qp_err_by_their_own_step():
+    planes = np.random.default_rng(0).standard_normal((2, 40, 56)).astype(np.float32)
+    offsets = np.zeros((2, 3, 4), np.int8)
+    offsets[1, 2, 3] = 6  # the last block, cut by both edges: twice the step
+    spectrum = BlockSpectrum.of(planes)
+    plain, coarser = spectrum.coding_error(0.01), spectrum.coding_error(0.02)
+    found = spectrum.coding_error(0.01, offsets)
+    np.testing.assert_array_equal(found[1, 32:, 48:], coarser[1, 32:, 48:])
+    found[1, 32:, 48:] = plain[1, 32:, 48:]
+    np.testing.assert_array_equal(found, plain)
+
+
 def _probe(layers, stripes=2, threads=1):
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
-    return DepthProbe([layer.layer for layer in layers], inverse, stripes, threads), inverse
+    shown = [layer.shown for layer in layers]
+    return DepthProbe([layer.layer for layer in layers], inverse, shown, stripes, threads), inverse
 
 
 def test_no_error_is_no_damage_and_more_error_is_more(layers):
@@ -85,6 +99,50 @@ def test_stripes_are_parts_of_the_pictures_between_the_views(layers):
     for shot in _probe(layers, stripes=3)[0]._shots:
         raw = renderer.render(shot._camera)
         assert np.abs(np.clip(raw, 0, 1) - shot._picture).mean() < 2e-3  # all but what its selection leaves out
+
+
+def test_contrast_carries_what_a_stripe_shows_over_to_its_picture(store, monkeypatch):
+    scene = make_smooth_gaussians(2, 96, 48, degree=0)
+    texture = np.random.default_rng(1).standard_normal(scene.sh.shape)
+    texture *= (np.arange(96) / 96)[:, None, None, None] ** 2  # the middle third shows less than the lower one
+    solid = np.full_like(scene.opacities, 0.9)
+    layers = _prepared(replace(scene, sh=0.8 * texture.astype(np.float32), opacities=solid), store)
+    noise = np.random.default_rng(2).standard_normal(scene.opacities.shape).astype(np.float32)
+    errors = [0.003 * noise * layers[0].planes[PlaneClass.DEPTH][:, 0]]
+    stripe = _probe(layers, stripes=1)[0]
+    alone, found = stripe._shots[0].damage(errors), stripe.damage(errors)
+    monkeypatch.setattr("tinysplat_runtime.codec.probe.STRIPE_ROWS", 96)
+    truth = _probe(layers, stripes=1)[0].damage(errors)
+    assert alone < 0.4 * truth
+    assert 0.65 * truth < found < 1.5 * truth
+
+
+class _Scripted:
+    """A probe whose damage grows with the errors' size as stated."""
+
+    def __init__(self, exponent: float) -> None:
+        self.exponent, self.calls = exponent, 0
+
+    def damage(self, errors) -> float:
+        self.calls += 1
+        return float(np.sqrt(np.mean(errors[0] ** 2)) ** self.exponent)
+
+
+@pytest.mark.parametrize("exponent, rounds, calls", [(1.0, 3, 2), (1.3, 5, 3), (1.0, 1, 1)])
+def test_depths_step_is_sought_until_it_rests_or_the_rounds_are_over(exponent, rounds, calls):
+    planes, offsets = np.random.default_rng(0).standard_normal((1, 64, 64)).astype(np.float32), np.zeros((1, 4, 4))
+    probe, start = _Scripted(exponent), 0.01
+    target = float(BlockSpectrum.of(planes).coding_error(3 * start).std()) ** exponent
+    step = measured_depth_step(probe, [planes], [offsets], start, target, rounds)
+    assert probe.calls == calls
+    if rounds > 1:
+        assert step == pytest.approx(3 * start, rel=0.3)
+
+
+def test_no_measurement_moves_depths_step_beyond_reach():
+    planes, offsets = np.ones((1, 16, 16), np.float32), np.zeros((1, 1, 1))
+    for target, factor in ((1e9, FARTHEST), (1e-30, 1 / FARTHEST)):
+        assert measured_depth_step(_Scripted(1.0), [planes], [offsets], 0.01, target, 4) == pytest.approx(0.01 * factor)
 
 
 def test_moved_depths_are_those_that_a_decoder_would_rebuild(layers):

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane, rectangles
 from tinysplat_runtime.codec.planes import pad_plane, padded_size
 from tinysplat_runtime.codec.quantize import hevc_step
 from tinysplat_runtime.errors import FormatError
 
 MEDIUM = EncoderSettings("medium")
+BY_BLOCK = EncoderSettings("superfast", block_qps=True)
 
 
 def smooth_codes(height: int, width: int, seed: int = 0) -> np.ndarray:
@@ -81,3 +85,40 @@ def test_payloads_that_are_no_single_slice_are_refused(payload):
     good = encode_plane(smooth_codes(32, 32), 20, MEDIUM)
     with pytest.raises(FormatError):
         PlaneDecoder(good.parameter_sets, 32, 32).decode_into(payload, np.zeros((32, 32), np.uint16))
+
+
+def _error(coded, codes: np.ndarray) -> np.ndarray:
+    out = np.zeros_like(codes)
+    PlaneDecoder(coded.parameter_sets, *codes.shape).decode_into(coded.payload, out)
+    return out.astype(np.float64) - codes
+
+
+@pytest.mark.parametrize("qp", [0, 1, 9, 16, 24, 40])
+def test_a_plane_that_could_have_block_qps_is_coded_at_its_own(qp):
+    codes = smooth_codes(96, 80)
+    plain, possible = (encode_plane(codes, qp, EncoderSettings("superfast", block_qps=b)) for b in (False, True))
+    assert len(possible.payload) == pytest.approx(len(plain.payload), rel=0.03, abs=12)
+    assert _error(possible, codes).std() == pytest.approx(_error(plain, codes).std(), rel=0.03)
+
+
+def test_blocks_are_coded_as_finely_as_their_offsets_say():
+    codes = smooth_codes(70, 90, 3)  # no whole number of blocks
+    offsets = np.zeros((5, 6), np.int8)
+    offsets[:, 3:] = 8
+    offsets[4, 0] = -8
+    plain, changed = encode_plane(codes, 20, BY_BLOCK), encode_plane(codes, 20, BY_BLOCK, offsets)
+    assert changed.parameter_sets == plain.parameter_sets
+    before, after = _error(plain, codes), _error(changed, codes)
+    assert after[:, 56:].std() > 1.3 * before[:, 56:].std()
+    assert after[64:, :16].std() < 0.7 * before[64:, :16].std()
+    assert after[:56, :40].std() == pytest.approx(before[:56, :40].std(), rel=0.1)
+    assert len(changed.payload) < len(plain.payload)
+
+
+@given(arrays(np.int8, st.tuples(st.integers(1, 7), st.integers(1, 7)), elements=st.integers(-2, 1)))
+def test_rectangles_cover_every_block_but_the_zeros_once(offsets):
+    found = np.zeros_like(offsets)
+    for rows, columns, value in rectangles(offsets):
+        assert value != 0 and (found[rows, columns] == 0).all()
+        found[rows, columns] = value
+    np.testing.assert_array_equal(found, offsets)

@@ -41,8 +41,8 @@ def test_a_target_size_is_hit_within_3_percent_from_below(gaussians, profile, sh
 def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians, monkeypatch):
     coded = []
 
-    def counted(codes, qp, settings):
-        plane = encode_plane(codes, qp, settings)
+    def counted(codes, qp, settings, offsets):
+        plane = encode_plane(codes, qp, settings, offsets)
         coded.append(len(plane.payload))
         return plane
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.encoder import FLAT_SHARE, encode_gaussians
+from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.planes import Channel, PlaneClass
 from tinysplat_runtime.codec.profiles import PAPER, PROFILES, Profile
@@ -184,7 +184,7 @@ def _paper_channel(
 def _code_channel(channel: Channel, encoder: EncoderSettings) -> tuple[NDArray, int]:
     values, (low, high) = channel.values, channel.window
     mean = float(values.mean(dtype=np.float64))
-    if not high > low or float(values.std(dtype=np.float64)) < FLAT_SHARE * channel.step:
+    if not high > low or float(values.std(dtype=np.float64)) < channel.flat_share * channel.step:
         return np.full_like(values, mean), 0
     code_map = choose_code_map(low, high, mean, channel.step)
     codes, _ = code_map.quantise(values)

@@ -65,6 +65,11 @@ def one_depth_picture(plan: LayerPlan, part: Part) -> LayerPlan:
     return replace(_with(plan, PlaneClass.DEPTH, values[:, None], plan.refine_depth), refine_depth=None)
 
 
+def one_qp(plan: LayerPlan, part: Part) -> LayerPlan:
+    """Every block of depth at the plane's own QP."""
+    return replace(plan, channels=tuple(replace(channel, offsets=None) for channel in plan.channels))
+
+
 def scales_as_they_are(plan: LayerPlan, part: Part) -> LayerPlan:
     """ŝ without its principal axes."""
     planes = part.projected.planes(PlaneClass.SCALE)
@@ -118,6 +123,7 @@ def components(k: int) -> Change:
 CHANGES: dict[str, Change] = {
     "depth as z": depth_as_z,
     "one depth picture": one_depth_picture,
+    "one QP for depth": one_qp,
     "ŝ without PCA": scales_as_they_are,
     "rotation as four components": rotations_as_they_are,
     "VABR as the paper's": paper_weighting,

@@ -21,6 +21,7 @@ from ..inference import GraphStore
 from .allocation import Steps, measured_depth_step
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
+from .contrast import block_offsets, contrast
 from .hevc import MAX_CODE
 from .planes import Channel, LayerPlan, PlaneClass, Reduction
 from .probe import DepthProbe
@@ -51,6 +52,7 @@ class AdaptiveLayer:
         reference_quats, scale_mix: see `LayerPlan`.
         reduction: VABR's maps, of at least as many components as will be coded.
         energies: (d,) weighted energy of every component, falling.
+        shown: (V, H, W) how much an error of depth shows; see `contrast`.
     """
 
     layer: Gaussians
@@ -59,6 +61,7 @@ class AdaptiveLayer:
     scale_mix: tuple[NDArray, NDArray]
     reduction: Reduction
     energies: NDArray
+    shown: NDArray
 
 
 def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
@@ -89,7 +92,8 @@ def prepare_layer(
         PlaneClass.ROTATION: relative_rotation_planes(projected, projected.reference_quats),
         PlaneClass.OFFSET: projected.planes(PlaneClass.OFFSET),
     }
-    return AdaptiveLayer(layer, planes, projected.reference_quats, mix, reduction, spectrum[0])
+    shown = contrast(layer)
+    return AdaptiveLayer(layer, planes, projected.reference_quats, mix, reduction, spectrum[0], shown)
 
 
 def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, threads: int) -> list[Steps]:
@@ -105,8 +109,10 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     depth = settings.depth_step * -float(inverse[0].mean(dtype=np.float64))
     if settings.stripes > 0:
-        probe = DepthProbe([layer.layer for layer in layers], inverse, settings.stripes, threads)
-        depth = measured_depth_step(probe, inverse, depth, settings.depth_damage, settings.rounds)
+        shown = [layer.shown for layer in layers]
+        probe = DepthProbe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
+        offsets = [block_offsets(of_layer) for of_layer in shown]
+        depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
     factors = [1.0, *[settings.behind] * (len(layers) - 1)]
     return [{PlaneClass.DEPTH: depth, **_class_steps(*pair, settings)} for pair in zip(layers, factors, strict=True)]
 
@@ -136,7 +142,9 @@ def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings
             channel = values[:, target]
             # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
             index = target + 1 if plane_class == PlaneClass.ROTATION else target
-            channels.append(Channel(plane_class, index, channel, step, (float(channel.min()), float(channel.max()))))
+            window = (float(channel.min()), float(channel.max()))
+            offsets = block_offsets(layer.shown) if plane_class == PlaneClass.DEPTH else None
+            channels.append(Channel(plane_class, index, channel, step, window, offsets, settings.flat_share))
     return LayerPlan(
         tuple(channels),
         layer.layer.degree,

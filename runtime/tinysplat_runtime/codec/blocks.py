@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .planes import QP_BLOCK
+
 SIDE = 8
 DEAD_ZONE = 1 / 3
 """Coefficients are rounded down from this much above a whole step, as rate-distortion optimised coders do."""
@@ -49,11 +51,22 @@ class BlockSpectrum:
         blocks = rows.reshape(count, padded.shape[1] // SIDE, SIDE, padded.shape[2])
         return cls((DCT @ blocks).reshape(*blocks.shape[:3], -1, SIDE), (height, width))
 
-    def coding_error(self, step: float) -> NDArray:
-        """(n, H, W) what quantisation at `step` would add to the planes."""
-        scaled = self.coefficients * np.float32(1 / step)
+    def coding_error(self, step: float, offsets: NDArray | None = None) -> NDArray:
+        """(n, H, W) what quantisation at `step` would add to the planes.
+
+        Args:
+            step: in the planes' units.
+            offsets: (n, ceil(H / 16), ceil(W / 16)) QPs by which blocks of `QP_BLOCK` pixels are coarser.
+        """
+        steps: NDArray = np.full((1, 1, 1, 1, 1), step, np.float32)
+        if offsets is not None:
+            repeat = QP_BLOCK // SIDE
+            _, rows, _, columns, _ = self.coefficients.shape
+            by_block = np.exp2(offsets.astype(np.float32) / 6).repeat(repeat, axis=1).repeat(repeat, axis=2)
+            steps = steps * by_block[:, :rows, None, :columns, None]
+        scaled = self.coefficients / steps
         levels = np.sign(scaled) * np.floor(np.abs(scaled) + np.float32(DEAD_ZONE))
-        error = (levels - scaled) * np.float32(step)
+        error = (levels - scaled) * steps
         count, rows, _, columns, _ = error.shape
         blocks = DCT.T @ error.reshape(count, rows, SIDE, columns * SIDE)
         planes = (blocks.reshape(-1, SIDE) @ DCT).reshape(count, rows * SIDE, columns * SIDE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 
 import numpy as np
@@ -26,9 +26,6 @@ from .paper import paper_colors, paper_plan
 from .planes import Channel, LayerPlan, PlaneClass
 from .profiles import AdaptiveSettings, PaperSettings, Profile
 from .quantize import CodeMap, choose_code_map, without_outliers
-
-FLAT_SHARE = 0.12
-"""A channel whose standard deviation is below this share of its step codes to nothing but its mean: store the mean."""
 
 FLAT_SPREAD = {
     PlaneClass.OFFSET: 1e-4,
@@ -241,10 +238,11 @@ class _PlaneCoder:
         self._settings = settings
         self._coded: dict[tuple[bytes, int], CodedPlane] = {}
 
-    def __call__(self, codes: NDArray, qp: int) -> CodedPlane:
-        key = sha256(np.ascontiguousarray(codes).data).digest() + repr(codes.shape).encode(), qp
+    def __call__(self, codes: NDArray, qp: int, offsets: NDArray | None) -> CodedPlane:
+        by_block = b"" if offsets is None else offsets.tobytes()
+        key = sha256(np.ascontiguousarray(codes).data).digest() + repr(codes.shape).encode() + by_block, qp
         if key not in self._coded:
-            self._coded[key] = encode_plane(codes, qp, self._settings)
+            self._coded[key] = encode_plane(codes, qp, self._settings, offsets)
         return self._coded[key]
 
 
@@ -252,7 +250,7 @@ def is_flat(channel: Channel, mean: float, spread: float, step: float) -> bool:
     """Whether a channel of that mean and standard deviation is stored as a number when coded at `step`."""
     low, high = channel.window
     floor = FLAT_SPREAD.get(channel.plane_class, FLAT_DEPTH * abs(mean))
-    return not high > low or spread <= max(floor, FLAT_SHARE * step)
+    return not high > low or spread <= max(floor, channel.flat_share * step)
 
 
 def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
@@ -303,9 +301,11 @@ def _code_layer(
 
 
 def _submit(quantised: _Quantised, coder: _PlaneCoder, pool: ThreadPoolExecutor) -> list[Future[CodedPlane]]:
-    if quantised.codes is None or quantised.code_map is None:
+    codes, code_map, offsets = quantised.codes, quantised.code_map, quantised.channel.offsets
+    if codes is None or code_map is None:
         return []
-    return [pool.submit(coder, codes, quantised.code_map.qp) for codes in quantised.codes]
+    by_view = [None] * len(codes) if offsets is None else list(offsets)
+    return [pool.submit(coder, view, code_map.qp, by_block) for view, by_block in zip(codes, by_view, strict=True)]
 
 
 def _refine(
@@ -322,7 +322,7 @@ def _refine(
     list(pool.map(decode, range(len(coded))))
     rest = base.channel.values - base.code_map.dequantise(decoded)
     window = (float(rest.min()), float(rest.max()))
-    return _quantise(Channel(PlaneClass.DEPTH, base.channel.target, rest, step, window), stats)
+    return _quantise(replace(base.channel, values=rest, step=step, window=window), stats)
 
 
 def _coded_channel(quantised: _Quantised, planes: Sequence[CodedPlane]) -> CodedChannel:

@@ -10,13 +10,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 
 import av
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TinySplatError
-from .planes import pad_plane, padded_size
+from .planes import QP_BLOCK, pad_plane, padded_size
 
 BIT_DEPTH = 12
 MAX_CODE = (1 << BIT_DEPTH) - 1
@@ -27,12 +28,20 @@ _START_CODE = b"\x00\x00\x00\x01"
 _VPS, _SPS, _PPS = 32, 33, 34
 _IDR_TYPES = (19, 20)
 _BUFFER_MARGIN = 128
+_TIME_BASE = Fraction(1, 25)
 
 # One thread and no analysis over time: a plane's bytes depend on the plane alone. ipratio=1 keeps the QP asked for,
 # which x265 would lower by 3 for intra pictures; info=0 keeps its banner out of the stream.
-_FIXED_PARAMS = (
-    "log-level=none:info=0:keyint=1:no-scenecut=1:bframes=0:wpp=0:frame-threads=1:pools=none:aq-mode=0:ipratio=1"
-)
+_FIXED_PARAMS = "log-level=none:info=0:keyint=1:no-scenecut=1:bframes=0:wpp=0:frame-threads=1:pools=none:ipratio=1"
+
+_ONE_QP = "aq-mode=0:qp={qp}"
+
+# x265 takes QPs by blocks only where it adapts them itself and only under rate control: the strength leaves nothing of
+# its own choices, and qcomp=1 makes the constant rate factor the QP of every picture.
+_BLOCK_QPS = f"aq-mode=1:aq-strength=0.0001:qcomp=1:no-cutree=1:qg-size={QP_BLOCK}:crf={{qp}}"
+
+_OFFSET_RANGE = 51 + 6 * (BIT_DEPTH - 8)
+"""QPs that libavcodec makes of a region's offset of 1."""
 
 av.logging.set_level(av.logging.PANIC)
 
@@ -44,10 +53,12 @@ class EncoderSettings:
     Attributes:
         preset: x265 preset.
         params: further x265 parameters as `name=value`.
+        block_qps: whether blocks can have QPs of their own, which parameter sets say of all pictures.
     """
 
     preset: str
     params: tuple[str, ...] = ()
+    block_qps: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,34 +69,44 @@ class CodedPlane:
     payload: bytes
 
 
-def encode_plane(codes: NDArray, qp: int, settings: EncoderSettings) -> CodedPlane:
+def encode_plane(codes: NDArray, qp: int, settings: EncoderSettings, offsets: NDArray | None = None) -> CodedPlane:
     """Code one plane.
 
     Args:
         codes: (H, W) uint16, 0 to 4095.
         qp: 0 to 51.
         settings: libx265's preset and parameters.
+        offsets: (ceil(H / 16), ceil(W / 16)) whole numbers added to the QP of blocks of `QP_BLOCK` pixels, if
+            `settings.block_qps`.
 
     Returns:
         The coded picture, of size `padded_size(H, W)`.
     """
-    return encode_picture([pad_plane(codes)], _PIXEL_FORMAT, qp, settings)
+    return encode_picture([pad_plane(codes)], _PIXEL_FORMAT, qp, settings, offsets)
 
 
-def encode_picture(planes: Sequence[NDArray], pixel_format: str, qp: int, settings: EncoderSettings) -> CodedPlane:
+def encode_picture(
+    planes: Sequence[NDArray],
+    pixel_format: str,
+    qp: int,
+    settings: EncoderSettings,
+    offsets: NDArray | None = None,
+) -> CodedPlane:
     """Code the planes of one picture, uint16 and of the sizes that libavcodec's pixel format demands."""
     context = av.CodecContext.create("libx265", "w")
     context.height, context.width = planes[0].shape
     context.pix_fmt = pixel_format
-    context.time_base, context.framerate = Fraction(1, 25), Fraction(25)
-    params = ":".join((_FIXED_PARAMS, f"qp={qp}", *settings.params))
-    context.options = {"preset": settings.preset, "x265-params": params}
+    context.time_base, context.framerate = _TIME_BASE, 1 / _TIME_BASE
+    control = (_BLOCK_QPS if settings.block_qps else _ONE_QP).format(qp=qp)
+    context.options = {"preset": settings.preset, "x265-params": ":".join((_FIXED_PARAMS, control, *settings.params))}
     frame = av.VideoFrame(context.width, context.height, pixel_format)
     for plane, samples in zip(frame.planes, planes, strict=True):
         lines = np.zeros((plane.height, plane.line_size // 2), np.uint16)
         lines[:, : plane.width] = samples
         plane.update(lines.tobytes())
     frame.pts = 0
+    if offsets is not None:
+        frame = _with_offsets(frame, offsets)
     stream = b"".join(bytes(packet) for packet in (*context.encode(frame), *context.encode(None)))
     units = _nal_units(stream)
     slices = [unit for unit in units if _nal_type(unit) in _IDR_TYPES]
@@ -93,6 +114,45 @@ def encode_picture(planes: Sequence[NDArray], pixel_format: str, qp: int, settin
         raise TinySplatError(f"libx265 gave {len(slices)} slices for one picture, expected 1")
     sets = b"".join(_START_CODE + unit for unit in units if _nal_type(unit) in (_VPS, _SPS, _PPS))
     return CodedPlane(sets, slices[0])
+
+
+def _with_offsets(frame: av.VideoFrame, offsets: NDArray) -> av.VideoFrame:
+    """The frame with a region of interest for every rectangle of blocks of one offset other than 0.
+
+    PyAV cannot attach regions to a frame; libavfilter's addroi adds one. 256 of them take 3 ms, 1024 take 15.
+    """
+    graph = av.filter.Graph()
+    last = graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=_TIME_BASE)
+    for rows, columns, offset in rectangles(offsets):
+        x, y = columns.start * QP_BLOCK, rows.start * QP_BLOCK
+        width, height = min(columns.stop * QP_BLOCK, frame.width) - x, min(rows.stop * QP_BLOCK, frame.height) - y
+        region = graph.add("addroi", f"x={x}:y={y}:w={width}:h={height}:qoffset={offset}/{_OFFSET_RANGE}")
+        last.link_to(region)
+        last = region
+    last.link_to(graph.add("buffersink"))
+    graph.configure()
+    graph.push(frame)
+    marked = graph.pull()
+    assert isinstance(marked, av.VideoFrame)
+    return marked
+
+
+def rectangles(offsets: NDArray) -> list[tuple[slice, slice, int]]:
+    """Rows, columns and value of rectangles that cover all but the zeros of a grid (h, w), none twice.
+
+    Runs of a row, each with what continues it in the rows below.
+    """
+    runs: dict[tuple[int, int, int], int] = {}  # open ones: first row by columns and value
+    found = []
+    for row, values in enumerate([*offsets.tolist(), []]):
+        edges = [0, *(i for i in range(1, len(values)) if values[i] != values[i - 1]), len(values)]
+        present = {(a, b, values[a]) for a, b in pairwise(edges) if b > a and values[a] != 0}
+        for run in [run for run in runs if run not in present]:
+            start, stop, value = run
+            found.append((slice(runs.pop(run), row), slice(start, stop), value))
+        for run in sorted(present):
+            runs.setdefault(run, row)
+    return found
 
 
 class PictureDecoder:

@@ -80,7 +80,8 @@ def residual_plan(
             step *= COARSE_DEPTH
         for target in range(planes.shape[1]):
             values = planes[:, target]
-            channels.append(Channel(plane_class, target, values, step, (float(values.min()), float(values.max()))))
+            window = (float(values.min()), float(values.max()))
+            channels.append(Channel(plane_class, target, values, step, window, flat_share=settings.flat_share))
     return LayerPlan(
         tuple(channels),
         layer.degree,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ def encode_photos(images: NDArray, qp: float, settings: EncoderSettings, threads
     picture_qp = photo_qp(qp)
 
     def encode(image: NDArray) -> tuple[bytes, bytes]:
-        coded = encode_picture(_planes(image), _PIXEL_FORMAT, picture_qp, settings)
+        coded = encode_picture(_planes(image), _PIXEL_FORMAT, picture_qp, replace(settings, block_qps=False))
         return coded.parameter_sets, coded.payload
 
     with ThreadPoolExecutor(max_workers=threads) as pool:

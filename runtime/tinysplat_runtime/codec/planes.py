@@ -36,6 +36,9 @@ GEOMETRY: dict[PlaneClass, slice] = {
 
 GEOMETRY_CHANNELS = 11
 
+QP_BLOCK = 16
+"""Side in pixels of the blocks that may have QPs of their own."""
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -47,6 +50,8 @@ class Channel:
         values: (V, H, W) float32 in the class's units.
         step: quantiser step of the video codec's transform coefficients, same units, > 0.
         window: smallest and largest value that will be represented; values outside are clipped and counted.
+        offsets: (V, ceil(H / 16), ceil(W / 16)) int8 added to the QP by blocks of `QP_BLOCK` pixels, or None.
+        flat_share: standard deviation, in steps, below which the channel is stored as a number.
     """
 
     plane_class: PlaneClass
@@ -54,6 +59,8 @@ class Channel:
     values: NDArray
     step: float
     window: tuple[float, float]
+    offsets: NDArray | None = None
+    flat_share: float = 0.12
 
     @property
     def name(self) -> str:

@@ -39,6 +39,8 @@ class AdaptiveSettings:
         width: mean standard deviation of the splats, in pixels, that the sensitivities of scale and rotation are for.
         behind: how much coarser than layer 0's those steps are in other layers, which mostly show at edges.
         energy_floor: colour planes are kept until the weighted energy left out falls below this share of a step².
+        flat_share: standard deviation, in steps, below which a channel is stored as a number; what it holds may lie in
+            few pixels, and show there.
         margin: octaves below its start that the colour step may fall to without losing components.
     """
 
@@ -51,6 +53,7 @@ class AdaptiveSettings:
     width: float
     behind: float
     energy_floor: float
+    flat_share: float
     margin: float
 
 
@@ -85,8 +88,8 @@ PAPER = PaperSettings(
 
 ADAPTIVE = AdaptiveSettings(
     stripes=2,
-    rounds=1,
-    depth_damage=3e-5,
+    rounds=2,
+    depth_damage=3.5e-5,
     depth_step=6e-3,
     gain=0.009,
     sensitivity={
@@ -98,7 +101,8 @@ ADAPTIVE = AdaptiveSettings(
     },
     width=0.5,
     behind=1.41,
-    energy_floor=0.02,
+    energy_floor=0.005,
+    flat_share=0.06,
     margin=1.0,
 )
 
@@ -108,12 +112,12 @@ PROFILES: dict[str, Profile] = {
     profile.name: profile
     for profile in (
         Profile("paper", EncoderSettings("medium"), PAPER),
-        Profile("fast", EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF)), ADAPTIVE),
-        Profile("balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF)), ADAPTIVE),
+        Profile("fast", EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF), True), ADAPTIVE),
+        Profile("balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF), True), ADAPTIVE),
         Profile(
             "max",
-            EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF)),
-            replace(ADAPTIVE, stripes=8, rounds=2),
+            EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF), True),
+            replace(ADAPTIVE, stripes=8, rounds=3),
         ),
     )
 }
