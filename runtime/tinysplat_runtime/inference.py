@@ -117,7 +117,7 @@ class Graph:
         return dict(zip(names, values, strict=True))
 
     def run_into(self, inputs: Mapping[str, NDArray], outputs: Mapping[str, NDArray]) -> None:
-        """Run that part of the graph which some outputs need, straight into arrays.
+        """Run the graph, some outputs straight into arrays.
 
         Args:
             inputs: every input by name, C-contiguous in the contract's dtype; those that the wanted outputs do not
@@ -127,17 +127,13 @@ class Graph:
         Raises:
             ModelError: as `run`.
         """
-        import onnxruntime as ort
-
-        options = ort.RunOptions()
-        options.only_execute_path_to_fetches = True
         binding = self.session.io_binding()
         try:
             for name, array in inputs.items():
                 binding.bind_cpu_input(name, array)
             for name, array in outputs.items():
                 binding.bind_output(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
-            self.session.run_with_iobinding(binding, options)
+            self.session.run_with_iobinding(binding)
         except Exception as error:
             raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from threading import Lock, local
@@ -24,7 +24,7 @@ from .hevc import PlaneDecoder
 from .hybrid import check_prediction, predicted_geometry
 from .lossless import decode_exact
 from .photos import decode_photos
-from .synthesis import LayerSynthesis, plane_slots
+from .synthesis import LayerSynthesis, coded_channels
 
 
 def decode_gaussians(
@@ -140,8 +140,8 @@ def _decode_exact(container: Container, store: GraphStore, threads: int, watch: 
         with watch.stage("synthesis"):
             synthesis = LayerSynthesis(header, container.origin, store, (geometry, sh[..., :1, :]))
             no_codes = np.ones((1, exact.height, exact.width), np.uint16)
-            for half in (synthesis.geometry, synthesis.colors):
-                crew.map(partial(half, codes=no_codes), range(len(exact.cameras)))
+            for half in ("geometry", "colors"):
+                crew.map(partial(synthesis.run, **{half: no_codes}), range(len(exact.cameras)))
             layer = synthesis.gaussians()
         fields = {name: getattr(layer, name) for name in FIELDS} | {"sh": sh}
         if not all(np.isfinite(array).all() for array in fields.values()):
@@ -185,36 +185,42 @@ class _Pictures:
             raise FormatError(error.message, where=f"plane {channel.name}, view {view}") from None
 
 
-class _Half:
-    """The planes of one view that its geometry, or its colours, are made of.
+class _Part:
+    """Planes of one view that are synthesised together: those of geometry, of colour, or both.
 
     Memory is taken when the first plane is wanted and let go after synthesis, so that only views at work have some.
     """
 
-    def __init__(self, pictures: _Pictures, view: int, slots: dict[ChannelRecord, int], absent: Collection[PlaneRef],
-                 synthesise: Callable[[int, NDArray], None]) -> None:  # fmt: skip
-        self._pictures, self._view, self._slots, self._synthesise = pictures, view, slots, synthesise
-        records = pictures.layer.channels
-        refs = {channel: PlaneRef(pictures.index, records.index(channel), view) for channel in slots}
-        self._present = [channel for channel in slots if refs[channel] not in absent]
-        self._stand_ins = {
-            slots[c]: stand_in_code(pictures.layer, ref.channel) for c, ref in refs.items() if ref in absent
-        }
+    def __init__(self, pictures: _Pictures, view: int, planes: Mapping[str, Sequence[int]], absent: Collection[PlaneRef],
+                 synthesise: Callable[..., None]) -> None:  # fmt: skip
+        """`planes` are indices of channels by what `synthesise` calls their codes."""
+        self._pictures, self._view, self._planes, self._synthesise = pictures, view, planes, synthesise
+        self._present, self._stand_ins = [], []
+        for name, channels in planes.items():
+            for slot, channel in enumerate(channels):
+                if PlaneRef(pictures.index, channel, view) in absent:
+                    self._stand_ins.append((name, slot, stand_in_code(pictures.layer, channel)))
+                else:
+                    self._present.append((name, slot, channel))
         self._waiting = max(len(self._present), 1)
-        self._codes: NDArray | None = None
+        self._codes: dict[str, NDArray] | None = None
         self._lock = Lock()
 
     def tasks(self) -> list[tuple[int, Callable[[], float]]]:
         """What there is to do, as (bytes to decode, a call that returns the seconds it spent on synthesis)."""
         if not self._present:
             return [(0, self._finish)]
-        return [(channel.streams[self._view].length, partial(self._decode, channel)) for channel in self._present]
+        channels = self._pictures.layer.channels
+        return [
+            (channels[channel].streams[self._view].length, partial(self._decode, name, slot, channels[channel]))
+            for name, slot, channel in self._present
+        ]
 
-    def _decode(self, channel: ChannelRecord) -> float:
+    def _decode(self, name: str, slot: int, channel: ChannelRecord) -> float:
         with self._lock:
             if self._codes is None:
                 self._codes = self._new_codes()
-        self._pictures.decode(channel, self._view, self._codes[self._slots[channel]])
+        self._pictures.decode(channel, self._view, self._codes[name][slot])
         return self._finish()
 
     def _finish(self) -> float:
@@ -224,16 +230,17 @@ class _Half:
             if self._waiting:
                 return 0.0
         start = time.perf_counter()
-        self._synthesise(self._view, self._new_codes() if self._codes is None else self._codes)
+        self._synthesise(self._view, **(self._codes or self._new_codes()))
         self._codes = None
         return time.perf_counter() - start
 
-    def _new_codes(self) -> NDArray:
-        layer = self._pictures.layer
-        codes = np.empty((len(self._slots) + 1, layer.height, layer.width), np.uint16)
-        codes[-1] = 1
-        for plane, code in self._stand_ins.items():
-            codes[plane] = code
+    def _new_codes(self) -> dict[str, NDArray]:
+        grid = (self._pictures.layer.height, self._pictures.layer.width)
+        codes = {name: np.empty((len(channels) + 1, *grid), np.uint16) for name, channels in self._planes.items()}
+        for array in codes.values():
+            array[-1] = 1
+        for name, slot, code in self._stand_ins:
+            codes[name][slot] = code
         return codes
 
 
@@ -244,15 +251,15 @@ def _decode_layer(
 
     The seconds of both stages are those of all threads by the number of threads, as they overlap.
     """
+    geometry, colors = coded_channels(pictures.layer)
+    planes = {"geometry": geometry, "colors": colors}
+    # Several threads share halves of views out more evenly; one is spared what the graph costs however small its inputs.
+    parts = [planes] if crew.threads == 1 else [{name: channels} for name, channels in planes.items()]
     tasks = []
     for view in range(len(pictures.layer.cameras)):
-        geometry, colors = plane_slots(pictures.layer)
-        halves = (
-            _Half(pictures, view, geometry, absent, synthesis.geometry),
-            _Half(pictures, view, colors, absent, synthesis.colors),
-        )
+        of_view = [task for part in parts for task in _Part(pictures, view, part, absent, synthesis.run).tasks()]
         # Longest first, so that threads finish the last view together.
-        tasks += sorted((task for half in halves for task in half.tasks()), key=lambda task: -task[0])
+        tasks += sorted(of_view, key=lambda task: -task[0])
     start = time.perf_counter()
     spent = sum(crew.map(lambda task: task[1](), tasks)) / crew.threads
     watch.add("synthesis", spent)

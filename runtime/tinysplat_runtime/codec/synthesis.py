@@ -1,8 +1,8 @@
 """Codes of a layer to Gaussians: what the synthesis graph is fed with, and where its results go.
 
 Dequantisation and all linear maps are folded into one matrix per group of planes, in float64. The graph runs a view at
-a time and geometry apart from colour, so that it can work on what is there while other planes are being decoded; it
-writes into the arrays of the result.
+a time, on several threads geometry apart from colour, so that it can work on what is there while other planes are being
+decoded; it writes into the arrays of the result.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import ChannelRecord
 from ..container.reader import LayerHeader
 from ..gaussians import Gaussians
 from ..inference import GraphStore, as_input
@@ -34,7 +33,7 @@ class LayerSynthesis:
         """
         self._layer, self._origin, self._base = layer, origin, base
         self._graph = store.transform("synthesis")
-        cameras, (geometry, colors) = layer.cameras, plane_slots(layer)
+        cameras, (geometry, colors) = layer.cameras, coded_channels(layer)
         mix = _geometry_mix(layer, geometry)
         self._base_codes: NDArray | None = None
         if base is not None:
@@ -68,34 +67,40 @@ class LayerSynthesis:
         )
         self._geometry = {"means": means, "quats": quats, "scales": scales, "opacities": opacities}
 
-    def geometry(self, view: int, codes: NDArray) -> None:
-        """Make a view's means, quats, scales and opacities from codes (P + 1, H, W) uint16, the last plane ones."""
-        if self._base_codes is not None:
-            codes = np.concatenate([self._base_codes[view], codes])
-        principal = float(self._by_view["K"][view, 1, 2])
-        strips = self._strips()
-        # A strip's rows count from its own first, which the principal point makes up for: bit for bit if exactly so.
-        if any(np.float32(principal - strip.start) != principal - strip.start for strip in strips):
-            strips = [slice(0, self._layer.height)]
-        for strip in strips:
-            K = self._by_view["K"][view : view + 1].copy()
-            K[0, 1, 2] -= strip.start
-            self._run(view, strip, {"geometry_codes": codes[None, :, strip], "K": K}, self._geometry)
+    def run(self, view: int, geometry: NDArray | None = None, colors: NDArray | None = None) -> None:
+        """Make a view's means, quats, scales and opacities, its SH coefficients, or both at once.
 
-    def colors(self, view: int, codes: NDArray) -> None:
-        """Make a view's SH coefficients from codes (k + 1, H, W) uint16, the last plane ones."""
-        for strip in self._strips():
-            self._run(view, strip, {"color_codes": codes[None, :, strip]}, {"sh": self._sh})
+        Args:
+            view: which.
+            geometry: codes (P + 1, H, W) uint16, the last plane ones; None to leave these fields for another call.
+            colors: codes (k + 1, H, W) uint16 likewise, for the SH coefficients.
+        """
+        codes, outputs, strips = {}, {}, self._strips()
+        principal = float(self._by_view["K"][view, 1, 2])
+        if geometry is not None:
+            if self._base_codes is not None:
+                geometry = np.concatenate([self._base_codes[view], geometry])
+            codes["geometry_codes"] = geometry
+            outputs |= self._geometry
+            # A strip's rows count from its own first, which the principal point makes up for: bit for bit if exactly so.
+            if any(np.float32(principal - strip.start) != principal - strip.start for strip in strips):
+                strips = [slice(0, self._layer.height)]
+        if colors is not None:
+            codes["color_codes"] = colors
+            outputs["sh"] = self._sh
+        own = slice(view, view + 1)
+        by_view = {key: array[own] for key, array in self._by_view.items()}
+        for strip in strips:
+            K = by_view["K"].copy()
+            K[0, 1, 2] -= strip.start
+            parts = {key: np.ascontiguousarray(array[None, :, strip]) for key, array in codes.items()}
+            self._graph.run_into(
+                self._shared | by_view | parts | {"K": K}, {key: array[own, strip] for key, array in outputs.items()}
+            )
 
     def _strips(self) -> list[slice]:
         rows = max(1, STRIP_PX // self._layer.width)
         return [slice(row, min(row + rows, self._layer.height)) for row in range(0, self._layer.height, rows)]
-
-    def _run(self, view: int, strip: slice, inputs: dict[str, NDArray], outputs: dict[str, NDArray]) -> None:
-        own = slice(view, view + 1)
-        by_view = {key: array[own] for key, array in self._by_view.items()}
-        inputs = self._shared | by_view | {key: np.ascontiguousarray(array) for key, array in inputs.items()}
-        self._graph.run_into(inputs, {key: array[own, strip] for key, array in outputs.items()})
 
     def gaussians(self) -> Gaussians:
         """The layer, once all views are done."""
@@ -105,24 +110,27 @@ class LayerSynthesis:
         return Gaussians.unchecked(**self._geometry, sh=sh, cameras=self._layer.cameras, origin=self._origin)
 
 
-def plane_slots(layer: LayerHeader) -> tuple[dict[ChannelRecord, int], dict[ChannelRecord, int]]:
-    """Plane index of every channel that has pictures, among the geometry and among the colour planes."""
-    coded = [c for c in layer.channels if c.streams]
-    geometry = [c for c in coded if c.plane_class != PlaneClass.COLOR]
-    colors = [c for c in coded if c.plane_class == PlaneClass.COLOR]
-    return {c: i for i, c in enumerate(geometry)}, {c: i for i, c in enumerate(colors)}
+def coded_channels(layer: LayerHeader) -> tuple[list[int], list[int]]:
+    """Which of the layer's channels have pictures, by index: those of geometry, and of colour. The graph's planes stand
+    in this order.
+
+    Indices, as a record's hash and comparison go through all its streams: 16 views took 8 ms of 208 for them.
+    """
+    coded = [index for index, channel in enumerate(layer.channels) if channel.streams]
+    colors = [index for index in coded if layer.channels[index].plane_class == PlaneClass.COLOR]
+    return [index for index in coded if index not in colors], colors
 
 
-def _geometry_mix(layer: LayerHeader, slots: dict[ChannelRecord, int]) -> NDArray:
+def _geometry_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
     """(11, P + 1) float64: geometry channels = mix · codes, the last code being 1."""
-    mix = np.zeros((GEOMETRY_CHANNELS, len(slots) + 1))
-    for channel in layer.channels:
+    mix = np.zeros((GEOMETRY_CHANNELS, len(coded) + 1))
+    for index, channel in enumerate(layer.channels):
         if channel.plane_class == PlaneClass.COLOR:
             continue
         row = GEOMETRY[channel.plane_class].start + channel.target
         mix[row, -1] += channel.offset
-        if channel in slots:
-            mix[row, slots[channel]] = channel.scale
+        if index in coded:
+            mix[row, coded.index(index)] = channel.scale
     if layer.scale_mix is not None:
         rows = GEOMETRY[PlaneClass.SCALE]
         matrix, mean = (a.astype(np.float64) for a in layer.scale_mix)
@@ -131,14 +139,14 @@ def _geometry_mix(layer: LayerHeader, slots: dict[ChannelRecord, int]) -> NDArra
     return mix
 
 
-def _color_mix(layer: LayerHeader, slots: dict[ChannelRecord, int]) -> NDArray:
+def _color_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
     """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1."""
     # Without VABR the colour planes are the three coefficients of degree 0 themselves.
     inverse = np.eye(3) if layer.basis is None else layer.basis.astype(np.float64)  # (d, k)
-    mix = np.zeros((len(slots) + 1, len(inverse)))
-    for channel in layer.channels:
+    mix = np.zeros((len(coded) + 1, len(inverse)))
+    for index, channel in enumerate(layer.channels):
         if channel.plane_class == PlaneClass.COLOR:
             mix[-1] += inverse[:, channel.target] * channel.offset
-            if channel in slots:
-                mix[slots[channel]] = inverse[:, channel.target] * channel.scale
+            if index in coded:
+                mix[coded.index(index)] = inverse[:, channel.target] * channel.scale
     return mix
