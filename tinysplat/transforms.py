@@ -181,13 +181,14 @@ class Synthesis(nn.Module):
         points = rotation @ camera.flatten(2) + centre[..., None]
 
         scales = values[:, 3:6].clamp_min(0) * (z / (fx * fy).sqrt())[:, None]
-        vector = values[:, 7:10]
-        squared = (vector * vector).sum(1, keepdim=True)
+        # Plane by plane: onnxruntime's sum over the planes alone took 7 % of the graph's time, for the same bits.
+        i, j, k = values[:, 7], values[:, 8], values[:, 9]
+        squared = i * i + j * j + k * k
         rebuilt = (1 - squared).clamp_min(MIN_W**2).sqrt()
-        w = torch.where(relative_rotation > 0, rebuilt, values[:, 6:7])
+        w = torch.where(relative_rotation > 0, rebuilt, values[:, 6])
         squared = squared + w * w
         is_zero = (squared == 0).to(torch.float32)  # noise may have hit zero: the identity then
-        q = torch.cat([w + is_zero, vector], 1) / (squared + is_zero).sqrt()
+        q = torch.stack([w + is_zero, i, j, k], 1) / (squared + is_zero).sqrt()[:, None]
         quats = left_multiplication(rotation_quat) @ q.flatten(2)
 
         sh = color_codes.permute(0, 2, 3, 1).to(torch.float32) @ color_mix
