@@ -1,10 +1,13 @@
 """Two versions of the code and the physical floor, in interleaved rounds: a CSV line per case.
 
-    python benchmarks/speed.py SECTION --before CHECKOUT [--rounds 9] [--pin]      SECTION: decode render large start
+    python benchmarks/speed.py SECTION --before CHECKOUT [--rounds 9] [--pin] [--only TEXT]
+
+SECTION is one of decode, encode, render, large and start; `--only` takes those of its cases whose name holds the text.
 
 Each version works in a process of its own, which is asked for one call at a time: floor, before, after, floor, … . The
 floor is what the work needs in any case: libavcodec alone on the same streams with as many threads, and writing the
-result's bytes into memory; one numpy `exp` of as many numbers as there are pixels in footprints.
+result's bytes into memory; libx265 alone on the same planes, of each version its own, as versions choose other steps;
+one numpy `exp` of as many numbers as there are pixels in footprints.
 
 `--pin` keeps every thread of a pool on a core of its own, as the scheduler of an otherwise idle machine does. Beside
 other work it tends to put a thread that is woken on the core of the one that woke it, which halves all threads alike.
@@ -33,11 +36,15 @@ Call = Callable[[], Any]
 
 
 class Case(NamedTuple):
-    """One line of the table: a task of `TASKS` and its arguments, and those that are its floor."""
+    """One line of the table: a task of `TASKS` and its arguments, and those that are its floor.
+
+    `floors_differ` where each version is held to its own first floor.
+    """
 
     name: str
     task: tuple[Any, ...]
     floors: tuple[tuple[Any, ...], ...]
+    floors_differ: bool = False
 
 
 def decode_cases() -> list[Case]:
@@ -50,6 +57,19 @@ def decode_cases() -> list[Case]:
         )
         for views, height, width in ((2, 256, 256), (16, 256, 256), (6, 512, 960))
         for threads in (1, 2)
+    ]
+
+
+def encode_cases() -> list[Case]:
+    """Three profiles on two threads."""
+    return [
+        Case(
+            f"encode {profile} 2×256×256, 2 threads",
+            ("encode", profile, 2, 256, 256, 2),
+            (("libx265", profile, 2, 256, 256, 2),),
+            floors_differ=True,
+        )
+        for profile in ("fast", "balanced", "paper")
     ]
 
 
@@ -74,6 +94,7 @@ def start_cases() -> list[Case]:
 
 SECTIONS: dict[str, Callable[[], list[Case]]] = {
     "decode": decode_cases,
+    "encode": encode_cases,
     "render": lambda: render_cases(((256, 256), (512, 512)), "small"),
     "large": lambda: render_cases(((540, 960),), "large"),
     "start": start_cases,
@@ -100,6 +121,24 @@ def fill(folder: Path, views: int, height: int, width: int) -> Call:
     import numpy as np
 
     return lambda: np.full((views, height, width, 11 + 48), 1, np.float32)
+
+
+def encoding(folder: Path, profile: str, views: int, height: int, width: int, threads: int) -> Call:
+    """Gaussians to a file."""
+    from tinysplat.bench.inputs import made_gaussians
+    from tinysplat_runtime import Runtime
+
+    runtime, gaussians = Runtime(threads=threads), made_gaussians(views, height, width, 3)
+    return lambda: runtime.compress(gaussians, profile, drop_invalid=True)
+
+
+def libx265(folder: Path, profile: str, views: int, height: int, width: int, threads: int) -> Call:
+    """The planes of `encoding` alone."""
+    from tinysplat.bench.streams import encode_alone, recorded_planes
+
+    with recorded_planes() as planes:
+        encoding(folder, profile, views, height, width, threads)()
+    return encode_alone(planes, threads)
 
 
 def coded(folder: Path, views: int, height: int, width: int) -> bytes:
@@ -160,6 +199,8 @@ TASKS: dict[str, Callable[..., Call]] = {
     "decode": decoding,
     "libavcodec": libavcodec,
     "fill": fill,
+    "encode": encoding,
+    "libx265": libx265,
     "render": rendering,
     "exp": exponentials,
     "start": starting,
@@ -228,6 +269,8 @@ def measure(case: Case, before: Worker, after: Worker, rounds: int) -> dict[str,
     for _ in range(rounds + 1):
         for floor in case.floors:
             times.setdefault(floor[0], []).append(after.seconds(floor))
+        if case.floors_differ:
+            times.setdefault("floor before", []).append(before.seconds(case.floors[0]))
         times.setdefault("before", []).append(before.seconds(case.task))
         times.setdefault("after", []).append(after.seconds(case.task))
     times = {name: values[1:] for name, values in times.items()}  # the first round warms up
@@ -238,8 +281,9 @@ def measure(case: Case, before: Worker, after: Worker, rounds: int) -> dict[str,
     for number, (name, *_) in enumerate(case.floors, 1):
         row[f"floor {number}"], row[f"floor {number} ms"] = name, round(1e3 * statistics.median(times[name]), 2)
     if case.floors:
-        for name in ("before", "after"):
-            row[f"{name} / floor 1"] = round(_ratio(times[name], times[case.floors[0][0]]), 2)
+        floor = times[case.floors[0][0]]
+        row["before / floor 1"] = round(_ratio(times["before"], times.get("floor before", floor)), 2)
+        row["after / floor 1"] = round(_ratio(times["after"], floor), 2)
     return row
 
 
@@ -257,6 +301,7 @@ def main() -> None:
     parser.add_argument("section", nargs="?", choices=list(SECTIONS))
     parser.add_argument("--before", type=Path, help="checkout of the version to compare with")
     parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--only", default="", metavar="TEXT", help="cases whose name holds this")
     parser.add_argument("--pin", action="store_true", help="threads of a pool stay on a core each")
     parser.add_argument("--worker", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -269,7 +314,7 @@ def main() -> None:
     writer.writeheader()
     with tempfile.TemporaryDirectory() as folder:
         workers = [Worker(checkout.resolve(), Path(folder), args.pin) for checkout in (args.before, ROOT)]
-        for case in SECTIONS[args.section]():
+        for case in (case for case in SECTIONS[args.section]() if args.only in case.name):
             writer.writerow(measure(case, workers[0], workers[1], args.rounds))
             sys.stdout.flush()
         for worker in workers:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -95,6 +95,9 @@ class Axes:
         return points
 
 
+TASKS = ("plane", "network", "encode", "decode", "render")
+"""What growth is measured of."""
+
 PLANE_SIDES = (16, 32, 64, 128, 256)
 
 
@@ -114,8 +117,12 @@ Work = Callable[[], object]
 Peaks = Callable[[], Peak]
 
 
-def growth_rows(axes: Axes, model: str | None, runtime: Runtime, effort: Effort) -> Iterator[Row]:
-    """Rows of the stages `growth network|encode|decode|render`, the axis as the case; no network without a model."""
+def growth_rows(
+    axes: Axes, model: str | None, runtime: Runtime, effort: Effort, tasks: Collection[str] = TASKS
+) -> Iterator[Row]:
+    """Rows of the stages `growth TASK`, the axis as the case, of some of `TASKS`; no network without a model."""
+    if "plane" in tasks:
+        yield from plane_rows(effort)
     jobs: dict[str, Callable[[Point], tuple[Work, Peaks]]] = {
         "encode": partial(_encode_job, runtime=runtime),
         "decode": partial(_decode_job, runtime=runtime),
@@ -123,7 +130,7 @@ def growth_rows(axes: Axes, model: str | None, runtime: Runtime, effort: Effort)
     }
     if model is not None:
         jobs = {"network": partial(_network_job, model=model, runtime=runtime), **jobs}
-    for task, make in jobs.items():
+    for task, make in ((task, make) for task, make in jobs.items() if task in tasks):
         points = axes.points(task)
         for axis in dict.fromkeys(point.axis for point in points):
             yield from _axis_rows(task, [p for p in points if p.axis == axis], make, axes, runtime.threads, effort)

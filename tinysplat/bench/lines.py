@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
@@ -16,12 +16,14 @@ from .sections import FULL, QUICK, Bench
 from .timing import Row
 
 
-def parse_options(description: str) -> Namespace:
-    """`INPUT … [--quick] [--threads N]` of the command line."""
+def parse_options(description: str, tasks: Sequence[str] = ()) -> Namespace:
+    """`INPUT … [--quick] [--threads N]` of the command line, and `[--tasks …]` where there are some to choose from."""
     parser = ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("inputs", nargs="*", metavar="INPUT", help="scene folders with eval_index.json, Gaussian files")
     parser.add_argument("--quick", action="store_true", help="the short form")
     parser.add_argument("--threads", type=int, metavar="N", help="default: all cores")
+    if tasks:
+        parser.add_argument("--tasks", nargs="+", choices=tasks, default=tasks, metavar="TASK", help="default: all")
     return parser.parse_args()
 
 

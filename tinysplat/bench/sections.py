@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -255,11 +255,10 @@ def peer_section(bench: Bench) -> Iterator[Row]:
     yield from torch_peer_rows(made_gaussians(2, 64, 64, peers.MAX_DEGREE), 64, bench.threads, bench.plan.effort)
 
 
-def growth_section(bench: Bench) -> Iterator[Row]:
-    """Views, pixels, Gaussians."""
+def growth_section(bench: Bench, tasks: Collection[str] = growth.TASKS) -> Iterator[Row]:
+    """Views, pixels, Gaussians, of some tasks."""
     model = bench.models[0] if bench.models else None
-    yield from growth.plane_rows(bench.plan.effort)
-    yield from growth.growth_rows(bench.plan.axes, model, bench.runtime, bench.plan.effort)
+    yield from growth.growth_rows(bench.plan.axes, model, bench.runtime, bench.plan.effort, tasks)
 
 
 SECTIONS: dict[str, Callable[[Bench], Iterator[Row]]] = {

@@ -191,8 +191,14 @@ class _Part:
     Memory is taken when the first plane is wanted and let go after synthesis, so that only views at work have some.
     """
 
-    def __init__(self, pictures: _Pictures, view: int, planes: Mapping[str, Sequence[int]], absent: Collection[PlaneRef],
-                 synthesise: Callable[..., None]) -> None:  # fmt: skip
+    def __init__(
+        self,
+        pictures: _Pictures,
+        view: int,
+        planes: Mapping[str, Sequence[int]],
+        absent: Collection[PlaneRef],
+        synthesise: Callable[..., None],
+    ) -> None:
         """`planes` are indices of channels by what `synthesise` calls their codes."""
         self._pictures, self._view, self._planes, self._synthesise = pictures, view, planes, synthesise
         self._present, self._stand_ins = [], []
@@ -253,7 +259,8 @@ def _decode_layer(
     """
     geometry, colors = coded_channels(pictures.layer)
     planes = {"geometry": geometry, "colors": colors}
-    # Several threads share halves of views out more evenly; one is spared what the graph costs however small its inputs.
+    # Several threads share halves of views out more evenly; one is spared what a run of the graph costs whatever its
+    # size (0.12 ms, and as much to bind its tensors: 4 % of decoding 2×256×256).
     parts = [planes] if crew.threads == 1 else [{name: channels} for name, channels in planes.items()]
     tasks = []
     for view in range(len(pictures.layer.cameras)):

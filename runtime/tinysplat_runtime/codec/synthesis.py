@@ -82,7 +82,7 @@ class LayerSynthesis:
                 geometry = np.concatenate([self._base_codes[view], geometry])
             codes["geometry_codes"] = geometry
             outputs |= self._geometry
-            # A strip's rows count from its own first, which the principal point makes up for: bit for bit if exactly so.
+            # A strip's rows count from its own first, which the principal point makes up for: bit for bit if exactly.
             if any(np.float32(principal - strip.start) != principal - strip.start for strip in strips):
                 strips = [slice(0, self._layer.height)]
         if colors is not None:
