@@ -83,7 +83,8 @@ class LayerSynthesis:
             codes["geometry_codes"] = geometry
             outputs |= self._geometry
             # A strip's rows count from its own first, which the principal point makes up for: bit for bit if exactly.
-            if any(np.float32(principal - strip.start) != principal - strip.start for strip in strips):
+            # (In Python's floats, as numpy 2 would round one to float32 before it compares the two.)
+            if any(float(np.float32(principal - strip.start)) != principal - strip.start for strip in strips):
                 strips = [slice(0, self._layer.height)]
         if colors is not None:
             codes["color_codes"] = colors

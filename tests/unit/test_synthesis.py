@@ -1,0 +1,70 @@
+"""Views synthesised whole, in halves and in strips."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tinysplat_runtime as ts
+from tests.scenes import make_smooth_gaussians
+from tinysplat_runtime.codec import synthesis
+from tinysplat_runtime.codec.synthesis import LayerSynthesis, coded_channels
+from tinysplat_runtime.container.reader import Container, read_container
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.inference import GraphStore
+
+STORE = GraphStore(threads=1)
+VIEWS, HEIGHT, WIDTH = 2, 16, 24
+
+
+@pytest.fixture(scope="module")
+def container() -> Container:
+    return read_container(ts.Runtime(threads=1).compress(make_smooth_gaussians(VIEWS, HEIGHT, WIDTH, 2)))
+
+
+def synthesise(container: Container, *, halves: bool) -> Gaussians:
+    """Gaussians of made-up codes of the container's layer."""
+    layer = container.layers[0]
+    rng = np.random.default_rng(0)
+    result = LayerSynthesis(layer, container.origin, STORE, None)
+    for view in range(VIEWS):
+        planes = [rng.integers(0, 4096, (len(c) + 1, HEIGHT, WIDTH)).astype(np.uint16) for c in coded_channels(layer)]
+        for codes in planes:
+            codes[-1] = 1
+        geometry, colors = planes
+        if halves:
+            result.run(view, colors=colors)
+            result.run(view, geometry)
+        else:
+            result.run(view, geometry, colors)
+    return result.gaussians()
+
+
+@pytest.mark.parametrize("principal_row", [8.0, 1 / 3], ids=["strips", "no strips"])
+def test_whole_views_halves_and_strips_give_the_same_bits(
+    container: Container, principal_row: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    layer = container.layers[0]
+    cameras = []
+    for camera in layer.cameras:
+        K = camera.K.copy()
+        K[1, 2] = principal_row
+        cameras.append(replace(camera, K=K))
+    container = replace(container, layers=(replace(layer, cameras=tuple(cameras)),))
+    whole = synthesise(container, halves=False)
+    monkeypatch.setattr(synthesis, "STRIP_PX", 5 * WIDTH)
+    for halves in (False, True):
+        found = synthesise(container, halves=halves)
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), err_msg=name)
+        assert found.count == VIEWS * HEIGHT * WIDTH
+
+
+def test_coded_channels_are_each_there_once_in_the_files_order(container: Container) -> None:
+    layer = container.layers[0]
+    geometry, colors = coded_channels(layer)
+    assert sorted(geometry + colors) == [i for i, channel in enumerate(layer.channels) if channel.streams]
+    assert all(layer.channels[i].name.startswith("color") for i in colors)
+    assert geometry == sorted(geometry) and colors == sorted(colors)
