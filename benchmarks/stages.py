@@ -237,7 +237,7 @@ def plot(path: Path, works: Mapping[str, Seconds]) -> None:
                 words = label if share >= 0.9 * len(label) else label.replace(" ", "\n")
                 axes.text(left + share / 2, row, f"{words}\n{1e3 * seconds:.3g}", ha="center", va="center", fontsize=7)
             left += share
-    names = [f"{name}\n{1e3 * sum(parts.values()):.3g} ms" for name, parts in works.items()]
+    names = [f"{name}\n{1e3 * sum(parts.values()):.4g} ms" for name, parts in works.items()]
     axes.set_yticks(range(len(works)), names)
     axes.invert_yaxis()
     axes.set_xlim(0, 100)

@@ -140,8 +140,8 @@ def _decode_exact(container: Container, store: GraphStore, threads: int, watch: 
         with watch.stage("synthesis"):
             synthesis = LayerSynthesis(header, container.origin, store, (geometry, sh[..., :1, :]))
             no_codes = np.ones((1, exact.height, exact.width), np.uint16)
-            for half in ("geometry", "colors"):
-                crew.map(partial(synthesis.run, **{half: no_codes}), range(len(exact.cameras)))
+            for half in (partial(synthesis.run, geometry=no_codes), partial(synthesis.run, colors=no_codes)):
+                crew.map(half, range(len(exact.cameras)))
             layer = synthesis.gaussians()
         fields = {name: getattr(layer, name) for name in FIELDS} | {"sh": sh}
         if not all(np.isfinite(array).all() for array in fields.values()):

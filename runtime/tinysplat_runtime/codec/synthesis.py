@@ -75,7 +75,9 @@ class LayerSynthesis:
             geometry: codes (P + 1, H, W) uint16, the last plane ones; None to leave these fields for another call.
             colors: codes (k + 1, H, W) uint16 likewise, for the SH coefficients.
         """
-        codes, outputs, strips = {}, {}, self._strips()
+        codes: dict[str, NDArray] = {}
+        outputs: dict[str, NDArray] = {}
+        strips = self._strips()
         principal = float(self._by_view["K"][view, 1, 2])
         if geometry is not None:
             if self._base_codes is not None:
@@ -115,7 +117,7 @@ def coded_channels(layer: LayerHeader) -> tuple[list[int], list[int]]:
     """Which of the layer's channels have pictures, by index: those of geometry, and of colour. The graph's planes stand
     in this order.
 
-    Indices, as a record's hash and comparison go through all its streams: 16 views took 8 ms of 208 for them.
+    Indices, as a record's hash and comparison go through all its streams: 4 of 208 ms at 16 views.
     """
     coded = [index for index, channel in enumerate(layer.channels) if channel.streams]
     colors = [index for index in coded if layer.channels[index].plane_class == PlaneClass.COLOR]
