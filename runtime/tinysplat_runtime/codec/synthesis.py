@@ -77,23 +77,19 @@ class LayerSynthesis:
         """
         codes: dict[str, NDArray] = {}
         outputs: dict[str, NDArray] = {}
-        strips = self._strips()
-        principal = float(self._by_view["K"][view, 1, 2])
         if geometry is not None:
             if self._base_codes is not None:
                 geometry = np.concatenate([self._base_codes[view], geometry])
             codes["geometry_codes"] = geometry
             outputs |= self._geometry
-            # A strip's rows count from its own first, which the principal point makes up for: bit for bit if exactly.
-            # (In Python's floats, as numpy 2 would round one to float32 before it compares the two.)
-            if any(float(np.float32(principal - strip.start)) != principal - strip.start for strip in strips):
-                strips = [slice(0, self._layer.height)]
         if colors is not None:
             codes["color_codes"] = colors
             outputs["sh"] = self._sh
         own = slice(view, view + 1)
         by_view = {key: array[own] for key, array in self._by_view.items()}
-        for strip in strips:
+        for strip in self._strips():
+            # A strip's rows count from its own first, which the principal point makes up for: bit for bit where float32
+            # holds the difference, as with whole and half pixels, and else to the rounding that K has in it anyway.
             K = by_view["K"].copy()
             K[0, 1, 2] -= strip.start
             parts = {key: np.ascontiguousarray(array[None, :, strip]) for key, array in codes.items()}
