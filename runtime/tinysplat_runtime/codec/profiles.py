@@ -112,7 +112,11 @@ PROFILES: dict[str, Profile] = {
     profile.name: profile
     for profile in (
         Profile("paper", EncoderSettings("medium"), PAPER),
-        Profile("fast", EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF), True), ADAPTIVE),
+        Profile(
+            "fast",
+            EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF), True),
+            replace(ADAPTIVE, rounds=1),
+        ),
         Profile("balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF), True), ADAPTIVE),
         Profile(
             "max",
