@@ -164,12 +164,16 @@ def _changed(encoder: SceneEncoder, qp: float, store: GraphStore, change: Change
 
 
 def other_settings() -> dict[str, Profile]:
-    """Ideas that are undone by a setting of `balanced`: depth's step at a fixed share of the mean inverse depth, and
-    layers behind the first coded with its steps.
+    """Ideas that are undone by a setting of `balanced`: depth's step at a fixed share of the mean inverse depth, layers
+    behind the first coded with its steps, and VABR of all SH coefficients however little input views disagree.
     """
     settings = BASE.settings
     assert isinstance(settings, AdaptiveSettings)
-    changed = {STEPS_NOT_MEASURED: replace(settings, stripes=0), "layers behind as fine": replace(settings, behind=1.0)}
+    changed = {
+        STEPS_NOT_MEASURED: replace(settings, stripes=0),
+        "layers behind as fine": replace(settings, behind=1.0),
+        "no colours as seen": replace(settings, disagreement=-1.0),
+    }
     return {name: replace(BASE, settings=other) for name, other in changed.items()}
 
 

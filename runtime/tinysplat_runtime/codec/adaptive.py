@@ -2,8 +2,9 @@
 
 Against `paper`: steps of equal slope in place of σ/α, depth's measured on the scene itself; depth as −1/z, in two
 layers where 12 bits are too coarse; ŝ through its own 3 × 3 PCA; rotations as three components relative to the view's
-dominant rotation; VABR weighted by the second moment of the basis, so that all components are equally visible and one
-step is right; as many components as carry more than the step lets through. What each gains: docs/CODEC.md.
+dominant rotation; one colour per Gaussian where the input views agree about it, else VABR weighted by the second moment
+of the basis, so that all components are equally visible and one step is right; as many components as carry more than
+the step lets through. What each gains: docs/CODEC.md.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from .planes import Channel, LayerPlan, PlaneClass, Reduction
 from .probe import DepthProbe
 from .profiles import AdaptiveSettings
 from .quantize import hevc_step
+from .seen import as_seen
 
 COARSE_DEPTH = 2.0
 """Step of the first depth picture in steps of the second, where two are needed. Where that is too fine for 12 bits too,
@@ -46,7 +48,7 @@ class AdaptiveLayer:
     """A layer's planes and maps, before they have steps.
 
     Attributes:
-        layer: the Gaussians, of the degree that is stored.
+        layer: the Gaussians, of the degree and with the colours that are stored.
         planes: (V, C, H, W) float32 by class in coding order: −1/z, colour components, opacities, principal scales,
             vector parts of relative rotations, pixel offsets.
         reference_quats, scale_mix: see `LayerPlan`.
@@ -73,8 +75,10 @@ def prepare_layer(
     store: GraphStore, layer: Gaussians, projected: ProjectedLayer, settings: AdaptiveSettings, qp: float
 ) -> AdaptiveLayer:
     """Planes of a layer, of as high a degree and with as many colour components as Q_g = `qp` could ask for."""
+    step = class_step(settings, PlaneClass.COLOR) * 2 ** (qp / 6)
+    layer = as_seen(layer, settings.disagreement * step**2) or layer
     directions, moment = view_directions(layer.cameras), coefficient_moment(store, layer)
-    finest = class_step(settings, PlaneClass.COLOR) * 2 ** (qp / 6 - settings.margin)
+    finest = step * 2**-settings.margin
     degree = needed_degree(moment, directions, layer.degree, settings.energy_floor * finest**2)
     functions = (degree + 1) ** 2
     if degree < layer.degree:

@@ -30,6 +30,7 @@ from .hybrid import fitted_sh
 from .planes import LayerPlan, PlaneClass, Reduction
 from .profiles import PaperSettings, Profile, find_profile
 from .quantize import CodeMap
+from .seen import as_seen
 
 SAME = 0.25
 """Codes that a value may differ by from what the file decodes to and still be the same: rounding of a format on the
@@ -68,7 +69,7 @@ def encode_like(
 
     Args:
         gaussians: per pixel, with cameras, of the file's views, layers and grids; SH of another degree are cut or
-            filled with zeros.
+            filled with zeros, and where the file has degree 0, one colour takes their place as the input views see it.
         file: a `.tsplat` file of mode gaussians.
         store: opens the graphs.
         threads: planes coded at a time; never changes the bytes.
@@ -177,6 +178,8 @@ def _reduction(header: LayerHeader, profile: Profile) -> Reduction | None:
 def _colors(
     store: GraphStore, layer: Gaussians, header: LayerHeader, reduction: Reduction | None
 ) -> dict[tuple[PlaneClass, int], NDArray]:
+    if header.degree == 0:
+        layer = as_seen(layer, np.inf) or layer
     sh = fitted_sh(layer.sh, (*layer.sh.shape[:-2], (header.degree + 1) ** 2, 3))
     if reduction is None:
         planes = np.moveaxis(sh[..., 0, :], -1, 1)

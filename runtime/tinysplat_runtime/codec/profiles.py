@@ -41,6 +41,8 @@ class AdaptiveSettings:
         energy_floor: colour planes are kept until the weighted energy left out falls below this share of a step².
         flat_share: standard deviation, in steps, below which a channel is stored as a number; what it holds may lie in
             few pixels, and show there.
+        disagreement: one colour takes the place of all SH coefficients where input views see colours that differ by
+            less than this share of a step² from it; see `seen`.
         margin: octaves below its start that the colour step may fall to without losing components.
     """
 
@@ -54,6 +56,7 @@ class AdaptiveSettings:
     behind: float
     energy_floor: float
     flat_share: float
+    disagreement: float
     margin: float
 
 
@@ -103,6 +106,7 @@ ADAPTIVE = AdaptiveSettings(
     behind=1.41,
     energy_floor=0.005,
     flat_share=0.06,
+    disagreement=0.2,
     margin=1.0,
 )
 

@@ -1,0 +1,114 @@
+"""One colour for all coefficients: what input views see, and when it may take their place."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians
+
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.codec.adaptive import class_step
+from tinysplat_runtime.codec.planes import PlaneClass
+from tinysplat_runtime.codec.profiles import ADAPTIVE
+from tinysplat_runtime.codec.seen import AVERAGED, COMPARED, SAMPLED, as_seen, disagreement, nearest_cameras
+from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.sh import C0, sh_basis
+
+
+def _weakly_view_dependent(views: int = 3, degree: int = 3, share: float = 0.02, **options):
+    scene = make_smooth_gaussians(views, 24, 32, degree, **options)
+    weights = np.full(scene.sh.shape[-2], share, np.float32)
+    weights[0] = 1
+    return replace(scene, sh=scene.sh * weights[:, None])
+
+
+def _seen_in_float64(layer, view, row, column, camera):
+    """Colour, less 0.5, by the definition."""
+    ray = layer.means[view, row, column].astype(np.float64) + layer.origin - layer.cameras[camera].centre
+    return sh_basis(ray / np.linalg.norm(ray), layer.degree) @ layer.sh[view, row, column].astype(np.float64)
+
+
+@pytest.mark.parametrize("origin", [np.zeros(3), np.array([3e5, -2e5, 1e6])])
+def test_the_colour_is_the_mean_of_what_the_own_and_the_nearest_camera_see(origin):
+    layer = _weakly_view_dependent(origin=origin)
+    found = as_seen(layer, np.inf)
+    assert found.degree == 0 and found.cameras == layer.cameras and np.array_equal(found.means, layer.means)
+    for view, row, column in np.ndindex(3, 24, 32):
+        seen = [_seen_in_float64(layer, view, row, column, c) for c in nearest_cameras(layer.cameras)[view, :AVERAGED]]
+        np.testing.assert_allclose(found.sh[view, row, column, 0] * C0, np.mean(seen, axis=0), atol=3e-6)
+
+
+def test_disagreement_is_the_mean_squared_difference_to_that_colour_from_the_nearest_cameras():
+    layer = _weakly_view_dependent(views=COMPARED + 2, degree=2)
+    squares = []
+    for view, cameras in enumerate(nearest_cameras(layer.cameras)):
+        for row in range(0, 24, SAMPLED):
+            for column in range(0, 32, SAMPLED):
+                seen = [_seen_in_float64(layer, view, row, column, camera) for camera in cameras[:COMPARED]]
+                squares.append(np.square(seen - np.mean(seen[:AVERAGED], axis=0)).sum(axis=1))
+    assert disagreement(layer) == pytest.approx(np.mean(squares), rel=1e-4)
+
+
+def test_coefficients_stay_where_views_disagree_by_more_than_the_budget():
+    layer = _weakly_view_dependent()
+    found = disagreement(layer)
+    assert found > 0
+    assert as_seen(layer, found * 1.001) is not None
+    assert as_seen(layer, found * 0.999) is None
+
+
+def test_a_lambertian_layer_keeps_its_colours():
+    layer = _weakly_view_dependent(share=0.0)
+    assert disagreement(layer) == pytest.approx(0, abs=1e-12)
+    np.testing.assert_allclose(as_seen(layer, 1e-9).sh, layer.sh[..., :1, :], rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("views, degree", [(1, 3), (2, 0)])
+def test_without_another_view_or_other_bands_there_is_nothing_to_do(views, degree):
+    assert as_seen(_weakly_view_dependent(views, degree), np.inf) is None
+
+
+@pytest.mark.parametrize("value", [3e38, np.finfo(np.float32).tiny])
+def test_coefficients_at_either_end_of_float32_raise_no_warning(value):
+    layer = _weakly_view_dependent()
+    sh = np.full_like(layer.sh, value)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = as_seen(replace(layer, sh=sh), 1.0)
+    assert found is None if value > 1 else np.isfinite(found.sh).all()
+
+
+def test_a_gaussian_in_a_camera_s_centre_has_a_colour():
+    layer = _weakly_view_dependent()
+    means = layer.means.copy()
+    means[0, 0, 0] = layer.cameras[1].centre - layer.origin
+    assert np.isfinite(as_seen(replace(layer, means=means), np.inf).sh).all()
+
+
+def test_a_camera_is_the_nearest_to_itself_even_where_others_stand_in_its_place():
+    cameras = make_smooth_gaussians(3, 8, 8).cameras
+    assert list(nearest_cameras((cameras[0], cameras[0], cameras[2]))[:, 0]) == [0, 1, 2]
+
+
+def test_a_file_holds_the_colours_that_its_views_see_and_says_what_was_left_out():
+    scene = _weakly_view_dependent(share=0.004)
+    data = Runtime(threads=1).compress(scene, qp=-12)
+    decoded = Runtime(threads=1).decompress(data)
+    assert decoded.degree == 0
+    (entry,) = [e for e in inspect_bytes(data)["left_out"] if e["what"] == "sh degree"]
+    assert (entry["kept"], entry["of"]) == (0, 3)
+    wanted = as_seen(scene, np.inf).sh
+    assert np.sqrt(np.square(decoded.sh - wanted).mean()) * C0 < 0.01
+
+
+def test_steps_finer_than_the_disagreement_bring_the_coefficients_back():
+    scene = _weakly_view_dependent(share=0.2)
+    budget = ADAPTIVE.disagreement * class_step(ADAPTIVE, PlaneClass.COLOR) ** 2
+    enough = 3 * np.log2(disagreement(scene) / budget)  # the Q_g at which the budget is what the views disagree by
+    assert -50 < enough < -1
+    runtime = Runtime(threads=1)
+    degrees = [runtime.decompress(runtime.compress(scene, qp=enough + more)).degree for more in (0.1, -0.1)]
+    assert degrees[0] == 0 < degrees[1]
