@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +25,16 @@ class FileCase:
     qp: float
 
 
+def _view_dependent() -> Gaussians:
+    """Two layers whose views disagree about colours, so that SH coefficients stay."""
+    scene = make_smooth_gaussians(2, 24, 40, 1, seed=5, layers=2)
+    return replace(scene, sh=scene.sh * np.array([1, 8, 8, 8], np.float32)[:, None])
+
+
 FILES = [
     FileCase("tiny_paper", lambda: make_smooth_gaussians(1, 5, 7, 0, seed=3), "paper", 0),
     FileCase("degree2_paper", lambda: make_smooth_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
-    FileCase("degree1_balanced", lambda: make_smooth_gaussians(2, 24, 40, 1, seed=5, layers=2), "balanced", 0),
+    FileCase("degree1_balanced", _view_dependent, "balanced", 0),
 ]
 
 
