@@ -22,7 +22,7 @@ from tinysplat_runtime.codec.basis import (
     weighted_spectrum,
 )
 from tinysplat_runtime.codec.encoder import SceneEncoder
-from tinysplat_runtime.codec.planes import Channel, LayerPlan, PlaneClass
+from tinysplat_runtime.codec.planes import LayerPlan, PlaneClass
 from tinysplat_runtime.codec.profiles import PROFILES, AdaptiveSettings, Profile
 from tinysplat_runtime.gaussians import Gaussians
 from tinysplat_runtime.inference import GraphStore
@@ -182,9 +182,11 @@ def _steps(plan: LayerPlan, plane_class: PlaneClass) -> Sequence[float]:
 
 
 def _with(plan: LayerPlan, plane_class: PlaneClass, planes: NDArray, step: float) -> LayerPlan:
-    """The plan with other planes (V, C, H, W) for a class."""
+    """The plan with other planes (V, C, H, W) for a class; what else was chosen for the class stays."""
+    model = next(c for c in plan.channels if c.plane_class == plane_class)
     channels = [c for c in plan.channels if c.plane_class != plane_class]
     for target in range(planes.shape[1]):
         values = np.ascontiguousarray(planes[:, target])
-        channels.append(Channel(plane_class, target, values, step, (float(values.min()), float(values.max()))))
+        window = (float(values.min()), float(values.max()))
+        channels.append(replace(model, target=target, values=values, step=step, window=window))
     return replace(plan, channels=tuple(sorted(channels, key=lambda c: c.plane_class)))
