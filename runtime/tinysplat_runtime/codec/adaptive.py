@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,11 @@ class AdaptiveLayer:
     energies: NDArray
     shown: NDArray
 
+    @cached_property
+    def depth_offsets(self) -> NDArray:
+        """By how much the QP of depth's blocks differs from the plane's; see `Channel`."""
+        return block_offsets(self.shown)
+
 
 def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
     """Step of a class at Q_g = 0 where nothing is measured, in the units of its planes."""
@@ -113,9 +119,8 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     depth = settings.depth_step * -float(inverse[0].mean(dtype=np.float64))
     if settings.stripes > 0:
-        shown = [layer.shown for layer in layers]
+        shown, offsets = [layer.shown for layer in layers], [layer.depth_offsets for layer in layers]
         probe = DepthProbe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
-        offsets = [block_offsets(of_layer) for of_layer in shown]
         depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
     factors = [1.0, *[settings.behind] * (len(layers) - 1)]
     return [{PlaneClass.DEPTH: depth, **_class_steps(*pair, settings)} for pair in zip(layers, factors, strict=True)]
@@ -147,7 +152,7 @@ def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings
             # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
             index = target + 1 if plane_class == PlaneClass.ROTATION else target
             window = (float(channel.min()), float(channel.max()))
-            offsets = block_offsets(layer.shown) if plane_class == PlaneClass.DEPTH else None
+            offsets = layer.depth_offsets if plane_class == PlaneClass.DEPTH else None
             channels.append(Channel(plane_class, index, channel, step, window, offsets, settings.flat_share))
     return LayerPlan(
         tuple(channels),

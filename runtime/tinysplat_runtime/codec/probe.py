@@ -76,12 +76,13 @@ class _Stripe:
 
     Attributes:
         camera: of the stripe alone.
-        above, below: rows of the whole picture on either side of it.
+        first: row of the whole picture that it begins at.
+        height: rows of the whole picture.
     """
 
     camera: Camera
-    above: int
-    below: int
+    first: int
+    height: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +143,10 @@ def _stripes(cameras: Sequence[Camera], count: int) -> list[_Stripe]:
     for n in range(count):
         camera = middles[int((n + 0.5) * len(middles) / count)]
         rows = min(STRIPE_ROWS, camera.height)
-        above = int((0.5 + n * _GOLDEN) % 1 * (camera.height - rows))
+        first = int((0.5 + n * _GOLDEN) % 1 * (camera.height - rows))
         K = camera.K.copy()
-        K[1, 2] -= above
-        below = camera.height - rows - above
-        stripes.append(_Stripe(Camera(K, camera.c2w, camera.width, rows), above, below))
+        K[1, 2] -= first
+        stripes.append(_Stripe(Camera(K, camera.c2w, camera.width, rows), first, camera.height))
     return stripes
 
 
@@ -174,9 +174,7 @@ def _select(layer: Gaussians, inverse: NDArray, shown: NDArray, stripe: _Stripe)
 def _shown_per_pixel(shown: NDArray, u: NDArray, v: NDArray, z: NDArray, stripe: _Stripe) -> tuple[float, float]:
     """Contrast of the Gaussians whose centres lie in a stripe, and of those in its whole picture, per pixel of each."""
     width, rows = stripe.camera.width, stripe.camera.height
-    whole = (z > _LEAST_DEPTH) & (u >= 0) & (u < width) & (v >= -stripe.above) & (v < rows + stripe.below)
+    whole = (z > _LEAST_DEPTH) & (u >= 0) & (u < width) & (v >= -stripe.first) & (v < stripe.height - stripe.first)
     here = whole & (v >= 0) & (v < rows)
-    height = stripe.above + rows + stripe.below
-    return float(shown[here].sum(dtype=np.float64)) / (width * rows), float(shown[whole].sum(dtype=np.float64)) / (
-        width * height
-    )
+    sums = [float(shown[part].sum(dtype=np.float64)) for part in (here, whole)]
+    return sums[0] / (width * rows), sums[1] / (width * stripe.height)

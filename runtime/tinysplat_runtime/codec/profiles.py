@@ -118,13 +118,15 @@ PROFILES: dict[str, Profile] = {
         Profile("paper", EncoderSettings("medium"), PAPER),
         Profile(
             "fast",
-            EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF), True),
+            EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF), block_qps=True),
             replace(ADAPTIVE, rounds=1),
         ),
-        Profile("balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF), True), ADAPTIVE),
+        Profile(
+            "balanced", EncoderSettings("superfast", ("rdoq-level=2", *_PSYCHOVISION_OFF), block_qps=True), ADAPTIVE
+        ),
         Profile(
             "max",
-            EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF), True),
+            EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF), block_qps=True),
             replace(ADAPTIVE, stripes=8, rounds=3),
         ),
     )
