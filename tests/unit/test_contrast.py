@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.codec.contrast import LARGEST_OFFSET, MAX_BLOCKS, block_offsets, contrast
+from tinysplat_runtime.codec.contrast import LARGEST_OFFSET, block_offsets, contrast
+from tinysplat_runtime.codec.planes import MAX_QP_BLOCKS
 
 
 def _scene(colors: np.ndarray, opacity: float = 0.5):
@@ -61,5 +62,5 @@ def test_large_planes_have_larger_blocks():
     offsets = block_offsets(shown)
     assert offsets.shape == (1, 69, 82)
     side = 4  # blocks of 64 pixels: 18 × 21 are no more than allowed, 35 × 41 are
-    assert 18 * 21 <= MAX_BLOCKS < 35 * 41
+    assert 18 * 21 <= MAX_QP_BLOCKS < 35 * 41
     np.testing.assert_array_equal(offsets[:, ::side, ::side].repeat(side, 1).repeat(side, 2)[:, :69, :82], offsets)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -96,9 +98,22 @@ def _error(coded, codes: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("qp", [0, 1, 9, 16, 24, 40])
 def test_a_plane_that_could_have_block_qps_is_coded_at_its_own(qp):
     codes = smooth_codes(96, 80)
-    plain, possible = (encode_plane(codes, qp, EncoderSettings("superfast", block_qps=b)) for b in (False, True))
+    plain = encode_plane(codes, qp, EncoderSettings("superfast", ("ctu=16",)))
+    possible = encode_plane(codes, qp, EncoderSettings("superfast", block_qps=True))
     assert len(possible.payload) == pytest.approx(len(plain.payload), rel=0.03, abs=12)
     assert _error(possible, codes).std() == pytest.approx(_error(plain, codes).std(), rel=0.03)
+
+
+@pytest.mark.parametrize(("height", "width", "tree"), [(96, 80, 16), (512, 512, 16), (520, 512, 32), (1200, 1100, 32)])
+def test_trees_are_as_large_as_the_blocks_that_have_qps_and_32_at_most(height, width, tree):
+    codes = smooth_codes(height, width)
+    chosen = encode_plane(codes, 30, BY_BLOCK).parameter_sets
+    sets = {
+        side: encode_plane(codes, 30, replace(BY_BLOCK, params=(*BY_BLOCK.params, f"ctu={side}"))).parameter_sets
+        for side in (16, 32, 64)
+    }
+    assert len(set(sets.values())) == 3
+    assert chosen == sets[tree]
 
 
 def test_blocks_are_coded_as_finely_as_their_offsets_say():

@@ -15,10 +15,7 @@ from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
 from ..sh import C0
-from .planes import QP_BLOCK
-
-MAX_BLOCKS = 1024
-"""Blocks of a plane that have an offset of their own; in larger planes, blocks are larger."""
+from .planes import QP_BLOCK, qp_block_side
 
 LARGEST_OFFSET = 8
 """Most that a block's QP differs from the plane's: steps of 0.4 to 2.5 times the plane's."""
@@ -54,9 +51,7 @@ def block_offsets(shown: NDArray) -> NDArray:
         (V, ceil(H / 16), ceil(W / 16)) int8, of mean about 0.
     """
     views, height, width = shown.shape
-    side = QP_BLOCK
-    while -(-height // side) * -(-width // side) > MAX_BLOCKS:
-        side *= 2
+    side = qp_block_side(height, width)
     padded = np.pad(shown, ((0, 0), (0, -height % side), (0, -width % side)), mode="edge")
     means = padded.reshape(views, -1, side, padded.shape[2] // side, side).mean(axis=(2, 4), dtype=np.float64)
     octaves = np.log2(means + _FLOOR * means.mean() + _TINY)

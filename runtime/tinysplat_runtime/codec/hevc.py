@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TinySplatError
-from .planes import QP_BLOCK, pad_plane, padded_size
+from .planes import QP_BLOCK, pad_plane, padded_size, qp_block_side
 
 BIT_DEPTH = 12
 MAX_CODE = (1 << BIT_DEPTH) - 1
@@ -37,8 +37,10 @@ _FIXED_PARAMS = "log-level=none:info=0:keyint=1:no-scenecut=1:bframes=0:wpp=0:fr
 _ONE_QP = "aq-mode=0:qp={qp}"
 
 # x265 takes QPs by blocks only where it adapts them itself and only under rate control: the strength leaves nothing of
-# its own choices, and qcomp=1 makes the constant rate factor the QP of every picture.
-_BLOCK_QPS = f"aq-mode=1:aq-strength=0.0001:qcomp=1:no-cutree=1:qg-size={QP_BLOCK}:crf={{qp}}"
+# its own choices, and qcomp=1 makes the constant rate factor the QP of every picture. Coding trees are no larger than
+# the blocks: x265 likes to code a tree as a whole, and then at the mean of its blocks' QPs.
+_BLOCK_QPS = f"aq-mode=1:aq-strength=0.0001:qcomp=1:no-cutree=1:qg-size={QP_BLOCK}:ctu={{tree}}:crf={{qp}}"
+_LARGEST_TREE = 32
 
 _OFFSET_RANGE = 51 + 6 * (BIT_DEPTH - 8)
 """QPs that libavcodec makes of a region's offset of 1."""
@@ -97,7 +99,8 @@ def encode_picture(
     context.height, context.width = planes[0].shape
     context.pix_fmt = pixel_format
     context.time_base, context.framerate = _TIME_BASE, 1 / _TIME_BASE
-    control = (_BLOCK_QPS if settings.block_qps else _ONE_QP).format(qp=qp)
+    tree = min(qp_block_side(context.height, context.width), _LARGEST_TREE)
+    control = (_BLOCK_QPS if settings.block_qps else _ONE_QP).format(qp=qp, tree=tree)
     context.options = {"preset": settings.preset, "x265-params": ":".join((_FIXED_PARAMS, control, *settings.params))}
     frame = av.VideoFrame(context.width, context.height, pixel_format)
     for plane, samples in zip(frame.planes, planes, strict=True):

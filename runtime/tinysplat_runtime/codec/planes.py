@@ -39,6 +39,19 @@ GEOMETRY_CHANNELS = 11
 QP_BLOCK = 16
 """Side in pixels of the blocks that may have QPs of their own."""
 
+MAX_QP_BLOCKS = 1024
+"""Blocks of a plane that have one; in larger planes several `QP_BLOCK`s share theirs."""
+
+
+def qp_block_side(height: int, width: int) -> int:
+    """Side in pixels of the blocks of a plane that have QPs of their own: `QP_BLOCK`, doubled as long as they are too
+    many.
+    """
+    side = QP_BLOCK
+    while -(-height // side) * -(-width // side) > MAX_QP_BLOCKS:
+        side *= 2
+    return side
+
 
 @dataclass(frozen=True)
 class Channel:

@@ -126,7 +126,8 @@ PROFILES: dict[str, Profile] = {
         ),
         Profile(
             "max",
-            EncoderSettings("veryslow", ("rdoq-level=2", *_PSYCHOVISION_OFF), block_qps=True),
+            # nothing that libx265's presets do beyond this makes intra pictures of planes smaller
+            EncoderSettings("superfast", ("rd=6", "rdoq-level=2", *_PSYCHOVISION_OFF), block_qps=True),
             replace(ADAPTIVE, stripes=8, rounds=3),
         ),
     )
