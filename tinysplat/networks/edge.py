@@ -15,15 +15,15 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
-from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from .aggregation import box_mean, fill_uncertain, local_contrast, path_costs
+from .edge_layers import CostRefiner, UNet, convolution, zero
 from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
+from .narrowing import NarrowingSettings, narrowed
 from .pairs import ViewPairs
 from .surfels import CoarseChanges, coarse_layer, pixel_layer
 from .sweep import (
@@ -44,8 +44,6 @@ from .sweep import (
 
 __all__ = ["MAX_VIEWS", "MIN_SIDE", "MIN_VIEWS", "OUTPUT_NAMES", "STRIDE", "Edge", "EdgeSettings"]
 
-_Layer = TypeVar("_Layer", nn.Conv2d, nn.Conv3d)
-
 STRIDE = 16
 """Image sides are multiples of it: the U-Net's coarsest grid."""
 
@@ -64,6 +62,8 @@ class EdgeSettings:
 
     Attributes:
         analysis: the analytic part.
+        narrowing: of the range that is swept.
+        half_alignment: of depth to the photos at half resolution.
         fine_colour_weight: of the costs at half resolution, which compare colours alone: fewer values to warp.
         coarser_grids: 1/4, 1/8, … of the photo's sides, whose costs lead those of the next finer one.
         lead: factor on a coarser grid's aggregated costs.
@@ -86,7 +86,11 @@ class EdgeSettings:
     """
 
     analysis: SweepSettings = field(
-        default_factory=lambda: SweepSettings(candidates=30, alignment=AlignmentSettings(steps=1))
+        default_factory=lambda: SweepSettings(candidates=26, alignment=AlignmentSettings(steps=1, any_exposure=True))
+    )
+    narrowing: NarrowingSettings = field(default_factory=NarrowingSettings)
+    half_alignment: AlignmentSettings = field(
+        default_factory=lambda: AlignmentSettings(steps=1, window=7, any_exposure=True)
     )
     fine_colour_weight: float = 2.2
     coarser_grids: int = 2
@@ -114,14 +118,16 @@ class Analysis:
     """What the analytic part finds at half resolution; no gradient flows into it.
 
     Attributes:
-        cost: (V, D, h, w) matching costs.
+        relative_cost: (V, D, h, w) matching costs less their mean over candidates, times `EdgeSettings.contrast`.
+        best_cost: (V, 1, h, w) the lowest cost, times the same.
         paths: (V, D, h, w) aggregated costs, less their minimum over candidates.
         coarse_paths: (V, D, h / 2, w / 2), the same of the next coarser grid.
         level: (V, 1, h, w) filled depth, a level of `InverseDepths`.
         agreement: (V, 1, h, w) of views, before filling.
     """
 
-    cost: Tensor
+    relative_cost: Tensor
+    best_cost: Tensor
     paths: Tensor
     coarse_paths: Tensor
     level: Tensor
@@ -136,7 +142,7 @@ class Prediction:
         outputs: the tensors named by `OUTPUT_NAMES`.
         logits: (V, D, h, w) over candidates, half resolution.
         level: (V, 1, H, W) final depth as a level of `depths`.
-        depths: the swept range.
+        depths: the narrowed range that was swept.
         footprint: (V, 1, H, W) pixels.
         opacity: (V, 1, H, W).
         colours: (V, 3, H, W).
@@ -151,61 +157,6 @@ class Prediction:
     colours: Tensor
 
 
-class Residual(nn.Module):
-    """x + two convolutions, the second of which starts at zero; ReLU at the end."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.first, self.second = _convolution(channels, channels), _zero(_convolution(channels, channels))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(V, C, h, w) to the same."""
-        return functional.relu(x + self.second(functional.relu(self.first(x))))
-
-
-class CostRefiner(nn.Module):
-    """Additions to the logits over candidates, from the volume of costs: every candidate is treated alike.
-
-    Three-dimensional convolutions over candidates, rows and columns; what the picture looks like is added to the first
-    of them for all candidates at once.
-    """
-
-    def __init__(self, volumes: int, maps: int, channels: int) -> None:
-        super().__init__()
-        self.entry = _convolution3(volumes, channels)
-        self.context = _convolution(maps, channels)
-        self.mix = _convolution3(channels, channels)
-        self.out = _zero(nn.Conv3d(channels, 1, 1))
-
-    def forward(self, volumes: Tensor, maps: Tensor) -> Tensor:
-        """(V, n, D, h, w) and (V, m, h, w) to (V, D, h, w)."""
-        x = functional.relu(self.entry(volumes) + self.context(maps)[:, :, None])
-        return self.out(x + functional.relu(self.mix(x)))[:, 0]
-
-
-class UNet(nn.Module):
-    """Features at the input's resolution and at half of it, with context from an eighth."""
-
-    def __init__(self, inputs: int, widths: tuple[int, int, int, int]) -> None:
-        super().__init__()
-        self.entry = _convolution(inputs, widths[0])
-        self.down = nn.ModuleList(_convolution(a, b, stride=2) for a, b in pairwise(widths))
-        self.encode = nn.ModuleList(Residual(width) for width in widths)
-        self.lateral = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in pairwise(widths))
-        self.decode = nn.ModuleList(Residual(width) for width in widths[:-1])
-
-    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """(V, C, h, w), sides multiples of 8, to (V, widths[0], h, w) and (V, widths[1], h / 2, w / 2)."""
-        levels = [self.encode[0](functional.relu(self.entry(x)))]
-        for down, encode in zip(self.down, self.encode[1:], strict=True):
-            levels.append(encode(functional.relu(down(levels[-1]))))
-        coarse = levels.pop()
-        decoded = [coarse]
-        for lateral, decode in zip(reversed(self.lateral), reversed(self.decode), strict=True):
-            decoded.append(decode(functional.relu(levels.pop() + double(lateral(decoded[-1])))))
-        return decoded[-1], decoded[-2]
-
-
 class CoarseHead(nn.Module):
     """Changes of the coarse layer, on its own grid: what is at the frame's border is continued into the ring.
 
@@ -218,8 +169,8 @@ class CoarseHead(nn.Module):
         self.settings = settings
         width = settings.coarse
         self.reduce = nn.Conv2d(features, width - 4, 1)
-        self.mix = nn.ModuleList(_convolution(width + 8 * (step == 1), width, dilation=step) for step in (1, 3, 9))
-        self.out = _zero(nn.Conv2d(width, 6 + len(settings.coarse_blurs), 1))
+        self.mix = nn.ModuleList(convolution(width + 8 * (step == 1), width, dilation=step) for step in (1, 3, 9))
+        self.out = zero(nn.Conv2d(width, 6 + len(settings.coarse_blurs), 1))
 
     def forward(self, features: Tensor, known: Tensor) -> CoarseChanges:
         """Changes on the padded grid from features (V, C, h, w) and colour and level (V, 4, h, w) of the cells."""
@@ -253,14 +204,14 @@ class Edge(nn.Module):
         self.refiner = CostRefiner(3, 6, s.refiner)
         self.unet = UNet(2 * (2 * s.look + 1) + 8, s.widths)
         self.trust_costs = nn.Parameter(torch.tensor(1.0))
-        self.upsampling = _zero(nn.Conv2d(width, 36, 1))
+        self.upsampling = zero(nn.Conv2d(width, 36, 1))
         self.register_buffer("bilinear", _bilinear_logits(), persistent=False)
         self.fine = nn.Sequential(
-            _convolution(width + 7, width), nn.ReLU(), nn.Conv2d(width, 4 * s.fine, 1), nn.PixelShuffle(2)
+            convolution(width + 7, width), nn.ReLU(), nn.Conv2d(width, 4 * s.fine, 1), nn.PixelShuffle(2)
         )
         self.head = nn.Sequential(
-            _convolution(s.fine + 9, s.head), nn.ReLU(), _convolution(s.head, s.head), nn.ReLU(),
-            _zero(_convolution(s.head, 6)),
+            convolution(s.fine + 9, s.head), nn.ReLU(), convolution(s.head, s.head), nn.ReLU(),
+            zero(convolution(s.head, 6)),
         )  # fmt: skip
         self.coarse = CoarseHead(s.widths[1], s)
 
@@ -279,12 +230,13 @@ class Edge(nn.Module):
         """As `forward`, with what the losses look at."""
         s = self.settings
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
-        depths = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)
+        whole = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)
         half = functional.avg_pool2d(images, 2)
         rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
         terms = pairs.sweep_terms(rays, K)
         with _without_gradient():
-            found = analyse(half, terms, pairs, depths, s)
+            depths = narrowed(images, K, pairs, whole, s.narrowing, s.analysis)
+            found = analyse(half, K, terms, pairs, depths, s)
 
         logits = self._logits(half, found)
         level, confidence = expected_level(logits)
@@ -331,16 +283,13 @@ class Edge(nn.Module):
         quarter = functional.avg_pool2d(half, 2)
         gray = quarter.mean(dim=1, keepdim=True)
         contrast = local_contrast(gray, s.analysis.contrast_window, floor=0.03)
-        agreement = functional.avg_pool2d(torch.cat([found.agreement, self._best(found)], dim=1), 2)
-        raw = functional.avg_pool2d(s.contrast * (found.cost - found.cost.mean(dim=1, keepdim=True)), 2)
+        agreement = functional.avg_pool2d(torch.cat([found.agreement, found.best_cost], dim=1), 2)
+        raw = functional.avg_pool2d(found.relative_cost, 2)
         aggregated = functional.avg_pool2d(torch.exp(-s.likelihood * found.paths), 2)
         coarse = torch.exp(-s.likelihood * found.coarse_paths)
         maps = torch.cat([quarter - 0.5, 0.5 * contrast, agreement], dim=1)
         added = self.refiner(torch.stack([raw, aggregated, coarse], dim=1), maps)
         return self._prior(found) + double(added)
-
-    def _best(self, found: Analysis) -> Tensor:
-        return self.settings.contrast * found.cost.amin(dim=1, keepdim=True)
 
     def _inputs(self, half: Tensor, found: Analysis, logits: Tensor, level: Tensor, confidence: Tensor) -> Tensor:
         """The U-Net's input (V, 4·look + 10, h, w): nothing in it tells absolute depth; all is of the order of one."""
@@ -349,10 +298,10 @@ class Edge(nn.Module):
         offsets = torch.arange(-s.look, s.look + 1, device=level.device)[:, None, None]
         index = (torch.round(last * level.detach()).long() + offsets).clamp(0, last)
         beside = (logits - logits.amax(dim=1, keepdim=True)).gather(1, index)
-        raw = s.contrast * (found.cost - found.cost.mean(dim=1, keepdim=True)).gather(1, index)
+        raw = found.relative_cost.gather(1, index)
         contrast = local_contrast(half.mean(dim=1, keepdim=True), s.analysis.contrast_window, floor=0.03)
         relief = (last / 8 * (level - box_mean(level, 17))).clamp(-2, 2)
-        maps = [half - 0.5, 0.5 * contrast, relief, found.agreement, self._best(found), confidence]
+        maps = [half - 0.5, 0.5 * contrast, relief, found.agreement, found.best_cost, confidence]
         return torch.cat([torch.exp(0.5 * beside), raw, *maps], dim=1)
 
     def _prior(self, found: Analysis) -> Tensor:
@@ -365,9 +314,10 @@ class Edge(nn.Module):
 
 
 def analyse(
-    half: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, settings: EdgeSettings
-) -> Analysis:
-    """The first half of `sweep`: matching, aggregation, agreement and filling at half resolution.
+    half: Tensor, K: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths,
+    settings: EdgeSettings,
+) -> Analysis:  # fmt: skip
+    """The first half of `sweep`: matching, aggregation, agreement, filling and alignment at half resolution.
 
     A coarser grid's aggregated costs are added, with a small weight, to the costs of the next finer one: large blank or
     repeated things are matched by what surrounds them.
@@ -390,7 +340,10 @@ def analyse(
     level = soft_argmin(paths, s.sharpness)
     agreement = cross_view_agreement(level, terms, pairs, depths, s)
     level = fill_uncertain(level, agreement, half, edge=s.fill_edge, dilations=s.fill_dilations)
-    return Analysis(cost, paths, coarse, level, agreement)
+    level = align_photos(level, half, K, pairs, depths, settings.half_alignment)
+    relative = settings.contrast * (cost - cost.mean(dim=1, keepdim=True))
+    best = settings.contrast * cost.amin(dim=1, keepdim=True)
+    return Analysis(relative, best, paths, coarse, level, agreement)
 
 
 def expected_level(logits: Tensor) -> tuple[Tensor, Tensor]:
@@ -435,28 +388,6 @@ def photo_difference(
     total = pairs.by_view((read - images[pairs.reference]) * seen).sum(dim=1)
     count = pairs.by_view(seen).sum(dim=1)
     return total / count.clamp_min(1), count / pairs.sources
-
-
-def _convolution(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> nn.Conv2d:
-    """A 3 × 3 convolution for ReLU features, initialised after He et al. 2015."""
-    layer = nn.Conv2d(inputs, outputs, 3, stride, padding=dilation, dilation=dilation)
-    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
-    return layer
-
-
-def _convolution3(inputs: int, outputs: int) -> nn.Conv3d:
-    """A 3 × 3 × 3 convolution, initialised as `_convolution`."""
-    layer = nn.Conv3d(inputs, outputs, 3, padding=1)
-    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
-    return layer
-
-
-def _zero(layer: _Layer) -> _Layer:
-    nn.init.zeros_(layer.weight)
-    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
-    return layer
 
 
 def _bilinear_logits() -> Tensor:

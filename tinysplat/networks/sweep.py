@@ -49,6 +49,7 @@ class AlignmentSettings:
         outlier: colour difference from which a pixel's weight falls.
         damping: added to the curvature; flat places stay where they are.
         largest_step: bound on a step, candidates.
+        any_exposure: whether a box may differ from the source by a constant colour, which then tells nothing.
     """
 
     steps: int = 2
@@ -57,6 +58,7 @@ class AlignmentSettings:
     outlier: float = 0.1
     damping: float = 1e-3
     largest_step: float = 1.0
+    any_exposure: bool = False
 
 
 @dataclass(frozen=True)
@@ -316,7 +318,13 @@ def align_photos(
         rest = read[:, :, 1] - images[pairs.reference]
         weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / settings.outlier**2)
         products = torch.cat([(slope * rest).sum(1, keepdim=True), slope.square().sum(1, keepdim=True)], dim=1)
-        sums = pairs.by_view(box_mean(products * weight, settings.window)).sum(dim=1)
+        means = box_mean(products * weight, settings.window)
+        if settings.any_exposure:
+            parts = box_mean(torch.cat([slope, rest, torch.ones_like(weight)], dim=1) * weight, settings.window)
+            mean_slope, mean_rest, mass = parts.split([3, 3, 1], dim=1)
+            shared = torch.cat([mean_slope * mean_rest, mean_slope.square()], dim=1).unflatten(1, (2, 3)).sum(dim=2)
+            means = means - shared / mass.clamp_min(1e-6)
+        sums = pairs.by_view(means).sum(dim=1)
         step = -sums[:, :1] / (sums[:, 1:] + settings.damping)
         level = (level + step.clamp(-settings.largest_step, settings.largest_step) * unit).clamp(0, 1)
     return level

@@ -1,0 +1,93 @@
+"""The range that is worth sweeping: it holds the scene, leaves out the rest, and gives up when nothing can be told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from two_planes import FAR, NEAR, trace
+
+from tinysplat.networks.narrowing import NarrowingSettings, narrowed, quantile
+from tinysplat.networks.pairs import ViewPairs
+from tinysplat.networks.sweep import InverseDepths, SweepSettings
+
+MATCHING = SweepSettings(candidates=26)
+
+
+def look(
+    near: float, far: float, settings: NarrowingSettings | None = None, *, views: int = 2, still: bool = False,
+    flat: bool = False,
+) -> tuple[InverseDepths, InverseDepths, Tensor]:  # fmt: skip
+    """The whole range, the narrowed one, and the inverse depths of the scene, of two textured planes."""
+    scene = trace(views, 128, 192)
+    images = torch.from_numpy(np.ascontiguousarray(scene.images.transpose(0, 3, 1, 2), np.float32))
+    K = torch.from_numpy(np.float32([camera.K_unit for camera in scene.cameras]))
+    c2w = torch.from_numpy(np.float32([camera.c2w for camera in scene.cameras]))
+    if still:
+        c2w = c2w[:1].expand_as(c2w).clone()
+    if flat:
+        images = torch.full_like(images, 0.5)
+    offset = torch.full((views,), 1 / far)
+    whole = InverseDepths(offset, torch.full((views,), 1 / near) - offset, MATCHING.candidates)
+    pairs = ViewPairs.nearest(c2w)
+    found = narrowed(images, K, pairs, whole, settings or NarrowingSettings(), MATCHING)
+    return whole, found, 1 / torch.from_numpy(np.float32(scene.depth))
+
+
+@pytest.mark.parametrize("views", [2, 3])
+@pytest.mark.parametrize(("near", "far"), [(NEAR / 4, FAR), (NEAR, FAR * 20), (NEAR / 4, FAR * 20)])
+def test_a_range_that_is_too_wide_is_narrowed_to_the_scene(views: int, near: float, far: float) -> None:
+    whole, found, truth = look(near, far, NarrowingSettings(finest=0.2), views=views)
+    ends = truth.flatten(1).quantile(torch.tensor([0.03, 0.97]), dim=1)  # (2, V)
+    candidate = whole.span / (NarrowingSettings().candidates - 1)
+    assert (found.offset <= ends[0] + candidate / 2).all()
+    assert (found.offset + found.span >= ends[1] - candidate / 2).all()
+    assert (found.span < ends[1] - ends[0] + 5 * candidate).all()
+    assert found.count == whole.count
+
+
+def test_what_is_narrowed_lies_within_the_whole() -> None:
+    for near, far in ((NEAR, FAR), (NEAR * 2, FAR), (NEAR, FAR / 2), (1e-3, 1e6)):
+        whole, found, _ = look(near, far)
+        slack = 1e-5 * whole.span
+        assert (found.offset >= whole.offset - slack).all()
+        assert (found.offset + found.span <= whole.offset + whole.span + slack).all()
+        assert (found.span > 0).all()
+
+
+def test_candidates_come_no_closer_than_asked() -> None:
+    spans = [look(NEAR / 4, FAR, NarrowingSettings(finest=finest))[1].span.mean() for finest in (0.2, 2.0, 4.0, 1e3)]
+    assert spans[0] <= spans[1] < spans[2] <= spans[3]
+    whole, found, _ = look(NEAR, FAR, NarrowingSettings(finest=1e3))
+    torch.testing.assert_close(found.span, whole.span)
+    torch.testing.assert_close(found.offset, whole.offset)
+
+
+def test_without_a_baseline_the_whole_range_stays() -> None:
+    whole, found, _ = look(NEAR, FAR, still=True)
+    torch.testing.assert_close(found.span, whole.span)
+    torch.testing.assert_close(found.offset, whole.offset)
+
+
+def test_blank_pictures_give_a_finite_range() -> None:
+    whole, found, _ = look(NEAR, FAR, flat=True)
+    assert torch.isfinite(found.offset).all() and (found.span > 0).all() and (found.span <= whole.span * 1.001).all()
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.98])
+def test_the_quantile_is_that_of_the_weighted_distribution(share: float) -> None:
+    draws = np.random.default_rng(1)
+    level, weight = draws.beta(2, 5, (2, 1, 40, 50)), draws.uniform(0.3, 1, (2, 1, 40, 50))
+    found = quantile(torch.from_numpy(level), torch.from_numpy(weight), share, 36)
+    for i in range(2):
+        order = level[i].ravel().argsort()
+        below = weight[i].ravel()[order].cumsum() / weight[i].sum()
+        expected = level[i].ravel()[order][np.searchsorted(below, share)]
+        assert float(found[i]) == pytest.approx(expected, abs=0.5 / 35)
+
+
+def test_quantiles_of_one_level_are_that_level() -> None:
+    level = torch.full((1, 1, 8, 8), 0.41)
+    for share in (0.02, 0.98):
+        assert float(quantile(level, torch.ones_like(level), share, 36)) == pytest.approx(0.41, abs=1 / 35)

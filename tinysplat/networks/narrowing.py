@@ -1,0 +1,93 @@
+"""Leave out depths that a scene does not have: the range that a plane sweep is worth making over.
+
+Candidates spread over the whole range from near to far are spent on depths where nothing is, and each of them is one
+more chance of a wrong match. A look at a coarse grid tells between which depths the scene lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from .aggregation import fill_uncertain, path_costs
+from .geometry import pixel_intrinsics, pixel_rays, project_sweep
+from .pairs import ViewPairs
+from .sweep import InverseDepths, SweepSettings, cross_view_agreement, matching_costs, soft_argmin
+
+
+@dataclass(frozen=True)
+class NarrowingSettings:
+    """`narrowed`.
+
+    Attributes:
+        cell: side of a cell of the coarse grid, pixels of the photo.
+        candidates: swept there, over the whole range.
+        dilations: of `fill_uncertain`, cells.
+        least_weight: weight of a cell whose depth no other view agrees with; one that agrees counts 1.
+        tail: share of the cells' weight that may lie beyond either end.
+        margin: added at both ends, candidates of the coarse grid.
+        finest: the least that neighbouring candidates lie apart in the other view, pixels of the photo; a range is not
+            made narrower than that.
+    """
+
+    cell: int = 8
+    candidates: int = 36
+    dilations: tuple[int, ...] = (1, 2, 4)
+    least_weight: float = 0.3
+    tail: float = 0.02
+    margin: float = 1.5
+    finest: float = 2.0
+
+
+def narrowed(
+    images: Tensor, K_unit: Tensor, pairs: ViewPairs, whole: InverseDepths, settings: NarrowingSettings,
+    matching: SweepSettings,
+) -> InverseDepths:  # fmt: skip
+    """The part of each view's range that its scene takes up, with as many candidates as the whole.
+
+    Args:
+        images: (V, 3, H, W) RGB in [0, 1], H and W multiples of the cell.
+        K_unit: (V, 3, 3) intrinsics divided by image width and height.
+        pairs: views to compare.
+        whole: the range to look at.
+        settings: of this function.
+        matching: of the coarse grid's costs and paths.
+    """
+    s, last = settings, settings.candidates - 1
+    look = InverseDepths(whole.offset, whole.span, s.candidates)
+    cells = functional.avg_pool2d(images, s.cell)
+    rays = pixel_rays(pixel_intrinsics(K_unit, *cells.shape[2:]), *cells.shape[2:])
+    terms = pairs.sweep_terms(rays, K_unit)
+    costs = matching_costs(cells, terms, pairs, look, matching)
+    costs = path_costs(costs, cells, step=matching.step, jump=matching.jump, edge=matching.edge)
+    level = soft_argmin(costs, matching.sharpness)
+    agreement = cross_view_agreement(level, terms, pairs, look, matching)
+    level = fill_uncertain(level, agreement, cells, edge=matching.fill_edge, dilations=s.dilations)
+    weight = agreement.clamp_min(s.least_weight)
+    first = quantile(level, weight, s.tail, s.candidates) - s.margin / last
+    final = quantile(level, weight, 1 - s.tail, s.candidates) + s.margin / last
+    first, final = first.clamp(0, 1), final.clamp(0, 1)
+
+    ends = torch.stack([whole.offset, whole.offset + whole.span], dim=1)[pairs.reference][:, :, None, None]
+    x, y, _ = project_sweep(*terms, ends)
+    height, width = images.shape[2:]
+    moved = torch.sqrt((width * (x[:, 1] - x[:, 0])).square() + (height * (y[:, 1] - y[:, 0])).square())
+    pixels = pairs.by_view(moved.clamp(1e-3, 2.0 * width)).mean(dim=(1, 2, 3))  # (V,) of the whole range
+    least = (s.finest * (whole.count - 1) / pixels).clamp_max(1)
+    half = torch.maximum(final - first, least) / 2
+    middle = torch.minimum(torch.maximum((first + final) / 2, half), 1 - half)
+    return replace(whole, offset=whole.offset + whole.span * (middle - half), span=whole.span * (2 * half))
+
+
+def quantile(level: Tensor, weight: Tensor, share: float, steps: int) -> Tensor:
+    """The level (V,) below which a share of the weight lies, of levels (V, 1, h, w) in [0, 1] and weights alike.
+
+    The distribution is read at `steps` even levels and taken as linear between them.
+    """
+    marks = torch.linspace(0, 1, steps)[:, None, None]
+    below = ((level < marks) * weight).sum(dim=(2, 3)) / weight.sum(dim=(2, 3))  # (V, steps), rising from 0
+    rise = (below[:, 1:] - below[:, :-1]).clamp_min(1e-4)
+    return ((share - below[:, :-1]) / rise).clamp(0, 1).sum(dim=1) / (steps - 1)
