@@ -1,8 +1,8 @@
 """`edge`: a small learned network that starts from `sweep` and corrects it.
 
 A look at a coarse grid leaves out depths that the scene does not have (`narrowing`). The analytic part is `sweep`'s:
-matching costs, semi-global aggregation, filling, agreement between views, and Gaussians
-by construction; its costs are led by those of two coarser grids. A refiner whose weights are the same for every
+matching costs, semi-global aggregation, filling, agreement between views, and Gaussians by construction; its costs are
+led by those of two coarser grids. A refiner whose weights are the same for every
 candidate adds to the logits over inverse depth at quarter resolution: it can learn what a good match looks like, and
 no liking for a depth. A U-Net at half resolution sees the costs about the depth that was found; a learned convex
 upsampling keeps depth edges sharp; a head at full resolution changes depth, opacity, footprint and colour within
