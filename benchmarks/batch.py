@@ -25,7 +25,7 @@ from typing import Any
 from tinysplat.batch.engines import Outcome, run_processes, run_ray
 from tinysplat.batch.jobs import Job, Options, encode, is_done, read_manifest
 from tinysplat.batch.run import Engine, run_batch
-from tinysplat_runtime.arguments import AutoViews, size, views
+from tinysplat_runtime.cli.arguments import AutoViews, size, views
 
 ATTEMPTS = 3
 

@@ -18,7 +18,7 @@ from tinysplat.bench.timing import Effort
 from tinysplat.numerics import pictures, projection, reduction, report
 from tinysplat.numerics.rows import NumericRow, table
 from tinysplat.numerics.speed import speed_rows
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.graphs.inference import GraphStore
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from tinysplat.bench.lines import print_rows
 from tinysplat.bench.official import measure_official
 from tinysplat.bench.timing import Effort
-from tinysplat_runtime.arguments import size
+from tinysplat_runtime.cli.arguments import size
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.system.threads import available_cores
 
 
 def parse_options() -> argparse.Namespace:

@@ -24,10 +24,10 @@ from tinysplat.evaluation import Settings, Source, find_sources, paper_figures, 
 from tinysplat.evaluation.lpips_files import BACKBONE_FILES
 from tinysplat.evaluation.paper_tables import SCENES, Inputs
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.arguments import size
+from tinysplat_runtime.cli.arguments import size
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.files import write_atomically
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.threads import available_cores
 
 COMMANDS = ("table-main", "table-views", "table-time", "table-bits", "fig-vpt", "fig-rd", "fig-ablation", "fig-k")
 RD_QPS = (-6.0, -3.0, 0.0, 3.0, 6.0, 9.0, 12.0)

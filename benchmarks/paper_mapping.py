@@ -19,9 +19,9 @@ from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.paper import paper_colors, paper_plan
 from tinysplat_runtime.codec.profiles import PAPER, find_profile
-from tinysplat_runtime.codec.quantize import choose_code_map
-from tinysplat_runtime.inference import GraphStore
-from tinysplat_runtime.interchange import load_gaussians
+from tinysplat_runtime.codec.quantise import choose_code_map
+from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.graphs.inference import GraphStore
 
 
 def measure(path: str, store: GraphStore, rows: dict[str, list[dict[str, float]]]) -> None:

@@ -48,10 +48,10 @@ from tinysplat.evaluation.runner import Job
 from tinysplat.evaluation.subjects import Subject, list_subjects, load_subject, network_of, stamp
 from tinysplat.evaluation.ways import MODES, PEERS, Way, ablation_ways, find_ways
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
-from tinysplat_runtime.cli import size
+from tinysplat_runtime.cli.parser import size
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.files import write_atomically
+from tinysplat_runtime.system.files import write_atomically
 
 CURVE_QPS: Mapping[str, tuple[float, ...]] = {
     "paper": (-6, 0, 6, 12, 18),

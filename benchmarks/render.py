@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from tinysplat_runtime import Camera, Gaussians, __version__, load_gaussians
-from tinysplat_runtime.quaternions import normalize_quats
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
 from tinysplat_runtime.render import Renderer
 
 SMALL, LARGE = (2, 256, 256), (4, 512, 512)

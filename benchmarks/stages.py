@@ -29,13 +29,13 @@ from render import made_gaussians as rolling_surface
 
 from tinysplat.bench.inputs import made_gaussians as network_like
 from tinysplat_runtime import Runtime
-from tinysplat_runtime.artifacts import find_artifact
 from tinysplat_runtime.codec import decoder
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.hevc import PictureDecoder, PlaneDecoder
 from tinysplat_runtime.codec.synthesis import LayerSynthesis
 from tinysplat_runtime.container.reader import Container
-from tinysplat_runtime.inference import Graph
+from tinysplat_runtime.graphs.artifacts import find_artifact
+from tinysplat_runtime.graphs.inference import Graph
 from tinysplat_runtime.render import Renderer, composite, project, renderer, tiles
 
 Place = tuple[Any, str]

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.interchange import load_gaussians, save_gaussians
-from tinysplat_runtime.quaternions import normalize_quats
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
 
 CASES = (  # suffix, version of SPZ; then means in units, angles in degrees, opacities, log scales, SH
     (".ply", 3, (1e-6, 0.1, 1e-5, 1e-5, 1e-6)),

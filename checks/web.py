@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.artifacts import find_artifact
-from tinysplat_runtime.inference import Graph
+from tinysplat_runtime.graphs.artifacts import find_artifact
+from tinysplat_runtime.graphs.inference import Graph
 
 RELATIVE_TOLERANCE = 1e-5  # of an array's largest value: float32 sums in another order
 

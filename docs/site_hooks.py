@@ -22,7 +22,7 @@ def on_page_markdown(markdown: str, page: object, **_: object) -> str:
 
 
 def _reference() -> str:
-    from tinysplat_runtime.cli import build_parser, join_commands
+    from tinysplat_runtime.cli.parser import build_parser, join_commands
 
     parser, commands = build_parser()
     join_commands(commands, [])  # those of other packages too

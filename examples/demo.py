@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.cli.commands import info_text
 from tinysplat_runtime.codec.encoder import EncodeStats
-from tinysplat_runtime.commands import info_text
-from tinysplat_runtime.gaussians import FIELDS
-from tinysplat_runtime.images import write_png
+from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
-from tinysplat_runtime.reports import Stopwatch
-from tinysplat_runtime.video import write_video
+from tinysplat_runtime.render.video import write_video
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.system.stopwatch import Stopwatch
 
 # Calibration of the pair at 741 × 500, from the Middlebury 2014 data set.
 FOCAL_PX, BASELINE_M, CX_PX, CY_PX = 994.978, 0.193001, (311.193, 342.279), 254.877

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 import tinysplat_runtime
-from tinysplat_runtime.artifacts import models_dir
+from tinysplat_runtime.graphs.artifacts import models_dir
 
 PACKAGES = ("numpy", "onnxruntime", "av")
 

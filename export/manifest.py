@@ -16,7 +16,7 @@ for _folder in (ROOT, ROOT / "runtime"):
     if str(_folder) not in sys.path:
         sys.path.insert(0, str(_folder))
 
-from tinysplat_runtime.inference import CONTRACT_VERSION  # noqa: E402
+from tinysplat_runtime.graphs.inference import CONTRACT_VERSION  # noqa: E402
 
 MODELS = ROOT / "models"
 MAX_IR_VERSION = 10  # onnxruntime 1.20 reads no newer one

@@ -30,9 +30,9 @@ from tinysplat.networks import edge, sweep
 from tinysplat.networks import export_support as official
 from tinysplat.networks.depthsplat import SCALE_RULES
 from tinysplat.training.state import shipped_network
-from tinysplat_runtime.artifacts import Artifact
 from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
-from tinysplat_runtime.inference import open_graph
+from tinysplat_runtime.graphs.artifacts import Artifact
+from tinysplat_runtime.graphs.inference import open_graph
 
 INPUT_AXES: dict[str, dict[int, str]] = {
     "images": {0: "V", 2: "H", 3: "W"},

@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from onnx import numpy_helper
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
-from tinysplat_runtime.artifacts import Artifact
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.inference import open_graph
-from tinysplat_runtime.predict import Limits, network_inputs
-from tinysplat_runtime.scenes import CAMERAS_FILE, load_scene
-from tinysplat_runtime.viewchoice import choose_views
+from tinysplat_runtime.graphs.artifacts import Artifact
+from tinysplat_runtime.graphs.inference import open_graph
+from tinysplat_runtime.graphs.predict import Limits, network_inputs
+from tinysplat_runtime.scene.scenes import CAMERAS_FILE, load_scene
+from tinysplat_runtime.scene.viewchoice import choose_views
 
 LAYERS, FLOAT_LAYERS = ("unet",), ("unet.entry",)
 """Of `edge`: its U-Net but for the first layer, whose input has channels of very different ranges."""

@@ -15,8 +15,8 @@ from manifest import MODELS, OPSET, add_metadata, register  # this folder is fir
 from torch import Tensor, nn
 
 from tinysplat import transforms as T
-from tinysplat_runtime.artifacts import Artifact
-from tinysplat_runtime.inference import CONTRACTS, open_graph
+from tinysplat_runtime.graphs.artifacts import Artifact
+from tinysplat_runtime.graphs.inference import CONTRACTS, open_graph
 
 LICENCE = "Apache-2.0"
 PARITY_RTOL = 1e-5  # summation order alone moves the projections by a few ulp

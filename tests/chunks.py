@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scenes import make_cameras, make_photo
 
-from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.scene.cameras import Camera
 
 
 def encoded(pixels: NDArray, kind: str = "PNG") -> torch.Tensor:

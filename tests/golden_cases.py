@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 DATA = Path(__file__).parent / "golden" / "data"
 

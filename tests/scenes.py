@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.images import write_png
-from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
 
 NEAR, FAR = 1.5, 8.0
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.scene.cameras import Camera
 
 WALL_Z, SQUARE_Z, SQUARE_HALF = 6.0, 3.0, 0.55
 NEAR, FAR = 2.0, 12.0

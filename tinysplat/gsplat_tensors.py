@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.scene.cameras import Camera
 
 try:
     import torch

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.planes import PlaneClass
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.graphs.inference import GraphStore
 
 SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5

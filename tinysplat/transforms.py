@@ -4,7 +4,7 @@
 what needs float64 (eigen-decomposition, camera inverses, folding of steps into matrices) is the caller's, on the host.
 
 A layer's geometry is one tensor (V, 11, H, W) of channels in the order of
-`tinysplat_runtime.codec.planes.GEOMETRY`; positions are depth along z in
+`tinysplat_runtime.gaussian.planes.GEOMETRY`; positions are depth along z in
 scene units and the offset from the pixel's own centre in pixels, scales are ŝ = f·s/z in pixels, rotations are in the
 camera frame.
 """

@@ -18,25 +18,25 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _MODULE_OF = {
-    "Camera": "cameras",
+    "Camera": "scene.cameras",
     "FormatError": "errors",
-    "Gaussians": "gaussians",
+    "Gaussians": "gaussian.gaussians",
     "InputError": "errors",
     "ModelError": "errors",
-    "Notes": "notes",
+    "Notes": "gaussian.notes",
     "NumericError": "errors",
     "Runtime": "api",
-    "Scene": "scenes",
+    "Scene": "scene.scenes",
     "TinySplatError": "errors",
     "compress": "api",
     "decompress": "api",
     "encode": "api",
     "inspect": "api",
-    "load_gaussians": "interchange",
-    "load_scene": "scenes",
+    "load_gaussians": "formats.table",
+    "load_scene": "scene.scenes",
     "predict": "api",
     "render": "api",
-    "save_gaussians": "interchange",
+    "save_gaussians": "formats.table",
 }
 
 __all__ = [
@@ -63,12 +63,12 @@ __all__ = [
 
 if TYPE_CHECKING:
     from .api import Runtime, compress, decompress, encode, inspect, predict, render
-    from .cameras import Camera
     from .errors import FormatError, InputError, ModelError, NumericError, TinySplatError
-    from .gaussians import Gaussians
-    from .interchange import load_gaussians, save_gaussians
-    from .notes import Notes
-    from .scenes import Scene, load_scene
+    from .formats.table import load_gaussians, save_gaussians
+    from .gaussian.gaussians import Gaussians
+    from .gaussian.notes import Notes
+    from .scene.cameras import Camera
+    from .scene.scenes import Scene, load_scene
 
 
 class _Door(ModuleType):

@@ -15,26 +15,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .cameras import Camera
 from .codec.decoder import decode_gaussians
 from .codec.encoder import EncodeStats, SceneEncoder
-from .codec.like import encode_like
 from .codec.lossless import encode_lossless
+from .codec.modes import check_options, choose, compress_hybrid, compress_photos, photo_scene
 from .codec.profiles import DEFAULT_PROFILE, find_profile
 from .codec.rate import encode_to_psnr, encode_to_size
+from .codec.recode import encode_like
+from .container.inspection import inspect_bytes
 from .container.layout import Limits
 from .container.notes import added_bytes, with_notes
 from .errors import InputError
-from .gaussians import Gaussians
-from .inference import GraphStore
-from .inspection import inspect_bytes
-from .modes import check_options, choose, compress_hybrid, compress_photos, photo_scene
-from .predict import predict as run_network
+from .gaussian.gaussians import Gaussians
+from .graphs.inference import GraphStore
+from .graphs.predict import predict as run_network
 from .render import Renderer
 from .render import render as render_gaussians
-from .reports import Stopwatch
-from .scenes import Scene
-from .threads import available_cores
+from .scene.cameras import Camera
+from .scene.scenes import Scene
+from .system.stopwatch import Stopwatch
+from .system.threads import available_cores
 
 DEFAULT_MODEL = "edge"
 
@@ -118,7 +118,7 @@ class Runtime:
                 that many, and at most 0.2 more.
             lossless: float16 planes, bit for bit (`codec.lossless` has the guarantee); profile and qp play no part.
             like: a file's bytes, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay where
-                nothing changed (`codec.like`): a decoded scene that is coded again, edited or not, loses nothing else.
+                nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
             drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
             stats: filled with what coding measured.
 
@@ -325,5 +325,5 @@ def render(
 
 
 def inspect(data: bytes) -> dict[str, Any]:
-    """What a file holds, without decoding planes; see `tinysplat_runtime.inspection.inspect_bytes`."""
+    """What a file holds, without decoding planes; see `tinysplat_runtime.container.inspection.inspect_bytes`."""
     return inspect_bytes(data)

@@ -14,7 +14,7 @@ from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.images import read_image, write_png
+from tinysplat_runtime.scene.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 

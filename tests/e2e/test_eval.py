@@ -14,7 +14,7 @@ from chunks import make_chunk_scene, write_chunks
 from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, write_eval_scene
 
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.images import read_image, write_png
+from tinysplat_runtime.scene.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 OPTIONS = ("--size", "48x64", "--lpips", "none", "--threads", "1")

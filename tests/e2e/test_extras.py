@@ -12,7 +12,7 @@ import tomllib
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.doctor import EXTRAS as REPORTED
+from tinysplat_runtime.cli.doctor import EXTRAS as REPORTED
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -90,7 +90,7 @@ from tinysplat_runtime.cli import main
 assert main(["compress", {str(tmp_path / "g.npz")!r}, "-o", {str(tmp_path / "g.tsplat")!r}]) == 0
 assert main(["decode", {str(tmp_path / "g.tsplat")!r}, "-o", {str(tmp_path / "d.npz")!r}]) == 0
 assert main(["render", {str(tmp_path / "g.tsplat")!r}, "-o", {str(tmp_path / "d.png")!r}]) == 0
-from tinysplat_runtime.artifacts import models_dir
+from tinysplat_runtime.graphs.artifacts import models_dir
 assert str(models_dir()).startswith({str(site)!r}), models_dir()
 """
     # -I and -S: neither PYTHONPATH nor this environment's site-packages.

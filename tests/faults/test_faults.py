@@ -26,9 +26,9 @@ from evaluation_scenes import write_eval_scene
 from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.artifacts import models_dir
 from tinysplat_runtime.errors import ModelError, TinySplatError
-from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.graphs.artifacts import models_dir
 
 ROUNDS = 4
 """Kills of each command, spread over its run."""
@@ -227,7 +227,8 @@ def test_a_full_disk_is_one_line_and_keeps_the_old_file(inputs, tmp_path, comman
 
 @pytest.mark.parametrize("command", ["encode", "compress", "decode", "render"])
 def test_a_folder_that_refuses_writing_is_named(inputs, tmp_path, command, monkeypatch) -> None:
-    from tinysplat_runtime import cli, files
+    from tinysplat_runtime import cli
+    from tinysplat_runtime.system import files
 
     def refuse(path: object, *_: object) -> int:
         raise PermissionError(13, os.strerror(13), str(path))

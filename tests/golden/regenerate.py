@@ -17,7 +17,7 @@ from golden_cases import DATA, FILES, golden_planes  # noqa: E402
 
 import tinysplat_runtime as ts  # noqa: E402
 from tinysplat_runtime.codec.hevc import EncoderSettings, encode_plane  # noqa: E402
-from tinysplat_runtime.gaussians import FIELDS  # noqa: E402
+from tinysplat_runtime.gaussian.gaussians import FIELDS  # noqa: E402
 
 
 def main() -> None:

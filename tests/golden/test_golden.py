@@ -8,7 +8,7 @@ from golden_cases import DATA, FILES, golden_planes
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
-from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 
 @pytest.mark.parametrize("name", golden_planes())

@@ -19,14 +19,14 @@ from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime import cli
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.hevc import PlaneDecoder
-from tinysplat_runtime.codec.planes import PlaneClass
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bounds import decoding_bytes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError, NumericError
-from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.scene.cameras import Camera
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from tinysplat_runtime.intake import colmap, colmap_worker
+from tinysplat_runtime.scene.intake import colmap, colmap_worker
 
 MOST_MEMORY_KB = 1 << 20
 MOST_CPU_S = 2.0

@@ -11,10 +11,10 @@ from torch import Tensor
 from tinysplat.rasteriser import PinholeCamera
 from tinysplat.rasteriser.compositing import composite
 from tinysplat.rasteriser.projection import NEAR_PLANE, project
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render import render
-from tinysplat_runtime.sh import C0
+from tinysplat_runtime.scene.cameras import Camera
 
 BACKENDS = ("numba", "torch")
 NAMES = ("means", "quats", "scales", "opacities", "colours")

@@ -9,8 +9,8 @@ from two_planes import FAR, NEAR, SQUARE_Z, network_inputs, trace
 
 from tinysplat.networks.edge import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OPACITY_CAP, OUTPUT_NAMES, STRIDE
 from tinysplat.training.state import shipped_network
-from tinysplat_runtime.artifacts import models_dir
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.graphs.artifacts import models_dir
+from tinysplat_runtime.graphs.inference import GraphStore
 
 STORE = GraphStore(threads=1)
 

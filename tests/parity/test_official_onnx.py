@@ -31,10 +31,10 @@ from tinysplat.bench.network import contract_inputs
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
 from tinysplat.networks.outputs import PixelGaussians
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.artifacts import Artifact
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.inference import Graph, open_graph
-from tinysplat_runtime.scenes import load_scene
+from tinysplat_runtime.graphs.artifacts import Artifact
+from tinysplat_runtime.graphs.inference import Graph, open_graph
+from tinysplat_runtime.scene.scenes import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -13,9 +13,9 @@ import pytest
 from reference.rasteriser import render_reference
 from scenes import make_cameras, make_gaussians
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.cameras import Camera
 
 ATOL = 1e-4
 ATOL_ROUNDING = 1 / 255 + ATOL

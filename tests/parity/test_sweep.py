@@ -8,7 +8,7 @@ import torch
 from two_planes import FAR, NEAR, network_inputs, trace
 
 from tinysplat.networks.sweep import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OUTPUT_NAMES, STRIDE, Sweep
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.graphs.inference import GraphStore
 
 STORE = GraphStore(threads=1)
 

@@ -11,7 +11,6 @@ from scenes import make_smooth_gaussians
 
 from tinysplat import transforms as T
 from tinysplat.reference.transforms import project_view, unproject_view
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes, project_layer
 from tinysplat_runtime.codec.basis import (
     mean_magnitude_weighting,
@@ -20,9 +19,10 @@ from tinysplat_runtime.codec.basis import (
     view_directions,
     weighted_spectrum,
 )
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import CONTRACTS, GraphStore
-from tinysplat_runtime.quaternions import matrices_to_quats
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats
+from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore
+from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore(threads=1)
 

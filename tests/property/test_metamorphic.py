@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import GraphStore
-from tinysplat_runtime.quaternions import multiply_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import multiply_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.render import render
+from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore(threads=1)
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.quaternions import (
+from tinysplat_runtime.gaussian.quaternions import (
     conjugate_quats,
     left_multiplication_matrices,
     matrices_to_quats,
@@ -16,7 +16,7 @@ from tinysplat_runtime.quaternions import (
     normalize_quats,
     quats_to_matrices,
 )
-from tinysplat_runtime.sh import sh_basis, sh_degree
+from tinysplat_runtime.gaussian.sh import sh_basis, sh_degree
 
 QUATS = normalize_quats(np.random.default_rng(0).standard_normal((500, 4)))
 

@@ -10,15 +10,15 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps
-from tinysplat_runtime.codec.allocation import FARTHEST, measured_depth_step
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.blocks import BlockSpectrum
-from tinysplat_runtime.codec.planes import PlaneClass
-from tinysplat_runtime.codec.probe import DepthProbe
+from tinysplat_runtime.codec.depth_step.allocation import FARTHEST, measured_depth_step
+from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
+from tinysplat_runtime.codec.depth_step.probe import DepthProbe
 from tinysplat_runtime.codec.profiles import ADAPTIVE
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import GraphStore
-from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.render import Renderer
 
 
@@ -111,7 +111,7 @@ def test_contrast_carries_what_a_stripe_shows_over_to_its_picture(store, monkeyp
     errors = [0.003 * noise * layers[0].planes[PlaneClass.DEPTH][:, 0]]
     stripe = _probe(layers, stripes=1)[0]
     alone, found = stripe._shots[0].damage(errors), stripe.damage(errors)
-    monkeypatch.setattr("tinysplat_runtime.codec.probe.STRIPE_ROWS", 96)
+    monkeypatch.setattr("tinysplat_runtime.codec.depth_step.probe.STRIPE_ROWS", 96)
     truth = _probe(layers, stripes=1)[0].damage(errors)
     assert alone < 0.4 * truth
     assert 0.65 * truth < found < 1.5 * truth

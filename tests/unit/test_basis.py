@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scenes import make_skewed_cameras
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.basis import (
     LAMBDA_FLOOR,
     mean_magnitude_weighting,
@@ -16,7 +15,8 @@ from tinysplat_runtime.codec.basis import (
     view_directions,
     weighted_spectrum,
 )
-from tinysplat_runtime.sh import C0, sh_basis
+from tinysplat_runtime.gaussian.sh import C0, sh_basis
+from tinysplat_runtime.scene.cameras import Camera
 
 
 def _square_camera() -> Camera:

@@ -19,7 +19,7 @@ from tinysplat.bench.streams import decode_alone, encode_alone, file_streams, re
 from tinysplat.bench.timing import Effort
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
 
 def test_the_same_room_is_made_every_time() -> None:

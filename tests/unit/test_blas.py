@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinysplat_runtime.blas import _thread_count, single_thread
+from tinysplat_runtime.system.blas import _thread_count, single_thread
 
 
 def test_the_number_of_blas_threads_is_one_inside_and_restored_behind():

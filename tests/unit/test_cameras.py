@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene.cameras import Camera
 
 K = np.array([[100.0, 0, 32], [0, 110, 24], [0, 0, 1]])
 

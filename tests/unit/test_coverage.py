@@ -9,7 +9,7 @@ from evaluation_scenes import NEAR_WINDOW, write_eval_scene
 from tinysplat.evaluation.coverage import covered_pixels
 from tinysplat.evaluation.sources import FolderSource
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.scene.cameras import Camera
 
 FOCAL, WIDTH, HEIGHT = 40.0, 60, 20
 

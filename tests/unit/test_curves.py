@@ -25,7 +25,7 @@ from tinysplat.evaluation.curve_tables import (
 )
 from tinysplat.evaluation.rate_distortion import Point
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.interchange import save_gaussians
+from tinysplat_runtime.formats.table import save_gaussians
 
 DECIBELS = (36.0, 38.0, 40.0, 42.0)
 
@@ -194,7 +194,7 @@ def test_bad_input_costs_a_line(run, tmp_path, file):
 def test_functions_whose_time_an_idea_costs_are_called(file):
     from tinysplat.bench.way_seconds import work_seconds
     from tinysplat_runtime.api import Runtime
-    from tinysplat_runtime.interchange import load_gaussians
+    from tinysplat_runtime.formats.table import load_gaussians
 
     spent = work_seconds(load_gaussians(file), 0.0, Runtime(threads=1))
     assert set(spent) == set(ideas.WORK) and all(seconds > 0 for seconds in spent.values())

@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from tinysplat_runtime.cli import build_parser
+from tinysplat_runtime.cli.parser import build_parser
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -8,8 +8,8 @@ import torch
 from scenes import make_cameras, make_gaussians, make_smooth_gaussians
 
 from tinysplat.gsplat_tensors import to_gsplat
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.editing import (
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.editing import (
     crop,
     cut_degree,
     drop_transparent,
@@ -19,11 +19,11 @@ from tinysplat_runtime.editing import (
     similarity,
     trim_border,
 )  # fmt: skip
-from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.quaternions import normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.render import render
-from tinysplat_runtime.sh import sh_basis
+from tinysplat_runtime.scene.cameras import Camera
 
 ROTATION = quats_to_matrices(normalize_quats(np.array([0.7, -0.4, 0.5, 0.3])))
 

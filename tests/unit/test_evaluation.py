@@ -37,8 +37,8 @@ from tinysplat.evaluation.tables import csv_text, format_table, results_text
 from tinysplat.metrics import psnr, ssim
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, ModelError
-from tinysplat_runtime.images import write_png
-from tinysplat_runtime.interchange import save_gaussians
+from tinysplat_runtime.formats.table import save_gaussians
+from tinysplat_runtime.scene.images import write_png
 
 SIZE = (HEIGHT, WIDTH)
 CODINGS = (Coding("paper", 0.0), Coding("balanced", 6.0))

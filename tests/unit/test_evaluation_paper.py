@@ -27,7 +27,7 @@ from tinysplat.evaluation.paper_tables import network_name, time_codings
 from tinysplat.evaluation.published import BITS, MAIN, VIEWS
 from tinysplat.metrics import attribute_errors
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
-from tinysplat_runtime.interchange import save_gaussians
+from tinysplat_runtime.formats.table import save_gaussians
 
 FINE = -30.0
 

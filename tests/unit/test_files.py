@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import atomic_path, read_limited, write_atomically
+from tinysplat_runtime.system.files import atomic_path, read_limited, write_atomically
 
 
 def test_written_bytes_are_read_back_and_nothing_else_remains(tmp_path: Path) -> None:

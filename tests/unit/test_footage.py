@@ -13,13 +13,13 @@ import pytest
 from numpy.typing import NDArray
 from scenes import make_cameras
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.footage import open_video
-from tinysplat_runtime.intake.video import video_scene
-from tinysplat_runtime.scenes import camera_entry, load_scene
-from tinysplat_runtime.video import write_video
+from tinysplat_runtime.render.video import write_video
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.footage import open_video
+from tinysplat_runtime.scene.intake.video import video_scene
+from tinysplat_runtime.scene.scenes import camera_entry, load_scene
 
 HEIGHT, WIDTH, COUNT, FPS = 32, 48, 40, 25
 CAMERAS = make_cameras(COUNT, HEIGHT, WIDTH)

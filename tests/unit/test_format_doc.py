@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from golden_cases import DATA
 
-from tinysplat_runtime.codec.planes import PlaneClass
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.extras import EXACT_FIXED, NETWORK_FIXED, PHOTOS_FIXED
 from tinysplat_runtime.container.notes import NOTES_FIXED
+from tinysplat_runtime.gaussian.planes import PlaneClass
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
 _HEADING = "| offset | bytes | field | type | meaning and range | a reader must |"

@@ -9,7 +9,7 @@ import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
 
 def _changed(g, field, index, value):

@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.images import MAX_PIXELS, read_image, resize_cover, to_uint8, write_png
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import MAX_PIXELS, read_image, resize_cover, to_uint8, write_png
 
 JPEG_MEAN_LEVELS = (
     0.5  # of 255, against libjpeg-turbo; measured 0.02 (grey) to 0.25 (4:2:2), whose IDCT rounds otherwise

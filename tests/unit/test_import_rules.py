@@ -17,14 +17,14 @@ RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
 ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "tinysplat_runtime"}
 
 EXTRAS_INSIDE_FUNCTIONS = {
-    "interchange.py": {"safetensors"},  # tinysplat[io]
-    "file_notes.py": {"safetensors"},
-    "spz_streams.py": {"zstandard"},
-    "intake/colmap_worker.py": {"pycolmap"},  # tinysplat[poses]
-    "intake/lenses.py": {"pycolmap"},  # tinysplat[poses]
-    "intake/nerfstudio.py": {"plyfile"},  # tinysplat[io]
-    "ply.py": {"plyfile"},  # tinysplat[io]
-    "progress.py": {"tqdm"},  # a nicer bar, where it happens to be installed
+    "formats/table.py": {"safetensors"},  # tinysplat[io]
+    "formats/file_notes.py": {"safetensors"},
+    "formats/spz_streams.py": {"zstandard"},
+    "scene/intake/colmap_worker.py": {"pycolmap"},  # tinysplat[poses]
+    "scene/intake/lenses.py": {"pycolmap"},  # tinysplat[poses]
+    "scene/intake/nerfstudio.py": {"plyfile"},  # tinysplat[io]
+    "formats/ply.py": {"plyfile"},  # tinysplat[io]
+    "system/progress.py": {"tqdm"},  # a nicer bar, where it happens to be installed
 }
 """Packages that an extra brings, by the one module whose functions may import them."""
 

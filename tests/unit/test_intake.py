@@ -16,12 +16,12 @@ import pycolmap
 import pytest
 from scenes import colmap_texts, make_cameras, make_photo, transforms_document, write_scene
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.images import image_size, write_png
-from tinysplat_runtime.intake.colmap_binary import check_counts
-from tinysplat_runtime.intake.stereo import stereo_scene
-from tinysplat_runtime.scenes import Scene, load_cameras, load_scene
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import image_size, write_png
+from tinysplat_runtime.scene.intake.colmap_binary import check_counts
+from tinysplat_runtime.scene.intake.stereo import stereo_scene
+from tinysplat_runtime.scene.scenes import Scene, load_cameras, load_scene
 
 HEIGHT, WIDTH = 24, 32
 CAMERAS = make_cameras(3, HEIGHT, WIDTH)
@@ -353,7 +353,7 @@ def test_colmap_models_of_any_size_pass_the_count(folder: Path) -> None:
 
 def test_the_process_that_reads_colmap_models_is_bounded(folder: Path) -> None:
     code = (
-        "import resource, tinysplat_runtime.intake.colmap_worker as w\n"
+        "import resource, tinysplat_runtime.scene.intake.colmap_worker as w\n"
         "w.bound_resources(1000)\n"
         "memory = resource.getrlimit(resource.RLIMIT_AS)[0]\n"
         "assert resource.getrlimit(resource.RLIMIT_CPU)[0] == w.SECONDS_BASE\n"

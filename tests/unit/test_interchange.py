@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from safetensors.numpy import save_file
 from scenes import make_cameras, make_gaussians
 
-from tinysplat_runtime import interchange
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.interchange import load_gaussians, save_gaussians
+from tinysplat_runtime.formats import table as interchange
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
 BOTH = pytest.mark.parametrize("suffix", [".npz", ".safetensors"])
 

@@ -14,7 +14,7 @@ from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.container.layout import PARAMETER_SETS, SCENE
 from tinysplat_runtime.container.reader import Container, read_container
 from tinysplat_runtime.errors import FormatError, InputError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import render
 
 PROFILES = ("paper", "fast", "balanced", "max")

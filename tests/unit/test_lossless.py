@@ -17,7 +17,7 @@ from tinysplat_runtime.container import extras
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError, NumericError
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.graphs.inference import GraphStore
 
 
 @pytest.fixture(scope="module")

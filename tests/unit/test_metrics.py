@@ -17,8 +17,8 @@ from tinysplat.evaluation.lpips import Lpips
 from tinysplat.evaluation.lpips_files import LpipsFiles, find_lpips
 from tinysplat.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.inference import GraphStore
-from tinysplat_runtime.quaternions import multiply_quats
+from tinysplat_runtime.gaussian.quaternions import multiply_quats
+from tinysplat_runtime.graphs.inference import GraphStore
 
 
 def photo(height: int = 40, width: int = 52, seed: int = 0) -> np.ndarray:

@@ -14,16 +14,16 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.artifacts import models_dir
 from tinysplat_runtime.codec.hybrid import as_codes
+from tinysplat_runtime.codec.modes import AUTO_SECONDS, choose
 from tinysplat_runtime.codec.photos import decode_photos, encode_photos
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.container import extras
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError, ModelError
-from tinysplat_runtime.gaussians import FIELDS
-from tinysplat_runtime.modes import AUTO_SECONDS, choose
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.graphs.artifacts import models_dir
 
 RUNTIME = ts.Runtime(threads=2)
 

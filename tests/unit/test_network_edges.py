@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scenes import make_photo
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError, NumericError
-from tinysplat_runtime.gaussians import FIELDS
-from tinysplat_runtime.inference import GraphStore
-from tinysplat_runtime.predict import predict
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.graphs.predict import predict
+from tinysplat_runtime.scene.cameras import Camera
 
 HEIGHT, WIDTH = 32, 48
 STORE = GraphStore(threads=1)

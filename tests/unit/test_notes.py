@@ -18,8 +18,8 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.notes import added_bytes, with_notes
-from tinysplat_runtime.editing import merge, similarity
-from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.gaussian.editing import merge, similarity
+from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 NOTES = ts.Notes("metre", 'Jörg "J" Müller, cropped \\ here', "CC-BY-4.0")
 

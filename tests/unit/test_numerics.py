@@ -12,7 +12,6 @@ from scenes import make_smooth_gaussians
 import tinysplat_runtime as ts
 from tinysplat.numerics import pictures, projection, reduction
 from tinysplat.numerics.rows import NumericRow
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.basis import (
     mean_magnitude_weighting,
     reduce_basis,
@@ -21,11 +20,12 @@ from tinysplat_runtime.codec.basis import (
     weighted_spectrum,
 )
 from tinysplat_runtime.codec.encoder import EncodeStats
-from tinysplat_runtime.codec.quantize import OUTLIER_SHARE, hevc_step, without_outliers
+from tinysplat_runtime.codec.quantise import OUTLIER_SHARE, hevc_step, without_outliers
 from tinysplat_runtime.errors import InputError, NumericError
-from tinysplat_runtime.gaussians import FIELDS
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.render import render
+from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore(threads=1)
 

@@ -19,7 +19,7 @@ from tinysplat.networks.harmonics import HarmonicsToWorld, coefficient_mask, ren
 from tinysplat.networks.views import all_others, nearest_others
 from tinysplat.networks.windows import MASKED, attention_mask, regions_of_keys, shifted_regions, window_layout
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.sh import sh_basis
+from tinysplat_runtime.gaussian.sh import sh_basis
 
 CPU = torch.device("cpu")
 

@@ -11,11 +11,11 @@ from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime import cli
-from tinysplat_runtime.codec.planes import GEOMETRY, PlaneClass
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError
-from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.gaussian.planes import GEOMETRY, PlaneClass
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scenes import make_gaussians
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.interchange import load_gaussians, save_gaussians
-from tinysplat_runtime.quaternions import normalize_quats
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
 
 NAMES = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{i}" for i in range(45)), "opacity"]
 NAMES += ["scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from two_planes import FAR, NEAR, row_of_cameras, trace
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError, ModelError, NumericError
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.inference import Graph, GraphStore
-from tinysplat_runtime.predict import FAR_FROM_ORIGIN, predict
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.graphs.inference import Graph, GraphStore
+from tinysplat_runtime.graphs.predict import FAR_FROM_ORIGIN, predict
+from tinysplat_runtime.scene.cameras import Camera
 
 CELL = 4
 

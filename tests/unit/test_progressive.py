@@ -11,7 +11,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
-from tinysplat_runtime.gaussians import FIELDS
+from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from evaluation_scenes import write_eval_scene
 from two_planes import FAR, NEAR, trace
 
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.artifacts import find_artifact
-from tinysplat_runtime.inference import GraphStore
-from tinysplat_runtime.predict import predict
+from tinysplat_runtime.graphs.artifacts import find_artifact
+from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.graphs.predict import predict
 
 SCRIPT = Path(__file__).parents[2] / "export" / "quantise.py"
 NETWORK = find_artifact(DEFAULT_MODEL, "network").path

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tinysplat_runtime.codec.hevc import MAX_CODE
-from tinysplat_runtime.codec.quantize import MAX_MAPPED_QP, choose_code_map, hevc_step
+from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, hevc_step
 
 
 def test_hevc_step_doubles_every_six_qp_and_is_16_at_qp_4():

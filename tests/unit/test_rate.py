@@ -10,11 +10,11 @@ from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.hevc import encode_plane
-from tinysplat_runtime.codec.planes import Channel, PlaneClass
 from tinysplat_runtime.codec.profiles import PROFILES
-from tinysplat_runtime.codec.quantize import choose_code_map
+from tinysplat_runtime.codec.quantise import choose_code_map
 from tinysplat_runtime.codec.rate import ChannelModel
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
 from tinysplat_runtime.render import renderer
 
 RUNTIME = ts.Runtime(threads=2)

@@ -6,7 +6,7 @@ import gc
 
 import numpy as np
 
-from tinysplat_runtime.recycling import Recycler
+from tinysplat_runtime.system.buffers import Recycler
 
 
 def address(array):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scenes import make_cameras, make_gaussians
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, render
+from tinysplat_runtime.scene.cameras import Camera
 
 C0 = 0.28209479177387814  # ½·√(1/π)
 C1 = 0.4886025119029199  # √(3/4π)

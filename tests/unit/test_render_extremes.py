@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from reference.rasteriser import render_reference
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, render, renderer
 from tinysplat_runtime.render import compiled as compiled_code
 from tinysplat_runtime.render.tiles import depth_order, runs, stable_argsort
+from tinysplat_runtime.scene.cameras import Camera
 
 OUTPUTS = ("rgb", "depth", "alpha")
 HUGE = np.finfo(np.float32).max

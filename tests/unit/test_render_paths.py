@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.quaternions import normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.render import between, orbit
+from tinysplat_runtime.scene.cameras import Camera
 
 
 def camera(quat=(1.0, 0, 0, 0), centre=(0.0, 0, 0), focal=50.0, width=40, height=30):

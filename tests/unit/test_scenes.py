@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scenes import FAR, NEAR, make_cameras, make_photo, scene_document, write_scene
 
-from tinysplat_runtime import scenes
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.images import resize_cover, write_png
-from tinysplat_runtime.scenes import Frame, Scene, load_cameras, load_scene
+from tinysplat_runtime.scene import scenes
+from tinysplat_runtime.scene.images import resize_cover, write_png
+from tinysplat_runtime.scene.scenes import Frame, Scene, load_cameras, load_scene
 
 
 @pytest.fixture

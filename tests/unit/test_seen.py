@@ -11,11 +11,11 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import class_step
-from tinysplat_runtime.codec.planes import PlaneClass
+from tinysplat_runtime.codec.one_colour import AVERAGED, COMPARED, SAMPLED, as_seen, disagreement, nearest_cameras
 from tinysplat_runtime.codec.profiles import ADAPTIVE
-from tinysplat_runtime.codec.seen import AVERAGED, COMPARED, SAMPLED, as_seen, disagreement, nearest_cameras
-from tinysplat_runtime.inspection import inspect_bytes
-from tinysplat_runtime.sh import C0, sh_basis
+from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.gaussian.sh import C0, sh_basis
 
 
 def _weakly_view_dependent(views: int = 3, degree: int = 3, share: float = 0.02, **options):

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scenes import make_gaussians
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.interchange import load_gaussians, save_gaussians
-from tinysplat_runtime.quaternions import normalize_quats
-from tinysplat_runtime.sh import sh_basis
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
+from tinysplat_runtime.gaussian.sh import sh_basis
 
 TURN = np.array([1.0, -1.0, -1.0])  # SPZ has y up and z backward
 

@@ -22,7 +22,7 @@ from tinysplat.networks.geometry import (
 )
 from tinysplat.networks.surfels import MAX_SLOPE, CoarseSettings, surface_slopes
 from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep, SweepSettings
-from tinysplat_runtime.quaternions import quats_to_matrices
+from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
 
 LAYERS = ("", "layer1_")
 

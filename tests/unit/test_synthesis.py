@@ -12,8 +12,8 @@ from tests.scenes import make_smooth_gaussians
 from tinysplat_runtime.codec import synthesis
 from tinysplat_runtime.codec.synthesis import LayerSynthesis, coded_channels
 from tinysplat_runtime.container.reader import Container, read_container
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.graphs.inference import GraphStore
 
 STORE = GraphStore(threads=1)
 VIEWS, HEIGHT, WIDTH = 2, 16, 24

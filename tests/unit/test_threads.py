@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from tinysplat_runtime.threads import Crew
+from tinysplat_runtime.system.threads import Crew
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tinysplat_runtime import video
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.video import write_video
+from tinysplat_runtime.render import video
+from tinysplat_runtime.render.video import write_video
 
 INVALID_DATA = 1094995529  # libavutil's AVERROR_INVALIDDATA, negated: "INDA"
 

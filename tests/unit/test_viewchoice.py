@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.viewchoice import choose_views
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.viewchoice import choose_views
 
 K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
 

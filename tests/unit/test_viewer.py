@@ -24,7 +24,7 @@ from scenes import make_cameras, make_gaussians, make_photo, make_smooth_gaussia
 import tinysplat_runtime as ts
 from tinysplat.viewer import page
 from tinysplat.viewer.page import DEPTH, build_page
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 

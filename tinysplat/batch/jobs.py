@@ -14,10 +14,10 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
+from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.inspection import inspect_bytes
-from tinysplat_runtime.scenes import load_scene
-from tinysplat_runtime.viewchoice import choose_views
+from tinysplat_runtime.scene.scenes import load_scene
+from tinysplat_runtime.scene.viewchoice import choose_views
 
 from .storage import join, local_folder, read, write
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import read_limited, write_atomically
+from tinysplat_runtime.system.files import read_limited, write_atomically
 
 MAX_FILE_BYTES = 1 << 31
 

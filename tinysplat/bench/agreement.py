@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath, read_limited
+from tinysplat_runtime.system.files import StrPath, read_limited
 
 REPORT_JSON = "report.json"
 _MAX_BYTES = 64 * 1000 * 1000

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.predict import predict
+from tinysplat_runtime.graphs.predict import predict
 
 from .inputs import Photos, PhotoSource
 from .judge import photo_figures

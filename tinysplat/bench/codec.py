@@ -12,9 +12,9 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inspection import inspect_bytes
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.system.threads import available_cores
 
 from ..metrics import attribute_errors
 from .inputs import Case

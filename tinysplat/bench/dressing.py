@@ -12,10 +12,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.quaternions import matrices_to_quats, multiply_quats
-from tinysplat_runtime.sh import C0, sh_basis
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats
+from tinysplat_runtime.gaussian.sh import C0, sh_basis
+from tinysplat_runtime.scene.cameras import Camera
 
 
 def network_like(images: NDArray, depths: NDArray, cameras: Sequence[Camera], degree: int, seed: int = 0) -> Gaussians:

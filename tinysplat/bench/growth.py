@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.images import write_png
-from tinysplat_runtime.predict import predict
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.images import write_png
 
 from . import room
 from .inputs import Photos, Room, made_gaussians

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.images import resize_cover
-from tinysplat_runtime.predict import predict
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import between
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import resize_cover
+from tinysplat_runtime.system.files import StrPath
 
 from ..evaluation.sources import FileSource, FolderSource, Window, find_sources
 from . import room

@@ -18,11 +18,11 @@ from typing import Any
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.files import StrPath
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.interchange import load_gaussians, save_gaussians
-from tinysplat_runtime.reports import peak_rss_bytes
-from tinysplat_runtime.scenes import load_scene
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.scene.scenes import load_scene
+from tinysplat_runtime.system.files import StrPath
+from tinysplat_runtime.system.stopwatch import peak_rss_bytes
 
 TIMEOUT_S = 300
 

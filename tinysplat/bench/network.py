@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.artifacts import load_manifest
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import as_input
-from tinysplat_runtime.predict import predict
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.artifacts import load_manifest
+from tinysplat_runtime.graphs.inference import as_input
+from tinysplat_runtime.graphs.predict import predict
 
 from ..metrics import depth_errors
 from .inputs import Photos, PhotoSource

@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tinysplat_runtime.artifacts import Artifact
-from tinysplat_runtime.inference import open_graph
-from tinysplat_runtime.scenes import Scene
+from tinysplat_runtime.graphs.artifacts import Artifact
+from tinysplat_runtime.graphs.inference import open_graph
+from tinysplat_runtime.scene.scenes import Scene
 
 from ..checkpoints import LoadedNetwork, load_network
 from ..networks.export_support import OUTPUT_NAMES, SceneNetwork

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.interchange import load_gaussians, save_gaussians
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 from .inputs import Case
 from .judge import Judge

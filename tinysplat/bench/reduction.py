@@ -12,7 +12,7 @@ from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes
 from tinysplat_runtime.codec.basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PAPER, find_profile
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 from .codec import coding_figures
 from .inputs import Case, truncated

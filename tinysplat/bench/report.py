@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tinysplat_runtime.files import StrPath, atomic_path
+from tinysplat_runtime.system.files import StrPath, atomic_path
 
 from .agreement import REPORT_JSON, Agreement
 from .goals import goal_lines

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.scene.cameras import Camera
 
 NEAR, FAR = 1.8, 9.0
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.files import StrPath
-from tinysplat_runtime.progress import progress
+from tinysplat_runtime.system.files import StrPath
+from tinysplat_runtime.system.progress import progress
 
 from .agreement import compare_reports, read_report
 from .machine import describe_machine

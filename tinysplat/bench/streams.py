@@ -17,7 +17,7 @@ import av
 
 from tinysplat_runtime.codec import encoder
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.threads import Crew
+from tinysplat_runtime.system.threads import Crew
 
 _START_CODE = b"\x00\x00\x00\x01"
 

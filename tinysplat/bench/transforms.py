@@ -13,13 +13,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.blas import single_thread
 from tinysplat_runtime.codec import synthesis
 from tinysplat_runtime.codec.decoder import decode_gaussians
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import Graph, GraphStore
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.inference import Graph, GraphStore
+from tinysplat_runtime.system.blas import single_thread
 
 from ..reference import transforms as reference
 from .timing import Figures, Stage, Variant

@@ -26,10 +26,10 @@ from tinysplat.evaluation.tables import format_table, number
 from tinysplat.evaluation.ways import Way
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import SceneEncoder
-from tinysplat_runtime.codec.planes import LayerPlan
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import read_limited, write_atomically
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.planes import LayerPlan
+from tinysplat_runtime.system.files import read_limited, write_atomically
 
 from .timing import Effort, Stage, Variant, measure, timed
 

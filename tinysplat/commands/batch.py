@@ -12,10 +12,10 @@ from tinysplat.batch.jobs import Options, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.arguments import AutoViews, count, size, views
-from tinysplat_runtime.cli import PROFILES
+from tinysplat_runtime.cli.arguments import AutoViews, count, size, views
+from tinysplat_runtime.cli.parser import PROFILES
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.system.threads import available_cores
 
 HELP = "many scenes to files, or measured, here or on a Ray cluster"
 

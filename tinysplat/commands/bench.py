@@ -12,8 +12,8 @@ from tinysplat.bench.report import Report, write_report
 from tinysplat.bench.run import compared, run_bench
 from tinysplat.bench.sections import FULL, QUICK, SECTIONS, Bench
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
-from tinysplat_runtime.artifacts import find_artifact
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.graphs.artifacts import find_artifact
 
 HELP = "error against run time, report with plots"
 

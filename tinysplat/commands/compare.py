@@ -10,14 +10,14 @@ from typing import Any
 from tinysplat.evaluation.comparison import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
 from tinysplat.evaluation.tables import format_table, number
 from tinysplat_runtime.api import decompress
-from tinysplat_runtime.arguments import size
-from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.cli.arguments import size
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.files import read_limited, write_atomically
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.interchange import load_gaussians
-from tinysplat_runtime.progress import progress
-from tinysplat_runtime.scenes import load_cameras
+from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.scenes import load_cameras
+from tinysplat_runtime.system.files import read_limited, write_atomically
+from tinysplat_runtime.system.progress import progress
 
 HELP = "two results side by side, with maps of their error"
 

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 import shtab
 
-from tinysplat_runtime.cli import build_parser, join_commands
+from tinysplat_runtime.cli.parser import build_parser, join_commands
 
 HELP = "a shell's completion script"
 

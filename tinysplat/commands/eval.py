@@ -16,11 +16,11 @@ from tinysplat.evaluation.sources import ChunkSource
 from tinysplat.evaluation.summary import document
 from tinysplat.evaluation.tables import csv_text, results_text
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.arguments import indices, size
+from tinysplat_runtime.cli.arguments import indices, size
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import write_atomically
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.threads import available_cores
 
 HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
 

@@ -15,13 +15,13 @@ import numpy as np
 import pycolmap
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import write_atomically
-from tinysplat_runtime.images import image_size, write_png
-from tinysplat_runtime.intake.colmap_worker import model_arrays
-from tinysplat_runtime.intake.depths import depth_range
-from tinysplat_runtime.intake.lenses import Lens
-from tinysplat_runtime.progress import progress
-from tinysplat_runtime.scenes import CAMERAS_FILE, Frame, camera_entry
+from tinysplat_runtime.scene.images import image_size, write_png
+from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
+from tinysplat_runtime.scene.intake.depths import depth_range
+from tinysplat_runtime.scene.intake.lenses import Lens
+from tinysplat_runtime.scene.scenes import CAMERAS_FILE, Frame, camera_entry
+from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.progress import progress
 
 HELP = "camera poses of photos, as a scene folder"
 

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from tinysplat.viewer.page import build_page
 from tinysplat_runtime.api import decompress
-from tinysplat_runtime.arguments import port
-from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.cli.arguments import port
+from tinysplat_runtime.cli.files import MAX_FILE_BYTES
+from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.files import read_limited, write_atomically
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inspection import inspect_bytes
-from tinysplat_runtime.interchange import load_gaussians
-from tinysplat_runtime.opening import MAX_FILE_BYTES
-from tinysplat_runtime.scenes import Scene, load_cameras, load_scene
+from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.scenes import Scene, load_cameras, load_scene
+from tinysplat_runtime.system.files import read_limited, write_atomically
 
 HELP = "a scene in the browser, or as one web page"
 

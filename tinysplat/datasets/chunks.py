@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath, check_readable, read_limited
-from tinysplat_runtime.images import MAX_PIXELS
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import MAX_PIXELS
+from tinysplat_runtime.system.files import StrPath, check_readable, read_limited
 
 from .specs import DatasetSpec
 

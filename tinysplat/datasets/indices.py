@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath, read_limited
+from tinysplat_runtime.system.files import StrPath, read_limited
 
 MAX_INDEX_BYTES = 64 * 1000 * 1000
 """RealEstate10K's, the largest there is, takes half a megabyte."""

@@ -23,12 +23,12 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
-from tinysplat_runtime.codec.planes import Channel, PlaneClass
 from tinysplat_runtime.codec.profiles import PAPER, PROFILES, Profile
-from tinysplat_runtime.codec.quantize import choose_code_map
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import GraphStore
-from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.codec.quantise import choose_code_map
+from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
+from tinysplat_runtime.graphs.inference import GraphStore
 
 _LEVELS = 1 << 14  # of the paper's integers
 _HEVC_STEP_14_BITS = 64.0  # quantiser step in 14-bit codes at QP 4

@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tinysplat.metrics import psnr, ssim
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import atomic_path, read_limited
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.images import read_image
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.system.files import atomic_path, read_limited
 
 from .measure import PSNR_CEILING, capped_psnr
 from .records import PICTURES, RESULTS, Record

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.scene.cameras import Camera
 
 DEPTHS = 16
 """Places along a pixel's ray, uniform in inverse depth from far to near."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import read_limited, write_atomically
+from tinysplat_runtime.system.files import read_limited, write_atomically
 
 from .rate_distortion import Point
 

@@ -22,10 +22,10 @@ from tinysplat_runtime.codec.basis import (
     weighted_spectrum,
 )
 from tinysplat_runtime.codec.encoder import SceneEncoder
-from tinysplat_runtime.codec.planes import LayerPlan, PlaneClass
 from tinysplat_runtime.codec.profiles import PROFILES, AdaptiveSettings, Profile
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
+from tinysplat_runtime.graphs.inference import GraphStore
 
 BASE = PROFILES["balanced"]
 """The profile whose ideas these are."""

@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import check_readable
+from tinysplat_runtime.system.files import check_readable
 
 from .lpips_files import LpipsFiles
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath, check_readable
+from tinysplat_runtime.system.files import StrPath, check_readable
 
 BACKBONE_FILES = {"vgg": "vgg16-397923af.pth", "alex": "alexnet-owt-7be5be79.pth"}
 """torchvision's names of the classifiers' weights."""

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from tinysplat.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.encoder import EncodeStats
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.images import write_png
-from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
 
 from .sources import Case
 

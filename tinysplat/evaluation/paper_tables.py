@@ -16,7 +16,7 @@ from pathlib import Path
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 from .measure import Prepared, prepare
 from .published import BITS, MAIN, TIMES, VIEWS, Quality

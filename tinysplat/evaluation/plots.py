@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from tinysplat_runtime.files import atomic_path
+from tinysplat_runtime.system.files import atomic_path
 
 _COLOURS = ("#4d4d4d", "#2a9d54", "#1b6ca8", "#8f5bb5", "#d1495b", "#c7861f", "#12a0a8", "#a33d8f", "#7a6a00")
 _MARKERS = "sv^oDPX*d"

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import tinysplat_runtime
-from tinysplat_runtime.artifacts import find_artifact, load_manifest
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath, read_limited, write_atomically
+from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
+from tinysplat_runtime.system.files import StrPath, read_limited, write_atomically
 
 RECORDS = "records"
 PICTURES = "pictures"

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.scenes import Scene
+from tinysplat_runtime.scene.scenes import Scene
 
 from .records import code_fingerprint, model_fingerprint
 from .runner import Job, Plan, list_jobs

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import tinysplat_runtime
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.system.threads import available_cores
 
 from .records import Record
 from .runner import Outcome, Settings

@@ -12,10 +12,10 @@ from pathlib import Path
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, Profile, find_profile
+from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inspection import inspect_bytes
-from tinysplat_runtime.interchange import load_gaussians, save_gaussians
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 from . import ideas
 from .rate_distortion import Pictures, Point, measure_point

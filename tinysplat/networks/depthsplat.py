@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from tinysplat_runtime.sh import C0
+from tinysplat_runtime.gaussian.sh import C0
 
 from .adapter import absolute_scales, offset_rays, place_means, relative_scales, world_quats
 from .algebra import scale_intrinsics

@@ -1,7 +1,8 @@
 """From the official networks' SH coefficients in the camera frame to the standard 3DGS basis in the world.
 
 The networks predict coefficients of e3nn's real harmonics E (polar axis y), rotated to the world by e3nn's D(R), and
-their rasterizer evaluates them with its own polynomials O. With S the standard basis of `tinysplat_runtime.sh`:
+their rasterizer evaluates them with its own polynomials O. With S the standard basis of
+`tinysplat_runtime.gaussian.sh`:
 
     E_k(x, y, z) = (−1)^k S_k(z, x, y)      O_k(x, y, z) = S_k(z, x, y), but for one polynomial, see `rendered_basis`
 
@@ -16,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from tinysplat_runtime.sh import C0, sh_basis, sh_terms
+from tinysplat_runtime.gaussian.sh import C0, sh_basis, sh_terms
 
 N_DIRECTIONS = 64
 """Points of the spiral that bases are compared on; any set of 25 in general position would do."""

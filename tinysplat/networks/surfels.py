@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from tinysplat.transforms import multiply_quats
-from tinysplat_runtime.sh import C0
+from tinysplat_runtime.gaussian.sh import C0
 
 from .aggregation import box_mean, box_minimum
 from .geometry import (

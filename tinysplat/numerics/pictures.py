@@ -11,15 +11,15 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.encoder import EncodeStats, _quantise
 from tinysplat_runtime.codec.hevc import MAX_CODE
-from tinysplat_runtime.codec.planes import Channel, PlaneClass
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.quaternions import normalize_quats
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
+from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.render.prepare import prepare
 from tinysplat_runtime.render.project import ALPHA_X, BETA_X, DILATION, GAMMA, Splats, View, X, Y, project
-from tinysplat_runtime.sh import sh_basis
+from tinysplat_runtime.scene.cameras import Camera
 
 from . import exact as E
 from .rows import EPS32, NumericRow

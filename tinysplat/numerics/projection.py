@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from tinysplat.reference.transforms import pixel_centres, project_view, unproject_view
 from tinysplat.transforms import Synthesis, ViewProjection
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import CONTRACTS, GraphStore, as_input
-from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats
+from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore, as_input
+from tinysplat_runtime.scene.cameras import Camera
 
 from . import exact as E
 from .rows import EPS32, EPS64, NumericRow

@@ -9,7 +9,6 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.basis import (
     LAMBDA_FLOOR,
     mean_magnitude_weighting,
@@ -18,9 +17,10 @@ from tinysplat_runtime.codec.basis import (
     view_directions,
     weighted_spectrum,
 )
-from tinysplat_runtime.codec.planes import Reduction
-from tinysplat_runtime.quaternions import normalize_quats, quats_to_matrices
-from tinysplat_runtime.sh import sh_basis
+from tinysplat_runtime.gaussian.planes import Reduction
+from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.sh import sh_basis
+from tinysplat_runtime.scene.cameras import Camera
 
 from .rows import EPS32, NumericRow
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from tinysplat.bench.timing import Effort, Row, Stage, Variant, measure
 from tinysplat.reference.transforms import project_view
 from tinysplat.transforms import Synthesis, ViewProjection
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
-from tinysplat_runtime.codec.quantize import choose_code_map
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import CONTRACTS, GraphStore
-from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.codec.quantise import choose_code_map
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.sh import sh_basis
+from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore
 from tinysplat_runtime.render.prepare import ALPHA_MIN, prepare, principal_axes
 from tinysplat_runtime.render.project import DILATION, Splats, View, project
-from tinysplat_runtime.sh import sh_basis
+from tinysplat_runtime.scene.cameras import Camera
 
 VIEWS, HEIGHT, WIDTH = 2, 256, 256
 DISTANCE = 1000.0

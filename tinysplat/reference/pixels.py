@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.quaternions import normalize_quats, quats_to_matrices
-from tinysplat_runtime.sh import sh_basis
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.sh import sh_basis
+from tinysplat_runtime.scene.cameras import Camera
 
 ALPHA_MIN, ALPHA_MAX, TRANSMITTANCE_MIN = 1 / 255, 0.99, 1e-4
 DILATION_PX2 = 0.3

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.quaternions import matrices_to_quats, multiply_quats, normalize_quats
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats
+from tinysplat_runtime.scene.cameras import Camera
 
 
 def pixel_centres(height: int, width: int) -> NDArray:

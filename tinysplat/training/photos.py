@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.images import read_image, resize_cover
-from tinysplat_runtime.scenes import CAMERAS_FILE, load_scene
+from tinysplat_runtime.scene.images import read_image, resize_cover
+from tinysplat_runtime.scene.scenes import CAMERAS_FILE, load_scene
 
 from .samples import Sample
 

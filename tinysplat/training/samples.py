@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tinysplat.rasteriser import PinholeCamera, render
-from tinysplat_runtime.sh import C0
+from tinysplat_runtime.gaussian.sh import C0
 
 
 @dataclass(frozen=True)

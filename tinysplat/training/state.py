@@ -13,7 +13,7 @@ from torch import Tensor
 
 from tinysplat.networks.edge import Edge
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import write_atomically
+from tinysplat_runtime.system.files import write_atomically
 
 from .config import Config, OptimiserSettings
 

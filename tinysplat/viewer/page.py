@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.editing import cut_degree, similarity
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.images import png_bytes
-from tinysplat_runtime.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.gaussian.editing import cut_degree, similarity
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import png_bytes
 
 DEPTH = 4.0
 """Median depth of a page's scene: sizes of controls and camera signs then suit any scene."""

@@ -17,19 +17,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blas import single_thread
-from ..gaussians import Gaussians
-from ..inference import GraphStore
-from .allocation import Steps, measured_depth_step
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import Channel, LayerPlan, PlaneClass, Reduction
+from ..graphs.inference import GraphStore
+from ..system.blas import single_thread
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
-from .contrast import block_offsets, contrast
+from .depth_step.allocation import Steps, measured_depth_step
+from .depth_step.contrast import block_offsets, contrast
+from .depth_step.probe import DepthProbe
 from .hevc import MAX_CODE
-from .planes import Channel, LayerPlan, PlaneClass, Reduction
-from .probe import DepthProbe
+from .one_colour import as_seen
 from .profiles import AdaptiveSettings
-from .quantize import hevc_step
-from .seen import as_seen
+from .quantise import hevc_step
 
 COARSE_DEPTH = 2.0
 """Step of the first depth picture in steps of the second, where two are needed. Where that is too fine for 12 bits too,

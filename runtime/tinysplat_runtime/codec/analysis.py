@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blas import single_thread
 from ..errors import NumericError
-from ..gaussians import Gaussians
-from ..inference import GraphStore, as_input
-from ..quaternions import conjugate_quats, left_multiplication_matrices, matrices_to_quats
-from .planes import GEOMETRY, PlaneClass
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import GEOMETRY, PlaneClass
+from ..gaussian.quaternions import conjugate_quats, left_multiplication_matrices, matrices_to_quats
+from ..graphs.inference import GraphStore, as_input
+from ..system.blas import single_thread
 
 MAX_PLANE = 1e15
 """Largest magnitude of a plane's values: sums of a million of their squares stay inside float32."""

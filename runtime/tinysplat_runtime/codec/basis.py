@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blas import single_thread
-from ..cameras import Camera
 from ..errors import InputError
-from ..sh import sh_basis
-from .planes import Reduction
+from ..gaussian.planes import Reduction
+from ..gaussian.sh import sh_basis
+from ..scene.cameras import Camera
+from ..system.blas import single_thread
 
 GRID = 3
 """Directions are the rays through the centres of GRID × GRID cells of every input view's image plane."""

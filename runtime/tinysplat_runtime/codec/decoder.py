@@ -14,15 +14,23 @@ from numpy.typing import NDArray
 from ..container.layout import ChannelRecord, Limits
 from ..container.reader import Container, LayerHeader, read_container
 from ..errors import FormatError
-from ..gaussians import FIELDS, Gaussians
-from ..inference import GraphStore
-from ..predict import predict
-from ..reports import Stopwatch
-from ..threads import Crew
-from .absent import PlaneRef, cut_off_planes, damaged_planes, first_picture_end, hidden_views, plane_name, stand_in_code
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..graphs.inference import GraphStore
+from ..graphs.predict import predict
+from ..system.stopwatch import Stopwatch
+from ..system.threads import Crew
 from .hevc import PlaneDecoder
 from .hybrid import check_prediction, predicted_geometry
 from .lossless import decode_exact
+from .missing import (
+    PlaneRef,
+    cut_off_planes,
+    damaged_planes,
+    first_picture_end,
+    hidden_views,
+    plane_name,
+    stand_in_code,
+)
 from .photos import decode_photos
 from .synthesis import LayerSynthesis, coded_channels
 

@@ -14,18 +14,18 @@ from ..container.layout import Limits
 from ..container.reader import read_container
 from ..container.writer import CodedChannel, CodedLayer, write_container
 from ..errors import FormatError, InputError, NumericError
-from ..gaussians import Gaussians
-from ..inference import GraphStore
-from ..reports import Stopwatch
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import Channel, LayerPlan, PlaneClass
+from ..graphs.inference import GraphStore
+from ..system.stopwatch import Stopwatch
 from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
-from .allocation import Steps
 from .analysis import MAX_PLANE, ProjectedLayer, project_layer
+from .depth_step.allocation import Steps
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from .hybrid import hybrid_settings, residual_plan
 from .paper import paper_colors, paper_plan
-from .planes import Channel, LayerPlan, PlaneClass
 from .profiles import AdaptiveSettings, PaperSettings, Profile
-from .quantize import CodeMap, choose_code_map, without_outliers
+from .quantise import CodeMap, choose_code_map, without_outliers
 
 FLAT_SPREAD = {
     PlaneClass.OFFSET: 1e-4,

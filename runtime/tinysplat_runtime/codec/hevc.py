@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TinySplatError
-from .planes import QP_BLOCK, pad_plane, padded_size, qp_block_side
+from ..gaussian.planes import QP_BLOCK, pad_plane, padded_size, qp_block_side
 
 BIT_DEPTH = 12
 MAX_CODE = (1 << BIT_DEPTH) - 1

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from ..container.reader import LayerHeader
 from ..errors import FormatError, InputError
-from ..gaussians import Gaussians
-from ..inference import GraphStore
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
+from ..graphs.inference import GraphStore
 from .adaptive import COARSE_DEPTH
-from .allocation import Steps
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
 from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
+from .depth_step.allocation import Steps
 from .hevc import MAX_CODE
-from .planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
 from .profiles import AdaptiveSettings, Profile
-from .quantize import hevc_step
+from .quantise import hevc_step
 
 _HALF_RANGE = 1 << 16
 

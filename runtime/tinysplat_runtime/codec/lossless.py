@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from ..container.extras import CodedExact, ExactLayer, exact_sections
 from ..container.writer import write_container
 from ..errors import FormatError, InputError, NumericError
-from ..gaussians import Gaussians
-from ..inference import GraphStore
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import GEOMETRY_CHANNELS
+from ..graphs.inference import GraphStore
 from .analysis import project_layer
-from .planes import GEOMETRY_CHANNELS
 
 GEOMETRY_PLANES = GEOMETRY_CHANNELS + 1
 """−1/z in two parts, then the other channels of `planes.GEOMETRY` in their order."""

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussians import Gaussians
-from ..inference import GraphStore
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
+from ..graphs.inference import GraphStore
 from .analysis import ProjectedLayer, coefficient_moment, color_planes
 from .basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
-from .planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
 from .profiles import PaperSettings
 
 _LEVELS = 1 << 14

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ..errors import InputError
+from ..gaussian.planes import PlaneClass
 from .hevc import EncoderSettings
-from .planes import PlaneClass
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from ..container.reader import read_container
 from ..container.writer import CodedChannel, CodedLayer, write_container
 from ..errors import InputError
-from .blocks import DCT, DEAD_ZONE, SIDE
+from ..gaussian.planes import Channel, LayerPlan, PlaneClass
+from .depth_step.blocks import DCT, DEAD_ZONE, SIDE
 from .encoder import MAX_GLOBAL_QP, SceneEncoder, is_flat
-from .planes import Channel, LayerPlan, PlaneClass
-from .quantize import choose_code_map
+from .quantise import choose_code_map
 
 SIZE_TOLERANCE = 0.03
 """A file of a target size is at most this share smaller, and never larger."""

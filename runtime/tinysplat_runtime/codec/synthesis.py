@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..container.reader import LayerHeader
-from ..gaussians import Gaussians
-from ..inference import GraphStore, as_input
-from ..quaternions import matrices_to_quats, multiply_quats
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
+from ..gaussian.quaternions import matrices_to_quats, multiply_quats
+from ..graphs.inference import GraphStore, as_input
 from .hybrid import add_colors, as_codes
-from .planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 
 STRIP_PX = 1 << 16
 """Pixels that the graph takes at a time: between its operators the numbers of so many stay in a core's share of the

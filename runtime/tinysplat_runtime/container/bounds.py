@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codec.hevc import MAX_CODE
-from ..codec.planes import GEOMETRY_CHANNELS, PlaneClass
 from ..errors import FormatError
+from ..gaussian.planes import GEOMETRY_CHANNELS, PlaneClass
 
 if TYPE_CHECKING:
     from .reader import LayerHeader

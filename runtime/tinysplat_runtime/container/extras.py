@@ -12,9 +12,9 @@ from zlib import crc32
 
 from numpy.typing import NDArray
 
-from ..cameras import Camera
 from ..errors import FormatError, InputError
-from ..sh import MAX_SH_DEGREE
+from ..gaussian.sh import MAX_SH_DEGREE
+from ..scene.cameras import Camera
 from .layout import INTRINSICS, MAX_SIDE, PARAMETER_SETS, STREAM, Limits, StreamRef
 from .sections import Cursor, Section, only
 

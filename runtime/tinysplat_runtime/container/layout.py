@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from ..codec.planes import PlaneClass
+from ..gaussian.planes import PlaneClass
 
 MAGIC = b"\x89TSPLAT\n"  # a byte no text has, and a line feed that text-mode copying would alter
 MAJOR, MINOR = 1, 0

@@ -6,7 +6,7 @@ import struct
 from zlib import crc32
 
 from ..errors import FormatError, InputError
-from ..notes import MAX_BYTES, NAMES, Notes
+from ..gaussian.notes import MAX_BYTES, NAMES, Notes
 from . import layout as L
 from .sections import Cursor
 

@@ -14,12 +14,12 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import MAX_POSITION, Camera
 from ..codec.hevc import MAX_QP
-from ..codec.planes import GEOMETRY, PlaneClass
 from ..errors import FormatError, InputError
-from ..notes import NO_NOTES, Notes
-from ..sh import MAX_SH_DEGREE
+from ..gaussian.notes import NO_NOTES, Notes
+from ..gaussian.planes import GEOMETRY, PlaneClass
+from ..gaussian.sh import MAX_SH_DEGREE
+from ..scene.cameras import MAX_POSITION, Camera
 from . import layout as L
 from .bounds import check_ranges, decoding_bytes
 from .extras import (

@@ -10,8 +10,8 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import Camera
-from ..codec.planes import LayerPlan, PlaneClass
+from ..gaussian.planes import LayerPlan, PlaneClass
+from ..scene.cameras import Camera
 from . import layout as L
 
 

@@ -15,8 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tinysplat_runtime.sh import C0, band_1, band_2, band_3, band_4
-
+from ..gaussian.sh import C0, band_1, band_2, band_3, band_4
 from .prepare import ALPHA_MIN
 from .project import DILATION, LIMIT, MARGIN_PX, WIDE_PX
 

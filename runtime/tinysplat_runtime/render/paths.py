@@ -9,9 +9,9 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.quaternions import matrices_to_quats, quats_to_matrices
+from ..errors import InputError
+from ..gaussian.quaternions import matrices_to_quats, quats_to_matrices
+from ..scene.cameras import Camera
 
 ORBIT_RADIUS = 0.04
 """Least half axis of an orbit as a share of the depth it looks at: about 2.3° of parallax to either side."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.quaternions import normalize_quats, quats_to_matrices
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 
 BLOCK_SIZE = 16_384
 

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.sh import C0, sh_degree, sh_terms
-
+from ..gaussian.sh import C0, sh_degree, sh_terms
+from ..scene.cameras import Camera
 from .prepare import ALPHA_MIN, Block, principal_axes
 
 DILATION = 0.3

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.threads import Crew, available_cores
-
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..scene.cameras import Camera
+from ..system.threads import Crew, available_cores
 from .composite import Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
 from .project import Splats, View, project

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from tinysplat.networks import DepthSplat, MVSplat, build
 from tinysplat.networks.outputs import PixelGaussians
-from tinysplat_runtime.quaternions import conjugate_quats, matrices_to_quats, multiply_quats
+from tinysplat_runtime.gaussian.quaternions import conjugate_quats, matrices_to_quats, multiply_quats
 
 from .check_golden import load_fixture
 from .det_weights import det_state_dict

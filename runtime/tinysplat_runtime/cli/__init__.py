@@ -1,0 +1,12 @@
+"""The command `tinysplat`: parser, commands, and what they share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line; see `parser.main`, which is loaded here so that importing this package is free."""
+    from .parser import main as run
+
+    return run(argv)

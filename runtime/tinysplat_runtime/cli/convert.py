@@ -1,0 +1,82 @@
+"""`convert`, and what `decode` shares with it: which Gaussians go out, how they are moved, and in what format."""
+
+from __future__ import annotations
+
+import math
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, TinySplatError
+from ..formats.table import save_gaussians, save_points
+from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, select_views, similarity, trim_border
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..system.stopwatch import Stopwatch
+from .files import load_any, noted
+
+_AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+
+
+def convert(args: Namespace) -> None:
+    """Gaussian files to another format; several become one."""
+    parts = []
+    for file in args.files:
+        loaded = load_any(Namespace(**{**vars(args), "file": file}), Stopwatch())
+        try:
+            parts.append(selected(args, loaded))
+        except TinySplatError as error:
+            raise error.within(file) from None
+    gaussians = parts[0] if len(parts) == 1 else merge(parts)
+    if args.crop:
+        gaussians = crop(gaussians, args.crop[:3], args.crop[3:])
+    gaussians = noted(args, similarity(gaussians, _rotation(args.rotate), args.scale, args.translate))
+    write(args, args.output, gaussians)
+    if not args.quiet:
+        print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
+
+
+def selected(args: Namespace, gaussians: Gaussians) -> Gaussians:
+    """What `--views`, `--trim-border`, `--min-opacity` and `--sh-degree` let out."""
+    if args.views is not None:
+        gaussians = select_views(gaussians, args.views)
+    if args.trim_border:
+        gaussians = trim_border(gaussians, args.trim_border)
+    if args.min_opacity is not None:
+        gaussians = drop_transparent(gaussians, args.min_opacity)
+    return gaussians if args.sh_degree is None else cut_degree(gaussians, args.sh_degree)
+
+
+def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
+    """Write a Gaussian file, or with `--points` a point cloud; what the format cannot keep goes to standard error."""
+    if args.points:
+        save_points(path, gaussians)
+        return
+    for loss in save_gaussians(path, gaussians, _sh_bits(args.sh_bits), args.spz_version):
+        print(f"{path}: {loss}", file=sys.stderr)
+
+
+def _sh_bits(values: Sequence[int]) -> tuple[int, int]:
+    if len(values) != 2:
+        raise InputError(f"{','.join(map(str, values))}, expected two numbers of 1 to 8", where="--sh-bits")
+    return values[0], values[1]
+
+
+def _rotation(text: str) -> NDArray:
+    """`x,90` (an axis and degrees) or `w,x,y,z` (a quaternion) as a matrix (3, 3)."""
+    axis, *rest = text.split(",")
+    try:
+        if axis in _AXES and len(rest) == 1:
+            half = math.radians(float(rest[0])) / 2
+            quat = np.array([math.cos(half), *(math.sin(half) * np.array(_AXES[axis]))])
+        else:
+            quat = np.array([float(axis), *map(float, rest)])
+        usable = quat.shape == (4,) and np.isfinite(quat).all() and quat.any()
+    except ValueError:
+        usable = False
+    if not usable:
+        raise InputError(f"'{text}', expected AXIS,DEGREES such as x,90 or a quaternion w,x,y,z", where="--rotate")
+    return quats_to_matrices(normalize_quats(quat))

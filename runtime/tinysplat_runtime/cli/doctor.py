@@ -1,0 +1,112 @@
+"""What this installation is made of, and what is wrong with it: `tinysplat doctor`."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import shutil
+from typing import Any
+
+from .. import __version__
+from ..errors import TinySplatError
+from ..graphs.artifacts import load_manifest, models_dir
+from ..system.threads import available_cores
+
+EXTRAS = {
+    "io": ("safetensors", "plyfile", "zstandard"),
+    "poses": ("pycolmap",),
+    "eval": ("matplotlib", "PIL", "tqdm", "torch"),
+    "cluster": ("fsspec", "ray"),
+    "fast": ("numba",),
+    "torch": ("torch",),
+    "export": ("onnx", "onnxscript"),
+    "demo": ("skimage",),
+    "completion": ("shtab",),
+    "train": ("matplotlib", "numba", "PIL", "skimage", "torch"),
+}
+"""Modules that an extra brings."""
+
+_BASE = ("numpy", "onnxruntime", "av")
+_CODECS = (("libx265", "w"), ("hevc", "r"), ("png", "r"), ("mjpeg", "r"), ("libx264", "w"))
+
+
+def examine() -> dict[str, Any]:
+    """JSON-ready: versions, machine, providers, codecs, models, extras, programs, and in `wrong` a line per fault."""
+    wrong: list[str] = []
+    report: dict[str, Any] = {
+        "tinysplat": __version__,
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}, {available_cores()} cores",
+        "packages": {name: _version(name, wrong) for name in _BASE},
+        "providers": _providers(wrong),
+        "codecs": _codecs(wrong),
+        "models": _models(wrong),
+        "extras": {extra: _extra(extra, names) for extra, names in EXTRAS.items()},
+        "programs": {name: shutil.which(name) or "not installed" for name in ("splat-transform",)},
+    }
+    return {**report, "wrong": wrong}
+
+
+def text(report: dict[str, Any]) -> str:
+    """`examine`'s account for reading."""
+    lines = [f"tinysplat {report['tinysplat']}, Python {report['python']}, {report['machine']}"]
+    for section in ("packages", "codecs", "models", "extras", "programs"):
+        lines += ["", section, *(f"  {name:22} {state}" for name, state in report[section].items())]
+    verdict = [f"WRONG: {line}" for line in report["wrong"]] or ["nothing is wrong"]
+    return "\n".join([*lines, "", "providers", *(f"  {name}" for name in report["providers"]), "", *verdict])
+
+
+def _version(name: str, wrong: list[str]) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        wrong.append(f"{name} is not installed; pip install tinysplat brings it")
+        return "not installed"
+
+
+def _providers(wrong: list[str]) -> list[str]:
+    try:
+        import onnxruntime
+    except ImportError as error:
+        wrong.append(f"onnxruntime does not load ({str(error)[:120]})")
+        return []
+    return list(onnxruntime.get_available_providers())
+
+
+def _codecs(wrong: list[str]) -> dict[str, str]:
+    try:
+        import av
+    except ImportError as error:
+        wrong.append(f"av does not load ({str(error)[:120]})")
+        return {}
+    states = {}
+    for name, mode in _CODECS:
+        try:
+            av.Codec(name, mode)  # type: ignore[arg-type]
+            states[name] = "encoder" if mode == "w" else "decoder"
+        except ValueError:
+            states[name] = "missing"
+            wrong.append(f"this av has no {name} {'encoder' if mode == 'w' else 'decoder'}; pip's wheels have it")
+    return states
+
+
+def _models(wrong: list[str]) -> dict[str, str]:
+    states = {}
+    try:
+        states["folder"] = str(models_dir()) + (" (TINYSPLAT_MODELS)" if os.environ.get("TINYSPLAT_MODELS") else "")
+        for name, artifact in load_manifest().items():
+            try:
+                states[name] = f"{artifact.role}, {len(artifact.read()) / 1000:.0f} KB, as the manifest says"
+            except TinySplatError as error:
+                states[name] = "WRONG"
+                wrong.append(str(error))
+    except TinySplatError as error:
+        wrong.append(str(error))
+    return states
+
+
+def _extra(extra: str, names: tuple[str, ...]) -> str:
+    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    return "installed" if not missing else f'lacks {", ".join(missing)}: pip install "tinysplat[{extra}]"'

@@ -1,0 +1,370 @@
+"""The command line: argument parsing, and errors as one line with an exit status. What commands do: commands.py.
+
+Exit status: 0 done, 2 the input is at fault (one line on standard error), 130 interrupted, 1 a fault of ours.
+Commands outside the runtime join through the entry-point group `tinysplat.commands`; see `join_commands`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from types import FrameType
+from typing import NoReturn, TypeAlias
+
+from .. import __version__
+from ..errors import InputError, TinySplatError
+from .arguments import byte_count, count, indices, numbers, positive, size, views
+
+PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they mean; not imported, to start fast
+
+MODES = ("gaussians", "photos", "hybrid", "auto")  # modes.py says what they are
+
+ENTRY_POINTS = "tinysplat.commands"
+
+EXTRAS = {
+    "eval": "eval",
+    "bench": "eval",
+    "compare": "eval",
+    "poses": "poses",
+    "batch": "cluster",
+    "completion": "completion",
+}
+"""Commands that an extra brings, for the message when it is not installed."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.prog}: {message}", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def _common() -> _Parser:
+    common = _Parser(add_help=False)
+    common.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
+    common.add_argument("--threads", type=count, metavar="N", help="default: all cores; no result depends on it")
+    return common
+
+
+def _coding() -> _Parser:
+    coding = _Parser(add_help=False)
+    coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
+    coding.add_argument("--profile", choices=PROFILES, help="default: balanced")
+    rate = coding.add_mutually_exclusive_group()
+    rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
+    rate.add_argument(
+        "--target-size",
+        type=byte_count,
+        metavar="SIZE",
+        help="100KB, 1.5MB or bytes; met within 3 %% from below",
+    )
+    rate.add_argument(
+        "--target-psnr",
+        type=float,
+        metavar="DB",
+        help="decoded against raw at the input views; met within 0.2 dB",
+    )
+    rate.add_argument("--lossless", action="store_true", help="float16 planes bit for bit, for archiving")
+    rate.add_argument(
+        "--like", metavar="F.tsplat",
+        help="with the profile, steps and maps of this file, and its own pictures where nothing changed",
+    )  # fmt: skip
+    coding.add_argument(
+        "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
+    )
+    coding.add_argument("--report", metavar="R.json", help="write bytes, seconds, memory and errors as JSON")
+    return coding
+
+
+def _limits() -> _Parser:
+    limits = _Parser(add_help=False)
+    limits.add_argument("--max-pixels", type=count, metavar="N", help="refuse files of more Gaussians (default 67 M)")
+    limits.add_argument(
+        "--max-memory", type=count, metavar="BYTES", help="refuse files that take more to decode (default 8 GiB)"
+    )
+    return limits
+
+
+def _selection() -> _Parser:
+    selection = _Parser(add_help=False)
+    selection.add_argument("--views", type=indices, metavar="I,J", help="only the Gaussians of these views")
+    selection.add_argument("--trim-border", type=count, metavar="PX", help="without the outermost pixels of each view")
+    selection.add_argument("--min-opacity", type=float, metavar="A", help="only Gaussians of this opacity or more")
+    selection.add_argument("--sh-degree", type=int, metavar="N", help="cut SH to this degree")
+    selection.add_argument(
+        "--points", action="store_true", help="write a plain point cloud (.ply) of means and colours"
+    )
+    selection.add_argument(
+        "--sh-bits", type=indices, default=(5, 4), metavar="A,B",
+        help="bits that .spz keeps of SH coefficients of degree 1 and above it, up to 8,8; default 5,4",
+    )  # fmt: skip
+    selection.add_argument(
+        "--spz-version", type=int, choices=(2, 3, 4), default=3,
+        help="of a written .spz; 4 keeps SH degree 4 and needs readers that know zstd; default 3",
+    )  # fmt: skip
+    return selection
+
+
+def _notes() -> _Parser:
+    notes = _Parser(add_help=False)
+    notes.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the file")
+    notes.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the file")
+    notes.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the file")
+    return notes
+
+
+def _provider() -> _Parser:
+    provider = _Parser(add_help=False)
+    provider.add_argument(
+        "--provider", metavar="NAME",
+        help="onnxruntime's execution provider, such as CUDA, before the CPU's; `tinysplat doctor` lists them",
+    )  # fmt: skip
+    return provider
+
+
+def _prefix() -> _Parser:
+    prefix = _Parser(add_help=False)
+    prefix.add_argument(
+        "--max-bytes", type=count, metavar="N", help="decode the first N bytes alone; `info` lists useful numbers"
+    )
+    prefix.add_argument(
+        "--partial", action="store_true", help="decode what is intact of a damaged or cut file, and say what is lost"
+    )
+    prefix.add_argument(
+        "--model", metavar="NAME|FILE.onnx", help="the network for a file of photos, where it is not found by its hash"
+    )
+    return prefix
+
+
+Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
+"""What `add_subparsers` returns; argparse has no public name for it."""
+
+
+def build_parser() -> tuple[_Parser, Commands]:
+    """The parser of the commands that need nothing but the runtime, and where further commands are added."""
+    parser = _Parser(prog="tinysplat", description="Posed photos in, a tiny 3D Gaussian scene out.", epilog=_EPILOG)
+    parser.add_argument("--version", action="version", version=f"tinysplat {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
+    for add in (_encode, _compress, _decode, _render, _convert, _info, _models, _doctor):
+        add(commands)
+    return parser, commands
+
+
+def _encode(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "encode", parents=[_common(), _coding(), _notes(), _provider()], help="photos and cameras to a .tsplat file"
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="+",
+        help="folder with cameras.json, transforms.json or COLMAP's sparse/; a RealEstate10K .txt; two stereo photos;"
+        " a video with --poses",
+    )  # fmt: skip
+    parser.add_argument(
+        "--views", type=views, metavar="I,J|auto[:N]",
+        help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all, if 2 to 6",
+    )  # fmt: skip
+    parser.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
+    parser.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
+    parser.add_argument(
+        "--poses", metavar="POSES",
+        help="of a video's frames: RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model",
+    )  # fmt: skip
+    parser.add_argument(
+        "--first-number", type=int, choices=(0, 1), default=0,
+        help="what POSES count from in names such as frame_00012.png; default 0",
+    )  # fmt: skip
+    parser.add_argument(
+        "--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
+    )
+    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over cameras.json's")
+    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
+    parser.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
+    parser.add_argument(
+        "--mode", choices=MODES, default="gaussians", help="what the file carries; default gaussians, any receiver's"
+    )
+    parser.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
+
+
+def _compress(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "compress",
+        parents=[_common(), _coding(), _notes(), _provider()],
+        help="Gaussians of any network to a .tsplat file",
+    )
+    parser.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
+    parser.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
+    parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
+    parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
+
+
+def _decode(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "decode",
+        parents=[_common(), _limits(), _prefix(), _selection(), _notes(), _provider()],
+        help="a .tsplat file back to Gaussians",
+    )
+    parser.add_argument("file", metavar="F.tsplat")
+    parser.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
+
+
+def _render(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "render", parents=[_common(), _limits(), _prefix(), _provider()], help="a picture or a video of Gaussians"
+    )
+    parser.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
+    parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
+    parser.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
+    parser.add_argument("--frames", type=count, default=60, metavar="N", help="frames of a video; default 60")
+    parser.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
+    parser.add_argument("--depth", action="store_true", help="a depth map (z, 16-bit PNG) in place of colours")
+    parser.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",
+                        help="value of a depth map per scene unit; default 1000")  # fmt: skip
+    parser.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
+
+
+def _convert(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "convert",
+        parents=[_common(), _limits(), _prefix(), _selection(), _notes(), _provider()],
+        help="Gaussian files to other formats, cut, moved or joined",
+    )
+    parser.add_argument("files", nargs="+", metavar="IN", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
+    parser.add_argument("--rotate", default="x,0", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
+    parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
+    parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
+
+
+def _info(commands: Commands) -> None:
+    parser = commands.add_parser("info", parents=[_common(), _limits()], help="what a .tsplat file holds")
+    parser.add_argument("file", metavar="F.tsplat")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def _models(commands: Commands) -> None:
+    parser = commands.add_parser("models", parents=[_common()], help="the networks and graphs at hand")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def _doctor(commands: Commands) -> None:
+    parser = commands.add_parser("doctor", parents=[_common()], help="what is installed, and what is wrong with it")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+_EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    with _interrupts() as noticed:
+        try:
+            return _answered(argv)
+        except Exception:
+            if noticed:  # C code on the way may have made another error of it, as numpy's import does
+                return 130
+            raise
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Interrupts that came while the block ran; each raises KeyboardInterrupt as it always does."""
+    noticed: list[int] = []
+
+    def notice(number: int, frame: FrameType | None) -> None:
+        noticed.append(number)
+        signal.default_int_handler(number, frame)
+
+    is_ours = threading.current_thread() is threading.main_thread()
+    if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield noticed
+        return
+    signal.signal(signal.SIGINT, notice)
+    try:
+        yield noticed
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _answered(argv: Sequence[str] | None) -> int:
+    """Run a command, its errors as one line."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(arguments)
+    except TinySplatError as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that the flush at exit finds no broken pipe
+        return 0
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{name}{error.strerror or error}")
+    except MemoryError:
+        return _fail("not enough memory; --size, fewer --views or --max-memory keep within it")
+
+
+def _fail(message: str) -> int:
+    print(f"tinysplat: {message}", file=sys.stderr)
+    return 2
+
+
+def _run(arguments: list[str]) -> int:
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # libraries' notes to programmers; what users need to know is an error
+    parser, commands = build_parser()
+    joined = join_commands(commands, arguments)
+    args = parser.parse_args(arguments)
+    if args.command in joined:
+        return joined[args.command](args) or 0
+    from . import commands as own  # here, so that --version and --help start without numpy
+
+    run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
+    run(args)
+    return 0
+
+
+def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:
+    """Add the commands of other packages, but only when one of them, or the list of all, is asked for.
+
+    An entry point of the group names a module with `HELP`, `configure(parser)` and `run(args)`.
+    """
+    word = next((a for a in arguments if not a.startswith("-")), None)
+    if word in commands.choices or (word is None and "--version" in arguments):
+        return {}
+    from importlib.metadata import entry_points
+
+    joined: dict[str, Callable[[argparse.Namespace], int | None]] = {}
+    for point in entry_points(group=ENTRY_POINTS):
+        if word not in (None, point.name):
+            continue
+        try:
+            module = point.load()
+        except ImportError as error:
+            if word == point.name:
+                raise _missing_extra(word, error.name) from None
+            continue
+        module.configure(commands.add_parser(point.name, parents=[_common()], help=module.HELP))
+        joined[point.name] = module.run
+    if word in EXTRAS and word not in joined:
+        raise _missing_extra(word, None)
+    return joined
+
+
+def _missing_extra(command: str, module: str | None) -> InputError:
+    needs = f"needs the package '{module}'" if module else "is not installed"
+    return InputError(f'{needs}; pip install "tinysplat[{EXTRAS.get(command, command)}]" brings it', where=command)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

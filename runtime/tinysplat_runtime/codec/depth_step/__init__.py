@@ -1,0 +1,1 @@
+"""How finely depth is coded: an error's damage to the picture, measured on the scene itself."""

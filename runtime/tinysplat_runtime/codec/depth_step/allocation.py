@@ -1,0 +1,61 @@
+"""How finely depth is coded: as finely as its errors show in the picture.
+
+Errors of all other classes cost about the same in every scene, so that their steps are constants (`profiles`). Depth's
+show where Gaussians change places, and the step at which they cost a given error differs by a factor of 20 from scene
+to scene: it is measured (`probe`). That error is the same everywhere: on ten scenes of four kinds the best step,
+searched for, made an error of 2.5e-5 to 4.6e-5 in whole pictures midway between the views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from numpy.typing import NDArray
+
+from ...gaussian.planes import PlaneClass
+from .blocks import BlockSpectrum
+from .probe import DepthProbe
+
+DEPTH_EXPONENT = 1.0
+"""Growth of the squared picture error with depth's step, about: errors show as neighbours that change places. On ten
+scenes it was 0.5 to 1.2 about their best steps."""
+
+FARTHEST = 3.5
+"""Most that measurements move the step either way: a stripe is a sample of the scene."""
+
+NEAR_ENOUGH = 1.41
+"""A measurement that moves the step by less is the last: the next one would move it by little."""
+
+_LEAST_DAMAGE = 1e-12
+
+Steps = dict[PlaneClass, float]
+
+
+def measured_depth_step(
+    probe: DepthProbe,
+    inverse: Sequence[NDArray],
+    offsets: Sequence[NDArray],
+    start: float,
+    target: float,
+    rounds: int,
+) -> float:
+    """The step of −1/z at which depth's errors cost `target`.
+
+    Args:
+        probe: of the same layers.
+        inverse: (V, H, W) −1/z of each layer.
+        offsets: of each layer, the QPs by which its blocks are coarser; see `Channel`.
+        start: step to measure at first, and to stay within a factor of `FARTHEST` of.
+        target: mean squared picture error wanted.
+        rounds: measurements at most, each at the step that the one before led to.
+    """
+    spectra = [BlockSpectrum.of(planes) for planes in inverse]
+    step = start
+    for _ in range(rounds):
+        errors = [spectrum.coding_error(step, by_block) for spectrum, by_block in zip(spectra, offsets, strict=True)]
+        before, damage = step, max(probe.damage(errors), _LEAST_DAMAGE)
+        step *= (target / damage) ** (1 / DEPTH_EXPONENT)
+        step = min(max(step, start / FARTHEST), start * FARTHEST)
+        if max(step, before) <= NEAR_ENOUGH * min(step, before):
+            break
+    return step

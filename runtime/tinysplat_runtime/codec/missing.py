@@ -1,0 +1,92 @@
+"""Planes that are not at hand: which ones they are, and what stands in for them.
+
+A prefix of a file lacks its last planes, a damaged file those whose checksums differ. Whatever the reason, the decoder
+treats a plane that is not there in one way, described in docs/FORMAT.md, "Prefixes": its samples are all
+`stand_in_code`, and a view without its first depth picture is hidden, since Gaussians at a guessed depth would only
+cover what is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+from ..container.layout import PLANES
+from ..container.reader import Container, LayerHeader
+from ..errors import FormatError
+from ..gaussian.planes import PlaneClass
+from .hevc import MAX_CODE
+from .quantise import MID_CODE
+
+
+class PlaneRef(NamedTuple):
+    """One picture of a file: its layer, the index of its channel record there, and its view."""
+
+    layer: int
+    channel: int
+    view: int
+
+
+def all_planes(container: Container) -> list[PlaneRef]:
+    """Every picture that the metadata lists, in the order of the records."""
+    return [
+        PlaneRef(index, number, view)
+        for index, layer in enumerate(container.layers)
+        for number, channel in enumerate(layer.channels)
+        for view in range(len(channel.streams))
+    ]
+
+
+def cut_off_planes(container: Container) -> frozenset[PlaneRef]:
+    """The pictures that a prefix of the file does not hold to their end; none of a whole file."""
+    return frozenset(
+        ref
+        for ref in all_planes(container)
+        if not container.holds(ref.layer, container.layers[ref.layer].channels[ref.channel], ref.view)
+    )
+
+
+def damaged_planes(container: Container) -> frozenset[PlaneRef]:
+    """The pictures whose bytes are not all there, or not those that were written."""
+    absent = cut_off_planes(container)
+    return absent | {ref for ref in all_planes(container) if ref not in absent and not _is_intact(container, ref)}
+
+
+def _is_intact(container: Container, ref: PlaneRef) -> bool:
+    try:
+        container.payload(ref.layer, container.layers[ref.layer].channels[ref.channel], ref.view)
+    except FormatError:
+        return False
+    return True
+
+
+def plane_name(container: Container, ref: PlaneRef) -> str:
+    """For messages, for instance `layer 0 color2 view 1`."""
+    return f"layer {ref.layer} {container.layers[ref.layer].channels[ref.channel].name} view {ref.view}"
+
+
+def stand_in_code(layer: LayerHeader, channel: int) -> int:
+    """The code of every sample of an absent picture of the layer's record `channel`.
+
+    Encoders put a channel's mean at code 2048 where its range allows. A record that refines another one's depth adds
+    nothing instead: it takes the code whose value is nearest to 0.
+    """
+    record = layer.channels[channel]
+    earlier = ((c.plane_class, c.target) for c in layer.channels[:channel])
+    is_refinement = (record.plane_class, record.target) in earlier
+    if not is_refinement or record.scale == 0:
+        return MID_CODE
+    return min(max(round(-record.offset / record.scale), 0), MAX_CODE)
+
+
+def hidden_views(layer: LayerHeader, index: int, absent: Collection[PlaneRef]) -> list[int]:
+    """Views of layer `index` whose first depth picture is absent: their Gaussians get opacity 0."""
+    first = next((n for n, c in enumerate(layer.channels) if c.plane_class == PlaneClass.DEPTH), None)
+    return [] if first is None else [view for view in range(len(layer.cameras)) if (index, first, view) in absent]
+
+
+def first_picture_end(container: Container) -> int:
+    """Bytes of the smallest prefix that holds a depth picture of layer 0, which must have one."""
+    section = next(s for s in container.plane_sections if (s.kind, s.index) == (PLANES[PlaneClass.DEPTH], 0))
+    record = next(c for c in container.layers[0].channels if c.plane_class == PlaneClass.DEPTH and c.streams)
+    return section.end - section.length + record.streams[0].length

@@ -1,0 +1,293 @@
+"""Code Gaussians like a file: with its maps, ranges, steps and QPs, and its very pictures where nothing changed.
+
+A decoded scene that is coded anew loses quality although nothing changed: steps are measured on other planes, and HEVC
+is no fixed point of itself, because libx265 chooses other block sizes and directions for its own output. Here a
+Gaussian that is still what the file decodes to takes the file's codes, and a picture all of whose Gaussians are takes
+the file's bytes: an untouched scene becomes the same planes to the bit, an edited one pays where it was edited.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.layout import ChannelRecord, Limits
+from ..container.reader import Container, LayerHeader, read_container
+from ..container.writer import CodedChannel, CodedLayer, write_container
+from ..errors import FormatError, InputError
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
+from ..graphs.inference import GraphStore
+from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
+from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
+from .decoder import decode_gaussians
+from .encoder import EncodeStats, check_readable
+from .hevc import EncoderSettings, PlaneDecoder, encode_plane
+from .hybrid import fitted_sh
+from .one_colour import as_seen
+from .profiles import PaperSettings, Profile, find_profile
+from .quantise import CodeMap
+
+SAME = 0.25
+"""Codes that a value may differ by from what the file decodes to and still be the same: rounding of a format on the
+way (.ply has logarithms and logits) moves values by less, an eighth of the finest quantiser step is ten times more."""
+
+_LEAST_SCALE = 1e-30
+_WHERE = "like"
+
+
+@dataclass
+class _Target:
+    """What the channels of one class and number add up to.
+
+    Attributes:
+        values: (V, H, W) wanted.
+        rest: what the channels coded so far have left of it.
+        same: (V, H, W) whether the value is still what the file decodes to.
+    """
+
+    values: NDArray
+    rest: NDArray
+    same: NDArray
+
+
+def encode_like(
+    gaussians: Gaussians,
+    file: bytes,
+    store: GraphStore,
+    *,
+    threads: int,
+    limits: Limits | None = None,
+    drop_invalid: bool = False,
+    stats: EncodeStats | None = None,
+) -> bytes:
+    """Code all layers as a file's were.
+
+    Args:
+        gaussians: per pixel, with cameras, of the file's views, layers and grids; SH of another degree are cut or
+            filled with zeros, and where the file has degree 0, one colour takes their place as the input views see it.
+        file: a `.tsplat` file of mode gaussians.
+        store: opens the graphs.
+        threads: planes coded at a time; never changes the bytes.
+        limits: what to accept of the file.
+        drop_invalid: as `encode_gaussians`.
+        stats: filled with what was measured.
+
+    Returns:
+        A file of the same profile, Q_g, maps, steps and QPs, and with the cameras of `gaussians`.
+
+    Raises:
+        FormatError: the file is damaged.
+        InputError: it is of another mode, or of a profile that is none; other views, layers or grids.
+        NumericError: as `encode_gaussians`.
+    """
+    stats = stats or EncodeStats()
+    with stats.watch.stage("parse"):
+        try:
+            container = read_container(file, limits)
+            profile = _checked(gaussians, container)
+            earlier = decode_gaussians(file, store, threads=threads, limits=limits)
+        except FormatError as error:
+            raise error.within(_WHERE) from None
+    layers = []
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        for index in range(len(container.layers)):
+            pair = gaussians.layers[index], earlier.layers[index]
+            coder = _LayerCoder(container, index, profile.encoder, pool, stats)
+            layers.append(coder.code(*_targets(store, container.layers[index], *pair, profile, drop_invalid, stats)))
+    with stats.watch.stage("write"):
+        data = write_container(layers, gaussians.cameras, gaussians.origin, profile.name, container.qp)
+        check_readable(data)
+    return data
+
+
+def _checked(gaussians: Gaussians, container: Container) -> Profile:
+    """The file's profile; InputError unless the file can serve as the scene's model."""
+    if container.mode != "gaussians":
+        raise InputError(f"a file of mode {container.mode}, expected gaussians", where=_WHERE)
+    if not gaussians.is_per_pixel:
+        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+    found = [layer.opacities.shape for layer in gaussians.layers]
+    wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.layers]
+    if found != wanted:
+        raise InputError(f"grids {_grids(found)}, those of the file are {_grids(wanted)}", where="gaussians")
+    for index, layer in enumerate(container.layers):
+        for channel in layer.channels:
+            if channel.streams and not channel.scale > _LEAST_SCALE:
+                found_scale = f"plane {channel.name} of layer {index} has {channel.scale:g} units per code"
+                raise InputError(f"{found_scale}, expected more than {_LEAST_SCALE:g}", where=_WHERE)
+    return find_profile(container.profile)
+
+
+def _grids(shapes: Sequence[tuple[int, ...]]) -> str:
+    return ", ".join("x".join(map(str, shape)) for shape in shapes)
+
+
+def _targets(
+    store: GraphStore,
+    header: LayerHeader,
+    layer: Gaussians,
+    earlier: Gaussians,
+    profile: Profile,
+    drop_invalid: bool,
+    stats: EncodeStats,
+) -> tuple[dict[tuple[PlaneClass, int], _Target], LayerPlan]:
+    """What every channel of a layer is to hold, and the maps behind them."""
+    with stats.watch.stage("vpt"):
+        projected = [project_layer(store, one, drop_invalid=drop_invalid, where="") for one in (layer, earlier)]
+    with stats.watch.stage("vabr"):
+        reduction = _reduction(header, profile)
+        colors = [_colors(store, one, header, reduction) for one in (layer, earlier)]
+    wanted, decoded = ({**_geometry(p, header), **c} for p, c in zip(projected, colors, strict=True))
+    if header.reference_quats is None:  # q and −q are one rotation: the sign is the file's
+        _align_signs(wanted, decoded)
+    finest: dict[tuple[PlaneClass, int], float] = {}
+    for channel in header.channels:
+        key = channel.plane_class, channel.target
+        finest[key] = min(finest.get(key, np.inf), channel.scale if channel.streams else np.inf)
+    targets = {}
+    for key, scale in finest.items():
+        tolerance = SAME * scale if np.isfinite(scale) else 1e-5 * (1 + np.abs(decoded[key]))
+        same = np.abs(wanted[key].astype(np.float64) - decoded[key]) <= tolerance
+        targets[key] = _Target(wanted[key], wanted[key], same)
+    limits = _depth_limits(projected[0], targets.get((PlaneClass.DEPTH, 0)), header)
+    maps = header.reference_quats, header.scale_mix, reduction
+    return targets, LayerPlan((), header.degree, limits, header.inverse_depth, None, *maps)
+
+
+def _depth_limits(projected: ProjectedLayer, target: _Target | None, header: LayerHeader) -> tuple[float, float]:
+    """The file's, and as far beyond as Gaussians that are new reach."""
+    low, high = header.depth_limits
+    new = projected.geometry[:, 0][~target.same] if target is not None else np.empty(0)
+    return (min(low, float(new.min())), max(high, float(new.max()))) if new.size else (low, high)
+
+
+def _reduction(header: LayerHeader, profile: Profile) -> Reduction | None:
+    """The file's basis, and the forward map that belongs to it under the profile's weighting."""
+    if header.basis is None:
+        return None
+    directions, is_paper = view_directions(header.cameras), isinstance(profile.settings, PaperSettings)
+    weighting = (mean_magnitude_weighting if is_paper else second_moment_weighting)(directions, header.degree)
+    return Reduction(header.basis, left_inverse(header.basis, weighting), header.energy_lost, header.condition)
+
+
+def _colors(
+    store: GraphStore, layer: Gaussians, header: LayerHeader, reduction: Reduction | None
+) -> dict[tuple[PlaneClass, int], NDArray]:
+    if header.degree == 0:
+        layer = as_seen(layer, np.inf) or layer
+    sh = fitted_sh(layer.sh, (*layer.sh.shape[:-2], (header.degree + 1) ** 2, 3))
+    if reduction is None:
+        planes = np.moveaxis(sh[..., 0, :], -1, 1)
+    else:
+        planes = color_planes(store, replace(layer, sh=sh, extra_layers=()), reduction.projection)
+    return {(PlaneClass.COLOR, k): planes[:, k] for k in range(planes.shape[1])}
+
+
+def _geometry(projected: ProjectedLayer, header: LayerHeader) -> dict[tuple[PlaneClass, int], NDArray]:
+    """Planes (V, H, W) in the file's own units."""
+    depth, scales = projected.planes(PlaneClass.DEPTH), projected.planes(PlaneClass.SCALE)
+    if header.inverse_depth:
+        depth = -1 / depth
+    if header.scale_mix is not None:
+        matrix, mean = (a.astype(np.float64) for a in header.scale_mix)
+        scales = np.einsum("pc,vchw->vphw", np.linalg.pinv(matrix), scales - mean[:, None, None]).astype(np.float32)
+    rotation = projected.planes(PlaneClass.ROTATION)
+    if header.reference_quats is not None:
+        vector = relative_rotation_planes(projected, header.reference_quats.astype(np.float64))
+        rotation = np.concatenate([np.zeros_like(depth), vector], axis=1)  # w is rebuilt, whatever a file says of it
+    planes = {
+        PlaneClass.DEPTH: depth,
+        PlaneClass.SCALE: scales,
+        PlaneClass.ROTATION: rotation,
+        PlaneClass.OPACITY: projected.planes(PlaneClass.OPACITY),
+        PlaneClass.OFFSET: projected.planes(PlaneClass.OFFSET),
+    }
+    return {(c, target): values[:, target] for c, values in planes.items() for target in range(values.shape[1])}
+
+
+def _align_signs(wanted: dict[tuple[PlaneClass, int], NDArray], decoded: dict[tuple[PlaneClass, int], NDArray]) -> None:
+    keys = [(PlaneClass.ROTATION, n) for n in range(4)]
+    negative = sum(wanted[key] * decoded[key] for key in keys) < 0
+    for key in keys:
+        wanted[key] = np.where(negative, -wanted[key], wanted[key])
+
+
+class _LayerCoder:
+    """Codes the channels of one layer, keeping the file's pictures where they still say what is wanted."""
+
+    def __init__(
+        self, container: Container, index: int, settings: EncoderSettings, pool: ThreadPoolExecutor, stats: EncodeStats
+    ) -> None:
+        self._container, self._index, self._header = container, index, container.layers[index]
+        self._settings, self._pool, self._stats = settings, pool, stats
+        self._sets = container.parameter_sets.get(self._header.parameter_set, b"")
+
+    def code(self, targets: dict[tuple[PlaneClass, int], _Target], plan: LayerPlan) -> CodedLayer:
+        """The layer ready for the file."""
+        clipped = dict(self._stats.clipped)
+        channels, sets = self._channels(targets)
+        if sets - {self._sets}:  # another libx265, whose pictures need other parameter sets: none of the file's stays
+            self._stats.clipped = clipped
+            fresh = {key: _Target(t.values, t.values, np.zeros_like(t.same)) for key, t in targets.items()}
+            channels, sets = self._channels(fresh)
+            self._sets = next(iter(sets))
+        header = self._header
+        degree = max(header.source_degree, plan.degree)
+        return CodedLayer(header.height, header.width, degree, plan, tuple(channels), self._sets, header.cameras)
+
+    def _channels(self, targets: dict[tuple[PlaneClass, int], _Target]) -> tuple[list[CodedChannel], set[bytes]]:
+        """All channels, and the parameter sets of the pictures that were coded anew."""
+        channels, sets = [], set[bytes]()
+        for record in self._header.channels:
+            target = targets[record.plane_class, record.target]
+            if record.streams:
+                with self._stats.watch.stage("x265"):
+                    channels.append(self._coded(record, target, sets))
+            else:
+                is_same, mean = target.same.all(), float(target.rest.mean(dtype=np.float64))
+                value = record.offset if is_same else mean
+                channels.append(CodedChannel(record.plane_class, record.target, record.qp, record.scale, value))
+        return channels, sets
+
+    def _coded(self, record: ChannelRecord, target: _Target, sets: set[bytes]) -> CodedChannel:
+        code_map = CodeMap(record.scale, record.offset, record.qp)
+        codes, clipped = code_map.quantise(target.rest)
+        label = record.plane_class.label
+        self._stats.clipped[label] = self._stats.clipped.get(label, 0) + clipped
+        payloads, decoded = [], []
+        for payload, picture, fresh in self._pool.map(
+            lambda view: self._picture(record, codes[view], target.same[view], view), range(len(codes))
+        ):
+            payloads.append(payload)
+            decoded.append(picture)
+            if fresh is not None:
+                sets.add(fresh)
+                target.same[len(payloads) - 1] = False  # what a second channel adds to this one changes with it
+        target.rest = target.rest - code_map.dequantise(np.stack(decoded))
+        return CodedChannel(record.plane_class, record.target, record.qp, record.scale, record.offset, tuple(payloads))
+
+    def _picture(
+        self, record: ChannelRecord, codes: NDArray, same: NDArray, view: int
+    ) -> tuple[bytes, NDArray, bytes | None]:
+        """A picture's slice, what it decodes to, and its parameter sets where it was coded anew."""
+        earlier = bytes(self._container.payload(self._index, record, view))
+        decoded = self._decoded(self._file_sets, earlier, codes)
+        if same.all():
+            return earlier, decoded, None
+        coded = encode_plane(np.where(same, decoded, codes), record.qp, self._settings)
+        return coded.payload, self._decoded(coded.parameter_sets, coded.payload, codes), coded.parameter_sets
+
+    @property
+    def _file_sets(self) -> bytes:
+        return self._container.parameter_sets[self._header.parameter_set]
+
+    @staticmethod
+    def _decoded(parameter_sets: bytes, payload: bytes, like: NDArray) -> NDArray:
+        out = np.empty_like(like)
+        PlaneDecoder(parameter_sets, *like.shape).decode_into(payload, out)
+        return out

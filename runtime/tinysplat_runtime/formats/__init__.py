@@ -1,0 +1,1 @@
+"""Gaussian files of other tools, a module a format."""

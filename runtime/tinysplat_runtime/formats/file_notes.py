@@ -1,0 +1,98 @@
+"""Notes in Gaussian files of other tools: as JSON in .npz, as metadata in .safetensors, as comments in .ply.
+
+    .npz           array `notes`, the UTF-8 bytes of an object with any of unit, attribution and licence
+    .safetensors   metadata of these names
+    .ply           `comment attribution: …` and so on in the header, in ASCII with JSON's escapes
+
+Trust boundary: what is read goes through the checks of `Notes`, whoever wrote it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.notes import MAX_BYTES, NAMES, NO_NOTES, Notes
+from ..system.files import parsing
+
+KEEPS = (".npz", ".safetensors", ".ply")
+"""Formats with room for notes."""
+
+NPZ_ARRAY = "notes"
+
+_MAX_JSON_BYTES = 6 * sum(MAX_BYTES.values())  # escapes take up to six bytes for one
+_COMMENT = re.compile(rf"^comment ({'|'.join(NAMES)}): ?(.*?)\r?$", re.MULTILINE)
+_MAX_HEADER_BYTES = 1 << 16
+
+
+def read_notes(path: Path) -> Notes:
+    """Notes of a file of one of KEEPS, empty where it has none; of another format always empty.
+
+    Raises:
+        InputError: text that is too long or does not print, or a damaged file.
+        ImportError: a .safetensors file, and safetensors is not installed.
+    """
+    readers = {".npz": _npz_notes, ".safetensors": _safetensors_notes, ".ply": _ply_notes}
+    read = readers.get(path.suffix.lower())
+    return NO_NOTES if read is None else Notes(**read(path))
+
+
+def npz_array(notes: Notes) -> NDArray:
+    """(bytes,) uint8 for an .npz file."""
+    return np.frombuffer(json.dumps(notes.given()).encode(), np.uint8)
+
+
+def ply_comments(notes: Notes) -> list[str]:
+    """Lines for the header of a .ply file."""
+    return [f"{name}: {json.dumps(text)[1:-1]}" for name, text in notes.given().items()]
+
+
+def _npz_notes(path: Path) -> dict[str, str]:
+    name = f"{NPZ_ARRAY}.npy"
+    with parsing(".npz file"), zipfile.ZipFile(path) as archive:
+        if name not in archive.namelist():
+            return {}
+        if archive.getinfo(name).file_size > _MAX_JSON_BYTES:
+            raise InputError(f"more than {_MAX_JSON_BYTES} bytes", where=NPZ_ARRAY)
+        with archive.open(name) as member:
+            data = np.lib.format.read_array(member, allow_pickle=False).tobytes()
+    try:
+        document = json.loads(data)
+    except (ValueError, RecursionError):
+        raise InputError("not JSON", where=NPZ_ARRAY) from None
+    if not isinstance(document, dict):
+        raise InputError("not a JSON object", where=NPZ_ARRAY)
+    return _known(document)
+
+
+def _safetensors_notes(path: Path) -> dict[str, str]:
+    import safetensors
+
+    with parsing(".safetensors file"), safetensors.safe_open(str(path), framework="numpy") as file:
+        return _known(file.metadata() or {})
+
+
+def _ply_notes(path: Path) -> dict[str, str]:
+    with path.open("rb") as file:
+        header = file.read(_MAX_HEADER_BYTES).partition(b"end_header")[0].decode("utf-8", "replace")
+    return {name: _unescaped(text) for name, text in _COMMENT.findall(header)}
+
+
+def _unescaped(text: str) -> str:
+    """Text of JSON's escapes, or as it stands where another program wrote it."""
+    try:
+        return str(json.loads(f'"{text}"'))
+    except ValueError:
+        return text
+
+
+def _known(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: document[name] for name in NAMES if name in document}

@@ -1,0 +1,138 @@
+"""Points in the .ply layout of 3D Gaussian Splatting, through the package plyfile.
+
+Names and order: x y z, nx ny nz (zero), f_dc_0…2, f_rest_* with all higher SH coefficients of red, then of green, then
+of blue, opacity (logit), scale_0…2 (natural logarithm), rot_0…3 (wxyz). Source: Kerbl et al. 2023, the reference code's
+`save_ply`.
+
+Trust boundary: a header's counts are held against the file's length before memory is taken.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.quaternions import normalize_quats
+from ..system.files import parsing
+
+MAX_PLY_DEGREE = 3
+"""The highest SH degree that the layout's readers know."""
+
+_MEANS, _CONSTANT, _OPACITY = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2"), ("opacity",)
+_SCALES, _QUATS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
+_REST = re.compile(r"f_rest_\d{1,3}")
+
+_MAX_HEADER_BYTES = 1 << 16
+_OPACITY_MARGIN = 2.0**-24  # logits within ±16.6; what it moves is less than float32's step at 1
+
+
+def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, in floating point.
+
+    Positions stored as double stay float64.
+
+    Raises:
+        InputError: damaged, of another layout, or larger than `max_bytes`.
+        ImportError: plyfile is not installed.
+    """
+    import plyfile
+
+    _check_header(path, max_bytes)
+    with parsing(".ply file"):
+        elements = {element.name: element for element in plyfile.PlyData.read(str(path))}
+        vertex: NDArray[Any] = elements["vertex"].data if "vertex" in elements else np.zeros(0)
+    names = [name for name in vertex.dtype.names or () if vertex.dtype[name].kind in "fiu"]  # lists are objects
+    rest = [f"f_rest_{i}" for i in range(sum(_REST.fullmatch(name) is not None for name in names))]
+    missing = [name for name in (*_MEANS, *_CONSTANT, *rest, *_OPACITY, *_SCALES, *_QUATS) if name not in names]
+    if missing or len(rest) % 3:
+        found = f"lacks {', '.join(missing[:6])}" if missing else f"{len(rest)} f_rest properties"
+        raise InputError(f"{found}, expected vertices in the layout of 3D Gaussian Splatting")
+    with parsing(".ply file"), np.errstate(over="ignore", invalid="ignore"):
+        higher = _columns(vertex, rest).reshape(len(vertex), 3, -1).swapaxes(1, 2)  # (N, B − 1, 3)
+        return {
+            "means": _columns(vertex, _MEANS),
+            "quats": _columns(vertex, _QUATS),
+            "scales": np.exp(_columns(vertex, _SCALES).astype(np.float64)),
+            "opacities": 1 / (1 + np.exp(-_columns(vertex, _OPACITY)[:, 0].astype(np.float64))),
+            "sh": np.concatenate([_columns(vertex, _CONSTANT)[:, None], higher], axis=1),
+        }
+
+
+def write_ply(path: Path, gaussians: Gaussians, means: NDArray, comments: Sequence[str] = ()) -> None:
+    """Write points; SH above degree MAX_PLY_DEGREE is left out, opacities 0 and 1 and scales 0 move by less than 1e-7.
+
+    Args:
+        path: the file.
+        gaussians: (N,), without layers.
+        means: (N, 3) world positions, float32 or float64; the file's type for them follows.
+        comments: lines of ASCII for the header.
+    """
+    import plyfile
+
+    sh = gaussians.sh[:, : (MAX_PLY_DEGREE + 1) ** 2]  # (N, B, 3)
+    opacities = gaussians.opacities.astype(np.float64).clip(_OPACITY_MARGIN, 1 - _OPACITY_MARGIN)
+    higher = sh[:, 1:].swapaxes(1, 2).reshape(len(sh), -1)
+    blocks: list[tuple[Sequence[str], NDArray]] = [
+        (_MEANS, means),
+        (("nx", "ny", "nz"), np.zeros_like(means)),
+        (_CONSTANT, sh[:, 0]),
+        ([f"f_rest_{i}" for i in range(higher.shape[1])], higher),
+        (_OPACITY, (np.log(opacities) - np.log1p(-opacities))[:, None]),
+        (_SCALES, np.log(gaussians.scales.clip(np.finfo(np.float32).tiny))),
+        (_QUATS, normalize_quats(gaussians.quats)),
+    ]
+    types = [(name, means.dtype if block is means else np.float32) for names, block in blocks for name in names]
+    vertex = np.empty(len(means), types)
+    for names, block in blocks:
+        for name, column in zip(names, block.T, strict=True):
+            vertex[name] = column
+    elements = [plyfile.PlyElement.describe(vertex, "vertex")]
+    plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
+
+
+def write_points(path: Path, means: NDArray, colours: NDArray, comments: Sequence[str] = ()) -> None:
+    """Write a plain point cloud, as MeshLab, CloudCompare and Blender open it.
+
+    Args:
+        path: the file.
+        means: (N, 3) world positions, float32 or float64; the file's type for them follows.
+        colours: (N, 3) uint8 RGB.
+        comments: lines of ASCII for the header.
+    """
+    import plyfile
+
+    types = [(axis, means.dtype) for axis in "xyz"] + [(name, np.uint8) for name in ("red", "green", "blue")]
+    vertex = np.empty(len(means), types)
+    for i in range(3):
+        vertex["xyz"[i]] = means[:, i]
+        vertex[("red", "green", "blue")[i]] = colours[:, i]
+    elements = [plyfile.PlyElement.describe(vertex, "vertex")]
+    plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
+
+
+def _columns(vertex: NDArray, names: Sequence[str]) -> NDArray:
+    """(N, names) of one floating-point type."""
+    return np.stack([vertex[name] for name in names], axis=-1) if names else np.zeros((len(vertex), 0), np.float32)
+
+
+def _check_header(path: Path, max_bytes: int) -> None:
+    """Refuse counts that the file is too short for: a value takes at least a byte in each of PLY's encodings."""
+    with path.open("rb") as file:
+        head, end, _ = file.read(_MAX_HEADER_BYTES).partition(b"end_header")
+    if not head.startswith(b"ply") or not end:
+        raise InputError("does not start with a PLY header")
+    values = 0
+    for element in re.split(rb"[\r\n]\s*element\s", head)[1:]:
+        count = re.match(rb"\s*\S+\s+(\d{1,18})\s", element)
+        if count is None:
+            raise InputError("damaged PLY header")
+        values += int(count[1]) * max(len(re.findall(rb"[\r\n]\s*property\s", element)), 1)
+    if values > min(path.stat().st_size, max_bytes // 8):
+        raise InputError(f"announces {values} values, which neither the file nor {max_bytes} bytes can hold")

@@ -1,0 +1,206 @@
+"""Points in the SPZ format, versions 1 to 4 in, 2 to 4 out.
+
+Attribute by attribute: positions as 24-bit fixed point (version 1: float16), opacities and colours as bytes, logarithms
+of scales as bytes, rotations as the three smallest components (versions 1 and 2: x, y, z as bytes), and higher SH
+coefficients as bytes. How the bytes lie in a file is in `spz_streams`. Source: `load-spz.cc` of
+github.com/nianticlabs/spz.
+
+SPZ's axes are x right, y up, z backward where .ply and OpenCV scenes have y down and z forward: y and z change sign on
+the way out and back again on the way in, in positions, rotations and SH, so that viewers show both the same way up.
+
+Written here in numpy and not by a package because those at hand end their process on damaged files, print on standard
+output, and fix positions to 1/4096 of a unit; here the fixed point follows the scene's size.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.quaternions import normalize_quats
+from ..gaussian.sh import sh_basis
+from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, read_blocks, write_blocks
+
+SPZ_VERSION = 3
+"""What is written unless asked otherwise: the newest that readers without zstd open."""
+
+SH_BITS = (5, 4)
+"""Bits of an SH coefficient of degree 1 and above it, out of the 8 that are stored; the SPZ library's own default."""
+
+_MAX_DEGREE = {2: 3, 3: 3, 4: MAX_DEGREE}
+"""The highest SH degree that readers of a version know."""
+
+_COLOUR_SCALE = 0.15
+_LOG_SCALE_OFFSET, _LOG_SCALE_STEPS = 10.0, 16.0
+_FIXED_LIMIT = (1 << 23) - 1
+_COMPONENT_BITS, _COMPONENT_MASK = 10, (1 << 9) - 1
+_FLIP = np.array([1.0, -1.0, -1.0])  # y and z, either way
+
+
+def write_spz(
+    path: Path,
+    gaussians: Gaussians,
+    means: NDArray,
+    sh_bits: tuple[int, int] = SH_BITS,
+    version: int = SPZ_VERSION,
+) -> list[str]:
+    """Write points as SPZ.
+
+    Args:
+        path: the file.
+        gaussians: (N,), without layers.
+        means: (N, 3) world positions.
+        sh_bits: bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8 each.
+        version: of the format, one of WRITES.
+
+    Returns:
+        What the format could not keep, one line each.
+
+    Raises:
+        InputError: another version, or positions too far away for the format.
+        ImportError: version 4, and zstandard is not installed.
+    """
+    if version not in WRITES:
+        raise InputError(f"{version}, expected {', '.join(map(str, WRITES))}", where="SPZ version")
+    notes = []
+    degree = min(gaussians.degree, _MAX_DEGREE[version])
+    if gaussians.degree > degree:
+        cut = f"SH of degree {gaussians.degree} cut to {degree}"
+        notes.append(f"{cut}, the highest that readers of .spz version {version} know")
+    points = means.astype(np.float64) * _FLIP
+    bits = _fractional_bits(points)
+    fixed = np.rint(np.ldexp(points, bits)).clip(-_FIXED_LIMIT, _FIXED_LIMIT).astype(np.int32)
+    notes += _position_notes(points, bits, gaussians.scales)
+    log_scales = np.log(np.maximum(gaussians.scales, 1e-30))
+    scale_codes = (log_scales + _LOG_SCALE_OFFSET) * _LOG_SCALE_STEPS
+    outside = int(((scale_codes < -0.5) | (scale_codes > 255.5)).any(axis=1).sum())
+    if outside:
+        notes.append(f"scales of {outside} Gaussians outside e^-10 to e^5.9 clamped")
+    quats = normalize_quats(gaussians.quats.astype(np.float64)) * np.array([1, *_FLIP])
+    sh = gaussians.sh[:, : (degree + 1) ** 2].astype(np.float64)
+    colour = sh[:, 0] * (_COLOUR_SCALE * 255) + 127.5
+    clamped = int(((colour < -0.5) | (colour > 255.5)).any(axis=1).sum())
+    if clamped:
+        notes.append(f"colours of {clamped} Gaussians clamped to what .spz can hold")
+    blocks = [
+        fixed.astype("<i4")[..., None].view(np.uint8)[..., :3].reshape(len(points), 9),
+        _bytes(gaussians.opacities.astype(np.float64) * 255)[:, None],
+        _bytes(colour),
+        _bytes(scale_codes),
+        _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
+        _quantise_sh(sh[:, 1:] * _sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
+    ]
+    write_blocks(path, SpzHeader(version, len(points), degree, bits), blocks)
+    return notes
+
+
+def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, in floating point.
+
+    Raises:
+        InputError: damaged, of another version, or larger than `max_bytes`.
+        ImportError: version 4, and zstandard is not installed.
+    """
+    header, (positions, alphas, colours, scales, rotations, higher) = read_blocks(path, max_bytes)
+    functions = (header.degree + 1) ** 2
+    rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128 * _sh_signs(header.degree)[1:, None]
+    quats = _unpack_smallest_three(rotations) if header.version >= 3 else _unpack_first_three(rotations)
+    with np.errstate(invalid="ignore"):  # NaN among version 1's positions: Gaussians will name it
+        means = _positions(positions, header) * _FLIP
+    return {
+        "means": means,
+        "quats": quats * np.array([1, *_FLIP]),
+        "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),
+        "opacities": alphas[:, 0] / 255.0,
+        "sh": np.concatenate([((colours - 127.5) / (_COLOUR_SCALE * 255))[:, None], rest], axis=1),
+    }
+
+
+def _positions(octets: NDArray, header: SpzHeader) -> NDArray:
+    """(N, 3) float64 in SPZ's axes."""
+    if header.version == 1:
+        return np.ascontiguousarray(octets).view("<f2").astype(np.float64)
+    return np.ldexp(_from_24_bits(octets).astype(np.float64), -header.fractional_bits)
+
+
+def _fractional_bits(points: NDArray) -> int:
+    """As many as positions leave room for in 24 bits."""
+    reach = float(np.abs(points).max())
+    if reach >= _FIXED_LIMIT:
+        raise InputError(f"positions reach {reach:.3g} units, .spz holds {_FIXED_LIMIT}; bring the scene nearer first")
+    return int(np.clip(np.floor(np.log2(_FIXED_LIMIT / max(reach, 1e-30))), 0, MAX_FRACTIONAL_BITS))
+
+
+def _position_notes(points: NDArray, bits: int, scales: NDArray) -> list[str]:
+    """Said where rounding positions could show: where it exceeds a quarter of the typical Gaussian's size."""
+    step, size = 2.0**-bits, float(np.median(scales.max(axis=-1)))
+    if step / 2 <= size / 4:
+        return []
+    reach = float(np.abs(points).max())
+    return [f"positions rounded to {step:.3g} units, as the scene reaches {reach:.3g} from its origin"]
+
+
+def _bytes(values: NDArray) -> NDArray:
+    return np.rint(values).clip(0, 255).astype(np.uint8)
+
+
+def _from_24_bits(octets: NDArray) -> NDArray:
+    """(N, 3) int32 of (N, 9) little-endian bytes."""
+    padded = np.zeros((len(octets), 3, 4), np.uint8)
+    padded[..., 1:] = octets.reshape(-1, 3, 3)
+    return padded.view("<i4")[..., 0] >> 8  # the shift brings the sign along
+
+
+def _pack_smallest_three(quats: NDArray) -> NDArray:
+    """(N, 4) bytes of unit quaternions wxyz: the largest component's index in x, y, z, w, then sign and 9 bits each."""
+    xyzw = np.roll(quats, -1, axis=1)
+    largest = np.abs(xyzw).argmax(axis=1)
+    xyzw = xyzw * np.where(np.take_along_axis(xyzw, largest[:, None], axis=1) < 0, -1, 1)
+    packed = largest.astype(np.uint32)
+    for i in range(4):
+        magnitude = np.rint(np.abs(xyzw[:, i]) * np.sqrt(2) * _COMPONENT_MASK).clip(0, _COMPONENT_MASK)
+        code = (xyzw[:, i] < 0).astype(np.uint32) << 9 | magnitude.astype(np.uint32)
+        packed = np.where(largest == i, packed, packed << _COMPONENT_BITS | code)
+    return packed.astype("<u4")[:, None].view(np.uint8)
+
+
+def _unpack_smallest_three(octets: NDArray) -> NDArray:
+    packed = np.ascontiguousarray(octets).view("<u4")[:, 0].astype(np.int64)
+    largest = packed >> 30
+    xyzw = np.zeros((len(octets), 4))
+    for i in reversed(range(4)):
+        code = packed & ((1 << _COMPONENT_BITS) - 1)
+        value = (code & _COMPONENT_MASK) / _COMPONENT_MASK / np.sqrt(2)
+        xyzw[:, i] = np.where(largest == i, 0, np.where(code >> 9, -value, value))
+        packed = np.where(largest == i, packed, packed >> _COMPONENT_BITS)
+    rest = np.sqrt(np.maximum(1 - (xyzw**2).sum(axis=1), 0))
+    np.put_along_axis(xyzw, largest[:, None], rest[:, None], axis=1)
+    return np.roll(xyzw, 1, axis=1)
+
+
+def _pack_first_three(quats: NDArray) -> NDArray:
+    """(N, 3) bytes of unit quaternions wxyz: x, y, z with w made positive."""
+    return _bytes((quats[:, 1:] * np.where(quats[:, :1] < 0, -1, 1) + 1) * 127.5)
+
+
+def _unpack_first_three(octets: NDArray) -> NDArray:
+    xyz = octets / 127.5 - 1
+    w = np.sqrt(np.maximum(1 - (xyz**2).sum(axis=1, keepdims=True), 0))
+    return np.concatenate([w, xyz], axis=1)
+
+
+def _quantise_sh(sh: NDArray, bits: tuple[int, int]) -> NDArray:
+    """(N, B − 1, 3) bytes, rounded to multiples of 2^(8 − bits)."""
+    steps = np.where(np.arange(sh.shape[1]) < 3, 1 << (8 - bits[0]), 1 << (8 - bits[1]))[:, None]
+    codes = np.rint(sh * 128) + 128
+    return ((codes + steps // 2) // steps * steps).clip(0, 255).astype(np.uint8)
+
+
+def _sh_signs(degree: int) -> NDArray:
+    """(B,) factors of the coefficients when y and z change sign: every function is even or odd under that."""
+    direction = np.array([0.48, 0.6, 0.64])  # where no function up to degree 4 is zero
+    return np.sign(sh_basis(direction * _FLIP, degree) * sh_basis(direction, degree))

@@ -1,0 +1,1 @@
+"""3D Gaussians as data: the type, its algebra, its planes, and what is done to it."""

@@ -1,0 +1,177 @@
+"""3D Gaussians and the layers they come in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..scene.cameras import MAX_POSITION, Camera
+from .notes import NO_NOTES, Notes
+from .sh import sh_degree
+
+FIELDS: dict[str, tuple[int, ...]] = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (-1, 3)}
+"""Arrays of a Gaussian and their trailing shapes; −1 is the number of SH basis functions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """A set of 3D Gaussians; with `cameras`, one per pixel of V views.
+
+    The leading shape is (V, H, W) when per pixel and (N,) otherwise; arrays are float32 in C order.
+
+    Attributes:
+        means: (…, 3) centres in the world frame relative to `origin`, scene units.
+        quats: (…, 4) rotations, wxyz, any non-zero length.
+        scales: (…, 3) standard deviations along the local axes, scene units, ≥ 0.
+        opacities: (…) in [0, 1].
+        sh: (…, B, 3) coefficients of the 3DGS basis, B = (degree + 1)².
+        cameras: one per view, sizes equal to (H, W); empty when the Gaussians belong to no pixels.
+        origin: (3,) float64, world position that `means` are relative to.
+        extra_layers: coarser grids behind this one, each a per-pixel Gaussians of its own cameras and no layers.
+        notes: what their maker says about them; `with_notes` sets it.
+
+    Raises:
+        InputError: names the field, the first index at fault and what is accepted.
+    """
+
+    means: NDArray
+    quats: NDArray
+    scales: NDArray
+    opacities: NDArray
+    sh: NDArray
+    cameras: tuple[Camera, ...] = ()
+    origin: NDArray = field(default_factory=lambda: np.zeros(3))
+    extra_layers: tuple[Gaussians, ...] = ()
+    notes: Notes = NO_NOTES
+
+    def __post_init__(self) -> None:
+        lead = np.shape(self.opacities)
+        for name, trailing in FIELDS.items():
+            array = _float32(name, getattr(self, name))
+            fits = array.shape[: len(lead)] == lead and array.ndim == len(lead) + len(trailing)
+            if not fits or any(n not in (-1, m) for n, m in zip(trailing, array.shape[len(lead) :], strict=True)):
+                wanted = (*lead, *("B" if n == -1 else n for n in trailing))
+                raise InputError(f"shape {array.shape}, expected {wanted} as opacities have {lead}", where=name)
+            object.__setattr__(self, name, array)
+        sh_degree(self.sh.shape[-2])
+        origin = np.array(self.origin, np.float64)
+        if origin.shape != (3,) or not (np.abs(origin) <= MAX_POSITION).all():
+            found = str(np.array(self.origin).tolist())[:80]
+            raise InputError(f"{found}, expected three numbers of at most {MAX_POSITION:g}", where="origin")
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "cameras", tuple(self.cameras or ()))
+        object.__setattr__(self, "extra_layers", tuple(self.extra_layers))
+        self._check_grid()
+        self._check_values()
+
+    def _check_grid(self) -> None:
+        lead = self.opacities.shape
+        if len(lead) not in (1, 3) or 0 in lead:
+            raise InputError(f"leading shape {lead}, expected (N,) or (V, H, W), none of them 0", where="opacities")
+        if self.cameras:
+            sizes = [(c.height, c.width) for c in self.cameras]
+            if len(lead) != 3 or len(sizes) != lead[0] or any(s != lead[1:] for s in sizes):
+                raise InputError(
+                    f"{len(sizes)} of sizes {sizes[:3]}…, expected one per view of {lead}", where="cameras"
+                )
+        for n, layer in enumerate(self.extra_layers, start=1):
+            if not layer.is_per_pixel or layer.extra_layers or len(layer.cameras) != len(self.cameras):
+                raise InputError("expected per-pixel Gaussians of as many views, without layers", where=f"layer{n}")
+            if (layer.origin != self.origin).any():
+                raise InputError(f"{layer.origin.tolist()}, expected {self.origin.tolist()}", where=f"layer{n}_origin")
+
+    def _check_values(self) -> None:
+        for name in FIELDS:
+            array = getattr(self, name)
+            if not np.isfinite(array).all():
+                _refuse(name, array, ~np.isfinite(array), "finite numbers")
+        if self.opacities.min() < 0 or self.opacities.max() > 1:
+            _refuse("opacities", self.opacities, (self.opacities < 0) | (self.opacities > 1), "0 to 1 (linear)")
+        if self.scales.min() < 0:
+            _refuse("scales", self.scales, self.scales < 0, "≥ 0 (linear standard deviations, not logarithms)")
+        zero = np.logical_not(self.quats.any(axis=-1))
+        if zero.any():
+            _refuse("quats", self.quats, zero, "a non-zero quaternion")
+
+    @classmethod
+    def unchecked(cls, **fields: object) -> Gaussians:
+        """Build without validation, for arrays whose making already proves them right (the decoder's)."""
+        self = object.__new__(cls)
+        defaults = {"cameras": (), "origin": np.zeros(3), "extra_layers": (), "notes": NO_NOTES}
+        for name, value in {**defaults, **fields}.items():
+            object.__setattr__(self, name, value)
+        return self
+
+    @property
+    def is_per_pixel(self) -> bool:
+        """Whether there is one Gaussian per pixel of known cameras."""
+        return bool(self.cameras)
+
+    @property
+    def layers(self) -> tuple[Gaussians, ...]:
+        """All layers, this one first."""
+        return (self, *self.extra_layers)
+
+    @property
+    def degree(self) -> int:
+        """SH degree, 0 to 4."""
+        return sh_degree(self.sh.shape[-2])
+
+    @property
+    def count(self) -> int:
+        """Number of Gaussians over all layers."""
+        return sum(layer.opacities.size for layer in self.layers)
+
+    def flat(self) -> Gaussians:
+        """All layers as one (N,) set without cameras; lower SH degrees are padded with zeros to the highest."""
+        functions = max(layer.sh.shape[-2] for layer in self.layers)
+
+        def rows(layer: Gaussians, name: str) -> NDArray:
+            array = getattr(layer, name).reshape(
+                layer.opacities.size, *getattr(layer, name).shape[layer.opacities.ndim :]
+            )
+            if name == "sh" and array.shape[1] < functions:
+                array = np.pad(array, ((0, 0), (0, functions - array.shape[1]), (0, 0)))
+            return array
+
+        arrays = {name: np.concatenate([rows(layer, name) for layer in self.layers]) for name in FIELDS}
+        return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes)
+
+    def _repr_png_(self) -> bytes | None:
+        """A notebook's picture of the first view."""
+        from ..render.notebook import png
+
+        return png(self)
+
+    def _repr_html_(self) -> str:
+        """A notebook's summary."""
+        from ..render.notebook import html
+
+        return html(self)
+
+    def with_cameras(self, cameras: Iterable[Camera]) -> Gaussians:
+        """The same Gaussians seen as the pixels of other cameras."""
+        return replace(self, cameras=tuple(cameras))
+
+    def with_notes(self, notes: Notes) -> Gaussians:
+        """The same Gaussians with other words of their maker's."""
+        return Gaussians.unchecked(**{**vars(self), "notes": notes})
+
+
+def _float32(name: str, value: ArrayLike) -> NDArray:
+    try:
+        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinity and is refused by name
+            return np.ascontiguousarray(value, np.float32)
+    except (TypeError, ValueError):
+        raise InputError("not an array of numbers", where=name) from None
+
+
+def _refuse(name: str, array: NDArray, bad: NDArray, accepted: str) -> None:
+    index = tuple(int(i) for i in np.argwhere(bad)[0])
+    raise InputError(
+        f"{array[index].tolist()} ({int(bad.sum())} such), expected {accepted}", where=f"{name}{list(index)}"
+    )

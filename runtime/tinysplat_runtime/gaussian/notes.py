@@ -1,0 +1,79 @@
+"""What the maker of a scene says about it: its unit, whom to name, under which licence it may be used.
+
+Text for people, shown and handed on, never interpreted. Trust boundary: it is short, and holds nothing that could steer
+a terminal or change the order in which it reads.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+
+from ..errors import InputError
+
+MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128}
+"""Longest text of a field in UTF-8."""
+
+_REFUSED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control and formatting characters, surrogates, line and paragraph ends
+
+
+@dataclass(frozen=True)
+class Notes:
+    """Text that goes with a scene; empty where nothing was said.
+
+    Attributes:
+        unit: of lengths, such as metre.
+        attribution: whom to name, and what was changed.
+        licence: an SPDX expression such as CC-BY-4.0, or an address.
+
+    Raises:
+        InputError: names the field: too long, or with characters that do not print.
+    """
+
+    unit: str = ""
+    attribution: str = ""
+    licence: str = ""
+
+    def __post_init__(self) -> None:
+        for name, text in asdict(self).items():
+            if not isinstance(text, str):
+                raise InputError(f"a {type(text).__name__}, expected text", where=name)
+            bad = next((c for c in text if unicodedata.category(c) in _REFUSED), None)
+            if bad is not None:
+                raise InputError(f"holds U+{ord(bad):04X}, expected characters that print, in one line", where=name)
+            size = len(text.encode())
+            if size > MAX_BYTES[name]:
+                raise InputError(f"{size} bytes of UTF-8, expected at most {MAX_BYTES[name]}", where=name)
+
+    def __bool__(self) -> bool:
+        return any(self.given().values())
+
+    def given(self) -> dict[str, str]:
+        """The fields that are not empty, by name."""
+        return {name: text for name, text in asdict(self).items() if text}
+
+    @classmethod
+    def joined(cls, parts: Sequence[Notes]) -> Notes:
+        """Notes of a scene made from several: every attribution and licence; the unit where all have the same.
+
+        Raises:
+            InputError: together they are too long.
+        """
+
+        def different(name: str) -> list[str]:
+            return list(dict.fromkeys(getattr(part, name) for part in parts))
+
+        units = different("unit")
+        licences = [text for text in different("licence") if text]
+        if len(licences) > 1:
+            licences = [f"({text})" if " OR " in text else text for text in licences]
+        return cls(
+            unit=units[0] if len(units) == 1 else "",
+            attribution="; ".join(filter(None, different("attribution"))),
+            licence=" AND ".join(licences),
+        )
+
+
+NO_NOTES = Notes()
+NAMES = tuple(field.name for field in fields(Notes))

@@ -1,0 +1,1 @@
+"""ONNX artifacts: found, verified, opened, run."""

@@ -1,0 +1,279 @@
+"""Open an ONNX artifact with onnxruntime, hold it to its role's contract, and run it.
+
+The contract fixes names, element types and ranks; sizes are dynamic. It is checked when a graph is opened, so that a
+wrong file is refused with what is wrong before any work is done.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ModelError
+from ..system.buffers import Recycler
+from ..system.threads import available_cores
+from .artifacts import Artifact, find_artifact, network_by_hash
+
+CONTRACT_VERSION = 1
+
+_F32, _U16 = "tensor(float)", "tensor(uint16)"
+
+
+@dataclass(frozen=True)
+class Contract:
+    """Tensors of a graph: name to (element type, rank)."""
+
+    inputs: Mapping[str, tuple[str, int]]
+    outputs: Mapping[str, tuple[str, int]]
+
+
+_CAMERA = {"K": (_F32, 3), "rotation": (_F32, 3), "rotation_quat": (_F32, 2)}
+_GAUSSIANS_OUT = {
+    "means": (_F32, 4),
+    "quats": (_F32, 4),
+    "scales": (_F32, 4),
+    "opacities": (_F32, 3),
+    "sh": (_F32, 5),
+}
+
+CONTRACTS: dict[str, Contract] = {
+    "network": Contract(
+        {"images": (_F32, 4), "K": (_F32, 3), "c2w": (_F32, 3), "near": (_F32, 1), "far": (_F32, 1)},
+        _GAUSSIANS_OUT,
+    ),
+    "analysis_vpt": Contract(
+        {
+            "means": (_F32, 4),
+            "quats": (_F32, 4),
+            "scales": (_F32, 4),
+            "opacities": (_F32, 3),
+            **_CAMERA,
+            "centre_high": (_F32, 2),
+            "centre_low": (_F32, 2),
+        },
+        {"geometry": (_F32, 4), "rotation_moment": (_F32, 3)},
+    ),
+    "analysis_moment": Contract({"sh": (_F32, 5)}, {"moment": (_F32, 2)}),
+    "analysis_project": Contract({"sh": (_F32, 5), "projection": (_F32, 2)}, {"color": (_F32, 4)}),
+    "synthesis": Contract(
+        {
+            "geometry_codes": (_U16, 4),
+            "geometry_mix": (_F32, 3),
+            "color_codes": (_U16, 4),
+            "color_mix": (_F32, 2),
+            **_CAMERA,
+            "centre": (_F32, 2),
+            "inverse_depth": (_F32, 0),
+            "relative_rotation": (_F32, 0),
+            "depth_limits": (_F32, 1),
+        },
+        {**_GAUSSIANS_OUT, "sh": (_F32, 4)},
+    ),
+}
+"""By role `network`, and by name for the graphs of the roles `analysis` and `synthesis`."""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """An opened artifact.
+
+    Attributes:
+        name: the artifact's name.
+        session: onnxruntime.InferenceSession.
+        metadata: the JSON object under the file's metadata key `tinysplat`; empty if there is none.
+        output_names: all outputs in the file's order.
+    """
+
+    name: str
+    session: Any
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    output_names: tuple[str, ...] = ()
+
+    def run(self, inputs: Mapping[str, NDArray], outputs: Sequence[str] | None = None) -> dict[str, NDArray]:
+        """Run the graph.
+
+        Args:
+            inputs: every input by name, in the contract's dtype.
+            outputs: names wanted; all when None.
+
+        Returns:
+            Arrays by name.
+
+        Raises:
+            ModelError: onnxruntime refused the inputs or failed; says what it said, in one line.
+        """
+        names = list(outputs or self.output_names)
+        try:
+            values = self.session.run(names, dict(inputs))
+        except Exception as error:  # onnxruntime raises a dozen unrelated types
+            raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
+        return dict(zip(names, values, strict=True))
+
+    def run_into(self, inputs: Mapping[str, NDArray], outputs: Mapping[str, NDArray]) -> None:
+        """Run the graph, some outputs straight into arrays.
+
+        Args:
+            inputs: every input by name, C-contiguous in the contract's dtype; those that the wanted outputs do not
+                depend on may have any size.
+            outputs: C-contiguous arrays of exactly the results' shapes by name, overwritten.
+
+        Raises:
+            ModelError: as `run`.
+        """
+        binding = self.session.io_binding()
+        try:
+            for name, array in inputs.items():
+                binding.bind_cpu_input(name, array)
+            for name, array in outputs.items():
+                binding.bind_output(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
+            self.session.run_with_iobinding(binding)
+        except Exception as error:
+            raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
+
+
+def open_graph(
+    artifact: Artifact,
+    contract: str,
+    *,
+    threads: int | None = None,
+    providers: Sequence[str] = ("CPUExecutionProvider",),
+) -> Graph:
+    """Verify, load and check an artifact.
+
+    Args:
+        artifact: what to open.
+        contract: key of `CONTRACTS`.
+        threads: threads inside an operator; None for all cores this process may use.
+        providers: onnxruntime execution providers in order of preference.
+
+    Raises:
+        ModelError: unreadable, altered, not ONNX, an operator onnxruntime lacks, or another contract.
+    """
+    import onnxruntime as ort  # here, so that commands without a graph start without it
+
+    unknown = [p for p in providers if p not in ort.get_available_providers()]
+    if unknown:
+        have = ", ".join(ort.get_available_providers())
+        raise ModelError(f"execution provider {unknown[0]} is not in this onnxruntime; it has {have}", where="provider")
+    ort.set_default_logger_severity(4)  # failures come back as exceptions; nothing else belongs on standard error
+    options = ort.SessionOptions()
+    options.log_severity_level = 4
+    options.intra_op_num_threads = threads or available_cores()
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads must not steal x265's cores
+    # A user's network may keep its weights beside the file, which only a path can find.
+    source = artifact.read() if artifact.sha256 is not None else str(artifact.path)
+    try:
+        # Its fallback would print to standard output, and try again what just failed.
+        session = ort.InferenceSession(source, options, providers=list(providers), enable_fallback=0)
+        graph = Graph(artifact.name, session, _metadata(session), tuple(o.name for o in session.get_outputs()))
+        tensors = {kind: _tensors(nodes) for kind, nodes in (
+            ("input", session.get_inputs()), ("output", session.get_outputs()))}  # fmt: skip
+    except Exception as error:  # UnicodeDecodeError among them: names in a file need not be UTF-8
+        raise ModelError(f"not a graph onnxruntime can run: {_first_line(error)}", where=str(artifact.path)) from error
+    _check_contract(graph, tensors, CONTRACTS[contract], str(artifact.path))
+    return graph
+
+
+class GraphStore:
+    """Opens each graph once, on first use; safe to share among threads.
+
+    Args:
+        threads: threads inside an operator of the synthesis; None for all cores this process may use. Networks and
+            analysis always use all of them: onnxruntime splits long sums by threads, so that another number would
+            change last bits, and with them the bytes of a file.
+        providers: onnxruntime execution providers in order of preference.
+        models: folder of the artifacts; None for the usual places.
+
+    Attributes:
+        memory: where the results of synthesis lie.
+    """
+
+    def __init__(
+        self,
+        *,
+        threads: int | None = None,
+        providers: Sequence[str] = ("CPUExecutionProvider",),
+        models: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self._threads, self._providers, self._models = threads, tuple(providers), models
+        self.memory = Recycler()
+        self._graphs: dict[str, Graph] = {}
+        self._lock = threading.Lock()
+
+    def transform(self, name: str) -> Graph:
+        """A graph of the codec, by its name in `CONTRACTS`."""
+        return self._open(name, name.split("_")[0], name)
+
+    def network(self, name: str) -> Graph:
+        """A network, by its name in the manifest or the path of its file."""
+        return self._open(name, "network", "network")
+
+    def network_ref(self, name: str) -> tuple[str, str]:
+        """(name, sha256) of a network's ONNX file, by which `network_by_hash` finds it again."""
+        artifact = find_artifact(name, "network", self._models)
+        return artifact.name, artifact.file_sha256()
+
+    def network_by_hash(self, name: str, sha256: str, given: str | None = None) -> Graph:
+        """The network of exactly that hash; arguments and errors of `artifacts.network_by_hash`."""
+        artifact = network_by_hash(name, sha256, given, self._models)
+        return self.network(artifact.name if artifact.sha256 else str(artifact.path))
+
+    def _open(self, name: str, role: str, contract: str) -> Graph:
+        with self._lock:
+            if name not in self._graphs:
+                artifact = find_artifact(name, role, self._models)
+                threads = self._threads if role == "synthesis" else None
+                self._graphs[name] = open_graph(artifact, contract, threads=threads, providers=self._providers)
+            return self._graphs[name]
+
+
+def as_input(array: NDArray | Sequence[Any] | float, dtype: type = np.float32) -> NDArray:
+    """A C-contiguous array of the graph's dtype."""
+    return np.asarray(array, dtype=dtype, order="C")
+
+
+def _metadata(session: Any) -> Mapping[str, Any]:
+    text = session.get_modelmeta().custom_metadata_map.get("tinysplat", "{}")
+    try:
+        value = json.loads(text)
+    except ValueError:
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _tensors(nodes: Sequence[Any]) -> dict[str, tuple[str, int]]:
+    """Element type and rank by name."""
+    return {node.name: (node.type, len(node.shape)) for node in nodes}
+
+
+def _check_contract(
+    graph: Graph, found: Mapping[str, Mapping[str, tuple[str, int]]], contract: Contract, where: str
+) -> None:
+    """ModelError unless the graph's tensors, by kind and name, are the contract's."""
+    version = graph.metadata.get("contract", CONTRACT_VERSION)
+    if version != CONTRACT_VERSION:
+        raise ModelError(f"contract version {str(version)[:40]}, this runtime speaks {CONTRACT_VERSION}", where=where)
+    for kind, wanted in (("input", contract.inputs), ("output", contract.outputs)):
+        for name, (dtype, rank) in wanted.items():
+            if name not in found[kind]:
+                have = ", ".join(other for other in found[kind] if other not in wanted) or "no other"
+                raise ModelError(f"{kind} '{name}' is missing; it has {have[:200]}", where=where)
+            found_dtype, found_rank = found[kind][name]
+            if (found_dtype, found_rank) != (dtype, rank):
+                is_, expected = f"{found_dtype} of rank {found_rank}", f"{dtype} of rank {rank}"
+                raise ModelError(f"{kind} '{name}' is {is_}, expected {expected}", where=where)
+        unknown = [name for name in found[kind] if name not in wanted]
+        if kind == "input" and unknown:
+            raise ModelError(f"input '{unknown[0][:60]}' is not in the contract ({', '.join(wanted)})", where=where)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n")[0][:300]

@@ -1,0 +1,40 @@
+"""How Gaussians show themselves in a notebook: a picture from their first camera, and a few figures beside it."""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+
+from ..gaussian.gaussians import Gaussians
+from ..scene.images import png_bytes
+from .renderer import render
+
+LONGEST_SIDE = 384
+"""Pixels; a notebook keeps every picture it shows."""
+
+
+def png(gaussians: Gaussians) -> bytes | None:
+    """The first view as a PNG file's bytes; None for Gaussians without cameras."""
+    if not gaussians.cameras:
+        return None
+    camera = gaussians.cameras[0]
+    scale = min(LONGEST_SIDE / max(camera.width, camera.height), 1.0)
+    size = max(round(camera.height * scale), 1), max(round(camera.width * scale), 1)
+    return png_bytes(render(gaussians, camera, size))
+
+
+def html(gaussians: Gaussians) -> str:
+    """A table of what the Gaussians are, and the first view where there is one."""
+    rows = {
+        "Gaussians": f"{gaussians.count:,}",
+        "SH degree": str(gaussians.degree),
+        "layers": " + ".join("x".join(map(str, layer.opacities.shape)) for layer in gaussians.layers),
+        "memory": f"{sum(getattr(a, n).nbytes for a in gaussians.layers for n in _ARRAYS) / 1e6:.1f} MB",
+    }
+    table = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+    picture = png(gaussians)
+    image = f'<img alt="view 0" src="data:image/png;base64,{base64.b64encode(picture).decode()}">' if picture else ""
+    return f'<div style="display:flex;gap:1em;align-items:start">{image}<table>{table}</table></div>'
+
+
+_ARRAYS = ("means", "quats", "scales", "opacities", "sh")

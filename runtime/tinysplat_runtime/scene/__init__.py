@@ -1,0 +1,1 @@
+"""Photos and the cameras that took them: what a network is given."""

@@ -1,0 +1,147 @@
+"""Frames of a video file: when each is shown, and any one of them as a picture.
+
+Times come from the container alone, so that a long video opens without being decoded; a frame is decoded from the key
+frame before it. The picture is turned as the file asks players to.
+
+Trust boundary: files, not addresses, of containers that cannot name other files; number and size of frames are bounded.
+What libavformat and libavcodec raise becomes an InputError.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from av.sidedata.sidedata import Type
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..system.files import StrPath, check_readable, parsing
+from .images import MAX_PIXELS
+
+SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".ts")
+"""Names of containers that give every frame its time."""
+
+MAX_FRAMES = 1 << 20
+"""9 hours at 30 frames a second."""
+
+_CONTAINERS = "mov,matroska,mpegts"
+_LONE_FRAME_S = 1 / 30  # how long a video's only frame is taken to be shown
+
+
+@dataclass(frozen=True, eq=False)
+class Video:
+    """A video file that was looked through.
+
+    Attributes:
+        path: the file.
+        stamps: (F,) int64, when each frame is shown, rising, in units of the stream.
+        unit: seconds per unit of `stamps`.
+        height, width: of a frame as players show it.
+    """
+
+    path: Path
+    stamps: NDArray
+    unit: float
+    height: int
+    width: int
+
+    def index_at(self, seconds: float) -> int:
+        """The frame shown nearest to a time from the first frame on.
+
+        Raises:
+            InputError: no frame is shown within a frame's time of it.
+        """
+        times = (self.stamps - self.stamps[0]) * self.unit  # (F,)
+        nearest = int(np.argmin(np.abs(times - seconds)))
+        tolerance = float(np.median(np.diff(times))) if len(times) > 1 else _LONE_FRAME_S
+        if not abs(times[nearest] - seconds) <= tolerance:
+            found = f"no frame at {seconds:.3f} s, its {len(times)} frames are shown from 0 to {times[-1]:.3f} s"
+            raise InputError(found, where=str(self.path))
+        return nearest
+
+    def check_index(self, index: int) -> int:
+        """The index, or InputError where there is no such frame."""
+        if not 0 <= index < len(self.stamps):
+            raise InputError(f"frame {index}, but its frames are 0 to {len(self.stamps) - 1}", where=str(self.path))
+        return index
+
+    def frame(self, index: int) -> NDArray:
+        """A frame as (H, W, 3) uint8, sRGB.
+
+        Raises:
+            InputError: there is no such frame, or it cannot be decoded.
+        """
+        wanted = int(self.stamps[self.check_index(index)])
+        with _opened(self.path) as (container, stream):
+            container.seek(wanted, stream=stream)
+            for picture in container.decode(stream):
+                if picture.pts is not None and picture.pts >= wanted:
+                    if picture.pts == wanted:
+                        return _upright(picture)
+                    break
+        raise InputError(f"frame {index} cannot be decoded", where=str(self.path))
+
+
+def open_video(path: StrPath) -> Video:
+    """Look through a video file.
+
+    Raises:
+        InputError: names the file: missing, of another kind, damaged, without frames or times, or too large.
+    """
+    check_readable(path)
+    with _opened(Path(path)) as (container, stream):
+        stamps: set[int] = set()
+        for packet in container.demux(stream):
+            if packet.size and not packet.is_discard:
+                if packet.pts is None or len(stamps) >= MAX_FRAMES:
+                    found = "frames without times" if packet.pts is None else f"more than {MAX_FRAMES} frames"
+                    raise InputError(f"{found}; `ffmpeg -i IN OUT.mp4` writes a part of it anew")
+                stamps.add(packet.pts)
+        if not stamps:
+            raise InputError("a video without frames")
+        first = min(stamps)
+        container.seek(first, stream=stream)
+        height, width = _upright(next(container.decode(stream))).shape[:2]
+        return Video(Path(path), np.array(sorted(stamps), np.int64), float(stream.time_base), height, width)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """The container and its video stream, for the time of the block."""
+    options = {"format_whitelist": _CONTAINERS}
+    try:
+        with (
+            parsing(f"video, accepted are {', '.join(SUFFIXES)}"),
+            path.open("rb") as file,
+            av.open(file, options=options, metadata_errors="replace") as container,
+        ):
+            if not container.streams.video:
+                raise InputError("holds no video")
+            stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise InputError("coded in a way that this build of av does not know")
+            if not 0 < stream.width * stream.height <= MAX_PIXELS:
+                raise InputError(f"{stream.width}x{stream.height} pixels, at most {MAX_PIXELS}")
+            yield container, stream
+    except InputError as error:
+        raise InputError(error.message, where=str(path)) from None
+    except av.FFmpegError as error:  # av's own PermissionError, for what libavformat finds unfit
+        raise InputError(f"damaged or foreign video ({error.strerror})", where=str(path)) from None
+
+
+def _upright(picture: Any) -> NDArray:
+    """(H, W, 3) uint8 of an av.VideoFrame, turned by the quarter turns that its file asks for."""
+    matrix = picture.side_data.get(Type.DISPLAYMATRIX)
+    turns = 0
+    if matrix is not None:
+        cosine, sine = struct.unpack_from("<ii", bytes(matrix))  # libavutil/display.h: the first two of nine
+        turns = -round(math.atan2(sine, cosine) / (math.pi / 2))
+    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), turns))

@@ -1,0 +1,97 @@
+"""The process in which pycolmap reads a model: `python -m tinysplat_runtime.scene.intake.colmap_worker FOLDER`.
+
+Writes an .npz archive to standard output: `entries`, the UTF-8 bytes of a JSON list with a photo's `name`, `w2c` (3×4)
+and `camera` (model, params, width, height); `points` (N, 3) float64; `observations` (M, 2) int64, pairs of an index
+into `entries` and one into `points`. Exit status 3 where pycolmap is not installed.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MEMORY_BASE, MEMORY_PER_BYTE = 1 << 29, 64
+"""Bytes beyond those of the process at its start; an observation of 24 bytes takes 100 in memory."""
+
+SECONDS_BASE, BYTES_PER_SECOND = 4, 500_000
+"""Processor time: reading takes 0.02 seconds a megabyte, starting 0.5."""
+
+
+def model_arrays(reconstruction: Any) -> dict[str, NDArray]:
+    """The arrays described above of a pycolmap.Reconstruction."""
+    points = {i: row for row, i in enumerate(reconstruction.points3D)}
+    entries: list[dict[str, Any]] = []
+    observations: list[tuple[int, int]] = []
+    for image in reconstruction.images.values():
+        if not image.has_pose:
+            continue
+        camera = reconstruction.cameras[image.camera_id]
+        observations += [
+            (len(entries), points[point.point3D_id])
+            for point in image.points2D
+            if point.has_point3D() and point.point3D_id in points
+        ]
+        entries.append(
+            {
+                "name": image.name,
+                "w2c": image.cam_from_world().matrix().tolist(),
+                "camera": {
+                    "model": camera.model.name,
+                    "params": [float(value) for value in camera.params],
+                    "width": int(camera.width),
+                    "height": int(camera.height),
+                },
+            }
+        )
+    positions = [point.xyz for point in reconstruction.points3D.values()]
+    return {
+        "entries": np.frombuffer(json.dumps(entries).encode(), np.uint8),
+        "points": np.array(positions, np.float64).reshape(-1, 3),
+        "observations": np.array(observations, np.int64).reshape(-1, 2),
+    }
+
+
+def bound_resources(bytes_of_model: int) -> None:
+    """Bounds of memory and time that no real model of this size reaches, where the system has such bounds (Unix).
+
+    A second line of defence behind `colmap_binary`.
+    """
+    try:
+        import resource
+    except ImportError:
+        return
+    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 1 << 20
+    memory = pages * resource.getpagesize() + MEMORY_BASE + MEMORY_PER_BYTE * bytes_of_model
+    seconds = SECONDS_BASE + bytes_of_model // BYTES_PER_SECOND
+    for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds)):
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+
+
+def main(folder: str) -> int:
+    """Read and write; returns the exit status."""
+    try:
+        import pycolmap
+    except ImportError:
+        return 3
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    bound_resources(sum(file.stat().st_size for file in Path(folder).iterdir() if file.is_file()))
+    try:
+        arrays: dict[str, Any] = model_arrays(pycolmap.Reconstruction(folder))
+    except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, UnicodeDecodeError) as error:
+        print(" ".join(str(error).split()) or type(error).__name__, file=sys.stderr)
+        return 1
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    sys.stdout.buffer.write(buffer.getvalue())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

@@ -1,0 +1,39 @@
+"""The depth range of a scene from points on its surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Camera
+
+PERCENTILES = (1, 99)
+"""Points beyond them are taken for outliers of the reconstruction."""
+
+MARGIN = 1.1
+"""Nearest and farthest depth are moved apart by it: points are sparse, and surfaces reach past them."""
+
+
+def depth_range(depths: NDArray) -> tuple[float | None, float | None]:
+    """(near, far) around the depths z > 0 of any shape, scene units; (None, None) where there are none."""
+    depths = depths[np.isfinite(depths) & (depths > 0)]
+    if not depths.size:
+        return None, None
+    low, high = np.percentile(depths, PERCENTILES)
+    return float(low / MARGIN), float(high * MARGIN)
+
+
+def depth_range_in_view(points: NDArray, cameras: Sequence[Camera]) -> tuple[float | None, float | None]:
+    """`depth_range` of points (N, 3) in the world as the cameras that have them in their picture see them."""
+    return depth_range(np.concatenate([np.zeros(0), *(_depths_in_view(points, camera) for camera in cameras)]))
+
+
+def _depths_in_view(points: NDArray, camera: Camera) -> NDArray:
+    local = (points - camera.centre) @ camera.rotation.T  # (N, 3)
+    local = local[local[:, 2] > 0]
+    pixels = local @ camera.K.T
+    with np.errstate(over="ignore"):
+        inside = ((pixels[:, :2] >= 0) & (pixels[:, :2] < pixels[:, 2:] * (camera.width, camera.height))).all(axis=1)
+    return local[inside, 2]

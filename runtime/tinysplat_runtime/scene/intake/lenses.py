@@ -1,0 +1,144 @@
+"""Lens distortion: photos and cameras turned into those of a pinhole, through the package pycolmap.
+
+Models are COLMAP's, by name and order of parameters. A pinhole needs no package; any other model is undistorted with
+pycolmap (extra `poses`) as `colmap image_undistorter` does: the largest picture without blank pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import InputError
+from ..cameras import MAX_IMAGE_SIDE, Camera
+
+PINHOLES = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3}
+"""Models without distortion, and how many parameters they have."""
+
+INSTALL = 'pip install "tinysplat[poses]"'
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A photo's intrinsics as the camera took it.
+
+    Attributes:
+        model: COLMAP's name, such as OPENCV.
+        params: the model's parameters in COLMAP's order, pixels where they are lengths.
+        width: of the photo, pixels.
+        height: of the photo, pixels.
+    """
+
+    model: str
+    params: tuple[float, ...]
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or not 1 <= value <= MAX_IMAGE_SIDE:
+                raise InputError(f"{value}, expected a whole number from 1 to {MAX_IMAGE_SIDE}", where=name)
+        if not np.isfinite(self.params).all():
+            raise InputError("holds NaN or infinity, expected finite numbers", where="intrinsics")
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether photos can be used as they are."""
+        return self.model in PINHOLES
+
+    def camera(self, c2w: ArrayLike) -> Camera:
+        """The pinhole camera at pose `c2w` of photos that went through `undistort`.
+
+        Raises:
+            InputError: no camera, an unknown model, or distortion and no pycolmap.
+        """
+        K, width, height = self._pinhole
+        return Camera(K, np.asarray(c2w, np.float64), width, height)
+
+    def undistort(self, photo: NDArray) -> NDArray:
+        """The photo (H, W, 3) uint8 as a pinhole camera would have taken it; of another size unless `is_pinhole`."""
+        if self.is_pinhole:
+            return photo
+        pycolmap = _pycolmap(self.model)
+        bitmap, _ = pycolmap.undistort_image(
+            pycolmap.UndistortCameraOptions(), pycolmap.Bitmap.from_array(photo), self._distorted
+        )
+        return np.ascontiguousarray(bitmap.to_array())
+
+    @cached_property
+    def _distorted(self) -> Any:
+        """The camera as pycolmap's, checked."""
+        pycolmap = _pycolmap(self.model)
+        if self.model not in pycolmap.CameraModelId.__members__:
+            raise InputError(f"unknown model '{self.model[:40]}', expected one of COLMAP's", where="camera")
+        camera = pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
+        if not camera.verify_params() or camera.is_spherical() or camera.mean_focal_length() <= 0:
+            raise InputError(f"no usable camera of the model {self.model} with {list(self.params)}", where="camera")
+        return camera
+
+    @cached_property
+    def _pinhole(self) -> tuple[NDArray, int, int]:
+        """K, width and height of undistorted photos."""
+        if self.is_pinhole:
+            if len(self.params) != PINHOLES[self.model]:
+                raise InputError(f"{len(self.params)} parameters for the model {self.model}", where="camera")
+            fx, fy, cx, cy = self.params if self.model == "PINHOLE" else (self.params[0], *self.params)
+            return intrinsics(fx, fy, cx, cy), self.width, self.height
+        pycolmap = _pycolmap(self.model)
+        try:
+            camera = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), self._distorted)
+        except ValueError as error:
+            raise InputError(f"cannot be undistorted ({_first_line(error)})", where="camera") from None
+        return np.array(camera.calibration_matrix()), int(camera.width), int(camera.height)
+
+
+def intrinsics(fx: float, fy: float, cx: float, cy: float) -> NDArray:
+    """K (3, 3) float64 of focal lengths and principal point in pixels."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+
+
+def opencv_lens(focal: Sequence[float], centre: Sequence[float], distortion: Sequence[float], size: tuple[int, int],
+                *, fisheye: bool) -> Lens:  # fmt: skip
+    """A lens of OpenCV's polynomial.
+
+    Args:
+        focal: fx, fy in pixels.
+        centre: cx, cy in pixels.
+        distortion: k1, k2, k3, k4 and p1, p2; a fisheye has no p.
+        size: (height, width) of the photo.
+        fisheye: whether angles, not tangents, are what is distorted.
+    """
+    k1, k2, k3, k4, p1, p2 = distortion
+    height, width = size
+    base = (*focal, *centre)
+    if fisheye:
+        if p1 or p2:
+            raise InputError(f"p1 {p1:g} and p2 {p2:g}, expected 0 in a fisheye camera", where="p1")
+        return Lens("OPENCV_FISHEYE", (*base, k1, k2, k3, k4), width, height)
+    if k4:
+        raise InputError(f"{k4:g}, expected 0 unless the camera is a fisheye", where="k4")
+    if k3:
+        return Lens("FULL_OPENCV", (*base, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0), width, height)
+    if k1 or k2 or p1 or p2:
+        return Lens("OPENCV", (*base, k1, k2, p1, p2), width, height)
+    return Lens("PINHOLE", base, width, height)
+
+
+def _pycolmap(model: str) -> Any:
+    try:
+        import pycolmap
+    except ImportError:
+        found = f"a {model} camera has lens distortion"
+        raise InputError(f"{found}; {INSTALL} to undistort, or undistort the photos first") from None
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value  # what goes wrong comes as an exception
+    return pycolmap
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]

@@ -1,0 +1,52 @@
+"""A rectified stereo pair: two photos, a focal length and a baseline make a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...system.files import StrPath
+from ..cameras import Camera
+from ..images import image_size
+from ..scenes import Frame, Scene
+from .lenses import intrinsics
+
+
+def stereo_scene(
+    left: StrPath,
+    right: StrPath,
+    focal: float,
+    baseline: float,
+    near: float | None = None,
+    far: float | None = None,
+) -> Scene:
+    """Two photos of parallel cameras side by side; the world's frame is the left one's.
+
+    Args:
+        left: photo of the camera on the left.
+        right: photo of the camera `baseline` to its right, rectified: points lie in the same row of both.
+        focal: focal length of both in pixels; the principal point is the centre of the photo.
+        baseline: distance of the cameras; its unit is the scene's.
+        near: depth of the nearest surface, in units of the baseline's.
+        far: depth of the farthest.
+
+    Raises:
+        InputError: names the photo or the option at fault.
+    """
+    for name, value in (("--focal", focal), ("--baseline", baseline)):
+        if not 0 < value < float("inf"):
+            raise InputError(f"{value:g}, expected a number above 0", where=name)
+    sizes = [image_size(photo) for photo in (left, right)]
+    if sizes[0] != sizes[1]:
+        found = " and ".join(f"{width}x{height}" for height, width in sizes)
+        raise InputError(f"photos of {found} pixels, expected a rectified pair of one size", where=str(right))
+    height, width = sizes[0]
+    K = intrinsics(focal, focal, width / 2, height / 2)
+    frames = []
+    for photo, x in ((left, 0.0), (right, baseline)):
+        c2w = np.eye(4)
+        c2w[0, 3] = x
+        frames.append(Frame(Camera(K, c2w, width, height), Path(photo)))
+    return Scene(Path(left).parent, tuple(frames), near, far)

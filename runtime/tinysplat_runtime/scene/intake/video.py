@@ -1,0 +1,61 @@
+"""A video and the poses of some of its frames make a scene.
+
+Which frame a pose is of: the last number in the photo's name counts frames of the video (`frame_00012.png`), except in
+a RealEstate10K file, which has the time of each. Frames are decoded when their pictures are asked for.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from ...errors import InputError
+from ...system.files import StrPath
+from ..footage import SUFFIXES, open_video
+from ..scenes import Frame, Scene, load_scene
+from .realestate import load_realestate
+
+
+def video_scene(
+    video: StrPath, poses: StrPath, near: float | None = None, far: float | None = None, first_number: int = 0
+) -> Scene:
+    """The frames of a video that have a pose.
+
+    Args:
+        video: .mp4, .mov, .m4v, .mkv, .webm or .ts.
+        poses: a RealEstate10K file (.txt), a transforms.json, a cameras.json, or a folder with one of these or with a
+            COLMAP model; photos that it names need not exist.
+        near: depth of the nearest surface, scene units; replaces the poses' own.
+        far: depth of the farthest.
+        first_number: the number that names give to the video's first frame; 1 after `ffmpeg -i VIDEO %05d.png`.
+
+    Raises:
+        InputError: names the file and the frame: no such frame, a name without a number, another size of picture.
+    """
+    if Path(video).suffix.lower() not in SUFFIXES:
+        raise InputError(f"expected a video ({', '.join(SUFFIXES)}) beside --poses", where=str(video))
+    if Path(poses).suffix == ".txt":
+        return load_realestate(Path(poses), near, far, Path(video))
+    clip = open_video(video)
+    scene = load_scene(poses, near=near, far=far)
+    frames = []
+    for frame in scene.frames:
+        stated = frame.lens or frame.camera
+        try:
+            index = clip.check_index(_number(frame) - first_number)
+            if (stated.height, stated.width) != (clip.height, clip.width):
+                found = f"{clip.width}x{clip.height} pixels, but the camera states {stated.width}x{stated.height}"
+                raise InputError(found, where=str(video))
+        except InputError as error:
+            raise error.within(f"{poses}: {frame.path.name}") from None
+        frames.append(replace(frame, path=clip.path, video=clip, index=index))
+    return replace(scene, frames=tuple(frames))
+
+
+def _number(frame: Frame) -> int:
+    """The last number in the name of a frame's photo."""
+    numbers = re.findall(r"\d{1,9}", frame.path.stem)
+    if not numbers:
+        raise InputError("no number in the name, expected that of a frame of the video")
+    return int(numbers[-1])

@@ -1,0 +1,254 @@
+"""Scene folders: photos and the cameras that took them.
+
+A scene folder holds images and `cameras.json`:
+
+    {"near": 2.0, "far": 9.7, "frames": [{"file": "images/0000.jpg", "width": 455, "height": 256,
+                                          "K": 3x3 in pixels of that image, "c2w": 4x4, OpenCV axes}, …]}
+
+Keys that are not listed are ignored. Cameras are read and checked at once, photos only when asked for. Scenes of other
+tools are read by the modules of `intake`.
+
+Trust boundary: the file is bounded in size, may not hold NaN, and names photos inside its own folder only.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..system.files import StrPath, read_limited
+from ..system.jsonfields import MAX_DEPTH, depth, frame_entries, parse_object, photo_name
+from .cameras import Camera
+from .footage import Video
+from .images import read_image, resize_cover
+from .intake.lenses import Lens
+
+if TYPE_CHECKING:
+    from .intake.layouts import Reader
+
+CAMERAS_FILE = "cameras.json"
+
+MAX_CAMERAS_BYTES = 64 * 1000 * 1000
+"""A frame takes about 500 bytes, so this is more than 100,000 of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One photo and its camera.
+
+    Attributes:
+        camera: the view as `image` delivers it.
+        path: the photo, or the video that it is a frame of.
+        photo_camera: the view as the photo has it, where `camera` is resized from it; otherwise None.
+        lens: the intrinsics that the photo was taken with, where its distortion is to be taken out first.
+        video: the file at `path` looked through, where it is a video; otherwise None.
+        index: which of the video's frames.
+    """
+
+    camera: Camera
+    path: Path
+    photo_camera: Camera | None = None
+    lens: Lens | None = None
+    video: Video | None = None
+    index: int = 0
+
+    def resized(self, height: int, width: int) -> Frame:
+        """The frame scaled to cover height × width and cropped around its centre; always from the whole photo."""
+        photo_camera = self.photo_camera or self.camera
+        return replace(self, camera=photo_camera.resized(height, width), photo_camera=photo_camera)
+
+    def image(self) -> NDArray:
+        """Read the photo: (H, W, 3) float32 in [0, 1], of the camera's size.
+
+        Raises:
+            InputError: names the photo, which cannot be read or is not of the size that its camera states.
+        """
+        stated = self.lens or self.photo_camera or self.camera
+        pixels = read_image(self.path) if self.video is None else self.video.frame(self.index)
+        if pixels.shape[:2] != (stated.height, stated.width):
+            found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
+            raise InputError(f"{found}, but its camera states {stated.width}x{stated.height}", where=str(self.path))
+        if self.lens is not None:
+            pixels = self.lens.undistort(pixels)
+        if self.photo_camera is None:
+            return pixels.astype(np.float32) / np.float32(255)
+        return resize_cover(pixels, self.camera.height, self.camera.width)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Photos of one static scene with their cameras.
+
+    Attributes:
+        path: where the scene comes from; what messages name.
+        frames: photos and cameras, in capture order.
+        near: smallest depth z of interest, scene units, or None when unknown.
+        far: largest depth z of interest, scene units, or None when unknown.
+
+    Raises:
+        InputError: there are no frames, or not 0 < near < far < MAX_DEPTH.
+    """
+
+    path: Path
+    frames: tuple[Frame, ...]
+    near: float | None = None
+    far: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", Path(self.path))
+        object.__setattr__(self, "frames", tuple(self.frames))
+        if not self.frames:
+            raise InputError("no frames, expected at least one", where=str(self.path))
+        for name in ("near", "far"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < MAX_DEPTH:
+                where = f"{self.path}: {name}"
+                raise InputError(f"{value:g}, expected a depth > 0 and below {MAX_DEPTH:g}", where=where)
+        if self.near is not None and self.far is not None and not self.near < self.far:
+            raise InputError(f"near {self.near:g} and far {self.far:g}, expected near < far", where=str(self.path))
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return self.path.resolve().name
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """One camera per frame."""
+        return [frame.camera for frame in self.frames]
+
+    def views(self, indices: Iterable[int]) -> Scene:
+        """The scene of some frames, in the order given.
+
+        Raises:
+            InputError: an index is out of range, negative or given twice, or there is none.
+        """
+        chosen = [operator.index(i) for i in indices]
+        for position, i in enumerate(chosen):
+            if not 0 <= i < len(self.frames):
+                last = len(self.frames) - 1
+                raise InputError(f"view {i}, but the scene's views are 0 to {last}", where=str(self.path))
+            if i in chosen[:position]:
+                raise InputError(f"view {i} given twice", where=str(self.path))
+        if not chosen:
+            raise InputError("no views chosen, expected at least one", where=str(self.path))
+        return replace(self, frames=tuple(self.frames[i] for i in chosen))
+
+    def resized(self, height: int, width: int) -> Scene:
+        """Every photo scaled to cover height × width, then cropped around its centre; cameras adjusted."""
+        return replace(self, frames=tuple(frame.resized(height, width) for frame in self.frames))
+
+    def images(self, size: tuple[int, int] | None = None) -> NDArray:
+        """Read the photos.
+
+        Args:
+            size: (height, width) to resize to, as `resized` does, or None for the frames' own size.
+
+        Returns:
+            (V, H, W, 3) float32 in [0, 1].
+
+        Raises:
+            InputError: names the photo that cannot be read or has another size than its camera or the first frame.
+        """
+        if size is not None:
+            return self.resized(*size).images()
+        first = self.frames[0].camera
+        for frame in self.frames:
+            width, height = frame.camera.width, frame.camera.height
+            if (width, height) != (first.width, first.height):
+                found = f"{width}x{height} pixels, but {self.frames[0].path} has {first.width}x{first.height}"
+                raise InputError(f"{found}; choose one size with --size HxW", where=str(frame.path))
+        return np.stack([frame.image() for frame in self.frames])
+
+    def depth_range(self) -> tuple[float, float]:
+        """(near, far), or InputError naming the options when the scene does not state them."""
+        if self.near is None or self.far is None:
+            missing = " and ".join(name for name in ("near", "far") if getattr(self, name) is None)
+            options = " and ".join(f"--{name}" for name in missing.split(" and "))
+            raise InputError(f"the depth range lacks {missing}; give {options}", where=str(self.path))
+        return self.near, self.far
+
+
+def load_scene(path: StrPath, near: float | None = None, far: float | None = None) -> Scene:
+    """Read a scene's cameras; its photos are read when asked for.
+
+    Args:
+        path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
+            in `sparse/`; one of these two .json files; or a RealEstate10K camera file (.txt). For a video and poses
+            see `scene.intake.video.video_scene`.
+        near: replaces the scene's own near depth, scene units.
+        far: replaces the scene's own far depth.
+
+    Raises:
+        InputError: names the file and the field at fault.
+    """
+    if reader := _foreign_reader(path):
+        return reader(Path(path), near, far)
+    file = _cameras_file(path)
+    data = read_limited(file, MAX_CAMERAS_BYTES)
+    try:
+        document = parse_object(data)
+        entries = frame_entries(document)
+        frames = [Frame(_camera(i, e), file.parent / photo_name(i, e)) for i, e in enumerate(entries)]
+        near = depth(document, "near") if near is None else near
+        far = depth(document, "far") if far is None else far
+    except InputError as error:
+        raise error.within(str(file)) from None
+    return Scene(file.parent, tuple(frames), near, far)
+
+
+def load_cameras(path: StrPath) -> list[Camera]:
+    """Read the cameras of anything that `load_scene` takes; frames of a `cameras.json` need name no photo.
+
+    Raises:
+        InputError: names the file and the field at fault.
+    """
+    if reader := _foreign_reader(path):
+        return reader(Path(path), None, None).cameras
+    file = _cameras_file(path)
+    data = read_limited(file, MAX_CAMERAS_BYTES)
+    try:
+        return [_camera(i, entry) for i, entry in enumerate(frame_entries(parse_object(data)))]
+    except InputError as error:
+        raise error.within(str(file)) from None
+
+
+def camera_entry(file: str, camera: Camera) -> dict[str, Any]:
+    """A frame of `cameras.json`."""
+    K, c2w = camera.K.tolist(), camera.c2w.tolist()
+    return {"file": file, "width": camera.width, "height": camera.height, "K": K, "c2w": c2w}
+
+
+def _foreign_reader(path: StrPath) -> Reader | None:
+    from .intake.layouts import foreign_reader  # here, because its modules build on this one
+
+    return foreign_reader(Path(path))
+
+
+def _cameras_file(path: StrPath) -> Path:
+    path = Path(path)
+    if path.is_dir() and not (path / CAMERAS_FILE).exists():
+        from .intake.layouts import ACCEPTED
+
+        raise InputError(f"no {ACCEPTED} in this folder", where=str(path))
+    return path / CAMERAS_FILE if path.is_dir() else path
+
+
+def _camera(i: int, entry: dict[str, Any]) -> Camera:
+    for name in ("K", "c2w", "width", "height"):
+        if name not in entry:
+            raise InputError("missing", where=f"frames[{i}].{name}")
+    for name in ("width", "height"):
+        if type(entry[name]) is not int:
+            raise InputError(f"{str(entry[name])[:40]}, expected a whole number", where=f"frames[{i}].{name}")
+    try:
+        return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
+    except InputError as error:
+        raise InputError(error.message, where=f"frames[{i}].{error.where}") from None

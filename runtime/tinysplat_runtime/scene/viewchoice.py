@@ -1,0 +1,108 @@
+"""Which photos of many to give to a network: `--views auto`.
+
+Points are spread through what the cameras see, between near and far. A choice of views is worth, per point, the best
+that any two of its views seeing the point are worth to stereo: nothing at the same place, everything where their rays
+meet at GOOD_ANGLES, falling to nothing at MAX_ANGLE. Views are added greedily, one or a pair at a time, whichever
+gains more per view, so that coverage and baseline are weighed by one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .cameras import Camera
+
+GOOD_ANGLES = (3.0, 10.0)
+"""Degrees between two rays to a point: baselines of 5 % to 17 % of the depth, where photos still look alike."""
+
+MIN_ANGLE, MAX_ANGLE = 0.1, 35.0
+"""Degrees at which a pair is worth nothing."""
+
+MAX_CANDIDATES = 64
+"""More photos than these are thinned evenly in capture order first."""
+
+_GRID = (4, 3)  # columns and rows of points in each picture
+_DEPTHS = 3
+
+
+def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int) -> list[int]:
+    """Indices, in rising order, of `count` views that cover the scene with baselines that stereo can use.
+
+    Args:
+        cameras: of all photos.
+        near: depth of the nearest surface, scene units.
+        far: depth of the farthest.
+        count: how many are wanted, 2 or more.
+
+    Raises:
+        InputError: there are fewer views, or no two of them see the same place from different ones.
+    """
+    if not 2 <= count <= len(cameras):
+        raise InputError(f"{count} of {len(cameras)} photos, expected 2 to {len(cameras)}", where="--views auto")
+    spread = np.linspace(0, len(cameras) - 1, min(len(cameras), max(MAX_CANDIDATES, count)))
+    candidates = [int(i) for i in np.rint(spread)]
+    values = _pair_values([cameras[i] for i in candidates], near, far)  # (C, C, P)
+    if not values.any():
+        raise InputError("no two photos see the same place from different ones; name some with --views", where="views")
+    chosen: list[int] = []
+    reached = np.zeros(values.shape[2], np.float32)  # (P,)
+    while len(chosen) < count:
+        added = _best_addition(values, reached, chosen, room=count - len(chosen))
+        chosen += added
+        reached = np.maximum(reached, values[np.ix_(chosen, added)].max(axis=(0, 1)))
+    return sorted(candidates[i] for i in chosen)
+
+
+def _best_addition(values: NDArray, reached: NDArray, chosen: list[int], room: int) -> list[int]:
+    """The view, or the pair of views, that gains most per view."""
+    free = np.ones(len(values), bool)
+    free[chosen] = False
+    best, gain = [int(np.argmax(free))], -1.0
+    if chosen:
+        gains = np.maximum(values[chosen].max(axis=0) - reached, 0).sum(axis=1)  # (C,)
+        gains[~free] = -1
+        best, gain = [int(np.argmax(gains))], float(gains.max())
+    if room >= 2:
+        pairs = np.maximum(values - reached, 0).sum(axis=2) * (free & free[:, None])  # (C, C)
+        if pairs.max() / 2 > gain:
+            best = [int(i) for i in np.unravel_index(np.argmax(pairs), pairs.shape)]
+    return best
+
+
+def _pair_values(cameras: Sequence[Camera], near: float, far: float) -> NDArray:
+    """(C, C, P) float32: what each pair is worth at each point, 0 where one of them does not see it."""
+    points = np.concatenate([_points(camera, near, far) for camera in cameras])  # (P, 3)
+    rays = np.stack([points - camera.centre for camera in cameras])  # (C, P, 3)
+    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), 1e-30)
+    seen = np.stack([_sees(camera, points, near, far) for camera in cameras])  # (C, P)
+    values = np.zeros((len(cameras), len(cameras), len(points)), np.float32)
+    low, high = GOOD_ANGLES
+    for i, (ray, visible) in enumerate(zip(rays, seen, strict=True)):
+        angle = np.degrees(np.arccos(np.clip((rays * ray).sum(axis=2), -1, 1)))  # (C, P)
+        rise, fall = (angle - MIN_ANGLE) / (low - MIN_ANGLE), (MAX_ANGLE - angle) / (MAX_ANGLE - high)
+        worth = np.minimum(rise, fall).clip(0, 1)
+        values[i] = worth * (seen & visible)
+    return values
+
+
+def _points(camera: Camera, near: float, far: float) -> NDArray:
+    """(P, 3) world points on a few planes of even inverse depth through the picture."""
+    columns, rows = _GRID
+    u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+    pixels = np.stack([u.ravel() * camera.width, v.ravel() * camera.height, np.ones(u.size)], axis=1)
+    rays = pixels @ np.linalg.inv(camera.K).T @ camera.rotation  # (P, 3), z = 1 in the camera
+    depths = 1 / np.linspace(1 / near, 1 / far, _DEPTHS)
+    return (camera.centre + rays * depths[:, None, None]).reshape(-1, 3)
+
+
+def _sees(camera: Camera, points: NDArray, near: float, far: float) -> NDArray:
+    """(P,) whether a point lies in the picture, and not far nearer or farther than the scene does."""
+    local = (points - camera.centre) @ camera.rotation.T
+    z = local[:, 2]
+    pixels = local @ camera.K.T
+    inside = ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:] * (camera.width, camera.height))).all(axis=1)
+    return inside & (z > near / 2) & (z < 2 * far)

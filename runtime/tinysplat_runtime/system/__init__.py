@@ -1,0 +1,1 @@
+"""Threads, memory, files and time: what a process has."""
