@@ -53,7 +53,7 @@ class _Packed:
 
 
 @dataclass(frozen=True, eq=False)
-class _Visible:
+class Visible:
     """What of a block a frame shows: rows of records (m,), their tiles (m, 4), and how many by tile (tiles,)."""
 
     ids: NDArray
@@ -61,7 +61,7 @@ class _Visible:
     counts: NDArray
 
 
-class _Workspace:
+class Workspace:
     """Scratch arrays of one thread."""
 
     def __init__(self) -> None:
@@ -120,32 +120,27 @@ class Rasteriser:
                 packed.is_coloured[:] = 0
         visible = self._run(lambda packed: self._project(packed, view, columns, count), self._packed)
         counts = np.stack([np.zeros(count, np.int64), *(part.counts for part in visible)])  # (blocks + 1, tiles)
-        for first, last in _batches(counts.sum(axis=0)):
+        for first, last in batches(counts.sum(axis=0)):
             self._composite(visible, counts[1:, first:last], (first, last), columns, canvas)
         return canvas
 
-    def _workspace(self) -> _Workspace:
+    def _workspace(self) -> Workspace:
         if not hasattr(self._local, "workspace"):
-            self._local.workspace = _Workspace()
+            self._local.workspace = Workspace()
         return self._local.workspace
 
-    def _project(self, packed: _Packed, view: View, columns: int, count: int) -> _Visible:
+    def _project(self, packed: _Packed, view: View, columns: int, count: int) -> Visible:
         """Fill a block's records, and list what of them is visible."""
         records, work = self._records[packed.rows], self._workspace()
-        numbers = np.concatenate(
-            [
-                view.offset, view.camera.K[:2, 2], *jacobian_limits(view), view.projection.ravel(),
-                [view.near_plane, view.camera.width, view.camera.height],
-            ]
-        )  # fmt: skip
+        numbers = view_numbers(view)
         if kernels_project.project(packed.geometry, packed.sh, packed.is_coloured, numbers, work.chunk, records):
-            _redo_wide(packed.block, view, records)
+            redo_wide(packed.block, view, records)
         ids, boxes, counts = self._ids[packed.rows], self._boxes[packed.rows], np.zeros(count, np.int64)
         shown = kernels_blend.list_visible(records, packed.first, columns, ids, boxes, counts)
-        return _Visible(ids[:shown], boxes[:shown], counts)
+        return Visible(ids[:shown], boxes[:shown], counts)
 
     def _composite(
-        self, visible: list[_Visible], counts: NDArray, tiles: tuple[int, int], columns: int, canvas: Canvas
+        self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int, canvas: Canvas
     ) -> None:
         """Blend some tiles; `counts` (blocks, tiles) of their splats."""
         ends = np.cumsum(counts.T).reshape(-1, len(visible))  # a tile's list holds its splats block by block
@@ -191,7 +186,14 @@ def _by_chunk(planes: NDArray, chunks: int) -> NDArray:
     return np.ascontiguousarray(planes.reshape(len(planes), chunks, CHUNK).swapaxes(0, 1)).reshape(chunks, -1)
 
 
-def _batches(counts: NDArray) -> Iterator[tuple[int, int]]:
+def view_numbers(view: View) -> NDArray:
+    """(21,) float64: a view as `kernels_project.project` takes it."""
+    size = [view.near_plane, view.camera.width, view.camera.height]
+    principal = view.camera.K[:2, 2]
+    return np.concatenate([view.offset, principal, *jacobian_limits(view), view.projection.ravel(), size])
+
+
+def batches(counts: NDArray) -> Iterator[tuple[int, int]]:
     """Ranges of tiles that have at most `MAX_KEYS` splats together, or a single tile."""
     ends = np.cumsum(counts)
     first = 0
@@ -202,7 +204,7 @@ def _batches(counts: NDArray) -> Iterator[tuple[int, int]]:
         first = last
 
 
-def _redo_wide(block: Block, view: View, records: NDArray) -> None:
+def redo_wide(block: Block, view: View, records: NDArray) -> None:
     """Do what float32 is too narrow for in float64, by the code of the numpy path."""
     rows = np.flatnonzero(records[: block.size, IS_WIDE])
     planes, half = wide_shapes(block, view, rows)

@@ -124,7 +124,7 @@ def list_by_tile(
 
 
 @compiled
-def _sort(keys: NDArray, scratch: NDArray, histogram: NDArray) -> NDArray:
+def sort_by_depth(keys: NDArray, scratch: NDArray, histogram: NDArray) -> NDArray:
     """Sort by the upper 32 bits, ties in their order: a radix sort of as few passes as the depths' range needs."""
     low, high = keys[0] >> _I(32), keys[0] >> _I(32)
     for key in keys:
@@ -176,15 +176,15 @@ def composite_tile(
     state[:] = 0
     for line in range(rows):
         state[line * _ROW : line * _ROW + columns] = 1
-    keys = _sort(keys, scratch, histogram)
+    keys = sort_by_depth(keys, scratch, histogram)
     for start in range(0, keys.size, AHEAD):
-        if start and not _is_open(state):
+        if start and not is_open(state):
             break
         count = min(AHEAD, keys.size - start)
         for entry in range(count):
             near[entry] = records[keys[start + entry] & _I(0xFFFFFFFF)]
         for entry in range(count):
-            _blend(near[entry], row, column, rows, columns, state)
+            blend_splat(near[entry], row, column, rows, columns, state)
     for line in range(rows):
         for lane in range(columns):
             at = line * _ROW + lane
@@ -196,7 +196,7 @@ def composite_tile(
 
 
 @compiled
-def _is_open(state: NDArray) -> bool:
+def is_open(state: NDArray) -> bool:
     for row in range(TILE_HEIGHT):
         for column in range(TILE_WIDTH):
             if state[row * _ROW + column] > _ZERO:
@@ -205,7 +205,7 @@ def _is_open(state: NDArray) -> bool:
 
 
 @compiled
-def _blend(
+def blend_splat(
     splat: NDArray, first_row: Number, first_column: Number, rows: Number, columns: Number, state: NDArray
 ) -> None:
     """Blend one splat into a tile."""
@@ -232,7 +232,7 @@ def _blend(
 
 
 @compiled
-def _exp(x: Number) -> Number:
+def quick_exp(x: Number) -> Number:
     """e^x for x in [−80, 88] to two units in the last place, as arithmetic that vectorises (Cephes' expf)."""
     biased = np.int32(x * _F(1.44269504) + _F(127.5))  # the nearest power of two, and 127
     whole = _F(biased) - _F(127)
@@ -260,7 +260,7 @@ def _blend_lanes(
     for lane in range(LANES):
         at = start + _I(lane)
         u = across + alpha_x * _F(lane)
-        alpha = min(_exp(max(exponent - u * u, _F(-80))), _ALPHA_MAX)
+        alpha = min(quick_exp(max(exponent - u * u, _F(-80))), _ALPHA_MAX)
         before = pixels[at]
         weight = alpha * max(before, _ZERO) if alpha >= _ALPHA_MIN else _ZERO
         after = before - weight

@@ -43,6 +43,9 @@ Number = Any  # numba infers what kind when it compiles
 # A product and a sum may become one instruction; nothing else of "fast math" is safe with infinities about.
 OPTIONS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 compiled = njit(**OPTIONS)
+
+# Sums over lanes may be vector sums, whose order the compiler fixes.
+summing = njit(**{**OPTIONS, "fastmath": {"contract", "reassoc"}})
 _BAND_1, _BAND_2, _BAND_3, _BAND_4 = (compiled(band) for band in (band_1, band_2, band_3, band_4))
 
 _F, _I = np.float32, np.uint64

@@ -1,0 +1,295 @@
+"""Gaussians that move: how well they draw a photo, and which way each of them would draw it better.
+
+    field = MovableGaussians(gaussians, Crew(threads).map)
+    error = field.measure(camera, photo, gradient=gradient)     # adds to `gradient`, (6, rows)
+    field.values[…] -= …; field.place()
+
+A Gaussian moves along the ray of its own pixel alone, and may grow, fade and change its colour of SH degree 0
+(`kernels_gradient.VALUES`). Needs numba (`tinysplat[fast]`).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.gaussians import Gaussians
+
+from . import kernels_blend, kernels_gradient, kernels_project
+from .compiled import Visible, Workspace, batches, redo_wide, view_numbers
+from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
+from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES
+from .kernels_project import CHUNK, GEOMETRY, RECORD
+from .prepare import BLOCK_SIZE, Block, principal_axes
+from .project import View
+from .renderer import NEAR_PLANE
+
+LEAST_OPACITY, LARGEST_OPACITY = 1e-9, 1 - 1e-6
+"""Opacities outside are moved to these ends before their logit is taken: below 1/255 nothing is drawn, and where alpha
+is cut at 0.99 nothing changes."""
+
+
+@dataclass(frozen=True)
+class PhotoError:
+    """What a photo lacks.
+
+    Attributes:
+        absolute: Σ |error| over pixels and colours.
+        squared: Σ error² of values clipped to [0, 1].
+        by_gain: d `absolute` / d gain.
+        by_offset: d `absolute` / d offset.
+        covered_squared: Σ error² where splats cover the picture.
+        covered: how many pixels that is.
+        count: of pixels times colours.
+    """
+
+    absolute: float
+    squared: float
+    by_gain: float
+    by_offset: float
+    covered_squared: float
+    covered: int
+    count: int
+
+    @property
+    def psnr(self) -> float:
+        """In dB."""
+        return _psnr(self.squared, self.count)
+
+    @property
+    def covered_psnr(self) -> float:
+        """In dB, where splats cover the picture; NaN where they do nowhere."""
+        return _psnr(self.covered_squared, 3 * self.covered) if self.covered else math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """One view of one layer.
+
+    Attributes:
+        layer, view: which.
+        rows: its Gaussians among all rows, in the order of its pixels.
+        height, width: of the grid.
+    """
+
+    layer: int
+    view: int
+    rows: slice
+    height: int
+    width: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Gaussians that are worked on together: a part of a grid.
+
+    Attributes:
+        grid: which.
+        start: its first row.
+        base: (chunks, 12, 128) float32, see `kernels_gradient`.
+        centre: (3,) float64, of the own camera, relative to the Gaussians' origin.
+        geometry: (chunks, 13, 128) float32, as `kernels_project.project` takes it.
+        sh: (chunks, 3 S·128) float32.
+        quats, scales: (n, 4) and (n, 3) float32 as they began, for what float32 is too narrow for.
+    """
+
+    grid: Grid
+    start: int
+    base: NDArray
+    centre: NDArray
+    geometry: NDArray
+    sh: NDArray
+    quats: NDArray
+    scales: NDArray
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.start, self.start + CHUNK * len(self.base))
+
+
+class MovableGaussians:
+    """Per-pixel Gaussians, their values, and what drawing them takes.
+
+    Attributes:
+        grids: every view of every layer.
+        values: (6, rows) float32, see `kernels_gradient.VALUES`; grids begin at multiples of 128 rows, and rows that
+            belong to none show nowhere.
+    """
+
+    def __init__(self, gaussians: Gaussians, run_jobs: Callable) -> None:
+        """Take Gaussians with cameras; `run_jobs` maps a function over a list, on any number of threads."""
+        self.origin = gaussians.origin
+        self.grids = tuple(_grids(gaussians))
+        self.values = np.zeros((VALUES, _padded(self.grids[-1].rows.stop)), np.float32)
+        self.values[LOGIT] = -np.inf
+        self._pieces = [piece for grid in self.grids for piece in self._cut(gaussians.layers[grid.layer], grid)]
+        rows = self.values.shape[1]
+        self._records = np.empty((rows, RECORD), np.float32)
+        self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
+        self._pairs = np.empty((0, PAIR), np.float32)
+        self._run, self._local = run_jobs, threading.local()
+        self.place()
+
+    def _cut(self, layer: Gaussians, grid: Grid) -> Iterator[_Piece]:
+        """The pieces of a grid, whose values are filled in."""
+        centre = layer.cameras[grid.view].centre - self.origin
+        count = grid.height * grid.width
+        means, quats, scales, opacities = (
+            array[grid.view].reshape(count, *array.shape[3:])
+            for array in (layer.means, layer.quats, layer.scales, layer.opacities)
+        )
+        sh = layer.sh[grid.view].reshape(count, -1)  # (n, 3 S), colours last
+        values = self.values[:, grid.rows]
+        opacity = opacities.astype(np.float64).clip(LEAST_OPACITY, LARGEST_OPACITY)
+        values[LOG_DEPTH : LOG_SIZE + 1] = 0
+        values[LOGIT] = np.log(opacity / (1 - opacity))
+        values[SH_RED:] = sh[:, :3].T
+        for first in range(0, count, BLOCK_SIZE):
+            part = slice(first, min(first + BLOCK_SIZE, count))
+            base = np.concatenate(
+                [(means[part] - centre).T, principal_axes(quats[part], scales[part]).reshape(9, -1)]
+            ).astype(np.float32)
+            geometry = np.zeros((-(-base.shape[1] // CHUNK), GEOMETRY, CHUNK), np.float32)
+            yield _Piece(
+                grid, grid.rows.start + first, _by_chunk(base), centre, geometry,
+                np.ascontiguousarray(_by_chunk(sh[part].T)).reshape(len(geometry), -1), quats[part], scales[part],
+            )  # fmt: skip
+
+    def place(self) -> None:
+        """Bring what is drawn up to date with `values`."""
+        self._run(
+            lambda piece: kernels_gradient.place(
+                piece.base, piece.centre, self.values[:, piece.rows], piece.geometry, piece.sh
+            ),
+            self._pieces,
+        )
+
+    def measure(
+        self, camera: Camera, photo: NDArray, *, gain: float = 1.0, offset: float = 0.0, weight: float = 1.0,
+        gradient: NDArray | None = None, without: Collection[int] = (),
+    ) -> PhotoError:  # fmt: skip
+        """Hold gain · picture + offset, before a black background, against a photo.
+
+        Args:
+            camera: where it was taken.
+            photo: (H, W, 3) float32, of the camera's size.
+            gain, offset: how it was exposed.
+            weight: what a unit of |error| counts in `gradient`.
+            gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
+            without: views whose Gaussians are not drawn.
+        """
+        view = View.of(camera, self.origin, NEAR_PLANE)
+        columns, rows = -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
+        pieces = [piece for piece in self._pieces if piece.grid.view not in without]
+        visible = self._run(lambda piece: self._project(piece, view, columns, columns * rows), pieces)
+        counts = np.stack([np.zeros(columns * rows, np.int64), *(part.counts for part in visible)])
+        sums = np.zeros((columns * rows, SUMS))
+        exposure = (np.float32(gain), np.float32(offset), np.float32(weight))
+        for first, last in batches(counts.sum(axis=0)):
+            listed = counts[1:, first:last]
+            starts = self._measure(visible, listed, (first, last), columns, photo, exposure, sums, gradient is not None)
+            if gradient is not None:
+                self._add_up(pieces, visible, starts, (first, last), columns, view, gradient)
+        absolute, squared, by_gain, by_offset, covered_squared, covered = sums.sum(axis=0).tolist()
+        return PhotoError(absolute, squared, by_gain, by_offset, covered_squared, int(covered), photo.size)
+
+    def _workspace(self) -> Workspace:
+        if not hasattr(self._local, "workspace"):
+            self._local.workspace = Workspace()
+        return self._local.workspace
+
+    def _project(self, piece: _Piece, view: View, columns: int, count: int) -> Visible:
+        records, numbers = self._records[piece.rows], view_numbers(view)
+        uncoloured = np.zeros(len(piece.base), np.uint8)
+        work = self._workspace().chunk
+        if kernels_project.project(piece.geometry.ravel(), piece.sh, uncoloured, numbers, work, records):
+            redo_wide(self._block(piece), view, records)
+        ids, boxes, counts = self._ids[piece.rows], self._boxes[piece.rows], np.zeros(count, np.int64)
+        shown = kernels_blend.list_visible(records, piece.start, columns, ids, boxes, counts)
+        return Visible(ids[:shown], boxes[:shown], counts)
+
+    def _block(self, piece: _Piece) -> Block:
+        """A piece as it stands, for the code that works in float64."""
+        planes = piece.geometry.swapaxes(0, 1).reshape(GEOMETRY, -1)[:, : len(piece.quats)]
+        log_depth, log_size = self.values[: LOG_SIZE + 1, piece.rows][:, : len(piece.quats)]
+        nothing = np.zeros((0, 3, 0), np.float32)
+        scales = piece.scales * np.exp(log_depth + log_size)[:, None]
+        return Block(piece.start, planes[:3], nothing, planes[-1], nothing, piece.quats, scales)
+
+    def _measure(
+        self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int, photo: NDArray,
+        exposure: tuple, sums: NDArray, with_gradient: bool,
+    ) -> NDArray:  # fmt: skip
+        """Draw some tiles; `counts` (pieces, tiles) of their splats. Returns where each piece's lists begin."""
+        ends = np.cumsum(counts.T).reshape(-1, len(visible))
+        bounds = np.append(0, ends[:, -1])
+        starts = np.ascontiguousarray((ends - counts.T).T)
+        keys, scratch = np.empty((2, bounds[-1]), np.uint64)
+        rows = np.empty(bounds[-1], np.int32)
+        if with_gradient and len(self._pairs) < bounds[-1]:
+            self._pairs = np.empty((int(bounds[-1] * 1.1), PAIR), np.float32)
+        self._run(
+            lambda part: kernels_gradient.list_pairs(
+                self._records, part[0].ids, part[0].boxes, columns, tiles, part[1], keys, rows
+            ),
+            list(zip(visible, starts.copy(), strict=True)),
+        )
+
+        def measure(tile: int) -> None:
+            work, part = self._workspace(), slice(bounds[tile], bounds[tile + 1])
+            row, column = divmod(tiles[0] + tile, columns)
+            kernels_gradient.measure_tile(
+                self._records, rows, keys[part], scratch[part], (row * TILE_HEIGHT, column * TILE_WIDTH),
+                (work.state, work.near, work.histogram), photo, exposure, self._pairs, sums[tiles[0] + tile],
+                with_gradient,
+            )  # fmt: skip
+
+        self._run(measure, np.argsort(np.diff(bounds), kind="stable")[::-1].tolist())
+        return starts
+
+    def _add_up(
+        self, pieces: list[_Piece], visible: list[Visible], starts: NDArray, tiles: tuple[int, int], columns: int,
+        view: View, gradient: NDArray,
+    ) -> None:  # fmt: skip
+        numbers = view_numbers(view)
+
+        def add(number: int) -> None:
+            piece, part = pieces[number], visible[number]
+            place = (piece.start, piece.geometry, piece.centre, self.values[:, piece.rows])
+            kernels_gradient.add_up(
+                self._records, part.ids, part.boxes, columns, tiles, starts[number], self._pairs, place, numbers,
+                gradient[:, piece.rows],
+            )  # fmt: skip
+
+        self._run(add, list(range(len(pieces))))
+
+
+def _grids(gaussians: Gaussians) -> Iterator[Grid]:
+    first = 0
+    for number, layer in enumerate(gaussians.layers):
+        views, height, width = layer.opacities.shape
+        for view in range(views):
+            yield Grid(number, view, slice(first, first + height * width), height, width)
+            first = _padded(first + height * width)
+
+
+def _padded(rows: int) -> int:
+    return -(-rows // CHUNK) * CHUNK
+
+
+def _by_chunk(planes: NDArray) -> NDArray:
+    """(planes, n) to (chunks, planes, 128), zeros behind the last."""
+    count = planes.shape[1]
+    padded = np.zeros((len(planes), _padded(count)), np.float32)
+    padded[:, :count] = planes
+    return np.ascontiguousarray(padded.reshape(len(planes), -1, CHUNK).swapaxes(0, 1))
+
+
+def _psnr(squared: float, count: int) -> float:
+    return -10 * math.log10(max(squared / count, 1e-15))

@@ -1,0 +1,217 @@
+"""Gradients of a photo's error are those of what is drawn: finite differences of the float64 reference, and autograd.
+
+Tolerance: a thousandth of each gradient, and 2e-4 of the largest of its kind, which float32's pictures differ by. Steps
+of finite differences are 1e-6 in float64, too small for a threshold of alpha to lie in between by chance. Needles
+hundreds of pixels long, whose edge a rounded axis turns by a share of its own width, are held to 2 %.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from reference.rasteriser import render_reference
+from scenes import make_cameras, make_gaussians
+
+from tinysplat.rasteriser import PinholeCamera
+from tinysplat.rasteriser import render as render_torch
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.render.gradient import MovableGaussians
+from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
+from tinysplat_runtime.sh import C0
+from tinysplat_runtime.threads import Crew
+
+RTOL, ATOL = 1e-3, 2e-4
+STEP = 1e-6
+
+
+def scene(**changes) -> Gaussians:
+    """Two views of 6 x 7 Gaussians of degree 0 and a coarser layer, opacities around a half, some pixels wide."""
+    made = make_gaussians(2, 6, 7, degree=0, layers=2, seed=5)
+    layers = [dressed(layer, **changes) for layer in made.layers]
+    return replace(layers[0], extra_layers=tuple(layers[1:]))
+
+
+def dressed(layer: Gaussians, size=1.0, stretch=(1, 1, 1), opacity=None) -> Gaussians:
+    opacities = 0.2 + 0.6 * layer.opacities if opacity is None else np.full_like(layer.opacities, opacity)
+    scales = layer.scales * np.array(stretch) * size
+    return replace(layer, scales=scales, opacities=opacities, extra_layers=())
+
+
+def moved(gaussians: Gaussians, values: np.ndarray) -> Gaussians:
+    """The definition of `kernels_gradient.VALUES`, in float64: values (6, n) over all layers, in their order."""
+    layers, first = [], 0
+    for layer in gaussians.layers:
+        count = layer.opacities.size
+        part = values[:, first : first + count].reshape(VALUES, *layer.opacities.shape)
+        away, size = np.exp(part[LOG_DEPTH])[..., None], np.exp(part[LOG_DEPTH] + part[LOG_SIZE])[..., None]
+        centres = np.stack([c.centre for c in layer.cameras])[:, None, None] - layer.origin
+        sh = layer.sh.astype(np.float64)
+        sh[..., 0, :] = np.moveaxis(part[SH_RED:], 0, -1)
+        fields = {
+            "means": centres + away * (layer.means - centres),
+            "quats": layer.quats.astype(np.float64),
+            "scales": size * layer.scales,
+            "opacities": 1 / (1 + np.exp(-part[LOGIT])),
+            "sh": sh,
+        }
+        layers.append(Gaussians.unchecked(**fields, cameras=layer.cameras, origin=layer.origin))
+        first += count
+    return Gaussians.unchecked(**{**vars(layers[0]), "extra_layers": tuple(layers[1:])})
+
+
+def compact(field: MovableGaussians, rows: np.ndarray) -> np.ndarray:
+    """(6, rows) without the rows between grids."""
+    return np.concatenate([rows[:, grid.rows] for grid in field.grids], axis=1)
+
+
+def found_gradient(gaussians: Gaussians, camera: Camera, photo: np.ndarray, threads: int = 2):
+    field = MovableGaussians(gaussians, Crew(threads).map)
+    gradient = np.zeros_like(field.values)
+    error = field.measure(camera, photo, gain=1.1, offset=-0.02, gradient=gradient)
+    return error, compact(field, field.values).astype(np.float64), compact(field, gradient)
+
+
+def assert_is_gradient(gaussians: Gaussians, camera: Camera, rtol: float = RTOL, samples: int = 24) -> np.ndarray:
+    """Hold every kind of gradient against finite differences at some Gaussians, those of the largest among them."""
+    rng = np.random.default_rng(0)
+    photo = rng.uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
+
+    def error(values: np.ndarray) -> float:
+        return np.abs(1.1 * render_reference(moved(gaussians, values), camera)["rgb"] - 0.02 - photo).sum()
+
+    measured, values, found = found_gradient(gaussians, camera, photo)
+    assert measured.absolute == pytest.approx(error(values), rel=1e-5)
+    for kind in range(VALUES):
+        scale = float(np.abs(found[kind]).max())
+        strongest = np.argsort(-np.abs(found[kind]))[: samples // 2]
+        for row in {*strongest, *rng.choice(values.shape[1], samples // 2, replace=False)}:
+            ends = []
+            for sign in (STEP, -STEP):
+                shifted = values.copy()
+                shifted[kind, row] += sign
+                ends.append(error(shifted))
+            wanted = (ends[0] - ends[1]) / (2 * STEP)
+            assert found[kind, row] == pytest.approx(wanted, rel=rtol, abs=ATOL * max(scale, 0.1)), (kind, row)
+    return found
+
+
+def side_camera() -> Camera:
+    return Camera([[20, 1.0, 9], [0, 18, 8], [0, 0, 1]], make_cameras(3, 16, 18, spacing=0.5)[0].c2w, 18, 16)
+
+
+CASES = {
+    "ordinary": {},
+    "larger": {"size": 4},
+    "needles": {"stretch": (40, 0.01, 0.01)},
+    "wider than float32 bears": {"stretch": (600, 0.5, 0.5), "opacity": 0.3},
+    "opaque": {"opacity": 1.0, "size": 2},
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_gradients_are_finite_differences_of_the_float64_reference(name: str) -> None:
+    rtol = 2e-2 if name.startswith("wider") else RTOL
+    found = assert_is_gradient(scene(**CASES[name]), side_camera(), rtol)
+    assert (np.abs(found).max(axis=1) > 0.01).all() or name == "opaque"
+
+
+def test_gradients_of_what_stands_behind_a_camera_or_beyond_its_picture_are_zero_or_right() -> None:
+    gaussians, c2w = scene(size=3), np.eye(4)
+    c2w[:3, 3] = 0.4, 0.3, 4.0  # in the middle of the scene: some behind, some beside, some far off the axis
+    found = assert_is_gradient(gaussians, Camera([[14, 0, 6], [0, 14, 6], [0, 0, 1]], c2w, 12, 11))
+    shown = np.abs(found).max(axis=0) > 0
+    assert 5 < shown.sum() < shown.size - 5
+
+
+def test_what_has_no_opacity_has_no_gradient_and_changes_no_other() -> None:
+    gaussians, camera = scene(), side_camera()
+    photo = np.zeros((camera.height, camera.width, 3), np.float32)
+    opacities = gaussians.opacities.copy()
+    opacities[0, 2:4] = 0
+    opacities[1, 1] = 1e-4
+    thinned = replace(gaussians, opacities=opacities)
+    error, values, found = found_gradient(thinned, camera, photo)
+    gone = np.zeros(found.shape[1], bool)
+    gone[: opacities.size] = opacities.ravel() < 1e-3
+    assert gone.sum() == 21 and np.isfinite(values).all()
+    assert (found[:, gone] == 0).all()
+    without = values.copy()
+    without[LOGIT, gone] = -40
+    assert error.absolute == pytest.approx(
+        np.abs(1.1 * render_reference(moved(thinned, without), camera)["rgb"] - 0.02).sum(), rel=1e-5
+    )
+
+
+def test_gradients_of_higher_degrees_reach_opacity_and_the_first_coefficients() -> None:
+    """Depth too, but for the turn of the direction that colours are seen from, which is left out."""
+    gaussians, camera = make_gaussians(2, 6, 7, degree=2, seed=6), side_camera()
+    photo = np.full((camera.height, camera.width, 3), 0.4, np.float32)
+    _, values, found = found_gradient(gaussians, camera, photo)
+    for kind in (LOGIT, SH_RED + 1):
+        for row in np.argsort(-np.abs(found[kind]))[:5]:
+            ends = []
+            for sign in (STEP, -STEP):
+                shifted = values.copy()
+                shifted[kind, row] += sign
+                picture = render_reference(moved(gaussians, shifted), camera)["rgb"]
+                ends.append(np.abs(1.1 * picture - 0.02 - photo).sum())
+            assert found[kind, row] == pytest.approx((ends[0] - ends[1]) / (2 * STEP), rel=RTOL, abs=ATOL)
+
+
+def crowded(seed: int = 3) -> tuple[Gaussians, Camera]:
+    """More than one tile, and more than one batch of records in each."""
+    return make_gaussians(3, 40, 48, degree=0, layers=2, seed=seed), make_cameras(3, 70, 300)[0]
+
+
+def test_gradients_are_those_of_the_torch_rasteriser() -> None:
+    gaussians, camera = crowded()
+    photo = np.random.default_rng(1).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
+    _, values, found = found_gradient(gaussians, camera, photo)
+    flat = gaussians.flat()
+    leaf = torch.tensor(values, dtype=torch.float32, requires_grad=True)
+    centres = np.concatenate(
+        [np.repeat([c.centre for c in layer.cameras], layer.opacities[0].size, axis=0) for layer in gaussians.layers]
+    )
+    arrays = (centres, flat.means, flat.scales)
+    centre, means, scales = (torch.tensor(array, dtype=torch.float32) for array in arrays)
+    image, _ = render_torch(
+        centre + torch.exp(leaf[LOG_DEPTH])[:, None] * (means - centre),
+        torch.nn.functional.normalize(torch.tensor(flat.quats), dim=1),
+        scales * torch.exp(leaf[LOG_DEPTH] + leaf[LOG_SIZE])[:, None],
+        torch.sigmoid(leaf[LOGIT]),
+        (0.5 + C0 * leaf[SH_RED:].T).clamp_min(0),
+        PinholeCamera(torch.tensor(camera.K).float(), torch.tensor(camera.c2w).float(), camera.height, camera.width),
+    )
+    (1.1 * image - 0.02 - torch.tensor(photo)).abs().sum().backward()
+    wanted = leaf.grad.numpy()
+    for kind in range(VALUES):
+        error = np.abs(found[kind] - wanted[kind])
+        scale = np.abs(wanted[kind]).max()
+        # float32 flips the sign of an error near zero, and thresholds of alpha, in a few pixels
+        assert np.mean(error > ATOL * scale + RTOL * np.abs(wanted[kind])) < 5e-3, kind
+        assert error.max() < 0.05 * scale, kind
+
+
+def test_gradients_depend_on_neither_threads_nor_repetition() -> None:
+    gaussians, camera = crowded()
+    photo = np.full((camera.height, camera.width, 3), 0.5, np.float32)
+    first, *others = (found_gradient(gaussians, camera, photo, threads)[2] for threads in (1, 2, 5))
+    assert all((other == first).all() for other in others)
+
+
+def test_pictures_without_a_view_are_those_of_the_others() -> None:
+    gaussians, camera = crowded()
+    photo = np.zeros((camera.height, camera.width, 3), np.float32)
+    field = MovableGaussians(gaussians, Crew(1).map)
+    kept = [
+        replace(layer, **{name: getattr(layer, name)[[0, 2]] for name in FIELDS},
+                cameras=(layer.cameras[0], layer.cameras[2]), extra_layers=())
+        for layer in gaussians.layers
+    ]  # fmt: skip
+    others = MovableGaussians(replace(kept[0], extra_layers=tuple(kept[1:])), Crew(1).map)
+    assert field.measure(camera, photo, without=(1,)) == others.measure(camera, photo)
+    assert field.measure(camera, photo) != others.measure(camera, photo)
