@@ -17,12 +17,12 @@ from scenes import make_cameras, make_gaussians
 
 from tinysplat.rasteriser import PinholeCamera
 from tinysplat.rasteriser import render as render_torch
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render.gradient import MovableGaussians
 from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
-from tinysplat_runtime.sh import C0
-from tinysplat_runtime.threads import Crew
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.system.threads import Crew
 
 RTOL, ATOL = 1e-3, 2e-4
 STEP = 1e-6

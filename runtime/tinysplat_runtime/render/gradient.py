@@ -18,9 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
-
+from ..gaussian.gaussians import Gaussians
+from ..scene.cameras import Camera
 from . import kernels_blend, kernels_gradient, kernels_project
 from .compiled import Visible, Workspace, batches, redo_wide, view_numbers
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH

@@ -18,8 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.sh import C0
-
+from ..gaussian.sh import C0
 from .composite import ALPHA_MAX, TRANSMITTANCE_MIN
 from .kernels_blend import (
     AHEAD,
