@@ -21,8 +21,8 @@ from pathlib import Path
 from tinysplat.commands.eval import choose_lpips, numbers, words
 from tinysplat.datasets import SPECS
 from tinysplat.evaluation import Settings, Source, find_sources, paper_figures, paper_tables
-from tinysplat.evaluation.lpips_files import BACKBONE_FILES
 from tinysplat.evaluation.paper_tables import SCENES, Inputs
+from tinysplat.measure.lpips import BACKBONE_FILES
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import size
 from tinysplat_runtime.errors import InputError, TinySplatError

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import tinysplat_runtime as ts
-from tinysplat.metrics import psnr
+from tinysplat.measure.metrics import psnr
 from tinysplat_runtime.errors import FormatError
 
 

@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 
 import tinysplat_runtime as ts
-from tinysplat.metrics import psnr
+from tinysplat.measure.metrics import psnr
 
 _DB_PER_OCTAVE = 0.5 / 0.085
 

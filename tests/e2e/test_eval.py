@@ -65,6 +65,21 @@ def test_a_run_prints_tables_and_writes_what_was_asked_for(scenes, tmp_path):
     assert (tmp_path / "r.csv").read_text().count("\n") == 2
 
 
+def test_closer_and_with_more_photos_are_measured_where_asked_for(tmp_path):
+    window = {"kind": "multi", "context": [0, 1, 3, 4], "target": [2]}
+    scene = write_eval_scene(tmp_path / "plane", [window], frames=5)
+    done = run("eval", scene, "-o", tmp_path, "--zoom", "0.5,1,2", "--nested", "--lpips", "none", "--size", "48x64")
+    (entry,) = json.loads((tmp_path / "results.json").read_text())["scenes"]
+    assert entry["zoom"]["1"]["psnr"] == pytest.approx(entry["psnr"], abs=1e-6)
+    assert entry["zoom"]["1"]["psnr_enlarged"] == pytest.approx(entry["psnr"], abs=1e-4)
+    assert [entry["zoom"][factor]["photos_enlarged"] for factor in ("0.5", "1", "2")] == [0.5, 1, 2]
+    assert "smaller than the picture, enlarged (2.00 ×)" in done.stdout
+    assert set(entry["nested"]) == {"2", "4"} and entry["nested"]["4"] == pytest.approx(entry["psnr_raw"], abs=1e-6)
+    assert "nearest 2 photos, dB" in done.stdout
+    said = run("eval", scene, "-o", tmp_path, "--zoom", "0", *OPTIONS, status=2).stderr
+    assert "--zoom: 0, accepted are 0.0625 to 16" in said
+
+
 def test_bad_scenes_cost_a_line_each_and_the_others_still_run(tmp_path):
     scenes = tmp_path / "scenes"
     write_eval_scene(scenes / "good")
@@ -124,14 +139,17 @@ def test_two_runs_agree_whatever_their_jobs(scenes, finished, tmp_path):
 def test_a_killed_run_goes_on_where_it_stopped(scenes, finished, tmp_path, jobs):
     arguments = ("eval", scenes, "-o", tmp_path, "--profile", "paper,fast", "--jobs", jobs, *OPTIONS)
     process = subprocess.Popen(command(*arguments, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    records = tmp_path / "records"
+    rows = tmp_path / "rows.jsonl"
+
+    def count() -> int:
+        return rows.read_bytes().count(b"\n") if rows.is_file() else 0
+
     deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not (records.is_dir() and len(list(records.glob("[!.]*.json"))) >= 3):
+    while time.monotonic() < deadline and count() < 3:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    kept = len(list(records.glob("[!.]*.json")))
-    assert kept >= 3 and not (tmp_path / "results.json").exists()
+    assert count() >= 3 and not (tmp_path / "results.json").exists()
     done = run(*arguments)
     total = len(figures(finished))
     resumed = int(done.stdout.split(" from before")[0].split()[-1])
@@ -141,9 +159,9 @@ def test_a_killed_run_goes_on_where_it_stopped(scenes, finished, tmp_path, jobs)
 
 def test_an_interrupt_ends_with_its_own_status(scenes, tmp_path):
     process = subprocess.Popen(
-        command("eval", scenes, "-o", tmp_path, *OPTIONS, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        command("eval", scenes, "-o", tmp_path / "r", *OPTIONS, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
-    while not (tmp_path / "records").is_dir():
+    while not (tmp_path / "r").is_dir():
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)

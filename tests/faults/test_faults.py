@@ -111,7 +111,8 @@ def _wait_for_end(processes: set[int]) -> None:
 
 def _figures(folder: Path) -> dict[str, object]:
     """What a run over many scenes leaves, without clocks: files by name, of JSON documents what two runs agree on."""
-    clocks = ("seconds", "scenes_per_second", "worker", "skipped", "attempts", "resumed", "fingerprint", "output")
+    clocks = ("seconds", "costs", "scenes_per_second", "worker", "skipped", "attempts", "resumed", "fingerprint", "output",
+              "load_average", "time")  # fmt: skip
 
     def timeless(value: object) -> object:
         if isinstance(value, dict):
@@ -120,7 +121,10 @@ def _figures(folder: Path) -> dict[str, object]:
 
     found: dict[str, object] = {}
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and not path.name.startswith(".tinysplat-"):
+        if path.suffix == ".jsonl":  # rows as they come, the last of them torn by a kill
+            rows = [json.loads(line) for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")]
+            found |= {f"{path.name} {row['subject']}": timeless(row) for row in rows}
+        elif path.is_file() and not path.name.startswith(".tinysplat-"):
             name = str(path.relative_to(folder))
             found[name] = timeless(json.loads(path.read_text())) if path.suffix == ".json" else path.read_bytes()
     return found

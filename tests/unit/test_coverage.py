@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from evaluation_scenes import NEAR_WINDOW, write_eval_scene
 
-from tinysplat.evaluation.coverage import covered_pixels
-from tinysplat.evaluation.sources import FolderSource
-from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.scene.cameras import Camera
+from tinysplat.measure.subjects.index import covered_pixels
+from tinysplat_runtime.cameras import Camera
 
 FOCAL, WIDTH, HEIGHT = 40.0, 60, 20
 
@@ -44,12 +40,3 @@ def test_views_on_both_sides_cover_what_stands_between_them() -> None:
 def test_a_view_that_looks_away_or_from_behind_covers_nothing() -> None:
     assert not covered_pixels(camera(0), [camera(0, yaw=np.pi)], 1, 9).any()
     assert not covered_pixels(camera(0), [camera(0, yaw=2.0)], 1, 9).any()
-
-
-@pytest.mark.parametrize("model", ["sweep", "edge"])
-def test_every_network_is_judged_on_the_same_pixels(tmp_path, model: str) -> None:
-    source = FolderSource(write_eval_scene(tmp_path / "plane", [NEAR_WINDOW]))
-    case = source.load(source.windows()[0][0], model, (48, 64), Runtime(threads=1))
-    views = source.scene().resized(48, 64).views((0, 1, 2)).cameras
-    assert case.covered is not None
-    np.testing.assert_array_equal(case.covered, [covered_pixels(views[1], [views[0], views[2]], 2.0, 8.0)])

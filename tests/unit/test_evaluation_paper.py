@@ -25,7 +25,7 @@ from tinysplat.evaluation.ablation import (
 )
 from tinysplat.evaluation.paper_tables import network_name, time_codings
 from tinysplat.evaluation.published import BITS, MAIN, VIEWS
-from tinysplat.metrics import attribute_errors
+from tinysplat.measure.metrics import attribute_errors
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
 from tinysplat_runtime.formats.table import save_gaussians
 

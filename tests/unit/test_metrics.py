@@ -12,10 +12,9 @@ from scenes import make_photo, make_smooth_gaussians
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import nn
 
-from tinysplat.evaluation import lpips as lpips_module
-from tinysplat.evaluation.lpips import Lpips
-from tinysplat.evaluation.lpips_files import LpipsFiles, find_lpips
-from tinysplat.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
+from tinysplat.measure import lpips as lpips_module
+from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
+from tinysplat.measure.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.quaternions import multiply_quats
 from tinysplat_runtime.graphs.inference import GraphStore

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -35,22 +34,23 @@ def evaluate(job: Job, threads: int = 1) -> dict[str, Any]:
     """
     start = time.perf_counter()
     try:
-        from tinysplat import evaluation
-        from tinysplat.evaluation.summary import mean_of
+        from tinysplat.measure.rows import ROWS, RowFile
+        from tinysplat.measure.runner import Plan, run_jobs
+        from tinysplat.measure.studies.quality import Coding, Quality, mean_of, record
+        from tinysplat.measure.subjects.sources import find_sources
     except ImportError as error:
         install = 'pip install "tinysplat[cluster,eval]" brings it'
         raise InputError(f"needs the package '{error.name}'; {install}", where="--evaluate") from None
     options = job.options
     with local_folder(job.scene) as folder, tempfile.TemporaryDirectory(prefix="tinysplat-") as results:
-        sources, left_out = evaluation.find_sources([folder], near=options.near, far=options.far)
-        coding = evaluation.Coding(options.profile, options.qp)
-        plan = evaluation.Plan(sources, (options.model,), [coding], options.size or DEFAULT_SIZE)
-        settings = evaluation.Settings(Path(results), threads=threads)
-        outcome = evaluation.evaluate(plan, settings, runtime=worker_runtime(threads))
+        sources, left_out = find_sources([folder], near=options.near, far=options.far)
+        plan = Plan(sources, (options.model,), options.size or DEFAULT_SIZE)
+        work, store = Quality((Coding(options.profile, options.qp),), Path(results)), RowFile(Path(results, ROWS))
+        outcome = run_jobs(plan, work, store, threads=threads, runtime=worker_runtime(threads))
     left_out = [*left_out, *outcome.left_out]
-    if not outcome.records:
+    if not outcome.rows:
         raise InputError(str(left_out[0]) if left_out else "no windows to evaluate", where=job.scene)
-    records = [dataclasses.replace(record, scene=job.name).as_json() for record in outcome.records]
+    records = [{**record(row), "scene": job.name} for row in outcome.rows]
     document = {"scene": job.name, "records": records, "left_out": [str(entry) for entry in left_out]}
     data = (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()
     write(job.output, data)

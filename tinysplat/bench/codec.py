@@ -16,7 +16,7 @@ from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.system.threads import available_cores
 
-from ..metrics import attribute_errors
+from ..measure.metrics import attribute_errors
 from .inputs import Case
 from .judge import Judge
 from .streams import decode_alone, encode_alone, file_streams, recorded_planes

@@ -12,7 +12,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
-from ..metrics import psnr
+from ..measure.metrics import psnr
 from .inputs import Case
 from .timing import Figures
 

@@ -19,7 +19,7 @@ from tinysplat_runtime.graphs.artifacts import load_manifest
 from tinysplat_runtime.graphs.inference import as_input
 from tinysplat_runtime.graphs.predict import predict
 
-from ..metrics import depth_errors
+from ..measure.metrics import depth_errors
 from .inputs import Photos, PhotoSource
 from .judge import photo_figures
 from .timing import Figures, Row, Stage, Variant

@@ -16,7 +16,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
-from ..metrics import psnr
+from ..measure.metrics import psnr
 from ..reference.pixels import choose_pixels, render_pixels
 from .inputs import made_gaussians, truncated
 from .judge import pixel_errors

@@ -7,8 +7,8 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from tinysplat.evaluation.comparison import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
-from tinysplat.evaluation.tables import format_table, number
+from tinysplat.measure.show.sheets import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
+from tinysplat.measure.show.tables import format_table, number
 from tinysplat_runtime.api import decompress
 from tinysplat_runtime.cli.arguments import size
 from tinysplat_runtime.errors import InputError, TinySplatError

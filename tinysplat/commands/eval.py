@@ -7,14 +7,16 @@ import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from tinysplat.datasets import SPECS
-from tinysplat.evaluation import Coding, LeftOut, Outcome, Plan, Settings, Source, evaluate, find_sources
-from tinysplat.evaluation.lpips_files import BACKBONE_FILES, LpipsFiles, find_lpips
-from tinysplat.evaluation.records import RESULTS
-from tinysplat.evaluation.sources import ChunkSource
-from tinysplat.evaluation.summary import document
-from tinysplat.evaluation.tables import csv_text, results_text
+from tinysplat.measure.lpips import BACKBONE_FILES, LpipsFiles, find_lpips
+from tinysplat.measure.rows import ROWS, RowFile
+from tinysplat.measure.runner import Outcome, Plan, run_jobs
+from tinysplat.measure.show.tables import csv_text
+from tinysplat.measure.studies.quality import RESULTS, Coding, Quality, document, record, results_text
+from tinysplat.measure.subjects.cases import LeftOut, Source
+from tinysplat.measure.subjects.sources import ChunkSource, find_sources
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import indices, size
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
@@ -26,6 +28,7 @@ HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
 
 DEFAULT_FOLDER = "eval_results"
 DEFAULT_SIZE = (256, 256)
+MIN_ZOOM, MAX_ZOOM = 1 / 16, 16.0
 _INSTALL = 'pip install "tinysplat[eval]" brings it'
 
 
@@ -63,6 +66,11 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--lpips", choices=(*BACKBONE_FILES, "none"), default="vgg", help="default vgg")
     parser.add_argument("--lpips-backbone", metavar="F.pth", help="torchvision's weights of the backbone")
     parser.add_argument("--lpips-linear", metavar="F.pth", help="linear weights; default: the package lpips's")
+    parser.add_argument("--zoom", type=numbers, default=(), metavar="Z,Z",
+                        help="draw at multiples of the size too, as 0.5,1,2, against photos of that size")  # fmt: skip
+    parser.add_argument(
+        "--nested", action="store_true", help="draw targets from the scenes of their nearest 2, 4 and 6 photos too"
+    )
     parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
@@ -100,19 +108,36 @@ def _run(args: Namespace) -> None:
             raise InputError(f"{value}, expected 1 or more", where=f"--{name}")
     for profile in args.profile:
         find_profile(profile)
+    for factor in args.zoom:
+        if not MIN_ZOOM <= factor <= MAX_ZOOM:
+            raise InputError(f"{factor:g}, accepted are {MIN_ZOOM:g} to {MAX_ZOOM:g}", where="--zoom")
     lpips, lpips_text = choose_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
     sources, lost = find_sources(
         args.scenes, index=args.index, dataset=args.dataset, near=args.near, far=args.far
     )  # fmt: skip
-    plan = Plan(
-        sources, tuple(args.model or (DEFAULT_MODEL,)), [Coding(p, q) for p in args.profile for q in args.qp],
-        args.size or _natural_size(sources), args.kind, args.views, args.limit,
-    )  # fmt: skip
+    plan = Plan(sources, tuple(args.model or (DEFAULT_MODEL,)), args.size or _natural_size(sources), args.kind,
+                args.views, args.limit)  # fmt: skip
+    folder = Path(args.output)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file, expected a folder for results", where=args.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    codings = tuple(Coding(p, q) for p in args.profile for q in args.qp)
+    quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested)
     threads = args.threads or max(1, available_cores() // args.jobs)
-    settings = Settings(Path(args.output), lpips, args.pictures, threads, args.jobs)
-    outcome = evaluate(plan, settings, quiet=args.quiet)
+    outcome = run_jobs(
+        plan, quality, RowFile(folder / ROWS), threads=threads, processes=args.jobs, quiet=args.quiet
+    )  # fmt: skip
     outcome.left_out[:0] = lost
-    _report(args, outcome, settings, lpips_text)
+    say_left_out(outcome.left_out, outcome.notes)
+    if not outcome.rows:
+        raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
+    _write(args, document(outcome, lpips_text, threads, args.jobs))
+    if args.csv:
+        objects = [{k: v for k, v in record(row).items() if k != "per_image"} for row in outcome.rows]
+        write_atomically(args.csv, csv_text(objects).encode())
+    if not args.quiet:
+        print(results_text(outcome.rows, has_lpips=lpips is not None))
+        print(f"\n{summary_line(outcome)}; {lpips_text}; results in {folder}")
 
 
 def choose_lpips(net: str, backbone: str | None, linear: str | None) -> tuple[LpipsFiles | None, str]:
@@ -129,8 +154,8 @@ def say_left_out(left_out: Sequence[LeftOut], notes: Sequence[str]) -> None:
 def summary_line(outcome: Outcome) -> str:
     """What was measured and what was not."""
     lost = sum(entry.count for entry in outcome.left_out)
-    windows = len({(r.scene, r.kind, r.context, r.targets) for r in outcome.records})
-    text = f"{windows} windows measured ({len(outcome.records)} results, {outcome.resumed} from before)"
+    windows = len({(row.subject, str(row.setting["targets"])) for row in outcome.rows})
+    text = f"{windows} windows measured ({len(outcome.rows)} results, {outcome.resumed} from before)"
     return f"{text}, {lost} left out" if lost else text
 
 
@@ -140,16 +165,7 @@ def _natural_size(sources: Sequence[Source]) -> tuple[int, int]:
     return SPECS[chunks[0].dataset].size if chunks else DEFAULT_SIZE
 
 
-def _report(args: Namespace, outcome: Outcome, settings: Settings, lpips_text: str) -> None:
-    say_left_out(outcome.left_out, outcome.notes)
-    if not outcome.records:
-        raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
-    found = document(outcome, settings, lpips_text)
+def _write(args: Namespace, found: dict[str, Any]) -> None:
     data = (json.dumps(found, indent=1, allow_nan=False) + "\n").encode()
-    for path in filter(None, (settings.folder / RESULTS, args.json)):
+    for path in filter(None, (Path(args.output) / RESULTS, args.json)):
         write_atomically(path, data)
-    if args.csv:
-        write_atomically(args.csv, csv_text(outcome.records).encode())
-    if not args.quiet:
-        print(results_text(outcome.records, has_lpips=settings.lpips is not None))
-        print(f"\n{summary_line(outcome)}; {lpips_text}; results in {settings.folder}")

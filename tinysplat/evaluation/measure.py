@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
+from tinysplat.measure.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes

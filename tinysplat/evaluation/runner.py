@@ -14,7 +14,7 @@ from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.system.progress import progress
 
 from ..children import settle_worker, starting_workers
-from .lpips_files import LpipsFiles
+from ..measure.lpips import LpipsFiles
 from .measure import PictureMetric, measure_coding, prepare
 from .records import Key, Record, ResultStore, code_fingerprint, model_fingerprint
 from .scene_index import Window
@@ -253,7 +253,7 @@ class _Worker:
         if self._settings.lpips is not None and self._lpips is None:
             import torch
 
-            from .lpips import Lpips
+            from ..measure.lpips import Lpips
 
             torch.set_num_threads(self._settings.threads)
             self._lpips = Lpips(self._settings.lpips)

@@ -35,7 +35,7 @@ from tinysplat_runtime.scene.scenes import CAMERAS_FILE, Scene, load_scene
 from tinysplat_runtime.system.files import StrPath, read_limited
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
-from .coverage import covered_pixels
+from ..measure.subjects.index import covered_pixels
 from .scene_index import EVAL_INDEX, MAX_INDEX_BYTES, Window, parse_window, read_depth, read_index, stated_depth
 
 GAUSSIAN_SUFFIXES = (".npz", ".safetensors")

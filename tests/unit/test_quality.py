@@ -25,16 +25,27 @@ from evaluation_scenes import (
 from PIL import Image
 from scenes import make_smooth_gaussians
 
-from tinysplat.evaluation import Coding, LeftOut, Outcome, Plan, Record, Settings, Window, evaluate, find_sources
-from tinysplat.evaluation.comparison import error_map, matching, picture_sheet, result_sheets, write_sheet
-from tinysplat.evaluation.measure import PSNR_CEILING, capped_psnr
-from tinysplat.evaluation.records import RECORDS
-from tinysplat.evaluation.runner import list_jobs
-from tinysplat.evaluation.scene_index import read_depth
-from tinysplat.evaluation.sources import FileSource, FolderSource
-from tinysplat.evaluation.summary import document, group_records, mean_of, mean_of_scenes, mean_record
-from tinysplat.evaluation.tables import csv_text, format_table, results_text
-from tinysplat.metrics import psnr, ssim
+from tinysplat.measure.metrics import PSNR_CEILING, capped_psnr, psnr, ssim
+from tinysplat.measure.pictures import rescaled
+from tinysplat.measure.rows import ROWS, Row, RowFile
+from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
+from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
+from tinysplat.measure.show.tables import csv_text, format_table
+from tinysplat.measure.studies.quality import (
+    Coding,
+    Prepared,
+    Quality,
+    document,
+    groups_of,
+    mean_of,
+    mean_of_rows,
+    mean_of_scenes,
+    record,
+    results_text,
+)
+from tinysplat.measure.subjects.cases import LeftOut, Window
+from tinysplat.measure.subjects.index import covered_pixels, read_depth
+from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.formats.table import save_gaussians
@@ -44,15 +55,19 @@ SIZE = (HEIGHT, WIDTH)
 CODINGS = (Coding("paper", 0.0), Coding("balanced", 6.0))
 
 
-def plan_of(*paths: Path, codings=CODINGS, **options) -> Plan:
+def plan_of(*paths: Path, **options) -> Plan:
     sources, left_out = find_sources(paths)
     assert not left_out
-    return Plan(sources, ("sweep",), codings, **{"size": SIZE, **options})
+    return Plan(sources, ("sweep",), **{"size": SIZE, **options})
 
 
-def figures(record: Record) -> dict:
-    """All of a record that two runs must agree on."""
-    return {name: value for name, value in record.as_json().items() if name != "seconds"}
+def evaluate(plan: Plan, folder: Path, codings=CODINGS, **options) -> Outcome:
+    return run_jobs(plan, Quality(codings, folder, **options), RowFile(folder / ROWS))
+
+
+def figures(row: Row) -> dict:
+    """All of a row that two runs must agree on, pictures' names apart."""
+    return {**row.setting, **row.figures, "pictures": None}
 
 
 # ---- finding windows ---------------------------------------------------------------------------------------------
@@ -143,10 +158,10 @@ def test_depth_maps_are_cropped_as_photos_are_and_keep_their_samples(tmp_path):
 def test_gaussian_files_are_looked_at_from_their_targets_or_between_their_views(tmp_path):
     gaussians = make_smooth_gaussians(views=3)
     save_gaussians(tmp_path / "g.npz", gaussians)
-    case = FileSource(tmp_path / "g.npz").load(Window("file", (0, 1, 2), (0, 1)), "", SIZE, Runtime(threads=1))
+    case = FileSource(tmp_path / "g.npz").case(Window("file", (0, 1, 2), (0, 1)), "", SIZE, Runtime(threads=1))
     centres = np.stack([camera.centre for camera in gaussians.cameras])
     np.testing.assert_allclose([c.centre for c in case.cameras], (centres[1:] + centres[:-1]) / 2)
-    assert case.photos is None
+    assert case.photos == (None, None)
     with np.load(tmp_path / "g.npz") as file:
         arrays = dict(file)
     np.savez(tmp_path / "g.npz", **arrays, target_K=arrays["K"][:1], target_c2w=arrays["c2w"][2:])
@@ -162,94 +177,76 @@ def measured(tmp_path_factory) -> tuple[Path, Path, Outcome]:
     """A scene, the folder of its results, and the results."""
     folder = tmp_path_factory.mktemp("measured")
     scene = write_eval_scene(folder / "plane", [NEAR_WINDOW, WIDE_WINDOW], with_depth=True)
-    outcome = evaluate(plan_of(scene), Settings(folder / "results", pictures=True))
-    return scene, folder / "results", outcome
-
-
-def test_records_come_window_by_window_in_the_plans_order(measured):
-    _, _, outcome = measured
-    assert [(r.kind, r.profile, r.qp) for r in outcome.records] == [
-        ("near", "paper", 0), ("near", "balanced", 6), ("wide", "paper", 0), ("wide", "balanced", 6)
-    ]  # fmt: skip
-    assert not outcome.left_out and outcome.resumed == 0
+    return scene, folder / "results", evaluate(plan_of(scene), folder / "results", pictures=True)
 
 
 def test_figures_are_means_over_images_of_what_the_pictures_show(measured):
-    _, results, outcome = measured
-    record = outcome.records[2]
-    assert record.context == (0, 3) and record.targets == (1, 2) and record.views == 2
-    assert (record.height, record.width) == SIZE
-    photos = [plane_photo(0.2 * i).astype(np.float32) / 255 for i in record.targets]
+    scene, results, outcome = measured
+    assert [(row.setting["kind"], row.way) for row in outcome.rows] == [
+        ("near", "paper 0"), ("near", "balanced 6"), ("wide", "paper 0"), ("wide", "balanced 6")
+    ]  # fmt: skip
+    entry = record(outcome.rows[2])
+    assert entry["context"] == [0, 3] and entry["targets"] == [1, 2] and entry["views"] == 2
+    assert (entry["height"], entry["width"]) == SIZE
+    photos = [plane_photo(0.2 * i).astype(np.float32) / 255 for i in entry["targets"]]
     nearest = [plane_photo(0.2 * i).astype(np.float32) / 255 for i in (0, 3)]
     expected = np.mean([psnr(a, b) for a, b in zip(nearest, photos, strict=True)])
-    assert record.psnr_photo == pytest.approx(expected, abs=1e-6)
-    kept = results / "pictures" / str(record.pictures)
+    assert entry["psnr_photo"] == pytest.approx(expected, abs=1e-6)
+    kept = results / "pictures" / entry["pictures"]
     for name, suffix in (("raw", "_raw"), ("decoded", "")):
         images = [np.asarray(Image.open(kept / f"{n}_{name}.png")).astype(np.float32) / 255 for n in (0, 1)]
         pairs = list(zip(images, photos, strict=True))
         # The pictures on disk are rounded to 8 bits, the figures are not.
-        assert getattr(record, f"psnr{suffix}") == pytest.approx(np.mean([psnr(*p) for p in pairs]), abs=0.02)
-        assert getattr(record, f"ssim{suffix}") == pytest.approx(np.mean([ssim(*p) for p in pairs]), abs=1e-3)
+        assert entry[f"psnr{suffix}"] == pytest.approx(np.mean([psnr(*p) for p in pairs]), abs=0.02)
+        assert entry[f"ssim{suffix}"] == pytest.approx(np.mean([ssim(*p) for p in pairs]), abs=1e-3)
+    views = FolderSource(scene).scene().resized(*SIZE).views((0, 1, 2, 3)).cameras
+    shares = [covered_pixels(views[i], [views[0], views[3]], 2.0, 8.0).mean() for i in (1, 2)]
+    assert entry["coverage"] == pytest.approx(np.mean(shares), abs=1e-9)
 
 
-def test_a_record_says_what_coding_cost(measured):
+def test_a_row_says_what_coding_cost(measured):
     _, _, outcome = measured
-    fine, coarse = outcome.records[:2]
-    assert fine.bytes == sum(fine.bytes_by_class.values()) + fine.metadata_bytes > coarse.bytes
-    assert fine.psnr_decoded_raw > coarse.psnr_decoded_raw > 20
-    assert fine.psnr_raw == coarse.psnr_raw and fine.psnr_photo < fine.psnr_raw
-    assert 0.9 < fine.coverage <= 1 and fine.psnr_covered == pytest.approx(fine.psnr, abs=3)
-    assert {"network", "vpt", "x265", "libavcodec", "synthesis", "render"} <= set(fine.seconds)
-    assert fine.attribute_errors["world"]["means"]["rmse"] < coarse.attribute_errors["world"]["means"]["rmse"]
-    assert fine.attribute_errors["planes"]["depth"]["max"] > 0
-    assert fine.lpips is None and fine.lpips_raw is None
-
-
-def test_true_depth_is_compared_where_the_scene_has_it(measured):
-    _, _, outcome = measured
-    depth = outcome.records[0].depth
-    assert depth["raw"]["covered"] > 0.9 and depth["raw"]["abs_rel"] < 0.2
-    assert depth["decoded"]["rmse"] < PLANE_Z / 5
+    fine, coarse = (record(row) for row in outcome.rows[:2])
+    assert fine["bytes"] == sum(fine["bytes_by_class"].values()) + fine["metadata_bytes"] > coarse["bytes"]
+    assert fine["psnr_decoded_raw"] > coarse["psnr_decoded_raw"] > 20
+    assert fine["psnr_raw"] == coarse["psnr_raw"] and fine["psnr_photo"] < fine["psnr_raw"]
+    assert 0.9 < fine["coverage"] <= 1 and fine["psnr_covered"] == pytest.approx(fine["psnr"], abs=3)
+    assert {"network", "vpt", "x265", "libavcodec", "synthesis", "render"} <= set(fine["seconds"])
+    assert fine["attribute_errors"]["world"]["means"]["rmse"] < coarse["attribute_errors"]["world"]["means"]["rmse"]
+    assert fine["attribute_errors"]["planes"]["depth"]["max"] > 0
+    assert fine["lpips"] is None and fine["lpips_raw"] is None
+    assert fine["depth"]["raw"]["covered"] > 0.9 and fine["depth"]["raw"]["abs_rel"] < 0.2
+    assert fine["depth"]["decoded"]["rmse"] < PLANE_Z / 5
 
 
 def test_a_second_run_measures_nothing_and_says_the_same(measured):
     scene, results, outcome = measured
-    again = evaluate(plan_of(scene), Settings(results, pictures=True))
-    assert again.resumed == 4 and again.records == outcome.records
+    again = evaluate(plan_of(scene), results, pictures=True)
+    assert again.resumed == 4 and again.rows == outcome.rows
 
 
-def test_a_run_cut_short_goes_on_to_the_same_figures(measured, tmp_path):
+def test_a_run_cut_short_or_torn_goes_on_to_the_same_figures(measured, tmp_path):
     scene, _, outcome = measured
-    first = evaluate(plan_of(scene, codings=CODINGS[:1], limit=1), Settings(tmp_path))
-    kept = first.records[0]
-    rest = evaluate(plan_of(scene), Settings(tmp_path))
-    assert rest.resumed == 1 and rest.records[0] == kept
-    for a, b in zip(rest.records, outcome.records, strict=True):
-        assert figures(a) == {**figures(b), "pictures": None}
+    first = evaluate(plan_of(scene, limit=1), tmp_path, CODINGS[:1])
+    with (tmp_path / ROWS).open("a") as file:
+        file.write('{"study": "quality", "subj')
+    rest = evaluate(plan_of(scene), tmp_path)
+    assert rest.resumed == 1 and rest.rows[0] == first.rows[0]
+    assert list(map(figures, rest.rows)) == list(map(figures, outcome.rows))
+    (tmp_path / ROWS).write_text('{"study": 1, "other": 2}\n')
+    with pytest.raises(InputError, match=r"rows\.jsonl: line 1"):
+        RowFile(tmp_path / ROWS)
 
 
-def test_a_torn_record_is_measured_again(measured, tmp_path):
-    scene, _, outcome = measured
-    plan = plan_of(scene, limit=1, codings=CODINGS[1:])
-    evaluate(plan, Settings(tmp_path))
-    (path,) = (tmp_path / RECORDS).iterdir()
-    for content in (path.read_bytes()[:200], b"[]", b'{"scene": 1}'):
-        path.write_bytes(content)
-        again = evaluate(plan, Settings(tmp_path))
-        assert again.resumed == 0
-        assert figures(again.records[0]) == {**figures(outcome.records[1]), "pictures": None}
-
-
-def test_records_of_other_photos_cameras_or_pictures_are_not_taken_for_these(tmp_path):
+def test_rows_of_other_photos_cameras_or_options_are_not_taken_for_these(tmp_path):
     scene = write_eval_scene(tmp_path / "a")
-    plan = plan_of(scene, codings=CODINGS[1:])
-    settings = Settings(tmp_path / "results")
 
-    def is_new(settings: Settings = settings) -> bool:
-        return evaluate(plan, settings).resumed == 0
+    def is_new(**options) -> bool:
+        return evaluate(plan_of(scene), tmp_path / "results", CODINGS[1:], **options).resumed == 0
 
     assert is_new() and not is_new()
-    assert is_new(replace(settings, pictures=True)) and not is_new(replace(settings, pictures=True))
+    assert is_new(pictures=True) and not is_new(pictures=True) and not is_new()
+    assert is_new(zooms=(1.0,)) and is_new(nested=True)
     os.utime(scene / "3.png", ns=(1, 1))
     assert not is_new()  # a photo that the window does not use
     os.utime(scene / "1.png", ns=(1, 1))
@@ -263,26 +260,26 @@ def test_what_fails_while_measuring_is_left_out_with_its_reason(tmp_path):
         write_eval_scene(tmp_path / name)
     write_png(tmp_path / "a" / "1.png", plane_photo(0)[:, :-4])
     (tmp_path / "b" / "2.png").unlink()
-    outcome = evaluate(plan_of(tmp_path, codings=CODINGS[1:]), Settings(tmp_path / "results"))
-    assert [record.scene for record in outcome.records] == ["c"]
+    outcome = evaluate(plan_of(tmp_path), tmp_path / "results", CODINGS[1:])
+    assert [row.setting["scene"] for row in outcome.rows] == ["c"]
     assert [entry.where for entry in outcome.left_out] == ["a near 0,2, sweep", "b near 0,2, sweep"]
     assert "60x48 pixels, but its camera states 64x48" in outcome.left_out[0].why
     assert "2.png: no such file" in outcome.left_out[1].why
 
 
 def test_a_model_that_is_none_is_one_error(tmp_path):
-    scene = write_eval_scene(tmp_path / "a")
-    sources, _ = find_sources([scene])
+    sources, _ = find_sources([write_eval_scene(tmp_path / "a")])
     with pytest.raises(ModelError, match="unknown network 'nerf'"):
-        evaluate(Plan(sources, ("nerf",), CODINGS), Settings(tmp_path / "results"))
+        evaluate(Plan(sources, ("nerf",)), tmp_path / "results")
 
 
 def test_gaussian_files_are_measured_against_their_own_render(tmp_path):
     save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(height=16, width=24))
-    outcome = evaluate(plan_of(tmp_path / "g.npz", codings=CODINGS[:1]), Settings(tmp_path / "results"))
-    (record,) = outcome.records
-    assert record.psnr is None and record.psnr_raw is None and record.psnr_decoded_raw > 25
-    assert (record.model, record.kind, record.height, record.width) == ("g", "file", 16, 24)
+    outcome = evaluate(plan_of(tmp_path / "g.npz"), tmp_path / "results", CODINGS[:1], zooms=(2.0,), nested=True)
+    entry = record(outcome.rows[0])
+    assert entry["psnr"] is None and entry["psnr_raw"] is None and entry["psnr_decoded_raw"] > 25
+    assert (entry["model"], entry["kind"], entry["height"], entry["width"]) == ("g", "file", 16, 24)
+    assert "zoom" not in entry and "nested" not in entry
 
 
 def test_chunks_of_a_data_set_are_measured_and_missing_scenes_counted(tmp_path):
@@ -291,13 +288,27 @@ def test_chunks_of_a_data_set_are_measured_and_missing_scenes_counted(tmp_path):
     (tmp_path / "index.json").write_text(json.dumps({"k": window, "gone": window, "lost": window, "null": None}))
     sources, left_out = find_sources([chunks], index=tmp_path / "index.json", near=2.0, far=8.0)
     assert [entry.count for entry in left_out] == [2] and "such as gone" in left_out[0].why
-    plan = Plan(sources, ("sweep",), CODINGS[1:], size=(48, 48))
-    (record,) = evaluate(plan, Settings(tmp_path / "results")).records
-    assert (record.scene, record.kind, record.height, record.width) == ("k", "re10k", 48, 48)
+    outcome = evaluate(Plan(sources, ("sweep",), (48, 48)), tmp_path / "results", CODINGS[1:], zooms=(2.0,))
+    entry = record(outcome.rows[0])
+    assert (entry["scene"], entry["kind"], entry["height"], entry["width"]) == ("k", "re10k", 48, 48)
+    assert entry["zoom"]["2"]["photos_enlarged"] == pytest.approx(96 / 360)
 
 
 def test_identical_pictures_get_the_ceiling_that_json_can_hold():
     assert capped_psnr(plane_photo(0) / 255, plane_photo(0) / 255) == PSNR_CEILING
+
+
+def test_zoomed_pictures_and_enlarged_ones_meet_the_same_pixels_of_the_photo(measured):
+    """The photo itself, brought to half its size and back, is far nearer than one that lies a pixel aside."""
+    scene, _, _ = measured
+    (job, _), _, _ = list_jobs(plan_of(scene, size=(24, 32)))
+    (zoom,) = Prepared.of(job, Runtime(threads=1), Quality(CODINGS, scene, zooms=(2.0,))).zooms
+    photo = zoom.shots.targets.images[0]
+    native, target = zoom.native[0], zoom.shots.targets.cameras[0]
+    np.testing.assert_allclose(native.K_unit, target.K_unit)
+    assert (native.height, native.width) == (24, 32) and photo.shape == (48, 64, 3)
+    back = rescaled(rescaled(photo, 24, 32), 48, 64)
+    assert psnr(back, photo) > psnr(np.roll(back, 1, axis=1), photo) + 6
 
 
 # ---- condensing --------------------------------------------------------------------------------------------------
@@ -309,42 +320,44 @@ def test_means_skip_what_is_absent_and_go_key_by_key():
     assert mean_of([{"a": 1, "b": 2}, {"a": 3}, None]) == {"a": 2, "b": 2}
 
 
+def changed(row: Row, scene: str, psnr: float) -> Row:
+    return replace(row, setting={**row.setting, "scene": scene}, figures={**row.figures, "psnr": psnr})
+
+
 def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
     _, _, outcome = measured
-    record = outcome.records[0]
-    others = [replace(record, scene="other", psnr=10.0), replace(record, scene="other", psnr=20.0)]
-    (group,) = group_records([replace(record, psnr=30.0), *others])
-    assert mean_record(group.records)["psnr"] == 20
-    assert mean_of_scenes(group)["psnr"] == 22.5
+    row = outcome.rows[0]
+    rows = [changed(row, "a", 30.0), changed(row, "other", 10.0), changed(row, "other", 20.0)]
+    ((_, members),) = groups_of(rows)
+    assert mean_of_rows(members)["psnr"] == 20
+    assert mean_of_scenes(members)["psnr"] == 22.5
 
 
 def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):
-    _, results, outcome = measured
-    found = json.loads(json.dumps(document(outcome, Settings(results), "none"), allow_nan=False))
+    _, _, outcome = measured
+    found = json.loads(json.dumps(document(outcome, "none", 1, 1), allow_nan=False))
     keys = {"scene", "kind", "model", "profile", "qp", "height", "width", "views", "context", "targets", "psnr_raw",
             "psnr", "psnr_decoded_raw", "ssim", "ssim_raw", "lpips", "bytes", "seconds"}  # fmt: skip
     assert all(keys <= set(entry) for entry in found["scenes"])
     assert found["mean"]["psnr"] == pytest.approx(np.mean([entry["psnr"] for entry in found["scenes"]]))
     assert len(found["groups"]) == 4 and found["groups"][0]["mean"]["bytes"] == found["scenes"][0]["bytes"]
-    assert [Record.from_json(entry) for entry in found["scenes"]] == outcome.records
 
 
 def test_tables_line_up_and_say_that_there_are_no_weights(measured):
     _, _, outcome = measured
-    text = results_text(outcome.records, has_lpips=False)
-    tables = [block.splitlines() for block in text.split("\n\n")]
+    tables = [block.splitlines() for block in results_text(outcome.rows, has_lpips=False).split("\n\n")]
     assert len(tables) == 4 and tables[0][0] == "near, 2 views, sweep, paper at Q_g 0, 48x64"
     assert all(len({len(line) for line in table[1:]}) == 1 for table in tables)
     assert "no weights" in tables[0][3]
     assert format_table(["a", "b"], [["x", "1.0"]]) == "| a |   b |\n|---|----:|\n| x | 1.0 |"
 
 
-def test_csv_has_a_row_per_record_and_a_column_per_figure(measured):
+def test_csv_has_a_line_per_row_and_a_column_per_figure(measured):
     _, _, outcome = measured
-    rows = list(csv.DictReader(io.StringIO(csv_text(outcome.records))))
+    rows = list(csv.DictReader(io.StringIO(csv_text(map(record, outcome.rows)))))
     assert len(rows) == 4 and rows[2]["context"] == "0 3"
-    assert float(rows[0]["psnr"]) == outcome.records[0].psnr
-    assert float(rows[0]["bytes_by_class.depth"]) == outcome.records[0].bytes_by_class["depth"]
+    assert float(rows[0]["psnr"]) == outcome.rows[0].figures["psnr"]
+    assert float(rows[0]["bytes_by_class.depth"]) == outcome.rows[0].figures["bytes_by_class"]["depth"]
 
 
 def test_left_out_reads_as_one_line():
@@ -355,20 +368,22 @@ def test_left_out_reads_as_one_line():
 
 
 def test_results_are_matched_by_window_and_then_by_coding(measured):
-    _, _, outcome = measured
-    near_paper, near_balanced, wide_paper, _ = outcome.records
+    near_paper, near_balanced, wide_paper, _ = map(record, measured[2].rows)
     assert list(matching([near_paper], [near_balanced])) == [(near_paper, near_balanced)]
     assert list(matching([near_paper], [wide_paper])) == []
     both = [near_balanced, near_paper]
     assert list(matching([near_paper, near_balanced], both)) == [(r, r) for r in (near_paper, near_balanced)]
 
 
+def write_results(folder: Path, outcome: Outcome) -> None:
+    folder.mkdir(exist_ok=True)
+    (folder / "results.json").write_text(json.dumps(document(outcome, "", 1, 1)))
+
+
 def test_sheets_show_photo_both_results_and_both_errors(measured, tmp_path):
-    scene, results, _ = measured
-    evaluated = evaluate(plan_of(scene, codings=CODINGS[1:]), Settings(tmp_path / "b", pictures=True))
-    for folder, outcome in ((results, measured[2]), (tmp_path / "b", evaluated)):
-        text = json.dumps(document(outcome, Settings(folder), ""))
-        (folder / "results.json").write_text(text)
+    scene, results, outcome = measured
+    write_results(results, outcome)
+    write_results(tmp_path / "b", evaluate(plan_of(scene), tmp_path / "b", CODINGS[1:], pictures=True))
     sheets = result_sheets(results, tmp_path / "b")
     assert [len(sheet.rows) for sheet in sheets] == [1, 2]
     scores = sheets[0].rows[0].scores()
@@ -380,12 +395,11 @@ def test_sheets_show_photo_both_results_and_both_errors(measured, tmp_path):
 
 def test_folders_without_pictures_or_common_windows_are_refused(measured, tmp_path):
     _, results, outcome = measured
-    bare = [replace(record, pictures=None) for record in outcome.records]
-    for name, records in (("bare", bare), ("other", [replace(outcome.records[0], scene="other")])):
-        (tmp_path / name).mkdir()
-        text = json.dumps(document(replace(outcome, records=records), Settings(tmp_path), ""))
-        (tmp_path / name / "results.json").write_text(text)
-    (results / "results.json").write_text(json.dumps(document(outcome, Settings(results), "")))
+    row = outcome.rows[0]
+    bare = [replace(row, figures={**row.figures, "pictures": None})]
+    write_results(tmp_path / "bare", replace(outcome, rows=bare))
+    write_results(tmp_path / "other", replace(outcome, rows=[changed(row, "other", 1.0)]))
+    write_results(results, outcome)
     with pytest.raises(InputError, match="tinysplat eval --pictures"):
         result_sheets(results, tmp_path / "bare")
     with pytest.raises(InputError, match="no window in common"):

@@ -2,26 +2,92 @@
 
 Two files are needed: the linear weights, which the package `lpips` carries (`pip install --no-deps lpips`; it is never
 imported), and the backbone's ImageNet weights in torchvision's layout, named by the user or left in torch's cache by
-torchvision. `lpips_files.find_lpips` looks for them; where either is missing there is no number. The paper's figures
-are LPIPS with VGG.
+torchvision. `find_lpips` looks for them; where either is missing there is no number, and torch is not imported. The
+paper's figures are LPIPS with VGG.
 """
 
 from __future__ import annotations
 
+import importlib.util
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
-from torch.nn import functional
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.system.files import check_readable
+from tinysplat_runtime.files import StrPath, check_readable
 
-from .lpips_files import LpipsFiles
+if TYPE_CHECKING:
+    from torch import Tensor
+
+BACKBONE_FILES = {"vgg": "vgg16-397923af.pth", "alex": "alexnet-owt-7be5be79.pth"}
+"""torchvision's names of the classifiers' weights."""
+
+
+@dataclass(frozen=True)
+class LpipsFiles:
+    """The two files that LPIPS needs.
+
+    Attributes:
+        net: `vgg` or `alex`.
+        backbone: torchvision's file of the classifier's weights.
+        linear: the package `lpips`'s file of linear weights.
+    """
+
+    net: str
+    backbone: Path
+    linear: Path
+
+
+def find_lpips(
+    net: str, backbone: StrPath | None = None, linear: StrPath | None = None
+) -> tuple[LpipsFiles | None, str]:
+    """Look for the weights of LPIPS; nothing is downloaded.
+
+    Args:
+        net: `vgg` or `alex`.
+        backbone: the classifier's weights; None to look where torchvision leaves what it downloads.
+        linear: the linear weights; None to look in the installed package `lpips`.
+
+    Returns:
+        The files, or None, and a line that says which were found or what is missing.
+
+    Raises:
+        InputError: an unknown net, or a file that was named does not exist.
+    """
+    if net not in BACKBONE_FILES:
+        raise InputError(f"'{net}', accepted are {', '.join(BACKBONE_FILES)}", where="lpips")
+    for path in (backbone, linear):
+        if path is not None:
+            check_readable(path)
+    cached = _torch_cache() / BACKBONE_FILES[net]
+    found_backbone = Path(backbone) if backbone is not None else cached if cached.is_file() else None
+    found_linear = Path(linear) if linear is not None else _packaged_linear(net)
+    if found_linear is None:
+        return None, f"no linear weights of LPIPS-{net}: pip install --no-deps lpips brings them, or name a file"
+    if found_backbone is None:
+        return None, f"no backbone weights of LPIPS-{net}: name torchvision's {cached.name} (not in {cached.parent})"
+    return LpipsFiles(net, found_backbone, found_linear), f"LPIPS-{net}: {found_backbone}, {found_linear}"
+
+
+def _torch_cache() -> Path:
+    """torch.hub's folder of checkpoints, by the rules of torch.hub.get_dir."""
+    home = os.environ.get("TORCH_HOME") or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "torch"
+    return Path(home).expanduser() / "hub" / "checkpoints"
+
+
+def _packaged_linear(net: str) -> Path | None:
+    """The linear weights in the installed package `lpips`, which needs torchvision and is not imported."""
+    spec = importlib.util.find_spec("lpips")
+    folders = list(spec.submodule_search_locations or ()) if spec is not None else []
+    paths = (Path(folder) / "weights" / "v0.1" / f"{net}.pth" for folder in folders)
+    return next((path for path in paths if path.is_file()), None)
+
 
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # ImageNet's moments for inputs in [−1, 1]
 _NORM_EPSILON = 1e-10
@@ -105,13 +171,14 @@ class Lpips:
             for i, stage in enumerate(self._net.stages)
         ]
 
-    @torch.no_grad()
     def __call__(self, image: NDArray, reference: NDArray) -> float:
         """Distance of two pictures (H, W, 3) in [0, 1]; values outside are clipped.
 
         Raises:
             InputError: shapes differ, or pictures are too small for the net.
         """
+        import torch
+
         shapes = np.shape(image), np.shape(reference)
         if shapes[0] != shapes[1] or len(shapes[0]) != 3 or min(shapes[0][:2]) < self._net.min_side:
             least = self._net.min_side
@@ -122,21 +189,26 @@ class Lpips:
         shift, scale = (torch.tensor(v)[:, None, None] for v in (_SHIFT, _SCALE))
         x = (pair.permute(0, 3, 1, 2) * 2 - 1 - shift) / scale  # (2, 3, H, W)
         distance = 0.0
-        for features, weight in zip(self._features(x), self._linear, strict=True):
-            unit = features / (features.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
-            distance += float(functional.conv2d((unit[:1] - unit[1:]).square(), weight).mean())
+        with torch.no_grad():
+            for features, weight in zip(self._features(x), self._linear, strict=True):
+                unit = features / (features.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
+                distance += float(torch.conv2d((unit[:1] - unit[1:]).square(), weight).mean())
         return distance
 
     def _features(self, x: Tensor) -> Iterator[Tensor]:
+        import torch
+
         for i, stage in enumerate(self._net.stages):
             if i in self._net.pooled:
-                x = functional.max_pool2d(x, self._net.pool, 2)
+                x = torch.max_pool2d(x, self._net.pool, 2)
             for conv in stage:
-                x = functional.conv2d(x, *self._convs[conv.index], stride=conv.stride, padding=conv.padding).relu()
+                x = torch.conv2d(x, *self._convs[conv.index], stride=conv.stride, padding=conv.padding).relu()
             yield x
 
 
 def _load(path: Path) -> Mapping[str, Tensor]:
+    import torch
+
     check_readable(path)
     try:
         if path.suffix == ".safetensors":
@@ -153,8 +225,19 @@ def _load(path: Path) -> Mapping[str, Tensor]:
 
 
 def _take(weights: Mapping[str, Tensor], name: str, shape: tuple[int, ...], path: Path) -> Tensor:
+    import torch
+
     value = weights.get(name)
-    if not isinstance(value, Tensor) or tuple(value.shape) != shape:
+    if not isinstance(value, torch.Tensor) or tuple(value.shape) != shape:
         found = "missing" if value is None else f"of shape {tuple(getattr(value, 'shape', ()))}"
         raise InputError(f"{found}, expected {shape}", where=f"{path}: {name}")
     return value.float()
+
+
+@lru_cache(maxsize=1)
+def load_lpips(files: LpipsFiles, threads: int) -> Lpips:
+    """The metric, loaded once a process, with so many threads of torch."""
+    import torch
+
+    torch.set_num_threads(threads)
+    return Lpips(files)

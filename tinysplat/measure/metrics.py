@@ -8,7 +8,7 @@ definitions of the evaluations that the paper quotes (pixelSplat, MVSplat, Depth
           Gaussian window of 11 pixels with σ = 1.5, sample covariance, the border of 5 pixels left out, mean over the
           three channels. (3DGS's own script pads with zeros and uses the population covariance: about 1e-3 away.)
 
-LPIPS needs torch and weights and stands in `tinysplat.evaluation.lpips`.
+LPIPS needs torch and weights and stands in `measure.lpips`.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5
 _SSIM_C1, _SSIM_C2 = 0.01**2, 0.03**2
 _SAMPLE_COVARIANCE = SSIM_WINDOW**2 / (SSIM_WINDOW**2 - 1)  # scikit-image counts the window's pixels, not its weights
+
+PSNR_CEILING = 150.0
+"""dB given to identical pictures, where float32's own rounding lies: JSON has no infinity."""
 
 DEPTH_RATIO = 1.25
 """Depths are called right when neither is more than this many times the other (Eigen et al. 2014)."""
@@ -55,6 +58,23 @@ def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> flo
         return math.nan
     error = float(squared.mean(dtype=np.float64))
     return -10 * math.log10(error) if error > 0 else math.inf
+
+
+def capped_psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> float:
+    """PSNR in dB, at most PSNR_CEILING."""
+    return min(psnr(image, reference, mask), PSNR_CEILING)
+
+
+def pixel_errors(image: NDArray, truth: NDArray) -> dict[str, float]:
+    """Errors of pixel values in [0, 1] against float64: the median, the 99.9 % quantile, the largest, and the share
+    that rounding of a threshold or of a depth order has moved by more than 1e-4."""
+    error = np.abs(image.astype(np.float64) - truth).max(axis=-1)
+    return {
+        "median_error": float(np.median(error)),
+        "error_999": float(np.quantile(error, 0.999)),
+        "max_error": float(error.max()),
+        "share_above_1e-4": float((error > 1e-4).mean()),
+    }
 
 
 def ssim(image: NDArray, reference: NDArray) -> float:

@@ -15,16 +15,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tinysplat.metrics import psnr, ssim
+from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.files import atomic_path, read_limited
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.images import read_image
 from tinysplat_runtime.render import Renderer, between
-from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import read_image
-from tinysplat_runtime.system.files import atomic_path, read_limited
 
-from .measure import PSNR_CEILING, capped_psnr
-from .records import PICTURES, RESULTS, Record
+from ..metrics import PSNR_CEILING, capped_psnr, psnr, ssim
+from ..studies.quality import PICTURES, RESULTS
 
 MAX_ROWS = 8
 """Rows of a sheet; more go on a next one."""
@@ -34,8 +33,12 @@ _SCALE_PERCENTILE = 99.5
 _MAX_RESULTS_BYTES = 1 << 30
 
 
+Result = dict[str, Any]
+"""An entry of `scenes` in results.json."""
+
+
 @dataclass(frozen=True, eq=False)
-class Row:
+class Pair:
     """One picture of a sheet.
 
     Attributes:
@@ -78,7 +81,7 @@ class Sheet:
 
     name: str
     title: str
-    rows: tuple[Row, ...]
+    rows: tuple[Pair, ...]
 
 
 def error_map(image: NDArray, reference: NDArray) -> NDArray:
@@ -92,7 +95,7 @@ def picture_sheet(a: Path, b: Path) -> Sheet:
     if images[0].shape != images[1].shape:
         (h0, w0, _), (h1, w1, _) = (image.shape for image in images)
         raise InputError(f"{w1}x{h1} pixels, but {a} has {w0}x{h0}", where=str(b))
-    return Sheet("comparison", f"A: {a.name}   B: {b.name}", (Row(a.stem, images[0], images[1]),))
+    return Sheet("comparison", f"A: {a.name}   B: {b.name}", (Pair(a.stem, images[0], images[1]),))
 
 
 def gaussian_sheet(
@@ -103,7 +106,7 @@ def gaussian_sheet(
     path = between(cameras, 2 * views - 1)
     labels = [f"view {i // 2}" if i % 2 == 0 else f"between {i // 2} and {i // 2 + 1}" for i in range(len(path))]
     images = [[renderer.render(camera, size) for camera in path] for renderer in map(Renderer, pair)]
-    rows = tuple(Row(*row) for row in zip(labels, *images, strict=True))
+    rows = tuple(Pair(*row) for row in zip(labels, *images, strict=True))
     return Sheet("comparison", f"A: {names[0]}   B: {names[1]}", rows)
 
 
@@ -113,36 +116,36 @@ def result_sheets(a: Path, b: Path) -> list[Sheet]:
     Raises:
         InputError: a folder holds no results, or no window is in both with pictures.
     """
-    records = [[r for r in read_results(folder) if r.pictures] for folder in (a, b)]
+    records = [[r for r in read_results(folder) if r["pictures"]] for folder in (a, b)]
     for folder, found in zip((a, b), records, strict=True):
         if not found:
             raise InputError("results without pictures; make them with `tinysplat eval --pictures`", where=str(folder))
     sheets = []
     for first, second in matching(*records):
-        name = f"{first.scene}-{first.kind}-{'_'.join(map(str, first.context))}-{first.profile}-{first.qp:g}"
+        context = "_".join(map(str, first["context"]))
+        name = f"{first['scene']}-{first['kind']}-{context}-{first['profile']}-{first['qp']:g}"
         sheets.append(Sheet(name, _pair_title(first, second), tuple(_result_rows(a, b, first, second))))
     if not sheets:
         raise InputError(f"no window in common with {a}", where=str(b))
     return sheets
 
 
-def read_results(folder: Path) -> list[Record]:
-    """Records of the last evaluation into a folder."""
+def read_results(folder: Path) -> list[Result]:
+    """What the last evaluation into a folder has under `scenes`."""
     path = folder / RESULTS
     try:
         document = json.loads(read_limited(path, _MAX_RESULTS_BYTES))
-        return [Record.from_json(entry) for entry in document["scenes"]]
+        return [entry for entry in document["scenes"] if entry["bytes"] and (_window(entry), _coding(entry))]
     except (ValueError, TypeError, KeyError) as error:
         raise InputError(f"not results of an evaluation ({error})", where=str(path)) from None
 
 
-def matching(a: Iterable[Record], b: Iterable[Record]) -> Iterator[tuple[Record, Record]]:
+def matching(a: Iterable[Result], b: Iterable[Result]) -> Iterator[tuple[Result, Result]]:
     """Pairs over the same window: of equal model, profile and Q_g, else the only one that each side has."""
-    groups: list[dict[Any, list[Record]]] = [{}, {}]
+    groups: list[dict[Any, list[Result]]] = [{}, {}]
     for group, records in zip(groups, (a, b), strict=True):
         for record in records:
-            window = (record.scene, record.kind, record.context, record.targets, record.height, record.width)
-            group.setdefault(window, []).append(record)
+            group.setdefault(_window(record), []).append(record)
     for window, first in groups[0].items():
         second = groups[1].get(window, [])
         if len(first) == 1 and len(second) == 1:
@@ -162,7 +165,7 @@ def write_sheet(folder: Path, sheet: Sheet) -> list[Path]:
     return paths
 
 
-def _draw(path: Path, title: str, rows: Sequence[Row]) -> None:
+def _draw(path: Path, title: str, rows: Sequence[Pair]) -> None:
     tiles = [row.tiles(("A", "B")) for row in rows]
     limit = max(float(np.percentile([m for _, maps in tiles for _, m in maps], _SCALE_PERCENTILE)), 1 / 255)
     columns = len(tiles[0][0]) + len(tiles[0][1])
@@ -189,27 +192,32 @@ def _draw(path: Path, title: str, rows: Sequence[Row]) -> None:
         figure.savefig(temporary, format="png")
 
 
-def _result_rows(a: Path, b: Path, first: Record, second: Record) -> Iterator[Row]:
-    for n, target in enumerate(first.targets):
+def _result_rows(a: Path, b: Path, first: Result, second: Result) -> Iterator[Pair]:
+    for n, target in enumerate(first["targets"]):
         images = [
-            read_image(folder / PICTURES / str(record.pictures) / f"{n}_decoded.png").astype(np.float32) / 255
+            read_image(folder / PICTURES / record["pictures"] / f"{n}_decoded.png").astype(np.float32) / 255
             for folder, record in ((a, first), (b, second))
         ]
-        path = a / PICTURES / str(first.pictures) / f"{n}_photo.png"
+        path = a / PICTURES / first["pictures"] / f"{n}_photo.png"
         photo = read_image(path).astype(np.float32) / 255 if path.is_file() else None
-        yield Row(f"frame {target}", images[0], images[1], photo)
+        yield Pair(f"frame {target}", images[0], images[1], photo)
 
 
-def _pair_title(a: Record, b: Record) -> str:
-    sides = (f"{r.model}, {r.profile} at Q_g {r.qp:g}, {r.bytes / 1000:.0f} KB" for r in (a, b))
-    context = ",".join(map(str, a.context))
-    return f"{a.scene}, {a.kind}, {a.views} views ({context})\n" + "   ".join(
+def _pair_title(a: Result, b: Result) -> str:
+    sides = (f"{r['model']}, {r['profile']} at Q_g {r['qp']:g}, {r['bytes'] / 1000:.0f} KB" for r in (a, b))
+    context = ",".join(map(str, a["context"]))
+    return f"{a['scene']}, {a['kind']}, {a['views']} views ({context})\n" + "   ".join(
         f"{letter}: {side}" for letter, side in zip("AB", sides, strict=True)
     )
 
 
-def _coding(record: Record) -> tuple[str, str, float]:
-    return record.model, record.profile, record.qp
+def _window(record: Result) -> tuple[Any, ...]:
+    names = ("scene", "kind", "context", "targets", "height", "width")
+    return tuple(str(record[name]) for name in names)
+
+
+def _coding(record: Result) -> tuple[str, str, float]:
+    return record["model"], record["profile"], record["qp"]
 
 
 def _decibel(image: NDArray, reference: NDArray) -> str:

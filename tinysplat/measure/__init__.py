@@ -1,0 +1,10 @@
+"""One house of measuring: what is measured (`subjects`), how (`ways`), what was found (`rows`), and why (`studies`).
+
+    ground     rows, metrics, lpips, clock, machine, floors, subjects/
+    on it      ways, pictures, curves, show/
+    on these   runner, peers, ideas
+    on top     studies/, one question each; none imports another
+
+Networks, rasteriser, reference, export and runtime never import this package, and it uses no private name of theirs
+(`tests/unit/test_import_rules.py`).
+"""

@@ -1,0 +1,113 @@
+"""Pictures of a case's raw Gaussians, rendered once, and whatever else is held against them and against photos."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.render import Renderer
+
+from .metrics import capped_psnr
+from .subjects.cases import Case
+
+PictureMetric = Callable[[NDArray, NDArray], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """How Gaussians are drawn: threads, and what `Renderer` and its `render` are told beside the camera."""
+
+    threads: int = 1
+    prepare: Mapping[str, Any] = field(default_factory=dict)
+    render: Mapping[str, Any] = field(default_factory=dict)
+
+    def renderer(self, gaussians: Gaussians) -> Callable[..., Any]:
+        """A call that draws them from a camera; `outputs` as `Renderer.render` has it."""
+        renderer = Renderer(gaussians, self.threads, **self.prepare)
+        return lambda camera, **options: renderer.render(camera, **self.render, **options)
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """A case's pictures of one set of Gaussians.
+
+    Attributes:
+        images: (H, W, 3) float32 per camera.
+        depths: (H, W) float32 per camera whose true depth is known, else None.
+        seconds: median of one picture.
+    """
+
+    images: Sequence[NDArray]
+    depths: tuple[NDArray | None, ...]
+    seconds: float
+
+
+class Pictures:
+    """The judge of everything that stores, changes or approximates a case's Gaussians.
+
+    Attributes:
+        raw: pictures of the Gaussians as they are.
+    """
+
+    def __init__(self, case: Case, drawing: Drawing) -> None:
+        """Render the raw Gaussians at the case's cameras."""
+        self.case, self.drawing = case, drawing
+        self.raw = self.render(case.gaussians)
+        self._raw_to_photo = self._to_photos(self.raw.images)
+
+    def render(self, gaussians: Gaussians) -> Rendered:
+        """Pictures at the case's cameras, and depth maps where the truth is known."""
+        draw = self.drawing.renderer(gaussians)
+        images, depths, seconds = [], [], []
+        for camera, truth in zip(self.case.cameras, self.case.depths, strict=True):
+            start = time.perf_counter()
+            images.append(draw(camera))
+            seconds.append(time.perf_counter() - start)
+            depths.append(None if truth is None else draw(camera, outputs=("depth",))["depth"])
+        return Rendered(images, tuple(depths), statistics.median(seconds))
+
+    def figures(self, decoded: Gaussians) -> dict[str, float]:
+        """dB means over the case's cameras.
+
+        Returns:
+            `psnr_decoded_raw` against the raw Gaussians' pictures; where there are photos, `psnr` and `psnr_raw`
+            against them and `db_lost` = `psnr_raw` − `psnr`.
+        """
+        images = self.render(decoded).images
+        found = {"psnr_decoded_raw": mean_psnr(images, self.raw.images)}
+        to_photo = self._to_photos(images)
+        if to_photo is not None and self._raw_to_photo is not None:
+            found |= {"psnr": to_photo, "psnr_raw": self._raw_to_photo, "db_lost": self._raw_to_photo - to_photo}
+        return found
+
+    def _to_photos(self, images: Sequence[NDArray]) -> float | None:
+        pairs = [(a, b) for a, b in zip(images, self.case.photos, strict=True) if b is not None]
+        return mean_psnr(*zip(*pairs, strict=True)) if pairs else None
+
+
+def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable[NDArray], drawing: Drawing) -> float:
+    """Mean PSNR of Gaussians' pictures to photos."""
+    return mean_psnr(map(drawing.renderer(gaussians), cameras), photos)
+
+
+def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:
+    """Mean over pictures, dB."""
+    return statistics.fmean(capped_psnr(a, b) for a, b in zip(images, references, strict=True))
+
+
+def rescaled(image: NDArray, height: int, width: int) -> NDArray:
+    """A picture (H, W, 3) in [0, 1] at another size, float32 by Pillow's bicubic filter (a = −1/2), which is widened
+    where the picture shrinks; edges to edges.
+    """
+    from PIL import Image
+
+    channels = [Image.fromarray(np.ascontiguousarray(image[..., c], np.float32)) for c in range(3)]
+    return np.stack([np.asarray(c.resize((width, height), Image.Resampling.BICUBIC)) for c in channels], axis=-1)

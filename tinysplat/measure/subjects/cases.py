@@ -1,0 +1,175 @@
+"""A subject, from what there is to photos to Gaussians: Source → Window → Shots → Case."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.predict import predict
+from tinysplat_runtime.render import between
+from tinysplat_runtime.reports import Stopwatch
+from tinysplat_runtime.scenes import Scene
+
+FILE = "file"
+"""Kind of the one window of a Gaussian file."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Frames of one scene: those that a network gets, and those that its Gaussians are held against.
+
+    Attributes:
+        kind: `near`, `wide`, `multi`, a data set's name, FILE or a made scene's.
+        context, targets: frames.
+    """
+
+    kind: str
+    context: tuple[int, ...]
+    targets: tuple[int, ...]
+
+    def __str__(self) -> str:
+        return f"{self.kind} {','.join(map(str, self.context))}"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Something that was not measured, and why, in a line.
+
+    Attributes:
+        where: scene, and window where only one is at fault.
+        why: one line.
+        count: windows lost, as far as can be told; a scene whose index cannot be read counts as one.
+    """
+
+    where: str
+    why: str
+    count: int = 1
+
+    def __str__(self) -> str:
+        return f"left out {self.where}: {self.why}"
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """Views of one size.
+
+    Attributes:
+        images: (V, H, W, 3) float32 in [0, 1].
+        cameras: one per view.
+        depths: (H, W) true z per view, 0 where unknown, or None.
+        enlarged: by how much the stored photos were scaled up to this size; at most 1 where they were not.
+    """
+
+    images: NDArray
+    cameras: tuple[Camera, ...]
+    depths: tuple[NDArray | None, ...] = ()
+    enlarged: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """A window's photos at one size, and its depth range; `scene` where its context is a scene folder's."""
+
+    context: Photos
+    targets: Photos
+    near: float
+    far: float
+    scene: Scene | None = None
+
+
+class Source(Protocol):
+    """A scene with windows. Sources are small and picklable: worker processes read photos themselves."""
+
+    @property
+    def name(self) -> str:
+        """The scene's name in results."""
+
+    @property
+    def needs_network(self) -> bool:
+        """Whether a model turns its photos into Gaussians."""
+
+    def windows(self) -> tuple[list[Window], list[LeftOut]]:
+        """Windows that can be tried, and those whose entry is at fault; InputError if there is no index to read."""
+
+    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
+        """Photos at (height, width); InputError names what is at fault, and Gaussian files, which have none."""
+
+    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
+        """Bring a window to Gaussians; TinySplatError names what is at fault."""
+
+    def fingerprint(self, window: Window) -> str:
+        """Changes when what the window's figures depend on, apart from model and code, changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A window brought to Gaussians.
+
+    Attributes:
+        name: for reports.
+        model: the network, or a Gaussian file's name.
+        gaussians: per pixel, with cameras.
+        cameras: where pictures are taken.
+        photos: (H, W, 3) float32 per camera, or None where there is none.
+        depths: (H, W) true depth per camera, 0 where unknown, or None.
+        shots: what the Gaussians were predicted from, or None.
+        seconds: of the stage `network`.
+    """
+
+    name: str
+    model: str
+    gaussians: Gaussians
+    cameras: tuple[Camera, ...]
+    photos: tuple[NDArray | None, ...]
+    depths: tuple[NDArray | None, ...]
+    shots: Shots | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def with_inputs(self) -> Case:
+        """Seen from its input views too; where no photo lies between them, from midway between the first two."""
+        views = self.gaussians.cameras
+        images = [None] * len(views) if self.shots is None else list(self.shots.context.images)
+        cameras, photos = self.cameras, self.photos
+        if not cameras:
+            cameras = tuple(between(list(views[:2]), 3)[1:2])
+            photos = (None,) * len(cameras)
+        depths = (None,) * (len(views) + len(cameras))
+        return replace(self, cameras=(*views, *cameras), photos=(*images, *photos), depths=depths)
+
+    def only(self, count: int) -> Case:
+        """Its first `count` cameras alone."""
+        cut = {name: getattr(self, name)[:count] for name in ("cameras", "photos", "depths")}
+        return replace(self, **cut)
+
+
+def predicted(name: str, model: str, shots: Shots, runtime: Runtime) -> Case:
+    """What a network makes of a window's photos, held against its targets."""
+    watch = Stopwatch()
+    graph = runtime.store.network(model)
+    with watch.stage("network"):
+        gaussians = predict(shots.context.images, shots.context.cameras, shots.near, shots.far, graph)
+    targets = shots.targets
+    depths = targets.depths or (None,) * len(targets.cameras)
+    return Case(name, model, gaussians, targets.cameras, tuple(targets.images), depths, shots, watch.seconds)
+
+
+def nearest_views(camera: Camera, among: Sequence[Camera], count: int) -> list[int]:
+    """The views whose centres are nearest to a camera's, in the order in which they are given."""
+    distances = [float(np.linalg.norm(other.centre - camera.centre)) for other in among]
+    return sorted(np.argsort(distances, kind="stable")[:count].tolist())
+
+
+def truncated(gaussians: Gaussians, degree: int) -> Gaussians:
+    """The same Gaussians with the bands above `degree` cut off, in all layers."""
+    return replace(
+        gaussians,
+        sh=np.ascontiguousarray(gaussians.sh[..., : (degree + 1) ** 2, :]),
+        extra_layers=tuple(truncated(layer, degree) for layer in gaussians.extra_layers),
+    )

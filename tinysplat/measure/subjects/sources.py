@@ -1,0 +1,279 @@
+"""Where subjects come from: scene folders, data sets in chunks, Gaussian files, and the paths that a user gives.
+
+Scene folders bring their windows in `eval_index.json` (`index`), data sets in public indices. A Gaussian file is a
+window of its own, without photos: its targets are the cameras in its arrays `target_K` and `target_c2w`, or else the
+midpoints between neighbouring views. What cannot be used is left out with the reason, by window where one window is at
+fault, by scene otherwise.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
+from tinysplat.datasets.chunks import INDEX_FILE
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.cameras import Camera
+from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.files import StrPath, read_limited
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.interchange import load_gaussians
+from tinysplat_runtime.render import between
+from tinysplat_runtime.scenes import CAMERAS_FILE, Scene, load_scene
+
+from ..rows import digest
+from .cases import FILE, Case, LeftOut, Photos, Shots, Source, Window, predicted
+from .index import EVAL_INDEX, MAX_INDEX_BYTES, parse_window, read_depth, read_index, stated_depth
+
+GAUSSIAN_SUFFIXES = (".npz", ".safetensors")
+
+
+@dataclass(frozen=True)
+class FolderSource:
+    """A scene folder with `eval_index.json`; near and far replace the index's."""
+
+    path: Path
+    near: float | None = None
+    far: float | None = None
+    needs_network = True
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return self.path.resolve().name
+
+    def scene(self) -> Scene:
+        """The scene with its depth range: the option's, else the index's, else the cameras file's."""
+        scene = load_scene(self.path)
+        index = read_index(self.path / EVAL_INDEX)
+        near, far = (stated_depth(index, name, self.path / EVAL_INDEX) for name in ("near", "far"))
+        return replace(scene, near=self.near or near or scene.near, far=self.far or far or scene.far)
+
+    def windows(self) -> tuple[list[Window], list[LeftOut]]:
+        """See `Source`."""
+        path = self.path / EVAL_INDEX
+        entries, frames = read_index(path).get("windows"), len(load_scene(self.path).frames)
+        if not isinstance(entries, list) or not entries:
+            raise InputError("no windows to evaluate", where=str(path))
+        windows, left_out = [], []
+        for i, entry in enumerate(entries):
+            try:
+                windows.append(parse_window(entry, frames, f"windows[{i}]"))
+            except InputError as error:
+                left_out.append(LeftOut(f"{self.name} ({path})", str(error)))
+        return windows, left_out
+
+    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
+        """See `Source`."""
+        whole = self.scene()
+        near, far = whole.depth_range()
+        context, targets = (whole.resized(*size).views(indices) for indices in (window.context, window.targets))
+        enlarged = max(_scale(whole.frames[i].camera, size) for i in window.targets)
+        depths = tuple(self._depths(window.targets, targets.cameras))
+        seen = Photos(targets.images(), tuple(targets.cameras), depths, enlarged)
+        return Shots(Photos(context.images(), tuple(context.cameras)), seen, near, far, context)
+
+    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
+        """See `Source`."""
+        return predicted(f"{self.name} {window}", model, self.shots(window, size), runtime)
+
+    def fingerprint(self, window: Window) -> str:
+        """Of the cameras, the depth range and the photos' sizes and times of change."""
+        scene = self.scene()
+        cameras = read_limited(self.path / CAMERAS_FILE, MAX_INDEX_BYTES).decode("utf-8", "replace")
+        photos = []
+        for i in sorted({*window.context, *window.targets}):
+            path = scene.frames[i].path
+            photos.append([path.name, _stat(path) if path.is_file() else None])
+        return digest(cameras, scene.near, scene.far, photos)
+
+    def _depths(self, indices: Sequence[int], cameras: Sequence[Camera]) -> Iterable[NDArray | None]:
+        """True depth per frame at the cameras' size, where `cameras.json` names files of it."""
+        document = json.loads(read_limited(self.path / CAMERAS_FILE, MAX_INDEX_BYTES))
+        scale = document.get("depth_scale")
+        for index, camera in zip(indices, cameras, strict=True):
+            name = document["frames"][index].get("depth")
+            if not isinstance(name, str) or not isinstance(scale, int | float) or not scale > 0:
+                yield None
+            elif (self.path / name).resolve().is_relative_to(self.path.resolve()):
+                yield read_depth(self.path / name, float(scale), camera.height, camera.width)
+            else:
+                raise InputError(f"'{name}' leaves the scene's folder", where=f"{self.path}: frames[{index}].depth")
+
+
+@dataclass(frozen=True)
+class ChunkSource:
+    """One scene of a data set in chunks, with its window of a public index; near and far replace the data set's."""
+
+    folder: Path
+    dataset: str
+    key: str
+    window: Window
+    near: float | None = None
+    far: float | None = None
+    needs_network = True
+
+    @property
+    def name(self) -> str:
+        """The scene's key."""
+        return self.key
+
+    def windows(self) -> tuple[list[Window], list[LeftOut]]:
+        """See `Source`."""
+        return [self.window], []
+
+    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
+        """See `Source`."""
+        spec = SPECS[self.dataset]
+        scene = _chunk_folder(self.folder, self.dataset).scene(self.key)
+        context, targets = (scene.views(indices, size) for indices in (window.context, window.targets))
+        height, width = min(spec.frame_shapes)
+        seen = Photos(targets[0], tuple(targets[1]), enlarged=max(size[0] / height, size[1] / width))
+        return Shots(Photos(context[0], tuple(context[1])), seen, self.near or spec.near, self.far or spec.far)
+
+    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
+        """See `Source`."""
+        return predicted(f"{self.name} {window}", model, self.shots(window, size), runtime)
+
+    def fingerprint(self, window: Window) -> str:
+        """Of the chunk's size and time of change, and the depth range."""
+        path = self.folder / _chunk_folder(self.folder, self.dataset).chunks[self.key]
+        return digest(self.key, self.near, self.far, _stat(path))
+
+
+@dataclass(frozen=True)
+class FileSource:
+    """A Gaussian file: what coding loses can be measured without photos."""
+
+    path: Path
+    needs_network = False
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
+
+    def windows(self) -> tuple[list[Window], list[LeftOut]]:
+        """See `Source`."""
+        gaussians = load_gaussians(self.path)
+        targets = len(self._targets(gaussians))
+        return [Window(FILE, tuple(range(len(gaussians.cameras))), tuple(range(targets)))], []
+
+    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
+        """See `Source`."""
+        raise InputError("a Gaussian file has no photos", where=str(self.path))
+
+    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
+        """See `Source`; `model` and `size` are the file's own."""
+        gaussians = load_gaussians(self.path)
+        cameras = tuple(self._targets(gaussians))
+        nothing = (None,) * len(cameras)
+        return Case(self.name, self.name, gaussians, cameras, nothing, nothing)
+
+    def fingerprint(self, window: Window) -> str:
+        """Of the file's size and time of change."""
+        return digest(_stat(self.path))
+
+    def _targets(self, gaussians: Gaussians) -> list[Camera]:
+        if not gaussians.is_per_pixel:
+            raise InputError("no cameras, expected K and c2w per view", where=str(self.path))
+        size = {"width": gaussians.cameras[0].width, "height": gaussians.cameras[0].height}
+        if self.path.suffix == ".npz":
+            with np.load(self.path, allow_pickle=False) as arrays:
+                if {"target_K", "target_c2w"} <= set(arrays.files):
+                    pairs = zip(arrays["target_K"], arrays["target_c2w"], strict=True)
+                    return [Camera(K, c2w, **size) for K, c2w in pairs]
+        views = len(gaussians.cameras)
+        return between(gaussians.cameras, 2 * views - 1)[1::2] if views > 1 else list(gaussians.cameras)
+
+
+def find_sources(
+    paths: Iterable[StrPath],
+    *,
+    index: StrPath | None = None,
+    dataset: str = "re10k",
+    near: float | None = None,
+    far: float | None = None,
+) -> tuple[list[Source], list[LeftOut]]:
+    """Sources behind the paths a user gave.
+
+    Args:
+        paths: scene folders, folders of scene folders, folders of chunks, or Gaussian files.
+        index: public evaluation index; needed for chunks.
+        dataset: key of `SPECS` for chunks.
+        near, far: replace every source's own depth range.
+
+    Returns:
+        Sources by path, folders' children by name; and paths that lead to none.
+    """
+    sources: list[Source] = []
+    left_out: list[LeftOut] = []
+    for path in map(Path, paths):
+        try:
+            found, lost = _sources_at(path, index, dataset, near, far)
+        except TinySplatError as error:
+            found, lost = [], [LeftOut(str(path), str(error))]
+        sources += found
+        left_out += lost
+    return sources, left_out
+
+
+def _sources_at(
+    path: Path, index: StrPath | None, dataset: str, near: float | None, far: float | None
+) -> tuple[list[Source], list[LeftOut]]:
+    if path.is_file() and path.suffix.lower() in GAUSSIAN_SUFFIXES:
+        return [FileSource(path)], []
+    if not path.is_dir():
+        found = "no such folder" if not path.exists() else f"a file that ends in '{path.suffix}'"
+        raise InputError(f"{found}; accepted are scene folders, chunk folders and {', '.join(GAUSSIAN_SUFFIXES)}")
+    if (path / CAMERAS_FILE).is_file():
+        return [FolderSource(path, near, far)], []
+    if (path / INDEX_FILE).is_file():
+        return _chunk_sources(path, index, dataset, near, far)
+    children = sorted(child for child in path.iterdir() if (child / CAMERAS_FILE).is_file())
+    if not children:
+        raise InputError(f"holds neither {CAMERAS_FILE}, nor folders with one, nor chunks with {INDEX_FILE}")
+    return [FolderSource(child, near, far) for child in children], []
+
+
+def _chunk_sources(
+    path: Path, index: StrPath | None, dataset: str, near: float | None, far: float | None
+) -> tuple[list[Source], list[LeftOut]]:
+    if index is None:
+        raise InputError("a folder of chunks needs its evaluation index: give --index F.json")
+    chunks = _chunk_folder(path, dataset).chunks
+    wanted = read_paper_index(index)
+    missing = [key for key in wanted if key not in chunks]
+    # Scenes of one chunk follow each other, so that each chunk is loaded once.
+    present = sorted((key for key in wanted if key in chunks), key=lambda key: (chunks[key], key))
+    sources: list[Source] = [
+        ChunkSource(path, dataset, key, Window(dataset, wanted[key].context, wanted[key].targets), near, far)
+        for key in present
+    ]
+    if not missing:
+        return sources, []
+    why = f"{len(missing)} scenes of {index} are not here, such as {missing[0]}"
+    return sources, [LeftOut(str(path), why, len(missing))]
+
+
+@lru_cache(maxsize=8)
+def _chunk_folder(path: Path, dataset: str) -> ChunkFolder:
+    """A folder's index is large; it is read once per process."""
+    return ChunkFolder(path, SPECS[dataset])
+
+
+def _scale(stored: Camera, size: tuple[int, int]) -> float:
+    """By how much a stored photo is scaled to cover a size."""
+    return max(size[0] / stored.height, size[1] / stored.width)
+
+
+def _stat(path: Path) -> list[int]:
+    stat = path.stat()
+    return [stat.st_size, stat.st_mtime_ns]
