@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath, check_readable
+from tinysplat_runtime.system.files import StrPath, check_readable
 
 if TYPE_CHECKING:
     from torch import Tensor

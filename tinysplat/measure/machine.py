@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tinysplat_runtime import __version__
-from tinysplat_runtime.threads import available_cores
+from tinysplat_runtime.system.threads import available_cores
 
 PACKAGES = ("numpy", "onnxruntime", "av", "torch", "numba", "gsplat", "gaussforge", "zstandard")
 """Packages whose version a figure may depend on; those that are not installed are left out."""

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.cameras import Camera
 
 from .metrics import capped_psnr
 from .subjects.cases import Case

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import tinysplat_runtime
-from tinysplat_runtime.artifacts import find_artifact, load_manifest
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import StrPath, read_limited
+from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
+from tinysplat_runtime.system.files import StrPath, read_limited
 
 ROWS = "rows.jsonl"
 _MAX_BYTES = 512 * 1000 * 1000

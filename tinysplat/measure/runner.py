@@ -11,7 +11,7 @@ from typing import Protocol
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.progress import progress
+from tinysplat_runtime.system.progress import progress
 
 from ..children import settle_worker, starting_workers
 from .rows import Row, RowFile, code_fingerprint, digest, model_fingerprint

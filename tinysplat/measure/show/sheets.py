@@ -15,12 +15,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import atomic_path, read_limited
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.images import read_image
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.system.files import atomic_path, read_limited
 
 from ..metrics import PSNR_CEILING, capped_psnr, psnr, ssim
 from ..studies.quality import PICTURES, RESULTS

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.codec.encoder import EncodeStats
-from tinysplat_runtime.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.images import write_png
-from tinysplat_runtime.inspection import inspect_bytes
+from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
 
 from ..lpips import LpipsFiles, load_lpips
 from ..machine import describe_machine

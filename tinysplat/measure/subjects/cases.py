@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.predict import predict
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import between
-from tinysplat_runtime.reports import Stopwatch
-from tinysplat_runtime.scenes import Scene
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.scenes import Scene
+from tinysplat_runtime.system.stopwatch import Stopwatch
 
 FILE = "file"
 """Kind of the one window of a Gaussian file."""

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat.datasets.indices import frame_indices
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.files import check_readable, read_limited
-from tinysplat_runtime.images import MAX_PIXELS
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import MAX_PIXELS
+from tinysplat_runtime.system.files import check_readable, read_limited
 
 from .cases import Window
 

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cameras import Camera
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.files import StrPath, read_limited
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.interchange import load_gaussians
+from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import between
-from tinysplat_runtime.scenes import CAMERAS_FILE, Scene, load_scene
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.scenes import CAMERAS_FILE, Scene, load_scene
+from tinysplat_runtime.system.files import StrPath, read_limited
 
 from ..rows import digest
 from .cases import FILE, Case, LeftOut, Photos, Shots, Source, Window, predicted
