@@ -111,8 +111,8 @@ def _wait_for_end(processes: set[int]) -> None:
 
 def _figures(folder: Path) -> dict[str, object]:
     """What a run over many scenes leaves, without clocks: files by name, of JSON documents what two runs agree on."""
-    clocks = ("seconds", "costs", "scenes_per_second", "worker", "skipped", "attempts", "resumed", "fingerprint", "output",
-              "load_average", "time")  # fmt: skip
+    clocks = ("seconds", "costs", "scenes_per_second", "worker", "skipped", "attempts", "resumed", "fingerprint",
+              "output", "load_average", "time")  # fmt: skip
 
     def timeless(value: object) -> object:
         if isinstance(value, dict):
