@@ -41,11 +41,6 @@ export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python export/network.py sweep
 	$(VENV)/bin/python export/network.py edge --half-weights
 
-viewer: tinysplat/viewer/libraries.js.gz  ## what the page of `tinysplat view` is drawn with, by npm; wheels carry it
-
-tinysplat/viewer/libraries.js.gz: export/viewer/package.json export/viewer/libraries.js
-	cd export/viewer && npm install --no-audit --no-fund --silent && npm run --silent build
-
 docs: $(VENV)/.installed docs/assets/iframe-worker-shim.js  ## the documentation site in site/, for a server or opened from disk
 	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[docs]"
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat.viewer.page import build_page
 from tinysplat_runtime.api import decompress
 from tinysplat_runtime.cli.arguments import port
 from tinysplat_runtime.cli.files import MAX_FILE_BYTES
@@ -21,6 +20,7 @@ from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.page.build import Page, build_page
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.scenes import Scene, load_cameras, load_scene
 from tinysplat_runtime.system.files import read_limited, write_atomically
@@ -47,20 +47,21 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
-    page = make_page(args).encode()
+    page = make_page(args)
     if args.html:
-        write_atomically(args.html, page)
+        text = page.whole().encode()
+        write_atomically(args.html, text)
         if not args.quiet:
-            print(f"{args.html}: {len(page) / 1e6:.1f} MB, opens without a network")
+            print(f"{args.html}: {len(text) / 1e6:.1f} MB, opens without a network")
         return
     serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
 
 
-def make_page(args: Namespace) -> str:
+def make_page(args: Namespace) -> Page:
     """The page of the file that `args` names."""
     gaussians = _load(args.file)
-    cameras = list(gaussians.cameras) or (load_cameras(args.cameras) if args.cameras else [_outside(gaussians)])
-    photos = _photos(load_scene(args.photos), cameras) if args.photos else {}
+    cameras = list(gaussians.cameras) or (load_cameras(args.cameras) if args.cameras else [])
+    photos = _photos(load_scene(args.photos), cameras) if args.photos and cameras else {}
     described = _described(args.file)
     summary = f"{gaussians.count:,} Gaussians, SH degree {gaussians.degree}"
     if described:
@@ -73,18 +74,19 @@ def make_page(args: Namespace) -> str:
     )
 
 
-def serve(page: bytes, port_number: int, *, quiet: bool, browser: bool) -> None:
+def serve(page: Page, port_number: int, *, quiet: bool, browser: bool) -> None:
     """Serve the page on this machine alone until interrupted."""
+    text = ("text/html; charset=utf-8", page.served().encode())
+    parts = {"/": text, "/index.html": text, "/data": ("application/octet-stream", page.data)}
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            found = self.path.partition("?")[0] in ("/", "/index.html")
-            self.send_response(200 if found else 404)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(page) if found else 0))
+            kind, body = parts.get(self.path.partition("?")[0], ("text/plain", b""))
+            self.send_response(200 if body else 404)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
             self.end_headers()
-            if found:
-                self.wfile.write(page)
+            self.wfile.write(body)
 
         def log_message(self, format: str, *args: Any) -> None:
             """Requests are nobody's concern."""
@@ -132,12 +134,3 @@ def _photos(scene: Scene, cameras: Sequence[Camera]) -> dict[int, NDArray]:
     if not photos:
         raise InputError("no photo was taken from any of the file's views", where=str(scene.path))
     return photos
-
-
-def _outside(gaussians: Gaussians) -> Camera:
-    """A view of Gaussians without cameras: from in front, y down as .ply scenes have it."""
-    flat = gaussians.flat()
-    low, high = np.percentile(flat.means.astype(np.float64) + flat.origin, (5, 95), axis=0)
-    c2w = np.eye(4)
-    c2w[:3, 3] = (low + high) / 2 - (0, 0, 1.5 * float(np.linalg.norm(high - low)) or 1.0)
-    return Camera(np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]]), c2w, 800, 600)

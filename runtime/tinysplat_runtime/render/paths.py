@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import matrices_to_quats, quats_to_matrices
 from ..scene.cameras import Camera
 
@@ -79,6 +80,15 @@ def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
         turned = _looking_along(target - (centre + shift), down=rotation[:, 1])
         path.append(_camera(like=cameras[0], K=K, rotation=turned, centre=centre + shift))
     return path
+
+
+def outside(gaussians: Gaussians) -> Camera:
+    """A view of Gaussians that have none, 800×600: in front of all but strays, y down as .ply scenes have it."""
+    flat = gaussians.flat()
+    low, high = np.percentile(flat.means.astype(np.float64) + flat.origin, (5, 95), axis=0)
+    c2w = np.eye(4)
+    c2w[:3, 3] = (low + high) / 2 - (0, 0, 1.5 * float(np.linalg.norm(high - low)) or 1.0)
+    return Camera(np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]]), c2w, 800, 600)
 
 
 def _check(cameras: Sequence[Camera], frames: int) -> None:

@@ -49,6 +49,8 @@ _FIRST_TRANSPOSED = 5  # Exif orientations 5 to 8 swap rows and columns
 
 LANCZOS_LOBES = 3
 
+_RGB_TO_JPEG = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])  # JFIF
+
 
 @dataclass(frozen=True)
 class _Stripped:
@@ -133,6 +135,29 @@ def png_bytes(image: NDArray) -> bytes:
     frame: Any = av.VideoFrame.from_ndarray(pixels, format=pix_fmt)
     packets = [*codec.encode(frame.reformat(format="gray16be") if deep else frame), *codec.encode(None)]
     return b"".join(bytes(packet) for packet in packets)
+
+
+def jpeg_bytes(image: NDArray, quantiser: int = 3) -> bytes:
+    """An image as a JPEG file's bytes, colours at full resolution.
+
+    Args:
+        image: (H, W, 3) RGB; uint8, or floating point in [0, 1], which is clipped and rounded.
+        quantiser: of libavcodec, 2 (best) to 31.
+
+    Raises:
+        InputError: another shape or type, or NaN.
+    """
+    pixels = to_uint8(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
+        raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3)")
+    ycc = pixels @ _RGB_TO_JPEG.T + (0.0, 128.0, 128.0)
+    planes = np.rint(ycc).clip(0, 255).astype(np.uint8).transpose(2, 0, 1)
+    codec: Any = av.CodecContext.create("mjpeg", "w")
+    codec.height, codec.width = pixels.shape[:2]
+    codec.pix_fmt, codec.time_base = "yuvj444p", Fraction(1, 1)
+    codec.qmin = codec.qmax = quantiser
+    frame: Any = av.VideoFrame.from_ndarray(np.ascontiguousarray(planes), format="yuvj444p")
+    return b"".join(bytes(packet) for packet in [*codec.encode(frame), *codec.encode(None)])
 
 
 def to_uint8(image: NDArray) -> NDArray:

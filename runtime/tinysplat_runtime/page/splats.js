@@ -1,0 +1,398 @@
+// Draws Gaussians as tinysplat_runtime/render does: exact EWA with 0.3 px² of dilation, alpha from 1/255 on and up to
+// 0.99, order by depth z. A frame is two passes: each Gaussian is projected once, in sorted order, into a texture of
+// records, and the records are drawn as quads, back to front, into half floats. Nothing is instanced: hardware and
+// software alike take far longer over many instances of four vertices than over as many quads.
+"use strict";
+
+const TEXTURE_WIDTH = 4096;
+const CHUNK = 16384; // quads a draw call: their corners have 16-bit numbers
+
+const PROJECT = `#version 300 es
+precision highp float; precision highp int; precision highp usampler2D;
+uniform usampler2D order;             // indices of Gaussians, farthest first
+uniform usampler2D geometry, colours; // two texels a Gaussian; one texel an SH function
+uniform uint count;
+uniform mat3 projection;              // K R without the principal point
+uniform vec3 eye;                     // camera centre
+uniform vec2 principal, size;         // pixels
+uniform float nearPlane, leastOpacity;
+uniform vec2 logSteps;                // of lengths' codes: steps to a doubling, and what was added
+uniform int functions, stored;        // SH functions to use, and at hand
+uniform vec3 depths;                  // 1/nearest, 1/farthest, and whether they are drawn in place of colours
+layout(location = 0) out uvec4 shape; // centre in clip coordinates, and the longer half axis, where the exponent is 1
+layout(location = 1) out uvec4 paint; // length of the shorter half axis, colour in half floats, logarithm of opacity
+uint index;
+const float DILATION = 0.3, MARGIN = 0.15;
+
+uvec4 texel(usampler2D source, uint at) {
+  return texelFetch(source, ivec2(at % ${TEXTURE_WIDTH}u, at / ${TEXTURE_WIDTH}u), 0);
+}
+
+float length16(uint code) { return code == 0u ? 0.0 : exp2(float(code) / logSteps.x - logSteps.y); }
+
+mat3 axesOf(vec4 q, vec3 s) { // R(q) diag(s); its columns are the principal axes
+  q = normalize(q);
+  float w = q.x, x = q.y, y = q.z, z = q.w;
+  return mat3(
+    s.x * vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+    s.y * vec3(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+    s.z * vec3(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)));
+}
+
+vec3 sh(uint n) {
+  uvec2 code = texel(colours, index * uint(stored) + n).xy;
+  return vec3(unpackHalf2x16(code.x), unpackHalf2x16(code.y).x);
+}
+
+vec3 seen(vec3 d) { // the colour along the unit vector d, tinysplat_runtime's sh.py
+  float x = d.x, y = d.y, z = d.z, xx = x * x, yy = y * y, zz = z * z;
+  vec3 c = 0.5 + 0.28209479177387814 * sh(0u);
+  if (functions < 4) return c;
+  c += 0.4886025119029199 * (z * sh(2u) - y * sh(1u) - x * sh(3u));
+  if (functions < 9) return c;
+  c += 1.0925484305920792 * (x * y * sh(4u) - y * z * sh(5u) - x * z * sh(7u))
+    + 0.31539156525252005 * (2.0 * zz - xx - yy) * sh(6u) + 0.5462742152960396 * (xx - yy) * sh(8u);
+  if (functions < 16) return c;
+  c += -0.5900435899266435 * (y * (3.0 * xx - yy) * sh(9u) + x * (xx - 3.0 * yy) * sh(15u))
+    + 2.890611442640554 * x * y * z * sh(10u)
+    - 0.4570457994644658 * (4.0 * zz - xx - yy) * (y * sh(11u) + x * sh(13u))
+    + 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * sh(12u)
+    + 1.445305721320277 * z * (xx - yy) * sh(14u);
+  if (functions < 25) return c;
+  return c + 2.5033429417967046 * x * y * (xx - yy) * sh(16u)
+    - 1.7701307697799304 * z * (y * (3.0 * xx - yy) * sh(17u) + x * (xx - 3.0 * yy) * sh(23u))
+    + 0.9461746957575601 * x * y * (7.0 * zz - 1.0) * sh(18u)
+    - 0.6690465435572892 * z * (7.0 * zz - 3.0) * (y * sh(19u) + x * sh(21u))
+    + 0.10578554691520431 * (zz * (35.0 * zz - 30.0) + 3.0) * sh(20u)
+    + 0.47308734787878004 * (xx - yy) * (7.0 * zz - 1.0) * sh(22u)
+    + 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)) * sh(24u);
+}
+
+vec3 ramp(float t) { // from near, bright, to far, dark
+  return clamp(vec3(1.5 - 3.0 * abs(t - 0.75), 1.5 - 3.0 * abs(t - 0.5), 1.5 - 3.0 * abs(t - 0.25)), 0.0, 1.0);
+}
+
+void main() {
+  shape = uvec4(0u);
+  paint = uvec4(0u, 0u, 0u, floatBitsToUint(-100.0));
+  uint place = uint(gl_FragCoord.y) * ${TEXTURE_WIDTH}u + uint(gl_FragCoord.x);
+  if (place >= count) return;
+  index = texel(order, place).x;
+  uvec4 first = texel(geometry, 2u * index), second = texel(geometry, 2u * index + 1u);
+  float opacity = float(first.w & 0xffu) / 255.0;
+  vec3 ray = uintBitsToFloat(first.xyz) - eye;
+  vec3 point = projection * ray;
+  if (opacity < leastOpacity || point.z <= nearPlane) return;
+  vec2 centred = point.xy / point.z;
+  vec2 clamped = clamp(centred, -MARGIN * size - principal, (1.0 + MARGIN) * size - principal);
+  mat3 rows = transpose(projection);
+  mat3 axes = axesOf(
+    vec4(unpackSnorm2x16(second.x), unpackSnorm2x16(second.y)),
+    vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu)));
+  vec3 m1 = ((rows[0] - clamped.x * rows[2]) / point.z) * axes;
+  vec3 m2 = ((rows[1] - clamped.y * rows[2]) / point.z) * axes;
+  float a = dot(m1, m1) + DILATION, b = dot(m1, m2), c = dot(m2, m2) + DILATION;
+  vec3 area = cross(m1, m2);
+  float det = dot(area, area) + DILATION * (a + c) - DILATION * DILATION;
+  float reach = log(255.0 * opacity); // the exponent at which the footprint ends
+  vec2 pixel = centred + principal, extent = sqrt(2.0 * reach * vec2(a, c));
+  if (reach <= 0.0 || any(lessThan(pixel + extent, vec2(0.0))) || any(greaterThan(pixel - extent, size))) return;
+  float half_ = 0.5 * (a - c), root = sqrt(half_ * half_ + b * b), large = 0.5 * (a + c) + root;
+  vec2 along = a >= c ? vec2(half_ + root, b) : vec2(b, root - half_);
+  along = root > 0.0 ? normalize(along) : vec2(1.0, 0.0);
+  shape = floatBitsToUint(vec4(pixel / size * vec2(2.0, -2.0) + vec2(-1.0, 1.0), sqrt(2.0 * large) * along));
+  vec3 shown = depths.z > 0.0 ? ramp((1.0 / point.z - depths.y) / (depths.x - depths.y)) : max(seen(normalize(ray)), 0.0);
+  paint = uvec4(floatBitsToUint(sqrt(2.0 * det / large)), packHalf2x16(shown.xy), packHalf2x16(vec2(shown.z, 0.0)),
+    floatBitsToUint(log(opacity)));
+}`;
+
+const QUAD = `#version 300 es
+precision highp float; precision highp int; precision highp usampler2D;
+uniform usampler2D shapes, paints;
+uniform vec2 size;
+uniform int first;
+out vec2 place;
+flat out vec4 paint;
+const float LEAST = -5.541263545158426; // log(1/255)
+void main() {
+  int at = first + (gl_VertexID >> 2);
+  ivec2 texel = ivec2(at % ${TEXTURE_WIDTH}, at / ${TEXTURE_WIDTH});
+  vec4 shape = uintBitsToFloat(texelFetch(shapes, texel, 0));
+  uvec4 code = texelFetch(paints, texel, 0);
+  paint = vec4(unpackHalf2x16(code.y), unpackHalf2x16(code.z).x, uintBitsToFloat(code.w));
+  vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, major = shape.zw;
+  vec2 minor = uintBitsToFloat(code.x) * (major == vec2(0.0) ? major : normalize(vec2(-major.y, major.x)));
+  place = corner * sqrt(max(paint.a - LEAST, 0.0));
+  gl_Position = vec4(shape.xy + 2.0 * (place.x * major + place.y * minor) / size * vec2(1.0, -1.0), 0.0, 1.0);
+}`;
+
+const PAINT = `#version 300 es
+precision highp float;
+in vec2 place;
+flat in vec4 paint;
+out vec4 result;
+void main() {
+  float alpha = min(exp(paint.a - dot(place, place)), 0.99);
+  if (alpha < 1.0 / 255.0) discard;
+  result = vec4(paint.rgb * alpha, alpha);
+}`;
+
+const WHOLE = `#version 300 es
+void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
+
+const SHOW = `#version 300 es
+precision highp float;
+uniform sampler2D picture;
+uniform vec2 share; // of the picture's texels to those of the canvas
+out vec4 result;
+void main() { result = vec4(clamp(texture(picture, gl_FragCoord.xy * share).rgb, 0.0, 1.0), 1.0); }`;
+
+const LINES = `#version 300 es
+precision highp float;
+uniform mat3 projection;
+uniform vec3 eye;
+uniform vec2 principal, size;
+in vec3 position;
+void main() {
+  vec3 point = projection * (position - eye);
+  vec2 ndc = principal / size * vec2(2.0, -2.0) + vec2(-1.0, 1.0);
+  gl_Position = vec4(point.xy / size * vec2(2.0, -2.0) + ndc * point.z, 0.0, point.z);
+}`;
+
+const ORANGE = `#version 300 es
+precision mediump float;
+out vec4 result;
+void main() { result = vec4(1.0, 0.7, 0.33, 1.0); }`;
+
+// Runs in a worker: indices of Gaussians in front of a camera, farthest first, equal depths last one first.
+function sorter() {
+  let means, keys, order, other;
+  const counts = new Uint32Array(65536);
+  function pass(from, to, n, shift) {
+    counts.fill(0);
+    for (let i = 0; i < n; i++) counts[(keys[from[i]] >>> shift) & 65535]++;
+    let sum = 0;
+    for (let b = 0; b < 65536; b++) { const count = counts[b]; counts[b] = sum; sum += count; }
+    for (let i = 0; i < n; i++) to[counts[(keys[from[i]] >>> shift) & 65535]++] = from[i];
+  }
+  onmessage = ({ data }) => {
+    if (data.means) {
+      means = data.means;
+      const n = means.length / 3;
+      [keys, order, other] = [new Uint32Array(n), new Uint32Array(n), new Uint32Array(n)];
+      return;
+    }
+    const [x, y, z, t] = data.plane, depths = new Float32Array(keys.buffer);
+    let n = 0;
+    for (let i = 0; i < keys.length; i++) {
+      depths[i] = x * means[3 * i] + y * means[3 * i + 1] + z * means[3 * i + 2] + t;
+      if (depths[i] > data.nearPlane) order[n++] = i;
+    }
+    pass(order, other, n, 0); // bits of positive floats rise as they do
+    pass(other, order, n, 16);
+    const sorted = order.slice(0, n).reverse();
+    postMessage({ sorted, id: data.id }, [sorted.buffer]);
+  };
+}
+
+function program(gl, vertex, fragment) {
+  const made = gl.createProgram();
+  for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    const shader = gl.createShader(kind);
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    gl.attachShader(made, shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader));
+  }
+  gl.linkProgram(made);
+  if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(made));
+  const uniforms = {};
+  for (let i = gl.getProgramParameter(made, gl.ACTIVE_UNIFORMS) - 1; i >= 0; i--) {
+    const { name } = gl.getActiveUniform(made, i);
+    uniforms[name] = gl.getUniformLocation(made, name);
+  }
+  return { made, uniforms, place: (name) => gl.getAttribLocation(made, name) };
+}
+
+const WORDS = { 1: ["R32UI", "RED_INTEGER"], 2: ["RG32UI", "RG_INTEGER"], 4: ["RGBA32UI", "RGBA_INTEGER"] };
+
+// A texture of at least `count` texels of `words` whole numbers each, filled row by row with `data` if there are any.
+function dataTexture(gl, count, words, data) {
+  const height = Math.max(1, Math.ceil(count / TEXTURE_WIDTH)), limit = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+  if (height > limit) throw new Error(`more Gaussians than this device's textures hold (${height} rows, at most ${limit})`);
+  const texture = gl.createTexture(), [inner, format] = WORDS[words].map((name) => gl[name]);
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, inner, TEXTURE_WIDTH, height);
+  if (data) fill(gl, data, words, format);
+  return texture;
+}
+
+// The first texels of the bound texture.
+function fill(gl, data, words, format) {
+  const row = TEXTURE_WIDTH * words, rows = Math.floor(data.length / row), rest = data.subarray(rows * row);
+  const put = (y, width, height, part) => gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, y, width, height, format, gl.UNSIGNED_INT, part);
+  if (rows) put(0, TEXTURE_WIDTH, rows, data.subarray(0, rows * row));
+  if (rest.length) put(rows, rest.length / words, 1, rest);
+}
+
+function bindTextures(gl, uniforms, textures) {
+  Object.entries(textures).forEach(([name, texture], unit) => {
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.uniform1i(uniforms[name], unit);
+  });
+}
+
+class Splats {
+  // cloud: what unpack.js makes of the page's data. onSorted is called when a new order is at hand.
+  constructor(canvas, cloud, onSorted) {
+    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("this browser has no WebGL2");
+    this.gl = gl;
+    this.cloud = cloud;
+    this.isHalf = Boolean(gl.getExtension("EXT_color_buffer_half_float") || gl.getExtension("EXT_color_buffer_float"));
+    const { count, functions } = cloud;
+    this.textures = {
+      order: dataTexture(gl, count, 1),
+      geometry: dataTexture(gl, 2 * count, 4, cloud.geometry),
+      colours: dataTexture(gl, functions * count, 2, cloud.colours),
+    };
+    this.records = { shapes: dataTexture(gl, count, 4), paints: dataTexture(gl, count, 4) };
+    this.recordFrame = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
+    const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
+    Object.values(this.records).forEach((texture, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0));
+    gl.drawBuffers(places);
+    this.project = program(gl, WHOLE, PROJECT);
+    this.paint = program(gl, QUAD, PAINT);
+    this.show = program(gl, WHOLE, SHOW);
+    this.lines = program(gl, LINES, ORANGE);
+    this.empty = gl.createVertexArray();
+    this.quads = this.#quadArray();
+    this.target = { texture: gl.createTexture(), frame: gl.createFramebuffer(), width: 0, height: 0 };
+    this.sortedCount = 0;
+    this.#startSorter(onSorted);
+  }
+
+  #quadArray() { // two triangles a quad
+    const { gl } = this, array = gl.createVertexArray(), corners = new Uint16Array(6 * CHUNK);
+    for (let i = 0; i < CHUNK; i++) corners.set([0, 1, 2, 2, 1, 3].map((k) => 4 * i + k), 6 * i);
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
+    return array;
+  }
+
+  #startSorter(onSorted) {
+    const { gl } = this;
+    this.worker = new Worker(URL.createObjectURL(new Blob([`"use strict";(${sorter})()`], { type: "text/javascript" })));
+    this.worker.postMessage({ means: this.cloud.means });
+    this.asked = this.answered = 0;
+    this.worker.onmessage = ({ data }) => {
+      this.answered = data.id;
+      this.sortedCount = data.sorted.length;
+      gl.activeTexture(gl.TEXTURE0);
+      gl.bindTexture(gl.TEXTURE_2D, this.textures.order);
+      fill(gl, data.sorted, 1, gl.RED_INTEGER);
+      onSorted();
+    };
+  }
+
+  // Whether the last order asked for is at hand.
+  get isSorted() { return this.answered === this.asked; }
+
+  // Asks for the order seen from a camera (see Camera in controls.js).
+  sort(camera, nearPlane) {
+    const [x, y, z] = camera.rotation[2], [px, py, pz] = camera.position;
+    this.worker.postMessage({ plane: [x, y, z, -(x * px + y * py + z * pz)], nearPlane, id: ++this.asked });
+  }
+
+  // Draws one frame; `share` < 1 draws fewer pixels and enlarges them, for as long as things move.
+  draw(camera, options, share = 1) {
+    const { gl } = this, { canvas } = gl;
+    const width = Math.max(1, Math.round(canvas.width * share)), height = Math.max(1, Math.round(canvas.height * share));
+    this.#resize(width, height);
+    const view = camera.fitted(width, height);
+    this.#projectAll(view, camera.position, width, height, options);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0, 0, 0, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.useProgram(this.paint.made);
+    bindTextures(gl, this.paint.uniforms, this.records);
+    gl.uniform2f(this.paint.uniforms.size, width, height);
+    gl.bindVertexArray(this.quads);
+    for (let first = 0; first < this.sortedCount; first += CHUNK) {
+      gl.uniform1i(this.paint.uniforms.first, first);
+      gl.drawElements(gl.TRIANGLES, 6 * Math.min(CHUNK, this.sortedCount - first), gl.UNSIGNED_SHORT, 0);
+    }
+    gl.disable(gl.BLEND);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.useProgram(this.show.made);
+    bindTextures(gl, this.show.uniforms, { picture: this.target.texture });
+    gl.uniform2f(this.show.uniforms.share, 1 / canvas.width, 1 / canvas.height);
+    gl.bindVertexArray(this.empty);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    if (options.lines) this.#drawLines(camera, options.lines);
+  }
+
+  #projectAll(view, eye, width, height, options) {
+    const { gl } = this, { uniforms } = this.project;
+    gl.useProgram(this.project.made);
+    bindTextures(gl, uniforms, this.textures);
+    gl.uniform1ui(uniforms.count, this.sortedCount);
+    gl.uniformMatrix3fv(uniforms.projection, true, view.projection);
+    gl.uniform3fv(uniforms.eye, eye);
+    gl.uniform2fv(uniforms.principal, view.principal);
+    gl.uniform2f(uniforms.size, width, height);
+    gl.uniform1f(uniforms.nearPlane, options.nearPlane);
+    gl.uniform2fv(uniforms.logSteps, this.cloud.logSteps);
+    gl.uniform1f(uniforms.leastOpacity, options.leastOpacity);
+    gl.uniform1i(uniforms.functions, (options.degree + 1) ** 2);
+    gl.uniform1i(uniforms.stored, this.cloud.functions);
+    gl.uniform3f(uniforms.depths, 1 / this.cloud.nearest, 1 / this.cloud.farthest, options.depth ? 1 : 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
+    gl.viewport(0, 0, TEXTURE_WIDTH, Math.ceil(this.sortedCount / TEXTURE_WIDTH));
+    gl.bindVertexArray(this.empty);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  #resize(width, height) {
+    const { gl, target } = this;
+    if (target.width === width && target.height === height) return;
+    Object.assign(target, { width, height });
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, target.texture);
+    const [inner, kind] = this.isHalf ? [gl.RGBA16F, gl.HALF_FLOAT] : [gl.RGBA8, gl.UNSIGNED_BYTE];
+    gl.texImage2D(gl.TEXTURE_2D, 0, inner, width, height, 0, gl.RGBA, kind, null);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.texture, 0);
+  }
+
+  #drawLines(camera, positions) {
+    const { gl } = this, { uniforms } = this.lines, { width, height } = gl.canvas, view = camera.fitted(width, height);
+    gl.useProgram(this.lines.made);
+    gl.uniformMatrix3fv(uniforms.projection, true, view.projection);
+    gl.uniform3fv(uniforms.eye, camera.position);
+    gl.uniform2fv(uniforms.principal, view.principal);
+    gl.uniform2f(uniforms.size, width, height);
+    if (!this.lineArray) {
+      this.lineArray = gl.createVertexArray();
+      gl.bindVertexArray(this.lineArray);
+      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ARRAY_BUFFER, positions, gl.STATIC_DRAW);
+      const place = this.lines.place("position");
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+    }
+    gl.bindVertexArray(this.lineArray);
+    gl.drawArrays(gl.LINES, 0, positions.length / 3);
+  }
+}
