@@ -9,10 +9,11 @@ import pytest
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.codec.quantise import choose_code_map
-from tinysplat_runtime.codec.rate import ChannelModel
+from tinysplat_runtime.codec.rate import ChannelModel, encode_to_size
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
 from tinysplat_runtime.render import renderer
@@ -38,7 +39,7 @@ def test_a_target_size_is_hit_within_3_percent_from_below(gaussians, profile, sh
     assert ts.decompress(data).count == gaussians.count
 
 
-def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians, monkeypatch):
+def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians):
     coded = []
 
     def counted(codes, qp, settings, offsets):
@@ -46,10 +47,13 @@ def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians, mo
         coded.append(len(plane.payload))
         return plane
 
-    monkeypatch.setattr("tinysplat_runtime.codec.encoder.encode_plane", counted)
-    RUNTIME.compress(gaussians)
+    def encoder():
+        return SceneEncoder(gaussians, PROFILES["balanced"], RUNTIME.store, threads=2, plane_coder=counted)
+
+    plain_encoder = encoder()
+    plain_encoder.code(plain_encoder.plan(0), 0)
     plain, coded[:] = len(coded), []
-    RUNTIME.compress(gaussians, target_size=12_000)
+    encode_to_size(encoder(), 12_000)
     assert 0 < len(coded) <= 2 * plain
 
 

@@ -11,7 +11,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.codec.encoder import EncodeStats, _quantise
+from tinysplat_runtime.codec.encoder import EncodeStats, quantise_channel
 from tinysplat_runtime.codec.hevc import MAX_CODE
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
@@ -254,7 +254,7 @@ def quantiser_rows() -> Iterator[QuantiserRow]:
 def _quantiser_row(case: str, values: NDArray, step: float, window: tuple[float, float] | None) -> QuantiserRow:
     stats = EncodeStats()
     window = window or (float(values.min()), float(values.max()))
-    quantised = _quantise(Channel(PlaneClass.COLOR, 0, values, step, window), stats)
+    quantised = quantise_channel(Channel(PlaneClass.COLOR, 0, values, step, window), stats)
     if quantised.code_map is None or quantised.codes is None:
         error = float(np.abs(values.astype(np.float64) - quantised.value).max())
         return QuantiserRow(case, step, 0.0, error, 0, "a number")

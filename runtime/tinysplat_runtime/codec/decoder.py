@@ -17,7 +17,7 @@ from ..errors import FormatError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.inference import GraphStore
 from ..graphs.predict import predict
-from ..system.stopwatch import Stopwatch
+from ..system.stopwatch import Stopwatch, part
 from ..system.threads import Crew
 from .hevc import PlaneDecoder
 from .hybrid import check_prediction, predicted_geometry
@@ -70,7 +70,8 @@ def decode_gaussians(
     watch = watch or Stopwatch()
     with watch.stage("parse"):
         is_prefix = max_bytes is not None or lost is not None
-        container = read_container(memoryview(data)[:max_bytes], limits, is_prefix=is_prefix)
+        with part("metadata"):
+            container = read_container(memoryview(data)[:max_bytes], limits, is_prefix=is_prefix)
         absent = cut_off_planes(container) if lost is None else damaged_planes(container)
         if lost is not None:
             lost += [plane_name(container, ref) for ref in sorted(absent)]
@@ -97,7 +98,8 @@ def _decode(
     for index, layer in enumerate(container.layers):
         with watch.stage("synthesis"):
             base = _base(prediction, index, layer, store)
-            synthesis = LayerSynthesis(layer, container.origin, store, base)
+            with part("metadata"):
+                synthesis = LayerSynthesis(layer, container.origin, store, base)
         _decode_layer(_Pictures(container, index), synthesis, crew, absent, watch)
         with watch.stage("synthesis"):
             layers.append(synthesis.gaussians())
@@ -183,7 +185,8 @@ class _Pictures:
 
     def decode(self, channel: ChannelRecord, view: int, out: NDArray) -> None:
         """Decode one picture into `out` (H, W) uint16."""
-        payload = self.container.payload(self.index, channel, view)
+        with part("CRC"):
+            payload = self.container.payload(self.index, channel, view)
         if not hasattr(self.own, "decoder"):
             parameter_sets = self.container.parameter_sets[self.layer.parameter_set]
             self.own.decoder = PlaneDecoder(parameter_sets, self.layer.height, self.layer.width)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,9 @@ MAX_VIEWS = 64
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
 
+PlaneCoder: TypeAlias = Callable[[NDArray, int, EncoderSettings, NDArray | None], CodedPlane]
+"""Codes one plane; arguments and result of `hevc.encode_plane`."""
+
 MAX_GLOBAL_QP = 60
 """Largest magnitude of Q_g: steps of a thousandth, and of a thousand times, the profile's own."""
 
@@ -79,8 +83,8 @@ class PhotoMode:
 
 
 @dataclass(frozen=True)
-class _Quantised:
-    """A channel's codes, or its one value."""
+class QuantisedChannel:
+    """A channel's codes (V, H, W) uint16 and what they mean, or its one value where both are None."""
 
     channel: Channel
     code_map: CodeMap | None
@@ -97,6 +101,7 @@ def encode_gaussians(
     threads: int,
     drop_invalid: bool = False,
     stats: EncodeStats | None = None,
+    plane_coder: PlaneCoder | None = None,
 ) -> bytes:
     """Code all layers.
 
@@ -108,6 +113,7 @@ def encode_gaussians(
         threads: planes coded at a time; never changes the bytes.
         drop_invalid: make Gaussians that VPT cannot represent transparent in place of refusing them.
         stats: filled with what was measured.
+        plane_coder: what codes a plane; None for `hevc.encode_plane`.
 
     Returns:
         The file.
@@ -116,7 +122,9 @@ def encode_gaussians(
         InputError: Gaussians without pixels, more views than 64, a Q_g beyond ±60.
         NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
     """
-    encoder = SceneEncoder(gaussians, profile, store, threads=threads, drop_invalid=drop_invalid, stats=stats)
+    encoder = SceneEncoder(
+        gaussians, profile, store, threads=threads, drop_invalid=drop_invalid, stats=stats, plane_coder=plane_coder
+    )
     return encoder.code(encoder.plan(qp), qp)
 
 
@@ -141,6 +149,7 @@ class SceneEncoder:
         drop_invalid: bool = False,
         stats: EncodeStats | None = None,
         photo_mode: PhotoMode | None = None,
+        plane_coder: PlaneCoder | None = None,
     ) -> None:
         """Check and project the scene; arguments and errors are those of `encode_gaussians`.
 
@@ -152,7 +161,7 @@ class SceneEncoder:
             raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
         self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
         self._store, self._photo_mode = store, photo_mode
-        self._coder = _PlaneCoder(profile.encoder)
+        self._coder = _OnceEach(plane_coder or encode_plane, profile.encoder)
         self._prepared: list[AdaptiveLayer] | None = None
         self._steps: list[Steps] | None = None
         with self.stats.watch.stage("vpt"):
@@ -231,18 +240,18 @@ def check_readable(data: bytes) -> None:
         raise NumericError(f"beyond what a file can hold: {error.message}", where=error.where) from None
 
 
-class _PlaneCoder:
-    """`encode_plane` under one profile's settings, each plane only once."""
+class _OnceEach:
+    """A coder under one profile's settings, which is given each plane only once."""
 
-    def __init__(self, settings: EncoderSettings) -> None:
-        self._settings = settings
+    def __init__(self, coder: PlaneCoder, settings: EncoderSettings) -> None:
+        self._coder, self._settings = coder, settings
         self._coded: dict[tuple[bytes, int], CodedPlane] = {}
 
     def __call__(self, codes: NDArray, qp: int, offsets: NDArray | None) -> CodedPlane:
         by_block = b"" if offsets is None else offsets.tobytes()
         key = sha256(np.ascontiguousarray(codes).data).digest() + repr(codes.shape).encode() + by_block, qp
         if key not in self._coded:
-            self._coded[key] = encode_plane(codes, qp, self._settings, offsets)
+            self._coded[key] = self._coder(codes, qp, self._settings, offsets)
         return self._coded[key]
 
 
@@ -253,7 +262,14 @@ def is_flat(channel: Channel, mean: float, spread: float, step: float) -> bool:
     return not high > low or spread <= max(floor, channel.flat_share * step)
 
 
-def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
+def quantise_channel(channel: Channel, stats: EncodeStats) -> QuantisedChannel:
+    """Codes of a channel, or its mean where nothing but rounding is in it.
+
+    Samples outside the represented range are clipped and counted in `stats`.
+
+    Raises:
+        NumericError: values beyond what can be coded.
+    """
     values = channel.values
     low, high = channel.window
     if not max(-low, high) <= MAX_PLANE:
@@ -264,21 +280,21 @@ def _quantise(channel: Channel, stats: EncodeStats) -> _Quantised:
         low, high = without_outliers(values, low, high, channel.step)
     mean = float(values.mean(dtype=np.float64))
     if is_flat(channel, mean, float(values.std(dtype=np.float64)), channel.step):
-        return _Quantised(channel, None, None, mean)
+        return QuantisedChannel(channel, None, None, mean)
     code_map = choose_code_map(low, high, mean, channel.step)
     codes, _ = code_map.quantise(values)
     label = channel.plane_class.label
     # Codes may reach a little beyond the window, whose ends a coarse step rounds; only what lies outside it is lost.
     clipped = int(np.count_nonzero((values < low) | (values > high)))
     stats.clipped[label] = stats.clipped.get(label, 0) + clipped
-    return _Quantised(channel, code_map, codes)
+    return QuantisedChannel(channel, code_map, codes)
 
 
 def _code_layer(
-    layer: Gaussians, plan: LayerPlan, coder: _PlaneCoder, pool: ThreadPoolExecutor, stats: EncodeStats
+    layer: Gaussians, plan: LayerPlan, coder: _OnceEach, pool: ThreadPoolExecutor, stats: EncodeStats
 ) -> CodedLayer:
     with stats.watch.stage("quantise"):
-        quantised = [_quantise(channel, stats) for channel in plan.channels]
+        quantised = [quantise_channel(channel, stats) for channel in plan.channels]
     with stats.watch.stage("x265"):
         # Depth comes first: where it is coded twice, the second time waits for the first.
         jobs = [(q, _submit(q, coder, pool)) for q in quantised]
@@ -300,7 +316,7 @@ def _code_layer(
     )
 
 
-def _submit(quantised: _Quantised, coder: _PlaneCoder, pool: ThreadPoolExecutor) -> list[Future[CodedPlane]]:
+def _submit(quantised: QuantisedChannel, coder: _OnceEach, pool: ThreadPoolExecutor) -> list[Future[CodedPlane]]:
     codes, code_map, offsets = quantised.codes, quantised.code_map, quantised.channel.offsets
     if codes is None or code_map is None:
         return []
@@ -309,8 +325,8 @@ def _submit(quantised: _Quantised, coder: _PlaneCoder, pool: ThreadPoolExecutor)
 
 
 def _refine(
-    base: _Quantised, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor, stats: EncodeStats
-) -> _Quantised:
+    base: QuantisedChannel, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor, stats: EncodeStats
+) -> QuantisedChannel:
     """What coding left of the base channel, as a channel of its own: it adds to the same target."""
     assert base.codes is not None and base.code_map is not None
     decoded = np.empty_like(base.codes)
@@ -322,10 +338,10 @@ def _refine(
     list(pool.map(decode, range(len(coded))))
     rest = base.channel.values - base.code_map.dequantise(decoded)
     window = (float(rest.min()), float(rest.max()))
-    return _quantise(replace(base.channel, values=rest, step=step, window=window), stats)
+    return quantise_channel(replace(base.channel, values=rest, step=step, window=window), stats)
 
 
-def _coded_channel(quantised: _Quantised, planes: Sequence[CodedPlane]) -> CodedChannel:
+def _coded_channel(quantised: QuantisedChannel, planes: Sequence[CodedPlane]) -> CodedChannel:
     channel, code_map = quantised.channel, quantised.code_map
     if code_map is None:
         return CodedChannel(channel.plane_class, channel.target, 0, 0.0, quantised.value)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, TinySplatError
 from ..gaussian.planes import QP_BLOCK, pad_plane, padded_size, qp_block_side
+from ..system.stopwatch import part
 
 BIT_DEPTH = 12
 MAX_CODE = (1 << BIT_DEPTH) - 1
@@ -224,8 +225,10 @@ class PlaneDecoder:
             FormatError: the payload is no single intra picture of this size.
         """
         height, width = self._size
-        (plane,) = self._decoder.decode(payload)
-        out[...] = plane[:height, :width]
+        with part("libavcodec"):
+            (plane,) = self._decoder.decode(payload)
+        with part("copy of pictures"):
+            out[...] = plane[:height, :width]
 
 
 def _nal_units(stream: bytes) -> list[bytes]:

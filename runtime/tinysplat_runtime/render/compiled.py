@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..system.stopwatch import part
 from . import kernels_blend, kernels_project
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from .kernels_project import BOTTOM, CHUNK, GAMMA, GEOMETRY, IS_WIDE, LEFT, REACH, RECORD, RIGHT, TOP
@@ -119,7 +120,7 @@ class Rasteriser:
             for packed in self._packed:
                 packed.is_coloured[:] = 0
         visible = self._run(lambda packed: self._project(packed, view, columns, count), self._packed)
-        counts = np.stack([np.zeros(count, np.int64), *(part.counts for part in visible)])  # (blocks + 1, tiles)
+        counts = np.stack([np.zeros(count, np.int64), *(shown.counts for shown in visible)])  # (blocks + 1, tiles)
         for first, last in batches(counts.sum(axis=0)):
             self._composite(visible, counts[1:, first:last], (first, last), columns, canvas)
         return canvas
@@ -133,10 +134,15 @@ class Rasteriser:
         """Fill a block's records, and list what of them is visible."""
         records, work = self._records[packed.rows], self._workspace()
         numbers = view_numbers(view)
-        if kernels_project.project(packed.geometry, packed.sh, packed.is_coloured, numbers, work.chunk, records):
+        with part("projection and colours"):
+            is_wide = kernels_project.project(
+                packed.geometry, packed.sh, packed.is_coloured, numbers, work.chunk, records
+            )
+        if is_wide:
             redo_wide(packed.block, view, records)
         ids, boxes, counts = self._ids[packed.rows], self._boxes[packed.rows], np.zeros(count, np.int64)
-        shown = kernels_blend.list_visible(records, packed.first, columns, ids, boxes, counts)
+        with part("listing what is visible"):
+            shown = kernels_blend.list_visible(records, packed.first, columns, ids, boxes, counts)
         return Visible(ids[:shown], boxes[:shown], counts)
 
     def _composite(
@@ -147,22 +153,24 @@ class Rasteriser:
         bounds = np.append(0, ends[:, -1])
         starts = np.ascontiguousarray((ends - counts.T).T)
         keys, scratch = np.empty((2, bounds[-1]), np.uint64)
-        self._run(
-            lambda part: kernels_blend.list_by_tile(
-                self._records, part[0].ids, part[0].boxes, columns, tiles, part[1], keys
-            ),
-            list(zip(visible, starts, strict=True)),
-        )
+
+        def list_block(block: tuple[Visible, NDArray]) -> None:
+            seen, start = block
+            kernels_blend.list_by_tile(self._records, seen.ids, seen.boxes, columns, tiles, start, keys)
 
         def blend(tile: int) -> None:
-            work, part = self._workspace(), slice(bounds[tile], bounds[tile + 1])
+            work, own = self._workspace(), slice(bounds[tile], bounds[tile + 1])
             row, column = divmod(tiles[0] + tile, columns)
             kernels_blend.composite_tile(
-                self._records, keys[part], scratch[part], (row * TILE_HEIGHT, column * TILE_WIDTH),
+                self._records, keys[own], scratch[own], (row * TILE_HEIGHT, column * TILE_WIDTH),
                 (work.state, work.near, work.histogram), (canvas.colour, canvas.left, canvas.depth),
             )  # fmt: skip
 
-        self._run(blend, np.argsort(np.diff(bounds))[::-1].tolist())  # the longest first, so that threads end together
+        with part("lists by tile"):
+            self._run(list_block, list(zip(visible, starts, strict=True)))
+        with part("sort and blend"):
+            # the longest first, so that threads end together
+            self._run(blend, np.argsort(np.diff(bounds))[::-1].tolist())
 
 
 def _pack(blocks: Iterable[Block]) -> Iterator[_Packed]:

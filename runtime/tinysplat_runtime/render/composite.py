@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..system.stopwatch import part, tally_nonzero
 from .prepare import ALPHA_MIN
 from .project import BLUE, GAMMA, RECORD, RED, Splats
 from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
@@ -131,10 +132,14 @@ def composite(canvas: Canvas, splats: Splats, pairs: Pairs, tiles: NDArray, work
     while tiles.size:
         n = np.count_nonzero(lists.lengths > done)  # lists only end, so those at work lead
         ids = np.ascontiguousarray(pairs.batches.take(lists.starts[:n] + done, axis=0).T)  # (8, n)
-        planes = _planes(splats, ids, work)
-        weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
+        with part("blend: picking records"):
+            planes = _planes(splats, ids, work)
+        with part("blend: alphas"):
+            weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
+        tally_nonzero("alphas above 1/255", weights)
         depths = splats.depths.take(ids) if canvas.with_depth else None
-        some_stopped = _blend(state[:, :, :n], weights, planes[RED : BLUE + 1], depths)
+        with part("blend: sums"):
+            some_stopped = _blend(state[:, :, :n], weights, planes[RED : BLUE + 1], depths)
         done += 1
         at_work = lists.lengths > done
         if some_stopped:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, sh_degree, sh_terms
 from ..scene.cameras import Camera
+from ..system.stopwatch import part
 from .prepare import ALPHA_MIN, Block, principal_axes
 
 DILATION = 0.3
@@ -123,7 +124,8 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
         visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
         left[wide], right[wide] = 0, view.camera.width - 1
         if visible.size:
-            _colours(block, ray, visible, planes[RED : BLUE + 1])
+            with part("colours"):
+                _colours(block, ray, visible, planes[RED : BLUE + 1])
         splats.areas[rows] = (right // tile[0] - left // tile[0] + 1) * (bottom // tile[1] - top // tile[1] + 1)
         splats.log_opacities[rows] = block.log_opacities
         splats.depths[rows] = np.minimum(point[2], LIMIT)

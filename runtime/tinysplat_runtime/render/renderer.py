@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
+from ..system.stopwatch import part
 from ..system.threads import Crew, available_cores
 from .composite import Canvas, Workspace, composite, tile_groups
 from .prepare import prepare
@@ -98,8 +99,10 @@ class Renderer:
         if self._compiled is not None:
             return self._compiled.draw(view, with_depth)
         splats = self._splats
-        ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
-        order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
+        with part("projection"):
+            ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
+        with part("depth order"):
+            order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
         return self._composite(order, Grid(view.camera.width, view.camera.height), with_depth)
 
     def _composite(self, order: NDArray, grid: Grid, with_depth: bool) -> Canvas:
@@ -108,15 +111,18 @@ class Renderer:
         for run in runs(splats.areas, order, limit=max(MAX_PAIRS, PAIRS_PER_TILE * grid.count)):
             if open_tiles is not None and not open_tiles.any():
                 break
-            pairs = find_pairs(splats, run, grid, open_tiles, self._run)
-            self._run(partial(self._composite_group, canvas, pairs), tile_groups(pairs))
+            with part("lists by tile"):
+                pairs = find_pairs(splats, run, grid, open_tiles, self._run)
+                groups = tile_groups(pairs)
+            self._run(partial(self._composite_group, canvas, pairs), groups)
             open_tiles = canvas.open_tiles()
         return canvas
 
     def _composite_group(self, canvas: Canvas, pairs: Pairs, tiles: NDArray) -> None:
         if not hasattr(self._local, "workspace"):
             self._local.workspace = Workspace()
-        composite(canvas, self._splats, pairs, tiles, self._local.workspace)
+        with part("blend: rest"):
+            composite(canvas, self._splats, pairs, tiles, self._local.workspace)
 
 
 def render(

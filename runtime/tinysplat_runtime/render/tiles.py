@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..system.stopwatch import part
 from .prepare import BLOCK_SIZE
 from .project import GAMMA, LIMIT, Splats, X, Y, footprint_exponent, is_wide, pixels_between
 
@@ -115,7 +116,8 @@ def find_pairs(splats: Splats, order: NDArray, grid: Grid, open_tiles: NDArray |
 
     def block_pairs(start: int) -> tuple[NDArray, NDArray]:
         ids = order[start : start + BLOCK_SIZE]
-        tiles, owner = _pairs(splats, ids, grid)
+        with part("tiles of every splat"):
+            tiles, owner = _pairs(splats, ids, grid)
         if open_tiles is not None:
             takes = open_tiles.take(tiles)
             tiles, owner = tiles.compress(takes), owner.compress(takes)
