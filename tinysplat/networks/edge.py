@@ -21,7 +21,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .aggregation import box_mean, fill_uncertain, local_contrast, path_costs
+from .aggregation import box_mean, local_contrast
 from .edge_layers import CostRefiner, UNet, convolution, zero
 from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .narrowing import NarrowingSettings, narrowed
@@ -35,12 +35,11 @@ from .sweep import (
     InverseDepths,
     SweepSettings,
     align_photos,
-    cross_view_agreement,
     double,
     error_in_sources,
-    matching_costs,
+    matched,
     opacities_from_agreement,
-    soft_argmin,
+    settled,
 )
 
 __all__ = ["MAX_VIEWS", "MIN_SIDE", "MIN_VIEWS", "OUTPUT_NAMES", "STRIDE", "Edge", "EdgeSettings"]
@@ -332,15 +331,11 @@ def analyse(
     coarse = lead
     for guide, turned in reversed(grids):
         at_half = guide is half
-        cost = matching_costs(guide, (turned, terms[1]), pairs, depths, fine if at_half else s) + lead
-        paths = path_costs(cost, guide, step=s.step, jump=s.jump, edge=s.edge)
-        paths = paths - paths.amin(dim=1, keepdim=True)
+        cost, paths = matched(guide, (turned, terms[1]), pairs, depths, fine if at_half else s, lead)
         if not at_half:
             coarse = paths
             lead = double(settings.lead * paths.clamp_max(settings.lead_limit))
-    level = soft_argmin(paths, s.sharpness)
-    agreement = cross_view_agreement(level, terms, pairs, depths, s)
-    level = fill_uncertain(level, agreement, half, edge=s.fill_edge, dilations=s.fill_dilations)
+    level, agreement = settled(paths, half, terms, pairs, depths, s)
     level = align_photos(level, half, K, pairs, depths, settings.half_alignment)
     relative = settings.contrast * (cost - cost.mean(dim=1, keepdim=True))
     best = settings.contrast * cost.amin(dim=1, keepdim=True)

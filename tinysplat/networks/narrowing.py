@@ -12,10 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .aggregation import fill_uncertain, path_costs
 from .geometry import pixel_intrinsics, pixel_rays, project_sweep
 from .pairs import ViewPairs
-from .sweep import InverseDepths, SweepSettings, cross_view_agreement, matching_costs, soft_argmin
+from .sweep import InverseDepths, SweepSettings, matched, settled
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,9 @@ def narrowed(
     cells = functional.avg_pool2d(images, s.cell)
     rays = pixel_rays(pixel_intrinsics(K_unit, *cells.shape[2:]), *cells.shape[2:])
     terms = pairs.sweep_terms(rays, K_unit)
-    costs = matching_costs(cells, terms, pairs, look, matching)
-    costs = path_costs(costs, cells, step=matching.step, jump=matching.jump, edge=matching.edge)
-    level = soft_argmin(costs, matching.sharpness)
-    agreement = cross_view_agreement(level, terms, pairs, look, matching)
-    level = fill_uncertain(level, agreement, cells, edge=matching.fill_edge, dilations=s.dilations)
+    matching = replace(matching, fill_dilations=s.dilations)
+    _, paths = matched(cells, terms, pairs, look, matching)
+    level, agreement = settled(paths, cells, terms, pairs, look, matching)
     weight = agreement.clamp_min(s.least_weight)
     first = quantile(level, weight, s.tail, s.candidates) - s.margin / last
     final = quantile(level, weight, 1 - s.tail, s.candidates) + s.margin / last

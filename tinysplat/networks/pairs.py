@@ -29,8 +29,9 @@ class ViewPairs:
 
     @classmethod
     def nearest(cls, c2w: Tensor) -> ViewPairs:
-        """Each view with its nearest one or two others: what is worth matching."""
-        return cls._closest(c2w, 2 - 2 // c2w.shape[0])  # one of two views, else two
+        """Each view with its nearest others, four at most: what is worth matching."""
+        views = c2w.shape[0]
+        return cls._closest(c2w, views - 1 - views // 6)  # of six views all but the farthest
 
     @classmethod
     def all(cls, c2w: Tensor) -> ViewPairs:

@@ -162,11 +162,8 @@ class Sweep(nn.Module):
         rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
         terms = pairs.sweep_terms(rays, K)
 
-        costs = matching_costs(half, terms, pairs, sweep, settings)
-        costs = path_costs(costs, half, step=settings.step, jump=settings.jump, edge=settings.edge)
-        level = soft_argmin(costs, settings.sharpness)  # (V, 1, h, w) in [0, 1] from far to near
-        agreement = cross_view_agreement(level, terms, pairs, sweep, settings)
-        level = fill_uncertain(level, agreement, half, edge=settings.fill_edge, dilations=settings.fill_dilations)
+        _, paths = matched(half, terms, pairs, sweep, settings)
+        level, agreement = settled(paths, half, terms, pairs, sweep, settings)
         opacities = opacities_from_agreement(
             level, agreement, witnesses.sweep_terms(rays, K), witnesses, sweep, settings
         )
@@ -201,6 +198,36 @@ class InverseDepths:
     def candidates(self) -> Tensor:
         """(V, D) inverse depths."""
         return self.offset[:, None] + self.span[:, None] * torch.linspace(0, 1, self.count)
+
+
+def matched(
+    guide: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, settings: SweepSettings,
+    lead: Tensor | float = 0.0,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Costs of every candidate and what semi-global aggregation makes of them, both (V, D, h, w).
+
+    Args:
+        guide: (V, 3, h, w) colours.
+        terms, pairs, sweep, settings: as for `matching_costs`.
+        lead: added to the costs: what is known beforehand.
+
+    Returns:
+        The costs; the aggregated costs less their minimum over candidates.
+    """
+    costs = matching_costs(guide, terms, pairs, sweep, settings) + lead
+    paths = path_costs(costs, guide, step=settings.step, jump=settings.jump, edge=settings.edge)
+    return costs, paths - paths.amin(dim=1, keepdim=True)
+
+
+def settled(
+    paths: Tensor, guide: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths,
+    settings: SweepSettings,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Level (V, 1, h, w) of the lowest aggregated costs, filled where views disagree, and agreement before filling."""
+    level = soft_argmin(paths, settings.sharpness)
+    agreement = cross_view_agreement(level, terms, pairs, sweep, settings)
+    filled = fill_uncertain(level, agreement, guide, edge=settings.fill_edge, dilations=settings.fill_dilations)
+    return filled, agreement
 
 
 def matching_costs(
