@@ -73,7 +73,7 @@ def wheel_files(wheel: Path) -> Iterator[Entry]:
 def own_files() -> Iterator[Entry]:
     """The runtime and its models."""
     for package, folder, patterns in (
-        ("tinysplat_runtime", Path(str(tinysplat_runtime.__file__)).parent, ("*.py",)),
+        ("tinysplat_runtime", Path(str(tinysplat_runtime.__file__)).parent, ("*.py", "page.html", "*.css", "*.js")),
         ("tinysplat_models", models_dir(), ("__init__.py", "*.onnx", "manifest.json")),
     ):
         for pattern in patterns:

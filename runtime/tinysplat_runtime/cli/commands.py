@@ -46,6 +46,7 @@ from .files import (
     noted,
     providers,
 )  # fmt: skip
+from .view import view
 
 ALL_VIEWS = range(2, 7)
 """Numbers of photos of which all are used when none are chosen."""
@@ -54,7 +55,7 @@ ALL_VIEWS = range(2, 7)
 DEEPEST = 65535
 """Largest value of a depth map's 16 bits."""
 
-__all__ = ["compress", "convert", "decode", "doctor", "encode", "info", "models", "render"]
+__all__ = ["compress", "convert", "decode", "doctor", "encode", "info", "models", "render", "view"]
 
 
 def encode(args: Namespace) -> None:

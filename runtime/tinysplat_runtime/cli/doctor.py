@@ -12,6 +12,7 @@ from typing import Any
 from .. import __version__
 from ..errors import TinySplatError
 from ..graphs.artifacts import load_manifest, models_dir
+from ..graphs.inference import onnxruntime
 from ..system.threads import available_cores
 
 EXTRAS = {
@@ -68,11 +69,11 @@ def _version(name: str, wrong: list[str]) -> str:
 
 def _providers(wrong: list[str]) -> list[str]:
     try:
-        import onnxruntime
+        library = onnxruntime()
     except ImportError as error:
         wrong.append(f"onnxruntime does not load ({str(error)[:120]})")
         return []
-    return list(onnxruntime.get_available_providers())
+    return list(library.get_available_providers())
 
 
 def _codecs(wrong: list[str]) -> dict[str, str]:

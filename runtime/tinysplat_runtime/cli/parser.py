@@ -19,7 +19,7 @@ from typing import NoReturn, TypeAlias
 
 from .. import __version__
 from ..errors import InputError, TinySplatError
-from .arguments import byte_count, count, indices, numbers, positive, size, views
+from .arguments import byte_count, count, indices, numbers, port, positive, size, views
 
 PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they mean; not imported, to start fast
 
@@ -152,7 +152,7 @@ def build_parser() -> tuple[_Parser, Commands]:
     parser = _Parser(prog="tinysplat", description="Posed photos in, a tiny 3D Gaussian scene out.", epilog=_EPILOG)
     parser.add_argument("--version", action="version", version=f"tinysplat {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
-    for add in (_encode, _compress, _decode, _render, _convert, _info, _models, _doctor):
+    for add in (_encode, _compress, _decode, _render, _convert, _view, _info, _models, _doctor):
         add(commands)
     return parser, commands
 
@@ -249,6 +249,20 @@ def _info(commands: Commands) -> None:
     parser = commands.add_parser("info", parents=[_common(), _limits()], help="what a .tsplat file holds")
     parser.add_argument("file", metavar="F.tsplat")
     parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def _view(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "view", parents=[_common()], help="a scene in the browser, or as one web page",
+        description="Serves one page on this machine and opens the browser; with --html writes the page, which opens"
+        " anywhere without a network.",
+    )  # fmt: skip
+    parser.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
+    parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
+    parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
+    parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
 def _models(commands: Commands) -> None:

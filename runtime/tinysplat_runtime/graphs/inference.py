@@ -156,8 +156,7 @@ def open_graph(
     Raises:
         ModelError: unreadable, altered, not ONNX, an operator onnxruntime lacks, or another contract.
     """
-    import onnxruntime as ort  # here, so that commands without a graph start without it
-
+    ort = onnxruntime()
     unknown = [p for p in providers if p not in ort.get_available_providers()]
     if unknown:
         have = ", ".join(ort.get_available_providers())
@@ -180,6 +179,18 @@ def open_graph(
         raise ModelError(f"not a graph onnxruntime can run: {_first_line(error)}", where=str(artifact.path)) from error
     _check_contract(graph, tensors, CONTRACTS[contract], str(artifact.path))
     return graph
+
+
+def onnxruntime() -> Any:
+    """The library, loaded on first use so that commands without a graph start without it, and told to send nothing.
+
+    From 1.31 on it counts what it does into a database in the home folder, for an address in its binary, unless this
+    variable says not to when it is loaded; a value that the user has set stands.
+    """
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    import onnxruntime as library
+
+    return library
 
 
 class GraphStore:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import http.server
 import threading
 import webbrowser
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,39 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.api import decompress
-from tinysplat_runtime.cli.arguments import port
-from tinysplat_runtime.cli.files import MAX_FILE_BYTES
-from tinysplat_runtime.container.inspection import inspect_bytes
-from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.formats.table import load_gaussians
-from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.page.build import Page, build_page
-from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.scenes import Scene, load_cameras, load_scene
-from tinysplat_runtime.system.files import read_limited, write_atomically
-
-HELP = "a scene in the browser, or as one web page"
+from ..api import decompress
+from ..container.inspection import inspect_bytes
+from ..errors import InputError, TinySplatError
+from ..formats.table import load_gaussians
+from ..gaussian.gaussians import Gaussians
+from ..page.build import Page, build_page
+from ..scene.cameras import Camera
+from ..scene.scenes import Scene, load_cameras, load_scene
+from ..system.files import read_limited, write_atomically
+from .files import MAX_FILE_BYTES
 
 SAME_PLACE = 1e-3
 """A photo belongs to a view when their centres differ by no more of the views' spread, and their axes by no more."""
 
 
-def configure(parser: ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.description = (
-        "Serves one page on this machine and opens the browser; with --html writes the page, which opens anywhere"
-        " without a network."
-    )
-    parser.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
-    parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
-    parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show in place of the render")
-    parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
-    parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")
-    parser.add_argument("--no-browser", action="store_true", help="only print the address")
-
-
-def run(args: Namespace) -> None:
+def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
     page = make_page(args)
     if args.html:
