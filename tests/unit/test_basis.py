@@ -38,6 +38,15 @@ def test_directions_are_unit_rays_through_the_cell_centres_of_every_view():
     np.testing.assert_allclose(rays[4], [0, 0, 1], atol=1e-15)
 
 
+def test_directions_of_turned_cameras_meet_their_cell_centres():
+    """A point on a ray is seen by the camera at the centre of the ray's cell."""
+    cameras = make_skewed_cameras(3, 10, 20, turn=0.7)
+    for camera, rays in zip(cameras, view_directions(cameras).reshape(3, 9, 3), strict=True):
+        there = (camera.centre + 5 * rays - camera.c2w[:3, 3]) @ np.linalg.inv(camera.c2w[:3, :3]).T @ camera.K.T
+        cells = [((column + 0.5) * 20 / 3, (row + 0.5) * 10 / 3) for row in range(3) for column in range(3)]
+        np.testing.assert_allclose(there[:, :2] / there[:, 2:], cells, atol=1e-9)
+
+
 def test_lambda_is_floored_where_a_world_aligned_square_camera_makes_it_vanish():
     directions = view_directions([_square_camera()])
     magnitudes = np.abs(sh_basis(directions, 4)).mean(axis=0)

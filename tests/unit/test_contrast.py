@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.codec.depth_step.contrast import LARGEST_OFFSET, block_offsets, contrast
-from tinysplat_runtime.gaussian.planes import MAX_QP_BLOCKS
+from tinysplat_runtime.codec.contrast import LARGEST_OFFSET, block_offsets, contrast
+from tinysplat_runtime.codec.planes import MAX_QP_BLOCKS
+from tinysplat_runtime.sh import C0
 
 
 def _scene(colors: np.ndarray, opacity: float = 0.5):
@@ -26,6 +27,18 @@ def test_contrast_is_at_edges_that_can_be_seen_and_nowhere_else():
     assert not np.delete(shown, 3, axis=2).any()
     assert contrast(_scene(colors, opacity=0.25))[0, 0, 3] == pytest.approx(shown[0, 0, 3] / 4)
     assert not contrast(_scene(100 + colors)).any()  # white beyond white
+
+
+def test_contrast_is_what_differs_to_the_right_and_below():
+    rng = np.random.default_rng(3)
+    scene = _scene(rng.uniform(-3, 3, (2, 6, 7, 3)))
+    opacities = rng.uniform(0.1, 1, (2, 6, 7)).astype(np.float32)
+    shown = contrast(replace(scene, opacities=opacities))
+    seen = np.clip(0.5 + scene.sh[..., 0, :].astype(np.float64) * C0, 0, 1)
+    for v, i, j in np.ndindex(2, 6, 7):
+        beside = [seen[v, a, b] for a, b in ((i + 1, j), (i, j + 1)) if a < 6 and b < 7]
+        wanted = sum(((seen[v, i, j] - other) ** 2).sum() for other in beside) * opacities[v, i, j] ** 2
+        assert shown[v, i, j] == pytest.approx(wanted, abs=1e-6)
 
 
 def test_numbers_at_float32s_end_have_finite_contrast():

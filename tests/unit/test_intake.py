@@ -88,6 +88,16 @@ def test_an_angle_of_view_and_the_photo_itself_replace_intrinsics(folder: Path) 
     np.testing.assert_allclose(K, [[40, 0, WIDTH / 2], [0, 40, HEIGHT / 2], [0, 0, 1]])
 
 
+def test_each_axis_has_its_own_angle_of_view(folder: Path) -> None:
+    angles = {
+        f"camera_angle_{axis}": 2 * np.arctan(side / 2 / f) for axis, side, f in (("x", WIDTH, 40), ("y", HEIGHT, 50))
+    }
+    document = transforms(**angles)
+    del document["fl_x"], document["fl_y"]
+    K = load_scene(write_transforms(folder, document)).cameras[0].K
+    np.testing.assert_allclose([K[0, 0], K[1, 1]], [40, 50])
+
+
 def test_intrinsics_of_a_frame_win_over_those_of_the_document(folder: Path) -> None:
     document = transforms()
     document["frames"][1].update(fl_x=70.0)
@@ -201,6 +211,18 @@ def test_colmap_projects_load_in_the_order_of_names(folder: Path, place: str, bi
     near, far = scene.depth_range()
     assert 2.6 < near < 3.0 < 6.0 < far < 6.8  # the nearest and farthest point with a tenth of margin
     np.testing.assert_array_equal(scene.images()[0], make_photo(HEIGHT, WIDTH, seed=0) / np.float32(255))
+
+
+def test_colmap_photos_are_in_the_order_of_their_names_whatever_their_ids(folder: Path) -> None:
+    """COLMAP numbers photos as it met them, not as they are called."""
+    model = write_text_model(folder / "sparse/0")
+    text = (model / "images.txt").read_text()
+    renamed = {"0000.png": "0002.png", "0001.png": "0000.png", "0002.png": "0001.png"}
+    lines = [" ".join(renamed.get(word, word) for word in line.split(" ")) for line in text.splitlines()]
+    (model / "images.txt").write_text("\n".join(lines) + "\n")
+    scene = load_scene(folder)
+    assert [frame.path.name for frame in scene.frames] == ["0000.png", "0001.png", "0002.png"]
+    assert_cameras(scene, [CAMERAS[1], CAMERAS[2], CAMERAS[0]])
 
 
 def test_colmap_photos_of_a_distorted_camera_are_undistorted(folder: Path) -> None:

@@ -10,6 +10,9 @@ from hypothesis import strategies as st
 from tinysplat_runtime.codec.hevc import MAX_CODE
 from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, hevc_step
 
+STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
+"""Steps, as shares of the range, whose QP lies between 0 and the highest: what planes are coded at."""
+
 
 def test_hevc_step_doubles_every_six_qp_and_is_16_at_qp_4():
     assert hevc_step(4) == 16
@@ -20,7 +23,7 @@ def test_hevc_step_doubles_every_six_qp_and_is_16_at_qp_4():
     low=st.floats(-1e6, 1e6),
     span=st.floats(1e-6, 1e6),
     share=st.floats(0, 1),
-    relative_step=st.floats(1e-6, 1e3),
+    relative_step=st.one_of(st.floats(1e-6, 1e3), STEPS_WITH_A_QP),
 )
 def test_codes_never_overflow_and_steps_are_as_wanted_unless_12_bits_are_too_few(low, span, share, relative_step):
     high = low + span
@@ -35,6 +38,14 @@ def test_codes_never_overflow_and_steps_are_as_wanted_unless_12_bits_are_too_few
     assert ends.min() >= -slack and ends.max() <= MAX_CODE + slack
     finest = hevc_step(0) * span / MAX_CODE
     assert code_map.step == pytest.approx(max(step, finest), rel=1e-5)
+
+
+@given(relative_step=STEPS_WITH_A_QP)
+def test_codes_span_the_range_at_the_highest_qp_that_holds_it(relative_step):
+    code_map = choose_code_map(-2.0, 6.0, 1.0, 8.0 * relative_step)
+    span = 8.0 / code_map.scale
+    assert 0 <= code_map.qp < MAX_MAPPED_QP
+    assert MAX_CODE * 2 ** (-1 / 6) * 0.999 <= span <= MAX_CODE * 1.001
 
 
 def test_the_mean_lies_at_mid_code_where_the_range_allows():

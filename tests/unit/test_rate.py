@@ -39,6 +39,13 @@ def test_a_target_size_is_hit_within_3_percent_from_below(gaussians, profile, sh
     assert ts.decompress(data).count == gaussians.count
 
 
+@pytest.mark.parametrize("wrong", [0.9, 1.2, 1.25])
+def test_a_model_that_is_wrong_leads_to_the_target_all_the_same(gaussians, monkeypatch, wrong):
+    bytes_at = ChannelModel.bytes_at
+    monkeypatch.setattr(ChannelModel, "bytes_at", lambda model, shift: wrong * bytes_at(model, shift))
+    assert 0.97 * 13_000 <= len(RUNTIME.compress(gaussians, target_size=13_000)) <= 13_000
+
+
 def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians):
     coded = []
 

@@ -31,6 +31,29 @@ def _seen_in_float64(layer, view, row, column, camera):
     return sh_basis(ray / np.linalg.norm(ray), layer.degree) @ layer.sh[view, row, column].astype(np.float64)
 
 
+def _standing(layer, places):
+    """The same Gaussians before cameras on a line along x."""
+    cameras = [
+        replace(camera, c2w=np.vstack([np.c_[camera.c2w[:3, :3], [x, 0.0, 0.0]], [0, 0, 0, 1]]))
+        for camera, x in zip(layer.cameras, places, strict=True)
+    ]
+    return replace(layer, cameras=tuple(cameras))
+
+
+def test_cameras_are_ordered_by_how_near_they_stand():
+    layer = _standing(_weakly_view_dependent(4), [0.0, 1.0, 1.4, 3.0])
+    wanted = [[0, 1, 2, 3], [1, 2, 0, 3], [2, 1, 0, 3], [3, 2, 1, 0]]
+    np.testing.assert_array_equal(nearest_cameras(layer.cameras), wanted)
+
+
+def test_the_colour_is_seen_from_the_own_and_the_neighbouring_place():
+    layer = _standing(_weakly_view_dependent(3, share=0.3), [0.0, 0.5, -3.0])
+    found = as_seen(layer, np.inf).sh[:, 5, 7, 0] * C0
+    for view, neighbour in enumerate((1, 0, 0)):
+        seen = [_seen_in_float64(layer, view, 5, 7, camera) for camera in (view, neighbour)]
+        np.testing.assert_allclose(found[view], np.mean(seen, axis=0), atol=3e-6)
+
+
 @pytest.mark.parametrize("origin", [np.zeros(3), np.array([3e5, -2e5, 1e6])])
 def test_the_colour_is_the_mean_of_what_the_own_and_the_nearest_camera_see(origin):
     layer = _weakly_view_dependent(origin=origin)

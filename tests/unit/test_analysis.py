@@ -1,0 +1,90 @@
+"""The host's side of VPT: camera centres in two parts, one sign for all quaternions, rotations relative to a view's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians
+from scipy.spatial.transform import Rotation
+
+from tinysplat_runtime.codec.analysis import ProjectedLayer, project_layer, relative_rotation_planes
+from tinysplat_runtime.codec.planes import PlaneClass
+from tinysplat_runtime.gaussians import Gaussians
+from tinysplat_runtime.inference import GraphStore
+
+STORE = GraphStore(threads=1)
+
+
+def _project(layer: Gaussians) -> ProjectedLayer:
+    return project_layer(STORE, layer, drop_invalid=False, where="layer 0")
+
+
+def _seen_by_its_camera(layer: Gaussians, view: int) -> Rotation:
+    """Rotations of a view's Gaussians in its camera's frame, rows of pixels one after the other."""
+    world = Rotation.from_quat(layer.quats[view].reshape(-1, 4).astype(np.float64), scalar_first=True)
+    return Rotation.from_matrix(layer.cameras[view].rotation) * world
+
+
+@pytest.fixture(scope="module")
+def layer() -> Gaussians:
+    """Gaussians of any rotation, of either sign, before turned cameras."""
+    scene = make_smooth_gaussians(3, 14, 18, 0, seed=2)
+    lean = np.array([0.3, -0.8, 0.5, 0.1])
+    quats = lean + 0.35 * np.random.default_rng(0).standard_normal(scene.quats.shape)
+    quats[np.random.default_rng(1).random(quats.shape[:3]) < 0.4] *= -1
+    return replace(scene, quats=quats)
+
+
+def test_rotations_are_those_in_the_camera_s_frame(layer):
+    planes = _project(layer).planes(PlaneClass.ROTATION)
+    for view in range(3):
+        found = Rotation.from_quat(planes[view].reshape(4, -1).T, scalar_first=True)
+        assert (found.inv() * _seen_by_its_camera(layer, view)).magnitude().max() < 1e-5
+
+
+def test_all_quaternions_of_a_view_have_the_sign_of_its_dominant_one(layer):
+    projected = _project(layer)
+    planes = projected.planes(PlaneClass.ROTATION)
+    for view in range(3):
+        q = _seen_by_its_camera(layer, view).as_quat(scalar_first=True)
+        dominant = np.linalg.eigh(q.T @ q)[1][:, -1]
+        dominant *= np.sign(dominant[np.abs(dominant).argmax()])
+        np.testing.assert_allclose(projected.reference_quats[view], dominant, atol=1e-5)
+        assert np.einsum("c,chw->hw", dominant, planes[view]).min() >= 0
+
+
+def test_no_plane_jumps_between_a_quaternion_and_its_negative():
+    scene = make_smooth_gaussians(2, 20, 30, 0)
+    planes = _project(scene).planes(PlaneClass.ROTATION)
+    assert np.einsum("vchw,vchw->vhw", planes[..., 1:], planes[..., :-1]).min() > 0
+
+
+def test_relative_rotations_undo_the_reference(layer):
+    projected = _project(layer)
+    turns = Rotation.random(3, random_state=5)
+    found = relative_rotation_planes(projected, turns.as_quat(scalar_first=True))
+    for view in range(3):
+        relative = turns[view].inv() * _seen_by_its_camera(layer, view)
+        wanted = relative.as_quat(canonical=True, scalar_first=True)[:, 1:].T
+        np.testing.assert_allclose(found[view].reshape(3, -1), wanted, atol=2e-6)
+
+
+def test_relative_to_the_dominant_rotation_little_is_left():
+    """What the profiles code instead of four components: as small as the scatter about the dominant rotation."""
+    scene = make_smooth_gaussians(2, 20, 30, 0)  # scatter of 0.2 about one quaternion of length 1.07
+    projected = _project(scene)
+    assert np.abs(relative_rotation_planes(projected, projected.reference_quats)).mean() < 0.2
+
+
+@pytest.mark.parametrize("distance", [1e2, 1e4])
+def test_depths_keep_float32_where_cameras_stand_far_from_the_origin(distance):
+    """A camera's centre takes two float32 there: with the first alone, depths are as wrong as it is rounded."""
+    place = distance * np.array([1.0, -0.7, 0.4])
+    scene = make_smooth_gaussians(2, 10, 12, 0, origin=place)
+    moved = replace(scene, means=(scene.means.astype(np.float64) + place).astype(np.float32), origin=np.zeros(3))
+    found = _project(moved).planes(PlaneClass.DEPTH)[:, 0]
+    for view, camera in enumerate(moved.cameras):
+        wanted = ((moved.means[view].astype(np.float64) - camera.centre) @ camera.rotation.T)[..., 2]
+        np.testing.assert_allclose(found[view], wanted, rtol=1e-6)

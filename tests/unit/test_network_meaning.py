@@ -1,0 +1,172 @@
+"""What signs, weights and units inside the networks mean, on scenes made for one question each.
+
+Parity tests compare a graph with the module that it was exported from: what both have wrong passes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.nn import functional
+from two_planes import FAR, NEAR, SQUARE_Z, TracedScene, trace
+
+from tinysplat.networks.edge import Edge, photo_difference
+from tinysplat.networks.geometry import pixel_intrinsics, pixel_rays
+from tinysplat.networks.narrowing import NarrowingSettings, narrowed
+from tinysplat.networks.pairs import ViewPairs
+from tinysplat.networks.sweep import (
+    AlignmentSettings,
+    InverseDepths,
+    SweepSettings,
+    align_photos,
+    opacities_from_agreement,
+)
+
+COUNT = 26
+"""Candidates."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> TracedScene:
+    return trace(2, 64, 96)
+
+
+def _tensors(scene: TracedScene) -> tuple[Tensor, Tensor, Tensor]:
+    """Photos (V, 3, H, W), K divided by the image's sides, c2w."""
+    return (
+        torch.from_numpy(np.ascontiguousarray(scene.images.transpose(0, 3, 1, 2), np.float32)),
+        torch.from_numpy(np.float32([camera.K_unit for camera in scene.cameras])),
+        torch.from_numpy(np.float32([camera.c2w for camera in scene.cameras])),
+    )
+
+
+def _range(views: int = 2, near: float = NEAR, far: float = FAR) -> InverseDepths:
+    offset = torch.full((views,), 1 / far)
+    return InverseDepths(offset, torch.full((views,), 1 / near) - offset, COUNT)
+
+
+def _levels(scene: TracedScene, depths: InverseDepths) -> Tensor:
+    """(V, 1, H, W) of the true depths."""
+    inverse = 1 / torch.from_numpy(np.float32(scene.depth))[:, None]
+    return (inverse - depths.offset.view(-1, 1, 1, 1)) / depths.span.view(-1, 1, 1, 1)
+
+
+def _terms(scene: TracedScene, pairs: ViewPairs) -> tuple[Tensor, Tensor]:
+    images, K, _ = _tensors(scene)
+    size = images.shape[2:]
+    return pairs.sweep_terms(pixel_rays(pixel_intrinsics(K, *size), *size), K)
+
+
+def _silence(parameters: Iterable[Tensor]) -> None:
+    for parameter in parameters:
+        parameter.zero_()
+
+
+def test_a_head_that_wants_all_it_can_moves_depth_by_one_candidate(scene: TracedScene) -> None:
+    """`depth_reach` is in candidates, of which neighbours lie 1 / (D − 1) of the range apart."""
+    images, K, c2w = _tensors(scene)
+    inputs = images, K, c2w, torch.full((2,), NEAR), torch.full((2,), FAR)
+    network = Edge()
+    with torch.no_grad():
+        before = network.predict(*inputs)
+        _silence(network.head[-1].parameters())
+        network.head[-1].bias[0] = 30.0  # its tanh is 1
+        after = network.predict(*inputs)
+    reach = network.settings.depth_reach / (network.settings.analysis.candidates - 1)
+    free = before.level < 1 - reach
+    assert float(free.float().mean()) > 0.9
+    moved = (after.level - before.level)[free]
+    torch.testing.assert_close(moved, torch.full_like(moved, reach), atol=1e-6, rtol=0)
+
+
+def test_the_photo_difference_is_what_the_source_shows_less_the_pixel_itself(scene: TracedScene) -> None:
+    images, K, c2w = _tensors(scene)
+    depths, pairs = _range(), ViewPairs.nearest(c2w)
+    level = torch.full_like(_levels(scene, depths), 0.8)  # so near that the borders see past each other
+    bright = torch.tensor([0.3, 0.4])[:, None, None, None].expand_as(images)
+    found, seen = photo_difference(level, bright, K, pairs, depths)
+    inside = (seen == 1).expand_as(found)
+    assert 0.5 < float(seen.mean()) < 1 and set(seen.unique().tolist()) == {0.0, 1.0}
+    torch.testing.assert_close(found[0][inside[0]], torch.full_like(found[0][inside[0]], 0.1))
+    torch.testing.assert_close(found[1][inside[1]], torch.full_like(found[1][inside[1]], -0.1))
+    assert not found[~inside].any()
+    photos, _ = photo_difference(_levels(scene, depths), images, K, pairs, depths)
+    assert float(photos.abs().median()) < 0.01
+
+
+def _hidden_from_the_other(scene: TracedScene, view: int) -> np.ndarray:
+    """(H, W) pixels of the wall that the square hides from the other camera, a pixel away from its outline."""
+    camera, other = scene.cameras[view], scene.cameras[1 - view]
+    row, column = np.mgrid[: camera.height, : camera.width] + 0.5
+    rays = np.stack([column, row, np.ones_like(row)], -1) @ np.linalg.inv(camera.K).T @ camera.rotation
+    points = camera.centre + rays * scene.depth[view][..., None]
+    there = ((points - other.centre) @ other.rotation.T) @ other.K.T
+    x, y = (np.floor(there[..., i] / there[..., 2]).astype(int) for i in range(2))
+    square = np.abs(scene.depth[1 - view] - SQUARE_Z) < 0.5
+    square[1:-1, 1:-1] &= np.min([np.roll(square, s, a)[1:-1, 1:-1] for a in (0, 1) for s in (-1, 1)], axis=0)
+    inside = (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+    found = np.zeros_like(square)
+    found[inside] = square[y[inside], x[inside]]
+    return found & (scene.depth[view] > SQUARE_Z + 1)
+
+
+def test_what_another_view_cannot_see_keeps_half_its_trust_and_what_floats_before_it_loses(scene: TracedScene) -> None:
+    settings = SweepSettings(candidates=COUNT)
+    trust, depths = settings.trust, _range()
+    _, _, c2w = _tensors(scene)
+    pairs = ViewPairs.all(c2w)
+    level, matched = _levels(scene, depths), torch.ones(2, 1, *scene.depth.shape[1:])
+    found = opacities_from_agreement(level, matched, _terms(scene, pairs), pairs, depths, settings)[:, 0].numpy()
+    agreed = trust.opacity
+    hidden = trust.opacity * (1 - trust.agreement_share * (1 - trust.hidden))
+    for view in range(2):
+        behind = _hidden_from_the_other(scene, view)
+        assert behind.sum() > 20
+        assert np.median(found[view]) == pytest.approx(agreed, abs=0.02)
+        assert np.median(found[view][behind]) == pytest.approx(hidden, abs=0.02)
+    floating = level.clone()
+    floating[0, :, 5:15, 40:50] = 0.9  # before the wall, and seen through by the other view
+    seen = opacities_from_agreement(floating, matched, _terms(scene, pairs), pairs, depths, settings)[0, 0, 7:13, 42:48]
+    before = trust.opacity * (1 - trust.intrusion_share) * (1 - trust.agreement_share)
+    torch.testing.assert_close(seen, torch.full_like(seen, before), atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("brighter", [0.0, 0.12, -0.12])
+def test_a_change_of_exposure_between_photos_does_not_move_depth(scene: TracedScene, brighter: float) -> None:
+    """With `any_exposure`, a box may differ from its source by a constant colour; without, depth gives way to it."""
+    images, K, c2w = _tensors(scene)
+    images = images + torch.tensor([0.0, brighter])[:, None, None, None]
+    depths, pairs = _range(), ViewPairs.nearest(c2w)
+    truth = _levels(scene, depths)
+    start = truth + 0.4 / (COUNT - 1)
+
+    def error(**options: bool) -> float:
+        settings = AlignmentSettings(steps=3, window=11, outlier=1.0, **options)
+        found = align_photos(start, images, K, pairs, depths, settings)
+        return float(((found - truth).abs() * (COUNT - 1)).median())
+
+    assert error(any_exposure=True) < 0.1
+    if brighter:
+        assert error(any_exposure=False) > 0.2
+
+
+def test_cells_that_no_view_agrees_with_hardly_widen_the_range() -> None:
+    """A quarter of either photo is noise of its own: depths are chance there, and count a fraction of the others'."""
+    scene = trace(2, 128, 192)
+    images, K, c2w = _tensors(scene)
+    whole, pairs = _range(near=NEAR / 4, far=20 * FAR), ViewPairs.nearest(c2w)
+
+    def mean_span(least_weight: float) -> float:
+        settings, spans = NarrowingSettings(finest=0.2, least_weight=least_weight), []
+        for seed in range(6):
+            noise = torch.rand(2, 3, 16, 6, generator=torch.Generator().manual_seed(seed))
+            images[..., 144:] = functional.interpolate(noise, size=(128, 48))
+            found = narrowed(images, K, pairs, whole, settings, SweepSettings(candidates=COUNT))
+            spans.append(float(found.span[0]))
+        return float(np.mean(spans))
+
+    assert mean_span(0.01) < 0.9 * mean_span(0.3) < 0.8 * mean_span(1.0)
