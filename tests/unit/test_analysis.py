@@ -10,9 +10,9 @@ from scenes import make_smooth_gaussians
 from scipy.spatial.transform import Rotation
 
 from tinysplat_runtime.codec.analysis import ProjectedLayer, project_layer, relative_rotation_planes
-from tinysplat_runtime.codec.planes import PlaneClass
-from tinysplat_runtime.gaussians import Gaussians
-from tinysplat_runtime.inference import GraphStore
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.graphs.inference import GraphStore
 
 STORE = GraphStore(threads=1)
 

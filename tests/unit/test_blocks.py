@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tinysplat_runtime.codec.blocks import SIDE, BlockSpectrum
+from tinysplat_runtime.codec.depth_step.blocks import SIDE, BlockSpectrum
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
-from tinysplat_runtime.codec.quantize import choose_code_map
+from tinysplat_runtime.codec.quantise import choose_code_map
 
 
 def _waves(amplitude: float) -> np.ndarray:

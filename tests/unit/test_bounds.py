@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from sections import file_of, sections_of
 
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.codec.planes import LayerPlan, PlaneClass
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bounds import MAX_DECODED
 from tinysplat_runtime.container.reader import Container, read_container
 from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_container
 from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
+from tinysplat_runtime.scene.cameras import Camera
 
 Record = tuple[PlaneClass, int, float]
 """A channel that is one number: class, target, value."""

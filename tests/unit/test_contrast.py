@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.codec.contrast import LARGEST_OFFSET, block_offsets, contrast
-from tinysplat_runtime.codec.planes import MAX_QP_BLOCKS
-from tinysplat_runtime.sh import C0
+from tinysplat_runtime.codec.depth_step.contrast import LARGEST_OFFSET, block_offsets, contrast
+from tinysplat_runtime.gaussian.planes import MAX_QP_BLOCKS
+from tinysplat_runtime.gaussian.sh import C0
 
 
 def _scene(colors: np.ndarray, opacity: float = 0.5):

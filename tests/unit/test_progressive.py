@@ -8,14 +8,14 @@ from scenes import make_smooth_gaussians
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cameras import Camera
-from tinysplat_runtime.codec.absent import stand_in_code
-from tinysplat_runtime.codec.planes import LayerPlan, PlaneClass
+from tinysplat_runtime.codec.missing import stand_in_code
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
+from tinysplat_runtime.scene.cameras import Camera
 
 
 @pytest.fixture(scope="module")
