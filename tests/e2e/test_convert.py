@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -15,15 +14,6 @@ from PIL import Image
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-
-STAND_IN = """#!/bin/sh
-for last; do :; done
-echo "$@" > "$(dirname "$0")/seen"
-for a; do [ -f "$a" ] && cp "$a" "$last" && exit 0; done
-echo broken >&2
-exit 1
-"""
-"""Copies the file it is given to where its output is expected."""
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
@@ -102,25 +92,6 @@ def test_a_depth_map_is_z_in_16_bits(files: dict[str, Path], tmp_path: Path) -> 
     done = succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth", "--depth-scale", "30000")
     assert "deeper than 2.1845 units" in done.stderr
     assert "expected an output that ends in .png" in fail("render", files["npz"], "-o", tmp_path / "d.mp4", "--depth")
-
-
-def test_sog_goes_through_splat_transform(files: dict[str, Path], tmp_path: Path) -> None:
-    """A stand-in on the PATH that copies shows what the program is given and that its output is what arrives."""
-    program = tmp_path / "bin" / "splat-transform"
-    program.parent.mkdir()
-    program.write_text(STAND_IN)
-    program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
-    succeed("convert", files["npz"], "-o", tmp_path / "g.sog", "--sh-degree", "1", path=path)
-    assert (program.parent / "seen").read_text().startswith("-q -g cpu ")
-    assert (tmp_path / "g.sog").read_bytes().startswith(b"ply")
-    succeed("convert", tmp_path / "g.sog", "-o", tmp_path / "back.ply", path=path)
-    assert ts.load_gaussians(tmp_path / "back.ply").count == ts.load_gaussians(files["npz"]).count
-    program.write_text("#!/bin/sh\necho one >&2\necho no memory >&2\nexit 3\n")
-    assert "splat-transform failed (no memory)" in fail("convert", files["npz"], "-o", tmp_path / "h.sog", path=path)
-    message = fail("convert", files["npz"], "-o", tmp_path / "h.sog", path=str(SCRIPT.parent))
-    assert "npm install -g @playcanvas/splat-transform" in message
-    assert not (tmp_path / "h.sog").exists()
 
 
 @pytest.mark.parametrize(

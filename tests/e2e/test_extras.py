@@ -34,8 +34,13 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
         ("plyfile", (*CLI, "render", "g.ply", "-o", "x.png")),
         ("safetensors", (*CLI, "convert", "g.npz", "-o", "x.safetensors")),
         ("safetensors", (*CLI, "convert", "g.safetensors", "-o", "x.npz")),
+        ("PIL", (*CLI, "convert", "g.npz", "-o", "x.sog")),
         ("zstandard", (*CLI, "convert", "g.npz", "-o", "x.spz", "--spz-version", "4")),
         ("zstandard", (*CLI, "convert", "g.spz", "-o", "x.npz")),
+    ],
+    "usd": [
+        ("pxr", (*CLI, "convert", "g.npz", "-o", "x.usda")),
+        ("pxr", (*CLI, "convert", "g.usda", "-o", "x.npz")),
     ],
     "demo": [("skimage", ("script", "examples/demo.py", "--out", "out"))],
     "eval": [
@@ -79,6 +84,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for suffix in (".npz", ".ply", ".safetensors"):
         ts.save_gaussians(folder / f"g{suffix}", gaussians)
     ts.save_gaussians(folder / "g.spz", gaussians, spz_version=4)
+    (folder / "g.usda").write_text("#usda 1.0")
     (folder / "manifest.txt").write_text("scene\n")
     (folder / "c.toml").write_text("")
     for name in ("b.pth", "l.pth"):

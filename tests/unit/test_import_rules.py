@@ -17,7 +17,11 @@ RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
 ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "tinysplat_runtime"}
 
 EXTRAS_INSIDE_FUNCTIONS = {
-    "formats/table.py": {"safetensors"},  # tinysplat[io]
+    "formats/arrays.py": {"safetensors"},  # tinysplat[io]
+    "formats/compressed_ply.py": {"plyfile"},
+    "formats/sog.py": {"PIL"},
+    "formats/usd.py": {"pxr"},  # tinysplat[usd]
+    "formats/usd_worker.py": {"pxr"},
     "formats/file_notes.py": {"safetensors"},
     "formats/spz_streams.py": {"zstandard"},
     "scene/intake/colmap_worker.py": {"pycolmap"},  # tinysplat[poses]

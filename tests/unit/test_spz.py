@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import gzip
-import os
 import struct
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import gaussforge
 import numpy as np
 import pytest
+from foreign import foreign_bytes, foreign_model
 from numpy.typing import NDArray
 from scenes import make_gaussians
 
@@ -23,48 +19,6 @@ from tinysplat_runtime.gaussian.quaternions import normalize_quats
 from tinysplat_runtime.gaussian.sh import sh_basis
 
 TURN = np.array([1.0, -1.0, -1.0])  # SPZ has y up and z backward
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """gaussforge prints on the process' standard output."""
-    saved, sink = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(sink, 1)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 1)
-        os.close(saved)
-        os.close(sink)
-
-
-def foreign_read(path: Path) -> dict[str, NDArray]:
-    """The arrays of an .spz file by gaussforge."""
-    with quiet():
-        model = gaussforge.GaussForge().read(path.read_bytes(), "spz")["data"]
-    widths = {"positions": 3, "scales": 3, "rotations": 4, "alphas": 1, "colors": 3}
-    arrays = {name: np.frombuffer(model[name], np.float32).reshape(-1, width) for name, width in widths.items()}
-    higher = np.frombuffer(model["sh"], np.float32).reshape(model["numPoints"], -1, 3)
-    return {**arrays, "sh": np.concatenate([arrays["colors"][:, None], higher], axis=1)}
-
-
-def foreign_write(path: Path, gaussians: Gaussians, version: int) -> None:
-    def octets(array: NDArray) -> bytes:
-        return np.ascontiguousarray(array, np.float32).tobytes()
-
-    model: dict[str, Any] = {
-        "numPoints": len(gaussians.means),
-        "positions": octets(gaussians.means),
-        "scales": octets(np.log(gaussians.scales)),
-        "rotations": octets(normalize_quats(gaussians.quats)),
-        "alphas": octets(np.log(gaussians.opacities / (1 - gaussians.opacities))),
-        "colors": octets(gaussians.sh[:, 0]),
-        "sh": octets(gaussians.sh[:, 1:]),
-        "extras": {},
-        "meta": {"shDegree": gaussians.degree, "sourceFormat": "ply"},
-    }
-    with quiet():
-        path.write_bytes(bytes(gaussforge.GaussForge().write(model, "spz", spz_version=version)["data"]))
 
 
 def some(degree: int = 3) -> Gaussians:
@@ -81,7 +35,7 @@ def same_rotations(a: NDArray, b: NDArray, tolerance: float) -> bool:
 def test_the_format_s_own_library_reads_what_we_write(tmp_path: Path, version: int, degree: int) -> None:
     gaussians = some(degree)
     assert save_gaussians(tmp_path / "g.spz", gaussians, sh_bits=(8, 8), spz_version=version) == []
-    found = foreign_read(tmp_path / "g.spz")
+    found = foreign_model((tmp_path / "g.spz").read_bytes(), "spz")
     np.testing.assert_allclose(found["positions"] * TURN, gaussians.means, atol=1e-5)
     np.testing.assert_allclose(found["scales"], np.log(gaussians.scales), atol=1 / 32 + 1e-5)
     np.testing.assert_allclose(1 / (1 + np.exp(-found["alphas"][:, 0])), gaussians.opacities, atol=0.5 / 255 + 1e-5)
@@ -94,7 +48,7 @@ def test_the_format_s_own_library_reads_what_we_write(tmp_path: Path, version: i
 @pytest.mark.parametrize("version", [2, 3, 4])
 def test_files_of_the_format_s_own_library_are_read(tmp_path: Path, version: int) -> None:
     gaussians = some(3)
-    foreign_write(tmp_path / "g.spz", gaussians, version)
+    (tmp_path / "g.spz").write_bytes(foreign_bytes(gaussians, "spz", spz_version=version))
     loaded = load_gaussians(tmp_path / "g.spz")
     np.testing.assert_allclose(loaded.means * TURN, gaussians.means, atol=2.0**-12)
     np.testing.assert_allclose(np.log(loaded.scales), np.log(gaussians.scales), atol=1 / 32 + 1e-5)

@@ -6,7 +6,6 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
-import shutil
 from typing import Any
 
 from .. import __version__
@@ -16,7 +15,8 @@ from ..graphs.inference import onnxruntime
 from ..system.threads import available_cores
 
 EXTRAS = {
-    "io": ("safetensors", "plyfile", "zstandard"),
+    "io": ("safetensors", "plyfile", "zstandard", "PIL"),
+    "usd": ("pxr",),
     "poses": ("pycolmap",),
     "eval": ("matplotlib", "PIL", "tqdm", "torch"),
     "cluster": ("fsspec", "ray"),
@@ -34,7 +34,7 @@ _CODECS = (("libx265", "w"), ("hevc", "r"), ("png", "r"), ("mjpeg", "r"), ("libx
 
 
 def examine() -> dict[str, Any]:
-    """JSON-ready: versions, machine, providers, codecs, models, extras, programs, and in `wrong` a line per fault."""
+    """JSON-ready: versions, machine, providers, codecs, models, extras, and in `wrong` a line per fault."""
     wrong: list[str] = []
     report: dict[str, Any] = {
         "tinysplat": __version__,
@@ -45,7 +45,6 @@ def examine() -> dict[str, Any]:
         "codecs": _codecs(wrong),
         "models": _models(wrong),
         "extras": {extra: _extra(extra, names) for extra, names in EXTRAS.items()},
-        "programs": {name: shutil.which(name) or "not installed" for name in ("splat-transform",)},
     }
     return {**report, "wrong": wrong}
 
@@ -53,7 +52,7 @@ def examine() -> dict[str, Any]:
 def text(report: dict[str, Any]) -> str:
     """`examine`'s account for reading."""
     lines = [f"tinysplat {report['tinysplat']}, Python {report['python']}, {report['machine']}"]
-    for section in ("packages", "codecs", "models", "extras", "programs"):
+    for section in ("packages", "codecs", "models", "extras"):
         lines += ["", section, *(f"  {name:22} {state}" for name, state in report[section].items())]
     verdict = [f"WRONG: {line}" for line in report["wrong"]] or ["nothing is wrong"]
     return "\n".join([*lines, "", "providers", *(f"  {name}" for name in report["providers"]), "", *verdict])

@@ -25,6 +25,8 @@ PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they 
 
 MODES = ("gaussians", "photos", "hybrid", "auto")  # modes.py says what they are
 
+_GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another Gaussian file (docs/FORMATS.md)"
+
 ENTRY_POINTS = "tinysplat.commands"
 
 EXTRAS = {
@@ -211,7 +213,7 @@ def _decode(commands: Commands) -> None:
         help="a .tsplat file back to Gaussians",
     )
     parser.add_argument("file", metavar="F.tsplat")
-    parser.add_argument("-o", "--output", required=True, metavar="G", help=".npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("-o", "--output", required=True, metavar="G", help=_GAUSSIAN_FILES)
     parser.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
 
 
@@ -219,7 +221,7 @@ def _render(commands: Commands) -> None:
     parser = commands.add_parser(
         "render", parents=[_common(), _limits(), _prefix(), _provider()], help="a picture or a video of Gaussians"
     )
-    parser.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
     parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
     parser.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
@@ -237,8 +239,8 @@ def _convert(commands: Commands) -> None:
         parents=[_common(), _limits(), _prefix(), _selection(), _notes(), _provider()],
         help="Gaussian files to other formats, cut, moved or joined",
     )
-    parser.add_argument("files", nargs="+", metavar="IN", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("files", nargs="+", metavar="IN", help=f".tsplat, {_GAUSSIAN_FILES}")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=_GAUSSIAN_FILES)
     parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
     parser.add_argument("--rotate", default="x,0", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")

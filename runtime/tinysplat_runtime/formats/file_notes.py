@@ -20,29 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..gaussian.notes import MAX_BYTES, NAMES, NO_NOTES, Notes
+from ..gaussian.notes import MAX_BYTES, NAMES, Notes
 from ..system.files import parsing
-
-KEEPS = (".npz", ".safetensors", ".ply")
-"""Formats with room for notes."""
 
 NPZ_ARRAY = "notes"
 
 _MAX_JSON_BYTES = 6 * sum(MAX_BYTES.values())  # escapes take up to six bytes for one
 _COMMENT = re.compile(rf"^comment ({'|'.join(NAMES)}): ?(.*?)\r?$", re.MULTILINE)
 _MAX_HEADER_BYTES = 1 << 16
-
-
-def read_notes(path: Path) -> Notes:
-    """Notes of a file of one of KEEPS, empty where it has none; of another format always empty.
-
-    Raises:
-        InputError: text that is too long or does not print, or a damaged file.
-        ImportError: a .safetensors file, and safetensors is not installed.
-    """
-    readers = {".npz": _npz_notes, ".safetensors": _safetensors_notes, ".ply": _ply_notes}
-    read = readers.get(path.suffix.lower())
-    return NO_NOTES if read is None else Notes(**read(path))
 
 
 def npz_array(notes: Notes) -> NDArray:
@@ -55,7 +40,12 @@ def ply_comments(notes: Notes) -> list[str]:
     return [f"{name}: {json.dumps(text)[1:-1]}" for name, text in notes.given().items()]
 
 
-def _npz_notes(path: Path) -> dict[str, str]:
+def npz_notes(path: Path) -> dict[str, str]:
+    """Fields of `Notes` in an .npz file.
+
+    Raises:
+        InputError: a damaged file, or text that is no JSON object.
+    """
     name = f"{NPZ_ARRAY}.npy"
     with parsing(".npz file"), zipfile.ZipFile(path) as archive:
         if name not in archive.namelist():
@@ -73,14 +63,16 @@ def _npz_notes(path: Path) -> dict[str, str]:
     return _known(document)
 
 
-def _safetensors_notes(path: Path) -> dict[str, str]:
+def safetensors_notes(path: Path) -> dict[str, str]:
+    """Fields of `Notes` in the metadata of a .safetensors file."""
     import safetensors
 
     with parsing(".safetensors file"), safetensors.safe_open(str(path), framework="numpy") as file:
         return _known(file.metadata() or {})
 
 
-def _ply_notes(path: Path) -> dict[str, str]:
+def ply_notes(path: Path) -> dict[str, str]:
+    """Fields of `Notes` in the comments of a .ply file."""
     with path.open("rb") as file:
         header = file.read(_MAX_HEADER_BYTES).partition(b"end_header")[0].decode("utf-8", "replace")
     return {name: _unescaped(text) for name, text in _COMMENT.findall(header)}

@@ -1,4 +1,4 @@
-"""Points in the .ply layout of 3D Gaussian Splatting, through the package plyfile.
+"""Points in the .ply layout of 3D Gaussian Splatting, through the package plyfile; compressed ones are read too.
 
 Names and order: x y z, nx ny nz (zero), f_dc_0…2, f_rest_* with all higher SH coefficients of red, then of green, then
 of blue, opacity (logit), scale_0…2 (natural logarithm), rot_0…3 (wxyz). Source: Kerbl et al. 2023, the reference code's
@@ -21,6 +21,9 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..system.files import parsing
+from .assembly import Points, cut_degree_note
+from .compressed_ply import compressed_arrays, is_compressed
+from .file_notes import ply_comments
 
 MAX_PLY_DEGREE = 3
 """The highest SH degree that the layout's readers know."""
@@ -47,6 +50,9 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
     _check_header(path, max_bytes)
     with parsing(".ply file"):
         elements = {element.name: element for element in plyfile.PlyData.read(str(path))}
+    if is_compressed(elements):
+        return compressed_arrays(elements)
+    with parsing(".ply file"):
         vertex: NDArray[Any] = elements["vertex"].data if "vertex" in elements else np.zeros(0)
     names = [name for name in vertex.dtype.names or () if vertex.dtype[name].kind in "fiu"]  # lists are objects
     rest = [f"f_rest_{i}" for i in range(sum(_REST.fullmatch(name) is not None for name in names))]
@@ -95,6 +101,16 @@ def write_ply(path: Path, gaussians: Gaussians, means: NDArray, comments: Sequen
             vertex[name] = column
     elements = [plyfile.PlyElement.describe(vertex, "vertex")]
     plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
+
+
+def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
+    """Write Gaussians of any shape; see `write_ply`. Returns what is lost or unusual, one line each."""
+    points, notes = Points.of(gaussians), cut_degree_note(gaussians, MAX_PLY_DEGREE, ".ply")
+    comments = ply_comments(gaussians.notes)
+    if points.is_far:
+        notes.append("x, y, z written as double: too far from the world's origin for float")
+    write_ply(path, points.gaussians, points.means if points.is_far else points.means.astype(np.float32), comments)
+    return notes
 
 
 def write_points(path: Path, means: NDArray, colours: NDArray, comments: Sequence[str] = ()) -> None:

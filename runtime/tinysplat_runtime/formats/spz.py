@@ -5,8 +5,7 @@ of scales as bytes, rotations as the three smallest components (versions 1 and 2
 coefficients as bytes. How the bytes lie in a file is in `spz_streams`. Source: `load-spz.cc` of
 github.com/nianticlabs/spz.
 
-SPZ's axes are x right, y up, z backward where .ply and OpenCV scenes have y down and z forward: y and z change sign on
-the way out and back again on the way in, in positions, rotations and SH, so that viewers show both the same way up.
+SPZ's axes are x right, y up, z backward (`axes`).
 
 Written here in numpy and not by a package because those at hand end their process on damaged files, print on standard
 output, and fix positions to 1/4096 of a unit; here the fixed point follows the scene's size.
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
-from ..gaussian.sh import sh_basis
+from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, read_blocks, write_blocks
 
 SPZ_VERSION = 3
@@ -38,7 +37,6 @@ _COLOUR_SCALE = 0.15
 _LOG_SCALE_OFFSET, _LOG_SCALE_STEPS = 10.0, 16.0
 _FIXED_LIMIT = (1 << 23) - 1
 _COMPONENT_BITS, _COMPONENT_MASK = 10, (1 << 9) - 1
-_FLIP = np.array([1.0, -1.0, -1.0])  # y and z, either way
 
 
 def write_spz(
@@ -71,7 +69,7 @@ def write_spz(
     if gaussians.degree > degree:
         cut = f"SH of degree {gaussians.degree} cut to {degree}"
         notes.append(f"{cut}, the highest that readers of .spz version {version} know")
-    points = means.astype(np.float64) * _FLIP
+    points = means.astype(np.float64) * HALF_TURN
     bits = _fractional_bits(points)
     fixed = np.rint(np.ldexp(points, bits)).clip(-_FIXED_LIMIT, _FIXED_LIMIT).astype(np.int32)
     notes += _position_notes(points, bits, gaussians.scales)
@@ -80,7 +78,7 @@ def write_spz(
     outside = int(((scale_codes < -0.5) | (scale_codes > 255.5)).any(axis=1).sum())
     if outside:
         notes.append(f"scales of {outside} Gaussians outside e^-10 to e^5.9 clamped")
-    quats = normalize_quats(gaussians.quats.astype(np.float64)) * np.array([1, *_FLIP])
+    quats = normalize_quats(gaussians.quats.astype(np.float64)) * QUAT_SIGNS
     sh = gaussians.sh[:, : (degree + 1) ** 2].astype(np.float64)
     colour = sh[:, 0] * (_COLOUR_SCALE * 255) + 127.5
     clamped = int(((colour < -0.5) | (colour > 255.5)).any(axis=1).sum())
@@ -92,7 +90,7 @@ def write_spz(
         _bytes(colour),
         _bytes(scale_codes),
         _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
-        _quantise_sh(sh[:, 1:] * _sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
+        _quantise_sh(sh[:, 1:] * sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
     ]
     write_blocks(path, SpzHeader(version, len(points), degree, bits), blocks)
     return notes
@@ -107,17 +105,17 @@ def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:
     """
     header, (positions, alphas, colours, scales, rotations, higher) = read_blocks(path, max_bytes)
     functions = (header.degree + 1) ** 2
-    rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128 * _sh_signs(header.degree)[1:, None]
+    rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128
     quats = _unpack_smallest_three(rotations) if header.version >= 3 else _unpack_first_three(rotations)
     with np.errstate(invalid="ignore"):  # NaN among version 1's positions: Gaussians will name it
-        means = _positions(positions, header) * _FLIP
-    return {
-        "means": means,
-        "quats": quats * np.array([1, *_FLIP]),
-        "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),
-        "opacities": alphas[:, 0] / 255.0,
-        "sh": np.concatenate([((colours - 127.5) / (_COLOUR_SCALE * 255))[:, None], rest], axis=1),
-    }
+        arrays = {
+            "means": _positions(positions, header),
+            "quats": quats,
+            "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),
+            "opacities": alphas[:, 0] / 255.0,
+            "sh": np.concatenate([((colours - 127.5) / (_COLOUR_SCALE * 255))[:, None], rest], axis=1),
+        }
+        return half_turned(arrays)
 
 
 def _positions(octets: NDArray, header: SpzHeader) -> NDArray:
@@ -198,9 +196,3 @@ def _quantise_sh(sh: NDArray, bits: tuple[int, int]) -> NDArray:
     steps = np.where(np.arange(sh.shape[1]) < 3, 1 << (8 - bits[0]), 1 << (8 - bits[1]))[:, None]
     codes = np.rint(sh * 128) + 128
     return ((codes + steps // 2) // steps * steps).clip(0, 255).astype(np.uint8)
-
-
-def _sh_signs(degree: int) -> NDArray:
-    """(B,) factors of the coefficients when y and z change sign: every function is even or odd under that."""
-    direction = np.array([0.48, 0.6, 0.64])  # where no function up to degree 4 is zero
-    return np.sign(sh_basis(direction * _FLIP, degree) * sh_basis(direction, degree))

@@ -1,0 +1,133 @@
+"""`.npz` and `.safetensors`: everything that Gaussians have, exactly.
+
+Arrays `means quats scales opacities sh` of one leading shape, (V, H, W) or (N,), and `K` (V, 3, 3) in pixels and `c2w`
+(V, 4, 4) where there is one Gaussian per pixel; `origin` (3,) where means are relative to one. Layer n > 0 has the
+arrays `layer{n}_means` and so on with its own `layer{n}_K`; it shares the views' `c2w` unless there is a
+`layer{n}_c2w`. Numbers of any real type are taken; other arrays are ignored.
+
+Trust boundary: shapes, types and total size come from headers and are checked before memory is taken; nothing is
+unpickled.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..system.files import parsing
+from .file_notes import NPZ_ARRAY, npz_array
+
+MAX_EXPANSION = 100
+"""Most bytes of array per byte of a compressed file beyond MIN_BUDGET. Real Gaussians reach 2, bombs 1,000."""
+
+MIN_BUDGET = 256 << 20
+
+_ARRAY_NAME = re.compile(r"(?:(?:layer[1-9]\d{0,3}_)?(?:means|quats|scales|opacities|sh|K|c2w)|origin)")
+
+
+@dataclass(frozen=True)
+class _Header:
+    """An array that a file announces."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    itemsize: int
+    is_real: bool
+
+
+def _check_headers(headers: Mapping[str, _Header], budget: int) -> None:
+    for name, header in headers.items():
+        if not header.is_real:
+            raise InputError(f"of type {header.dtype}, expected float16, float32 or float64", where=name)
+        if len(header.shape) > 8 or any(n < 0 for n in header.shape):
+            raise InputError(f"of shape {str(header.shape)[:60]}", where=name)
+    total = sum(math.prod(header.shape) * header.itemsize for header in headers.values())
+    if total > budget:
+        raise InputError(f"arrays of {total} bytes in all, expected at most {budget} of this file")
+
+
+def read_npz(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    budget = min(max_bytes, max(MIN_BUDGET, MAX_EXPANSION * path.stat().st_size))
+    with parsing(".npz file"), zipfile.ZipFile(path) as archive:
+        members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        members = {name: info for name, info in members.items() if _ARRAY_NAME.fullmatch(name)}
+        headers = {}
+        for name, info in members.items():
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise InputError("compressed by another method than numpy's", where=name)
+            with archive.open(info) as member:
+                headers[name] = _npy_header(member)
+        _check_headers(headers, budget)
+        arrays = {}
+        for name, info in members.items():
+            with archive.open(info) as member:
+                arrays[name] = np.lib.format.read_array(member, allow_pickle=False)
+                if member.read(1):  # at the end zipfile compares the checksum
+                    raise InputError("longer than its shape says", where=name)
+        return arrays
+
+
+def _npy_header(member: Any) -> _Header:
+    version = np.lib.format.read_magic(member)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in readers:
+        raise InputError(f"array format {version}, expected 1.0 or 2.0")
+    shape, _, dtype = readers[version](member)
+    return _Header(str(dtype), shape, dtype.itemsize, dtype.kind in "fiu" and dtype.itemsize <= 8)
+
+
+def read_safetensors(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    import safetensors
+
+    with parsing(".safetensors file"), safetensors.safe_open(str(path), framework="numpy") as file:
+        headers = {}
+        for name in filter(_ARRAY_NAME.fullmatch, file.keys()):
+            tensor = file.get_slice(name)
+            dtype, shape = tensor.get_dtype(), tuple(tensor.get_shape())
+            is_real = re.fullmatch(r"[FIU](8|16|32|64)", dtype) is not None
+            headers[name] = _Header(dtype, shape, int(dtype[1:]) // 8 if is_real else 0, is_real)
+        _check_headers(headers, max_bytes)
+        return {name: file.get_tensor(name) for name in headers}
+
+
+def _arrays(gaussians: Gaussians) -> dict[str, NDArray]:
+    arrays: dict[str, NDArray] = {}
+    for n, layer in enumerate(gaussians.layers):
+        prefix = f"layer{n}_" if n else ""
+        arrays.update({prefix + name: getattr(layer, name) for name in FIELDS})
+        if layer.cameras:
+            c2w = np.stack([camera.c2w for camera in layer.cameras])
+            arrays[f"{prefix}K"] = np.stack([camera.K for camera in layer.cameras])
+            if not n or (c2w != arrays["c2w"]).any():
+                arrays[f"{prefix}c2w"] = c2w
+    arrays["origin"] = gaussians.origin
+    return arrays
+
+
+def write_npz(path: Path, gaussians: Gaussians) -> list[str]:
+    arrays = _arrays(gaussians)
+    if gaussians.notes:
+        arrays[NPZ_ARRAY] = npz_array(gaussians.notes)
+    # As numpy.savez does, whose older versions leave the archive open when the disk is full.
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+    return []
+
+
+def write_safetensors(path: Path, gaussians: Gaussians) -> list[str]:
+    from safetensors.numpy import save_file
+
+    save_file(_arrays(gaussians), str(path), metadata=gaussians.notes.given() or None)
+    return []

@@ -1,0 +1,166 @@
+"""Arrays of a file to Gaussians, and Gaussians to the list of points that most formats hold.
+
+float64 means may not fit float32. Where rounding would move any Gaussian by more than ORIGIN_TOLERANCE of its distance
+to the nearest camera (without cameras: of the cloud's size), the mean camera centre (the mean of the means) becomes
+the `origin` that they are stored relative to. float32 means are taken as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..scene.cameras import Camera
+
+ORIGIN_TOLERANCE = 1e-6
+"""Largest rounding of means, relative to the distance from the nearest camera, that needs no origin."""
+
+_UNIT_FOCAL_BELOW = 4.0  # pixels; real focal lengths below it see more than 126° of a picture 16 pixels wide
+
+
+@dataclass(frozen=True)
+class Points:
+    """Gaussians as formats without pixels, layers and origins hold them.
+
+    Attributes:
+        gaussians: (N,), without layers.
+        means: (N, 3) float64 world positions.
+        is_far: whether float32 would lose digits of them that show.
+    """
+
+    gaussians: Gaussians
+    means: NDArray
+    is_far: bool
+
+    @classmethod
+    def of(cls, gaussians: Gaussians) -> Points:
+        """All layers of `gaussians` as one list."""
+        flat = gaussians.flat()
+        means = flat.means.astype(np.float64) + flat.origin
+        return cls(flat, means, bool(flat.origin.any()) and _loses_digits(means, _centres(gaussians.cameras)))
+
+
+def cut_degree_note(gaussians: Gaussians, highest: int, suffix: str) -> list[str]:
+    """What to say where a format knows SH up to `highest` alone."""
+    degree = max(layer.degree for layer in gaussians.layers)
+    if degree <= highest:
+        return []
+    return [f"SH of degree {degree} cut to {highest}, the highest that readers of {suffix} know"]
+
+
+def far_note(points: Points) -> list[str]:
+    """What to say where a format has no more than float32 for positions."""
+    text = "positions lose digits: too far from the world's origin for float; bring the scene nearer first"
+    return [text] if points.is_far else []
+
+
+def assemble(
+    arrays: Mapping[str, NDArray], grid: tuple[int, int, int] | None, cameras: Sequence[Camera] | None
+) -> Gaussians:
+    prefixes = [""]
+    while f"layer{len(prefixes)}_means" in arrays:
+        prefixes.append(f"layer{len(prefixes)}_")
+    layers = [_layer_fields(arrays, prefix) for prefix in prefixes]
+    if grid:
+        layers[0] = _on_grid(layers[0], grid)
+    views = [
+        _layer_cameras(arrays, prefix, fields["opacities"].shape)
+        for prefix, fields in zip(prefixes, layers, strict=True)
+    ]
+    views[0] = views[0] or tuple(cameras or ())
+    origin = arrays.get("origin", np.zeros(3)).astype(np.float64)
+    if origin.shape != (3,):
+        raise InputError(f"shape {origin.shape}, expected (3,)", where="origin")
+    means, origin = _place_means([fields["means"] for fields in layers], _centres(views[0]), origin)
+
+    def build(n: int, extra_layers: tuple[Gaussians, ...] = ()) -> Gaussians:
+        fields: dict[str, Any] = {**layers[n], "means": means[n]}
+        try:
+            return Gaussians(**fields, cameras=views[n], origin=origin, extra_layers=extra_layers)
+        except InputError as error:
+            where = f"{prefixes[n]}{error.where}" if error.where else prefixes[n].rstrip("_") or None
+            raise InputError(error.message, where=where) from None
+
+    return build(0, tuple(build(n) for n in range(1, len(layers))))
+
+
+def _layer_fields(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArray]:
+    missing = [prefix + name for name in FIELDS if prefix + name not in arrays]
+    if missing:
+        raise InputError(f"lacks {', '.join(missing)}; expected {', '.join(prefix + name for name in FIELDS)}")
+    lead = arrays[f"{prefix}opacities"].shape
+    if len(lead) not in (1, 3):
+        raise InputError(f"shape {lead}, expected (V, H, W) or (N,)", where=f"{prefix}opacities")
+    return {name: arrays[prefix + name] for name in FIELDS}
+
+
+def _on_grid(fields: Mapping[str, NDArray], grid: tuple[int, int, int]) -> dict[str, NDArray]:
+    """Arrays (N, …) as (V, H, W, …); those that already are pass as they are."""
+    lead = fields["opacities"].shape
+    if lead == tuple(grid):
+        return dict(fields)
+    if lead != (math.prod(grid),) or any(array.shape[:1] != lead for array in fields.values()):
+        raise InputError(f"Gaussians of shape {lead} are not the pixels of a {'x'.join(map(str, grid))} grid")
+    return {name: array.reshape(*grid, *array.shape[1:]) for name, array in fields.items()}
+
+
+def _layer_cameras(arrays: Mapping[str, NDArray], prefix: str, lead: tuple[int, ...]) -> tuple[Camera, ...]:
+    """The cameras of a layer of leading shape (V, H, W); () where the file holds none."""
+    K, c2w = arrays.get(f"{prefix}K"), arrays.get(f"{prefix}c2w", arrays.get("c2w"))
+    if K is None and (c2w is None or prefix):
+        return ()
+    if K is None or c2w is None:
+        raise InputError("c2w without K, expected both or neither" if K is None else f"{prefix}K without c2w")
+    if len(lead) != 3:
+        raise InputError(f"{prefix}K and c2w, but Gaussians of shape {lead}; give their pixels with --grid V,H,W")
+    for name, array, shape in ((f"{prefix}K", K, (lead[0], 3, 3)), (f"{prefix}c2w", c2w, (lead[0], 4, 4))):
+        if array.shape != shape:
+            raise InputError(f"shape {array.shape}, expected {shape}", where=name)
+    return tuple(_camera(prefix, v, K[v], c2w[v], lead) for v in range(lead[0]))
+
+
+def _camera(prefix: str, v: int, K: NDArray, c2w: NDArray, lead: tuple[int, ...]) -> Camera:
+    try:
+        camera = Camera(K, c2w, width=lead[2], height=lead[1])
+    except InputError as error:
+        raise InputError(error.message, where=f"{prefix}{error.where}[{v}]") from None
+    if camera.focal < _UNIT_FOCAL_BELOW <= min(lead[1:]) / 4:
+        found = f"focal length {camera.focal:.3g} px for an image of {lead[2]}x{lead[1]}"
+        raise InputError(f"{found}, expected pixels (is K divided by the image's size?)", where=f"{prefix}K[{v}]")
+    return camera
+
+
+def _centres(cameras: Sequence[Camera]) -> NDArray:
+    return np.array([camera.centre for camera in cameras]).reshape(-1, 3)
+
+
+def _place_means(means: Sequence[NDArray], centres: NDArray, origin: NDArray) -> tuple[list[NDArray], NDArray]:
+    """Means of all layers as float32 relative to the origin returned, which moves only where digits would be lost."""
+    points = [array.reshape(-1, array.shape[-1] if array.ndim else 1) for array in means]
+    shift = np.zeros(3)
+    with np.errstate(over="ignore", invalid="ignore"):  # Gaussians will name what is not finite
+        if all(p.shape[1] == 3 and p.size for p in points) and any(
+            array.dtype == np.float64 and _loses_digits(p, centres - origin)
+            for array, p in zip(means, points, strict=True)
+        ):
+            shift = np.mean(centres, axis=0) - origin if len(centres) else np.mean(points[0], axis=0, dtype=np.float64)
+        if shift.any() and np.isfinite(shift).all():
+            means, origin = [array - shift for array in means], origin + shift
+        return [array.astype(np.float32) for array in means], origin
+
+
+def _loses_digits(points: NDArray, centres: NDArray) -> bool:
+    """Whether float32 moves one of (N, 3) float64 points too far to pass; centres (V, 3) in the same frame."""
+    moved = np.abs(points - points.astype(np.float32)).max(axis=1)
+    if len(centres):
+        reach = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
+    else:
+        reach = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    return bool((moved > ORIGIN_TOLERANCE * reach).any())

@@ -1,0 +1,187 @@
+"""Points in glTF 2.0 with the extension KHR_gaussian_splatting, as `.glb` and `.gltf`.
+
+A primitive of mode POINTS with an attribute per coefficient: POSITION, ROTATION (xyzw), SCALE (linear), OPACITY and
+SH_DEGREE_l_COEF_n, the last four with the extension's prefix. y is up (`axes`). What is written keeps the scene's
+cameras as glTF cameras, its origin as the node's translation, and its notes in `asset`; a picture's principal point
+and skew, which glTF has no room for, are in a camera's extras. Source: the extension's README, github.com/KhronosGroup.
+
+Written here and not by a package because those at hand check no length before they take memory. `gltf_reader` reads.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.notes import Notes
+from ..gaussian.quaternions import normalize_quats
+from ..gaussian.sh import C0
+from ..scene.cameras import Camera
+from .axes import HALF_TURN, QUAT_SIGNS, sh_signs
+
+EXTENSION = "KHR_gaussian_splatting"
+MAX_GLTF_DEGREE = 3
+COLOUR_SPACE = "srgb_rec709_display"
+GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
+
+_FRAME = np.diag([1.0, -1.0, -1.0, 1.0])  # the half turn of world and camera axes alike
+_FLOAT, _UNSIGNED_SHORT = 5126, 5123
+
+
+def write_gltf(path: Path, gaussians: Gaussians) -> list[str]:
+    """Write Gaussians as `.glb`, or as `.gltf` with its buffer inside.
+
+    Args:
+        path: its suffix chooses.
+        gaussians: of any shape; SH above degree 3 is left out.
+
+    Returns:
+        What readers may not see, one line each.
+
+    Raises:
+        InputError: more than a .glb can hold.
+    """
+    cameras, gaussians = gaussians.cameras, gaussians.flat()
+    arrays = _attributes(gaussians)
+    document = _document(gaussians, arrays, cameras)
+    if path.suffix.lower() == ".gltf":
+        data = b"".join(_padded(array) for array in arrays.values())
+        uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+        document["buffers"] = [{"byteLength": len(data), "uri": uri}]
+        path.write_text(json.dumps(document), encoding="utf-8")
+    else:
+        _write_glb(path, document, arrays)
+    return _losses(gaussians, cameras)
+
+
+def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
+    """Arrays by the name of their attribute, in the extension's axes."""
+    degree = min(gaussians.degree, MAX_GLTF_DEGREE)
+    quats = normalize_quats(gaussians.quats.astype(np.float64)) * QUAT_SIGNS
+    sh = gaussians.sh[:, : (degree + 1) ** 2] * sh_signs(degree)[:, None]  # (N, B, 3)
+    colour = (0.5 + C0 * gaussians.sh[:, 0]).clip(0, 1)
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    fallback = np.concatenate([linear, gaussians.opacities[:, None]], axis=1)
+    arrays = {
+        "POSITION": gaussians.means * HALF_TURN,
+        f"{EXTENSION}:ROTATION": np.roll(quats, -1, axis=1),
+        f"{EXTENSION}:SCALE": gaussians.scales,
+        f"{EXTENSION}:OPACITY": gaussians.opacities,
+    }
+    for band in range(degree + 1):
+        for n in range(2 * band + 1):
+            arrays[f"{EXTENSION}:SH_DEGREE_{band}_COEF_{n}"] = sh[:, band * band + n]
+    arrays = {name: np.ascontiguousarray(array, "<f4") for name, array in arrays.items()}
+    return {**arrays, "COLOR_0": np.rint(fallback * 65535).astype("<u2")}
+
+
+def _document(gaussians: Gaussians, arrays: Mapping[str, NDArray], cameras: Sequence[Camera]) -> dict[str, Any]:
+    """The JSON, but for a buffer's address."""
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    offset = 0
+    for name, array in arrays.items():
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": 34962})
+        offset += -(-array.nbytes // 4) * 4
+        accessor: dict[str, Any] = {"bufferView": len(accessors), "count": len(array), "componentType": _FLOAT}
+        accessor["type"] = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
+        if name == "POSITION":
+            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        if array.dtype == np.uint16:
+            accessor |= {"componentType": _UNSIGNED_SHORT, "normalized": True}
+        accessors.append(accessor)
+    kernel = {"kernel": "ellipse", "colorSpace": COLOUR_SPACE, "projection": "perspective"}
+    primitive = {
+        "attributes": {name: i for i, name in enumerate(arrays)},
+        "mode": 0,
+        "extensions": {EXTENSION: {**kernel, "sortingMethod": "cameraDistance"}},
+    }
+    nodes: list[dict[str, Any]] = [{"name": "gaussians", "mesh": 0}]
+    if gaussians.origin.any():
+        nodes[0]["translation"] = (gaussians.origin * HALF_TURN).tolist()
+    nodes += [_camera_node(v, camera) for v, camera in enumerate(cameras)]
+    document: dict[str, Any] = {
+        "asset": _asset(gaussians.notes),
+        "extensionsUsed": [EXTENSION],
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": offset}],
+    }
+    if cameras:
+        document["cameras"] = [_perspective(camera) for camera in cameras]
+    return document
+
+
+def _asset(notes: Notes) -> dict[str, Any]:
+    asset: dict[str, Any] = {"version": "2.0", "generator": "tinysplat"}
+    said = [text for text in (notes.attribution, notes.licence) if text]
+    if said:
+        asset["copyright"] = "; ".join(said)
+    return {**asset, "extras": notes.given()} if notes else asset
+
+
+def _camera_node(v: int, camera: Camera) -> dict[str, Any]:
+    """glTF's cameras look along −z with y up, which is the half turn of OpenCV's, as the world's is."""
+    matrix = _FRAME @ camera.c2w @ _FRAME
+    return {"name": f"view {v}", "camera": v, "matrix": matrix.T.ravel().tolist()}  # column by column
+
+
+def _perspective(camera: Camera) -> dict[str, Any]:
+    fx, fy = float(camera.K[0, 0]), float(camera.K[1, 1])
+    perspective = {
+        "yfov": 2 * math.atan(camera.height / (2 * fy)),
+        "aspectRatio": camera.width * fy / (camera.height * fx),
+        "znear": 0.01,
+    }
+    extras = {"K": camera.K.tolist(), "width": camera.width, "height": camera.height}
+    return {"type": "perspective", "perspective": perspective, "extras": extras}
+
+
+def _write_glb(path: Path, document: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> None:
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    size = sum(-(-array.nbytes // 4) * 4 for array in arrays.values())
+    total = 12 + 8 + len(text) + 8 + size
+    if total >= 1 << 32:
+        raise InputError(f"{total} bytes, .glb holds less than {1 << 32}")
+    with path.open("wb") as file:
+        file.write(GLB_MAGIC + struct.pack("<II", 2, total))
+        file.write(struct.pack("<II", len(text), JSON_CHUNK) + text + struct.pack("<II", size, BINARY_CHUNK))
+        for array in arrays.values():
+            file.write(_padded(array))
+
+
+def _padded(array: NDArray) -> bytes:
+    data = array.tobytes()
+    return data + bytes(-len(data) % 4)
+
+
+def _losses(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[str]:
+    notes = []
+    if gaussians.degree > MAX_GLTF_DEGREE:
+        notes.append(f"SH of degree {gaussians.degree} cut to {MAX_GLTF_DEGREE}, the highest of {EXTENSION}")
+    if gaussians.notes.unit not in ("", "metre", "meter", "m"):
+        notes.append(f"lengths are in {gaussians.notes.unit}, which glTF takes for metres; --scale converts them")
+    shifted = [camera for camera in cameras if not _is_centred(camera)]
+    if shifted:
+        notes.append(f"{len(shifted)} cameras look beside the middle of their picture: kept in extras alone")
+    return notes
+
+
+def _is_centred(camera: Camera) -> bool:
+    off = np.abs(camera.K[:2, 2] - np.array([camera.width, camera.height]) / 2).max()
+    return bool(off <= 0.5 and camera.K[0, 1] == 0)

@@ -1,0 +1,246 @@
+"""Read the points of glTF 2.0 files with the extension KHR_gaussian_splatting: bytes in, arrays out.
+
+All splat primitives of the file's scene become one list, each where its nodes put it; quantised accessors are read.
+What is written, and the source, stand in `gltf`.
+
+Trust boundary: accessors are held against their buffers, and these against the file, before memory is taken; buffers
+lie in the file itself or beside it in its folder, never elsewhere.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import re
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..system.files import parsing, read_limited
+from .axes import half_turned
+from .gltf import BINARY_CHUNK, EXTENSION, GLB_MAGIC, JSON_CHUNK
+from .placement import placed
+
+_MAX_JSON_BYTES = 16 << 20
+_MAX_NODES, _MAX_DEPTH = 10_000, 64
+_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_SH = re.compile(rf"{EXTENSION}:SH_DEGREE_([0-3])_COEF_([0-6])")
+
+
+def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """Read the Gaussians of a file's scene, all of its splat primitives as one list.
+
+    Returns:
+        means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear; means float64 where a node
+        moves them.
+
+    Raises:
+        InputError: damaged, without Gaussians, compressed by another extension, turned by a node in a way that no
+            Gaussian can follow, larger than `max_bytes`, or with a buffer outside its folder.
+    """
+    file = _File(path, max_bytes)
+    parts = [part for mesh, matrix in _instances(file.document) for part in _mesh_parts(file, mesh, matrix)]
+    if not parts:
+        raise InputError(f"no primitive with {EXTENSION}")
+    functions = max(part["sh"].shape[1] for part in parts)
+    for part in parts:
+        part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
+    return half_turned({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+
+
+def read_gltf_notes(path: Path) -> dict[str, Any]:
+    """What `asset` says about the scene: fields of `Notes`."""
+    asset = _File(path, max_bytes=0).document.get("asset", {})
+    extras = asset.get("extras", {}) if isinstance(asset, dict) else {}
+    known = {name: extras[name] for name in ("unit", "attribution", "licence") if name in extras}
+    if not known and isinstance(asset, dict) and isinstance(asset.get("copyright"), str):
+        known = {"attribution": asset["copyright"]}
+    return known
+
+
+class _File:
+    """A glTF document and its buffers, each read once it is asked for."""
+
+    def __init__(self, path: Path, max_bytes: int) -> None:
+        self._path, self._budget = path, max_bytes
+        self._buffers: dict[int, bytes] = {}
+        with path.open("rb") as file:
+            head = file.read(20)
+            if head[:4] == GLB_MAGIC:
+                if len(head) < 20:
+                    raise InputError("ends within its header")
+                _, version, total, length, kind = struct.unpack("<5I", head)
+                size = path.stat().st_size
+                if version != 2 or kind != JSON_CHUNK or total > size or length > min(size - 20, _MAX_JSON_BYTES):
+                    raise InputError(f"damaged .glb header (version {version}, {total} bytes of {size})")
+                text = file.read(length)
+                self._binary_at: int | None = 20 + length
+            else:
+                text = read_limited(path, _MAX_JSON_BYTES if max_bytes == 0 else max(max_bytes, _MAX_JSON_BYTES))
+                self._binary_at = None
+        try:
+            self.document = json.loads(text)
+        except (ValueError, RecursionError):
+            raise InputError("its JSON does not parse") from None
+        if not isinstance(self.document, dict):
+            raise InputError("its JSON is no object")
+
+    def entry(self, kind: str, index: Any) -> dict[str, Any]:
+        """Element `index` of the list `kind`."""
+        entries = self.document.get(kind)
+        if not isinstance(entries, list) or not _is_index(index) or index >= len(entries):
+            raise InputError(f"no {kind}[{str(index)[:20]}]")
+        if not isinstance(entries[index], dict):
+            raise InputError("no object", where=f"{kind}[{index}]")
+        return dict(entries[index])
+
+    def accessor(self, index: Any, name: str) -> NDArray:
+        """(N, width) float64 values of an accessor, (N,) of a scalar one; normalised integers as glTF has them."""
+        accessor: Any = self.entry("accessors", index)
+        kind, width = _TYPES.get(accessor.get("componentType")), _WIDTHS.get(accessor.get("type"))
+        count, start = accessor.get("count"), accessor.get("byteOffset", 0)
+        if kind is None or width is None or not _is_index(count) or count < 1 or not _is_index(start):
+            raise InputError("damaged accessor", where=name)
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise InputError("a sparse accessor, expected one with a buffer view", where=name)
+        view: Any = self.entry("bufferViews", accessor["bufferView"])
+        if view.get("extensions"):
+            raise InputError(f"compressed by {', '.join(view['extensions'])}, expected plain values", where=name)
+        item = np.dtype(kind).itemsize * width
+        stride, first, length = view.get("byteStride", item), view.get("byteOffset", 0), view.get("byteLength")
+        if not all(map(_is_index, (stride, first, length))) or not item <= stride <= 252:
+            raise InputError("damaged buffer view", where=name)
+        if start + (count - 1) * stride + item > length:
+            raise InputError(f"{count} values, which its buffer view is too short for", where=name)
+        if count * width * 8 > self._budget:
+            raise InputError(f"{count} values, more than {self._budget} bytes can hold", where=name)
+        data = self._buffer(view.get("buffer"))
+        if first + length > len(data):
+            raise InputError("a buffer view beyond its buffer", where=name)
+        flat = np.frombuffer(data, np.uint8, (count - 1) * stride + item, first + start)
+        rows = np.lib.stride_tricks.as_strided(flat, (count, item), (stride, 1))
+        values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
+        if accessor.get("normalized") is True and kind != "<f4":
+            values = np.maximum(values / np.iinfo(kind).max, -1)
+        return values[:, 0] if width == 1 else values
+
+    def _buffer(self, index: Any) -> bytes:
+        if index not in self._buffers:
+            entry = self.entry("buffers", index)
+            self._buffers[index] = self._embedded() if "uri" not in entry else self._at(entry["uri"])
+        return self._buffers[index]
+
+    def _embedded(self) -> bytes:
+        if self._binary_at is None:
+            raise InputError("a buffer without an address")
+        with self._path.open("rb") as file:
+            file.seek(self._binary_at)
+            head = file.read(8)
+            left = self._path.stat().st_size - self._binary_at - 8
+            length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
+            if kind != BINARY_CHUNK or length > left or length > self._budget:
+                raise InputError("no whole binary chunk")
+            return file.read(length)
+
+    def _at(self, uri: Any) -> bytes:
+        if not isinstance(uri, str):
+            raise InputError("a buffer's address is no text")
+        if uri.startswith("data:"):
+            try:
+                return base64.b64decode(uri.partition(",")[2], validate=True)
+            except (binascii.Error, ValueError):
+                raise InputError("a buffer's base64 is damaged") from None
+        name = unquote(uri)
+        target = (self._path.parent / name).resolve()
+        inside = target.is_relative_to(self._path.parent.resolve())
+        if "\0" in name or ":" in name or name.startswith(("/", "\\")) or not inside:
+            raise InputError(f"buffer '{uri[:60]}', expected a file in the folder of the .gltf")
+        return read_limited(target, self._budget)
+
+
+def _is_index(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 40
+
+
+def _instances(document: Mapping[str, Any]) -> Iterator[tuple[int, NDArray]]:
+    """Index of a mesh and where it stands in the world (4, 4), for every node of the scene that has one."""
+    nodes, scenes = document.get("nodes"), document.get("scenes")
+    if not isinstance(nodes, list) or len(nodes) > _MAX_NODES:
+        raise InputError(f"no list of at most {_MAX_NODES} nodes")
+    with parsing("glTF scene"):
+        index = document.get("scene", 0)
+        roots = scenes[index]["nodes"] if scenes else range(len(nodes))
+        todo = [(int(root), np.eye(4), 0) for root in roots]
+        visits = 0
+        while todo:
+            i, parent, depth = todo.pop(0)
+            visits += 1
+            if visits > _MAX_NODES or depth > _MAX_DEPTH:
+                raise InputError("its nodes have no end")
+            matrix = parent @ _local_matrix(nodes[i])
+            todo += [(int(child), matrix, depth + 1) for child in nodes[i].get("children", ())]
+            if "mesh" in nodes[i]:
+                yield nodes[i]["mesh"], matrix
+
+
+def _local_matrix(node: Mapping[str, Any]) -> NDArray:
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    matrix = np.eye(4)
+    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
+    matrix[:3, :3] = quats_to_matrices(normalize_quats(np.array([w, x, y, z]))) * np.array(
+        node.get("scale", (1, 1, 1)), np.float64
+    )
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+def _mesh_parts(file: _File, mesh: Any, matrix: NDArray) -> Iterator[dict[str, NDArray]]:
+    primitives = file.entry("meshes", mesh).get("primitives")
+    for primitive in primitives if isinstance(primitives, list) else ():
+        extensions = primitive.get("extensions", {}) if isinstance(primitive, dict) else {}
+        if not isinstance(extensions, dict) or EXTENSION not in extensions:
+            continue
+        extension = extensions[EXTENSION]
+        inner = extension.get("extensions") if isinstance(extension, dict) else None
+        if inner:
+            raise InputError(f"compressed by {', '.join(map(str, inner))[:80]}, expected plain {EXTENSION}")
+        yield placed(_primitive_arrays(file, primitive), matrix)
+
+
+def _primitive_arrays(file: _File, primitive: Mapping[str, Any]) -> dict[str, NDArray]:
+    attributes = primitive.get("attributes")
+    names = {"means": "POSITION"} | {
+        field: f"{EXTENSION}:{name}"
+        for field, name in {"quats": "ROTATION", "scales": "SCALE", "opacities": "OPACITY"}.items()
+    }
+    if not isinstance(attributes, dict):
+        raise InputError("a primitive without attributes")
+    missing = [name for name in (*names.values(), f"{EXTENSION}:SH_DEGREE_0_COEF_0") if name not in attributes]
+    if missing:
+        raise InputError(f"lacks {', '.join(missing)}")
+    arrays = {field: file.accessor(attributes[name], name) for field, name in names.items()}
+    degree = max(int(match[1]) for match in map(_SH.fullmatch, attributes) if match)
+    terms = [f"{EXTENSION}:SH_DEGREE_{band}_COEF_{n}" for band in range(degree + 1) for n in range(2 * band + 1)]
+    lacking = [name for name in terms if name not in attributes]
+    if lacking:
+        raise InputError(f"lacks {lacking[0]} of SH degree {degree}")
+    columns = [file.accessor(attributes[name], name) for name in terms]
+    wanted = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": ()}
+    count = len(arrays["means"])
+    for field, shape in (*wanted.items(), *((name, (3,)) for name in terms)):
+        array = arrays[field] if field in arrays else columns[terms.index(field)]
+        if array.shape != (count, *shape):
+            raise InputError(f"shape {array.shape} beside {count} positions", where=names.get(field, field))
+    arrays["quats"] = np.roll(arrays["quats"], 1, axis=1)  # xyzw to wxyz
+    arrays["sh"] = np.stack(columns, axis=1)
+    return arrays

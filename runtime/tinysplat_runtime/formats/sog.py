@@ -1,0 +1,277 @@
+"""Points in SOG version 2: WebP pictures of a pixel a Gaussian beside a `meta.json`, in a folder or one zip file.
+
+Positions are 16 bits, split over two pictures, of sign(x)·log(1 + |x|); rotations the three smallest components of wxyz
+in 8 bits, the largest one's index in alpha; logarithms of scales, and SH of degree 0, bytes into codebooks of 256
+values; higher SH bytes into a codebook for a palette of at most 65,536 vectors. Rows follow a Morton curve. Source:
+developer.playcanvas.com, "The SOG Format", and github.com/playcanvas/splat-transform.
+
+Trust boundary: names of pictures must lie in the folder, and their sizes are held against the count before they are
+decoded.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.quaternions import normalize_quats
+from ..system.files import parsing, read_limited, write_atomically
+from .assembly import Points, cut_degree_note, far_note
+from .order import morton_order
+from .palette import codebook, nearest, palette
+
+META = "meta.json"
+MAX_DEGREE = 3
+
+_MAX_META = 1 << 20
+_MAX_SIDE = 16383  # of a WebP picture
+_PALETTE_ROW = 64  # vectors beside each other in the picture of the palette
+_MAX_PALETTE = 1 << 16
+_TERMS = (0, 3, 8, 15)  # of SH above degree 0
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the largest
+_TAG = 252
+
+
+# ---- out -----------------------------------------------------------------------------------------------------------
+
+
+def save_sog(path: Path, gaussians: Gaussians) -> list[str]:
+    """Write points as one zip file, or beside a `meta.json`; SH above degree MAX_DEGREE is left out.
+
+    Args:
+        path: a `.json` file has its pictures beside it, which are complete before it is.
+        gaussians: of any shape.
+
+    Returns:
+        What is lost, one line each.
+
+    Raises:
+        InputError: more Gaussians than pictures have pixels.
+        ImportError: Pillow is not installed.
+    """
+    points = Points.of(gaussians)
+    *pictures, (_, meta) = _files(points.gaussians, points.means)
+    if path.suffix == ".json":
+        for name, data in pictures:
+            write_atomically(path.parent / name, data)
+        path.write_bytes(meta)
+    else:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+            for name, data in [*pictures, (META, meta)]:
+                archive.writestr(zipfile.ZipInfo(name), data)
+    return [*cut_degree_note(gaussians, MAX_DEGREE, ".sog"), *far_note(points)]
+
+
+def _files(gaussians: Gaussians, means: NDArray) -> list[tuple[str, bytes]]:
+    """Names and contents of a SOG folder, `meta.json` last, of (N,) Gaussians and their world positions (N, 3)."""
+    count = len(means)
+    width = -(-int(np.ceil(np.sqrt(count))) // 4) * 4
+    height = -(-count // (4 * width)) * 4
+    if max(width, height) > _MAX_SIDE:
+        raise InputError(f"{count} Gaussians, .sog holds {_MAX_SIDE**2}")
+    order = morton_order(means)
+    files: list[tuple[str, bytes]] = []
+
+    def picture(name: str, columns: NDArray) -> str:
+        pixels = np.zeros((height * width, 4), np.uint8)
+        pixels[:, 3] = 255
+        pixels[:count, : columns.shape[1]] = columns
+        files.append((f"{name}.webp", _webp(pixels.reshape(height, width, 4))))
+        return f"{name}.webp"
+
+    logs = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))
+    low, high = logs.min(axis=0), logs.max(axis=0)
+    codes = np.rint((logs[order] - low) / np.where(high > low, high - low, 1) * 65535).astype(np.uint16)
+    meta: dict[str, Any] = {"version": 2, "asset": {"generator": "tinysplat"}, "count": count}
+    positions = [picture("means_l", (codes & 255).astype(np.uint8)), picture("means_u", (codes >> 8).astype(np.uint8))]
+    meta["means"] = {"mins": low.tolist(), "maxs": high.tolist(), "files": positions}
+    log_scales = np.log(gaussians.scales[order].clip(np.finfo(np.float32).tiny))
+    levels = codebook(log_scales.ravel())
+    meta["scales"] = {"codebook": levels.tolist(), "files": [picture("scales", nearest(log_scales, levels))]}
+    meta["quats"] = {"files": [picture("quats", _packed_rotations(gaussians.quats[order]))]}
+    constant = gaussians.sh[order, 0]
+    levels = codebook(constant.ravel())
+    opacity = np.rint(gaussians.opacities[order, None] * 255.0).astype(np.uint8)
+    colours = np.concatenate([nearest(constant, levels), opacity], axis=1)
+    meta["sh0"] = {"codebook": levels.tolist(), "files": [picture("sh0", colours)]}
+    degree = min(gaussians.degree, MAX_DEGREE)
+    if degree:
+        meta["shN"] = _write_higher(gaussians.sh[order, 1 : (degree + 1) ** 2], degree, picture, files)
+    return [*files, (META, json.dumps(meta).encode())]
+
+
+def _write_higher(
+    sh: NDArray, degree: int, picture: Callable[[str, NDArray], str], files: list[tuple[str, bytes]]
+) -> dict[str, Any]:
+    """Pictures of the palette and of each Gaussian's index into it, of sh (N, B − 1, 3); their entry in `meta.json`."""
+    terms = _TERMS[degree]
+    size = min(_PALETTE_ROW, 1 << max(int(np.log2(max(len(sh) / 1024, 1))), 0)) * 1024
+    vectors, labels = palette(sh.reshape(len(sh), -1), min(size, _MAX_PALETTE))
+    levels = codebook(vectors.ravel())
+    rows = -(-len(vectors) // _PALETTE_ROW)
+    pixels = np.zeros((rows * _PALETTE_ROW, terms, 4), np.uint8)
+    pixels[..., 3] = 255
+    pixels[: len(vectors), :, :3] = nearest(vectors, levels).reshape(-1, terms, 3)
+    files.append(("shN_centroids.webp", _webp(pixels.reshape(rows, _PALETTE_ROW * terms, 4))))
+    bytes_of_labels = labels.astype("<u2")[:, None].view(np.uint8)
+    names = ["shN_centroids.webp", picture("shN_labels", np.pad(bytes_of_labels, ((0, 0), (0, 1))))]
+    return {"count": len(vectors), "bands": degree, "codebook": levels.tolist(), "files": names}
+
+
+def _packed_rotations(quats: NDArray) -> NDArray:
+    quats = normalize_quats(quats.astype(np.float64))
+    largest = np.abs(quats).argmax(axis=1)
+    quats = quats * np.where(np.take_along_axis(quats, largest[:, None], axis=1) < 0, -1, 1)
+    three = np.take_along_axis(quats, _OTHERS[largest], axis=1)
+    codes = np.rint((three * np.sqrt(0.5) + 0.5) * 255).clip(0, 255)
+    return np.concatenate([codes, (_TAG + largest)[:, None]], axis=1).astype(np.uint8)
+
+
+def _webp(pixels: NDArray) -> bytes:
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(pixels, "RGBA").save(buffer, "WEBP", lossless=True, exact=True, quality=60, method=2)
+    return buffer.getvalue()
+
+
+# ---- in ------------------------------------------------------------------------------------------------------------
+
+
+def read_sog(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """Read a .sog file, or the folder of a `meta.json`, as arrays.
+
+    Returns:
+        means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, float64.
+
+    Raises:
+        InputError: damaged, of another version, or larger than `max_bytes`.
+        ImportError: Pillow is not installed.
+    """
+    if path.name == META:
+        return _arrays(lambda name, limit: read_limited(path.parent / name, limit), max_bytes)
+    with parsing(".sog file"), zipfile.ZipFile(path) as archive:
+        members = {PurePosixPath(info.filename).name: info for info in archive.infolist()}
+
+        def member(name: str, limit: int) -> bytes:
+            if name not in members:
+                raise InputError(f"lacks {name[:40]}")
+            info = members[name]
+            if info.file_size > limit or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise InputError(f"{info.file_size} bytes, expected at most {limit}", where=name[:40])
+            return archive.read(info)
+
+        return _arrays(member, max_bytes)
+
+
+def _arrays(read: Callable[[str, int], bytes], max_bytes: int) -> dict[str, NDArray]:
+    meta = _json_object(read(META, _MAX_META))
+    if meta.get("version") != 2:
+        raise InputError(f"version {str(meta.get('version'))[:20]}, expected 2", where=META)
+    count = meta.get("count")
+    if not isinstance(count, int) or not 1 <= count <= min(_MAX_SIDE**2, max_bytes // 100):
+        raise InputError(f"count {str(count)[:20]}, which {max_bytes} bytes cannot hold", where=META)
+
+    def pixels(name: str, picture: int = 0) -> NDArray:
+        flat = _picture(read, meta, name, picture, count).reshape(-1, 4)
+        if len(flat) < count:
+            raise InputError(f"{len(flat)} pixels for {count} Gaussians", where=name)
+        return flat[:count]
+
+    low, high = _numbers(meta, "means", "mins", 3), _numbers(meta, "means", "maxs", 3)
+    codes = pixels("means")[:, :3] + 256.0 * pixels("means", 1)[:, :3]
+    with np.errstate(over="ignore", invalid="ignore"):  # Gaussians will name what is not finite
+        logs = low + codes / 65535 * (high - low)
+        colours = pixels("sh0")
+        constant = _numbers(meta, "sh0", "codebook", 256)[colours[:, :3]]  # (N, 3)
+        return {
+            "means": np.sign(logs) * np.expm1(np.abs(logs)),
+            "quats": _unpacked_rotations(pixels("quats")),
+            "scales": np.exp(_numbers(meta, "scales", "codebook", 256)[pixels("scales")[:, :3]]),
+            "opacities": colours[:, 3] / 255.0,
+            "sh": np.concatenate([constant[:, None], _read_higher(read, meta, count, pixels)], axis=1),
+        }
+
+
+def _read_higher(
+    read: Callable[[str, int], bytes], meta: Mapping[str, Any], count: int, pixels: Callable[..., NDArray]
+) -> NDArray:
+    """(N, B − 1, 3)."""
+    if "shN" not in meta:
+        return np.zeros((count, 0, 3))
+    entry = _entry(meta, "shN")
+    degree, size = entry.get("bands"), entry.get("count")
+    if degree not in (1, 2, 3) or not isinstance(size, int) or not 1 <= size <= _MAX_PALETTE:
+        raise InputError(f"degree {str(degree)[:20]}, palette of {str(size)[:20]}", where="shN")
+    terms = _TERMS[degree]
+    picture = _picture(read, meta, "shN", 0, _MAX_PALETTE * terms)
+    if picture.shape[1] != _PALETTE_ROW * terms:
+        raise InputError(f"a palette {picture.shape[1]} pixels wide, expected {_PALETTE_ROW * terms}", where="shN")
+    vectors = _numbers(meta, "shN", "codebook", 256)[picture[..., :3].reshape(-1, terms, 3)]
+    labels = pixels("shN", 1)[:, :2] @ np.array([1, 256])
+    if labels.max() >= len(vectors):
+        raise InputError(f"index {labels.max()} into a palette of {len(vectors)}", where="shN")
+    return vectors[labels]
+
+
+def _unpacked_rotations(octets: NDArray) -> NDArray:
+    largest = octets[:, 3].astype(np.int64) - _TAG
+    if largest.min() < 0:
+        raise InputError(f"tag {octets[:, 3].min()}, expected {_TAG} to 255", where="quats")
+    three = (octets[:, :3] / 255.0 - 0.5) * np.sqrt(2)
+    quats = np.zeros((len(octets), 4))
+    np.put_along_axis(quats, _OTHERS[largest], three, axis=1)
+    rest = np.sqrt(np.maximum(1 - (three**2).sum(axis=1), 0))
+    np.put_along_axis(quats, largest[:, None], rest[:, None], axis=1)
+    return quats
+
+
+def _picture(read: Callable[[str, int], bytes], meta: Mapping[str, Any], name: str, index: int, most: int) -> NDArray:
+    """(h, w, 4) int64 of a picture of about `most` pixels at most."""
+    from PIL import Image
+
+    files = _entry(meta, name).get("files")
+    if not isinstance(files, list) or index >= len(files) or not _is_plain_name(files[index]):
+        raise InputError(f"no plain name of picture {index}", where=name)
+    data = read(files[index], 8 * most + (1 << 16))
+    with parsing("WebP picture"), Image.open(io.BytesIO(data), formats=["WEBP"]) as image:
+        if image.width * image.height > 2 * most + 4096 or max(image.size) > _MAX_SIDE:
+            raise InputError(f"{image.width}x{image.height} pixels, expected about {most}", where=files[index][:40])
+        return np.asarray(image.convert("RGBA"), np.int64)
+
+
+def _is_plain_name(name: Any) -> bool:
+    return isinstance(name, str) and 0 < len(name) < 200 and name == PurePosixPath(name).name and "\\" not in name
+
+
+def _json_object(data: bytes) -> dict[str, Any]:
+    try:
+        meta = json.loads(data)
+    except (ValueError, RecursionError):
+        raise InputError("not JSON", where=META) from None
+    if not isinstance(meta, dict):
+        raise InputError("no JSON object", where=META)
+    return meta
+
+
+def _entry(meta: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    entry = meta.get(name)
+    if not isinstance(entry, dict):
+        raise InputError(f"lacks '{name}'", where=META)
+    return entry
+
+
+def _numbers(meta: Mapping[str, Any], name: str, field: str, count: int) -> NDArray:
+    values = _entry(meta, name).get(field)
+    if not isinstance(values, list) or len(values) != count or not all(isinstance(v, (int, float)) for v in values):
+        raise InputError(f"expected {count} numbers in '{field}'", where=name)
+    return np.array(values, np.float64)

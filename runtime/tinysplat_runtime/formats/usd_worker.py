@@ -1,0 +1,114 @@
+"""The process in which usd-core reads a file: `python -m tinysplat_runtime.formats.usd_worker FILE OUT.npz MAX_BYTES`.
+
+Writes the arrays of `usd.read_usd` about axes with y up.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .placement import placed
+
+TYPE = "ParticleField3DGaussianSplat"
+SECONDS, MEMORY_FACTOR, MEMORY_BASE = 240, 40, 4 << 30
+"""Bounds of processor time and of address space: no real file reaches them."""
+
+
+def stage_arrays(path: str, max_bytes: int) -> dict[str, NDArray]:
+    """Arrays of all Gaussians of a stage in its world's axes, y up.
+
+    Raises:
+        ValueError: references to other files, no Gaussians, or arrays that do not fit each other.
+    """
+    from pxr import Sdf, Usd, UsdGeom
+
+    layer = Sdf.Layer.FindOrOpen(path)
+    if layer is None:
+        raise ValueError("does not open")
+    outside = [str(name) for name in layer.GetCompositionAssetDependencies()]
+    if outside:
+        raise ValueError(f"refers to another file ({outside[0][:60]}), expected one that stands alone")
+    stage = Usd.Stage.Open(layer, Usd.Stage.LoadNone)
+    z_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
+    parts = []
+    cache = UsdGeom.XformCache()
+    for prim in stage.Traverse():
+        if prim.GetTypeName() == TYPE:
+            parts.append(_placed(_prim_arrays(prim, max_bytes), np.array(cache.GetLocalToWorldTransform(prim)).T, z_up))
+    if not parts:
+        raise ValueError(f"no prim of type {TYPE}")
+    functions = max(part["sh"].shape[1] for part in parts)
+    for part in parts:
+        part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _prim_arrays(prim: Any, max_bytes: int) -> dict[str, NDArray]:
+    def values(name: str, width: int) -> NDArray:
+        for suffix in ("", "h"):  # float before half
+            attribute = prim.GetAttribute(name + suffix)
+            found = attribute.Get() if attribute and attribute.HasAuthoredValue() else None
+            if found is not None and len(found):
+                if len(found) * width * 8 > max_bytes:
+                    raise ValueError(f"{name}: {len(found)} values, more than {max_bytes} bytes can hold")
+                return np.array(found, np.float64).reshape(len(found), -1)
+        raise ValueError(f"lacks {name}")
+
+    degree = prim.GetAttribute("radiance:sphericalHarmonicsDegree").Get()
+    if not isinstance(degree, int) or not 0 <= degree <= 4:
+        raise ValueError(f"SH degree {degree}, expected 0 to 4")
+    functions = (degree + 1) ** 2
+    means = values("positions", 3)
+    arrays = {
+        "means": means,
+        "quats": np.roll(values("orientations", 4), 1, axis=1),  # in memory xyzw
+        "scales": values("scales", 3),
+        "opacities": values("opacities", 1)[:, 0],
+        "sh": values("radiance:sphericalHarmonicsCoefficients", 3)[: len(means) * functions],
+    }
+    if len(arrays["sh"]) != len(means) * functions:
+        raise ValueError(f"{len(arrays['sh'])} SH coefficients for {len(means)} Gaussians of degree {degree}")
+    arrays["sh"] = arrays["sh"].reshape(len(means), functions, 3)
+    for name, array in arrays.items():
+        if len(array) != len(means):
+            raise ValueError(f"{name}: {len(array)} values for {len(means)} positions")
+    return arrays
+
+
+def _placed(arrays: dict[str, NDArray], matrix: NDArray, z_up: bool) -> dict[str, NDArray]:
+    if z_up:  # to y up: z becomes y, y becomes −z
+        matrix = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]) @ matrix
+    return placed(arrays, matrix)
+
+
+def bound_resources(size: int) -> None:
+    """Bounds of memory and time that no real file of this size reaches, where the system has such bounds (Unix)."""
+    try:
+        import resource
+    except ImportError:
+        return
+    for kind, wanted in ((resource.RLIMIT_AS, MEMORY_BASE + MEMORY_FACTOR * size), (resource.RLIMIT_CPU, SECONDS)):
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+
+
+def main(path: str, out: str, max_bytes: int) -> int:
+    """Read and write; returns the exit status."""
+    bound_resources(Path(path).stat().st_size)
+    try:
+        arrays: dict[str, Any] = stage_arrays(path, max_bytes)
+    except (ValueError, RuntimeError, MemoryError, InputError) as error:
+        print(" ".join(str(error).split())[:200] or type(error).__name__, file=sys.stderr)
+        return 1
+    np.savez(out, **arrays)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2], int(sys.argv[3])))

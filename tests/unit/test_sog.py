@@ -1,0 +1,154 @@
+"""SOG version 2: pictures and codebooks that gaussforge, another implementation, reads and writes are what we mean."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foreign import foreign_arrays, foreign_bytes, on_order_of
+from PIL import Image
+from scenes import make_gaussians
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.palette import codebook, nearest, palette
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
+
+
+def some(degree: int = 3) -> Gaussians:
+    made = make_gaussians(height=20, width=20, degree=degree).flat()
+    sh = 0.3 * made.sh
+    return Gaussians(made.means, made.quats, made.scales, made.opacities.clip(0.02, 0.98), sh)
+
+
+def assert_close(read: Gaussians, made: Gaussians, sh: float) -> None:
+    made = on_order_of(made, read)
+    logs = np.log1p(np.abs(made.means)).max() * 2
+    assert (np.abs(read.means - made.means) <= logs / 65535 * (1 + np.abs(made.means))).all()
+    assert np.abs(np.log(read.scales / made.scales)).max() < 0.1
+    assert np.abs(read.opacities - made.opacities).max() <= 0.5 / 255 + 1e-6
+    dots = np.abs((normalize_quats(read.quats) * normalize_quats(made.quats)).sum(axis=-1))
+    assert np.arccos(dots.clip(0, 1)).max() < 0.012
+    assert np.sqrt(((read.sh[:, 0] - made.sh[:, 0]) ** 2).mean()) < 0.004
+    if made.sh.shape[1] > 1:
+        assert np.sqrt(((read.sh[:, 1:] - made.sh[:, 1:]) ** 2).mean()) < sh
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3])
+def test_our_reader_gives_back_what_was_written(tmp_path: Path, degree: int) -> None:
+    made = some(degree)
+    assert save_gaussians(tmp_path / "a.sog", made) == []
+    # 800 Gaussians, palette of 1,024: nothing but the codebook's steps is lost
+    assert_close(load_gaussians(tmp_path / "a.sog"), made, sh=0.002)
+
+
+def test_a_folder_is_read_as_the_bundle_is(tmp_path: Path) -> None:
+    save_gaussians(tmp_path / "a.sog", some())
+    with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+        archive.extractall(tmp_path / "folder")
+    whole, folder = load_gaussians(tmp_path / "a.sog"), load_gaussians(tmp_path / "folder" / "meta.json")
+    for name in ("means", "quats", "scales", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(folder, name))
+
+
+def test_another_implementation_reads_our_file(tmp_path: Path) -> None:
+    made = some()
+    save_gaussians(tmp_path / "a.sog", made)
+    assert_close(Gaussians(**foreign_arrays((tmp_path / "a.sog").read_bytes(), "sog")), made, sh=0.002)
+
+
+def test_we_read_another_implementations_file(tmp_path: Path) -> None:
+    (tmp_path / "b.sog").write_bytes(foreign_bytes(some(), "sog"))
+    read = load_gaussians(tmp_path / "b.sog")
+    own = Gaussians(**foreign_arrays((tmp_path / "b.sog").read_bytes(), "sog"))
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_allclose(getattr(read, name), getattr(own, name), rtol=1e-4, atol=1e-5)
+    dots = np.abs((normalize_quats(read.quats) * normalize_quats(own.quats)).sum(axis=-1))
+    assert dots.min() > 1 - 1e-5
+
+
+def test_a_palette_is_better_than_as_many_vectors_drawn_at_random() -> None:
+    rng = np.random.default_rng(0)
+    vectors = rng.normal(size=(4000, 4)) @ rng.normal(size=(4, 9))
+    chosen, label = palette(vectors, 64)
+    assert chosen.shape == (64, 9)
+    error = ((vectors - chosen[label]) ** 2).sum(axis=1).mean()
+    drawn = vectors[rng.choice(4000, 64, replace=False)]
+    at_random = ((vectors[:, None] - drawn) ** 2).sum(axis=2).min(axis=1).mean()
+    assert error < 0.8 * at_random
+
+
+def test_a_codebook_is_exact_where_values_are_few_and_near_optimal_where_they_are_many() -> None:
+    few = np.array([1.0, 1.0, 5.0, -2.0])
+    np.testing.assert_array_equal(codebook(few)[nearest(few, codebook(few))], few)
+    many = np.random.default_rng(0).normal(size=20_000)
+    levels = codebook(many)
+    error = ((many - levels[nearest(many, levels)]) ** 2).mean()
+    optimum = np.pi * np.sqrt(3) / 2 / 256**2  # Panter and Dite's for a normal distribution of variance 1
+    assert error < 1.5 * optimum
+
+
+def damaged(path: Path, change: Any) -> None:
+    """A bundle whose meta.json and pictures `change` has had in its hands."""
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    meta = json.loads(files["meta.json"])
+    change(meta, files)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in {**files, "meta.json": json.dumps(meta).encode()}.items():
+            archive.writestr(name, data)
+
+
+def version_1(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    del meta["version"]
+
+
+def many(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    meta["count"] = 1 << 31
+
+
+def elsewhere(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    meta["quats"]["files"] = ["../../etc/passwd"]
+
+
+def small(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    buffer = io.BytesIO()
+    Image.new("RGBA", (4, 4)).save(buffer, "WEBP", lossless=True)
+    files["scales.webp"] = buffer.getvalue()
+
+
+def huge(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    buffer = io.BytesIO()
+    Image.new("RGBA", (4000, 4000)).save(buffer, "WEBP", lossless=True)
+    files["scales.webp"] = buffer.getvalue()
+
+
+def short_codebook(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    meta["sh0"]["codebook"].pop()
+
+
+def beyond_the_palette(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    buffer = io.BytesIO()
+    Image.new("RGBA", (64 * 15, 1), (0, 0, 0, 255)).save(buffer, "WEBP", lossless=True)
+    files["shN_centroids.webp"] = buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (version_1, "version"), (many, "cannot hold"), (elsewhere, "plain name"), (small, "16 pixels"),
+        (huge, "4000x4000"), (short_codebook, "256 numbers"), (beyond_the_palette, "palette of 64"),
+    ],
+)  # fmt: skip
+def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any, words: str) -> None:
+    save_gaussians(tmp_path / "bad.sog", some())
+    damaged(tmp_path / "bad.sog", change)
+    with pytest.raises(InputError, match=words) as caught:
+        load_gaussians(tmp_path / "bad.sog")
+    assert "bad.sog" in str(caught.value)

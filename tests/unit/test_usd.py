@@ -1,0 +1,83 @@
+"""OpenUSD: what its own library finds in our files, and what we find in a stage made with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
+from scenes import make_gaussians
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.notes import Notes
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
+
+TURN = np.array([1.0, -1.0, -1.0])
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_our_reader_gives_back_what_was_written(tmp_path: Path, suffix: str) -> None:
+    made = make_gaussians(degree=3, layers=2)
+    assert save_gaussians(tmp_path / f"a{suffix}", made) == []
+    read, flat = load_gaussians(tmp_path / f"a{suffix}"), made.flat()
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_allclose(getattr(read, name), getattr(flat, name), rtol=1e-6)
+    dots = np.abs((normalize_quats(read.quats) * normalize_quats(flat.quats)).sum(axis=-1))
+    assert dots.min() > 1 - 1e-6
+
+
+def test_usd_finds_the_schemas_attributes_and_nothing_to_complain_of(tmp_path: Path) -> None:
+    made = make_gaussians(degree=1).with_notes(Notes("metre", "Jo Doe", "CC-BY-4.0"))
+    save_gaussians(tmp_path / "a.usda", made)
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y and stage.GetDefaultPrim()
+    prim = UsdVol.ParticleField3DGaussianSplat(stage.GetPrimAtPath("/Scene/Gaussians"))
+    np.testing.assert_array_equal(np.array(prim.GetPositionsAttr().Get()), made.flat().means * TURN.astype(np.float32))
+    first = prim.GetOrientationsAttr().Get()[0]
+    quat = normalize_quats(made.flat().quats[0]) * [1, 1, -1, -1]
+    np.testing.assert_allclose([first.GetReal(), *first.GetImaginary()], quat, atol=1e-6)
+    assert prim.GetRadianceSphericalHarmonicsDegreeAttr().Get() == 1
+    assert len(prim.GetRadianceSphericalHarmonicsCoefficientsAttr().Get()) == 4 * made.count
+    assert stage.GetPrimAtPath("/Scene/Gaussians").GetCustomDataByKey("tinysplat:licence") == "CC-BY-4.0"
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetMessage() for error in errors] == []
+
+
+def test_a_stage_made_with_usd_is_read_where_its_nodes_put_it(tmp_path: Path) -> None:
+    stage = Usd.Stage.CreateNew(str(tmp_path / "hand.usda"))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    root = UsdGeom.Xform.Define(stage, "/Root")
+    root.AddTranslateOp().Set(Gf.Vec3d(10, 0, 0))
+    root.AddScaleOp().Set(Gf.Vec3f(2, 2, 2))
+    prim = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/Root/Splats")
+    prim.CreatePositionsAttr(Vt.Vec3fArray([(1, 2, 3)]))
+    prim.CreateOrientationsAttr(Vt.QuatfArray([Gf.Quatf(1, 0, 0, 0)]))
+    prim.CreateScaleshAttr(Vt.Vec3hArray([Gf.Vec3h(0.5, 0.25, 1)]))  # halves, which stand in for floats
+    prim.CreateOpacitiesAttr(Vt.FloatArray([0.5]))
+    prim.CreateRadianceSphericalHarmonicsDegreeAttr(0)
+    prim.CreateRadianceSphericalHarmonicsCoefficientsAttr(Vt.Vec3fArray([(0.1, 0.2, 0.3)]))
+    stage.GetRootLayer().Save()
+    read = load_gaussians(tmp_path / "hand.usda")
+    # (12, 4, 6) with z up is (12, 6, −4) with y up, and (12, −6, 4) with y down
+    np.testing.assert_allclose(read.means, [[12, -6, 4]])
+    np.testing.assert_allclose(read.scales, [[1, 0.5, 2]])
+    np.testing.assert_allclose(read.sh[:, 0], [[0.1, 0.2, 0.3]], atol=1e-6)
+
+
+def test_files_that_refer_to_others_or_hold_nothing_are_refused(tmp_path: Path) -> None:
+    save_gaussians(tmp_path / "a.usda", make_gaussians())
+    stage = Usd.Stage.CreateNew(str(tmp_path / "outside.usda"))
+    stage.DefinePrim("/A").GetReferences().AddReference("./a.usda")
+    stage.GetRootLayer().Save()
+    with pytest.raises(InputError, match="another file"):
+        load_gaussians(tmp_path / "outside.usda")
+    stage = Usd.Stage.CreateNew(str(tmp_path / "empty.usda"))
+    stage.GetRootLayer().Save()
+    with pytest.raises(InputError, match="no prim of type"):
+        load_gaussians(tmp_path / "empty.usda")
+    (tmp_path / "bad.usdc").write_bytes(b"PXR-USDC" + bytes(200))
+    with pytest.raises(InputError, match="damaged or foreign USD file"):
+        load_gaussians(tmp_path / "bad.usdc")
