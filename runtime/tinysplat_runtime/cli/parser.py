@@ -259,7 +259,7 @@ def _view(commands: Commands) -> None:
         description="Serves one page on this machine and opens the browser; with --html writes the page, which opens"
         " anywhere without a network.",
     )  # fmt: skip
-    parser.add_argument("file", metavar="F", help=".tsplat, .npz, .safetensors, .ply, .spz or .sog")
+    parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
     parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
