@@ -176,3 +176,40 @@ def damage_spz(data: bytes, rng: Random) -> bytes:
         body[at : at + width] = rng.choice(VALUES[width])
     damaged = damage(bytes(body), rng) if rng.random() < 0.6 else bytes(body)
     return gzip.compress(damaged, compresslevel=1, mtime=0)
+
+
+def damage_glb(data: bytes, rng: Random) -> bytes:
+    """A .glb whose JSON is damaged under right lengths, or its values, or its header."""
+    if rng.random() < 0.2:
+        return damage(data, rng)
+    (length,) = struct.unpack_from("<I", data, 12)
+    text = damage_json(data[20 : 20 + length], rng)
+    text += b" " * (-len(text) % 4)
+    rest = damage(data[20 + length :], rng) if rng.random() < 0.3 else data[20 + length :]
+    total = 20 + len(text) + len(rest)
+    return struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A) + text + rest
+
+
+def damage_sog(data: bytes, rng: Random) -> bytes:
+    """A bundle with a damaged `meta.json`, or pictures damaged, swapped or left out, under right checksums."""
+    if rng.random() < 0.2:
+        return damage(data, rng)
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = {info.filename: archive.read(info) for info in archive.infolist()}
+    if rng.random() < 0.6:
+        members["meta.json"] = damage_json(members["meta.json"], rng)
+    name = rng.choice(list(members))
+    match rng.randrange(4):
+        case 0:
+            members[name] = damage(members[name], rng)
+        case 1:
+            members[name] = members[rng.choice(list(members))]
+        case 2:
+            members[rng.choice(("../x.webp", "meta.json", "quats.webp"))] = members.pop(name)
+        case _:
+            pass
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return out.getvalue()

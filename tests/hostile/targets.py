@@ -37,9 +37,18 @@ from tinysplat_runtime.scene.scenes import load_cameras, load_scene
 from . import corpus
 from .containers import damage_container, damage_whole
 from .damage import damage
-from .documents import damage_json, damage_npz, damage_ply, damage_safetensors, damage_spz, damage_text
+from .documents import (
+    damage_glb,
+    damage_json,
+    damage_npz,
+    damage_ply,
+    damage_safetensors,
+    damage_sog,
+    damage_spz,
+    damage_text,
+)
 from .graphs import damage_network, network_seeds
-from .worker import forked_worker
+from .worker import forked_usd_worker, forked_worker
 
 LIMITS = Limits(max_pixels=1 << 14, max_memory_bytes=16 << 20)
 """What the attacked readers may take: small, so that a file that gets more shows in the process's memory."""
@@ -200,6 +209,15 @@ def _colmap(rng: Random) -> None:
         load_scene(folder)
 
 
+def _usd(rng: Random) -> None:
+    """Damaged text, or damaged binary, in a process of its own and within bounds."""
+    suffix, spoil = rng.choice(((".usda", damage_text), (".usda", damage_text), (".usdc", damage), (".usdz", damage)))
+    with tempfile.TemporaryDirectory() as folder, forked_usd_worker():
+        path = Path(folder) / f"f{suffix}"
+        path.write_bytes(spoil(rng.choice(corpus.gaussian_seeds(suffix)), rng))
+        ts.load_gaussians(path, max_bytes=LIMITS.max_memory_bytes)
+
+
 def _photo_file(rng: Random) -> None:
     data = damage_container(rng.choice(corpus.photo_file_seeds()), rng)
     if rng.random() < 0.5:
@@ -246,6 +264,13 @@ TARGETS: dict[str, Target] = {
         _gaussian_file(".safetensors", damage_safetensors),
         _gaussian_file(".ply", damage_ply),
         _gaussian_file(".spz", damage_spz, corpus.spz_seeds),
+        _gaussian_file(".compressed.ply", damage_ply),
+        _gaussian_file(".glb", damage_glb),
+        _gaussian_file(".gltf", damage_json),
+        _gaussian_file(".sog", damage_sog),
+        _gaussian_file(".splat", damage, corpus.splat_seeds),
+        _gaussian_file(".ksplat", damage, corpus.ksplat_seeds),
+        Target("usd", _usd, (InputError,)),
         Target("transforms", _transforms, (InputError,)),
         Target("colmap", _colmap, (InputError,)),
         Target("photos", _photo_file, (FormatError, ModelError, InputError, NumericError)),

@@ -102,19 +102,23 @@ def compressed_arrays(elements: Any) -> dict[str, NDArray]:
     """
     chunk, vertex = elements["chunk"].data, elements["vertex"].data
     ranges = _RANGES if "min_r" in (chunk.dtype.names or ()) else _RANGES[:12]
-    words = _columns(vertex, _WORDS, "vertex").astype(np.uint32)
-    bounds = _columns(chunk, ranges, "chunk").astype(np.float64)
+    words = _columns(vertex, _WORDS, "vertex", "iu").astype(np.uint32)
+    bounds = _columns(chunk, ranges, "chunk")
     if not len(words) or len(bounds) != -(-len(words) // CHUNK):
         raise InputError(f"{len(bounds)} chunks for {len(words)} Gaussians, expected one for {CHUNK}")
-    rows = np.repeat(bounds, CHUNK, axis=0)[: len(words)].reshape(len(words), -1, 3)  # low, high of each attribute
+    if not np.isfinite(bounds).all():
+        raise InputError("a range that is not finite", where="chunk")
+    rows = np.repeat(bounds.astype(np.float64), CHUNK, axis=0)[: len(words)]
+    low_high = rows.reshape(len(words), -1, 3)  # of each attribute in turn
     position, scale = _split(words[:, 0], (11, 10, 11)), _split(words[:, 2], (11, 10, 11))
     colour = _split(words[:, 3], (8, 8, 8, 8))
-    rgb = colour[:, :3] if rows.shape[1] == 4 else _between(rows[:, 4], rows[:, 5], colour[:, :3])
-    with np.errstate(over="ignore", invalid="ignore"):  # Gaussians will name what is not finite
+    has_colours = low_high.shape[1] == 6
+    rgb = _between(low_high[:, 4], low_high[:, 5], colour[:, :3]) if has_colours else colour[:, :3]
+    with np.errstate(over="ignore"):  # Gaussians will name what is not finite
         return {
-            "means": _between(rows[:, 0], rows[:, 1], position),
+            "means": _between(low_high[:, 0], low_high[:, 1], position),
             "quats": _unpacked_rotation(words[:, 1]),
-            "scales": np.exp(_between(rows[:, 2], rows[:, 3], scale)),
+            "scales": np.exp(_between(low_high[:, 2], low_high[:, 3], scale)),
             "opacities": colour[:, 3],
             "sh": np.concatenate([((rgb - 0.5) / C0)[:, None], _higher(elements, len(words))], axis=1),
         }
@@ -128,7 +132,7 @@ def _higher(elements: Any, count: int) -> NDArray:
     names = [f"f_rest_{i}" for i in range(len(data.dtype.names or ()))]
     if len(names) not in _SH_COUNTS or len(data) != count:
         raise InputError(f"{len(data)} rows of {len(names)} SH values for {count} Gaussians")
-    codes = _columns(data, names, "sh").astype(np.float64)
+    codes = _columns(data, names, "sh", "iu").astype(np.float64)
     middles = np.where(codes <= 0, 0, np.where(codes >= 255, 1, (codes + 0.5) / 256))
     return ((middles - 0.5) * 8).reshape(count, 3, -1).swapaxes(1, 2)
 
@@ -192,8 +196,8 @@ def _element(name: str, names: Sequence[str], values: NDArray, kind: np.dtype) -
     return plyfile.PlyElement.describe(rows.view([(column, kind) for column in names])[:, 0], name)
 
 
-def _columns(data: NDArray[Any], names: Sequence[str], element: str) -> NDArray:
-    held = {name for name in data.dtype.names or () if data.dtype[name].kind in "fiu"}
+def _columns(data: NDArray[Any], names: Sequence[str], element: str, kinds: str = "fiu") -> NDArray:
+    held = {name for name in data.dtype.names or () if data.dtype[name].kind in kinds}
     missing = [name for name in names if name not in held]
     if missing:
         raise InputError(f"lacks {', '.join(missing[:4])}", where=element)

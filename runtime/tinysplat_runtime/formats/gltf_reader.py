@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..gaussian.notes import NAMES
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import parsing, read_limited
 from .axes import half_turned
@@ -59,12 +60,14 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
 
 def read_gltf_notes(path: Path) -> dict[str, Any]:
     """What `asset` says about the scene: fields of `Notes`."""
-    asset = _File(path, max_bytes=0).document.get("asset", {})
-    extras = asset.get("extras", {}) if isinstance(asset, dict) else {}
-    known = {name: extras[name] for name in ("unit", "attribution", "licence") if name in extras}
-    if not known and isinstance(asset, dict) and isinstance(asset.get("copyright"), str):
-        known = {"attribution": asset["copyright"]}
-    return known
+    asset = _object(_File(path, max_bytes=0).document.get("asset"))
+    extras = _object(asset.get("extras"))
+    known = {name: extras[name] for name in NAMES if name in extras}
+    return known or ({"attribution": asset["copyright"]} if isinstance(asset.get("copyright"), str) else {})
+
+
+def _object(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 class _File:
@@ -106,7 +109,7 @@ class _File:
     def accessor(self, index: Any, name: str) -> NDArray:
         """(N, width) float64 values of an accessor, (N,) of a scalar one; normalised integers as glTF has them."""
         accessor: Any = self.entry("accessors", index)
-        kind, width = _TYPES.get(accessor.get("componentType")), _WIDTHS.get(accessor.get("type"))
+        kind, width = _known(_TYPES, accessor.get("componentType")), _known(_WIDTHS, accessor.get("type"))
         count, start = accessor.get("count"), accessor.get("byteOffset", 0)
         if kind is None or width is None or not _is_index(count) or count < 1 or not _is_index(start):
             raise InputError("damaged accessor", where=name)
@@ -114,7 +117,7 @@ class _File:
             raise InputError("a sparse accessor, expected one with a buffer view", where=name)
         view: Any = self.entry("bufferViews", accessor["bufferView"])
         if view.get("extensions"):
-            raise InputError(f"compressed by {', '.join(view['extensions'])}, expected plain values", where=name)
+            raise InputError(f"compressed by {ascii(view['extensions'])[:80]}, expected plain values", where=name)
         item = np.dtype(kind).itemsize * width
         stride, first, length = view.get("byteStride", item), view.get("byteOffset", 0), view.get("byteLength")
         if not all(map(_is_index, (stride, first, length))) or not item <= stride <= 252:
@@ -128,14 +131,15 @@ class _File:
             raise InputError("a buffer view beyond its buffer", where=name)
         flat = np.frombuffer(data, np.uint8, (count - 1) * stride + item, first + start)
         rows = np.lib.stride_tricks.as_strided(flat, (count, item), (stride, 1))
-        values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # Gaussians will name what is not finite
+            values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
         if accessor.get("normalized") is True and kind != "<f4":
             values = np.maximum(values / np.iinfo(kind).max, -1)
         return values[:, 0] if width == 1 else values
 
     def _buffer(self, index: Any) -> bytes:
+        entry = self.entry("buffers", index)
         if index not in self._buffers:
-            entry = self.entry("buffers", index)
             self._buffers[index] = self._embedded() if "uri" not in entry else self._at(entry["uri"])
         return self._buffers[index]
 
@@ -160,11 +164,16 @@ class _File:
             except (binascii.Error, ValueError):
                 raise InputError("a buffer's base64 is damaged") from None
         name = unquote(uri)
-        target = (self._path.parent / name).resolve()
-        inside = target.is_relative_to(self._path.parent.resolve())
-        if "\0" in name or ":" in name or name.startswith(("/", "\\")) or not inside:
-            raise InputError(f"buffer '{uri[:60]}', expected a file in the folder of the .gltf")
+        target = self._path.parent / name
+        odd = "\0" in name or ":" in name or name.startswith(("/", "\\")) or not name.isprintable()
+        if odd or not target.resolve().is_relative_to(self._path.parent.resolve()):
+            raise InputError(f"buffer {ascii(uri)[:60]}, expected a file in the folder of the .gltf")
         return read_limited(target, self._budget)
+
+
+def _known(table: Mapping[Any, Any], key: Any) -> Any:
+    """The entry of a key that may be of any type."""
+    return table.get(key) if isinstance(key, (int, str)) else None
 
 
 def _is_index(value: Any) -> bool:
@@ -207,13 +216,12 @@ def _local_matrix(node: Mapping[str, Any]) -> NDArray:
 def _mesh_parts(file: _File, mesh: Any, matrix: NDArray) -> Iterator[dict[str, NDArray]]:
     primitives = file.entry("meshes", mesh).get("primitives")
     for primitive in primitives if isinstance(primitives, list) else ():
-        extensions = primitive.get("extensions", {}) if isinstance(primitive, dict) else {}
-        if not isinstance(extensions, dict) or EXTENSION not in extensions:
+        extensions = _object(_object(primitive).get("extensions"))
+        if EXTENSION not in extensions:
             continue
-        extension = extensions[EXTENSION]
-        inner = extension.get("extensions") if isinstance(extension, dict) else None
+        inner = _object(extensions[EXTENSION]).get("extensions")
         if inner:
-            raise InputError(f"compressed by {', '.join(map(str, inner))[:80]}, expected plain {EXTENSION}")
+            raise InputError(f"compressed by {ascii(inner)[:80]}, expected plain {EXTENSION}")
         yield placed(_primitive_arrays(file, primitive), matrix)
 
 
