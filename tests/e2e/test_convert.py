@@ -112,3 +112,11 @@ def test_a_depth_map_is_z_in_16_bits(files: dict[str, Path], tmp_path: Path) -> 
 def test_bad_options_are_one_line(files: dict[str, Path], tmp_path: Path, options: tuple[str, ...], words: str) -> None:
     assert words in fail("convert", files["npz"], "-o", tmp_path / "out.ply", *options)
     assert not (tmp_path / "out.ply").exists()
+
+
+def test_check_says_bytes_and_loss(files: dict[str, Path], tmp_path: Path) -> None:
+    done = succeed("convert", files["npz"], "-o", tmp_path / "g.spz", "--check")
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith(f"{tmp_path / 'g.spz'}: {(tmp_path / 'g.spz').stat().st_size / 1e3:.1f} KB, ")
+    assert "dB beside its source" in last
+    assert "--check" in fail("convert", files["npz"], "-o", tmp_path / "p.ply", "--points", "--check")

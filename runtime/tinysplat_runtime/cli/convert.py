@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, TinySplatError
+from ..formats.check import file_loss
 from ..formats.table import save_gaussians, save_points
 from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, select_views, similarity, trim_border
 from ..gaussian.gaussians import Gaussians
@@ -23,6 +24,8 @@ _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 def convert(args: Namespace) -> None:
     """Gaussian files to another format; several become one."""
+    if args.check and args.points:
+        raise InputError("given with --points, which writes no Gaussians to compare", where="--check")
     parts = []
     for file in args.files:
         loaded = load_any(Namespace(**{**vars(args), "file": file}), Stopwatch())
@@ -37,6 +40,8 @@ def convert(args: Namespace) -> None:
     write(args, args.output, gaussians)
     if not args.quiet:
         print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
+    if args.check:
+        print(f"{args.output}: {file_loss(args.output, gaussians)}")
 
 
 def selected(args: Namespace, gaussians: Gaussians) -> Gaussians:

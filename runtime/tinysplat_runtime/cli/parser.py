@@ -245,6 +245,7 @@ def _convert(commands: Commands) -> None:
     parser.add_argument("--rotate", default="x,0", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
     parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
+    parser.add_argument("--check", action="store_true", help="read the file again and say its bytes and loss in dB")
 
 
 def _info(commands: Commands) -> None:

@@ -1,0 +1,72 @@
+"""What a written Gaussian file lost: read again, and held against the Gaussians it was made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..gaussian.gaussians import Gaussians
+from ..render import Renderer
+from ..render.paths import orbit, outside
+from ..scene.cameras import Camera
+from ..system.files import StrPath
+from .table import load_gaussians
+
+MAX_VIEWS = 6
+"""Pictures compared at most; of scenes with more views, evenly chosen ones."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A file beside what it was made of.
+
+    Attributes:
+        bytes: of the file.
+        psnr: dB of its pictures against the original's, the mean over the views; infinite where all are equal.
+        views: pictures that were compared.
+    """
+
+    bytes: int
+    psnr: float
+    views: int
+
+    def __str__(self) -> str:
+        beside = "equal to its source" if math.isinf(self.psnr) else f"{self.psnr:.2f} dB beside its source"
+        return f"{self.bytes / 1e3:.1f} KB, {beside}, mean of {self.views} views"
+
+
+def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
+    """Read a Gaussian file again and compare its pictures with the original's.
+
+    Args:
+        path: a file made of `gaussians`.
+        gaussians: the original; seen from its own views, or from around it where it has none.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    views = _views(gaussians)
+    ours, theirs = Renderer(gaussians, compiled=False), Renderer(load_gaussians(path), compiled=False)
+    errors = [np.mean((ours.render(camera) - theirs.render(camera)) ** 2, dtype=np.float64) for camera in views]
+    each = [-10 * math.log10(error) if error else math.inf for error in errors]
+    size = sum(part.stat().st_size for part in _parts(Path(path)))
+    return Loss(size, sum(each) / len(each), len(each))
+
+
+def _views(gaussians: Gaussians) -> Sequence[Camera]:
+    if not gaussians.cameras:
+        camera = outside(gaussians)
+        means = gaussians.flat().means.astype(np.float64) + gaussians.origin
+        depth = float(np.median((means - camera.centre) @ camera.c2w[:3, 2]))
+        return orbit([camera], 4, depth)
+    every = np.linspace(0, len(gaussians.cameras) - 1, min(MAX_VIEWS, len(gaussians.cameras)))
+    return [gaussians.cameras[int(v)] for v in every.round()]
+
+
+def _parts(path: Path) -> list[Path]:
+    """The file, or all of a SOG folder."""
+    return [path] if path.suffix != ".json" else [path, *path.parent.glob("*.webp")]

@@ -1,0 +1,45 @@
+"""What `convert --check` says: the loss of a file by its own pictures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.formats.check import file_loss
+
+
+def test_an_exact_file_loses_nothing(tmp_path: Path) -> None:
+    made = make_smooth_gaussians(2, 24, 32, degree=1)
+    ts.save_gaussians(tmp_path / "a.npz", made)
+    loss = file_loss(tmp_path / "a.npz", made)
+    assert math.isinf(loss.psnr) and loss.views == 2 and loss.bytes == (tmp_path / "a.npz").stat().st_size
+    assert "equal to its source" in str(loss)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_the_loss_is_that_of_pictures_made_by_hand(tmp_path: Path, kept: bool) -> None:
+    made = make_smooth_gaussians(2, 24, 32, degree=0)
+    if not kept:  # without views, from around
+        made = made.flat()
+    darker = replace(made, sh=made.sh - np.float32(0.05))
+    ts.save_gaussians(tmp_path / "a.npz", darker)
+    loss = file_loss(tmp_path / "a.npz", made)
+    if kept:
+        mse = [np.mean((ts.render(made, c) - ts.render(darker, c)) ** 2) for c in made.cameras]
+        assert loss.psnr == pytest.approx(np.mean([-10 * np.log10(e) for e in mse]), abs=1e-3)
+    assert loss.views == (2 if kept else 4) and 20 < loss.psnr < 60
+
+
+def test_a_sog_folder_counts_all_its_pictures(tmp_path: Path) -> None:
+    made = make_smooth_gaussians(2, 24, 32, degree=1)
+    (tmp_path / "s").mkdir()
+    ts.save_gaussians(tmp_path / "s" / "meta.json", made)
+    loss = file_loss(tmp_path / "s" / "meta.json", made)
+    assert loss.bytes == sum(part.stat().st_size for part in (tmp_path / "s").iterdir())
+    assert loss.psnr > 40
