@@ -46,7 +46,7 @@ def tsplat_seeds() -> tuple[Seed, ...]:
     runtime = ts.Runtime(threads=1)
     files = [runtime.compress(g, profile) for g, profile in cases]
     files.append(runtime.compress(make_smooth_gaussians(1, 6, 8, 0), lossless=True))
-    noted = make_smooth_gaussians(1, 5, 7, 0).with_notes(ts.Notes("metre", "Jörg Müller", "CC-BY-4.0"))
+    noted = make_smooth_gaussians(1, 5, 7, 0).with_notes(ts.Notes("metre", "Jörg Müller", "CC-BY-4.0", "20 steps"))
     files.append(runtime.compress(noted, "paper"))
     return tuple(Seed.of(data) for data in files)
 

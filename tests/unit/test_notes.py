@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
@@ -170,3 +171,36 @@ def test_hostile_notes_of_other_formats_are_refused(gaussians: ts.Gaussians, tmp
     np.savez(npz, **arrays, notes=np.zeros(10**6, np.uint8))
     with pytest.raises(ts.InputError, match="notes: more than"):
         ts.load_gaussians(npz)
+
+
+def test_how_a_scene_was_refined_has_a_section_of_its_own(gaussians: ts.Gaussians, coded: bytes) -> None:
+    refined = replace(NOTES, refined="20 steps on 4 photos: 24.1 to 27.9 dB")
+    both = ts.compress(gaussians.with_notes(refined), "fast")
+    assert ts.decompress(both).notes == refined and ts.inspect(both)["refined"] == refined.refined
+    assert len(both) == len(coded) + L.TABLE_ROW.size + len(refined.refined)
+    assert (ts.inspect(both)["version"], ts.inspect(coded)["refined"]) == ("1.2", None)
+    alone = ts.compress(gaussians.with_notes(ts.Notes(refined="5 steps")), "fast")
+    assert ts.decompress(alone).notes == ts.Notes(refined="5 steps") and b"NOTE" not in alone
+
+
+@pytest.mark.parametrize("text", [b"", b"x" * 129, b"\xff", b"a\x1b[31m"])
+def test_a_refinement_that_is_no_short_line_is_refused(gaussians: ts.Gaussians, text: bytes) -> None:
+    data = ts.compress(gaussians.with_notes(ts.Notes(refined="5 steps")), "fast")
+    with pytest.raises(ts.FormatError, match="REFI"):
+        ts.inspect(with_section(data, b"REFI", text))
+
+
+def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:
+    """A file with other bytes in a section, all lengths and checksums right."""
+    header = L.HEADER.unpack_from(data)
+    end, rows, bodies = L.HEADER.size + header[3] * L.TABLE_ROW.size, [], []
+    at = end
+    for row in range(header[3]):
+        found, flags, index, length, crc = L.TABLE_ROW.unpack_from(data, L.HEADER.size + row * L.TABLE_ROW.size)
+        body = text if found == kind else data[at : at + length]
+        at += length
+        rows.append(L.TABLE_ROW.pack(found, flags, index, len(body), crc32(body) if found == kind else crc))
+        bodies.append(body)
+    head = L.HEADER.pack(*header[:-1], 0)[:-4]
+    table = b"".join(rows)
+    return b"".join([head, struct.pack("<I", crc32(head + table)), table, *bodies])

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from ..api import Runtime
 from ..container.layout import Limits
+from ..container.notes import NOTE_NAMES
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.notes import NAMES
 from ..system.files import read_limited
 from ..system.stopwatch import Stopwatch
 
@@ -69,7 +69,7 @@ def load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
 
 def noted(args: Namespace, gaussians: Gaussians) -> Gaussians:
     """The Gaussians with what `--unit`, `--attribution` and `--licence` say, over what they said of themselves."""
-    given = {name: getattr(args, name) for name in NAMES if getattr(args, name) is not None}
+    given = {name: getattr(args, name) for name in NOTE_NAMES if getattr(args, name) is not None}
     try:
         return gaussians.with_notes(replace(gaussians.notes, **given)) if given else gaussians
     except InputError as error:

@@ -8,6 +8,7 @@ from typing import Any
 from ..codec.quantise import CodeMap
 from ..gaussian.planes import PlaneClass
 from .layout import PART, PLANES, ChannelRecord, Limits
+from .notes import NOTE_NAMES
 from .reader import Container, LayerHeader, read_container
 
 
@@ -20,9 +21,9 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         is_prefix: accept bytes that end before the file does.
 
     Returns:
-        A JSON-ready object: version, mode, network, photos, notes, profile, qp, views, height, width, gaussians,
-        sh_degree, k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes, prefixes,
-        left_out.
+        A JSON-ready object: version, mode, network, photos, notes, refined, profile, qp, views, height, width,
+        gaussians, sh_degree, k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes,
+        prefixes, left_out.
         In mode photos, what only the network knows (gaussians, sh_degree, k) is None; without photos, network and
         photos are.
 
@@ -39,7 +40,8 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "mode": container.mode,
         "network": asdict(container.network) if container.network else None,
         "photos": _photos(container),
-        "notes": asdict(container.notes),
+        "notes": {name: getattr(container.notes, name) for name in NOTE_NAMES},
+        "refined": container.notes.refined or None,
         "profile": container.profile,
         "qp": container.qp,
         "views": len(container.cameras),

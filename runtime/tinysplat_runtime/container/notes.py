@@ -1,65 +1,90 @@
-"""The optional section with what a scene's maker says about it. Layout: docs/FORMAT.md, `NOTE`."""
+"""The optional sections with what a scene's maker and `refine` say about it. Layout: docs/FORMAT.md, `NOTE`, `REFI`."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from zlib import crc32
 
 from ..errors import FormatError, InputError
-from ..gaussian.notes import MAX_BYTES, NAMES, Notes
+from ..gaussian.notes import MAX_BYTES, NO_NOTES, Notes
 from . import layout as L
-from .sections import Cursor
+from .sections import Cursor, Section, only
 
 NOTES = b"NOTE"
+REFINED = b"REFI"
+
 NOTES_FIXED = struct.Struct("<HHH")
 """Bytes of unit, attribution and licence, whose UTF-8 follows in this order."""
 
-_MINOR = 1
+NOTE_NAMES = ("unit", "attribution", "licence")
+
+_MINOR = {NOTES: 1, REFINED: 2}
 _PLACE = 2  # in the table, behind scene and cameras: metadata, in every prefix that shows anything
 
 
 def added_bytes(notes: Notes) -> int:
     """By how much `with_notes` makes a file larger."""
-    return L.TABLE_ROW.size + len(_section(notes)) if notes else 0
+    return sum(L.TABLE_ROW.size + len(data) for data in _sections(notes).values())
 
 
 def with_notes(data: bytes, notes: Notes) -> bytes:
-    """A file that our writer made, with the section added; the file itself where there is nothing to say."""
+    """A file that our writer made, with the sections added; the file itself where there is nothing to say."""
     if not notes:
         return data
+    sections = _sections(notes)
     magic, major, _, count, _, _ = L.HEADER.unpack_from(data)
     rows = [data[at : at + L.TABLE_ROW.size] for at in range(L.HEADER.size, _table_end(count), L.TABLE_ROW.size)]
     lengths = [L.TABLE_ROW.unpack(row)[3] for row in rows[:_PLACE]]
     at = _table_end(count) + sum(lengths)
-    section = _section(notes)
-    rows.insert(_PLACE, L.TABLE_ROW.pack(NOTES, 0, 0, len(section), crc32(section)))
-    table = b"".join(rows)
-    head = L.HEADER.pack(magic, major, _MINOR, count + 1, 0, 0)[:-4]
-    return b"".join(
-        (head, crc32(head + table).to_bytes(4, "little"), table, data[_table_end(count) : at], section, data[at:])
-    )
+    added = [L.TABLE_ROW.pack(kind, 0, 0, len(text), crc32(text)) for kind, text in sections.items()]
+    table = b"".join([*rows[:_PLACE], *added, *rows[_PLACE:]])
+    minor = max(_MINOR[kind] for kind in sections)
+    head = L.HEADER.pack(magic, major, minor, count + len(added), 0, 0)[:-4]
+    crc = crc32(head + table).to_bytes(4, "little")
+    return b"".join((head, crc, table, data[_table_end(count) : at], *sections.values(), data[at:]))
 
 
-def read_notes(cursor: Cursor) -> Notes:
-    """Parse and check a NOTE section."""
-    lengths = cursor.unpack(NOTES_FIXED)
-    texts = {}
-    for name, length in zip(NAMES, lengths, strict=True):
-        cursor.require(length <= MAX_BYTES[name], f"{name} of {length} bytes, at most {MAX_BYTES[name]}")
-        try:
-            texts[name] = bytes(cursor.take(length)).decode("utf-8")
-        except UnicodeDecodeError:
-            raise FormatError(f"{name} is not UTF-8", where=cursor.section.label) from None
-    cursor.finish()
+def read_notes(sections: Sequence[Section]) -> Notes:
+    """Parse and check the sections NOTE and REFI of a file, which need not be there."""
+    kinds = {section.kind for section in sections}
+    texts = _read_texts(Cursor(only(sections, NOTES))) if NOTES in kinds else {}
+    if REFINED in kinds:
+        cursor = Cursor(only(sections, REFINED))
+        length, most = len(cursor.section.data), MAX_BYTES["refined"]
+        cursor.require(1 <= length <= most, f"{length} bytes, expected 1 to {most}")
+        texts["refined"] = _text(cursor, "refined", length)
+    if not texts:
+        return NO_NOTES
     try:
         return Notes(**texts)
     except InputError as error:
-        raise FormatError(error.message, where=f"{cursor.section.label}: {error.where}") from None
+        label = only(sections, REFINED if error.where == "refined" else NOTES).label
+        raise FormatError(error.message, where=f"{label}: {error.where}") from None
 
 
-def _section(notes: Notes) -> bytes:
-    texts = [getattr(notes, name).encode() for name in NAMES]
-    return NOTES_FIXED.pack(*map(len, texts)) + b"".join(texts)
+def _read_texts(cursor: Cursor) -> dict[str, str]:
+    lengths = cursor.unpack(NOTES_FIXED)
+    texts = {}
+    for name, length in zip(NOTE_NAMES, lengths, strict=True):
+        cursor.require(length <= MAX_BYTES[name], f"{name} of {length} bytes, at most {MAX_BYTES[name]}")
+        texts[name] = _text(cursor, name, length)
+    cursor.finish()
+    return texts
+
+
+def _text(cursor: Cursor, name: str, length: int) -> str:
+    try:
+        return bytes(cursor.take(length)).decode("utf-8")
+    except UnicodeDecodeError:
+        raise FormatError(f"{name} is not UTF-8", where=cursor.section.label) from None
+
+
+def _sections(notes: Notes) -> dict[bytes, bytes]:
+    """The sections that there is something to say in."""
+    texts = [getattr(notes, name).encode() for name in NOTE_NAMES]
+    sections = {NOTES: NOTES_FIXED.pack(*map(len, texts)) + b"".join(texts)} if any(texts) else {}
+    return sections | ({REFINED: notes.refined.encode()} if notes.refined else {})
 
 
 def _table_end(count: int) -> int:

@@ -34,7 +34,7 @@ from .extras import (
     read_exact_layers,
     read_photo_mode,
 )
-from .notes import NOTES, read_notes
+from .notes import NOTES, REFINED, read_notes
 from .sections import Cursor, Section, only, read_table, require, verified
 
 
@@ -84,7 +84,7 @@ class Container:
         plane_sections: the sections that hold pictures of planes, in the file's order.
         network: the network that the receiver runs on `photos`; both or neither.
         exact: layers of exact planes, in place of `layers`.
-        notes: what the scene's maker says about it.
+        notes: what the scene's maker says about it, and how it was refined.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
     """
 
@@ -183,12 +183,8 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     planes = tuple(s for s in sections if s.kind in _PLANE_KINDS)
     return Container(
         version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, planes, total,
-        network, photos, exact, _read_notes(sections),
+        network, photos, exact, read_notes(sections),
     )  # fmt: skip
-
-
-def _read_notes(sections: list[Section]) -> Notes:
-    return read_notes(Cursor(only(sections, NOTES))) if NOTES in {section.kind for section in sections} else NO_NOTES
 
 
 def _grid(
@@ -210,7 +206,7 @@ def _grid(
 
 _PLANE_KINDS = frozenset(L.PLANES.values())
 _MODE_KINDS = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES, EXACT, EXACT_PLANES})
-_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, NOTES, *_MODE_KINDS, *_PLANE_KINDS}
+_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, NOTES, REFINED, *_MODE_KINDS, *_PLANE_KINDS}
 
 
 def _joined(sections: list[Section], plane_class: PlaneClass, index: int, layer: LayerHeader) -> memoryview:

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 
 from ..errors import InputError
 
-MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128}
+MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128}
 """Longest text of a field in UTF-8."""
 
 _REFUSED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control and formatting characters, surrogates, line and paragraph ends
@@ -26,6 +26,7 @@ class Notes:
         unit: of lengths, such as metre.
         attribution: whom to name, and what was changed.
         licence: an SPDX expression such as CC-BY-4.0, or an address.
+        refined: how the Gaussians were corrected after a network made them; `refine` says it, not the maker.
 
     Raises:
         InputError: names the field: too long, or with characters that do not print.
@@ -34,6 +35,7 @@ class Notes:
     unit: str = ""
     attribution: str = ""
     licence: str = ""
+    refined: str = ""
 
     def __post_init__(self) -> None:
         for name, text in asdict(self).items():
@@ -55,7 +57,7 @@ class Notes:
 
     @classmethod
     def joined(cls, parts: Sequence[Notes]) -> Notes:
-        """Notes of a scene made from several: every attribution and licence; the unit where all have the same.
+        """Notes of a scene made from several: every attribution and licence; the rest where all have the same.
 
         Raises:
             InputError: together they are too long.
@@ -64,14 +66,18 @@ class Notes:
         def different(name: str) -> list[str]:
             return list(dict.fromkeys(getattr(part, name) for part in parts))
 
-        units = different("unit")
+        def common(name: str) -> str:
+            texts = different(name)
+            return texts[0] if len(texts) == 1 else ""
+
         licences = [text for text in different("licence") if text]
         if len(licences) > 1:
             licences = [f"({text})" if " OR " in text else text for text in licences]
         return cls(
-            unit=units[0] if len(units) == 1 else "",
+            unit=common("unit"),
             attribution="; ".join(filter(None, different("attribution"))),
             licence=" AND ".join(licences),
+            refined=common("refined"),
         )
 
 
