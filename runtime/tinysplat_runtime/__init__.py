@@ -35,6 +35,7 @@ _MODULE_OF = {
     "load_gaussians": "formats.table",
     "load_scene": "scene.scenes",
     "predict": "api",
+    "refine": "api",
     "render": "api",
     "save_gaussians": "formats.table",
 }
@@ -57,12 +58,13 @@ __all__ = [
     "load_gaussians",
     "load_scene",
     "predict",
+    "refine",
     "render",
     "save_gaussians",
 ]
 
 if TYPE_CHECKING:
-    from .api import Runtime, compress, decompress, encode, inspect, predict, render
+    from .api import Runtime, compress, decompress, encode, inspect, predict, refine, render
     from .errors import FormatError, InputError, ModelError, NumericError, TinySplatError
     from .formats.table import load_gaussians, save_gaussians
     from .gaussian.gaussians import Gaussians

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -29,12 +29,13 @@ from .errors import InputError
 from .gaussian.gaussians import Gaussians
 from .graphs.inference import GraphStore
 from .graphs.predict import predict as run_network
+from .refine.stats import RefineStats
 from .render import Renderer
 from .render import render as render_gaussians
 from .scene.cameras import Camera
 from .scene.scenes import Scene
 from .system.stopwatch import Stopwatch
-from .system.threads import available_cores
+from .system.threads import Crew, available_cores
 
 DEFAULT_MODEL = "edge"
 
@@ -93,6 +94,45 @@ class Runtime:
         graph = self.store.network(model)
         with watch.stage("network"):
             return run_network(images, scene.cameras, near, far, graph)
+
+    def refine(
+        self,
+        gaussians: Gaussians,
+        scene: Scene,
+        steps: int | None = None,
+        *,
+        seconds: float | None = None,
+        profile: str = DEFAULT_PROFILE,
+        qp: float | None = None,
+        stats: RefineStats | None = None,
+        show: Callable[..., Iterator[int]] | None = None,
+    ) -> Gaussians:
+        """Correct Gaussians until they show the photos that they were made of; needs numba (`tinysplat[fast]`).
+
+        Args:
+            gaussians: per pixel, with cameras, of two views or more; of any network.
+            scene: with the photos, which are found by the poses of their cameras.
+            steps: how many to take at most, 20 unless `seconds` are given.
+            seconds: for how long at most, in place of `steps`.
+            profile, qp: what the result will be coded with, in whose steps its bytes are counted.
+            stats: filled with what was done.
+            show: see `refine.refine.refine`.
+
+        Returns:
+            Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
+            look better from the Gaussians of the other photos.
+
+        Raises:
+            InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.
+        """
+        try:
+            from .refine.refine import refine as run
+        except ImportError as error:
+            raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
+        return run(
+            gaussians, scene, steps=steps, seconds=seconds, profile=find_profile(profile), qp=float(qp or 0),
+            run_jobs=Crew(self.threads).map, stats=stats, show=show,
+        )  # fmt: skip
 
     def compress(
         self,
@@ -277,6 +317,11 @@ def _shared() -> Runtime:
 def predict(scene: Scene, model: str = DEFAULT_MODEL) -> Gaussians:
     """Gaussians of all views of a scene; see `Runtime.predict`."""
     return _shared().predict(scene, model)
+
+
+def refine(gaussians: Gaussians, scene: Scene, steps: int | None = None, **options: Any) -> Gaussians:
+    """Gaussians that show a scene's photos better; see `Runtime.refine`, whose options these are."""
+    return _shared().refine(gaussians, scene, steps, **options)
 
 
 def compress(

@@ -21,6 +21,27 @@ class AutoViews:
     count: int
 
 
+@dataclass(frozen=True)
+class Budget:
+    """For how many steps, or for how many seconds; one of them is None."""
+
+    steps: int | None = None
+    seconds: float | None = None
+
+
+def budget(text: str) -> Budget:
+    """`20` to steps, `10s` to seconds."""
+    if text.isdigit() and int(text) > 0:
+        return Budget(steps=int(text))
+    try:
+        seconds = float(text.removesuffix("s")) if text.endswith("s") else 0.0
+    except ValueError:
+        seconds = 0.0
+    if not 0 < seconds < float("inf"):
+        raise argparse.ArgumentTypeError(f"'{text}', expected steps such as 20 or seconds such as 10s")
+    return Budget(seconds=seconds)
+
+
 def size(text: str) -> tuple[int, int]:
     """`256x384` to (height, width)."""
     parts = text.lower().split("x")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians, save_gaussians
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.artifacts import load_manifest
+from ..refine.stats import RefineStats
 from ..render import Renderer, between, orbit
 from ..render.video import write_video
 from ..scene.cameras import Camera
@@ -61,6 +63,8 @@ __all__ = ["compress", "convert", "decode", "doctor", "encode", "info", "models"
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file."""
     args.profile = _profile(args)
+    if args.refine and args.mode in ("photos", "auto"):
+        raise InputError(f"with --mode {args.mode}, whose files carry no Gaussians that were refined", where="--refine")
     scene = _chosen_views(_scene(args), args.views)
     if args.size:
         scene = scene.resized(*args.size)
@@ -69,7 +73,9 @@ def encode(args: Namespace) -> None:
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
             print(f"{args.save_gaussians}: {loss}", file=sys.stderr)
-    _compress(args, runtime, gaussians, EncodeStats(watch=watch), scene)
+    refinement = RefineStats()
+    gaussians = _refined(args, runtime, gaussians, scene, watch, refinement)
+    _compress(args, runtime, gaussians, EncodeStats(watch=watch), scene, refinement)
 
 
 def compress(args: Namespace) -> None:
@@ -77,11 +83,17 @@ def compress(args: Namespace) -> None:
     args.profile = _profile(args)
     if args.mode != "gaussians":
         raise InputError(f"'{args.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
+    if bool(args.refine) != bool(args.photos):
+        given, missing = ("--refine", "--photos SCENE") if args.refine else ("--photos", "--refine STEPS")
+        raise InputError(f"needs {missing} too", where=given)
     grid = grid_option(args.grid)
     cameras = load_cameras(args.cameras) if args.cameras else None
     gaussians = noted(args, load_gaussians(args.gaussians, grid=grid, cameras=cameras))
+    runtime, stats, refinement = Runtime(threads=args.threads, providers=providers(args)), EncodeStats(), RefineStats()
     try:
-        _compress(args, Runtime(threads=args.threads, providers=providers(args)), gaussians, EncodeStats())
+        if args.photos:
+            gaussians = _refined(args, runtime, gaussians, load_scene(args.photos), stats.watch, refinement)
+        _compress(args, runtime, gaussians, stats, refinement=refinement)
     except TinySplatError as error:
         raise error.within(args.gaussians) from None
 
@@ -216,9 +228,30 @@ def _profile(args: Namespace) -> str:
     return args.profile or DEFAULT_PROFILE
 
 
+def _refined(
+    args: Namespace, runtime: Runtime, gaussians: Gaussians, scene: Scene, watch: Stopwatch, stats: RefineStats
+) -> Gaussians:
+    """The Gaussians after `--refine`, if that was asked for."""
+    if not args.refine:
+        return gaussians
+
+    def show(steps: Iterable[int], total: int | None, note: Callable[[], str]) -> Iterator[int]:
+        return progress(steps, total, "refine", quiet=args.quiet, note=note)
+
+    steps, seconds = args.refine.steps, args.refine.seconds
+    with watch.stage("refine"):
+        gaussians = runtime.refine(
+            gaussians, scene, steps, seconds=seconds, profile=args.profile, qp=args.qp, stats=stats, show=show
+        )
+    if not args.quiet:
+        print(stats.text)
+    return gaussians
+
+
 def _compress(
-    args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats, scene: Scene | None = None
-) -> None:
+    args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats, scene: Scene | None = None,
+    refinement: RefineStats | None = None,
+) -> None:  # fmt: skip
     names = ("target_size", "target_psnr", "lossless", "drop_invalid")
     options = {name: getattr(args, name) for name in names}
     if args.like is not None:
@@ -238,6 +271,8 @@ def _compress(
         report["clipped"] = stats.clipped
         report["error_by_attribute"] = _errors(gaussians, runtime.decompress(data, model=getattr(args, "model", None)))
         report["reason"] = stats.reason
+        if args.refine and refinement is not None:
+            report["refine"] = asdict(refinement)
         _write_json(args.report, report)
     if not args.quiet:
         raw = sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
@@ -355,6 +390,7 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d),
         *_network_lines(d),
         *(f"{name}: {text}" for name, text in d["notes"].items() if text),
+        *([f"refined: {d['refined']}"] if d["refined"] else []),
         "",
         "class        bytes   share",
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),

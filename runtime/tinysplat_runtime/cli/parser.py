@@ -19,7 +19,7 @@ from typing import NoReturn, TypeAlias
 
 from .. import __version__
 from ..errors import InputError, TinySplatError
-from .arguments import byte_count, count, indices, numbers, port, positive, size, views
+from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, views
 
 PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they mean; not imported, to start fast
 
@@ -81,6 +81,10 @@ def _coding() -> _Parser:
     coding.add_argument(
         "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
     )
+    coding.add_argument(
+        "--refine", type=budget, metavar="STEPS|10s",
+        help="correct the Gaussians until they show their photos better, for so many steps or seconds (needs numba)",
+    )  # fmt: skip
     coding.add_argument("--report", metavar="R.json", help="write bytes, seconds, memory and errors as JSON")
     return coding
 
@@ -202,6 +206,7 @@ def _compress(commands: Commands) -> None:
     )
     parser.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
     parser.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
+    parser.add_argument("--photos", metavar="SCENE", help="the photos that --refine holds the Gaussians against")
     parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from .compiled import Visible, Workspace, batches, redo_wide, view_numbers
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES
 from .kernels_project import CHUNK, GEOMETRY, RECORD
-from .prepare import BLOCK_SIZE, Block, principal_axes
+from .prepare import ALPHA_MIN, BLOCK_SIZE, Block, principal_axes
 from .project import View
 from .renderer import NEAR_PLANE
 
@@ -45,7 +45,7 @@ class PhotoError:
         by_offset: d `absolute` / d offset.
         covered_squared: Σ error² where splats cover the picture.
         covered: how many pixels that is.
-        count: of pixels times colours.
+        known: how many pixels there are that the photo knows.
     """
 
     absolute: float
@@ -53,18 +53,18 @@ class PhotoError:
     by_gain: float
     by_offset: float
     covered_squared: float
-    covered: int
-    count: int
+    covered: float
+    known: float
 
     @property
     def psnr(self) -> float:
         """In dB."""
-        return _psnr(self.squared, self.count)
+        return _psnr(self.squared, self.known)
 
     @property
     def covered_psnr(self) -> float:
         """In dB, where splats cover the picture; NaN where they do nowhere."""
-        return _psnr(self.covered_squared, 3 * self.covered) if self.covered else math.nan
+        return _psnr(self.covered_squared, self.covered)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +169,28 @@ class MovableGaussians:
             self._pieces,
         )
 
+    def gaussians(self, start: Gaussians) -> Gaussians:
+        """`start`, which these were made of, as the values have it; what can show nowhere has opacity 0."""
+        layers = []
+        for number, layer in enumerate(start.layers):
+            grids = [grid for grid in self.grids if grid.layer == number]
+            values = np.stack([self.values[:, grid.rows].reshape(VALUES, grid.height, grid.width) for grid in grids], 1)
+            centres = np.stack([camera.centre for camera in layer.cameras])[:, None, None] - start.origin
+            away = np.exp(values[LOG_DEPTH].astype(np.float64))[..., None]
+            grown = away * np.exp(values[LOG_SIZE].astype(np.float64))[..., None]
+            opacities = 1 / (1 + np.exp(-values[LOGIT].astype(np.float64)))
+            sh = layer.sh.copy()
+            sh[..., 0, :] = np.moveaxis(values[SH_RED:], 0, -1)
+            fields = {
+                "means": centres + away * (layer.means - centres),
+                "quats": layer.quats,
+                "scales": grown * layer.scales,
+                "opacities": np.where(opacities < ALPHA_MIN, 0, opacities),
+                "sh": sh,
+            }
+            layers.append(replace(layer, **fields, extra_layers=()))
+        return replace(layers[0], extra_layers=tuple(layers[1:]), notes=start.notes)
+
     def measure(
         self, camera: Camera, photo: NDArray, *, gain: float = 1.0, offset: float = 0.0, weight: float = 1.0,
         gradient: NDArray | None = None, without: Collection[int] = (),
@@ -177,7 +199,7 @@ class MovableGaussians:
 
         Args:
             camera: where it was taken.
-            photo: (H, W, 3) float32, of the camera's size.
+            photo: (H, W, 3) float32, of the camera's size; pixels whose red is NaN are left out.
             gain, offset: how it was exposed.
             weight: what a unit of |error| counts in `gradient`.
             gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
@@ -195,8 +217,7 @@ class MovableGaussians:
             starts = self._measure(visible, listed, (first, last), columns, photo, exposure, sums, gradient is not None)
             if gradient is not None:
                 self._add_up(pieces, visible, starts, (first, last), columns, view, gradient)
-        absolute, squared, by_gain, by_offset, covered_squared, covered = sums.sum(axis=0).tolist()
-        return PhotoError(absolute, squared, by_gain, by_offset, covered_squared, int(covered), photo.size)
+        return PhotoError(*sums.sum(axis=0).tolist())
 
     def _workspace(self) -> Workspace:
         if not hasattr(self._local, "workspace"):
@@ -290,5 +311,5 @@ def _by_chunk(planes: NDArray) -> NDArray:
     return np.ascontiguousarray(padded.reshape(len(planes), -1, CHUNK).swapaxes(0, 1))
 
 
-def _psnr(squared: float, count: int) -> float:
-    return -10 * math.log10(max(squared / count, 1e-15))
+def _psnr(squared: float, pixels: float) -> float:
+    return -10 * math.log10(max(squared / (3 * pixels), 1e-15)) if pixels else math.nan

@@ -69,9 +69,9 @@ PAIR = 9
 """Sums of a pair: pull, pull·u, pull·w, pull·u², pull·u·w, pull·w², and weight by colour's gradient (3), where u and w
 are whitened pixels and pull is the gradient with respect to the exponent."""
 
-SUMS = 6
-"""Of a tile: |error|, squared error of values clipped to [0, 1], sign·picture, sign, squared error and number of what
-the splats cover."""
+SUMS = 7
+"""Of a tile: |error|, squared error of values clipped to [0, 1], sign·picture, sign, squared error and number of the
+pixels that splats cover, and number of pixels. Pixels whose red is NaN count nowhere and have no gradient."""
 
 COVERED = 0.4
 """A pixel is covered where no more than this transmittance is left."""
@@ -155,10 +155,10 @@ def measure_tile(
         scratch: as long.
         corner: row and column of the tile's first pixel.
         workspace: (`STATE`,) and (`AHEAD`, 16) float32, (`DIGITS`,) int64.
-        photo: (H, W, 3) float32.
+        photo: (H, W, 3) float32, NaN where nothing is known.
         exposure: gain and offset that the picture is seen with, and what a unit of |error| counts.
         pairs: (pairs, 9) float32, written at the tile's places.
-        sums: (6,) float64, written.
+        sums: (7,) float64, written.
         with_gradient: whether to write `pairs`.
     """
     state, near, histogram = workspace
@@ -205,11 +205,14 @@ def _compare(
     for line in range(height):
         for lane in range(width):
             at = line * _ROW + lane
-            covered = abs(state[at]) <= _COVERED
+            covered, is_known = abs(state[at]) <= _COVERED, not np.isnan(photo[row + line, column + lane, 0])
             behind, squares = _ZERO, 0.0
             for channel in range(3):
                 plane = at + (1 + channel) * _STRIDE
                 found, wanted = state[plane], photo[row + line, column + lane, channel]
+                if not is_known:
+                    state[plane] = _ZERO
+                    continue
                 seen = gain * found + offset
                 error = np.float64(seen - wanted)
                 clipped = np.float64(min(max(seen, _ZERO), _ONE) - wanted)
@@ -221,9 +224,10 @@ def _compare(
                 state[plane] = _F(sign) * gain * weight
                 behind += state[plane] * found
             sums[1] += squares
-            if covered:
+            if covered and is_known:
                 sums[4] += squares
                 sums[5] += 1
+            sums[6] += is_known
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
 
 

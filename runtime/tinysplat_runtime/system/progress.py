@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 T = TypeVar("T")
 
 
-def progress(items: Iterable[T], total: int, label: str, *, quiet: bool) -> Iterator[T]:
-    """Yield the items and show how many are done on standard error: tqdm's bar if installed, else a count."""
+def progress(
+    items: Iterable[T], total: int | None, label: str, *, quiet: bool, note: Callable[[], str] = str
+) -> Iterator[T]:
+    """Yield the items and show how many are done on standard error: tqdm's bar if installed, else a count.
+
+    Args:
+        items: what is worked through.
+        total: how many there are; None where nobody knows.
+        label: what is done.
+        quiet: whether to show nothing.
+        note: says how things stand, behind the bar.
+    """
     if quiet or not sys.stderr.isatty():
         yield from items
         return
     try:
         from tqdm import tqdm
     except ImportError:
-        for done, item in enumerate(items):
-            print(f"\r{label} {done}/{total}", end="", file=sys.stderr, flush=True)
+        done, of = 0, "" if total is None else f"/{total}"
+        for item in items:
+            print(f"\r{label} {done}{of} {note()}", end="", file=sys.stderr, flush=True)
             yield item
-        print(f"\r{label} {total}/{total}", file=sys.stderr)
+            done += 1
+        print(f"\r{label} {done}{of} {note()}", file=sys.stderr)
         return
-    yield from tqdm(items, total=total, desc=label, delay=1.0, file=sys.stderr)
+    with tqdm(items, total=total, desc=label, delay=1.0, file=sys.stderr) as bar:
+        for item in bar:
+            yield item
+            bar.set_postfix_str(note(), refresh=False)

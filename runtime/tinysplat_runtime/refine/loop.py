@@ -1,0 +1,116 @@
+"""The loop: draw every photo, see what is wrong, correct all Gaussians at once, and know which step was the best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussian.sh import C0
+from ..render.gradient import Grid, MovableGaussians, PhotoError
+from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
+from . import kernels
+from .photos import Target
+from .price import PlanePrice
+from .settings import LIMITS, Settings
+
+
+class Loop:
+    """Gaussians on their way.
+
+    Attributes:
+        field: as they stand.
+        exposures: (V, 2) float64, gain and offset of every photo against the scene; their mean stays 1 and 0.
+        errors: what the last step saw of every photo before it moved.
+        settings: see there.
+    """
+
+    def __init__(
+        self, field: MovableGaussians, sizes: Sequence[Sequence[Target]], prices: dict[tuple[int, int], PlanePrice],
+        settings: Settings, run_jobs: Callable,
+    ) -> None:  # fmt: skip
+        """Begin.
+
+        Args:
+            field: moved.
+            sizes: the photos at every size that steps alternate between, the coded one first.
+            prices: by layer and view.
+            settings: see there.
+            run_jobs: maps a function over a list, on any number of threads.
+        """
+        self.field, self.errors = field, tuple[PhotoError, ...]()
+        self._sizes, self._prices, self.settings, self._run = sizes, prices, settings, run_jobs
+        self.exposures = np.tile([1.0, 0.0], (len(sizes[0]), 1))
+        self._exposure_means = np.zeros((2, *self.exposures.shape))
+        self._gradient = np.zeros_like(field.values)
+        self._first, self._second = np.zeros((2, *field.values.shape), np.float32)
+        self._count = 0
+        self._edges = {(grid.layer, grid.view): self._edge_weights(grid) for grid in field.grids}
+
+    def step(self) -> None:
+        """Draw all photos at one size, and correct."""
+        targets = self._sizes[self._count % len(self._sizes)]
+        area = self._sizes[0][0].photo.size / targets[0].photo.size
+        self._gradient[:] = 0
+        self.errors = tuple(
+            self.field.measure(
+                target.camera, target.photo, gain=gain, offset=offset, weight=area, gradient=self._gradient
+            )
+            for target, (gain, offset) in zip(targets, self.exposures, strict=True)
+        )
+        self._count += 1
+        self._run(self._regularise, self.field.grids)
+        self._run(self._correct, range(VALUES))
+        self._expose()
+        self.field.place()
+
+    def photo_psnr(self) -> float:
+        """dB of the photos as they are, drawn from all Gaussians; the mean."""
+        return float(np.mean([self.field.measure(target.camera, target.photo).psnr for target in self._sizes[0]]))
+
+    def check(self) -> float:
+        """dB of the photos, each drawn from the Gaussians of the others; the mean."""
+        errors = [
+            self.field.measure(target.camera, target.photo, gain=gain, offset=offset, without=(view,))
+            for view, (target, (gain, offset)) in enumerate(zip(self._sizes[0], self.exposures, strict=True))
+        ]
+        return float(np.mean([error.psnr for error in errors]))
+
+    def _regularise(self, grid: Grid) -> None:
+        shape = (VALUES, grid.height, grid.width)
+        values, gradient = (array[:, grid.rows].reshape(shape) for array in (self.field.values, self._gradient))
+        key, settings = (grid.layer, grid.view), self.settings
+        kernels.add_variation(values[LOG_DEPTH], *self._edges[key], settings.variation, gradient[LOG_DEPTH])
+        if settings.price > 0:
+            self._prices[key].add_gradient(values, gradient)
+
+    def _correct(self, kind: int) -> None:
+        settings = self.settings
+        numbers = (
+            settings.step_sizes[kind], settings.momentum, settings.memory, settings.noise, float(self._count),
+            *LIMITS[kind],
+        )  # fmt: skip
+        kernels.adam(self.field.values[kind], self._gradient[kind], self._first[kind], self._second[kind], numbers)
+
+    def _expose(self) -> None:
+        """A step of Adam for gains and offsets, by mean instead of summed |error|; then the mean of all goes back."""
+        settings, means = self.settings, self._exposure_means
+        slopes = np.array([[error.by_gain, error.by_offset] for error in self.errors])
+        slopes /= np.array([[3 * error.known] for error in self.errors])
+        for mean, memory, power in zip(means, (settings.momentum, settings.memory), (slopes, slopes**2), strict=True):
+            mean += (1 - memory) * (power - mean)
+        first, second = (
+            mean / (1 - memory**self._count)
+            for mean, memory in zip(means, (settings.momentum, settings.memory), strict=True)
+        )
+        self.exposures -= settings.exposure * first / (np.sqrt(second) + 1e-3)
+        self.exposures -= self.exposures.mean(axis=0) - (1, 0)
+
+    def _edge_weights(self, grid: Grid) -> tuple[NDArray, NDArray]:
+        """(H, W) float32 each: how much a change of depth has to be that of the right and of the lower neighbour."""
+        colours = self.field.values[SH_RED:, grid.rows].reshape(-1, grid.height, grid.width)
+        across, down = np.zeros((2, grid.height, grid.width), np.float32)
+        across[:, :-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=2)).mean(axis=0))
+        down[:-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=1)).mean(axis=0))
+        return across, down

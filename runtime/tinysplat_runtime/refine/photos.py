@@ -1,0 +1,101 @@
+"""The photos that Gaussians are held against: which of a scene's frames they are, and at which sizes.
+
+Trust boundary: every view needs a photo of its own size and pose, whose values are numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..scene.cameras import Camera
+from ..scene.scenes import Frame, Scene
+
+SAME_PLACE = 1e-3
+"""Largest distance of a photo's camera from a view's, as a share of the greatest distance between views, and largest
+difference of their rotations' entries."""
+
+SAME_PIXEL = 0.5
+"""Largest difference in pixels of intrinsics."""
+
+CLOSER = 2
+"""Photos this many times as large are looked at too, where they are at hand: a scene is then good from closer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A photo at one size.
+
+    Attributes:
+        camera: where it was taken.
+        photo: (H, W, 3) float32 in [0, 1].
+    """
+
+    camera: Camera
+    photo: NDArray
+
+
+def matched(gaussians: Gaussians, scene: Scene) -> Scene:
+    """The scene's frames that the views of the Gaussians were taken as, of their size and in their order.
+
+    Raises:
+        InputError: Gaussians of no pixels, or a view whose pose or intrinsics no frame has.
+    """
+    if not gaussians.is_per_pixel:
+        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+    if len(gaussians.cameras) < 2:
+        raise InputError("one view, expected two or more: one photo says nothing about depth", where="gaussians")
+    centres = np.stack([camera.centre for camera in gaussians.cameras])
+    reach = float(np.linalg.norm(centres[:, None] - centres, axis=-1).max())
+    return scene.views([_frame(view, camera, scene, reach) for view, camera in enumerate(gaussians.cameras)]).resized(
+        gaussians.cameras[0].height, gaussians.cameras[0].width
+    )
+
+
+def _frame(view: int, camera: Camera, scene: Scene, reach: float) -> int:
+    """The frame that has a view's pose."""
+    away = [float(np.linalg.norm(frame.camera.centre - camera.centre)) for frame in scene.frames]
+    turned = [float(np.abs(frame.camera.rotation - camera.rotation).max()) for frame in scene.frames]
+    fits = [i for i in range(len(away)) if away[i] <= SAME_PLACE * reach and turned[i] <= SAME_PLACE]
+    if not fits:
+        nearest = int(np.argmin(away))
+        found = f"no photo has its pose; the nearest, {nearest}, lies {away[nearest]:.3g} away"
+        raise InputError(f"{found}, expected at most {SAME_PLACE * reach:.3g} and the same turn", where=f"view {view}")
+    best = min(fits, key=lambda i: away[i])
+    stated = scene.frames[best].resized(camera.height, camera.width).camera
+    apart = float(np.abs(stated.K - camera.K).max())
+    if apart > SAME_PIXEL:
+        found = f"photo {best} at {camera.width}x{camera.height} has other intrinsics, {apart:.3g} px off"
+        raise InputError(f"{found}, expected at most {SAME_PIXEL:g}: other sizes or crops?", where=f"view {view}")
+    return best
+
+
+def sizes_of(gaussians: Gaussians, scene: Scene) -> list[list[Target]]:
+    """The photos at the size of the views, and at `CLOSER` times that size where they are that large.
+
+    Args:
+        gaussians: whose cameras the targets of the first size get.
+        scene: of `matched`.
+
+    Raises:
+        InputError: a photo that cannot be read.
+    """
+    height, width = gaussians.cameras[0].height, gaussians.cameras[0].width
+    images = scene.images()
+    if not np.isfinite(images).all():
+        raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
+    sizes = [[Target(camera, image) for camera, image in zip(gaussians.cameras, images, strict=True)]]
+    if all(_is_as_large(frame, CLOSER * height, CLOSER * width) for frame in scene.frames):
+        closer = scene.resized(CLOSER * height, CLOSER * width)
+        targets = zip(closer.cameras, closer.images(), strict=True)
+        sizes.append([Target(camera, image) for camera, image in targets])
+    return sizes
+
+
+def _is_as_large(frame: Frame, height: int, width: int) -> bool:
+    photo = frame.photo_camera or frame.camera
+    return photo.height >= height and photo.width >= width

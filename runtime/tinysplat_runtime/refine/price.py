@@ -1,0 +1,82 @@
+"""What changes of Gaussians cost in a file: a smooth count of bits, on the planes that are coded, in their steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codec.adaptive import class_step
+from ..codec.profiles import ADAPTIVE, AdaptiveSettings, Profile
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import PlaneClass
+from ..render.gradient import Grid
+from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
+from . import kernels
+
+_DEPTH_FINER = 0.5
+"""Depth's step where none is measured, as a share of the one that measuring starts from."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePrice:
+    """A view's planes in quantiser steps.
+
+    Attributes:
+        inverse_depth: (H, W) float32, 1/z at the start over depth's step.
+        size: (H, W) float32, mean ŝ at the start over the scale's step.
+        opacity, color: steps.
+        bit: |error| that a bit is worth.
+    """
+
+    inverse_depth: NDArray
+    size: NDArray
+    opacity: float
+    color: float
+    bit: float
+
+    def add_gradient(self, values: NDArray, gradient: NDArray) -> None:
+        """Add the gradient of the bits' price; values and gradient are (6, H, W) float32."""
+        opacity = (1 / (1 + np.exp(-values[LOGIT]))).astype(np.float32)
+        planes = {
+            LOG_DEPTH: (self.inverse_depth * np.exp(-values[LOG_DEPTH]), -1.0),
+            LOG_SIZE: (self.size * np.exp(values[LOG_SIZE]), 1.0),
+            LOGIT: (opacity / np.float32(self.opacity), 1 - opacity),
+        }
+        slope = np.empty(values.shape[1:], np.float32)
+        for kind, (plane, factor) in planes.items():
+            slope[:] = 0
+            kernels.add_bits(plane, self.bit, slope)
+            gradient[kind] += slope * plane * factor
+        for kind in range(SH_RED, len(values)):
+            slope[:] = 0
+            kernels.add_bits(values[kind] / np.float32(self.color), self.bit, slope)
+            gradient[kind] += slope / np.float32(self.color)
+
+
+def plane_prices(gaussians: Gaussians, grids: tuple[Grid, ...], profile: Profile, qp: float, bit: float) -> dict:
+    """A `PlanePrice` for every grid, by (layer, view)."""
+    settings = profile.settings if isinstance(profile.settings, AdaptiveSettings) else ADAPTIVE
+    coarser = 2 ** (qp / 6)
+    planes = {(grid.layer, grid.view): _planes(gaussians.layers[grid.layer], grid.view) for grid in grids}
+    first = [planes[0, view] for view in range(len(gaussians.cameras))]
+    depth = _DEPTH_FINER * settings.depth_step * float(np.mean([inverse.mean() for inverse, _ in first])) * coarser
+    width = min(max(float(np.mean([size.mean() for _, size in first])), 0.2), 1.0) / settings.width
+    scale, opacity, color = (
+        class_step(settings, c) * coarser for c in (PlaneClass.SCALE, PlaneClass.OPACITY, PlaneClass.COLOR)
+    )
+    return {
+        key: PlanePrice(
+            (inverse / depth).astype(np.float32), (size / (scale / width)).astype(np.float32), opacity, color, bit
+        )
+        for key, (inverse, size) in planes.items()
+    }
+
+
+def _planes(layer: Gaussians, view: int) -> tuple[NDArray, NDArray]:
+    """(H, W) float64 each: 1/z and the mean of ŝ."""
+    camera = layer.cameras[view]
+    z = (layer.means[view] - (camera.centre - layer.origin)) @ camera.rotation[2]
+    inverse = np.divide(1.0, z, out=np.zeros_like(z), where=z > 0)  # nothing is coded of what has no depth
+    return inverse, layer.scales[view].mean(axis=-1) * camera.focal * inverse

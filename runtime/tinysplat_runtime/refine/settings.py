@@ -1,0 +1,67 @@
+"""What refinement is told: how far a step goes, and what it may cost. Chosen on dev: docs/lab/refine.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
+
+STEPS = 20
+"""Taken where neither steps nor seconds are asked for."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How Gaussians are corrected.
+
+    Attributes:
+        log_depth, log_size, logit, sh: largest change of a value in a step, roughly (Adam's step size).
+        momentum, memory: Adam's β₁ and β₂.
+        noise: Adam's ε: gradients much smaller than this, in |error| summed over a photo's pixels, change little, and
+            so cost no bytes.
+        variation: weight of the total variation of changes of log depth, at 0 contrast.
+        edge: how fast that weight falls with the photo's contrast, e^(−edge · |difference|).
+        price: |error| that a bit of the file is worth.
+        exposure: step size of a photo's gain and offset.
+        look_every: steps from one look at the check to the next.
+        least_gain: dB by which a look has to be better than the best one, so that steps that gain next to nothing,
+            and cost bytes, are not taken.
+        patience: looks that may be no better before the loop ends.
+    """
+
+    log_depth: float = 2e-3
+    log_size: float = 1e-2
+    logit: float = 4e-2
+    sh: float = 1.4e-2
+    momentum: float = 0.9
+    memory: float = 0.99
+    noise: float = 5e-3
+    variation: float = 0.05
+    edge: float = 10.0
+    price: float = 0.01
+    exposure: float = 2e-3
+    look_every: int = 5
+    least_gain: float = 0.03
+    patience: int = 2
+
+    @property
+    def step_sizes(self) -> tuple[float, ...]:
+        """(6,) by kind of value."""
+        by_kind = {LOG_DEPTH: self.log_depth, LOG_SIZE: self.log_size, LOGIT: self.logit}
+        return tuple(by_kind.get(kind, self.sh) for kind in range(VALUES))
+
+
+LIMITS: tuple[tuple[float, float], ...] = (
+    (-0.7, 0.7), (-2.0, 2.0), (-25.0, 14.0), *[(-4.0, 8.0)] * (VALUES - SH_RED),
+)  # fmt: skip
+"""Least and greatest value by kind: half to twice the depth, an eighth to seven times the size, any opacity, and
+colours from −0.6 to 2.8. Values that begin outside stay where they are or move inwards."""
+
+
+FOR_TWO = Settings(look_every=2, patience=1)
+"""Two photos say little about depth: what helps does so in a few steps, and the check is looked at every other one."""
+
+
+def settings_for(views: int) -> Settings:
+    """What fits that many photos."""
+    return FOR_TWO if views == 2 else Settings()

@@ -1,0 +1,36 @@
+"""What refinement did: the numbers behind `--report` and the line that a command prints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class RefineStats:
+    """What refinement did.
+
+    Attributes:
+        steps: how many were taken.
+        kept: after how many of them the result was the best; 0 where it is the start.
+        looks: (step, dB) of the photos, each drawn from the Gaussians of the others.
+        before, after: dB of the photos at the start and at the end, drawn from all Gaussians.
+        reason: why the start is returned; empty where it is not.
+    """
+
+    steps: int = 0
+    kept: int = 0
+    looks: list[tuple[int, float]] = field(default_factory=list)
+    before: float = float("nan")
+    after: float = float("nan")
+    reason: str = ""
+
+    @property
+    def text(self) -> str:
+        """In a line."""
+        if self.kept == 0:
+            return f"refinement leaves the Gaussians as they are: {self.reason}"
+        first, best = self.looks[0][1], max(dB for _, dB in self.looks)
+        return (
+            f"refined in {self.kept} steps: photos {self.before:.2f} to {self.after:.2f} dB, from the Gaussians of the"
+            f" other photos {first:.2f} to {best:.2f}"
+        )

@@ -1,0 +1,212 @@
+"""Refinement gains at photos that it never saw, knows when it does not, and refuses photos that do not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import make_cameras, make_smooth_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.cli import main
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.refine.stats import RefineStats
+from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.scenes import Frame, Scene, camera_entry
+
+SIZE = 40, 48
+
+
+def truth(views: int) -> ts.Gaussians:
+    """A smooth surface of one colour a place, seen by `views` cameras."""
+    gaussians = make_smooth_gaussians(views, *SIZE, degree=0)
+    return replace(gaussians, opacities=np.full_like(gaussians.opacities, 0.8))
+
+
+def worn(gaussians: ts.Gaussians, seed: int = 0) -> ts.Gaussians:
+    """What a network might have made of it: colours, sizes and opacities off, and some floaters near the cameras."""
+    rng = np.random.default_rng(seed)
+    centres = np.stack([camera.centre for camera in gaussians.cameras])[:, None, None]
+    shape = gaussians.opacities.shape
+    nearer = np.where(rng.uniform(size=shape) < 0.05, 0.7, 1.0)[..., None]
+    return replace(
+        gaussians,
+        means=centres + nearer * (gaussians.means - centres),
+        scales=0.8 * gaussians.scales,
+        opacities=(gaussians.opacities - 0.2 * rng.uniform(size=shape)).astype(np.float32),
+        sh=gaussians.sh + 0.15 * rng.normal(size=gaussians.sh.shape),
+    )
+
+
+def photographed(folder: Path, gaussians: ts.Gaussians, cameras: list[ts.Camera]) -> Scene:
+    renderer = Renderer(gaussians)
+    frames = []
+    for n, camera in enumerate(cameras):
+        write_png(folder / f"{n}.png", renderer.render(camera))
+        frames.append(Frame(camera, folder / f"{n}.png"))
+    return Scene(folder, tuple(frames), 1.0, 10.0)
+
+
+def psnr(gaussians: ts.Gaussians, scene: Scene) -> float:
+    renderer = Renderer(gaussians)
+    errors = [np.mean((renderer.render(frame.camera) - frame.image()) ** 2) for frame in scene.frames]
+    return float(np.mean([-10 * np.log10(error) for error in errors]))
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[ts.Gaussians, Scene, Scene]:
+    """Worn Gaussians of three views, their photos, and photos from between that refinement is not shown."""
+    whole = truth(3)
+    photos = photographed(tmp_path_factory.mktemp("photos"), whole, list(whole.cameras))
+    between = photographed(tmp_path_factory.mktemp("between"), whole, make_cameras(4, *SIZE, spacing=0.1))
+    return worn(whole), photos, between
+
+
+def test_photos_that_it_never_saw_come_nearer(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    start, photos, between = case
+    stats = RefineStats()
+    refined = ts.refine(start, photos, 15, stats=stats)
+    assert psnr(refined, between) > psnr(start, between) + 2
+    assert psnr(refined, photos) == pytest.approx(stats.after, abs=0.01)
+    assert stats.kept == 15 and stats.looks[-1][1] > stats.looks[0][1]
+    assert refined.notes.refined == f"15 steps on 3 photos: {stats.before:.1f} to {stats.after:.1f} dB"
+
+
+def test_results_are_the_same_on_any_number_of_threads(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    start, photos, _ = case
+    one, other = (ts.Runtime(threads=n).refine(start, photos, 3) for n in (1, 3))
+    assert all((getattr(one, name) == getattr(other, name)).all() for name in FIELDS)
+
+
+def test_gaussians_stay_on_their_rays_and_turn_no_way(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    start, photos, _ = case
+    refined = ts.refine(start, photos, 5)
+    for view, camera in enumerate(start.cameras):
+        before, after = start.means[view] - camera.centre, refined.means[view] - camera.centre
+        away = (after * before).sum(axis=-1) / (before**2).sum(axis=-1)
+        assert (away > 0.5).all() and np.abs(away - 1).max() > 1e-3
+        np.testing.assert_allclose(after, away[..., None] * before, atol=1e-5)
+    np.testing.assert_array_equal(refined.quats, start.quats)
+
+
+def test_what_is_right_already_is_handed_back_as_it_is(tmp_path: Path) -> None:
+    whole = truth(2)
+    photos = photographed(tmp_path, whole, list(whole.cameras))
+    stats = RefineStats()
+    assert ts.refine(whole, photos, 4, stats=stats) is whole
+    assert stats.kept == 0 and "no step" in stats.text and not whole.notes.refined
+
+
+def test_photos_of_another_scene_leave_the_gaussians_as_they_are(
+    case: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path
+) -> None:
+    start, photos, _ = case
+    noise = np.random.default_rng(1).uniform(size=(*SIZE, 3))
+    write_png(tmp_path / "other.png", noise)
+    strange = replace(photos, frames=(*photos.frames[:2], replace(photos.frames[2], path=tmp_path / "other.png")))
+    stats = RefineStats()
+    assert ts.refine(start, strange, 3, stats=stats) is start
+    assert stats.steps == 0 and "photo 2 shows something else" in stats.text
+
+
+def test_frames_are_found_by_their_poses(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    start, photos, between = case
+    crowd = replace(photos, frames=(*between.frames, *photos.frames[::-1]))
+    one, other = ts.refine(start, photos, 1), ts.refine(start, crowd, 1)
+    assert all((getattr(one, name) == getattr(other, name)).all() for name in FIELDS)
+
+
+def moved(frame: Frame, **changes) -> Frame:
+    return replace(frame, camera=replace(frame.camera, **changes))
+
+
+def test_photos_that_do_not_fit_are_refused_by_view(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    start, photos, _ = case
+    few = replace(photos, frames=photos.frames[:2])
+    with pytest.raises(ts.InputError, match=r"view 2: no photo has its pose; the nearest, 1, lies 0.316 away"):
+        ts.refine(start, few)
+    K = photos.frames[1].camera.K * np.array([[1.2], [1.2], [1]])
+    longer = replace(photos, frames=(photos.frames[0], moved(photos.frames[1], K=K), photos.frames[2]))
+    with pytest.raises(ts.InputError, match="view 1: photo 1 at 48x40 has other intrinsics"):
+        ts.refine(start, longer)
+    with pytest.raises(ts.InputError, match="gaussians: belong to no pixels"):
+        ts.refine(start.flat(), photos)
+    with pytest.raises(ts.InputError, match="one view"):
+        fields = {name: getattr(start, name)[:1] for name in FIELDS}
+        ts.refine(replace(start, **fields, cameras=start.cameras[:1]), photos)
+
+
+@pytest.mark.parametrize("budget", [{"steps": 0}, {"steps": 1.5}, {"seconds": -1.0}, {"steps": 3, "seconds": 3.0}])
+def test_budgets_out_of_range_are_refused(case: tuple[ts.Gaussians, Scene, Scene], budget: dict) -> None:
+    with pytest.raises(ts.InputError, match=r"^(steps|seconds): "):
+        ts.refine(case[0], case[1], **budget)
+
+
+def test_seconds_end_it(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    stats = RefineStats()
+    ts.refine(*case[:2], seconds=1e-6, stats=stats)
+    assert stats.steps == 0 and stats.looks == [(0, stats.looks[0][1])]
+
+
+def test_a_missing_numba_is_named_with_what_brings_it(
+    case: tuple[ts.Gaussians, Scene, Scene], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    for name in [name for name in sys.modules if name.startswith("tinysplat_runtime.refine.refine")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "tinysplat_runtime.refine.loop", None)
+    with pytest.raises(ts.InputError, match=r'pip install "tinysplat\[fast\]" brings it'):
+        ts.refine(*case[:2], 1)
+
+
+def test_the_commands_refine_report_and_say_so(
+    case: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import json
+
+    start, photos, _ = case
+    ts.save_gaussians(tmp_path / "g.npz", start)
+    entries = [camera_entry(frame.path.name, frame.camera) for frame in photos.frames]
+    (photos.path / "cameras.json").write_text(json.dumps({"frames": entries, "near": 1, "far": 10}))
+    raw, out, report = (str(tmp_path / name) for name in ("g.npz", "r.tsplat", "r.json"))
+    scene = ["--photos", str(photos.path)]
+    assert main(["compress", raw, *scene, "--refine", "3", "-o", out, "--report", report]) == 0
+    assert "refined in 3 steps: photos" in capsys.readouterr().out
+    document = json.loads(Path(report).read_text())
+    assert document["seconds"]["refine"] > 0 and document["refine"]["kept"] == 3
+    assert main(["info", out]) == 0
+    assert "refined: 3 steps on 3 photos" in capsys.readouterr().out
+    assert main(["info", out, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["refined"].startswith("3 steps on 3 photos")
+    for words in (["--refine", "3"], scene, [*scene, "--refine", "0"], [*scene, "--refine", "3x"]):
+        with pytest.raises(SystemExit) if "--refine" in words and words[-1] != "3" else _nothing():
+            assert main(["compress", raw, "-o", str(tmp_path / "x.tsplat"), *words]) == 2
+    assert not (tmp_path / "x.tsplat").exists()
+
+
+def test_an_interrupt_leaves_nothing_behind(
+    case: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tinysplat_runtime.refine.loop import Loop
+
+    start, photos, _ = case
+    ts.save_gaussians(tmp_path / "g.npz", start)
+
+    def interrupt(self: Loop) -> Iterator[int]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Loop, "step", interrupt)
+    words = ["compress", str(tmp_path / "g.npz"), "--photos", str(photos.path), "--refine", "3"]
+    assert main([*words, "-o", str(tmp_path / "x.tsplat"), "-q"]) == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["g.npz"]
+
+
+def _nothing():
+    import contextlib
+
+    return contextlib.nullcontext()
