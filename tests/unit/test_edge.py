@@ -124,7 +124,7 @@ def test_the_network_is_small() -> None:
     assert ring == 48
 
 
-def test_warped_values_stay_below_six_million(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warped_values_stay_below_seven_million(monkeypatch: pytest.MonkeyPatch) -> None:
     read = [0]
     original = functional.grid_sample
 
@@ -137,7 +137,7 @@ def test_warped_values_stay_below_six_million(monkeypatch: pytest.MonkeyPatch) -
     with torch.no_grad():
         Edge()(*inputs(2, 64, 64))
     # 64 × 64 pixels: the frame counts a sixteenth of 256 × 256, but the ring more than that
-    assert 0 < 16 * read[0] <= 6.3e6
+    assert 0 < 16 * read[0] <= 6.8e6
 
 
 @pytest.mark.parametrize("position", [4.0, 4.3, 9.75])

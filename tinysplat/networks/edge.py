@@ -41,6 +41,7 @@ from .sweep import (
     opacities_from_agreement,
     settled,
 )
+from .witnesses import WitnessSettings, kept_opacity
 
 __all__ = ["MAX_VIEWS", "MIN_SIDE", "MIN_VIEWS", "OUTPUT_NAMES", "STRIDE", "Edge", "EdgeSettings"]
 
@@ -64,6 +65,7 @@ class EdgeSettings:
         analysis: the analytic part.
         narrowing: of the range that is swept.
         half_alignment: of depth to the photos at half resolution.
+        witnesses: of what opacity is kept beside other views.
         fine_colour_weight: of the costs at half resolution, which compare colours alone: fewer values to warp.
         coarser_grids: 1/4, 1/8, … of the photo's sides, whose costs lead those of the next finer one.
         lead: factor on a coarser grid's aggregated costs.
@@ -92,6 +94,7 @@ class EdgeSettings:
     half_alignment: AlignmentSettings = field(
         default_factory=lambda: AlignmentSettings(steps=1, window=7, any_exposure=True)
     )
+    witnesses: WitnessSettings = field(default_factory=WitnessSettings)
     fine_colour_weight: float = 2.2
     coarser_grids: int = 2
     lead: float = 0.1
@@ -265,6 +268,9 @@ class Edge(nn.Module):
         unit = s.depth_reach / (s.analysis.candidates - 1)
         full = (full + unit * torch.tanh(change[:, :1])).clamp(0, 1)
         opacity = OPACITY_CAP * torch.sigmoid(torch.logit(opacity / OPACITY_CAP, 1e-3) + change[:, 1:2])
+        with _without_gradient():
+            kept = kept_opacity(full.detach(), opacity.detach() / OPACITY_CAP, K, c2w, witnesses, depths, s.witnesses)
+        opacity = opacity * kept
         footprint = s.analysis.footprint * torch.exp(s.log_footprint_reach * torch.tanh(change[:, 2:3]))
         colours = images + s.analysis.sharpening * (images - box_mean(images, 3))
         coarse_colours, colours = colours, colours + s.colour_reach * torch.tanh(change[:, 3:])
