@@ -203,5 +203,26 @@ def test_urls_are_read_and_written_through_fsspec(scenes: Path) -> None:
 def test_every_option_changes_the_fingerprint() -> None:
     (plain,) = read_manifest("/a", "out", Options())
     others = ['{"scene": "/a", "qp": 1}', '{"scene": "/a", "views": [0, 1]}', "/b/a", '{"scene": "/a", "size": [8, 8]}']
+    others += ['{"scene": "/a", "refine": "5"}', '{"scene": "/a", "refine": "5s"}']
     prints = {read_manifest(text, "out", Options())[0].fingerprint for text in others}
-    assert len(prints | {plain.fingerprint}) == 5
+    assert len(prints | {plain.fingerprint}) == 7
+    with pytest.raises(InputError, match="line 1: refine: 'soon', expected steps such as 20 or seconds such as 10s"):
+        read_manifest('{"scene": "/a", "refine": "soon"}', "out", Options())
+
+
+def test_a_batch_codes_what_refinement_made_of_a_scene(
+    scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def refine(self: ts.Runtime, gaussians: ts.Gaussians, scene: ts.Scene, steps: int | None, **options: Any) -> Any:
+        asked.append((len(scene.frames), steps, options))
+        return gaussians.with_notes(ts.Notes(refined="seen"))
+
+    monkeypatch.setattr(ts.Runtime, "refine", refine)
+    for words in ("", "7", "2.5s"):
+        encode(Job("s0", str(scenes / "s0"), str(tmp_path / f"{words}.tsplat"), Options(refine=words, qp=3)))
+    refined = [ts.inspect((tmp_path / f"{words}.tsplat").read_bytes())["refined"] for words in ("", "7", "2.5s")]
+    assert refined == [None, "seen", "seen"]
+    coding = {"profile": "balanced", "qp": 3}
+    assert asked == [(2, 7, {"seconds": None, **coding}), (2, None, {"seconds": 2.5, **coding})]

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import time
+from argparse import ArgumentTypeError
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -14,6 +15,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
+from tinysplat_runtime.cli.arguments import Budget, budget
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.scene.scenes import load_scene
@@ -37,6 +39,7 @@ class Options:
         model: network.
         profile: of the codec.
         qp: Q_g.
+        refine: steps (`20`) or seconds (`10s`) of refinement before coding; empty for none.
     """
 
     views: tuple[int, ...] | None = None
@@ -47,6 +50,7 @@ class Options:
     model: str = DEFAULT_MODEL
     profile: str = "balanced"
     qp: float = 0.0
+    refine: str = ""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,10 @@ class Job:
     @property
     def fingerprint(self) -> str:
         """Changes with the task, the scene's place and every option."""
-        text = json.dumps([self.task, self.scene, dataclasses.asdict(self.options)], sort_keys=True)
+        options = dataclasses.asdict(self.options)
+        if not self.options.refine:
+            del options["refine"]  # as it was before there was refinement: what was done then need not be done again
+        text = json.dumps([self.task, self.scene, options], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -94,7 +101,13 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
             scene = scene.views(choose_views(scene.cameras, *scene.depth_range(), options.auto))
         if options.size is not None:
             scene = scene.resized(*options.size)
-        data = runtime.compress(runtime.predict(scene, options.model), options.profile, options.qp)
+        gaussians = runtime.predict(scene, options.model)
+        if options.refine:
+            asked = refinement(options.refine)
+            gaussians = runtime.refine(
+                gaussians, scene, asked.steps, seconds=asked.seconds, profile=options.profile, qp=options.qp
+            )
+        data = runtime.compress(gaussians, options.profile, options.qp)
     write(job.output, data)
     return {
         "bytes": len(data),
@@ -102,6 +115,14 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
         "seconds": round(time.perf_counter() - start, 3),
         "worker": os.getpid(),
     }
+
+
+def refinement(text: str) -> Budget:
+    """What an option `refine` asks for; InputError where it is neither steps nor seconds."""
+    try:
+        return budget(str(text))
+    except ArgumentTypeError as error:
+        raise InputError(str(error), where="refine") from None
 
 
 def is_done(job: Job, record: dict[str, Any] | None) -> bool:
@@ -167,6 +188,8 @@ def _job(line: str, folder: str, defaults: Options, base: str, task: str) -> Job
     values: dict[str, Any] = {
         key: _tuple(key, value) if key in ("views", "size") else value for key, value in entry.items()
     }
+    if values.get("refine"):
+        refinement(values["refine"])
     place = scene if "://" in scene or scene.startswith("/") or not base else join(base, scene)
     return Job(name, place, join(folder, name + SUFFIXES[task]), dataclasses.replace(defaults, **values), task)
 

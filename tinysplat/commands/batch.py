@@ -8,7 +8,7 @@ from functools import partial
 
 from tinysplat.batch.engines import run_processes, run_ray
 from tinysplat.batch.evaluation import evaluate
-from tinysplat.batch.jobs import Options, encode, read_manifest
+from tinysplat.batch.jobs import Options, encode, read_manifest, refinement
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.api import DEFAULT_MODEL
@@ -43,6 +43,7 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--qp", type=float, default=0.0, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0"
     )
+    parser.add_argument("--refine", default="", metavar="STEPS|10s", help="refine every scene first; see encode")
 
 
 def run(args: Namespace) -> int:
@@ -51,6 +52,10 @@ def run(args: Namespace) -> int:
         raise InputError("an address is for --engine ray", where="--address")
     if args.evaluate and args.views is not None:
         raise InputError("--evaluate takes the views of each scene's eval_index.json", where="--views")
+    if args.refine:
+        if args.evaluate:
+            raise InputError("refines what is coded, and --evaluate measures networks as they are", where="--refine")
+        refinement(args.refine)
     data = read(args.manifest)
     if data is None:
         raise InputError("no such file", where=args.manifest)
@@ -59,6 +64,7 @@ def run(args: Namespace) -> int:
         views=None if chosen is None or isinstance(chosen, AutoViews) else tuple(chosen),
         auto=chosen.count if isinstance(chosen, AutoViews) else 0,
         size=args.size, near=args.near, far=args.far, model=args.model, profile=args.profile, qp=args.qp,
+        refine=args.refine,
     )  # fmt: skip
     base = args.manifest.rpartition("/")[0] or "."
     try:
