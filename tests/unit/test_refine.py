@@ -72,8 +72,10 @@ def test_photos_that_it_never_saw_come_nearer(case: tuple[ts.Gaussians, Scene, S
     refined = ts.refine(start, photos, 15, stats=stats)
     assert psnr(refined, between) > psnr(start, between) + 2
     assert psnr(refined, photos) == pytest.approx(stats.after, abs=0.01)
-    assert stats.kept == 15 and stats.looks[-1][1] > stats.looks[0][1]
-    assert refined.notes.refined == f"15 steps on 3 photos: {stats.before:.1f} to {stats.after:.1f} dB"
+    checks = dict(stats.looks)
+    assert stats.kept > 0 and checks[stats.kept] > checks[0] + 0.05
+    assert checks[stats.kept] >= max(checks.values()) - 0.05
+    assert refined.notes.refined == f"{stats.kept} steps on 3 photos: {stats.before:.1f} to {stats.after:.1f} dB"
 
 
 def test_results_are_the_same_on_any_number_of_threads(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
