@@ -180,6 +180,10 @@ def outside(document: dict[str, Any]) -> None:
     document["buffers"][0]["uri"] = "../secret.bin"
 
 
+def endless_name(document: dict[str, Any]) -> None:
+    document["buffers"][0]["uri"] = "x" * 5000
+
+
 def network(document: dict[str, Any]) -> None:
     document["buffers"][0]["uri"] = "https://example.org/a.bin"
 
@@ -221,7 +225,7 @@ def partial(document: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (outside, "folder"), (network, "folder"), (many, "too short"), (unequal, "beside 2 positions"),
+        (outside, "folder"), (endless_name, "folder"), (network, "folder"), (many, "too short"), (unequal, "beside 2 positions"),
         (stretched, "uniform scale"), (endless, "no end"), (compressed, "compressed by"), (plain, "no primitive"),
         (negative, "damaged"), (partial, "SH_DEGREE_1_COEF_1"),
     ],

@@ -32,6 +32,7 @@ from .placement import placed
 
 _MAX_JSON_BYTES = 16 << 20
 _MAX_NODES, _MAX_DEPTH = 10_000, 64
+_MAX_NAME = 200  # letters of a buffer's file name
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _SH = re.compile(rf"{EXTENSION}:SH_DEGREE_([0-3])_COEF_([0-6])")
@@ -165,7 +166,13 @@ class _File:
                 raise InputError("a buffer's base64 is damaged") from None
         name = unquote(uri)
         target = self._path.parent / name
-        odd = "\0" in name or ":" in name or name.startswith(("/", "\\")) or not name.isprintable()
+        odd = (
+            "\0" in name
+            or ":" in name
+            or name.startswith(("/", "\\"))
+            or not name.isprintable()
+            or len(name) > _MAX_NAME
+        )
         if odd or not target.resolve().is_relative_to(self._path.parent.resolve()):
             raise InputError(f"buffer {ascii(uri)[:60]}, expected a file in the folder of the .gltf")
         return read_limited(target, self._budget)
