@@ -225,7 +225,8 @@ def partial(document: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (outside, "folder"), (endless_name, "folder"), (network, "folder"), (many, "too short"), (unequal, "beside 2 positions"),
+        (outside, "folder"), (endless_name, "folder"), (network, "folder"),
+        (many, "too short"), (unequal, "beside 2 positions"),
         (stretched, "uniform scale"), (endless, "no end"), (compressed, "compressed by"), (plain, "no primitive"),
         (negative, "damaged"), (partial, "SH_DEGREE_1_COEF_1"),
     ],
