@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass, Reduction
 from ..graphs.inference import GraphStore
-from ..system.blas import single_thread
+from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .depth_step.allocation import Steps, measured_depth_step
@@ -187,10 +187,9 @@ def _principal_scales(scales: NDArray) -> tuple[NDArray, tuple[NDArray, NDArray]
     flat = np.moveaxis(scales, 1, 0).reshape(3, -1)
     mean = flat.mean(axis=1, dtype=np.float64)
     centred = flat - mean[:, None].astype(np.float32)
-    with single_thread():
-        _, vectors = np.linalg.eigh((centred @ centred.T).astype(np.float64))
+    _, vectors = symmetric_eigen(np.einsum("in,jn->ij", centred, centred, dtype=np.float64))
     vectors = vectors[:, ::-1]
     leading = np.abs(vectors).argmax(axis=0)
     vectors = (vectors * np.sign(vectors[leading, range(3)])).astype(np.float32)
-    planes = (vectors.T @ centred).reshape(3, len(scales), *scales.shape[2:])
+    planes = product(vectors.T, centred).reshape(3, len(scales), *scales.shape[2:])
     return np.moveaxis(planes, 0, 1), (vectors, mean.astype(np.float32))

@@ -12,7 +12,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY, PlaneClass
 from ..gaussian.quaternions import conjugate_quats, left_multiplication_matrices, matrices_to_quats
 from ..graphs.inference import GraphStore, as_input
-from ..system.blas import single_thread
+from ..system.blas import product, symmetric_eigen
 
 MAX_PLANE = 1e15
 """Largest magnitude of a plane's values: sums of a million of their squares stay inside float32."""
@@ -94,7 +94,7 @@ def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray) -> N
     """
     left = left_multiplication_matrices(conjugate_quats(reference)).astype(np.float32)
     rotation = projected.planes(PlaneClass.ROTATION)
-    relative = (left @ rotation.reshape(*rotation.shape[:2], -1)).reshape(rotation.shape)
+    relative = product(left, rotation.reshape(*rotation.shape[:2], -1)).reshape(rotation.shape)
     sign = np.where(relative[:, :1] < 0, np.float32(-1), np.float32(1))
     return relative[:, 1:] * sign
 
@@ -139,12 +139,10 @@ def _handle_invalid(geometry: NDArray, valid: NDArray, drop_invalid: bool, where
 
 def _rotation_moment(geometry: NDArray) -> NDArray:
     q = geometry[:, GEOMETRY[PlaneClass.ROTATION]].reshape(len(geometry), 4, -1)
-    return q @ q.swapaxes(1, 2) / q.shape[2]
+    return product(q, q.swapaxes(1, 2)) / q.shape[2]
 
 
 def _dominant_quats(moments: NDArray) -> NDArray:
-    with single_thread():
-        _, vectors = np.linalg.eigh(moments.astype(np.float64))
-    dominant = vectors[..., -1]
+    dominant = np.stack([symmetric_eigen(moment)[1][:, -1] for moment in moments.astype(np.float64)])
     leading = np.take_along_axis(dominant, np.abs(dominant).argmax(axis=-1, keepdims=True), axis=-1)
     return dominant * np.sign(leading)

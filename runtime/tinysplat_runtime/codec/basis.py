@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..gaussian.planes import Reduction
 from ..gaussian.sh import sh_basis
 from ..scene.cameras import Camera
-from ..system.blas import single_thread
+from ..system.blas import product, single_thread, symmetric_eigen
 
 GRID = 3
 """Directions are the rays through the centres of GRID × GRID cells of every input view's image plane."""
@@ -26,6 +26,10 @@ about 3000, so that Δ⁻¹ in float32 still returns coefficients to 1e-4 of the
 
 WEIGHT_FLOOR = 1e-3
 """Least eigenvalue of the directions' second moment, relative to its largest, when its root is the weighting."""
+
+
+_LEAST_ENERGY = 1e-12
+"""Eigenvalues below this share of the largest are rounding errors of nothing."""
 
 
 def view_directions(cameras: Sequence[Camera]) -> NDArray:
@@ -43,16 +47,15 @@ def view_directions(cameras: Sequence[Camera]) -> NDArray:
 def mean_magnitude_weighting(directions: NDArray, degree: int) -> NDArray:
     """Δ of the paper: diag(max(λ, floor)) (B, B), λ_b = mean over directions of |Y_b(ω)|."""
     magnitudes = np.abs(sh_basis(directions, degree)).mean(axis=0)
-    return np.diag(np.maximum(magnitudes, LAMBDA_FLOOR))
+    return np.diag(np.maximum(_rounded(magnitudes), LAMBDA_FLOOR))
 
 
 def second_moment_weighting(directions: NDArray, degree: int) -> NDArray:
     """Symmetric root of E[Y Yᵀ] (B, B): ‖Δ·x‖² is then the mean squared colour of coefficients x, not a bound on it."""
     basis = sh_basis(directions, degree)
-    with single_thread():
-        values, vectors = np.linalg.eigh(basis.T @ basis / len(basis))
+    values, vectors = symmetric_eigen(product(basis.T, basis) / len(basis))
     roots = np.sqrt(np.maximum(values, WEIGHT_FLOOR**2 * values[-1]))
-    return vectors * roots @ vectors.T
+    return _rounded(product(vectors * roots, vectors.T))
 
 
 def needed_degree(moment: NDArray, directions: NDArray, degree: int, budget: float) -> int:
@@ -65,7 +68,7 @@ def needed_degree(moment: NDArray, directions: NDArray, degree: int, budget: flo
         budget: squared colour that may be left out.
     """
     basis = sh_basis(directions, degree)
-    seen = basis.T @ basis / len(basis)  # (B, B)
+    seen = product(basis.T, basis) / len(basis)  # (B, B)
     functions = len(seen)
     by_function = np.einsum("bcec->be", np.asarray(moment, np.float64).reshape(functions, 3, functions, 3))
     for lower in range(degree):
@@ -86,11 +89,10 @@ def weighted_spectrum(moment: NDArray, weighting: NDArray) -> tuple[NDArray, NDA
         weighting: (B, B) Δ; every entry serves the three colours.
     """
     delta = _all_colors(weighting)
-    weighted = delta @ np.asarray(moment, np.float64) @ delta.T
-    with single_thread():
-        values, vectors = np.linalg.eigh((weighted + weighted.T) / 2)
-    vectors = vectors[:, ::-1]
-    return np.maximum(values[::-1], 0), vectors * _signs(vectors)
+    weighted = product(product(delta, np.asarray(moment, np.float64)), delta.T)
+    values, vectors = symmetric_eigen((weighted + weighted.T) / 2)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    return np.where(values > _LEAST_ENERGY * values[0], values, 0), vectors * _signs(vectors)
 
 
 def reduce_basis(spectrum: tuple[NDArray, NDArray], weighting: NDArray, k: int) -> Reduction:
@@ -126,6 +128,11 @@ def left_inverse(inverse: NDArray, weighting: NDArray) -> NDArray:
     delta = _all_colors(weighting)
     with single_thread():
         return delta.T @ np.linalg.pinv(delta @ inverse.astype(np.float64)).T
+
+
+def _rounded(weighting: NDArray) -> NDArray:
+    """To float32's precision: in the last bits of float64, BLAS libraries differ, and Δ⁻¹ would make more of it."""
+    return weighting.astype(np.float32).astype(np.float64)
 
 
 def _all_colors(weighting: NDArray) -> NDArray:

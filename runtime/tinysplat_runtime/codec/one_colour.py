@@ -95,4 +95,4 @@ def _seen_from(means: NDArray, sh: NDArray, centres: NDArray) -> NDArray:
     lengths = np.linalg.norm(rays, axis=-1, keepdims=True)
     degree = int(np.sqrt(sh.shape[-2])) - 1
     basis = sh_basis(rays / np.maximum(lengths, np.finfo(np.float32).tiny), degree).mean(axis=0)
-    return (basis[..., None, :] @ sh)[..., 0, :]
+    return np.einsum("...b,...bc->...c", basis, sh)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..container.extras import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
 from ..errors import FormatError
+from ..system.blas import product
 from .hevc import MAX_QP, EncoderSettings, PictureDecoder, encode_picture
 
 BASE_QP = 20
@@ -94,7 +95,7 @@ def _planes(image: NDArray) -> list[NDArray]:
     """Y, Cb, Cr uint16 of an (H, W, 3) image, padded by repeating its border; chroma is the mean of four samples."""
     height, width = coded_photo_size(*image.shape[:2])
     grow = ((0, height - image.shape[0]), (0, width - image.shape[1]), (0, 0))
-    ycc = np.pad(image, grow, mode="edge").astype(np.float32) @ _RGB_TO_YCC.T.astype(np.float32)
+    ycc = product(np.pad(image, grow, mode="edge").astype(np.float32), _RGB_TO_YCC.T.astype(np.float32))
     chroma = ycc[..., 1:].reshape(height // 2, 2, width // 2, 2, 2).mean(axis=(1, 3))
     planes = [ycc[..., 0], *np.moveaxis(chroma + np.float32(_GREY / _WHITE), -1, 0)]
     return [np.clip(np.rint(plane * _WHITE), 0, _WHITE).astype(np.uint16) for plane in planes]
@@ -104,7 +105,7 @@ def _image(planes: Sequence[NDArray], height: int, width: int) -> NDArray:
     """(H, W, 3) float32 of decoded planes."""
     luma, blue, red = planes
     ycc = np.stack([luma.astype(np.float32), *(_doubled(_doubled(p - np.float32(_GREY), 0), 1) for p in (blue, red))])
-    rgb = np.tensordot(_YCC_TO_RGB.astype(np.float32) / np.float32(_WHITE), ycc[:, :height, :width], axes=1)
+    rgb = np.einsum("ij,jhw->ihw", _YCC_TO_RGB.astype(np.float32) / np.float32(_WHITE), ycc[:, :height, :width])
     return np.ascontiguousarray(np.moveaxis(rgb.clip(0, 1), 0, -1))
 
 

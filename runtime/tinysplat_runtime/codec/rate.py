@@ -19,7 +19,7 @@ from ..container.reader import read_container
 from ..container.writer import CodedChannel, CodedLayer, write_container
 from ..errors import InputError
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
-from .depth_step.blocks import DCT, DEAD_ZONE, SIDE
+from .depth_step.blocks import DEAD_ZONE, SIDE, dct
 from .encoder import MAX_GLOBAL_QP, SceneEncoder, is_flat
 from .quantise import choose_code_map
 
@@ -203,7 +203,7 @@ def _sampled_dct(values: NDArray) -> tuple[NDArray, float]:
     count = means.size
     stride = -(-count // _SAMPLED_BLOCKS) | 1  # odd, so that it does not fall in step with the columns
     sampled = blocks.swapaxes(2, 3).reshape(count, SIDE, SIDE)[::stride].astype(np.float32)
-    magnitudes = np.abs(DCT @ sampled @ DCT.T).reshape(len(sampled), -1)
+    magnitudes = np.abs(dct(sampled[:, None, :, None])).reshape(len(sampled), -1)
     magnitudes[:, 0] = np.abs(steps.reshape(count)[::stride]) * (SIDE / 2)
     return magnitudes, count / len(sampled)
 

@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import matrices_to_quats, quats_to_matrices
 from ..scene.cameras import Camera
+from ..system.blas import product, symmetric_eigen
 
 ORBIT_RADIUS = 0.04
 """Least half axis of an orbit as a share of the depth it looks at: about 2.3° of parallax to either side."""
@@ -109,10 +110,10 @@ def _camera(*, like: Camera, K: NDArray, rotation: NDArray, centre: NDArray) -> 
 
 def _slerp(a: NDArray, b: NDArray, s: float) -> NDArray:
     """Unit quaternion a share s of the shorter way from a to b."""
-    if a @ b < 0:
+    if (a * b).sum() < 0:
         b = -b
     # twice the half chord's arcsine is exact for small angles, where the arccosine of a dot product is not
-    angle = 2 * math.asin(min(float(np.linalg.norm(b - a)) / 2, 1.0))
+    angle = 2 * math.asin(min(math.sqrt(np.square(b - a).sum()) / 2, 1.0))
     if angle == 0:
         return a
     return (math.sin((1 - s) * angle) * a + math.sin(s * angle) * b) / math.sin(angle)
@@ -121,7 +122,7 @@ def _slerp(a: NDArray, b: NDArray, s: float) -> NDArray:
 def _mean_rotation(cameras: Sequence[Camera]) -> NDArray:
     """(3, 3) camera-to-world rotation least far from all: the dominant eigenvector of Σ q qᵀ (Markley et al. 2007)."""
     quats = matrices_to_quats(np.stack([camera.rotation.T for camera in cameras]))
-    return quats_to_matrices(np.linalg.eigh(quats.T @ quats)[1][:, -1])
+    return quats_to_matrices(symmetric_eigen(product(quats.T, quats))[1][:, -1])
 
 
 def _looking_along(direction: NDArray, down: NDArray) -> NDArray:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, sh_degree, sh_terms
 from ..scene.cameras import Camera
+from ..system.blas import product
 from ..system.stopwatch import part
 from .prepare import ALPHA_MIN, Block, principal_axes
 
@@ -70,7 +71,7 @@ class View:
         """The view of a camera on Gaussians whose means are relative to `origin`."""
         K = camera.K.copy()
         K[:2, 2] = 0
-        return cls(camera, origin - camera.centre, K @ camera.rotation, near_plane)
+        return cls(camera, origin - camera.centre, product(K, camera.rotation), near_plane)
 
 
 class Splats:

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..system.blas import product
 
 ROTATION_TOLERANCE = 1e-3
 """Largest |R Rᵀ − 1| that passes as a rotation written with few digits; anything above is a shear or a scale."""
+
+_POLAR_STEPS = 5
 
 MAX_IMAGE_SIDE = 1 << 16
 
@@ -85,8 +88,11 @@ class Camera:
     @cached_property
     def rotation(self) -> NDArray:
         """(3, 3) float64 world-to-camera rotation: the exact rotation nearest to the transpose of c2w's."""
-        u, _, vt = np.linalg.svd(self.c2w[:3, :3].T)
-        return u @ vt
+        found = self.c2w[:3, :3].T
+        # Newton's iteration for the polar factor; each step squares the error, which `ROTATION_TOLERANCE` bounds.
+        for _ in range(_POLAR_STEPS):
+            found = 1.5 * found - 0.5 * product(found, product(found.T, found))
+        return found
 
     @property
     def centre(self) -> NDArray:
@@ -98,7 +104,7 @@ class Camera:
         """(4, 4) float64 world to camera."""
         out = np.eye(4)
         out[:3, :3] = self.rotation
-        out[:3, 3] = -self.rotation @ self.centre
+        out[:3, 3] = -product(self.rotation, self.centre[:, None])[:, 0]
         return out
 
     @property

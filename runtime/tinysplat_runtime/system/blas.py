@@ -1,13 +1,16 @@
-"""One BLAS thread for small matrices, where the library lets itself be told.
+"""Linear algebra that a file's bytes may hang on: the same to the last bit whichever BLAS numpy was built with.
 
-numpy's wheels carry OpenBLAS, which runs even a 75 × 75 eigen-decomposition on all cores: its last bits then depend on
-their number, and a busy core makes it wait for a time slice, 10 to 50 ms where the work is 0.4. Other builds of numpy
-are left as they are.
+BLAS sums in an order that depends on its kernels, which it picks by processor, and on its threads. What stays in
+float32 therefore goes through numpy's own loops (`product`), and eigenvectors of up to 4 × 4 through rotations of our
+own (`symmetric_eigen`). Larger ones are LAPACK's, on one thread: OpenBLAS runs even a 75 × 75 eigen-decomposition on
+all cores, and a busy core makes it wait for a time slice, 10 to 50 ms where the work is 0.4. Their float64 is rounded
+to float16 or float32 before anything follows from it. Builds of numpy without OpenBLAS keep their threads.
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +18,13 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+
+_OWN_SIDE = 4
+"""Largest matrix that is decomposed by Jacobi's rotations: in Python, each costs microseconds."""
+
+_SWEEPS = 30
+"""More than enough: the rotations converge quadratically, in about six."""
 
 _lock = threading.Lock()
 
@@ -45,3 +55,45 @@ def single_thread() -> Iterator[None]:
             yield
         finally:
             put(before)
+
+
+def product(a: NDArray, b: NDArray) -> NDArray:
+    """a @ b of (…, n, k) and (…, k, m), summed in the order of k whatever BLAS there is."""
+    return np.einsum("...nk,...km->...nm", a, b)
+
+
+def symmetric_eigen(matrix: NDArray) -> tuple[NDArray, NDArray]:
+    """Eigenvalues (n,) rising and eigenvectors (n, n), in columns, of a symmetric float64 matrix (n, n).
+
+    Up to 4 × 4 by cyclic Jacobi rotations (Golub and Van Loan, Matrix Computations, section 8.5); beyond by LAPACK.
+    """
+    if len(matrix) > _OWN_SIDE or not np.isfinite(matrix).all():
+        with single_thread():
+            values, vectors = np.linalg.eigh(matrix)
+        return values, vectors
+    rows, vectors = matrix.astype(np.float64), np.eye(len(matrix))
+    for _ in range(_SWEEPS):
+        if not np.triu(rows, 1).any():
+            break
+        for p in range(len(rows) - 1):
+            for q in range(p + 1, len(rows)):
+                _rotate(rows, vectors, p, q)
+    order = np.argsort(np.diag(rows), kind="stable")
+    return np.diag(rows)[order], vectors[:, order]
+
+
+def _rotate(rows: NDArray, vectors: NDArray, p: int, q: int) -> None:
+    """One Jacobi rotation, in place: entry (p, q) becomes 0."""
+    here, there, beside = float(rows[p, p]), float(rows[q, q]), float(rows[p, q])
+    if abs(beside) <= 1e-17 * math.sqrt(abs(here * there)) or beside == 0:
+        rows[p, q] = rows[q, p] = 0.0
+        return
+    slope = (there - here) / (2 * beside)
+    tangent = math.copysign(1, slope) / (abs(slope) + math.hypot(slope, 1))
+    cosine = 1 / math.hypot(tangent, 1)
+    turn = np.array([[cosine, tangent * cosine], [-tangent * cosine, cosine]])
+    pair = [p, q]
+    rows[:, pair] = product(rows[:, pair], turn)
+    rows[pair] = product(turn.T, rows[pair])
+    rows[p, q] = rows[q, p] = 0.0
+    vectors[:, pair] = product(vectors[:, pair], turn)

@@ -8,6 +8,7 @@ searched for, made an error of 2.5e-5 to 4.6e-5 in whole pictures midway between
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from numpy.typing import NDArray
@@ -27,6 +28,9 @@ NEAR_ENOUGH = 1.41
 """A measurement that moves the step by less is the last: the next one would move it by little."""
 
 _LEAST_DAMAGE = 1e-12
+
+_PER_OCTAVE = 64
+"""Steps are rounded to so many an octave: finer, they would carry the last bits of a picture into the file."""
 
 Steps = dict[PlaneClass, float]
 
@@ -55,7 +59,11 @@ def measured_depth_step(
         errors = [spectrum.coding_error(step, by_block) for spectrum, by_block in zip(spectra, offsets, strict=True)]
         before, damage = step, max(probe.damage(errors), _LEAST_DAMAGE)
         step *= (target / damage) ** (1 / DEPTH_EXPONENT)
-        step = min(max(step, start / FARTHEST), start * FARTHEST)
+        step = min(max(_rounded(step, start), start / FARTHEST), start * FARTHEST)
         if max(step, before) <= NEAR_ENOUGH * min(step, before):
             break
     return step
+
+
+def _rounded(step: float, start: float) -> float:
+    return start * 2 ** (round(_PER_OCTAVE * math.log2(step / start)) / _PER_OCTAVE)

@@ -153,7 +153,7 @@ def _stripes(cameras: Sequence[Camera], count: int) -> list[_Stripe]:
 def _select(layer: Gaussians, inverse: NDArray, shown: NDArray, stripe: _Stripe) -> _Selection:
     camera = stripe.camera
     points = layer.means + (layer.origin - camera.centre).astype(np.float32)  # (V, H, W, 3)
-    x, y, z = np.moveaxis(points @ camera.rotation.T.astype(np.float32), -1, 0)
+    x, y, z = np.einsum("ij,vhwj->ivhw", camera.rotation.astype(np.float32), points)
     K, safe = camera.K, np.maximum(z, np.float32(_LEAST_DEPTH))
     widest = np.maximum(np.maximum(layer.scales[..., 0], layer.scales[..., 1]), layer.scales[..., 2])
     reach = np.float32(_REACH * camera.focal) * widest / safe + np.float32(_DILATION_PX)
@@ -164,7 +164,7 @@ def _select(layer: Gaussians, inverse: NDArray, shown: NDArray, stripe: _Stripe)
     at = np.nonzero(near)
     directions = points[at]
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    colors = np.matmul(sh_basis(directions, layer.degree)[:, None], layer.sh[at]) / np.float32(C0)
+    colors = np.einsum("nb,nbc->nc", sh_basis(directions, layer.degree), layer.sh[at])[:, None] / np.float32(C0)
     arrays = {name: getattr(layer, name)[at] for name in ("means", "quats", "scales", "opacities")} | {"sh": colors}
     centres = np.stack([camera.centre - layer.origin for camera in layer.cameras]).astype(np.float32)
     limits = (float(inverse.min()), float(inverse.max()))
