@@ -44,12 +44,11 @@ def test_prefixes_end_with_the_file_and_add_every_coded_plane_once(data):
     assert sorted(added) == sorted((p["layer"], p["name"]) for p in described["planes"] if p["bytes"])
 
 
-def test_a_prefix_shows_more_the_longer_it_is(gaussians, data):
+def test_every_listed_prefix_is_nearer_to_the_whole_than_the_one_before(data):
     whole = ts.decompress(data)
-    # From the first colour on, every prefix that ends with a pass is nearer to the whole than the one before.
-    base, refined = _ends(data)[3], _ends(data)[-3]
-    assert _psnr(whole, ts.decompress(data, max_bytes=base)) > 12
-    assert _psnr(whole, ts.decompress(data, max_bytes=base)) < _psnr(whole, ts.decompress(data, max_bytes=refined))
+    shown = [_psnr(whole, ts.decompress(data, max_bytes=end)) for end in _ends(data)[:-1]]
+    assert len(shown) >= 4 and shown[0] > 11 and shown[-1] > 30
+    assert (np.diff(shown) > -0.1).all(), shown  # noise in place of a scene: its second layer shows nothing
 
 
 def test_the_whole_file_as_a_prefix_is_the_whole_file(data):
@@ -72,7 +71,7 @@ def test_every_prefix_decodes_to_finite_gaussians_or_is_a_format_error(data):
 
 def test_a_view_without_depth_is_hidden_and_the_other_is_not(data):
     depth = next(c for c in read_container(data).layers[0].channels)
-    start = _ends(data)[0] - sum(stream.length for stream in depth.streams)
+    start = read_container(data).plane_sections[0].end - sum(stream.length for stream in depth.streams)
     decoded = ts.decompress(data, max_bytes=start + depth.streams[0].length)
     assert decoded.opacities[0].min() > 0
     assert (decoded.opacities[1] == 0).all()
@@ -85,8 +84,8 @@ def test_absent_opacity_is_the_mean_and_absent_depth_refinement_adds_nothing(gau
     data = ts.compress(gaussians, qp=-20)
     prefixes = ts.inspect(data)["prefixes"]
     # Where depth has two records, the first alone is within a few coarse steps of both.
-    names = [p["adds"] for p in prefixes if p["layer"] == 0]
-    assert names.count(["depth0"]) == 2
+    names = [name for p in prefixes if p["layer"] == 0 for name in p["adds"]]
+    assert names.count("depth0") == 2
     end = next(p["bytes"] for p in prefixes if "color0" in p["adds"])
     decoded, whole = ts.decompress(data, max_bytes=end), ts.decompress(data)
     assert np.ptp(decoded.opacities) == 0
@@ -113,7 +112,8 @@ def test_a_cut_file_is_a_format_error_unless_a_prefix_is_asked_for(data):
 
 
 def test_a_prefix_within_the_metadata_says_what_the_metadata_takes(data):
-    end = min(_ends(data)) - read_container(data).plane_sections[0].length
+    section = read_container(data).plane_sections[0]
+    end = section.end - section.length
     with pytest.raises(FormatError, match=str(end)):
         ts.decompress(data, max_bytes=end - 1)
 

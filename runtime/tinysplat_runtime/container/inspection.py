@@ -10,6 +10,7 @@ from ..gaussian.planes import PlaneClass
 from .layout import PART, PLANES, ChannelRecord, Limits
 from .notes import NOTE_NAMES
 from .reader import Container, LayerHeader, read_container
+from .writer import pass_of
 
 
 def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool = False) -> dict[str, Any]:
@@ -141,10 +142,14 @@ def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:
 
 
 def _prefixes(container: Container) -> list[dict[str, Any]]:
-    """Useful numbers for `--max-bytes`: where each section of pictures ends, and what it adds to those before it."""
+    """Useful numbers for `--max-bytes`: where a pass over a layer ends, and what it adds to those before it.
+
+    Between a pass's sections a prefix decodes as well, but can show less than it does without the first of them.
+    """
     class_of = {kind: plane_class for plane_class, kind in PLANES.items()}
     counts: dict[tuple[int, PlaneClass], int] = {}
-    prefixes = []
+    prefixes: list[dict[str, Any]] = []
+    ending: tuple[int, int] | None = None
     for section in container.plane_sections:
         layer, plane_class = section.index % PART, class_of[section.kind]
         if layer >= len(container.layers):
@@ -156,7 +161,13 @@ def _prefixes(container: Container) -> list[dict[str, Any]]:
             left -= sum(stream.length for stream in records[last].streams)
             last += 1
         counts[layer, plane_class] = last
-        prefixes.append({"bytes": section.end, "layer": layer, "adds": [c.name for c in records[first:last]]})
+        names, of_pass = [c.name for c in records[first:last]], (layer, pass_of(plane_class, first))
+        if of_pass == ending:
+            prefixes[-1]["adds"] += names
+            prefixes[-1]["bytes"] = section.end
+        else:
+            prefixes.append({"bytes": section.end, "layer": layer, "adds": names})
+        ending = of_pass
     return prefixes
 
 

@@ -59,7 +59,7 @@ def write_container(
     *,
     layer_count: int | None = None,
 ) -> bytes:
-    """The file: metadata first, then planes such that every prefix gives as good a picture as it can.
+    """The file: metadata first, then planes such that the picture gets better from pass to pass.
 
     `extras` are the sections of a mode (`extras.py`), which stand between the two; `layer_count` is how many layers
     they hold where `layers` are none.
@@ -80,17 +80,21 @@ def write_container(
 
 _PASSES: tuple[tuple[PlaneClass, ...], ...] = (
     (PlaneClass.DEPTH, PlaneClass.COLOR),
-    (PlaneClass.OPACITY,),
-    (PlaneClass.DEPTH, PlaneClass.SCALE, PlaneClass.ROTATION, PlaneClass.OFFSET),
+    (PlaneClass.OPACITY, PlaneClass.SCALE),
+    (PlaneClass.DEPTH, PlaneClass.ROTATION, PlaneClass.OFFSET),
     (PlaneClass.COLOR,),
 )
-"""The file goes through all layers once for each of these: a base, its refinement, what changes with the view."""
+"""The file goes through all layers once for each of these: a base, how it covers, its refinement, what changes with the
+view. Opacity and scale stand together, as either without the other shows worse than neither."""
+
+_BACK_TO_FRONT = 1
+"""The pass that goes through the layers from the last: what the first reveals has to be there before it does."""
 
 _BASE_COLORS = 3
 """Colour records of the base: as many as a colour has channels."""
 
 
-def _pass_of(plane_class: PlaneClass, number: int) -> int:
+def pass_of(plane_class: PlaneClass, number: int) -> int:
     """The pass that the class's record `number` belongs to; never falls from record to record."""
     passes = [n for n, classes in enumerate(_PASSES) if plane_class in classes]
     of_base = _BASE_COLORS if plane_class == PlaneClass.COLOR else 1
@@ -102,9 +106,10 @@ def _plane_sections(layers: Sequence[CodedLayer]) -> list[tuple[bytes, int, byte
     sections: list[tuple[bytes, int, bytes]] = []
     parts: dict[tuple[PlaneClass, int], int] = {}
     for number, classes in enumerate(_PASSES):
-        for (index, layer), plane_class in product(enumerate(layers), classes):
+        ordered = list(enumerate(layers))[:: -1 if number == _BACK_TO_FRONT else 1]
+        for (index, layer), plane_class in product(ordered, classes):
             records = [channel for channel in layer.channels if channel.plane_class == plane_class]
-            streams = [p for i, c in enumerate(records) if _pass_of(plane_class, i) == number for p in c.payloads]
+            streams = [p for i, c in enumerate(records) if pass_of(plane_class, i) == number for p in c.payloads]
             if streams:
                 part = parts.setdefault((plane_class, index), 0)
                 sections.append((L.PLANES[plane_class], index + part * L.PART, b"".join(streams)))
