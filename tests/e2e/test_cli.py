@@ -371,5 +371,14 @@ def test_commands_of_an_extra_that_is_not_installed_name_the_extra():
     assert "tinysplat" in done.stderr and 'pip install "tinysplat[eval]"' in done.stderr
 
 
-def test_unknown_commands_are_one_line():
-    assert "encode" in fail("transmogrify")
+def test_an_unknown_command_lists_every_command_there_is():
+    accepted = fail("encoed").strip().split("accepted are ")[1].split(", ")
+    assert accepted == [
+        "batch", "bench", "compare", "completion", "compress", "convert", "decode", "doctor", "encode", "eval", "info",
+        "models", "poses", "render", "view",
+    ]  # fmt: skip
+
+
+def test_a_folder_of_models_that_is_none_is_refused_not_passed_over(tmp_path, monkeypatch):
+    monkeypatch.setenv("TINYSPLAT_MODELS", str(tmp_path / "gone"))
+    assert fail("models").startswith(f"tinysplat: TINYSPLAT_MODELS: no manifest.json in {tmp_path / 'gone'}")

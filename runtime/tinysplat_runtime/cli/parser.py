@@ -367,7 +367,11 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
     from importlib.metadata import entry_points
 
     joined: dict[str, Callable[[argparse.Namespace], int | None]] = {}
-    for point in entry_points(group=ENTRY_POINTS):
+    points = entry_points(group=ENTRY_POINTS)
+    known = {*commands.choices, *EXTRAS, *(point.name for point in points)}
+    if word is not None and word not in known:
+        raise InputError(f"'{word}', accepted are {', '.join(sorted(known))}", where="command")
+    for point in points:
         if word not in (None, point.name):
             continue
         try:

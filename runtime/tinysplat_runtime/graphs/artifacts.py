@@ -1,8 +1,8 @@
 """Find ONNX artifacts and verify them before they are opened.
 
 `models/manifest.json` lists the shipped ones with their sha256; a user's own network is named by its path. The folder
-is looked for in this order: the argument, the environment variable TINYSPLAT_MODELS, the installed package data
-(`tinysplat_models`), the `models/` folder of a source checkout.
+is the argument, or what the environment variable TINYSPLAT_MODELS names; where neither is given, it is looked for in
+the installed package data (`tinysplat_models`) and the `models/` folder of a source checkout.
 """
 
 from __future__ import annotations
@@ -62,10 +62,9 @@ class Artifact:
 
 def models_dir(folder: str | os.PathLike[str] | None = None) -> Path:
     """The folder that holds manifest.json; see the module's text for where it is looked for."""
-    candidates = [Path(folder)] if folder is not None else []
+    named = os.environ.get("TINYSPLAT_MODELS") if folder is None else folder
+    candidates = [Path(named)] if named else []
     if not candidates:
-        if os.environ.get("TINYSPLAT_MODELS"):
-            candidates.append(Path(os.environ["TINYSPLAT_MODELS"]))
         if importlib.util.find_spec("tinysplat_models") is not None:
             candidates.append(Path(str(importlib.resources.files("tinysplat_models"))))
         candidates.append(Path(__file__).resolve().parents[2] / "models")
@@ -73,6 +72,10 @@ def models_dir(folder: str | os.PathLike[str] | None = None) -> Path:
         if (candidate / MANIFEST).is_file():
             return candidate
     looked = ", ".join(str(c) for c in candidates)
+    if folder is None and named:
+        raise ModelError(
+            f"no {MANIFEST} in {looked}; unset it for the models that came with this", where="TINYSPLAT_MODELS"
+        )
     raise ModelError(f"no {MANIFEST} in {looked}; set TINYSPLAT_MODELS to the folder that has it", where="models")
 
 
