@@ -33,7 +33,7 @@ from tinysplat_runtime.codec import decoder
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.hevc import PictureDecoder, PlaneDecoder
 from tinysplat_runtime.codec.synthesis import LayerSynthesis
-from tinysplat_runtime.container.reader import Container
+from tinysplat_runtime.container.records import Container
 from tinysplat_runtime.graphs.artifacts import find_artifact
 from tinysplat_runtime.graphs.inference import Graph
 from tinysplat_runtime.render import Renderer, composite, project, renderer, tiles

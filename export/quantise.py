@@ -29,7 +29,8 @@ from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
 from tinysplat_runtime.graphs.predict import Limits, network_inputs
-from tinysplat_runtime.scene.scenes import CAMERAS_FILE, load_scene
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
+from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.viewchoice import choose_views
 
 LAYERS, FLOAT_LAYERS = ("unet",), ("unet.entry",)

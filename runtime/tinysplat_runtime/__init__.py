@@ -33,7 +33,7 @@ _MODULE_OF = {
     "encode": "api",
     "inspect": "api",
     "load_gaussians": "formats.table",
-    "load_scene": "scene.scenes",
+    "load_scene": "scene.intake.layouts",
     "predict": "api",
     "refine": "api",
     "render": "api",
@@ -70,7 +70,8 @@ if TYPE_CHECKING:
     from .gaussian.gaussians import Gaussians
     from .gaussian.notes import Notes
     from .scene.cameras import Camera
-    from .scene.scenes import Scene, load_scene
+    from .scene.intake.layouts import load_scene
+    from .scene.scenes import Scene
 
 
 class _Door(ModuleType):

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from .codec.decoder import decode_gaussians
 from .codec.encoder import EncodeStats, SceneEncoder
-from .codec.lossless import encode_lossless
+from .codec.exact import encode_lossless
 from .codec.modes import check_options, choose, compress_hybrid, compress_photos, photo_scene
 from .codec.profiles import DEFAULT_PROFILE, find_profile
 from .codec.rate import encode_to_psnr, encode_to_size
 from .codec.recode import encode_like
 from .container.inspection import inspect_bytes
-from .container.layout import Limits
 from .container.notes import added_bytes, with_notes
+from .container.records import Limits
 from .errors import InputError
 from .gaussian.gaussians import Gaussians
 from .graphs.inference import GraphStore
@@ -156,7 +156,7 @@ class Runtime:
             target_size: bytes of the file in place of `qp`: at most that many, and at least 97 % of it.
             target_psnr: dB of decoded against raw renders, the mean over the input views, in place of `qp`: at least
                 that many, and at most 0.2 more.
-            lossless: float16 planes, bit for bit (`codec.lossless` has the guarantee); profile and qp play no part.
+            lossless: float16 planes, bit for bit (`codec.exact` has the guarantee); profile and qp play no part.
             like: a file's bytes, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay where
                 nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
             drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.

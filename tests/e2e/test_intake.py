@@ -14,7 +14,7 @@ from scenes import make_cameras, write_scene
 
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import write_png
-from tinysplat_runtime.scene.scenes import load_scene
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 HEIGHT, WIDTH, FOCAL = 240, 320, 300.0

@@ -24,6 +24,7 @@ from tinysplat_runtime.container.extras import (
     PHOTOS_FIXED,
 )
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import StreamRef
 
 from .damage import VALUES, damage
 
@@ -65,7 +66,7 @@ class Seed:
         return cls(data, tuple(parts), tuple(pictures))
 
 
-def _place(parts: Sequence[Part], sections: Sequence[int], stream: L.StreamRef) -> tuple[int, int, int]:
+def _place(parts: Sequence[Part], sections: Sequence[int], stream: StreamRef) -> tuple[int, int, int]:
     """(section, offset there, length) of a picture whose offset runs over all sections of its class."""
     start = stream.offset
     for i in sections:

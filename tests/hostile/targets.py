@@ -22,8 +22,8 @@ from tinysplat_runtime.codec.decoder import decode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.recode import encode_like
 from tinysplat_runtime.container.inspection import inspect_bytes
-from tinysplat_runtime.container.layout import Limits
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError, InputError, ModelError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import Artifact
@@ -32,7 +32,7 @@ from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import read_image
-from tinysplat_runtime.scene.scenes import load_cameras, load_scene
+from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
 
 from . import corpus
 from .containers import damage_container, damage_whole

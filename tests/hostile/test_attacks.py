@@ -23,6 +23,7 @@ from tinysplat_runtime.codec.hevc import PlaneDecoder
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bounds import decoding_bytes
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import ChannelRecord, Limits
 from tinysplat_runtime.errors import FormatError, InputError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.planes import PlaneClass
@@ -130,7 +131,7 @@ def test_reference_rotations_scale_mixes_bases_and_channels_may_not_hold_nan(see
 )
 @pytest.mark.parametrize("plane_class", list(PlaneClass))
 def test_values_that_are_in_range_each_but_overflow_together_are_refused(
-    fine: Seed, plane_class: PlaneClass, change: Callable[[L.ChannelRecord], L.ChannelRecord], names: str
+    fine: Seed, plane_class: PlaneClass, change: Callable[[ChannelRecord], ChannelRecord], names: str
 ) -> None:
     channel = next(c for c in read_container(fine.data).layers[0].channels if c.plane_class == plane_class)
 
@@ -232,8 +233,8 @@ def test_more_pictures_than_memory_allows_are_refused_before_any_is_decoded(seed
     many = replace(layer, channels=tuple(layer.channels[:1]) * 256)
     assert decoding_bytes(many) > 256 * 2 * layer.gaussians
     with pytest.raises(FormatError, match="max-memory"):
-        read_container(seed.data, L.Limits(max_memory_bytes=decoding_bytes(layer) - 1))
-    read_container(seed.data, L.Limits(max_memory_bytes=decoding_bytes(layer)))
+        read_container(seed.data, Limits(max_memory_bytes=decoding_bytes(layer) - 1))
+    read_container(seed.data, Limits(max_memory_bytes=decoding_bytes(layer)))
 
 
 _PEAK = """

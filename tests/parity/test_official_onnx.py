@@ -34,7 +34,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import Graph, open_graph
-from tinysplat_runtime.scene.scenes import load_scene
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 

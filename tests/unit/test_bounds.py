@@ -13,7 +13,8 @@ from sections import file_of, sections_of
 
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bounds import MAX_DECODED
-from tinysplat_runtime.container.reader import Container, read_container
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import Container
 from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass

@@ -10,6 +10,7 @@ from sections import file_of, sections_of
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError
 
 
@@ -122,8 +123,8 @@ def test_impossible_layer_headers_are_refused_before_memory_is_taken(fields, mat
 
 def test_limits_are_checked_against_the_header(data, gaussians):
     with pytest.raises(FormatError, match="max-pixels"):
-        read_container(data, L.Limits(max_pixels=gaussians.count - 1))
+        read_container(data, Limits(max_pixels=gaussians.count - 1))
     with pytest.raises(FormatError, match="max-memory"):
-        read_container(data, L.Limits(max_memory_bytes=1000))
+        read_container(data, Limits(max_memory_bytes=1000))
     with pytest.raises(FormatError, match="views"):
-        read_container(data, L.Limits(max_views=1))
+        read_container(data, Limits(max_views=1))

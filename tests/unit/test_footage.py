@@ -18,8 +18,9 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render.video import write_video
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import open_video
+from tinysplat_runtime.scene.intake.cameras_json import camera_entry
+from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.intake.video import video_scene
-from tinysplat_runtime.scene.scenes import camera_entry, load_scene
 
 HEIGHT, WIDTH, COUNT, FPS = 32, 48, 40, 25
 CAMERAS = make_cameras(COUNT, HEIGHT, WIDTH)

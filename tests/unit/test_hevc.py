@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane, rectangles
-from tinysplat_runtime.codec.quantise import hevc_step
+from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane, pad_plane, rectangles
 from tinysplat_runtime.errors import FormatError
-from tinysplat_runtime.gaussian.planes import pad_plane, padded_size
+from tinysplat_runtime.gaussian.planes import hevc_step, padded_size
 
 MEDIUM = EncoderSettings("medium")
 BY_BLOCK = EncoderSettings("superfast", block_qps=True)

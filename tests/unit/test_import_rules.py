@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import imports as imports_of_project
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +26,7 @@ EXTRAS_INSIDE_FUNCTIONS = {
     "formats/file_notes.py": {"safetensors"},
     "formats/spz_streams.py": {"zstandard"},
     "scene/intake/colmap_worker.py": {"pycolmap"},  # tinysplat[poses]
-    "scene/intake/lenses.py": {"pycolmap"},  # tinysplat[poses]
+    "scene/lenses.py": {"pycolmap"},  # tinysplat[poses]
     "scene/intake/nerfstudio.py": {"plyfile"},  # tinysplat[io]
     "formats/ply.py": {"plyfile"},  # tinysplat[io]
     "system/progress.py": {"tqdm"},  # a nicer bar, where it happens to be installed
@@ -132,3 +133,56 @@ def test_every_runtime_module_loads_without_torch_onnx_and_extras() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 10
+
+
+def test_the_only_import_circle_is_gaussians_that_show_themselves() -> None:
+    """Imports inside functions and for types alone count; ARCHITECTURE.md says why this one may stay."""
+    found = imports_of_project.circles(imports_of_project.import_graph(imports_of_project.modules()))
+    runtime = [circle for circle in found if any(name.startswith("tinysplat_runtime") for name in circle)]
+    assert len(runtime) == 1
+    assert {"tinysplat_runtime.gaussian.gaussians", "tinysplat_runtime.render.notebook"} < set(runtime[0])
+    assert all(
+        name.startswith(("tinysplat_runtime.gaussian.gaussians", "tinysplat_runtime.render.")) for name in runtime[0]
+    )
+
+
+def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) -> None:
+    written = {
+        "a/__init__.py": "",
+        "a/one.py": "from .deep import two",
+        "a/deep/__init__.py": "",
+        "a/deep/two.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..three import x",
+        "a/three.py": "def f():\n    import a.one\nx = 1",
+        "a/apart.py": "from a import one",
+    }
+    for name, text in written.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    graph = imports_of_project.import_graph(imports_of_project.modules({"a": tmp_path / "a"}))
+    assert graph["a.apart"] == {"a.one"}
+    assert imports_of_project.circles(graph) == [["a.deep.two", "a.one", "a.three"]]
+    assert imports_of_project.circles({**graph, "a.three": frozenset()}) == []
+
+
+@pytest.mark.parametrize(
+    ("room", "leans_on"),
+    [
+        ("system", set()),
+        ("scene", {"system"}),
+        ("container", {"gaussian", "scene", "system"}),
+        ("formats", {"gaussian", "scene", "system"}),
+        ("graphs", {"gaussian", "scene", "system"}),
+        ("render", {"gaussian", "scene", "system"}),
+        ("codec", {"container", "gaussian", "graphs", "render", "scene", "system"}),
+    ],
+)
+def test_rooms_of_the_runtime_lean_on_those_below_them(room: str, leans_on: set[str]) -> None:
+    """The container is the trust boundary: neither codec nor av stands behind it."""
+    graph = imports_of_project.import_graph(imports_of_project.modules())
+    inside = f"tinysplat_runtime.{room}"
+    targets = {t for name, found in graph.items() if (name + ".").startswith(inside + ".") for t in found}
+    rooms = {imports_of_project.room(t) for t in targets} - {inside, "tinysplat_runtime"}
+    assert {name.removeprefix("tinysplat_runtime.") for name in rooms} <= leans_on
+    if room == "container":
+        paths = sources(RUNTIME / room)
+        assert paths and "av" not in {package for path in paths for package, _, _ in imports(path)}

@@ -20,8 +20,9 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import image_size, write_png
 from tinysplat_runtime.scene.intake.colmap_binary import check_counts
+from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
 from tinysplat_runtime.scene.intake.stereo import stereo_scene
-from tinysplat_runtime.scene.scenes import Scene, load_cameras, load_scene
+from tinysplat_runtime.scene.scenes import Scene
 
 HEIGHT, WIDTH = 24, 32
 CAMERAS = make_cameras(3, HEIGHT, WIDTH)

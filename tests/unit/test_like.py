@@ -12,7 +12,8 @@ from scenes import make_smooth_gaussians
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.container.layout import PARAMETER_SETS, SCENE
-from tinysplat_runtime.container.reader import Container, read_container
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import Container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import render

@@ -12,10 +12,11 @@ from scenes import make_smooth_gaussians
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.lossless import decode_exact, exact_planes, pack, unpack
+from tinysplat_runtime.codec.exact import decode_exact, exact_planes, pack, unpack
 from tinysplat_runtime.container import extras
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError, InputError, NumericError
 from tinysplat_runtime.graphs.inference import GraphStore
 
@@ -151,6 +152,6 @@ def test_impossible_headers_are_refused(data, field, value):
 
 
 def test_limits_hold_for_exact_planes_too(data, gaussians):
-    for limits in (L.Limits(max_pixels=gaussians.count - 1), L.Limits(max_memory_bytes=1000)):
+    for limits in (Limits(max_pixels=gaussians.count - 1), Limits(max_memory_bytes=1000)):
         with pytest.raises(FormatError, match="--max"):
             read_container(data, limits)

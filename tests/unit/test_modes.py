@@ -14,13 +14,14 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.codec.hybrid import as_codes
 from tinysplat_runtime.codec.modes import AUTO_SECONDS, choose
 from tinysplat_runtime.codec.photos import decode_photos, encode_photos
 from tinysplat_runtime.codec.profiles import PROFILES
+from tinysplat_runtime.codec.residual import as_codes
 from tinysplat_runtime.container import extras
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import StreamRef
 from tinysplat_runtime.errors import FormatError, InputError, ModelError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import models_dir
@@ -51,7 +52,7 @@ def _psnr(a: ts.Gaussians, b: ts.Gaussians) -> float:
 def _there_and_back(images: np.ndarray, qp: float) -> np.ndarray:
     coded = encode_photos(images, qp, PROFILES["fast"].encoder, threads=2)
     ends = accumulate(map(len, coded.payloads), initial=0)
-    streams = tuple(L.StreamRef(end, len(p), crc32(p)) for end, p in zip(ends, coded.payloads, strict=False))
+    streams = tuple(StreamRef(end, len(p), crc32(p)) for end, p in zip(ends, coded.payloads, strict=False))
     data = memoryview(b"".join(coded.payloads))
     header = extras.PhotoHeader(coded.height, coded.width, coded.qp, 255, streams, data)
     return decode_photos(header, coded.parameter_sets, threads=2)

@@ -20,9 +20,10 @@ from tinysplat_runtime.codec.basis import (
     weighted_spectrum,
 )
 from tinysplat_runtime.codec.encoder import EncodeStats
-from tinysplat_runtime.codec.quantise import OUTLIER_SHARE, hevc_step, without_outliers
+from tinysplat_runtime.codec.quantise import OUTLIER_SHARE, without_outliers
 from tinysplat_runtime.errors import InputError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.gaussian.planes import hevc_step
 from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.cameras import Camera

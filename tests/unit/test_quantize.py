@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tinysplat_runtime.codec.hevc import MAX_CODE
-from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, hevc_step
+from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map
+from tinysplat_runtime.gaussian.planes import MAX_CODE, hevc_step
 
 STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
 """Steps, as shares of the range, whose QP lies between 0 and the highest: what planes are coded at."""

@@ -12,9 +12,10 @@ import pytest
 from scenes import FAR, NEAR, make_cameras, make_photo, scene_document, write_scene
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene import scenes
 from tinysplat_runtime.scene.images import resize_cover, write_png
-from tinysplat_runtime.scene.scenes import Frame, Scene, load_cameras, load_scene
+from tinysplat_runtime.scene.intake import cameras_json
+from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
+from tinysplat_runtime.scene.scenes import Frame, Scene
 
 
 @pytest.fixture
@@ -178,7 +179,7 @@ def test_json_that_is_no_scene_is_refused(folder: Path, text: bytes) -> None:
 
 
 def test_large_and_missing_files_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenes, "MAX_CAMERAS_BYTES", 100)
+    monkeypatch.setattr(cameras_json, "MAX_CAMERAS_BYTES", 100)
     assert "expected at most 100" in refusal(folder)
     assert "no cameras.json, " in refusal(folder / "images")
     assert "no such file" in refusal(folder / "nowhere")

@@ -11,7 +11,8 @@ import tinysplat_runtime as ts
 from tests.scenes import make_smooth_gaussians
 from tinysplat_runtime.codec import synthesis
 from tinysplat_runtime.codec.synthesis import LayerSynthesis, coded_channels
-from tinysplat_runtime.container.reader import Container, read_container
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import Container
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.graphs.inference import GraphStore
 

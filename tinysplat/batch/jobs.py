@@ -18,7 +18,7 @@ from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
 from tinysplat_runtime.cli.arguments import Budget, budget
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.scene.scenes import load_scene
+from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.viewchoice import choose_views
 
 from .storage import join, local_folder, read, write

@@ -20,7 +20,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.scene.scenes import load_scene
+from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.system.files import StrPath
 from tinysplat_runtime.system.stopwatch import peak_rss_bytes
 

@@ -15,7 +15,7 @@ from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.scenes import load_cameras
+from tinysplat_runtime.scene.intake.layouts import load_cameras
 from tinysplat_runtime.system.files import read_limited, write_atomically
 from tinysplat_runtime.system.progress import progress
 

@@ -16,10 +16,11 @@ import pycolmap
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import image_size, write_png
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
 from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
 from tinysplat_runtime.scene.intake.depths import depth_range
-from tinysplat_runtime.scene.intake.lenses import Lens
-from tinysplat_runtime.scene.scenes import CAMERAS_FILE, Frame, camera_entry
+from tinysplat_runtime.scene.lenses import Lens
+from tinysplat_runtime.scene.scenes import Frame
 from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.progress import progress
 

@@ -31,7 +31,9 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.scenes import CAMERAS_FILE, Scene, load_scene
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
+from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.files import StrPath, read_limited
 from tinysplat_runtime.system.stopwatch import Stopwatch
 

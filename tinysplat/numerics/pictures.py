@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.codec.encoder import EncodeStats, quantise_channel
-from tinysplat_runtime.codec.hevc import MAX_CODE
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
+from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
 from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.render.prepare import prepare

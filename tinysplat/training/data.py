@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tinysplat_runtime.scene.scenes import CAMERAS_FILE
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 
 from .config import DataSettings
 from .photos import PhotoSet

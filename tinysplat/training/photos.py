@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import read_image, resize_cover
-from tinysplat_runtime.scene.scenes import CAMERAS_FILE, load_scene
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from .samples import Sample
 

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from tinysplat.measure.subjects.index import EVAL_INDEX, parse_window, read_index
-from tinysplat_runtime.scene.scenes import load_scene
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from .samples import Sample, psnr, render_outputs
 

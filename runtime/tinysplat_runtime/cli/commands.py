@@ -26,9 +26,10 @@ from ..render import Renderer, between, orbit
 from ..render.video import write_video
 from ..scene.cameras import Camera
 from ..scene.images import write_png
+from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.intake.stereo import stereo_scene
 from ..scene.intake.video import video_scene
-from ..scene.scenes import Scene, load_cameras, load_scene
+from ..scene.scenes import Scene
 from ..scene.viewchoice import choose_views
 from ..system.files import read_limited, write_atomically
 from ..system.progress import progress

@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..api import Runtime
-from ..container.layout import Limits
 from ..container.notes import NOTE_NAMES
+from ..container.records import Limits
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
 from ..gaussian.gaussians import Gaussians

@@ -20,7 +20,8 @@ from ..formats.table import load_gaussians
 from ..gaussian.gaussians import Gaussians
 from ..page.build import Page, build_page
 from ..scene.cameras import Camera
-from ..scene.scenes import Scene, load_cameras, load_scene
+from ..scene.intake.layouts import load_cameras, load_scene
+from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
 from .files import MAX_FILE_BYTES
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import Channel, LayerPlan, PlaneClass, Reduction
+from ..gaussian.planes import MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
@@ -26,10 +26,8 @@ from .basis import needed_degree, reduce_basis, second_moment_weighting, view_di
 from .depth_step.allocation import Steps, measured_depth_step
 from .depth_step.contrast import block_offsets, contrast
 from .depth_step.probe import DepthProbe
-from .hevc import MAX_CODE
 from .one_colour import as_seen
 from .profiles import AdaptiveSettings
-from .quantise import hevc_step
 
 COARSE_DEPTH = 2.0
 """Step of the first depth picture in steps of the second, where two are needed. Where that is too fine for 12 bits too,

@@ -11,17 +11,16 @@ from threading import Lock, local
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import ChannelRecord, Limits
-from ..container.reader import Container, LayerHeader, read_container
+from ..container.reader import read_container
+from ..container.records import ChannelRecord, Container, LayerHeader, Limits
 from ..errors import FormatError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.inference import GraphStore
 from ..graphs.predict import predict
 from ..system.stopwatch import Stopwatch, part
 from ..system.threads import Crew
+from .exact import decode_exact
 from .hevc import PlaneDecoder
-from .hybrid import check_prediction, predicted_geometry
-from .lossless import decode_exact
 from .missing import (
     PlaneRef,
     cut_off_planes,
@@ -32,6 +31,7 @@ from .missing import (
     stand_in_code,
 )
 from .photos import decode_photos
+from .residual import check_prediction, predicted_geometry
 from .synthesis import LayerSynthesis, coded_channels
 
 

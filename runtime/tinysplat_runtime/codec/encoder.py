@@ -11,8 +11,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import Limits
 from ..container.reader import read_container
+from ..container.records import Limits
 from ..container.writer import CodedChannel, CodedLayer, write_container
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
@@ -23,10 +23,10 @@ from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
 from .analysis import MAX_PLANE, ProjectedLayer, project_layer
 from .depth_step.allocation import Steps
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
-from .hybrid import hybrid_settings, residual_plan
 from .paper import paper_colors, paper_plan
 from .profiles import AdaptiveSettings, PaperSettings, Profile
 from .quantise import CodeMap, choose_code_map, without_outliers
+from .residual import hybrid_settings, residual_plan
 
 FLAT_SPREAD = {
     PlaneClass.OFFSET: 1e-4,

@@ -17,12 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TinySplatError
-from ..gaussian.planes import QP_BLOCK, pad_plane, padded_size, qp_block_side
+from ..gaussian.planes import BIT_DEPTH, MAX_QP, QP_BLOCK, padded_size, qp_block_side
 from ..system.stopwatch import part
-
-BIT_DEPTH = 12
-MAX_CODE = (1 << BIT_DEPTH) - 1
-MAX_QP = 51
+from .hevc import pad_plane
 
 _PIXEL_FORMAT = "gray12le"
 _START_CODE = b"\x00\x00\x00\x01"
@@ -43,7 +40,7 @@ _ONE_QP = "aq-mode=0:qp={qp}"
 _BLOCK_QPS = f"aq-mode=1:aq-strength=0.0001:qcomp=1:no-cutree=1:qg-size={QP_BLOCK}:ctu={{tree}}:crf={{qp}}"
 _LARGEST_TREE = 32
 
-_OFFSET_RANGE = 51 + 6 * (BIT_DEPTH - 8)
+_OFFSET_RANGE = MAX_QP + 6 * (BIT_DEPTH - 8)
 """QPs that libavcodec makes of a region's offset of 1."""
 
 av.logging.set_level(av.logging.PANIC)

@@ -12,10 +12,9 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from ..container.layout import PLANES
-from ..container.reader import Container, LayerHeader
+from ..container.records import Container, LayerHeader
 from ..errors import FormatError
-from ..gaussian.planes import PlaneClass
-from .hevc import MAX_CODE
+from ..gaussian.planes import MAX_CODE, PlaneClass
 from .quantise import MID_CODE
 
 

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.extras import CodedPhotos, NetworkRef, network_section, photo_sections
+from ..container.extras import CodedPhotos, network_section, photo_sections
 from ..container.reader import read_container
+from ..container.records import NetworkRef
 from ..container.writer import write_container
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
@@ -27,9 +28,9 @@ from ..graphs.inference import GraphStore
 from ..graphs.predict import predict
 from ..scene.scenes import Scene
 from .encoder import EncodeStats, PhotoMode, SceneEncoder, check_qp
-from .hybrid import hybrid_settings
 from .photos import decode_photos, encode_photos
 from .profiles import Profile
+from .residual import hybrid_settings
 
 MODES = ("gaussians", "photos", "hybrid", "auto")
 

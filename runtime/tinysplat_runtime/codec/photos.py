@@ -14,10 +14,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.extras import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
+from ..container.extras import PHOTO_SIDE_MULTIPLE, CodedPhotos
+from ..container.records import PhotoHeader
 from ..errors import FormatError
+from ..gaussian.planes import MAX_QP
 from ..system.blas import product
-from .hevc import MAX_QP, EncoderSettings, PictureDecoder, encode_picture
+from .hevc import EncoderSettings, PictureDecoder, encode_picture
 
 BASE_QP = 20
 """QP of the photos at Q_g = 0; Q_g moves it one for one, as it does the planes' steps."""

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .hevc import MAX_CODE
+from ..gaussian.planes import MAX_CODE, hevc_step
 
 MID_CODE = 2048
 MAX_MAPPED_QP = 24
 """Highest QP used: above it, codes would become so few that their rounding shows; below 16 bytes are wasted."""
-
-_CODES_PER_STEP_AT_QP4 = 16.0
 
 OUTLIER_RATIO = 4.0
 """Coarsening that is borne to keep every value of a plane."""
@@ -66,11 +64,6 @@ class CodeMap:
         return codes.astype(np.float32) * np.float32(self.scale) + np.float32(self.offset)
 
 
-def hevc_step(qp: float) -> float:
-    """Quantiser step in codes of a 12-bit HEVC stream."""
-    return _CODES_PER_STEP_AT_QP4 * 2 ** ((qp - 4) / 6)
-
-
 def choose_code_map(low: float, high: float, mean: float, step: float) -> CodeMap:
     """The code map that gives the wanted step, or the finest there is where 12 bits cannot.
 
@@ -84,7 +77,7 @@ def choose_code_map(low: float, high: float, mean: float, step: float) -> CodeMa
         step: wanted quantiser step in the same units, > 0.
     """
     span = high - low
-    qp = math.floor(4 + 6 * math.log2(step * MAX_CODE / (_CODES_PER_STEP_AT_QP4 * span)))
+    qp = math.floor(4 + 6 * math.log2(step * MAX_CODE / (hevc_step(4) * span)))
     if qp < 0:
         return _rounded(span / MAX_CODE, low, 0)
     qp = min(qp, MAX_MAPPED_QP)

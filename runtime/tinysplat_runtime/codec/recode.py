@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layout import ChannelRecord, Limits
-from ..container.reader import Container, LayerHeader, read_container
+from ..container.reader import read_container
+from ..container.records import ChannelRecord, Container, LayerHeader, Limits
 from ..container.writer import CodedChannel, CodedLayer, write_container
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
@@ -27,10 +27,10 @@ from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighti
 from .decoder import decode_gaussians
 from .encoder import EncodeStats, check_readable
 from .hevc import EncoderSettings, PlaneDecoder, encode_plane
-from .hybrid import fitted_sh
 from .one_colour import as_seen
 from .profiles import PaperSettings, Profile, find_profile
 from .quantise import CodeMap
+from .residual import fitted_sh
 
 SAME = 0.25
 """Codes that a value may differ by from what the file decodes to and still be the same: rounding of a format on the

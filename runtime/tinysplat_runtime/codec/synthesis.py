@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.reader import LayerHeader
+from ..container.records import LayerHeader
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 from ..gaussian.quaternions import matrices_to_quats, multiply_quats
 from ..graphs.inference import GraphStore, as_input
 from ..system.stopwatch import part
-from .hybrid import add_colors, as_codes
+from .residual import add_colors, as_codes
 
 STRIP_PX = 1 << 16
 """Pixels that the graph takes at a time: between its operators the numbers of so many stay in a core's share of the

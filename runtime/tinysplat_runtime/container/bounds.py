@@ -8,17 +8,13 @@ look at every decoded number would cost more than the synthesis itself.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.hevc import MAX_CODE
 from ..errors import FormatError
-from ..gaussian.planes import GEOMETRY_CHANNELS, PlaneClass
-
-if TYPE_CHECKING:
-    from .reader import LayerHeader
+from ..gaussian.planes import GEOMETRY_CHANNELS, MAX_CODE, PlaneClass
+from .records import LayerHeader
 
 MAX_DECODED = 1e30
 """Largest magnitude of a decoded number: sums and products of a few of them stay inside float32."""

@@ -13,9 +13,11 @@ from zlib import crc32
 from numpy.typing import NDArray
 
 from ..errors import FormatError, InputError
+from ..gaussian.planes import MAX_QP
 from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
-from .layout import INTRINSICS, MAX_SIDE, PARAMETER_SETS, STREAM, Limits, StreamRef
+from .layout import INTRINSICS, MAX_SIDE, PARAMETER_SETS, STREAM
+from .records import ExactLayer, Limits, NetworkRef, PhotoHeader, StreamRef, exact_plane_count
 from .sections import Cursor, Section, only
 
 NETWORK = b"NETW"
@@ -46,22 +48,6 @@ _MAX_DEPTH = 1e30
 
 
 @dataclass(frozen=True)
-class NetworkRef:
-    """Which network a file needs, and the depth range that it is run with.
-
-    Attributes:
-        name: for messages, and to find the file.
-        sha256: of the ONNX file, hexadecimal; the network that is run must have it.
-        near, far: depths in scene units.
-    """
-
-    name: str
-    sha256: str
-    near: float
-    far: float
-
-
-@dataclass(frozen=True)
 class CodedPhotos:
     """Photos ready for the file: parameter sets with start codes, and one slice NAL unit each."""
 
@@ -73,26 +59,6 @@ class CodedPhotos:
 
 
 @dataclass(frozen=True)
-class PhotoHeader:
-    """Photos of a file: their size, and where their pictures lie in `data`."""
-
-    height: int
-    width: int
-    qp: int
-    parameter_set: int
-    streams: tuple[StreamRef, ...]
-    data: memoryview
-
-    def payload(self, view: int) -> memoryview:
-        """One photo's slice; FormatError if its CRC differs."""
-        stream = self.streams[view]
-        data = self.data[stream.offset : stream.offset + stream.length]
-        if crc32(data) != stream.crc:
-            raise FormatError("CRC differs: the bytes were altered", where=f"photo {view}")
-        return data
-
-
-@dataclass(frozen=True)
 class CodedExact:
     """A layer of exact planes ready for the file: a payload per view and plane, views outermost."""
 
@@ -101,51 +67,6 @@ class CodedExact:
     depth_limits: tuple[float, float]
     sha256: bytes
     payloads: tuple[bytes, ...]
-
-
-@dataclass(frozen=True)
-class ExactLayer:
-    """A layer of exact planes of a file: its grid, and where its planes lie in `data`, views outermost."""
-
-    cameras: tuple[Camera, ...]
-    degree: int
-    depth_limits: tuple[float, float]
-    sha256: bytes
-    streams: tuple[StreamRef, ...]
-    data: memoryview
-
-    @property
-    def height(self) -> int:
-        """Rows of the grid."""
-        return self.cameras[0].height
-
-    @property
-    def width(self) -> int:
-        """Columns of the grid."""
-        return self.cameras[0].width
-
-    @property
-    def planes(self) -> int:
-        """Planes of a view."""
-        return exact_plane_count(self.degree)
-
-    @property
-    def gaussians(self) -> int:
-        """Gaussians of the layer."""
-        return len(self.cameras) * self.height * self.width
-
-    def payload(self, number: int) -> memoryview:
-        """One plane's bytes; FormatError if its CRC differs."""
-        stream = self.streams[number]
-        data = self.data[stream.offset : stream.offset + stream.length]
-        if crc32(data) != stream.crc:
-            raise FormatError("CRC differs: the bytes were altered", where=f"exact plane {number}")
-        return data
-
-
-def exact_plane_count(degree: int) -> int:
-    """Planes of a view: 12 of geometry, and all SH coefficients."""
-    return 12 + 3 * (degree + 1) ** 2
 
 
 def network_section(network: NetworkRef) -> tuple[bytes, int, bytes]:
@@ -223,7 +144,7 @@ def _read_photos(cursor: Cursor, views: int, data: memoryview) -> PhotoHeader:
     sides = f"photos of {width}x{height}, sides are 1 to {MAX_SIDE}"
     cursor.require(1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE, sides)
     cursor.require(pixel_format == YCC_420_10, f"photo format {pixel_format} is unknown")
-    cursor.require(qp <= 51, f"QP {qp}, accepted are 0 to 51")
+    cursor.require(qp <= MAX_QP, f"QP {qp}, accepted are 0 to {MAX_QP}")
     streams = _read_streams(cursor, views, data)
     return PhotoHeader(height, width, qp, parameter_set, streams, data)
 

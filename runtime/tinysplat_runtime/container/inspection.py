@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from ..codec.quantise import CodeMap
-from ..gaussian.planes import PlaneClass
-from .layout import PART, PLANES, ChannelRecord, Limits
+from ..gaussian.planes import PlaneClass, hevc_step
+from .layout import PART, PLANES
 from .notes import NOTE_NAMES
-from .reader import Container, LayerHeader, read_container
+from .reader import read_container
+from .records import ChannelRecord, Container, LayerHeader, Limits
 from .writer import pass_of
 
 
@@ -137,7 +137,7 @@ def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:
     }
     if not lengths:
         return {**entry, "value": channel.offset}
-    step = CodeMap(channel.scale, channel.offset, channel.qp).step
+    step = hevc_step(channel.qp) * channel.scale
     return {**entry, "bytes_by_view": lengths, "qp": channel.qp, "step": step}
 
 

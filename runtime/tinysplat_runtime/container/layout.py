@@ -6,7 +6,6 @@ All numbers are little-endian. A file is a header, a table of sections, and the 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
 from ..gaussian.planes import PlaneClass
 
@@ -68,56 +67,6 @@ CONSTANT, INTRA = 0, 1
 
 STREAM = struct.Struct("<II")
 """Length and CRC-32 of one picture's slice; per view, behind a channel coded INTRA."""
-
-
-@dataclass(frozen=True)
-class StreamRef:
-    """One coded picture: `offset` and `length` in its class's section, and its CRC-32."""
-
-    offset: int
-    length: int
-    crc: int
-
-
-@dataclass(frozen=True)
-class ChannelRecord:
-    """One channel as stored.
-
-    Attributes:
-        plane_class, target: which channel of which class the values add to.
-        qp: QP of its pictures.
-        scale, offset: value = offset + code · scale; a constant channel is `offset` alone.
-        streams: one per view; empty for a constant channel.
-    """
-
-    plane_class: PlaneClass
-    target: int
-    qp: int
-    scale: float
-    offset: float
-    streams: tuple[StreamRef, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """For messages and reports."""
-        return f"{self.plane_class.label}{self.target}"
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a reader accepts before it takes memory.
-
-    Attributes:
-        max_pixels: Gaussians over all views and layers.
-        max_memory_bytes: bytes that decoding takes, as `bounds.decoding_bytes` counts them.
-        max_views: views.
-        max_layers: layers.
-    """
-
-    max_pixels: int = 1 << 26
-    max_memory_bytes: int = 8 << 30
-    max_views: int = 256
-    max_layers: int = 16
 
 
 MAX_SECTIONS = 4096

@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.hevc import MAX_QP
 from ..errors import FormatError, InputError
-from ..gaussian.notes import NO_NOTES, Notes
-from ..gaussian.planes import GEOMETRY, PlaneClass
+from ..gaussian.planes import GEOMETRY, MAX_QP, PlaneClass
 from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import MAX_POSITION, Camera
 from . import layout as L
@@ -28,109 +24,15 @@ from .extras import (
     NETWORK,
     PHOTO_PICTURES,
     PHOTOS,
-    ExactLayer,
-    NetworkRef,
-    PhotoHeader,
     read_exact_layers,
     read_photo_mode,
 )
 from .notes import NOTES, REFINED, read_notes
+from .records import ChannelRecord, Container, ExactLayer, LayerHeader, Limits, PhotoHeader, StreamRef
 from .sections import Cursor, Section, only, read_table, require, verified
 
 
-@dataclass(frozen=True)
-class LayerHeader:
-    """A layer's metadata; see `LayerPlan` for what the maps mean.
-
-    Attributes:
-        cameras: one per view, with the layer's own grid and intrinsics.
-        reference_quats: (V, 4) float32 or None.
-        scale_mix: ((3, 3), (3,)) float32 or None.
-        basis: (d, k) float16, or None where colour planes are degree-0 coefficients.
-        parameter_set: index of its pictures' parameter sets.
-    """
-
-    height: int
-    width: int
-    degree: int
-    source_degree: int
-    depth_limits: tuple[float, float]
-    energy_lost: float
-    condition: float
-    inverse_depth: bool
-    cameras: tuple[Camera, ...]
-    reference_quats: NDArray | None
-    scale_mix: tuple[NDArray, NDArray] | None
-    basis: NDArray | None
-    parameter_set: int
-    channels: tuple[L.ChannelRecord, ...]
-
-    @property
-    def gaussians(self) -> int:
-        """Gaussians of the layer."""
-        return len(self.cameras) * self.height * self.width
-
-
-@dataclass(frozen=True)
-class Container:
-    """A parsed file.
-
-    Attributes:
-        cameras: one per view.
-        origin: (3,) float64.
-        layers: metadata, the network's per-pixel layer first.
-        parameter_sets: HEVC parameter sets by index.
-        streams: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
-        plane_sections: the sections that hold pictures of planes, in the file's order.
-        network: the network that the receiver runs on `photos`; both or neither.
-        exact: layers of exact planes, in place of `layers`.
-        notes: what the scene's maker says about it, and how it was refined.
-        total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
-    """
-
-    version: tuple[int, int]
-    profile: str
-    qp: float
-    origin: NDArray
-    cameras: tuple[Camera, ...]
-    layers: tuple[LayerHeader, ...]
-    parameter_sets: Mapping[int, bytes]
-    streams: Mapping[tuple[PlaneClass, int], memoryview]
-    plane_sections: tuple[Section, ...]
-    total_bytes: int
-    network: NetworkRef | None = None
-    photos: PhotoHeader | None = None
-    exact: tuple[ExactLayer, ...] = ()
-    notes: Notes = NO_NOTES
-
-    @property
-    def mode(self) -> str:
-        """`gaussians`; `photos`, which a network turns into them; `hybrid`, whose planes correct what it gives;
-        `lossless`.
-        """
-        if self.exact:
-            return "lossless"
-        return "gaussians" if self.photos is None else "hybrid" if self.layers else "photos"
-
-    def holds(self, layer: int, channel: L.ChannelRecord, view: int) -> bool:
-        """Whether the bytes at hand reach to the end of one picture; always for a whole file."""
-        stream = channel.streams[view]
-        return stream.offset + stream.length <= len(self.streams[channel.plane_class, layer])
-
-    def payload(self, layer: int, channel: L.ChannelRecord, view: int) -> memoryview:
-        """One picture's slice, its CRC checked.
-
-        Raises:
-            FormatError: the bytes are not those that were written.
-        """
-        stream = channel.streams[view]
-        data = self.streams[channel.plane_class, layer][stream.offset : stream.offset + stream.length]
-        if crc32(data) != stream.crc:
-            raise FormatError("CRC differs: the bytes were altered", where=f"plane {channel.name}, view {view}")
-        return data
-
-
-def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, is_prefix: bool = False) -> Container:
+def read_container(data: bytes | memoryview, limits: Limits | None = None, *, is_prefix: bool = False) -> Container:
     """Parse and check a file.
 
     Args:
@@ -141,7 +43,7 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
     Raises:
         FormatError: damaged, cut short, foreign, of an unknown version, or beyond the limits.
     """
-    limits = limits or L.Limits()
+    limits = limits or Limits()
     view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
     version, total, sections = read_table(view, _KNOWN, _PLANE_KINDS, is_prefix=is_prefix)
     scene = only(sections, L.SCENE)
@@ -188,7 +90,7 @@ def read_container(data: bytes | memoryview, limits: L.Limits | None = None, *, 
 
 
 def _grid(
-    layers: Sequence[LayerHeader] | Sequence[ExactLayer], photos: PhotoHeader | None, views: int, limits: L.Limits
+    layers: Sequence[LayerHeader] | Sequence[ExactLayer], photos: PhotoHeader | None, views: int, limits: Limits
 ) -> tuple[int, int]:
     """Height and width of layer 0, which the photos share where there are any."""
     if photos is None:
@@ -312,10 +214,10 @@ def _read_layer(section: Section, index: int, poses: list[tuple[NDArray, NDArray
 
 def _read_channels(
     cursor: Cursor, count: int, targets: Mapping[PlaneClass, int], views: int
-) -> tuple[L.ChannelRecord, ...]:
+) -> tuple[ChannelRecord, ...]:
     section = cursor.section
     ends = dict.fromkeys(PlaneClass, 0)
-    channels: list[L.ChannelRecord] = []
+    channels: list[ChannelRecord] = []
     for _ in range(count):
         number, target, coding, qp, scale, offset = cursor.unpack(L.CHANNEL)
         require(number < len(PlaneClass), section, f"plane class {number}, known are 0 to {len(PlaneClass) - 1}")
@@ -334,9 +236,9 @@ def _read_channels(
         streams = []
         for _ in range(views if coding == L.INTRA else 0):
             length, crc = cursor.unpack(L.STREAM)
-            streams.append(L.StreamRef(ends[plane_class], length, crc))
+            streams.append(StreamRef(ends[plane_class], length, crc))
             ends[plane_class] += length
-        channels.append(L.ChannelRecord(plane_class, target, qp, scale, offset, tuple(streams)))
+        channels.append(ChannelRecord(plane_class, target, qp, scale, offset, tuple(streams)))
     return tuple(channels)
 
 

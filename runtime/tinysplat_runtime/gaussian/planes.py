@@ -36,6 +36,14 @@ GEOMETRY: dict[PlaneClass, slice] = {
 
 GEOMETRY_CHANNELS = 11
 
+BIT_DEPTH = 12
+"""Of the pictures that planes are coded as."""
+
+MAX_CODE = (1 << BIT_DEPTH) - 1
+
+MAX_QP = 51
+"""HEVC's largest QP."""
+
 QP_BLOCK = 16
 """Side in pixels of the blocks that may have QPs of their own."""
 
@@ -51,6 +59,11 @@ def qp_block_side(height: int, width: int) -> int:
     while -(-height // side) * -(-width // side) > MAX_QP_BLOCKS:
         side *= 2
     return side
+
+
+def hevc_step(qp: float) -> float:
+    """HEVC's quantiser step in codes of `BIT_DEPTH` bits: 2^(b − 8) · 2^((QP − 4) / 6)."""
+    return float(1 << (BIT_DEPTH - 8)) * 2 ** ((qp - 4) / 6)
 
 
 @dataclass(frozen=True)

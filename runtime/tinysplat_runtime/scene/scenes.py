@@ -1,14 +1,6 @@
-"""Scene folders: photos and the cameras that took them.
+"""Scenes: photos of one place and the cameras that took them. Cameras are there at once, photos only when asked for.
 
-A scene folder holds images and `cameras.json`:
-
-    {"near": 2.0, "far": 9.7, "frames": [{"file": "images/0000.jpg", "width": 455, "height": 256,
-                                          "K": 3x3 in pixels of that image, "c2w": 4x4, OpenCV axes}, …]}
-
-Keys that are not listed are ignored. Cameras are read and checked at once, photos only when asked for. Scenes of other
-tools are read by the modules of `intake`.
-
-Trust boundary: the file is bounded in size, may not hold NaN, and names photos inside its own folder only.
+`intake` reads scenes, whoever wrote them.
 """
 
 from __future__ import annotations
@@ -17,23 +9,16 @@ import operator
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..system.files import StrPath, read_limited
-from ..system.jsonfields import MAX_DEPTH, depth, frame_entries, parse_object, photo_name
+from ..system.jsonfields import MAX_DEPTH
 from .cameras import Camera
 from .footage import Video
 from .images import read_image, resize_cover
-from .intake.lenses import Lens
-
-if TYPE_CHECKING:
-    from .intake.layouts import Reader
-
-CAMERAS_FILE = "cameras.json"
+from .lenses import Lens
 
 MAX_CAMERAS_BYTES = 64 * 1000 * 1000
 """A frame takes about 500 bytes, so this is more than 100,000 of them."""
@@ -174,81 +159,3 @@ class Scene:
             options = " and ".join(f"--{name}" for name in missing.split(" and "))
             raise InputError(f"the depth range lacks {missing}; give {options}", where=str(self.path))
         return self.near, self.far
-
-
-def load_scene(path: StrPath, near: float | None = None, far: float | None = None) -> Scene:
-    """Read a scene's cameras; its photos are read when asked for.
-
-    Args:
-        path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
-            in `sparse/`; one of these two .json files; or a RealEstate10K camera file (.txt). For a video and poses
-            see `scene.intake.video.video_scene`.
-        near: replaces the scene's own near depth, scene units.
-        far: replaces the scene's own far depth.
-
-    Raises:
-        InputError: names the file and the field at fault.
-    """
-    if reader := _foreign_reader(path):
-        return reader(Path(path), near, far)
-    file = _cameras_file(path)
-    data = read_limited(file, MAX_CAMERAS_BYTES)
-    try:
-        document = parse_object(data)
-        entries = frame_entries(document)
-        frames = [Frame(_camera(i, e), file.parent / photo_name(i, e)) for i, e in enumerate(entries)]
-        near = depth(document, "near") if near is None else near
-        far = depth(document, "far") if far is None else far
-    except InputError as error:
-        raise error.within(str(file)) from None
-    return Scene(file.parent, tuple(frames), near, far)
-
-
-def load_cameras(path: StrPath) -> list[Camera]:
-    """Read the cameras of anything that `load_scene` takes; frames of a `cameras.json` need name no photo.
-
-    Raises:
-        InputError: names the file and the field at fault.
-    """
-    if reader := _foreign_reader(path):
-        return reader(Path(path), None, None).cameras
-    file = _cameras_file(path)
-    data = read_limited(file, MAX_CAMERAS_BYTES)
-    try:
-        return [_camera(i, entry) for i, entry in enumerate(frame_entries(parse_object(data)))]
-    except InputError as error:
-        raise error.within(str(file)) from None
-
-
-def camera_entry(file: str, camera: Camera) -> dict[str, Any]:
-    """A frame of `cameras.json`."""
-    K, c2w = camera.K.tolist(), camera.c2w.tolist()
-    return {"file": file, "width": camera.width, "height": camera.height, "K": K, "c2w": c2w}
-
-
-def _foreign_reader(path: StrPath) -> Reader | None:
-    from .intake.layouts import foreign_reader  # here, because its modules build on this one
-
-    return foreign_reader(Path(path))
-
-
-def _cameras_file(path: StrPath) -> Path:
-    path = Path(path)
-    if path.is_dir() and not (path / CAMERAS_FILE).exists():
-        from .intake.layouts import ACCEPTED
-
-        raise InputError(f"no {ACCEPTED} in this folder", where=str(path))
-    return path / CAMERAS_FILE if path.is_dir() else path
-
-
-def _camera(i: int, entry: dict[str, Any]) -> Camera:
-    for name in ("K", "c2w", "width", "height"):
-        if name not in entry:
-            raise InputError("missing", where=f"frames[{i}].{name}")
-    for name in ("width", "height"):
-        if type(entry[name]) is not int:
-            raise InputError(f"{str(entry[name])[:40]}, expected a whole number", where=f"frames[{i}].{name}")
-    try:
-        return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
-    except InputError as error:
-        raise InputError(error.message, where=f"frames[{i}].{error.where}") from None

@@ -25,7 +25,9 @@ from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.scenes import CAMERAS_FILE, Scene, load_scene
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
+from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.files import StrPath, read_limited
 
 from ..rows import digest

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..cameras import Camera
+from ..lenses import INSTALL, Lens
 from ..scenes import Frame, Scene
 from .colmap_binary import check_counts
 from .depths import depth_range, depth_range_in_view
-from .lenses import INSTALL, Lens
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 PHOTO_FOLDERS = ("images", ".", "../images", "../../images", "../../../images")

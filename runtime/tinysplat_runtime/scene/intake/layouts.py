@@ -1,4 +1,4 @@
-"""Which tool wrote a scene: told by the files that are there, without reading them."""
+"""The doors to scenes, `load_scene` and `load_cameras`: which tool wrote one is told by the files that are there."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...errors import InputError
+from ...system.files import StrPath
+from ..cameras import Camera
 from ..footage import SUFFIXES
-from ..scenes import CAMERAS_FILE, Scene
+from ..scenes import Scene
+from .cameras_json import CAMERAS_FILE, cameras_alone, load_folder
 from .colmap import load_colmap, model_folder
 from .nerfstudio import FILE, load_transforms
 from .realestate import load_realestate
@@ -17,6 +20,35 @@ Reader = Callable[[Path, float | None, float | None], Scene]
 
 POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
 ACCEPTED = f"{CAMERAS_FILE}, {FILE} or a COLMAP model in sparse/"
+
+
+def load_scene(path: StrPath, near: float | None = None, far: float | None = None) -> Scene:
+    """Read a scene's cameras; its photos are read when asked for.
+
+    Args:
+        path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
+            in `sparse/`; one of these two .json files; or a RealEstate10K camera file (.txt). For a video and poses
+            see `video.video_scene`.
+        near: replaces the scene's own near depth, scene units.
+        far: replaces the scene's own far depth.
+
+    Raises:
+        InputError: names the file and the field at fault.
+    """
+    path = Path(path)
+    reader = foreign_reader(path)
+    return reader(path, near, far) if reader else load_folder(_cameras_file(path), near, far)
+
+
+def load_cameras(path: StrPath) -> list[Camera]:
+    """Read the cameras of anything that `load_scene` takes; frames of a `cameras.json` need name no photo.
+
+    Raises:
+        InputError: names the file and the field at fault.
+    """
+    path = Path(path)
+    reader = foreign_reader(path)
+    return reader(path, None, None).cameras if reader else cameras_alone(_cameras_file(path))
 
 
 def foreign_reader(path: Path) -> Reader | None:
@@ -32,3 +64,9 @@ def foreign_reader(path: Path) -> Reader | None:
     if path.suffix.lower() in SUFFIXES:
         raise InputError(f"a video needs its cameras: --poses {POSES}", where=str(path))
     return load_realestate if path.suffix == ".txt" else None
+
+
+def _cameras_file(path: Path) -> Path:
+    if path.is_dir() and not (path / CAMERAS_FILE).exists():
+        raise InputError(f"no {ACCEPTED} in this folder", where=str(path))
+    return path / CAMERAS_FILE if path.is_dir() else path

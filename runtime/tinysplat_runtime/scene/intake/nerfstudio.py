@@ -20,9 +20,9 @@ from ...system.files import parsing, read_limited
 from ...system.jsonfields import depth, frame_entries, kind_of, parse_object, photo_name
 from ..cameras import Camera
 from ..images import image_size
+from ..lenses import Lens, opencv_lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
 from .depths import depth_range_in_view
-from .lenses import Lens, opencv_lens
 
 FILE = "transforms.json"
 

@@ -18,8 +18,8 @@ from ..cameras import Camera
 from ..footage import SUFFIXES as VIDEO_SUFFIXES
 from ..footage import Video, open_video
 from ..images import image_size
+from ..lenses import intrinsics
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
-from .lenses import intrinsics
 
 VALUES = 19
 MICROSECONDS = 1_000_000  # time stamps of a second

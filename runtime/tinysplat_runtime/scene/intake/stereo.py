@@ -10,8 +10,8 @@ from ...errors import InputError
 from ...system.files import StrPath
 from ..cameras import Camera
 from ..images import image_size
+from ..lenses import intrinsics
 from ..scenes import Frame, Scene
-from .lenses import intrinsics
 
 
 def stereo_scene(

@@ -13,7 +13,8 @@ from pathlib import Path
 from ...errors import InputError
 from ...system.files import StrPath
 from ..footage import SUFFIXES, open_video
-from ..scenes import Frame, Scene, load_scene
+from ..scenes import Frame, Scene
+from .layouts import load_scene
 from .realestate import load_realestate
 
 

@@ -15,7 +15,8 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.extras import CodedExact, ExactLayer, exact_sections
+from ..container.extras import CodedExact, exact_sections
+from ..container.records import ExactLayer
 from ..container.writer import write_container
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians

@@ -12,18 +12,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.reader import LayerHeader
+from ..container.records import LayerHeader
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
+from ..gaussian.planes import GEOMETRY, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from .adaptive import COARSE_DEPTH
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
 from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .depth_step.allocation import Steps
-from .hevc import MAX_CODE
 from .profiles import AdaptiveSettings, Profile
-from .quantise import hevc_step
 
 _HALF_RANGE = 1 << 16
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import InputError
-from ..cameras import MAX_IMAGE_SIDE, Camera
+from ..errors import InputError
+from .cameras import MAX_IMAGE_SIDE, Camera
 
 PINHOLES = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3}
 """Models without distortion, and how many parameters they have."""

@@ -1,0 +1,70 @@
+"""Scene folders of our own layout: photos and the cameras that took them.
+
+A scene folder holds images and `cameras.json`:
+
+    {"near": 2.0, "far": 9.7, "frames": [{"file": "images/0000.jpg", "width": 455, "height": 256,
+                                          "K": 3x3 in pixels of that image, "c2w": 4x4, OpenCV axes}, …]}
+
+Keys that are not listed are ignored.
+
+Trust boundary: the file is bounded in size, may not hold NaN, and names photos inside its own folder only.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+from ...system.files import read_limited
+from ...system.jsonfields import depth, frame_entries, parse_object, photo_name
+from ..cameras import Camera
+from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
+
+CAMERAS_FILE = "cameras.json"
+
+
+def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
+    """The scene of a `cameras.json`; near and far replace the file's own.
+
+    Raises:
+        InputError: names the file and the field at fault.
+    """
+    data = read_limited(file, MAX_CAMERAS_BYTES)
+    try:
+        document = parse_object(data)
+        entries = frame_entries(document)
+        frames = [Frame(_camera(i, e), file.parent / photo_name(i, e)) for i, e in enumerate(entries)]
+        near = depth(document, "near") if near is None else near
+        far = depth(document, "far") if far is None else far
+    except InputError as error:
+        raise error.within(str(file)) from None
+    return Scene(file.parent, tuple(frames), near, far)
+
+
+def cameras_alone(file: Path) -> list[Camera]:
+    """The cameras of a `cameras.json`, whose frames need name no photo; errors of `load_folder`."""
+    data = read_limited(file, MAX_CAMERAS_BYTES)
+    try:
+        return [_camera(i, entry) for i, entry in enumerate(frame_entries(parse_object(data)))]
+    except InputError as error:
+        raise error.within(str(file)) from None
+
+
+def camera_entry(file: str, camera: Camera) -> dict[str, Any]:
+    """A frame of `cameras.json`."""
+    K, c2w = camera.K.tolist(), camera.c2w.tolist()
+    return {"file": file, "width": camera.width, "height": camera.height, "K": K, "c2w": c2w}
+
+
+def _camera(i: int, entry: dict[str, Any]) -> Camera:
+    for name in ("K", "c2w", "width", "height"):
+        if name not in entry:
+            raise InputError("missing", where=f"frames[{i}].{name}")
+    for name in ("width", "height"):
+        if type(entry[name]) is not int:
+            raise InputError(f"{str(entry[name])[:40]}, expected a whole number", where=f"frames[{i}].{name}")
+    try:
+        return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
+    except InputError as error:
+        raise InputError(error.message, where=f"frames[{i}].{error.where}") from None

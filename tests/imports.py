@@ -1,0 +1,119 @@
+"""The import graph of the project's own modules, read off the code: `python tests/imports.py` prints its circles, what
+lies in the rooms of the runtime, and which room leans on which.
+
+Every import counts: inside functions, and for types alone. A circle is a set of modules that all reach each other.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {
+    "tinysplat_runtime": ROOT / "runtime" / "tinysplat_runtime",
+    "tinysplat": ROOT / "tinysplat",
+    "export": ROOT / "export",
+}
+
+Graph = Mapping[str, frozenset[str]]
+"""Module to the modules it imports."""
+
+
+def modules(packages: Mapping[str, Path] = PACKAGES) -> dict[str, Path]:
+    """Every module of the packages by its dotted name."""
+    found = {}
+    for package, folder in packages.items():
+        for path in sorted(folder.rglob("*.py")):
+            parts = [package, *path.relative_to(folder).with_suffix("").parts]
+            found[".".join(parts).removesuffix(".__init__")] = path
+    return found
+
+
+def import_graph(files: Mapping[str, Path]) -> dict[str, frozenset[str]]:
+    """What each module imports of the others; a package stands for its `__init__`."""
+    return {name: frozenset(_imported(name, path, files)) - {name} for name, path in files.items()}
+
+
+def _imported(name: str, path: Path, files: Mapping[str, Path]) -> Iterable[str]:
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in files)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*above, *((node.module or "").split(".") if node.module else [])])
+            for alias in node.names:
+                whole = f"{base}.{alias.name}"
+                if whole in files:
+                    yield whole
+                elif base in files:
+                    yield base
+
+
+def circles(graph: Graph) -> list[list[str]]:
+    """Sets of two and more modules that all reach each other, by name."""
+    order: list[str] = []
+    seen: set[str] = set()
+
+    def visit(node: str, edges: Graph, out: list[str]) -> None:
+        stack = [(node, iter(sorted(edges[node])))]
+        seen.add(node)
+        while stack:
+            _, left = stack[-1]
+            following = next((n for n in left if n not in seen), None)
+            if following is None:
+                out.append(stack.pop()[0])
+            else:
+                seen.add(following)
+                stack.append((following, iter(sorted(edges[following]))))
+
+    for node in sorted(graph):
+        if node not in seen:
+            visit(node, graph, order)
+    backward: dict[str, set[str]] = {node: set() for node in graph}
+    for node, targets in graph.items():
+        for target in targets:
+            backward[target].add(node)
+    against = {node: frozenset(sources) for node, sources in backward.items()}
+    seen.clear()
+    found = []
+    for node in reversed(order):
+        if node not in seen:
+            component: list[str] = []
+            visit(node, against, component)
+            if len(component) > 1:
+                found.append(sorted(component))
+    return sorted(found)
+
+
+def room(module: str) -> str:
+    """The folder of a package that a module lies in; the package itself for what lies flat."""
+    return ".".join(module.split(".")[:2]) if module.count(".") > 1 else module.split(".")[0]
+
+
+def main() -> None:
+    """Print circles, rooms with their lines, and the arrows between rooms."""
+    files = modules()
+    graph = import_graph(files)
+    found = circles(graph)
+    print(f"{len(found)} import circle{'' if len(found) == 1 else 's'} among {len(files)} modules")
+    for circle in found:
+        print("  " + " ".join(circle))
+    runtime = {name: path for name, path in files.items() if name.startswith("tinysplat_runtime")}
+    rooms: dict[str, list[str]] = {}
+    for name, path in runtime.items():
+        is_package = path.name == "__init__.py" and name.count(".") == 1
+        rooms.setdefault(name if is_package else room(name), []).append(name)
+    print()
+    for name, members in sorted(rooms.items()):
+        lines = sum(len(runtime[member].read_text(encoding="utf-8").splitlines()) for member in members)
+        targets = {room(target) for member in members for target in graph[member]} - {name, "tinysplat_runtime"}
+        leans = ", ".join(sorted(target.removeprefix("tinysplat_runtime.") for target in targets))
+        print(f"{name:30} {len(members):3} modules {lines:6} lines   leans on {leans or 'nothing'}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
