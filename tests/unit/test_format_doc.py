@@ -11,7 +11,7 @@ from golden_cases import DATA
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.extras import EXACT_FIXED, NETWORK_FIXED, PHOTOS_FIXED
 from tinysplat_runtime.container.notes import NOTES_FIXED
-from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, GEOMETRY_CHANNELS, PLANE_CLASSES, PlaneClass
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
 _HEADING = "| offset | bytes | field | type | meaning and range | a reader must |"
@@ -56,10 +56,41 @@ def test_every_table_describes_its_structure_without_gaps(number, fields):
     assert end == fields.size
 
 
-def test_plane_sections_and_class_numbers_are_the_documented_ones():
+def _channels(plane_class: PlaneClass) -> str:
+    if plane_class not in GEOMETRY:
+        return "0 to k − 1, or 0 to 2 without a basis"
+    last = GEOMETRY[plane_class].stop - GEOMETRY[plane_class].start - 1
+    return f"0 to {last}" if last else "0"
+
+
+def _passes(plane_class: PlaneClass) -> str:
+    facts = plane_class.facts
+    if facts.passes[0] == facts.passes[1]:
+        return str(facts.passes[0])
+    first = "first record" if facts.base == 1 else f"first {facts.base} records"
+    return f"{first} {facts.passes[0]}, others {facts.passes[1]}"
+
+
+def test_the_table_of_plane_classes_is_the_code_s():
+    lines = TEXT.split("| class | number | section | channels | pass | largest |")[1].splitlines()[2:8]
+    found = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert found == [
+        [
+            c.label, str(c.value), f"`{c.facts.section.decode()}`", _channels(c), _passes(c),
+            f"{c.facts.largest:.0e}".replace("+", ""),
+        ]
+        for c in CODING_ORDER
+    ]  # fmt: skip
     names = re.findall(r"`(\w{4})`", next(line for line in TEXT.splitlines() if line.startswith("| `DEPT`")))
-    assert [name.encode() for name in names] == list(L.PLANES.values())
-    assert ", ".join(f"{c.value} {c.label}" for c in PlaneClass) in TEXT
+    assert [name.encode() for name in names] == [c.facts.section for c in CODING_ORDER]
+
+
+def test_every_plane_class_has_a_row_of_facts_and_channels_of_its_own():
+    assert set(PLANE_CLASSES) == set(PlaneClass) == set(CODING_ORDER)
+    assert len({facts.section for facts in PLANE_CLASSES.values()}) == len(PlaneClass)
+    channels = sorted(n for taken in GEOMETRY.values() for n in range(taken.start, taken.stop))
+    assert channels == list(range(GEOMETRY_CHANNELS)) and GEOMETRY_CHANNELS == 11
+    assert all(facts.passes[0] <= facts.passes[1] for facts in PLANE_CLASSES.values())
 
 
 def test_flags_have_their_documented_values():

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
+from ..gaussian.planes import CODING_ORDER, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
@@ -48,7 +48,7 @@ class AdaptiveLayer:
 
     Attributes:
         layer: the Gaussians, of the degree and with the colours that are stored.
-        planes: (V, C, H, W) float32 by class in coding order: −1/z, colour components, opacities, principal scales,
+        planes: (V, C, H, W) float32 by class: −1/z, colour components, opacities, principal scales,
             vector parts of relative rotations, pixel offsets.
         reference_quats, scale_mix: see `LayerPlan`.
         reduction: VABR's maps, of at least as many components as will be coded.
@@ -140,7 +140,8 @@ def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings
     color_step = steps[PlaneClass.COLOR] * 2 ** (qp / 6)
     reduction = _truncated(layer, _components(layer.energies, color_step, settings))
     channels = []
-    for plane_class, values in layer.planes.items():
+    for plane_class in CODING_ORDER:
+        values = layer.planes[plane_class]
         step = steps[plane_class] * 2 ** (qp / 6)
         if plane_class == PlaneClass.DEPTH and is_too_fine:
             step *= COARSE_DEPTH

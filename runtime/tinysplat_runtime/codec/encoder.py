@@ -28,19 +28,6 @@ from .profiles import AdaptiveSettings, PaperSettings, Profile
 from .quantise import CodeMap, choose_code_map, without_outliers
 from .residual import hybrid_settings, residual_plan
 
-FLAT_SPREAD = {
-    PlaneClass.OFFSET: 1e-4,
-    PlaneClass.SCALE: 1e-4,
-    PlaneClass.ROTATION: 1e-5,
-    PlaneClass.OPACITY: 1e-5,
-    PlaneClass.COLOR: 1e-5,
-}
-"""A channel of a smaller standard deviation (pixels; quaternion, opacity and colour units) is constant but for
-float32's rounding, which a step relative to the deviation would code as noise at full cost."""
-
-FLAT_DEPTH = 1e-7
-"""The same for depth, relative to its mean."""
-
 MAX_VIEWS = 64
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
@@ -258,7 +245,8 @@ class _OnceEach:
 def is_flat(channel: Channel, mean: float, spread: float, step: float) -> bool:
     """Whether a channel of that mean and standard deviation is stored as a number when coded at `step`."""
     low, high = channel.window
-    floor = FLAT_SPREAD.get(channel.plane_class, FLAT_DEPTH * abs(mean))
+    flat = channel.plane_class.facts.flat
+    floor = flat * abs(mean) if channel.plane_class == PlaneClass.DEPTH else flat
     return not high > low or spread <= max(floor, channel.flat_share * step)
 
 

@@ -2,7 +2,7 @@
 
 Planes are z, offset, ŝ, the camera-frame quaternion, opacity and the k leading VABR components. A 14-bit integer step
 is σ/α of the channel over all views, and HEVC quantises those integers at QP = Q_c + Q_g; the step that results,
-σ/α · 64 · 2^((Q_c + Q_g − 4)/6), is what the 12-bit codes of `quantize` reproduce.
+σ/α · 64 · 2^((Q_c + Q_g − 4)/6), is what the 12-bit codes of `quantise` reproduce.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
+from ..gaussian.planes import CODING_ORDER, GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
 from ..graphs.inference import GraphStore
 from .analysis import ProjectedLayer, coefficient_moment, color_planes
 from .basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
@@ -41,7 +41,7 @@ def paper_plan(
 ) -> LayerPlan:
     """Channels and steps at Q_g = `qp`."""
     channels: list[Channel] = []
-    for plane_class in (PlaneClass.DEPTH, PlaneClass.COLOR, *list(PlaneClass)[2:]):
+    for plane_class in CODING_ORDER:
         planes = colors if plane_class == PlaneClass.COLOR else projected.planes(plane_class)
         sigmas = planes.std(axis=(0, 2, 3), dtype=np.float64)
         if plane_class == PlaneClass.COLOR:  # one step for all, from the dominant component

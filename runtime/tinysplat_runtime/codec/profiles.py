@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ..errors import InputError
-from ..gaussian.planes import PlaneClass
+from ..gaussian.planes import PLANE_CLASSES, PlaneClass
 from .hevc import EncoderSettings
 
 
@@ -42,7 +42,7 @@ class AdaptiveSettings:
         flat_share: standard deviation, in steps, below which a channel is stored as a number; what it holds may lie in
             few pixels, and show there.
         disagreement: one colour takes the place of all SH coefficients where input views see colours that differ by
-            less than this share of a step² from it; see `seen`.
+            less than this share of a step² from it; see `one_colour`.
         margin: octaves below its start that the colour step may fall to without losing components.
     """
 
@@ -70,22 +70,8 @@ class Profile:
 
 
 PAPER = PaperSettings(
-    alpha={
-        PlaneClass.DEPTH: 2048,
-        PlaneClass.OFFSET: 256,
-        PlaneClass.SCALE: 256,
-        PlaneClass.ROTATION: 256,
-        PlaneClass.COLOR: 1024,
-        PlaneClass.OPACITY: 256,
-    },
-    class_qp={
-        PlaneClass.DEPTH: -4,
-        PlaneClass.OFFSET: 12,
-        PlaneClass.SCALE: 0,
-        PlaneClass.ROTATION: 9,
-        PlaneClass.COLOR: 3,
-        PlaneClass.OPACITY: 0,
-    },
+    alpha={plane_class: facts.alpha for plane_class, facts in PLANE_CLASSES.items()},
+    class_qp={plane_class: facts.class_qp for plane_class, facts in PLANE_CLASSES.items()},
     k=6,
 )
 
@@ -95,13 +81,7 @@ ADAPTIVE = AdaptiveSettings(
     depth_damage=3.5e-5,
     depth_step=6e-3,
     gain=0.009,
-    sensitivity={
-        PlaneClass.OFFSET: 2e-3,
-        PlaneClass.SCALE: 9e-4,
-        PlaneClass.ROTATION: 1.8e-4,
-        PlaneClass.COLOR: 0.035,
-        PlaneClass.OPACITY: 4.5e-3,
-    },
+    sensitivity={c: facts.sensitivity for c, facts in PLANE_CLASSES.items() if facts.sensitivity is not None},
     width=0.5,
     behind=1.41,
     energy_floor=0.005,

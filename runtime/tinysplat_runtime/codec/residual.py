@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..container.records import LayerHeader
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import GEOMETRY, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
+from ..gaussian.planes import CODING_ORDER, GEOMETRY, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from .adaptive import COARSE_DEPTH
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
@@ -71,7 +71,7 @@ def residual_plan(
     span = float(np.ptp(geometry[:, 0]))
     is_too_fine = depth_step < hevc_step(0) * span / MAX_CODE
     channels = []
-    for plane_class in PlaneClass:
+    for plane_class in CODING_ORDER:
         planes = colors if plane_class == PlaneClass.COLOR else geometry[:, GEOMETRY[plane_class]]
         step = steps[plane_class] * scale
         if plane_class == PlaneClass.DEPTH and is_too_fine:

@@ -13,14 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..gaussian.planes import GEOMETRY_CHANNELS, MAX_CODE, PlaneClass
+from ..gaussian.planes import CODING_ORDER, GEOMETRY_CHANNELS, MAX_CODE, MAX_DECODED, PlaneClass
 from .records import LayerHeader
-
-MAX_DECODED = 1e30
-"""Largest magnitude of a decoded number: sums and products of a few of them stay inside float32."""
-
-MAX_ROTATION = 1e15
-"""The same for rotation planes, whose squares are summed."""
 
 MIN_DEPTH = 1e-30
 """Least depth: its inverse is a decoded number too."""
@@ -46,10 +40,8 @@ def check_ranges(layer: LayerHeader, origin: NDArray, where: str) -> None:
     low, high = layer.depth_limits
     if low < MIN_DEPTH or high > MAX_DECODED:
         raise FormatError(f"depths {low:g} to {high:g}, accepted are {MIN_DEPTH:g} to {MAX_DECODED:g}", where=where)
-    bounds = {PlaneClass.ROTATION: MAX_ROTATION}
-    largest = {plane_class: _largest(layer, plane_class) for plane_class in PlaneClass}
-    values = {plane_class.label: (max(v.values(), default=0.0), bounds.get(plane_class, MAX_DECODED))
-              for plane_class, v in largest.items()}  # fmt: skip
+    largest = {plane_class: _largest(layer, plane_class) for plane_class in CODING_ORDER}
+    values = {c.label: (max(largest[c].values(), default=0.0), c.facts.largest) for c in CODING_ORDER}
     scale = max(largest[PlaneClass.SCALE].values(), default=0.0)
     if layer.scale_mix is not None:
         matrix, mean = (np.abs(a.astype(np.float64)) for a in layer.scale_mix)

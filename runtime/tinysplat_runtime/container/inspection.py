@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from ..gaussian.planes import PlaneClass, hevc_step
+from ..gaussian.planes import CODING_ORDER, PlaneClass, hevc_step
 from .layout import PART, PLANES
 from .notes import NOTE_NAMES
 from .reader import read_container
@@ -81,7 +81,7 @@ def _streams(container: Container) -> list[tuple[PlaneClass, int, int]]:
 
 
 def _bytes_by_class(container: Container) -> dict[str, int]:
-    totals = {plane_class.label: 0 for plane_class in PlaneClass}
+    totals = {plane_class.label: 0 for plane_class in CODING_ORDER}
     for plane_class, _, length in _streams(container):
         totals[plane_class.label] += length
     if container.photos is not None:

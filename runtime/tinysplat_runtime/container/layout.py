@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 
-from ..gaussian.planes import PlaneClass
+from ..gaussian.planes import CODING_ORDER
 
 MAGIC = b"\x89TSPLAT\n"  # a byte no text has, and a line feed that text-mode copying would alter
 MAJOR, MINOR = 1, 0
@@ -25,14 +25,7 @@ SCENE = b"SCEN"
 CAMERAS = b"CAMS"
 LAYER = b"LAYR"
 PARAMETER_SETS = b"HEVC"
-PLANES: dict[PlaneClass, bytes] = {
-    PlaneClass.DEPTH: b"DEPT",
-    PlaneClass.COLOR: b"COLO",
-    PlaneClass.OPACITY: b"OPAC",
-    PlaneClass.SCALE: b"SCAL",
-    PlaneClass.ROTATION: b"ROTA",
-    PlaneClass.OFFSET: b"OFFS",
-}
+PLANES = {plane_class: plane_class.facts.section for plane_class in CODING_ORDER}
 """Section type of the streams of each plane class; the index is the layer, plus PART times the part's number where the
 pictures of a class are spread over several sections."""
 

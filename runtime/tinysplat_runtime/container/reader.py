@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, InputError
-from ..gaussian.planes import GEOMETRY, MAX_QP, PlaneClass
+from ..gaussian.planes import CODING_ORDER, GEOMETRY, MAX_QP, PlaneClass
 from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import MAX_POSITION, Camera
 from . import layout as L
@@ -216,11 +216,11 @@ def _read_channels(
     cursor: Cursor, count: int, targets: Mapping[PlaneClass, int], views: int
 ) -> tuple[ChannelRecord, ...]:
     section = cursor.section
-    ends = dict.fromkeys(PlaneClass, 0)
+    ends = dict.fromkeys(CODING_ORDER, 0)
     channels: list[ChannelRecord] = []
     for _ in range(count):
         number, target, coding, qp, scale, offset = cursor.unpack(L.CHANNEL)
-        require(number < len(PlaneClass), section, f"plane class {number}, known are 0 to {len(PlaneClass) - 1}")
+        require(number in CODING_ORDER, section, f"plane class {number}, known are 0 to {CODING_ORDER[-1]:d}")
         plane_class = PlaneClass(number)
         require(target < targets[plane_class], section, f"{plane_class.label} has no channel {target}")
         require(coding in (L.CONSTANT, L.INTRA), section, f"coding {coding} is unknown")

@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.planes import LayerPlan, PlaneClass
+from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, LayerPlan, PlaneClass
 from ..scene.cameras import Camera
 from . import layout as L
 
@@ -78,36 +78,19 @@ def write_container(
     return _assemble([*sections, *extras, *_plane_sections(layers)])
 
 
-_PASSES: tuple[tuple[PlaneClass, ...], ...] = (
-    (PlaneClass.DEPTH, PlaneClass.COLOR),
-    (PlaneClass.OPACITY, PlaneClass.SCALE),
-    (PlaneClass.DEPTH, PlaneClass.ROTATION, PlaneClass.OFFSET),
-    (PlaneClass.COLOR,),
-)
-"""The file goes through all layers once for each of these: a base, how it covers, its refinement, what changes with the
-view. Opacity and scale stand together, as either without the other shows worse than neither."""
-
-_BACK_TO_FRONT = 1
-"""The pass that goes through the layers from the last: what the first reveals has to be there before it does."""
-
-_BASE_COLORS = 3
-"""Colour records of the base: as many as a colour has channels."""
-
-
 def pass_of(plane_class: PlaneClass, number: int) -> int:
     """The pass that the class's record `number` belongs to; never falls from record to record."""
-    passes = [n for n, classes in enumerate(_PASSES) if plane_class in classes]
-    of_base = _BASE_COLORS if plane_class == PlaneClass.COLOR else 1
-    return passes[0] if number < of_base else passes[-1]
+    facts = plane_class.facts
+    return facts.passes[0] if number < facts.base else facts.passes[1]
 
 
 def _plane_sections(layers: Sequence[CodedLayer]) -> list[tuple[bytes, int, bytes]]:
-    """Pictures in the order of `_PASSES`; what a later pass adds to a class of a layer is its next part."""
+    """Pictures pass by pass; what a later pass adds to a class of a layer is its next part."""
     sections: list[tuple[bytes, int, bytes]] = []
     parts: dict[tuple[PlaneClass, int], int] = {}
-    for number, classes in enumerate(_PASSES):
-        ordered = list(enumerate(layers))[:: -1 if number == _BACK_TO_FRONT else 1]
-        for (index, layer), plane_class in product(ordered, classes):
+    for number in PASSES:
+        ordered = list(enumerate(layers))[:: -1 if number == BACK_TO_FRONT else 1]
+        for (index, layer), plane_class in product(ordered, CODING_ORDER):
             records = [channel for channel in layer.channels if channel.plane_class == plane_class]
             streams = [p for i, c in enumerate(records) if pass_of(plane_class, i) == number for p in c.payloads]
             if streams:

@@ -1,16 +1,23 @@
-"""Plane classes and the channels they consist of: the vocabulary of codec and container."""
+"""Plane classes and the channels they consist of: the vocabulary of codec and container.
+
+What a class is stands in `PLANE_CLASSES` and nowhere else: codec, container and the tables of docs/FORMAT.md follow.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+MAX_DECODED = 1e30
+"""Largest magnitude of a decoded number: sums and products of a few of them stay inside float32."""
+
 
 class PlaneClass(IntEnum):
-    """Class of a plane; the number is the one in the file, the order is by what a first picture needs."""
+    """Class of a plane; the number is the one in the file, by which records and their planes are ordered."""
 
     DEPTH = 0
     COLOR = 1
@@ -24,17 +31,84 @@ class PlaneClass(IntEnum):
         """Lower-case name, as in reports."""
         return self.name.lower()
 
+    @property
+    def facts(self) -> ClassFacts:
+        """What is to be known of the class."""
+        return PLANE_CLASSES[self]
 
-GEOMETRY: dict[PlaneClass, slice] = {
-    PlaneClass.DEPTH: slice(0, 1),
-    PlaneClass.OFFSET: slice(1, 3),
-    PlaneClass.SCALE: slice(3, 6),
-    PlaneClass.ROTATION: slice(6, 10),
-    PlaneClass.OPACITY: slice(10, 11),
+
+@dataclass(frozen=True)
+class ClassFacts:
+    """What is to be known of a plane class. Units are those of its planes (docs/CONVENTIONS.md, "Planes").
+
+    Attributes:
+        section: type of the sections that hold its pictures.
+        geometry: its channels of the geometry tensor (V, 11, H, W), first and behind the last; None for colour, whose
+            channels are components of the SH coefficients.
+        base, passes: the writer goes through all layers once per pass; the class's first `base` records stand in the
+            first of its `passes`, the others in the second.
+        flat: standard deviation below which a channel is constant but for float32's rounding, which a step relative to
+            the deviation would code as noise at full cost; of depth as a share of its mean.
+        largest: largest magnitude that a record may let it decode to.
+        alpha, class_qp: steps per standard deviation and Q_c of arXiv 2506.09479's table.
+        sensitivity: mean squared picture error per squared unit of error; None for depth, whose step is measured on
+            the scene.
+    """
+
+    section: bytes
+    geometry: tuple[int, int] | None
+    base: int
+    passes: tuple[int, int]
+    flat: float
+    largest: float
+    alpha: int
+    class_qp: int
+    sensitivity: float | None
+
+
+PLANE_CLASSES: Mapping[PlaneClass, ClassFacts] = {
+    PlaneClass.DEPTH: ClassFacts(
+        section=b"DEPT", geometry=(0, 1), base=1, passes=(0, 2), flat=1e-7, largest=MAX_DECODED,
+        alpha=2048, class_qp=-4, sensitivity=None,
+    ),
+    PlaneClass.COLOR: ClassFacts(
+        section=b"COLO", geometry=None, base=3, passes=(0, 3), flat=1e-5, largest=MAX_DECODED,
+        alpha=1024, class_qp=3, sensitivity=0.035,
+    ),
+    PlaneClass.OPACITY: ClassFacts(
+        section=b"OPAC", geometry=(10, 11), base=1, passes=(1, 1), flat=1e-5, largest=MAX_DECODED,
+        alpha=256, class_qp=0, sensitivity=4.5e-3,
+    ),
+    PlaneClass.SCALE: ClassFacts(
+        section=b"SCAL", geometry=(3, 6), base=3, passes=(1, 1), flat=1e-4, largest=MAX_DECODED,
+        alpha=256, class_qp=0, sensitivity=9e-4,
+    ),
+    PlaneClass.ROTATION: ClassFacts(
+        section=b"ROTA", geometry=(6, 10), base=4, passes=(2, 2), flat=1e-5, largest=1e15,  # squares are summed
+        alpha=256, class_qp=9, sensitivity=1.8e-4,
+    ),
+    PlaneClass.OFFSET: ClassFacts(
+        section=b"OFFS", geometry=(1, 3), base=2, passes=(2, 2), flat=1e-4, largest=MAX_DECODED,
+        alpha=256, class_qp=12, sensitivity=2e-3,
+    ),
+}  # fmt: skip
+
+CODING_ORDER = tuple(sorted(PLANE_CLASSES))
+"""Classes by number: the order of records, and of planes within a pass."""
+
+PASSES = tuple(sorted({number for facts in PLANE_CLASSES.values() for number in facts.passes}))
+"""What the writer goes through all layers for: a base, how it covers, its refinement, what changes with the view. Opacity
+and scale stand together, as either without the other shows worse than neither."""
+
+BACK_TO_FRONT = 1
+"""The pass that goes through the layers from the last: what the first reveals has to be there before it does."""
+
+GEOMETRY: Mapping[PlaneClass, slice] = {
+    plane_class: slice(*facts.geometry) for plane_class, facts in PLANE_CLASSES.items() if facts.geometry is not None
 }
-"""Channels of the geometry tensor (V, 11, H, W) by class; see docs/CONVENTIONS.md, "Planes"."""
+"""Channels of the geometry tensor (V, 11, H, W) by class."""
 
-GEOMETRY_CHANNELS = 11
+GEOMETRY_CHANNELS = max(channels.stop for channels in GEOMETRY.values())
 
 BIT_DEPTH = 12
 """Of the pictures that planes are coded as."""
