@@ -151,7 +151,7 @@ class Runtime:
 
         Args:
             gaussians: per pixel, with cameras; the file carries their notes.
-            profile: paper, fast, balanced or max.
+            profile: one of `codec.profiles.PROFILES`.
             qp: Q_g; every quantiser step is multiplied by 2^(qp/6). None is 0, or what a target asks for.
             target_size: bytes of the file in place of `qp`: at most that many, and at least 97 % of it.
             target_psnr: dB of decoded against raw renders, the mean over the input views, in place of `qp`: at least

@@ -18,10 +18,9 @@ from types import FrameType
 from typing import NoReturn, TypeAlias
 
 from .. import __version__
+from ..codec.profiles import DEFAULT_PROFILE, PROFILES
 from ..errors import InputError, TinySplatError
 from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, views
-
-PROFILES = ("paper", "fast", "balanced", "max")  # codec.profiles has what they mean; not imported, to start fast
 
 MODES = ("gaussians", "photos", "hybrid", "auto")  # modes.py says what they are
 
@@ -58,7 +57,7 @@ def _common() -> _Parser:
 def _coding() -> _Parser:
     coding = _Parser(add_help=False)
     coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
-    coding.add_argument("--profile", choices=PROFILES, help="default: balanced")
+    coding.add_argument("--profile", choices=PROFILES, help=f"default: {DEFAULT_PROFILE}")
     rate = coding.add_mutually_exclusive_group()
     rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
     rate.add_argument(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import FormatError, TinySplatError
 from ..gaussian.planes import BIT_DEPTH, MAX_QP, QP_BLOCK, padded_size, qp_block_side
 from ..system.stopwatch import part
-from .hevc import pad_plane
+from .profiles import EncoderSettings
 
 _PIXEL_FORMAT = "gray12le"
 _START_CODE = b"\x00\x00\x00\x01"
@@ -47,26 +47,20 @@ av.logging.set_level(av.logging.PANIC)
 
 
 @dataclass(frozen=True)
-class EncoderSettings:
-    """What of libx265 a profile chooses.
-
-    Attributes:
-        preset: x265 preset.
-        params: further x265 parameters as `name=value`.
-        block_qps: whether blocks can have QPs of their own, which parameter sets say of all pictures.
-    """
-
-    preset: str
-    params: tuple[str, ...] = ()
-    block_qps: bool = False
-
-
-@dataclass(frozen=True)
 class CodedPlane:
     """A coded picture: `parameter_sets` with start codes, `payload` one slice NAL unit without."""
 
     parameter_sets: bytes
     payload: bytes
+
+
+def pad_plane(codes: NDArray) -> NDArray:
+    """Extend a plane (H, W) to `padded_size` by repeating its last row and column."""
+    height, width = codes.shape
+    to_height, to_width = padded_size(height, width)
+    if (to_height, to_width) == (height, width):
+        return np.ascontiguousarray(codes)
+    return np.pad(codes, ((0, to_height - height), (0, to_width - width)), mode="edge")
 
 
 def encode_plane(codes: NDArray, qp: int, settings: EncoderSettings, offsets: NDArray | None = None) -> CodedPlane:

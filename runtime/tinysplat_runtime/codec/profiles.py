@@ -1,4 +1,7 @@
-"""Named settings of the codec: what `--profile` chooses."""
+"""Named settings of the codec: what `--profile` chooses. A profile is a row of `PROFILES`, and nothing else.
+
+Loads without numpy and libx265, so that the command line can name what there is.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,21 @@ from dataclasses import dataclass, replace
 
 from ..errors import InputError
 from ..gaussian.planes import PLANE_CLASSES, PlaneClass
-from .hevc import EncoderSettings
+
+
+@dataclass(frozen=True)
+class EncoderSettings:
+    """What of libx265 a profile chooses.
+
+    Attributes:
+        preset: x265 preset.
+        params: further x265 parameters as `name=value`.
+        block_qps: whether blocks can have QPs of their own, which parameter sets say of all pictures.
+    """
+
+    preset: str
+    params: tuple[str, ...] = ()
+    block_qps: bool = False
 
 
 @dataclass(frozen=True)
@@ -114,6 +131,9 @@ PROFILES: dict[str, Profile] = {
 }
 
 DEFAULT_PROFILE = "balanced"
+
+ADAPTIVE_PROFILES = tuple(name for name, profile in PROFILES.items() if isinstance(profile.settings, AdaptiveSettings))
+"""Profiles whose steps say something of differences, too."""
 
 
 def find_profile(name: str) -> Profile:

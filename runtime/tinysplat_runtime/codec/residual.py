@@ -21,7 +21,7 @@ from .adaptive import COARSE_DEPTH
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
 from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .depth_step.allocation import Steps
-from .profiles import AdaptiveSettings, Profile
+from .profiles import ADAPTIVE_PROFILES, AdaptiveSettings, Profile
 
 _HALF_RANGE = 1 << 16
 
@@ -29,7 +29,8 @@ _HALF_RANGE = 1 << 16
 def hybrid_settings(profile: Profile) -> AdaptiveSettings:
     """The profile's steps; InputError for `paper`, whose steps say nothing of differences."""
     if not isinstance(profile.settings, AdaptiveSettings):
-        raise InputError(f"'{profile.name}' with mode hybrid, accepted are fast, balanced, max", where="profile")
+        accepted = ", ".join(ADAPTIVE_PROFILES)
+        raise InputError(f"'{profile.name}' with mode hybrid, accepted are {accepted}", where="profile")
     return profile.settings
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # so that the command line can name profiles without numpy
+    from numpy.typing import NDArray
 
 MAX_DECODED = 1e30
 """Largest magnitude of a decoded number: sums and products of a few of them stay inside float32."""
@@ -218,12 +219,3 @@ class LayerPlan:
 def padded_size(height: int, width: int) -> tuple[int, int]:
     """Size at which a plane is coded: multiples of HEVC's minimum block of 8, and at least 16 as libx265 demands."""
     return max(16, -(-height // 8) * 8), max(16, -(-width // 8) * 8)
-
-
-def pad_plane(codes: NDArray) -> NDArray:
-    """Extend a plane (H, W) to `padded_size` by repeating its last row and column."""
-    height, width = codes.shape
-    to_height, to_width = padded_size(height, width)
-    if (to_height, to_width) == (height, width):
-        return np.ascontiguousarray(codes)
-    return np.pad(codes, ((0, to_height - height), (0, to_width - width)), mode="edge")
