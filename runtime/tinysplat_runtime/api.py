@@ -23,7 +23,6 @@ from .codec.profiles import DEFAULT_PROFILE, find_profile
 from .codec.rate import encode_to_psnr, encode_to_size
 from .codec.recode import encode_like
 from .container.inspection import inspect_bytes
-from .container.notes import added_bytes, with_notes
 from .container.records import Limits
 from .errors import InputError
 from .gaussian.gaussians import Gaussians
@@ -169,28 +168,25 @@ class Runtime:
             NumericError: Gaussians with z ≤ 0.
         """
         _check_targets(qp=qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless or None, like=like)
-        notes = gaussians.notes
         if lossless:
             stats = stats or EncodeStats()
             stats.mode = "lossless"
             with stats.watch.stage("zlib"):
-                exact = encode_lossless(gaussians, self.store, threads=self.threads, drop_invalid=drop_invalid)
-            return with_notes(exact, notes)
+                return encode_lossless(gaussians, self.store, threads=self.threads, drop_invalid=drop_invalid)
         if like is not None:
             limits, threads = self.limits, self.threads
-            coded = encode_like(
+            return encode_like(
                 gaussians, like, self.store, threads=threads, limits=limits, drop_invalid=drop_invalid, stats=stats
             )
-            return with_notes(coded, notes)
         encoder = SceneEncoder(
             gaussians, find_profile(profile), self.store, threads=self.threads, drop_invalid=drop_invalid, stats=stats
         )
         if target_size is not None:
-            return with_notes(encode_to_size(encoder, target_size - added_bytes(notes)), notes)
+            return encode_to_size(encoder, target_size)
         if target_psnr is not None:
-            return with_notes(encode_to_psnr(encoder, target_psnr, self._fidelity(gaussians)), notes)
+            return encode_to_psnr(encoder, target_psnr, self._fidelity(gaussians))
         wanted = float(qp or 0)
-        return with_notes(encoder.code(encoder.plan(wanted), wanted), notes)
+        return encoder.code(encoder.plan(wanted), wanted)
 
     def encode(
         self,
@@ -229,10 +225,8 @@ class Runtime:
         stats.mode = mode
         photos, coding = photo_scene(scene, gaussians, model, self.store), find_profile(profile)
         if mode == "hybrid":
-            data = compress_hybrid(photos, coding, float(qp or 0), self.store, threads=self.threads, stats=stats)
-            return with_notes(data, gaussians.notes)
+            return compress_hybrid(photos, coding, float(qp or 0), self.store, threads=self.threads, stats=stats)
         data = compress_photos(photos, coding, float(qp or 0), threads=self.threads, stats=stats)
-        data = with_notes(data, gaussians.notes)
         if mode == "auto":
             planes = self.compress(gaussians, profile, qp, stats=stats, **options)
             stats.mode, stats.reason = choose(planes, data, photos.network, network_seconds)

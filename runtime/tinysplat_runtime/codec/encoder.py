@@ -214,7 +214,8 @@ class SceneEncoder:
         with self.stats.watch.stage("write"):
             cameras, origin = self.gaussians.cameras, self.gaussians.origin
             extras = () if self._photo_mode is None else self._photo_mode.sections
-            data = write_container(coded, cameras, origin, self.profile.name, qp, extras)
+            notes = self.gaussians.notes
+            data = write_container(coded, cameras, origin, self.profile.name, qp, extras, notes=notes)
             check_readable(data)
         return data
 

@@ -48,7 +48,8 @@ def encode_lossless(gaussians: Gaussians, store: GraphStore, *, threads: int, dr
         coded = CodedExact(layer.cameras, layer.degree, limits, digest, payloads)
         sections += exact_sections(coded, index)
     cameras, count = gaussians.cameras, len(gaussians.layers)
-    return write_container([], cameras, gaussians.origin, "lossless", 0.0, sections, layer_count=count)
+    origin, notes = gaussians.origin, gaussians.notes
+    return write_container([], cameras, origin, "lossless", 0.0, sections, layer_count=count, notes=notes)
 
 
 def exact_planes(

@@ -66,7 +66,8 @@ def compress_photos(scene: PhotoScene, profile: Profile, qp: float, *, threads: 
     photos = _coded(scene, profile, qp, threads, stats)
     cameras = scene.gaussians.cameras
     with stats.watch.stage("write"):
-        return write_container([], cameras, np.zeros(3), profile.name, qp, _sections(scene, photos))
+        notes = scene.gaussians.notes
+        return write_container([], cameras, np.zeros(3), profile.name, qp, _sections(scene, photos), notes=notes)
 
 
 def compress_hybrid(

@@ -256,7 +256,8 @@ def _metadata_bytes(encoder: SceneEncoder, plans: Sequence[LayerPlan]) -> int:
         channels = tuple(CodedChannel(c.plane_class, c.target, 0, 0.0, 0.0, one_each) for c in plan.channels)
         height, width = layer.opacities.shape[1:]
         layers.append(CodedLayer(height, width, layer.degree, plan, channels, b"", layer.cameras))
-    return len(write_container(layers, encoder.gaussians.cameras, encoder.gaussians.origin, "", 0.0))
+    scene = encoder.gaussians
+    return len(write_container(layers, scene.cameras, scene.origin, "", 0.0, notes=scene.notes))
 
 
 def _corrected(plans: Sequence[LayerPlan], data: bytes, target: int) -> tuple[list[LayerPlan], float]:

@@ -100,7 +100,8 @@ def encode_like(
             coder = _LayerCoder(container, index, profile.encoder, pool, stats)
             layers.append(coder.code(*_targets(store, container.layers[index], *pair, profile, drop_invalid, stats)))
     with stats.watch.stage("write"):
-        data = write_container(layers, gaussians.cameras, gaussians.origin, profile.name, container.qp)
+        cameras, notes = gaussians.cameras, gaussians.notes
+        data = write_container(layers, cameras, gaussians.origin, profile.name, container.qp, notes=notes)
         check_readable(data)
     return data
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from zlib import crc32
 
 from ..errors import FormatError, InputError
 from ..gaussian.notes import MAX_BYTES, NO_NOTES, Notes
-from . import layout as L
 from .sections import Cursor, Section, only
 
 NOTES = b"NOTE"
@@ -19,30 +17,15 @@ NOTES_FIXED = struct.Struct("<HHH")
 
 NOTE_NAMES = ("unit", "attribution", "licence")
 
-_MINOR = {NOTES: 1, REFINED: 2}
-_PLACE = 2  # in the table, behind scene and cameras: metadata, in every prefix that shows anything
+MINOR = {NOTES: 1, REFINED: 2}
+"""Minor version of a file with such a section, which readers that do not know it may skip."""
 
 
-def added_bytes(notes: Notes) -> int:
-    """By how much `with_notes` makes a file larger."""
-    return sum(L.TABLE_ROW.size + len(data) for data in _sections(notes).values())
-
-
-def with_notes(data: bytes, notes: Notes) -> bytes:
-    """A file that our writer made, with the sections added; the file itself where there is nothing to say."""
-    if not notes:
-        return data
-    sections = _sections(notes)
-    magic, major, _, count, _, _ = L.HEADER.unpack_from(data)
-    rows = [data[at : at + L.TABLE_ROW.size] for at in range(L.HEADER.size, _table_end(count), L.TABLE_ROW.size)]
-    lengths = [L.TABLE_ROW.unpack(row)[3] for row in rows[:_PLACE]]
-    at = _table_end(count) + sum(lengths)
-    added = [L.TABLE_ROW.pack(kind, 0, 0, len(text), crc32(text)) for kind, text in sections.items()]
-    table = b"".join([*rows[:_PLACE], *added, *rows[_PLACE:]])
-    minor = max(_MINOR[kind] for kind in sections)
-    head = L.HEADER.pack(magic, major, minor, count + len(added), 0, 0)[:-4]
-    crc = crc32(head + table).to_bytes(4, "little")
-    return b"".join((head, crc, table, data[_table_end(count) : at], *sections.values(), data[at:]))
+def note_sections(notes: Notes) -> dict[bytes, bytes]:
+    """The sections that there is something to say in."""
+    texts = [getattr(notes, name).encode() for name in NOTE_NAMES]
+    sections = {NOTES: NOTES_FIXED.pack(*map(len, texts)) + b"".join(texts)} if any(texts) else {}
+    return sections | ({REFINED: notes.refined.encode()} if notes.refined else {})
 
 
 def read_notes(sections: Sequence[Section]) -> Notes:
@@ -78,14 +61,3 @@ def _text(cursor: Cursor, name: str, length: int) -> str:
         return bytes(cursor.take(length)).decode("utf-8")
     except UnicodeDecodeError:
         raise FormatError(f"{name} is not UTF-8", where=cursor.section.label) from None
-
-
-def _sections(notes: Notes) -> dict[bytes, bytes]:
-    """The sections that there is something to say in."""
-    texts = [getattr(notes, name).encode() for name in NOTE_NAMES]
-    sections = {NOTES: NOTES_FIXED.pack(*map(len, texts)) + b"".join(texts)} if any(texts) else {}
-    return sections | ({REFINED: notes.refined.encode()} if notes.refined else {})
-
-
-def _table_end(count: int) -> int:
-    return L.HEADER.size + count * L.TABLE_ROW.size

@@ -10,9 +10,11 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from ..gaussian.notes import NO_NOTES, Notes
 from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, LayerPlan, PlaneClass
 from ..scene.cameras import Camera
 from . import layout as L
+from .notes import MINOR, note_sections
 
 
 @dataclass(frozen=True)
@@ -58,16 +60,18 @@ def write_container(
     extras: Sequence[tuple[bytes, int, bytes]] = (),
     *,
     layer_count: int | None = None,
+    notes: Notes = NO_NOTES,
 ) -> bytes:
     """The file: metadata first, then planes such that the picture gets better from pass to pass.
 
     `extras` are the sections of a mode (`extras.py`), which stand between the two; `layer_count` is how many layers
-    they hold where `layers` are none.
+    they hold where `layers` are none. `notes` stand behind the cameras, in every prefix that shows anything.
     """
     scene = L.SCENE_FIXED.pack(len(cameras), layer_count or len(layers), qp, *origin, profile.encode("ascii"))
     sections: list[tuple[bytes, int, bytes]] = [
         (L.SCENE, 0, scene),
         (L.CAMERAS, 0, b"".join(_camera(camera) for camera in cameras)),
+        *((kind, 0, data) for kind, data in note_sections(notes).items()),
     ]
     parameter_sets: list[bytes] = []
     for index, layer in enumerate(layers):
@@ -102,9 +106,11 @@ def _plane_sections(layers: Sequence[CodedLayer]) -> list[tuple[bytes, int, byte
 
 def _assemble(sections: Sequence[tuple[bytes, int, bytes]]) -> bytes:
     table = b"".join(
-        L.TABLE_ROW.pack(kind, L.REQUIRED, index, len(data), crc32(data)) for kind, index, data in sections
+        L.TABLE_ROW.pack(kind, 0 if kind in MINOR else L.REQUIRED, index, len(data), crc32(data))
+        for kind, index, data in sections
     )
-    head = L.HEADER.pack(L.MAGIC, L.MAJOR, L.MINOR, len(sections), 0, 0)[:-4]
+    minor = max(MINOR.get(kind, L.MINOR) for kind, _, _ in sections)
+    head = L.HEADER.pack(L.MAGIC, L.MAJOR, minor, len(sections), 0, 0)[:-4]
     head += crc32(head + table).to_bytes(4, "little")
     return b"".join((head, table, *(data for _, _, data in sections)))
 

@@ -98,8 +98,8 @@ CODING_ORDER = tuple(sorted(PLANE_CLASSES))
 """Classes by number: the order of records, and of planes within a pass."""
 
 PASSES = tuple(sorted({number for facts in PLANE_CLASSES.values() for number in facts.passes}))
-"""What the writer goes through all layers for: a base, how it covers, its refinement, what changes with the view. Opacity
-and scale stand together, as either without the other shows worse than neither."""
+"""What the writer goes through all layers for: a base, how it covers, its refinement, what changes with the view.
+Opacity and scale stand together, as either without the other shows worse than neither."""
 
 BACK_TO_FRONT = 1
 """The pass that goes through the layers from the last: what the first reveals has to be there before it does."""
