@@ -9,16 +9,18 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, wraps
+from inspect import signature
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .codec.decoder import decode_gaussians
-from .codec.encoder import EncodeStats, SceneEncoder
-from .codec.exact import encode_lossless
-from .codec.modes import check_options, choose, compress_hybrid, compress_photos, photo_scene
+from .codec.encoder import EncodeStats
+from .codec.modes import AUTO, DEFAULT_MODE
+from .codec.modes.choice import check_options, choose
+from .codec.modes.mode import Job, PhotoScene
+from .codec.modes.registry import MODES
 from .codec.profiles import DEFAULT_PROFILE, find_profile
 from .codec.rate import encode_to_psnr, encode_to_size
 from .codec.recode import encode_like
@@ -37,6 +39,9 @@ from .system.stopwatch import Stopwatch
 from .system.threads import Crew, available_cores
 
 DEFAULT_MODEL = "edge"
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 TARGETS = ("target_size", "target_psnr", "lossless", "like")
 """Options of `compress` that say how planes are coded in place of Q_g."""
@@ -168,25 +173,22 @@ class Runtime:
             NumericError: Gaussians with z ≤ 0.
         """
         _check_targets(qp=qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless or None, like=like)
-        if lossless:
-            stats = stats or EncodeStats()
-            stats.mode = "lossless"
-            with stats.watch.stage("zlib"):
-                return encode_lossless(gaussians, self.store, threads=self.threads, drop_invalid=drop_invalid)
+        stats = stats or EncodeStats()
         if like is not None:
             limits, threads = self.limits, self.threads
             return encode_like(
                 gaussians, like, self.store, threads=threads, limits=limits, drop_invalid=drop_invalid, stats=stats
             )
-        encoder = SceneEncoder(
-            gaussians, find_profile(profile), self.store, threads=self.threads, drop_invalid=drop_invalid, stats=stats
-        )
+        coding = find_profile(DEFAULT_PROFILE if lossless else profile)
+        job = Job(gaussians, coding, float(qp or 0), self.store, self.threads, stats, drop_invalid)
+        if lossless:
+            stats.mode = "lossless"
+            return MODES[stats.mode].encode(job)
         if target_size is not None:
-            return encode_to_size(encoder, target_size)
+            return encode_to_size(job.encoder(), target_size)
         if target_psnr is not None:
-            return encode_to_psnr(encoder, target_psnr, self._fidelity(gaussians))
-        wanted = float(qp or 0)
-        return encoder.code(encoder.plan(wanted), wanted)
+            return encode_to_psnr(job.encoder(), target_psnr, self._fidelity(gaussians))
+        return MODES[DEFAULT_MODE].encode(job)
 
     def encode(
         self,
@@ -195,7 +197,7 @@ class Runtime:
         profile: str = DEFAULT_PROFILE,
         qp: float | None = None,
         *,
-        mode: str = "gaussians",
+        mode: str = DEFAULT_MODE,
         gaussians: Gaussians | None = None,
         stats: EncodeStats | None = None,
         **options: Any,
@@ -220,18 +222,17 @@ class Runtime:
         check_options(mode, has_target=any(options.get(name) for name in TARGETS))
         gaussians = gaussians or self.predict(scene, model, watch=stats.watch)
         network_seconds = stats.watch.seconds.get("network", 0.0)
-        if mode == "gaussians":
+        if mode == DEFAULT_MODE:
             return self.compress(gaussians, profile, qp, stats=stats, **options)
+        photos, coding = PhotoScene.of(scene, model, self.store), find_profile(profile)
+        job = Job(gaussians, coding, float(qp or 0), self.store, self.threads, stats, photos=photos)
         stats.mode = mode
-        photos, coding = photo_scene(scene, gaussians, model, self.store), find_profile(profile)
-        if mode == "hybrid":
-            return compress_hybrid(photos, coding, float(qp or 0), self.store, threads=self.threads, stats=stats)
-        data = compress_photos(photos, coding, float(qp or 0), threads=self.threads, stats=stats)
-        if mode == "auto":
-            planes = self.compress(gaussians, profile, qp, stats=stats, **options)
-            stats.mode, stats.reason = choose(planes, data, photos.network, network_seconds)
-            data = data if stats.mode == "photos" else planes
-        return data
+        if mode != AUTO:
+            return MODES[mode].encode(job)
+        data = MODES["photos"].encode(job)
+        planes = self.compress(gaussians, profile, qp, stats=stats, **options)
+        stats.mode, stats.reason = choose(planes, data, photos.network, network_seconds)
+        return data if stats.mode == "photos" else planes
 
     def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
         """PSNR of a file's render to that of `gaussians`, the mean over their views."""
@@ -308,59 +309,24 @@ def _shared() -> Runtime:
     return Runtime()
 
 
-def predict(scene: Scene, model: str = DEFAULT_MODEL) -> Gaussians:
-    """Gaussians of all views of a scene; see `Runtime.predict`."""
-    return _shared().predict(scene, model)
+def _door(method: Callable[Concatenate[Runtime, P], T]) -> Callable[P, T]:
+    """A method as a function, on the runtime that lives as long as the process; arguments and help are the method's."""
+
+    @wraps(method)
+    def call(*args: P.args, **options: P.kwargs) -> T:
+        return method(_shared(), *args, **options)
+
+    parameters = list(signature(method).parameters.values())[1:]
+    call.__signature__ = signature(method).replace(parameters=parameters)  # type: ignore[attr-defined]
+    return call
 
 
-def refine(gaussians: Gaussians, scene: Scene, steps: int | None = None, **options: Any) -> Gaussians:
-    """Gaussians that show a scene's photos better; see `Runtime.refine`, whose options these are."""
-    return _shared().refine(gaussians, scene, steps, **options)
-
-
-def compress(
-    gaussians: Gaussians,
-    profile: str = DEFAULT_PROFILE,
-    qp: float | None = None,
-    *,
-    target_size: int | None = None,
-    target_psnr: float | None = None,
-    lossless: bool = False,
-    like: bytes | None = None,
-    drop_invalid: bool = False,
-) -> bytes:
-    """A `.tsplat` file's bytes; see `Runtime.compress`."""
-    return _shared().compress(
-        gaussians, profile, qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless,
-        like=like, drop_invalid=drop_invalid,
-    )  # fmt: skip
-
-
-def encode(
-    scene: Scene,
-    model: str = DEFAULT_MODEL,
-    profile: str = DEFAULT_PROFILE,
-    qp: float | None = None,
-    *,
-    mode: str = "gaussians",
-    **options: Any,
-) -> bytes:
-    """Photos to a `.tsplat` file's bytes; see `Runtime.encode`."""
-    return _shared().encode(scene, model, profile, qp, mode=mode, **options)
-
-
-def decompress(
-    data: bytes, *, max_bytes: int | None = None, lost: list[str] | None = None, model: str | None = None
-) -> Gaussians:
-    """Gaussians of a file's bytes; see `Runtime.decompress`."""
-    return _shared().decompress(data, max_bytes=max_bytes, lost=lost, model=model)
-
-
-def render(
-    gaussians: Gaussians, camera: Camera, size: tuple[int, int] | None = None, **options: Any
-) -> NDArray | dict[str, NDArray]:
-    """A picture; see `tinysplat_runtime.render.render`."""
-    return _shared().render(gaussians, camera, size, **options)
+predict = _door(Runtime.predict)
+refine = _door(Runtime.refine)
+compress = _door(Runtime.compress)
+encode = _door(Runtime.encode)
+decompress = _door(Runtime.decompress)
+render = _door(Runtime.render)
 
 
 def inspect(data: bytes) -> dict[str, Any]:

@@ -170,7 +170,7 @@ def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) 
         ("system", set()),
         ("scene", {"system"}),
         ("container", {"gaussian", "scene", "system"}),
-        ("formats", {"gaussian", "scene", "system"}),
+        ("formats", {"gaussian", "render", "scene", "system"}),
         ("graphs", {"gaussian", "scene", "system"}),
         ("render", {"gaussian", "scene", "system"}),
         ("codec", {"container", "gaussian", "graphs", "render", "scene", "system"}),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from inspect import signature
 from itertools import accumulate
 from pathlib import Path
 from zlib import crc32
@@ -14,7 +15,9 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.codec.modes import AUTO_SECONDS, choose
+from tinysplat_runtime.codec.modes import AUTO, CHOICES
+from tinysplat_runtime.codec.modes.choice import AUTO_SECONDS, choose
+from tinysplat_runtime.codec.modes.registry import MODES
 from tinysplat_runtime.codec.photos import decode_photos, encode_photos
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.codec.residual import as_codes
@@ -122,6 +125,20 @@ def test_a_hybrid_prefix_falls_back_to_the_photos(files, raw):
     assert abs(_psnr(raw, least) - _psnr(raw, RUNTIME.decompress(files["photos"]))) < 6
     with pytest.raises(FormatError, match="no picture"):
         RUNTIME.decompress(files["hybrid"], max_bytes=start - 1)
+
+
+def test_every_choice_is_a_mode_or_auto_and_files_name_theirs(files, raw):
+    assert set(CHOICES) - {AUTO} <= set(MODES) and AUTO not in MODES
+    assert all(name == mode.name for name, mode in MODES.items())
+    found = {read_container(data).mode for data in (*files.values(), RUNTIME.compress(raw, lossless=True))}
+    assert found == set(MODES)
+
+
+def test_functions_take_what_their_methods_do():
+    for name in ("predict", "refine", "compress", "encode", "decompress", "render"):
+        method, function = getattr(ts.Runtime, name), getattr(ts, name)
+        assert list(signature(method).parameters)[1:] == list(signature(function).parameters)
+        assert function.__doc__ == method.__doc__
 
 
 def test_another_network_at_decode_is_a_model_error_with_name_and_hash(files, tmp_path):

@@ -18,11 +18,10 @@ from types import FrameType
 from typing import NoReturn, TypeAlias
 
 from .. import __version__
+from ..codec.modes import CHOICES, DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES
 from ..errors import InputError, TinySplatError
 from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, views
-
-MODES = ("gaussians", "photos", "hybrid", "auto")  # modes.py says what they are
 
 _GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another Gaussian file (docs/FORMATS.md)"
 
@@ -192,7 +191,10 @@ def _encode(commands: Commands) -> None:
     parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
     parser.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
     parser.add_argument(
-        "--mode", choices=MODES, default="gaussians", help="what the file carries; default gaussians, any receiver's"
+        "--mode",
+        choices=CHOICES,
+        default=DEFAULT_MODE,
+        help=f"what the file carries; default {DEFAULT_MODE}, any receiver's",
     )
     parser.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
 
@@ -204,7 +206,7 @@ def _compress(commands: Commands) -> None:
         help="Gaussians of any network to a .tsplat file",
     )
     parser.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
-    parser.add_argument("--mode", choices=MODES, default="gaussians", help=argparse.SUPPRESS)
+    parser.add_argument("--mode", choices=CHOICES, default=DEFAULT_MODE, help=argparse.SUPPRESS)
     parser.add_argument("--photos", metavar="SCENE", help="the photos that --refine holds the Gaussians against")
     parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")

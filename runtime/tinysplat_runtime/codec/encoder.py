@@ -19,14 +19,11 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
-from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
-from .analysis import MAX_PLANE, ProjectedLayer, project_layer
-from .depth_step.allocation import Steps
+from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
-from .paper import paper_colors, paper_plan
-from .profiles import AdaptiveSettings, PaperSettings, Profile
+from .planning import Planner, ProjectedScene, planner_of
+from .profiles import Profile
 from .quantise import CodeMap, choose_code_map, without_outliers
-from .residual import hybrid_settings, residual_plan
 
 MAX_VIEWS = 64
 
@@ -54,19 +51,6 @@ class EncodeStats:
     watch: Stopwatch = field(default_factory=Stopwatch)
     mode: str = "gaussians"
     reason: str = ""
-
-
-@dataclass(frozen=True)
-class PhotoMode:
-    """What a hybrid file has besides planes.
-
-    Attributes:
-        prediction: what the network makes of the decoded photos, of the same layers as the scene.
-        sections: the photos, and the name of the network.
-    """
-
-    prediction: Gaussians
-    sections: tuple[tuple[bytes, int, bytes], ...]
 
 
 @dataclass(frozen=True)
@@ -135,75 +119,36 @@ class SceneEncoder:
         threads: int,
         drop_invalid: bool = False,
         stats: EncodeStats | None = None,
-        photo_mode: PhotoMode | None = None,
         plane_coder: PlaneCoder | None = None,
+        planner: Callable[[ProjectedScene], Planner] | None = None,
+        sections: Sequence[tuple[bytes, int, bytes]] = (),
     ) -> None:
         """Check and project the scene; arguments and errors are those of `encode_gaussians`.
 
-        With a `photo_mode`, planes hold what its prediction lacks.
+        Args:
+            planner: what makes plans of the scene; None for the profile's own.
+            sections: what the file holds besides planes.
         """
         if not gaussians.is_per_pixel:
             raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
         if len(gaussians.cameras) > MAX_VIEWS:
             raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
         self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
-        self._store, self._photo_mode = store, photo_mode
+        self._sections = tuple(sections)
         self._coder = _OnceEach(plane_coder or encode_plane, profile.encoder)
-        self._prepared: list[AdaptiveLayer] | None = None
-        self._steps: list[Steps] | None = None
-        with self.stats.watch.stage("vpt"):
-            self._projected = [
+        watch = self.stats.watch
+        with watch.stage("vpt"):
+            projected = tuple(
                 project_layer(store, layer, drop_invalid=drop_invalid, where=f"layer {index}")
                 for index, layer in enumerate(gaussians.layers)
-            ]
+            )
+        scene = ProjectedScene(gaussians.layers, projected, store, threads, watch)
+        self._planner = planner(scene) if planner else planner_of(profile, scene)
 
     def plan(self, qp: float) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
         check_qp(qp)
-        settings = self.profile.settings
-        if self._photo_mode is not None:
-            return self._residual_plans(self._photo_mode.prediction, qp)
-        if isinstance(settings, PaperSettings):
-            pairs = zip(self.gaussians.layers, self._projected, strict=True)
-            return [self._paper_plan(*pair, settings, qp) for pair in pairs]
-        return self._adaptive_plans(settings, qp)
-
-    def _paper_plan(self, layer: Gaussians, projected: ProjectedLayer, settings: PaperSettings, qp: float) -> LayerPlan:
-        with self.stats.watch.stage("vabr"):
-            colors, reduction = paper_colors(self._store, layer, settings)
-        with self.stats.watch.stage("quantise"):
-            return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
-
-    def _adaptive_plans(self, settings: AdaptiveSettings, qp: float) -> list[LayerPlan]:
-        """Steps belong to the scene, whatever Q_g: they are measured once, on the planes of Q_g = 0."""
-        with self.stats.watch.stage("vabr"):
-            if self._prepared is None:
-                self._prepared = self._prepare(settings, 0.0)
-            prepared = self._prepared if qp >= 0 else self._prepare(settings, qp)
-        with self.stats.watch.stage("quantise"):
-            steps = self._scene_steps(self._prepared, settings)
-            return [adaptive_plan(layer, s, settings, qp) for layer, s in zip(prepared, steps, strict=True)]
-
-    def _scene_steps(self, prepared: list[AdaptiveLayer], settings: AdaptiveSettings) -> list[Steps]:
-        if self._steps is None:
-            self._steps = scene_steps(prepared, settings, self.threads)
-        return self._steps
-
-    def _residual_plans(self, prediction: Gaussians, qp: float) -> list[LayerPlan]:
-        """Differences take the steps that the planes themselves would."""
-        settings, layers = hybrid_settings(self.profile), self.gaussians.layers
-        with self.stats.watch.stage("vabr"):
-            steps = self._scene_steps(self._prepare(settings, 0.0), settings)
-            return [
-                residual_plan(self._store, layer, projected, predicted, s, settings, qp)
-                for layer, projected, predicted, s in zip(
-                    layers, self._projected, prediction.layers, steps, strict=True
-                )
-            ]
-
-    def _prepare(self, settings: AdaptiveSettings, qp: float) -> list[AdaptiveLayer]:
-        pairs = zip(self.gaussians.layers, self._projected, strict=True)
-        return [prepare_layer(self._store, layer, projected, settings, qp) for layer, projected in pairs]
+        return self._planner.plan(qp)
 
     def code(self, plans: Sequence[LayerPlan], qp: float) -> bytes:
         """The file of such plans; `qp` is what its header says."""
@@ -213,9 +158,8 @@ class SceneEncoder:
             coded = [_code_layer(layer, plan, self._coder, pool, self.stats) for layer, plan in pairs]
         with self.stats.watch.stage("write"):
             cameras, origin = self.gaussians.cameras, self.gaussians.origin
-            extras = () if self._photo_mode is None else self._photo_mode.sections
             notes = self.gaussians.notes
-            data = write_container(coded, cameras, origin, self.profile.name, qp, extras, notes=notes)
+            data = write_container(coded, cameras, origin, self.profile.name, qp, self._sections, notes=notes)
             check_readable(data)
         return data
 

@@ -15,10 +15,8 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.extras import CodedExact, exact_sections
 from ..container.records import ExactLayer
-from ..container.writer import write_container
-from ..errors import FormatError, InputError, NumericError
+from ..errors import FormatError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY_CHANNELS
 from ..graphs.inference import GraphStore
@@ -28,28 +26,6 @@ GEOMETRY_PLANES = GEOMETRY_CHANNELS + 1
 """−1/z in two parts, then the other channels of `planes.GEOMETRY` in their order."""
 
 _LEVEL = 9
-
-
-def encode_lossless(gaussians: Gaussians, store: GraphStore, *, threads: int, drop_invalid: bool) -> bytes:
-    """A file of mode `lossless`.
-
-    Raises:
-        InputError: Gaussians without pixels.
-        NumericError: Gaussians at or behind their own camera, or planes beyond float16.
-    """
-    if not gaussians.is_per_pixel:
-        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
-    sections: list[tuple[bytes, int, bytes]] = []
-    for index, layer in enumerate(gaussians.layers):
-        planes, limits = exact_planes(store, layer, drop_invalid, f"layer {index}")
-        with ThreadPoolExecutor(max_workers=threads) as pool:
-            payloads = tuple(pool.map(pack, planes.reshape(-1, *planes.shape[2:])))
-        digest = sha256(planes.tobytes()).digest()
-        coded = CodedExact(layer.cameras, layer.degree, limits, digest, payloads)
-        sections += exact_sections(coded, index)
-    cameras, count = gaussians.cameras, len(gaussians.layers)
-    origin, notes = gaussians.origin, gaussians.notes
-    return write_container([], cameras, origin, "lossless", 0.0, sections, layer_count=count, notes=notes)
 
 
 def exact_planes(

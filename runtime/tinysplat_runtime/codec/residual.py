@@ -1,4 +1,4 @@
-"""Mode `hybrid`: planes that correct what a network makes of the decoded photos.
+"""What a prediction lacks, as planes, and the sum of both: the codec's part of mode `hybrid`.
 
 Encoder and decoder run the same network on the same decoded photos and project what it gives; the planes hold the
 difference in float, in the units of docs/FORMAT.md. Nothing else depends on the prediction: pictures decode without

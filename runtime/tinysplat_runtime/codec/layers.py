@@ -1,0 +1,187 @@
+"""Layers of coded planes to Gaussians: pictures decoded on all threads, views synthesised as soon as they are whole."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from threading import Lock, local
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.records import ChannelRecord, Container, LayerHeader
+from ..errors import FormatError
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..graphs.inference import GraphStore
+from ..system.stopwatch import Stopwatch, part
+from ..system.threads import Crew
+from .hevc import PlaneDecoder
+from .missing import PlaneRef, hidden_views, stand_in_code
+from .synthesis import LayerSynthesis, coded_channels
+
+Base = Callable[[int, LayerHeader], tuple[NDArray, NDArray]]
+"""By a layer's index and header: geometry planes (V, 11, H, W) and SH coefficients that its codes are added to."""
+
+
+@dataclass(frozen=True)
+class OpenFile:
+    """A parsed file, and what it is decoded with.
+
+    Attributes:
+        container: its metadata and pictures.
+        missing: pictures that are not at hand, for which something stands in.
+        store: opens graphs.
+        threads: planes decoded at a time.
+        model: the network for a file of photos, by path or name; None to find it by its hash.
+        watch: takes seconds per stage.
+    """
+
+    container: Container
+    missing: Collection[PlaneRef]
+    store: GraphStore
+    threads: int
+    model: str | None
+    watch: Stopwatch
+
+
+def decode_layers(file: OpenFile, base: Base | None = None) -> Gaussians:
+    """All layers of coded planes, on top of a base where there is one.
+
+    Without a base, views whose depth is missing are hidden.
+    """
+    container, watch = file.container, file.watch
+    layers = []
+    crew = Crew(file.threads)
+    for index, header in enumerate(container.layers):
+        with watch.stage("synthesis"):
+            below = base(index, header) if base else None
+            with part("metadata"):
+                synthesis = LayerSynthesis(header, container.origin, file.store, below)
+        _decode_layer(_Pictures(container, index), synthesis, crew, file.missing, watch)
+        with watch.stage("synthesis"):
+            layers.append(synthesis.gaussians())
+        if base is None:
+            layers[-1].opacities[hidden_views(header, index, file.missing)] = 0
+    return stacked(layers, container)
+
+
+def stacked(layers: Sequence[Gaussians], container: Container) -> Gaussians:
+    """A file's layers as one object, with the file's cameras and origin."""
+    first = {name: getattr(layers[0], name) for name in FIELDS}
+    rest = tuple(layers[1:])
+    return Gaussians.unchecked(**first, cameras=container.cameras, origin=container.origin, extra_layers=rest)
+
+
+@dataclass(frozen=True)
+class _Pictures:
+    """The pictures of layer `index` of a container, and a libavcodec context of each thread's own to decode them."""
+
+    container: Container
+    index: int
+    own: local = field(default_factory=local)
+
+    @property
+    def layer(self) -> LayerHeader:
+        return self.container.layers[self.index]
+
+    def decode(self, channel: ChannelRecord, view: int, out: NDArray) -> None:
+        """Decode one picture into `out` (H, W) uint16."""
+        with part("CRC"):
+            payload = self.container.payload(self.index, channel, view)
+        if not hasattr(self.own, "decoder"):
+            parameter_sets = self.container.parameter_sets[self.layer.parameter_set]
+            self.own.decoder = PlaneDecoder(parameter_sets, self.layer.height, self.layer.width)
+        try:
+            self.own.decoder.decode_into(payload, out)
+        except FormatError as error:
+            raise FormatError(error.message, where=f"plane {channel.name}, view {view}") from None
+
+
+class _Part:
+    """Planes of one view that are synthesised together: those of geometry, of colour, or both.
+
+    Memory is taken when the first plane is wanted and let go after synthesis, so that only views at work have some.
+    """
+
+    def __init__(
+        self,
+        pictures: _Pictures,
+        view: int,
+        planes: Mapping[str, Sequence[int]],
+        missing: Collection[PlaneRef],
+        synthesise: Callable[..., None],
+    ) -> None:
+        """`planes` are indices of channels by what `synthesise` calls their codes."""
+        self._pictures, self._view, self._planes, self._synthesise = pictures, view, planes, synthesise
+        self._present, self._stand_ins = [], []
+        for name, channels in planes.items():
+            for slot, channel in enumerate(channels):
+                if PlaneRef(pictures.index, channel, view) in missing:
+                    self._stand_ins.append((name, slot, stand_in_code(pictures.layer, channel)))
+                else:
+                    self._present.append((name, slot, channel))
+        self._waiting = max(len(self._present), 1)
+        self._codes: dict[str, NDArray] | None = None
+        self._lock = Lock()
+
+    def tasks(self) -> list[tuple[int, Callable[[], float]]]:
+        """What there is to do, as (bytes to decode, a call that returns the seconds it spent on synthesis)."""
+        if not self._present:
+            return [(0, self._finish)]
+        channels = self._pictures.layer.channels
+        return [
+            (channels[channel].streams[self._view].length, partial(self._decode, name, slot, channels[channel]))
+            for name, slot, channel in self._present
+        ]
+
+    def _decode(self, name: str, slot: int, channel: ChannelRecord) -> float:
+        with self._lock:
+            if self._codes is None:
+                self._codes = self._new_codes()
+        self._pictures.decode(channel, self._view, self._codes[name][slot])
+        return self._finish()
+
+    def _finish(self) -> float:
+        """Synthesise if this was the last plane."""
+        with self._lock:
+            self._waiting -= 1
+            if self._waiting:
+                return 0.0
+        start = time.perf_counter()
+        self._synthesise(self._view, **(self._codes or self._new_codes()))
+        self._codes = None
+        return time.perf_counter() - start
+
+    def _new_codes(self) -> dict[str, NDArray]:
+        grid = (self._pictures.layer.height, self._pictures.layer.width)
+        codes = {name: np.empty((len(channels) + 1, *grid), np.uint16) for name, channels in self._planes.items()}
+        for array in codes.values():
+            array[-1] = 1
+        for name, slot, code in self._stand_ins:
+            codes[name][slot] = code
+        return codes
+
+
+def _decode_layer(
+    pictures: _Pictures, synthesis: LayerSynthesis, crew: Crew, missing: Collection[PlaneRef], watch: Stopwatch
+) -> None:
+    """Decode all pictures of a layer, and synthesise what is complete beside it.
+
+    The seconds of both stages are those of all threads by the number of threads, as they overlap.
+    """
+    geometry, colors = coded_channels(pictures.layer)
+    planes = {"geometry": geometry, "colors": colors}
+    # Several threads share halves of views out more evenly; one is spared what a run of the graph costs whatever its
+    # size (0.12 ms, and as much to bind its tensors: 4 % of decoding 2×256×256).
+    parts = [planes] if crew.threads == 1 else [{name: channels} for name, channels in planes.items()]
+    tasks = []
+    for view in range(len(pictures.layer.cameras)):
+        of_view = [task for part in parts for task in _Part(pictures, view, part, missing, synthesis.run).tasks()]
+        # Longest first, so that threads finish the last view together.
+        tasks += sorted(of_view, key=lambda task: -task[0])
+    start = time.perf_counter()
+    spent = sum(crew.map(lambda task: task[1](), tasks)) / crew.threads
+    watch.add("synthesis", spent)
+    watch.add("libavcodec", time.perf_counter() - start - spent)

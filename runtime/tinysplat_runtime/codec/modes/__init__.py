@@ -1,0 +1,18 @@
+"""What a file carries. A mode is a module here, with a value that knows how to encode and decode it.
+
+    gaussians   planes of the network's output; any receiver decodes it. The default.
+    photos      the photos and the network's hash: a tenth of the size, for receivers that have the network.
+    hybrid      photos, and planes with the difference between what the network makes of the decoded photos and what it
+                made of the originals.
+    lossless    planes as float16, bit for bit.
+
+docs/MODES.md has figures. Importing this package loads nothing, so that the command line can name modes.
+"""
+
+DEFAULT_MODE = "gaussians"
+
+AUTO = "auto"
+"""Choose between gaussians and photos; `choice` says how."""
+
+CHOICES = (DEFAULT_MODE, "photos", "hybrid", AUTO)
+"""What a scene of photos can be encoded as."""

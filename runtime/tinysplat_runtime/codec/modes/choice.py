@@ -1,0 +1,36 @@
+"""Which mode a user gets: `auto`, and options that do not go together.
+
+`auto` takes photos where every installation has the network, it is quick, and the file comes out smaller; else
+gaussians. Hybrid files are for who asks for them: they are never the smallest.
+"""
+
+from __future__ import annotations
+
+from ...container.records import NetworkRef
+from ...errors import InputError
+from ...graphs.artifacts import load_manifest
+from . import CHOICES, DEFAULT_MODE
+
+AUTO_SECONDS = 2.0
+"""`auto` takes photos only if the network runs within this time here: what decoding would take on a like machine."""
+
+
+def choose(planes: bytes, photos: bytes, network: NetworkRef, network_seconds: float) -> tuple[str, str]:
+    """What `auto` takes, `gaussians` or `photos`, and why."""
+    ships = any(a.role == "network" and a.sha256 == network.sha256 for a in load_manifest().values())
+    sizes = f"{len(photos)} bytes of photos, {len(planes)} of Gaussians"
+    if not ships:
+        return "gaussians", f"receivers may lack network '{network.name}' ({sizes})"
+    if network_seconds > AUTO_SECONDS:
+        return "gaussians", f"the network takes {network_seconds:.1f} s, over {AUTO_SECONDS:g} ({sizes})"
+    if len(photos) >= len(planes):
+        return "gaussians", f"the smaller file ({sizes})"
+    return "photos", f"{sizes}; every installation has '{network.name}', which took {network_seconds:.1f} s here"
+
+
+def check_options(mode: str, *, has_target: bool) -> None:
+    """InputError for a mode that there is not, or one that a target contradicts."""
+    if mode not in CHOICES:
+        raise InputError(f"'{mode}', accepted are {', '.join(CHOICES)}", where="mode")
+    if has_target and mode != DEFAULT_MODE:
+        raise InputError(f"'{mode}' with a target, lossless or like, which only gaussians can be given", where="mode")

@@ -1,0 +1,27 @@
+"""Mode `gaussians`: planes of what a network made, which any receiver decodes."""
+
+from __future__ import annotations
+
+from ...errors import FormatError
+from ...gaussian.gaussians import Gaussians
+from ..layers import OpenFile, decode_layers
+from ..missing import first_picture_end, hidden_views
+from .mode import Job, Mode
+
+
+def encode(job: Job) -> bytes:
+    """The file at the job's Q_g; errors of `SceneEncoder`."""
+    encoder = job.encoder()
+    return encoder.code(encoder.plan(job.qp), job.qp)
+
+
+def decode(file: OpenFile) -> Gaussians:
+    """The file's Gaussians; FormatError where no depth picture of the first layer is at hand."""
+    first = file.container.layers[0]
+    if file.missing and len(hidden_views(first, 0, file.missing)) == len(first.cameras):
+        end = first_picture_end(file.container)
+        raise FormatError(f"holds no intact depth picture; the first of them ends at byte {end}", where="file")
+    return decode_layers(file)
+
+
+GAUSSIANS = Mode("gaussians", encode, decode)

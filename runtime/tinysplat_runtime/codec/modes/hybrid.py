@@ -1,0 +1,66 @@
+"""Mode `hybrid`: the photos, and planes with what the network's Gaussians lack of the ones that were made before.
+
+Encoder and decoder run the same network on the same decoded photos; `residual` has the arithmetic.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...container.reader import read_container
+from ...container.records import LayerHeader
+from ...container.writer import write_container
+from ...errors import FormatError
+from ...gaussian.gaussians import Gaussians
+from ...graphs.inference import GraphStore
+from ...graphs.predict import predict
+from ..encoder import SceneEncoder
+from ..layers import OpenFile, decode_layers
+from ..photos import decode_photos
+from ..planning import ResidualPlanner
+from ..residual import check_prediction, hybrid_settings, predicted_geometry
+from . import photos as photo_mode
+from .mode import Job, Mode
+
+
+def encode(job: Job) -> bytes:
+    """The file.
+
+    Raises:
+        InputError: profile `paper`, or a Q_g beyond ±60.
+        NumericError: Gaussians at or behind their own camera.
+    """
+    settings, network = hybrid_settings(job.profile), photo_mode.photos_of(job).network
+    sections, photos = photo_mode.coded_photos(job)
+    # The photos are read back from a file, so that the encoder sees exactly what the decoder will.
+    container = read_container(write_container([], job.gaussians.cameras, np.zeros(3), "", job.qp, sections))
+    assert container.photos is not None
+    images = decode_photos(container.photos, photos.parameter_sets, job.threads)
+    with job.stats.watch.stage("network"):
+        graph = job.store.network_by_hash(network.name, network.sha256, photo_mode.photos_of(job).model)
+        prediction = predict(images, container.cameras, network.near, network.far, graph)
+    encoder = SceneEncoder(
+        job.gaussians, job.profile, job.store, threads=job.threads, stats=job.stats, plane_coder=job.plane_coder,
+        planner=partial(ResidualPlanner, settings=settings, prediction=prediction), sections=sections,
+    )  # fmt: skip
+    return encoder.code(encoder.plan(job.qp), job.qp)
+
+
+def decode(file: OpenFile) -> Gaussians:
+    """The network's Gaussians, corrected; a file cut behind its photos gives them as they are."""
+    return decode_layers(file, partial(_base, photo_mode.decode(file), file.store))
+
+
+def _base(prediction: Gaussians, store: GraphStore, index: int, layer: LayerHeader) -> tuple[NDArray, NDArray]:
+    """Geometry and SH coefficients that a layer is added to."""
+    if index >= len(prediction.layers):
+        raise FormatError(f"the network gives {len(prediction.layers)} layers", where=f"layer {index}")
+    predicted = prediction.layers[index]
+    check_prediction(layer, predicted, index)
+    return predicted_geometry(store, predicted, f"layer {index}"), predicted.sh
+
+
+HYBRID = Mode("hybrid", encode, decode)

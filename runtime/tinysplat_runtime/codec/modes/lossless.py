@@ -1,0 +1,74 @@
+"""Mode `lossless`: planes as float16, bit for bit; `exact` has what is guaranteed."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from hashlib import sha256
+
+import numpy as np
+
+from ...container.extras import CodedExact, exact_sections
+from ...container.records import ExactLayer, LayerHeader
+from ...container.writer import write_container
+from ...errors import FormatError, InputError
+from ...gaussian.gaussians import FIELDS, Gaussians
+from ...system.threads import Crew
+from ..exact import decode_exact, exact_planes, pack
+from ..layers import OpenFile, stacked
+from ..synthesis import LayerSynthesis
+from .mode import Job, Mode
+
+
+def encode(job: Job) -> bytes:
+    """The file; profile and Q_g play no part.
+
+    Raises:
+        InputError: Gaussians without pixels.
+        NumericError: Gaussians at or behind their own camera, or planes beyond float16.
+    """
+    gaussians = job.gaussians
+    if not gaussians.is_per_pixel:
+        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+    sections: list[tuple[bytes, int, bytes]] = []
+    with job.stats.watch.stage("zlib"):
+        for index, layer in enumerate(gaussians.layers):
+            planes, limits = exact_planes(job.store, layer, job.drop_invalid, f"layer {index}")
+            with ThreadPoolExecutor(max_workers=job.threads) as pool:
+                payloads = tuple(pool.map(pack, planes.reshape(-1, *planes.shape[2:])))
+            digest = sha256(planes.tobytes()).digest()
+            sections += exact_sections(CodedExact(layer.cameras, layer.degree, limits, digest, payloads), index)
+        cameras, origin, count = gaussians.cameras, gaussians.origin, len(gaussians.layers)
+        notes = gaussians.notes
+        return write_container([], cameras, origin, "lossless", 0.0, sections, layer_count=count, notes=notes)
+
+
+def decode(file: OpenFile) -> Gaussians:
+    """The file's Gaussians; FormatError where they are not those that were written."""
+    crew = Crew(file.threads)
+    layers = [_decode_layer(file, exact, f"layer {n}", crew) for n, exact in enumerate(file.container.exact)]
+    return stacked(layers, file.container)
+
+
+def _decode_layer(file: OpenFile, exact: ExactLayer, where: str, crew: Crew) -> Gaussians:
+    origin = file.container.origin
+    with file.watch.stage("zlib"):
+        geometry, sh = decode_exact(exact, file.threads)
+    # A layer without channels: all that it is stands in the base.
+    header = LayerHeader(
+        exact.height, exact.width, 0, exact.degree, exact.depth_limits, 0.0, 1.0, True, exact.cameras, None, None,
+        None, 0, (),
+    )  # fmt: skip
+    with file.watch.stage("synthesis"):
+        synthesis = LayerSynthesis(header, origin, file.store, (geometry, sh[..., :1, :]))
+        no_codes = np.ones((1, exact.height, exact.width), np.uint16)
+        for half in (partial(synthesis.run, geometry=no_codes), partial(synthesis.run, colors=no_codes)):
+            crew.map(half, range(len(exact.cameras)))
+        layer = synthesis.gaussians()
+    fields = {name: getattr(layer, name) for name in FIELDS} | {"sh": sh}
+    if not all(np.isfinite(array).all() for array in fields.values()):
+        raise FormatError("decodes to numbers beyond float32", where=where)
+    return Gaussians.unchecked(**fields, cameras=exact.cameras, origin=origin)
+
+
+LOSSLESS = Mode("lossless", encode, decode)

@@ -1,0 +1,86 @@
+"""What all modes share: the job that one is given, and what a mode is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from numpy.typing import NDArray
+
+from ...container.records import NetworkRef
+from ...gaussian.gaussians import Gaussians
+from ...graphs.inference import GraphStore
+from ...scene.scenes import Scene
+from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
+from ..layers import OpenFile
+from ..profiles import Profile
+
+
+@dataclass(frozen=True)
+class PhotoScene:
+    """Photos as the network was given them, and which network it was.
+
+    Attributes:
+        images: (V, H, W, 3) float32 RGB in [0, 1].
+        network: the network's name and hash, and its depth range.
+        model: the network as the user named it.
+    """
+
+    images: NDArray
+    network: NetworkRef
+    model: str
+
+    @classmethod
+    def of(cls, scene: Scene, model: str, store: GraphStore) -> PhotoScene:
+        """The photos of a scene that the network `model` was run on."""
+        near, far = scene.depth_range()
+        return cls(scene.images(), NetworkRef(*store.network_ref(model), near, far), model)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be coded, and with what.
+
+    Attributes:
+        gaussians: per pixel, with cameras; the file carries their notes.
+        profile: how planes and photos are coded.
+        qp: Q_g.
+        store: opens graphs.
+        threads: planes coded at a time; never changes the bytes.
+        stats: filled with what coding measured.
+        drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
+        photos: what a network made the Gaussians of, for the modes that carry it.
+        plane_coder: what codes a plane; None for `hevc.encode_plane`.
+    """
+
+    gaussians: Gaussians
+    profile: Profile
+    qp: float
+    store: GraphStore
+    threads: int
+    stats: EncodeStats
+    drop_invalid: bool = False
+    photos: PhotoScene | None = None
+    plane_coder: PlaneCoder | None = None
+
+    def encoder(self) -> SceneEncoder:
+        """The Gaussians' own encoder, under the profile."""
+        return SceneEncoder(
+            self.gaussians, self.profile, self.store, threads=self.threads, drop_invalid=self.drop_invalid,
+            stats=self.stats, plane_coder=self.plane_coder,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What a file can carry.
+
+    Attributes:
+        name: as users and `Container.mode` say.
+        encode: a job to the file's bytes; InputError and NumericError for what cannot be coded.
+        decode: an opened file of this mode to its Gaussians; FormatError where it is damaged.
+    """
+
+    name: str
+    encode: Callable[[Job], bytes]
+    decode: Callable[[OpenFile], Gaussians]

@@ -1,0 +1,57 @@
+"""Mode `photos`: the photos, and the network by its hash, which the receiver runs on them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...container.extras import CodedPhotos, network_section, photo_sections
+from ...container.writer import write_container
+from ...gaussian.gaussians import Gaussians
+from ...graphs.predict import predict
+from ..encoder import check_qp
+from ..layers import OpenFile
+from ..photos import decode_photos, encode_photos
+from .mode import Job, Mode, PhotoScene
+
+
+def encode(job: Job) -> bytes:
+    """The file; InputError for a Q_g beyond ±60."""
+    sections, _ = coded_photos(job)
+    cameras, notes = job.gaussians.cameras, job.gaussians.notes
+    with job.stats.watch.stage("write"):
+        return write_container([], cameras, np.zeros(3), job.profile.name, job.qp, sections, notes=notes)
+
+
+def decode(file: OpenFile) -> Gaussians:
+    """What the network that the file names makes of its photos.
+
+    Raises:
+        FormatError: a photo is damaged.
+        ModelError: the network is not at hand.
+    """
+    container, watch = file.container, file.watch
+    photos, network = container.photos, container.network
+    assert photos is not None and network is not None
+    with watch.stage("libavcodec"):
+        images = decode_photos(photos, container.parameter_sets[photos.parameter_set], file.threads)
+    with watch.stage("network"):
+        graph = file.store.network_by_hash(network.name, network.sha256, file.model)
+        return predict(images, container.cameras, network.near, network.far, graph)
+
+
+def coded_photos(job: Job) -> tuple[tuple[tuple[bytes, int, bytes], ...], CodedPhotos]:
+    """The sections of a job's photos and network, and the photos in them."""
+    scene = photos_of(job)
+    check_qp(job.qp)
+    with job.stats.watch.stage("x265"):
+        photos = encode_photos(scene.images, job.qp, job.profile.encoder, job.threads)
+    return (network_section(scene.network), *photo_sections(photos)), photos
+
+
+def photos_of(job: Job) -> PhotoScene:
+    """The job's photos, which it must have."""
+    assert job.photos is not None
+    return job.photos
+
+
+PHOTOS = Mode("photos", encode, decode)

@@ -1,0 +1,118 @@
+"""Planners: each looks at a scene once, and says for any Q_g how its layers are to be coded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import LayerPlan
+from ..graphs.inference import GraphStore
+from ..system.stopwatch import Stopwatch
+from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
+from .analysis import ProjectedLayer
+from .depth_step.allocation import Steps
+from .paper import paper_colors, paper_plan
+from .profiles import AdaptiveSettings, PaperSettings, Profile
+from .residual import residual_plan
+
+
+@dataclass(frozen=True)
+class ProjectedScene:
+    """What planners start from.
+
+    Attributes:
+        layers: Gaussians of each layer.
+        projected: VPT's planes of each.
+        store: opens the analysis graphs.
+        threads: for looking at the scene; never changes a plan.
+        watch: takes the seconds of stages `vabr` and `quantise`.
+    """
+
+    layers: Sequence[Gaussians]
+    projected: Sequence[ProjectedLayer]
+    store: GraphStore
+    threads: int
+    watch: Stopwatch
+
+
+class Planner(Protocol):
+    """Says how a scene is coded."""
+
+    def plan(self, qp: float) -> list[LayerPlan]:
+        """How to code each layer at Q_g = `qp`."""
+
+
+class PaperPlanner:
+    """Steps relative to each channel's deviation; see `paper`."""
+
+    def __init__(self, scene: ProjectedScene, settings: PaperSettings) -> None:
+        self._scene, self._settings = scene, settings
+
+    def plan(self, qp: float) -> list[LayerPlan]:
+        """How to code each layer at Q_g = `qp`."""
+        pairs = zip(self._scene.layers, self._scene.projected, strict=True)
+        return [self._layer_plan(layer, projected, qp) for layer, projected in pairs]
+
+    def _layer_plan(self, layer: Gaussians, projected: ProjectedLayer, qp: float) -> LayerPlan:
+        scene, settings = self._scene, self._settings
+        with scene.watch.stage("vabr"):
+            colors, reduction = paper_colors(scene.store, layer, settings)
+        with scene.watch.stage("quantise"):
+            return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
+
+
+class AdaptivePlanner:
+    """Steps of equal slope; see `adaptive`. They belong to the scene: measured once, on the planes of Q_g = 0."""
+
+    def __init__(self, scene: ProjectedScene, settings: AdaptiveSettings) -> None:
+        self._scene, self._settings = scene, settings
+        self._prepared: list[AdaptiveLayer] | None = None
+        self._steps: list[Steps] | None = None
+
+    def plan(self, qp: float) -> list[LayerPlan]:
+        """How to code each layer at Q_g = `qp`."""
+        watch = self._scene.watch
+        with watch.stage("vabr"):
+            if self._prepared is None:
+                self._prepared = _prepare(self._scene, self._settings, 0.0)
+            prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._settings, qp)
+        with watch.stage("quantise"):
+            if self._steps is None:
+                self._steps = scene_steps(self._prepared, self._settings, self._scene.threads)
+            pairs = zip(prepared, self._steps, strict=True)
+            return [adaptive_plan(layer, steps, self._settings, qp) for layer, steps in pairs]
+
+
+class ResidualPlanner:
+    """What a prediction lacks of the scene, in the steps that the scene's own planes would take; see `residual`."""
+
+    def __init__(self, scene: ProjectedScene, settings: AdaptiveSettings, prediction: Gaussians) -> None:
+        """`prediction` has the layers of the scene."""
+        self._scene, self._settings, self._prediction = scene, settings, prediction
+        self._steps: list[Steps] | None = None
+
+    def plan(self, qp: float) -> list[LayerPlan]:
+        """How to code each layer's difference at Q_g = `qp`."""
+        scene, settings = self._scene, self._settings
+        with scene.watch.stage("vabr"):
+            if self._steps is None:
+                self._steps = scene_steps(_prepare(scene, settings, 0.0), settings, scene.threads)
+            layers = zip(scene.layers, scene.projected, self._prediction.layers, self._steps, strict=True)
+            return [
+                residual_plan(scene.store, layer, projected, predicted, steps, settings, qp)
+                for layer, projected, predicted, steps in layers
+            ]
+
+
+def planner_of(profile: Profile, scene: ProjectedScene) -> Planner:
+    """The planner that a profile's settings are for."""
+    if isinstance(profile.settings, PaperSettings):
+        return PaperPlanner(scene, profile.settings)
+    return AdaptivePlanner(scene, profile.settings)
+
+
+def _prepare(scene: ProjectedScene, settings: AdaptiveSettings, qp: float) -> list[AdaptiveLayer]:
+    pairs = zip(scene.layers, scene.projected, strict=True)
+    return [prepare_layer(scene.store, layer, projected, settings, qp) for layer, projected in pairs]
