@@ -1,0 +1,127 @@
+"""Slopes of what refinement adds to a photo's error, against finite differences and torch's Adam."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scenes import make_smooth_gaussians
+
+from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.refine import kernels
+from tinysplat_runtime.refine.photos import sizes_of
+from tinysplat_runtime.refine.price import plane_prices
+from tinysplat_runtime.render.gradient import MovableGaussians
+from tinysplat_runtime.render.kernels_gradient import VALUES
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.system.threads import Crew
+
+STEP = 1e-5
+
+
+def bits(plane: np.ndarray) -> float:
+    """½ log2(1 + d²) of every pair of neighbours."""
+    plane = plane.astype(np.float64)
+    return sum(float(0.5 * np.log2(1 + np.diff(plane, axis=axis) ** 2).sum()) for axis in (0, 1))
+
+
+def slopes(function: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
+    found = np.zeros(at.shape)
+    for index in np.ndindex(at.shape):
+        ends = []
+        for sign in (STEP, -STEP):
+            moved = at.astype(np.float64).copy()
+            moved[index] += sign
+            ends.append(function(moved))
+        found[index] = (ends[0] - ends[1]) / (2 * STEP)
+    return found
+
+
+def test_bits_are_counted_by_neighbours_differences() -> None:
+    plane = 2 * np.random.default_rng(0).normal(size=(4, 5)).astype(np.float32)
+    found = np.full(plane.shape, 0.25, np.float32)
+    kernels.add_bits(plane, 0.3, found)
+    np.testing.assert_allclose(found - 0.25, slopes(lambda p: 0.3 * bits(p), plane), atol=1e-5)
+
+
+def test_variation_weighs_every_pair_of_neighbours() -> None:
+    rng = np.random.default_rng(1)
+    change, across, down = (rng.uniform(size=(4, 5)).astype(np.float32) for _ in range(3))
+    found = np.zeros(change.shape, np.float32)
+    kernels.add_variation(change, across, down, 0.7, found)
+
+    def variation(plane: np.ndarray) -> float:
+        return 0.7 * float(
+            (across[:, :-1] * np.abs(np.diff(plane, axis=1))).sum() + (down[:-1] * np.abs(np.diff(plane, axis=0))).sum()
+        )
+
+    np.testing.assert_allclose(found, slopes(variation, change), atol=1e-3)
+
+
+def test_what_planes_cost_is_counted_in_the_profiles_steps() -> None:
+    """The gradient by values is that of the bits of −1/z, ŝ, opacity and colours in steps, which grow with Q_g."""
+    gaussians = make_smooth_gaussians(2, 5, 6, degree=0)
+    field = MovableGaussians(gaussians, Crew(1).map)
+    rng = np.random.default_rng(2)
+    values = (
+        field.values[:, field.grids[1].rows].reshape(VALUES, 5, 6) + 0.1 * rng.normal(size=(VALUES, 5, 6))
+    ).astype(np.float32)
+    costs = []
+    for qp in (0, 6):
+        price = plane_prices(gaussians, field.grids, find_profile("balanced"), qp, 0.5)[0, 1]
+
+        def cost(values: np.ndarray, price=price) -> float:
+            depth, size, opacity, *colours = values
+            planes = [price.inverse_depth * np.exp(-depth), price.size * np.exp(size)]
+            planes += [1 / (1 + np.exp(-opacity)) / price.opacity, *(colour / price.color for colour in colours)]
+            return 0.5 * sum(bits(plane) for plane in planes)
+
+        found = np.zeros_like(values)
+        price.add_gradient(values, found)
+        np.testing.assert_allclose(found, slopes(cost, values), rtol=1e-3, atol=1e-3)
+        costs.append(price)
+    for name in ("opacity", "color"):
+        assert getattr(costs[1], name) == 2 * getattr(costs[0], name)
+    for name in ("inverse_depth", "size"):
+        np.testing.assert_allclose(2 * getattr(costs[1], name), getattr(costs[0], name), rtol=1e-6)
+
+
+def test_steps_are_those_of_torchs_adam_and_end_at_the_limits() -> None:
+    rng = np.random.default_rng(3)
+    values, first, second = rng.normal(size=40).astype(np.float32), *np.zeros((2, 40), np.float32)
+    leaf = torch.tensor(values, requires_grad=True)
+    optimiser = torch.optim.Adam([leaf], lr=0.05, betas=(0.9, 0.99), eps=2e-3)
+    for count in range(1, 6):
+        gradient = rng.normal(size=40).astype(np.float32)
+        kernels.adam(values, gradient, first, second, (0.05, 0.9, 0.99, 2e-3, float(count), -9.0, 9.0))
+        leaf.grad = torch.tensor(gradient)
+        optimiser.step()
+    np.testing.assert_allclose(values, leaf.detach().numpy(), atol=1e-6)
+    outside = np.array([-3.0, 0.0, 3.0], np.float32)
+    for slope, wanted in ((1, [-3.0, -0.5, 2.5]), (-1, [-2.5, 0.5, 3.0])):
+        state = outside.copy()
+        kernels.adam(
+            state, np.full(3, slope, np.float32), *np.zeros((2, 3), np.float32), (0.5, 0.9, 0.99, 0.0, 1.0, -1.0, 1.0)
+        )
+        np.testing.assert_allclose(state, wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize(("factor", "count"), [(1, 1), (1.9, 1), (2, 2), (3, 2)])
+def test_photos_of_twice_the_size_are_looked_at_too(tmp_path: Path, factor: float, count: int) -> None:
+    gaussians = make_smooth_gaussians(2, 20, 24, degree=0)
+    rng = np.random.default_rng(4)
+    frames = []
+    for n, camera in enumerate(gaussians.cameras):
+        large = camera.resized(int(20 * factor), int(24 * factor))
+        write_png(tmp_path / f"{n}.png", rng.uniform(size=(large.height, large.width, 3)))
+        frames.append(Frame(large, tmp_path / f"{n}.png").resized(20, 24))
+    sizes = sizes_of(gaussians, Scene(tmp_path, tuple(frames)))
+    assert [targets[0].photo.shape[:2] for targets in sizes] == [(20, 24), (40, 48)][:count]
+    for targets in sizes:
+        for target, camera in zip(targets, gaussians.cameras, strict=True):
+            assert (target.camera.height, target.camera.width) == target.photo.shape[:2]
+            np.testing.assert_allclose(target.camera.K_unit, camera.K_unit, atol=0.03)
