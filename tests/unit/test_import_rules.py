@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -174,6 +175,8 @@ def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) 
         ("graphs", {"gaussian", "scene", "system"}),
         ("render", {"gaussian", "scene", "system"}),
         ("codec", {"container", "gaussian", "graphs", "render", "scene", "system"}),
+        ("refine", {"codec", "container", "gaussian", "graphs", "render", "scene", "system"}),
+        ("page", {"codec", "container", "gaussian", "graphs", "render", "scene", "system"}),
     ],
 )
 def test_rooms_of_the_runtime_lean_on_those_below_them(room: str, leans_on: set[str]) -> None:
@@ -186,3 +189,18 @@ def test_rooms_of_the_runtime_lean_on_those_below_them(room: str, leans_on: set[
     if room == "container":
         paths = sources(RUNTIME / room)
         assert paths and "av" not in {package for path in paths for package, _, _ in imports(path)}
+
+
+def test_architecture_names_files_that_exist() -> None:
+    text = (ROOT / "ARCHITECTURE.md").read_text("utf-8")
+    named = {name for name in re.findall(r"`([\w/.{},*]+(?:\.py|/))`", text) if name != "__init__.py"}
+    assert len(named) > 30
+    missing = []
+    for name in sorted(named):
+        head, _, options = name.partition("{")
+        choices, _, tail = options.partition("}")
+        for choice in choices.split(","):
+            pattern = f"{head}{choice}{tail}".rstrip("/")
+            if not any(list(base.glob(pattern)) for base in (RUNTIME, ROOT, ROOT / "tinysplat")):
+                missing.append(pattern)
+    assert missing == []
