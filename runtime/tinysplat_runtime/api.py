@@ -31,7 +31,7 @@ from .gaussian.gaussians import Gaussians
 from .graphs.inference import GraphStore
 from .graphs.predict import predict as run_network
 from .refine.stats import RefineStats
-from .render import Renderer
+from .render import DEFINITION, Renderer
 from .render import render as render_gaussians
 from .scene.cameras import Camera
 from .scene.scenes import Scene
@@ -236,12 +236,12 @@ class Runtime:
 
     def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
         """PSNR of a file's render to that of `gaussians`, the mean over their views."""
-        # In numpy, so that no byte depends on whether numba is installed.
-        renderer = Renderer(gaussians, threads=self.threads, compiled=False)
+        # In numpy, so that no byte depends on whether numba is installed; as defined, so that none follows defaults.
+        renderer = Renderer(gaussians, threads=self.threads, compiled=False, **DEFINITION)
         raw = [renderer.render(camera) for camera in gaussians.cameras]
 
         def measure(data: bytes) -> float:
-            decoded = Renderer(self.decompress(data), threads=self.threads, compiled=False)
+            decoded = Renderer(self.decompress(data), threads=self.threads, compiled=False, **DEFINITION)
             errors = [
                 float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
                 for camera, image in zip(gaussians.cameras, raw, strict=True)

@@ -7,6 +7,7 @@ alpha step, 1/255, more.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from reference.rasteriser import render_reference
 from scenes import make_cameras, make_gaussians
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer, between
 from tinysplat_runtime.scene.cameras import Camera
 
 ATOL = 1e-4
@@ -115,8 +116,8 @@ def check(found, expected, scale=1.0):
     assert np.count_nonzero(error > ATOL) <= ROUNDING_SHARE * error.size
 
 
-def draw(gaussians, camera, compiled, **options):
-    return Renderer(gaussians, threads=1, compiled=compiled).render(camera, outputs=OUTPUTS, **options)
+def draw(gaussians, camera, compiled, drawing=DEFINITION, **options):
+    return Renderer(gaussians, threads=1, compiled=compiled, **drawing).render(camera, outputs=OUTPUTS, **options)
 
 
 by_both = pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
@@ -134,6 +135,35 @@ def test_pictures_agree_with_the_reference(name, compiled):
     check(found["alpha"], expected["alpha"])
     steady = np.abs(found["alpha"] - expected["alpha"]) < ATOL  # a faint splat more or less may move depth anywhere
     check(np.where(steady, found["depth"], 0), np.where(steady, expected["depth"], 0), scale=expected["depth"].max())
+
+
+@by_both
+@pytest.mark.parametrize("order", ["near", "depth"])
+@pytest.mark.parametrize("size", [(7, 9), (24, 32), (75, 101)], ids=["from afar", "as it was", "enlarged"])
+@pytest.mark.parametrize("views", [2, 4])
+def test_own_pixels_and_near_views_agree_with_the_reference(views, size, order, compiled):
+    gaussians = make_gaussians(views=views, height=24, width=32, degree=1, layers=2, seed=5)
+    camera = between(make_cameras(views, 24, 32), 6)[1].resized(*size)
+    expected = render_reference(gaussians, camera, dilation="own", order=order)
+    found = draw(gaussians, camera, compiled, {"dilation": "own", "order": order})
+    assert expected["alpha"].max() > 0.05
+    check(found["rgb"], np.clip(expected["rgb"], 0, 1))
+    check(found["alpha"], expected["alpha"])
+    check(found["depth"], expected["depth"], scale=expected["depth"].max())
+
+
+@by_both
+def test_gaussians_from_very_near_agree_with_the_reference(compiled):
+    """Own pixels of hundreds of the screen's, wider than float32 projects, and others behind their own views."""
+    gaussians = make_gaussians(views=2, height=6, width=8, degree=1, seed=6)
+    ahead = gaussians.cameras[0].c2w.copy()
+    ahead[:3, 3] += gaussians.means[0, 2, 3] * 0.98
+    camera = Camera(gaussians.cameras[0].K * [[8], [8], [1]], ahead, 64, 48)
+    turned_away = replace(gaussians, means=-gaussians.means)
+    for scene in (gaussians, turned_away):
+        expected = render_reference(scene, camera, dilation="own")
+        found = draw(scene, camera, compiled, {"dilation": "own", "order": "depth"})
+        check(found["rgb"], np.clip(expected["rgb"], 0, 1))
 
 
 @by_both

@@ -51,11 +51,48 @@ def jacobian(camera: Camera, point: NDArray) -> NDArray:
     )
 
 
+def own_pixels(gaussians: Gaussians) -> NDArray:
+    """(N,) z / f of each Gaussian in the photo that it stands for, scene units; 0 where it stands for none."""
+    sizes = []
+    for layer in gaussians.layers:
+        size = np.zeros(layer.opacities.shape)
+        for view, photo in enumerate(gaussians.cameras):
+            points = layer.means[view].astype(np.float64) + gaussians.origin
+            z = (points @ photo.w2c[:3, :3].T + photo.w2c[:3, 3])[..., 2]
+            size[view] = np.maximum(z, 0) / math.sqrt(photo.K[0, 0] * photo.K[1, 1])
+        sizes.append(size.ravel())
+    return np.concatenate(sizes)
+
+
+def shares(gaussians: Gaussians, camera: Camera) -> NDArray:
+    """(N,) the share of its opacity that each Gaussian is drawn first with."""
+    photos = gaussians.cameras
+    z = [
+        (gaussians.means[v].astype(np.float64) + gaussians.origin - photo.c2w[:3, 3]) @ photo.c2w[:3, 2]
+        for v, photo in enumerate(photos)
+    ]
+    depth = 1 / np.mean(1 / np.concatenate([part[part > 0] for part in z]))
+    distance = [
+        math.hypot(*((camera.c2w - photo.c2w)[:3, 3] / depth), *(camera.c2w - photo.c2w)[:3, 2]) for photo in photos
+    ]
+    nearest, second = sorted(distance)[:2]
+    of_view = [min(max((1.5 * second - d) / (1.5 * second - nearest), 0), 1) ** 2 for d in distance]
+    _, height, width = gaussians.opacities.shape
+    behind = sum(layer.opacities.size for layer in gaussians.extra_layers)
+    return np.append(np.repeat(of_view, height * width), np.zeros(behind))
+
+
 def render_reference(
-    gaussians: Gaussians, camera: Camera, background: tuple[float, ...] = (0, 0, 0), near_plane: float = 0.01
+    gaussians: Gaussians,
+    camera: Camera,
+    background: tuple[float, ...] = (0, 0, 0),
+    near_plane: float = 0.01,
+    dilation: str = "screen",
+    order: str = "depth",
 ) -> dict[str, NDArray]:
     """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64."""
     flat = gaussians.flat()
+    own = own_pixels(gaussians) if dilation == "own" else np.zeros(flat.opacities.size)
     means = flat.means.astype(np.float64) + (flat.origin - camera.centre)
     points = means @ camera.rotation.T
     basis = sh_basis(means / np.linalg.norm(means, axis=-1, keepdims=True), flat.degree)
@@ -64,15 +101,29 @@ def render_reference(
     pixels = np.stack(np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5), axis=-1)
     left, stopped = np.ones(pixels.shape[:2]), np.zeros(pixels.shape[:2], bool)
     rgb, depth = np.zeros((*left.shape, 3)), np.zeros_like(left)
-    for i in np.argsort(points[:, 2], kind="stable"):
+    by_depth = np.argsort(points[:, 2], kind="stable")
+    drawn = [(i, 1.0) for i in by_depth]
+    if order == "near":
+        share = shares(gaussians, camera)
+        drawn = [(i, share[i]) for i in by_depth] + drawn
+    for i, of_opacity in drawn:
         z = points[i, 2]
         if z <= near_plane:
             continue
         to_pixels = jacobian(camera, points[i]) @ camera.rotation
         axes = to_pixels @ rotation_matrix(flat.quats[i].astype(np.float64)) * flat.scales[i].astype(np.float64)
-        inverse = np.linalg.inv(axes @ axes.T + 0.3 * np.eye(2))
+        opacity = of_opacity * flat.opacities[i]
+        footprint = axes @ axes.T + 0.3 * np.eye(2)
+        if own[i] > 0:
+            pixel = max(own[i] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8)  # its width on the screen
+            in_photo = axes @ axes.T + 0.3 * pixel**2 * np.eye(2)
+            if pixel > 1:
+                footprint = in_photo
+            else:
+                opacity *= math.sqrt(np.linalg.det(in_photo) / np.linalg.det(footprint))
+        inverse = np.linalg.inv(footprint)
         d = pixels - (camera.K @ points[i])[:2] / z
-        alpha = np.minimum(0.99, flat.opacities[i] * np.exp(-0.5 * np.einsum("hwi,ij,hwj->hw", d, inverse, d)))
+        alpha = np.minimum(0.99, opacity * np.exp(-0.5 * np.einsum("hwi,ij,hwj->hw", d, inverse, d)))
         alpha = np.where((alpha < 1 / 255) | stopped, 0, alpha)
         stopped |= left * (1 - alpha) < 1e-4
         weight = np.where(stopped, 0, alpha * left)

@@ -10,7 +10,7 @@ from scenes import make_cameras, make_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import Renderer, render
+from tinysplat_runtime.render import DEFINITION, Renderer, render
 from tinysplat_runtime.scene.cameras import Camera
 
 C0 = 0.28209479177387814  # ½·√(1/π)
@@ -146,8 +146,9 @@ def test_all_layers_are_drawn_and_may_have_different_degrees():
     front, back = make_gaussians(2, 8, 12, degree=2, seed=1), make_gaussians(2, 4, 6, degree=0, seed=2)
     layered = Gaussians(**{**vars(front), "extra_layers": (back,)})
     camera = make_cameras(1, 8, 12)[0]
-    np.testing.assert_allclose(render(layered, camera), render(layered.flat(), camera), atol=1e-6)
-    assert not np.array_equal(render(layered, camera), render(front, camera))
+    picture = render(layered, camera, **DEFINITION)
+    np.testing.assert_allclose(picture, render(layered.flat(), camera), atol=1e-6)
+    assert not np.array_equal(picture, render(front, camera, **DEFINITION))
 
 
 def test_only_the_difference_of_origin_and_camera_matters():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from ..measure.metrics import psnr
@@ -28,7 +28,7 @@ class Judge:
 
     def pictures(self, gaussians: Gaussians) -> list[NDArray]:
         """(H, W, 3) per camera."""
-        renderer = Renderer(gaussians, self._threads)
+        renderer = Renderer(gaussians, self._threads, **DEFINITION)
         return [renderer.render(camera) for camera in self._cameras]
 
     def figures(self, decoded: Gaussians) -> Figures:
@@ -49,7 +49,7 @@ class Judge:
 
 def photo_figures(gaussians: Gaussians, cameras: Sequence[Camera], photos: Sequence[NDArray], threads: int) -> Figures:
     """`psnr` against photos; empty where there are none."""
-    renderer = Renderer(gaussians, threads)
+    renderer = Renderer(gaussians, threads, **DEFINITION)
     value = _to_photos([renderer.render(camera) for camera in cameras], photos) if cameras else None
     return {} if value is None else {"psnr": value}
 

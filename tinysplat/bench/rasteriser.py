@@ -1,7 +1,8 @@
 """The rasteriser: seconds and errors against float64 by picture size, number of Gaussians and threads.
 
-The error is taken at a random 1 % of the pixels. Beside the exact rasteriser stand the approximations that a user can
-choose: a picture of half the size scaled up, and Gaussians without their higher SH bands.
+The error is taken at a random 1 % of the pixels. Beside the exact rasteriser, which draws what 3DGS defines, stands
+what a user can choose: dilation in own pixels and near views first, which are on unless turned off, a picture of half
+the size scaled up, and Gaussians without their higher SH bands.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from ..measure.metrics import psnr
@@ -66,7 +67,7 @@ def exact_stage(gaussians: Gaussians, size: int, case: str, threads: Sequence[in
 def approximation_stage(gaussians: Gaussians, size: int, case: str, threads: int) -> Stage:
     """The exact rasteriser, and what can be had for less work; `psnr_exact` is against the exact picture."""
     camera = _camera(gaussians).resized(size, size)
-    exact = Renderer(gaussians, threads, compiled=False).render(camera)
+    exact = Renderer(gaussians, threads, compiled=False, **DEFINITION).render(camera)
     against_float64 = _against_float64(gaussians, camera)
 
     def figures(image: NDArray) -> Figures:
@@ -76,6 +77,20 @@ def approximation_stage(gaussians: Gaussians, size: int, case: str, threads: int
     halved = _frame(gaussians, half, threads)
     variants = [
         Variant("exact", _frame(gaussians, camera, threads), figures, {"approximation": "none"}, threads),
+        Variant(
+            "own pixels",
+            _frame(gaussians, camera, threads, dilation="own"),
+            figures,
+            {"approximation": "dilation"},
+            threads,
+        ),
+        Variant(
+            "near views first",
+            _frame(gaussians, camera, threads, order="near"),
+            figures,
+            {"approximation": "order"},
+            threads,
+        ),
         Variant("half size, scaled up", lambda: enlarged(halved()), figures, {"approximation": "size"}, threads),
     ]
     for degree in range(gaussians.degree):
@@ -100,8 +115,10 @@ def _camera(gaussians: Gaussians) -> Camera:
     return gaussians.cameras[0]
 
 
-def _frame(gaussians: Gaussians, camera: Camera, threads: int, compiled: bool = False) -> Callable[[], NDArray]:
-    renderer = Renderer(gaussians, threads, compiled=compiled)
+def _frame(
+    gaussians: Gaussians, camera: Camera, threads: int, compiled: bool = False, **drawing: str
+) -> Callable[[], NDArray]:
+    renderer = Renderer(gaussians, threads, compiled=compiled, **{**DEFINITION, **drawing})
     return lambda: renderer.render(camera)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from ..reference.pixels import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, choose_pixels, render_pixels
@@ -37,7 +37,7 @@ def torch_peer_rows(gaussians: Gaussians, size: int, threads: int, effort: Effor
     def figures(image: NDArray) -> Figures:
         return pixel_errors(image.reshape(-1, 3)[pixels], truth)
 
-    renderer = Renderer(gaussians, threads)
+    renderer = Renderer(gaussians, threads, **DEFINITION)
     variants = [Variant("ours, exact", lambda: renderer.render(camera), figures, threads=threads)]
     missing = []
     name = "gsplat's projection and SH, dense blending"

@@ -16,7 +16,7 @@ from scipy.interpolate import PchipInterpolator
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from .measure import capped_psnr
@@ -72,7 +72,7 @@ class Pictures:
         return _mean_psnr(seen, self._raw), None if self._photos is None else _mean_psnr(seen, self._photos)
 
     def _render(self, gaussians: Gaussians) -> list[NDArray]:
-        renderer = Renderer(gaussians, self._threads)
+        renderer = Renderer(gaussians, self._threads, **DEFINITION)
         return [renderer.render(camera) for camera in self._cameras]
 
 

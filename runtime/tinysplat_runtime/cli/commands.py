@@ -126,7 +126,8 @@ def render(args: Namespace) -> None:
     watch = Stopwatch()
     gaussians = load_any(args, watch)
     # Loading compiled code takes longer than drawing one picture without it.
-    renderer = Renderer(gaussians, threads=args.threads, compiled=None if suffix == ".mp4" else False)
+    compiled = None if suffix == ".mp4" else False
+    renderer = Renderer(gaussians, args.threads, dilation=args.dilation, order=args.order, compiled=compiled)
     if suffix == ".png":
         camera = _chosen_camera(args.camera, gaussians)
         with watch.stage("render"):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..gaussian.gaussians import Gaussians
-from ..render import Renderer
+from ..render import DEFINITION, Renderer
 from ..render.paths import orbit, outside
 from ..scene.cameras import Camera
 from ..system.files import StrPath
@@ -50,7 +50,8 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
         InputError: the file cannot be read.
     """
     views = _views(gaussians)
-    ours, theirs = Renderer(gaussians, compiled=False), Renderer(load_gaussians(path), compiled=False)
+    # As defined: most formats keep no cameras, and what is drawn with their help would count as lost.
+    ours, theirs = (Renderer(drawn, compiled=False, **DEFINITION) for drawn in (gaussians, load_gaussians(path)))
     errors = [np.mean((ours.render(camera) - theirs.render(camera)) ** 2, dtype=np.float64) for camera in views]
     each = [-10 * math.log10(error) if error else math.inf for error in errors]
     size = sum(part.stat().st_size for part in _parts(Path(path)))

@@ -6,11 +6,12 @@
 
 What flows where: `prepare` (once per Gaussians) → `project` (3-D to 2-D, colours) → `tiles` (who covers which
 4×4 pixels, in depth order) → `composite` (front to back); or, where numba is installed, `prepare` → `compiled`.
+`near` says what of near views is drawn before everything else.
 """
 
 from __future__ import annotations
 
 from .paths import between, orbit
-from .renderer import Renderer, render
+from .renderer import DEFINITION, Renderer, render
 
-__all__ = ["Renderer", "between", "orbit", "render"]
+__all__ = ["DEFINITION", "Renderer", "between", "orbit", "render"]

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from ..system.stopwatch import part
 from . import kernels_blend, kernels_project
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
-from .kernels_project import BOTTOM, CHUNK, GAMMA, GEOMETRY, IS_WIDE, LEFT, REACH, RECORD, RIGHT, TOP
+from .kernels_project import BOTTOM, CHUNK, GAMMA, GEOMETRY, LAST, LEFT, LOG_OPACITY, REACH, RECORD, RIGHT, TOP
+from .near import log_share
 from .prepare import Block
 from .project import View, footprint_exponent, jacobian_limits, pixels_between, wide_shapes
 from .tiles import WIDE_MARGIN
@@ -36,7 +37,7 @@ class _Packed:
     Attributes:
         block: the Gaussians without their planes.
         first: row of its first record.
-        geometry: (chunks·13·128,) float32, see `kernels_project.project`. Rows that fill the last chunk up have no
+        geometry: (chunks·14·128,) float32, see `kernels_project.project`. Rows that fill the last chunk up have no
             opacity, which keeps them out of every picture.
         sh: (chunks, 3 S·128) float32.
         is_coloured: (chunks,) uint8, which chunks' records hold colours as seen from the renderer's present place.
@@ -110,8 +111,8 @@ class Rasteriser:
         self._run = run_jobs
         self._local = threading.local()
 
-    def draw(self, view: View, with_depth: bool) -> Canvas:
-        """Draw a frame."""
+    def draw(self, view: View, shares: NDArray | None, with_depth: bool) -> Canvas:
+        """Draw a frame; `shares` (V,) of their opacities that views' surfaces are drawn first with, None for none."""
         height, width = view.camera.height, view.camera.width
         canvas = Canvas(height, width, with_depth)
         columns, count = -(-width // TILE_WIDTH), -(-width // TILE_WIDTH) * -(-height // TILE_HEIGHT)
@@ -119,10 +120,10 @@ class Rasteriser:
             self._place = view.offset
             for packed in self._packed:
                 packed.is_coloured[:] = 0
-        visible = self._run(lambda packed: self._project(packed, view, columns, count), self._packed)
+        visible = self._run(lambda packed: self._project(packed, view, shares, columns, count), self._packed)
         counts = np.stack([np.zeros(count, np.int64), *(shown.counts for shown in visible)])  # (blocks + 1, tiles)
         for first, last in batches(counts.sum(axis=0)):
-            self._composite(visible, counts[1:, first:last], (first, last), columns, canvas)
+            self._composite(visible, counts[1:, first:last], (first, last), columns, canvas, shares is not None)
         return canvas
 
     def _workspace(self) -> Workspace:
@@ -130,7 +131,7 @@ class Rasteriser:
             self._local.workspace = Workspace()
         return self._local.workspace
 
-    def _project(self, packed: _Packed, view: View, columns: int, count: int) -> Visible:
+    def _project(self, packed: _Packed, view: View, shares: NDArray | None, columns: int, count: int) -> Visible:
         """Fill a block's records, and list what of them is visible."""
         records, work = self._records[packed.rows], self._workspace()
         numbers = view_numbers(view)
@@ -140,13 +141,21 @@ class Rasteriser:
             )
         if is_wide:
             redo_wide(packed.block, view, records)
+        if shares is not None:
+            records[:, LAST] = log_share(shares, packed.block.view)
         ids, boxes, counts = self._ids[packed.rows], self._boxes[packed.rows], np.zeros(count, np.int64)
         with part("listing what is visible"):
             shown = kernels_blend.list_visible(records, packed.first, columns, ids, boxes, counts)
         return Visible(ids[:shown], boxes[:shown], counts)
 
     def _composite(
-        self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int, canvas: Canvas
+        self,
+        visible: list[Visible],
+        counts: NDArray,
+        tiles: tuple[int, int],
+        columns: int,
+        canvas: Canvas,
+        has_front: bool,
     ) -> None:
         """Blend some tiles; `counts` (blocks, tiles) of their splats."""
         ends = np.cumsum(counts.T).reshape(-1, len(visible))  # a tile's list holds its splats block by block
@@ -163,7 +172,7 @@ class Rasteriser:
             row, column = divmod(tiles[0] + tile, columns)
             kernels_blend.composite_tile(
                 self._records, keys[own], scratch[own], (row * TILE_HEIGHT, column * TILE_WIDTH),
-                (work.state, work.near, work.histogram), (canvas.colour, canvas.left, canvas.depth),
+                (work.state, work.near, work.histogram), (canvas.colour, canvas.left, canvas.depth), has_front,
             )  # fmt: skip
 
         with part("lists by tile"):
@@ -178,10 +187,12 @@ def _pack(blocks: Iterable[Block]) -> Iterator[_Packed]:
     for block in blocks:
         chunks, functions = -(-block.size // CHUNK), block.sh.shape[0]
         planes = np.zeros((GEOMETRY, chunks * CHUNK), np.float32)
-        planes[-1] = -np.inf
+        planes[12] = -np.inf
         planes[:3, : block.size] = block.means
-        planes[3:-1, : block.size] = block.axes.reshape(9, -1)
-        planes[-1, : block.size] = block.log_opacities
+        planes[3:12, : block.size] = block.axes.reshape(9, -1)
+        planes[12, : block.size] = block.log_opacities
+        if block.own_pixels is not None:
+            planes[13, : block.size] = block.own_pixels
         sh = np.zeros((3 * functions, chunks * CHUNK), np.float32)
         sh[:, : block.size] = block.sh.reshape(3 * functions, -1)
         geometry, sh = (_by_chunk(planes, chunks) for planes in (planes, sh))
@@ -195,10 +206,10 @@ def _by_chunk(planes: NDArray, chunks: int) -> NDArray:
 
 
 def view_numbers(view: View) -> NDArray:
-    """(21,) float64: a view as `kernels_project.project` takes it."""
-    size = [view.near_plane, view.camera.width, view.camera.height]
+    """(22,) float64: a view as `kernels_project.project` takes it."""
+    rest = [view.near_plane, view.camera.width, view.camera.height, view.camera.focal]
     principal = view.camera.K[:2, 2]
-    return np.concatenate([view.offset, principal, *jacobian_limits(view), view.projection.ravel(), size])
+    return np.concatenate([view.offset, principal, *jacobian_limits(view), view.projection.ravel(), rest])
 
 
 def batches(counts: NDArray) -> Iterator[tuple[int, int]]:
@@ -214,9 +225,9 @@ def batches(counts: NDArray) -> Iterator[tuple[int, int]]:
 
 def redo_wide(block: Block, view: View, records: NDArray) -> None:
     """Do what float32 is too narrow for in float64, by the code of the numpy path."""
-    rows = np.flatnonzero(records[: block.size, IS_WIDE])
-    planes, half = wide_shapes(block, view, rows)
-    tau = footprint_exponent(block.log_opacities[rows])
+    rows = np.flatnonzero(records[: block.size, LAST])
+    planes, half, log_opacities = wide_shapes(block, view, rows)
+    tau = footprint_exponent(log_opacities)
     shows = np.isfinite(planes).all(axis=0)
     with np.errstate(all="ignore"):
         edges = []
@@ -225,6 +236,6 @@ def redo_wide(block: Block, view: View, records: NDArray) -> None:
             shows &= edges[-1][0] <= edges[-1][1]
         reach = np.sqrt(tau + np.float32(WIDE_MARGIN)) / planes[GAMMA]
         top, bottom = pixels_between(planes[1] - reach, planes[1] + reach, view.camera.height)
-    records[rows, : GAMMA + 1] = planes.T
+    records[rows, : GAMMA + 1], records[rows, LOG_OPACITY] = planes.T, log_opacities
     records[rows, LEFT], records[rows, TOP], records[rows, BOTTOM], records[rows, REACH] = 0, top, bottom, 0
     records[rows, RIGHT] = np.where(shows & (top <= bottom), view.camera.width - 1, -1)

@@ -93,7 +93,7 @@ class _Piece:
         start: its first row.
         base: (chunks, 12, 128) float32, see `kernels_gradient`.
         centre: (3,) float64, of the own camera, relative to the Gaussians' origin.
-        geometry: (chunks, 13, 128) float32, as `kernels_project.project` takes it.
+        geometry: (chunks, 14, 128) float32, as `kernels_project.project` takes it.
         sh: (chunks, 3 S·128) float32.
         quats, scales: (n, 4) and (n, 3) float32 as they began, for what float32 is too narrow for.
     """
@@ -240,7 +240,7 @@ class MovableGaussians:
         log_depth, log_size = self.values[: LOG_SIZE + 1, piece.rows][:, : len(piece.quats)]
         nothing = np.zeros((0, 3, 0), np.float32)
         scales = piece.scales * np.exp(log_depth + log_size)[:, None]
-        return Block(piece.start, planes[:3], nothing, planes[-1], nothing, piece.quats, scales)
+        return Block(piece.start, planes[:3], nothing, planes[12], nothing, piece.quats, scales)
 
     def _measure(
         self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int, photo: NDArray,

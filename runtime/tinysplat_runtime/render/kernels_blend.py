@@ -21,6 +21,7 @@ from .kernels_project import (
     DEPTH,
     GAMMA,
     GREEN,
+    LAST,
     LEFT,
     LOG_OPACITY,
     REACH,
@@ -157,6 +158,7 @@ def composite_tile(
     corner: tuple[Number, Number],
     workspace: tuple[NDArray, NDArray, NDArray],
     canvas: tuple[NDArray, NDArray, NDArray],
+    has_front: bool,
 ) -> None:
     """Blend a tile's splats into the picture.
 
@@ -168,6 +170,8 @@ def composite_tile(
         workspace: (`STATE`,) and (`AHEAD`, 16) float32, (`DIGITS`,) int64.
         canvas: (H, W, 3) and (H, W) float32, (H, W) too or (0, 0): colour, transmittance and depth, written where the
             tile lies.
+        has_front: whether splats are blended twice: with a share of their opacity, whose logarithm is the last number
+            of their records, and after all of those as they are.
     """
     state, near, histogram = workspace
     colour, transmittance, depth = canvas
@@ -177,14 +181,18 @@ def composite_tile(
     for line in range(rows):
         state[line * _ROW : line * _ROW + columns] = 1
     keys = sort_by_depth(keys, scratch, histogram)
-    for start in range(0, keys.size, AHEAD):
-        if start and not is_open(state):
-            break
-        count = min(AHEAD, keys.size - start)
-        for entry in range(count):
-            near[entry] = records[keys[start + entry] & _I(0xFFFFFFFF)]
-        for entry in range(count):
-            blend_splat(near[entry], row, column, rows, columns, state)
+    for is_whole in range(1 - has_front, 2):
+        for start in range(0, keys.size, AHEAD):
+            if start and not is_open(state):
+                break
+            count = 0
+            for key in keys[start : start + AHEAD]:
+                near[count] = records[key & _I(0xFFFFFFFF)]
+                if not is_whole:
+                    near[count, LOG_OPACITY] += near[count, LAST]
+                count += near[count, LOG_OPACITY] >= _LOG_ALPHA_MIN
+            for entry in range(count):
+                blend_splat(near[entry], row, column, rows, columns, state)
     for line in range(rows):
         for lane in range(columns):
             at = line * _ROW + lane

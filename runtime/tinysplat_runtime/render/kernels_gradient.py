@@ -92,7 +92,7 @@ def place(base: NDArray, centre: NDArray, values: NDArray, geometry: NDArray, sh
         base: (chunks, 12, 128) float32.
         centre: (3,) float64, of the own camera, relative to the Gaussians' origin.
         values: (6, chunks·128) float32.
-        geometry: (chunks, 13, 128) float32, written; see `kernels_project.project`.
+        geometry: (chunks, 14, 128) float32, written; see `kernels_project.project`.
         sh: (chunks, 3 S·128) float32, whose coefficients of degree 0 are written.
     """
     for chunk in range(len(base)):
@@ -306,8 +306,8 @@ def add_up(
         records, ids, boxes, columns, tiles: as `list_pairs` was given them.
         ends: (tiles,) int64, where each list began; moved on.
         pairs: (pairs, 9) float32.
-        place_of: first row of the block, its geometry (chunks, 13, 128), the own camera's centre (3,), and its values.
-        view: (21,) float64, as `kernels_project.project` takes it.
+        place_of: first row of the block, its geometry (chunks, 14, 128), the own camera's centre (3,), and its values.
+        view: (22,) float64, as `kernels_project.project` takes it.
         gradient: (6, rows) float32 of the block, added to.
     """
     first, geometry, centre, values = place_of

@@ -17,23 +17,24 @@ from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, band_1, band_2, band_3, band_4
 from .prepare import ALPHA_MIN
-from .project import DILATION, LIMIT, MARGIN_PX, WIDE_PX
+from .project import DILATION, LEAST_OWN_PIXEL, LIMIT, MARGIN_PX, WIDE_PX
 
 CHUNK = 128
 
 RECORD = 16
 """Floats in a splat's record: 64 bytes, so that picking one misses the cache once."""
 
-X, Y, ALPHA_X, BETA_X, GAMMA, LOG_OPACITY, RED, GREEN, BLUE, DEPTH, LEFT, RIGHT, TOP, BOTTOM, REACH, IS_WIDE = range(16)
+X, Y, ALPHA_X, BETA_X, GAMMA, LOG_OPACITY, RED, GREEN, BLUE, DEPTH, LEFT, RIGHT, TOP, BOTTOM, REACH, LAST = range(16)
 """Columns of a record: pixel of the mean, the exponent's factors, colour, depth, first and last column and row of
-pixels (RIGHT < 0: not visible), 1/αx where `CHORD_PX` says so and else 0, whether float32 is too narrow."""
+pixels (RIGHT < 0: not visible), 1/αx where `CHORD_PX` says so and else 0; the last tells whether float32 is too narrow,
+and then how much is drawn in front (`kernels_blend.composite_tile`)."""
 
-GEOMETRY = 13
-"""Planes of a chunk: means (3), principal axes (9, row by row), log opacity."""
+GEOMETRY = 14
+"""Planes of a chunk: means (3), principal axes (9, row by row), log opacity, own pixel (0 for none)."""
 
-VIEW = 21
+VIEW = 22
 """Numbers of a view: offset (3), principal point (2), the Jacobian's lower (2) and upper limits (2), projection (9),
-near plane, width, height."""
+near plane, width, height, focal length."""
 
 CHORD_PX = 16
 """Footprints at least this wide are cut to their chord in every row; narrower ones save nothing by it."""
@@ -50,7 +51,7 @@ _BAND_1, _BAND_2, _BAND_3, _BAND_4 = (compiled(band) for band in (band_1, band_2
 
 _F, _I = np.float32, np.uint64
 _HALF, _ONE, _TWO, _LIMIT, _WIDE = _F(0.5), _F(1), _F(2), _F(LIMIT), _F(WIDE_PX)
-_DILATION, _DILATION_SQUARED = _F(DILATION), _F(DILATION**2)
+_DILATION, _LEAST_OWN, _MOST_OWN = _F(DILATION), _F(LEAST_OWN_PIXEL), _F(math.sqrt(LIMIT))
 _LOG_ALPHA_MIN = _F(math.log(ALPHA_MIN))
 _BEFORE, _BEHIND = _F(0.5 + MARGIN_PX), _F(0.5 - MARGIN_PX)
 
@@ -68,10 +69,10 @@ def project(
     """Project a block into its records.
 
     Args:
-        geometry: (chunks·13·128,) float32.
+        geometry: (chunks·14·128,) float32.
         sh: (chunks, 3 S·128) float32.
         is_coloured: (chunks,) uint8, whether the records hold the colours already; brought up to date.
-        view: (21,) float64.
+        view: (22,) float64.
         work: (`SCRATCH`,) float32.
         records: (chunks·128, 16) float32, written.
 
@@ -83,6 +84,7 @@ def project(
         start = _I(chunk) * _I(GEOMETRY * CHUNK)
         out = records[chunk * CHUNK : (chunk + 1) * CHUNK]
         _shapes(geometry, start, view, work)
+        _fade(geometry, start, work)
         shown, is_wide = _bounds(geometry, start, view, work)
         wide += is_wide
         if is_coloured[chunk]:
@@ -101,12 +103,13 @@ def project(
 
 @compiled
 def _shapes(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> None:
-    """Pixel, factors of the exponent, extents and depth (−1 before the near plane); see `project.py`."""
+    """Pixel, factors of the exponent, extents and depth (−1 before the near plane), and the square of the share of its
+    opacity that is left; see `project.py`."""
     ox, oy, oz, cx, cy, min_u, min_v, max_u, max_v = (
         view[0], view[1], view[2], view[3], view[4], view[5], view[6], view[7], view[8]
     )  # fmt: skip
     p00, p01, p02, p10, p11, p12 = view[9], view[10], view[11], view[12], view[13], view[14]
-    p20, p21, p22, near = view[15], view[16], view[17], view[18]
+    p20, p21, p22, near, focal = view[15], view[16], view[17], view[18], view[21]
     for lane in range(CHUNK):
         i = _I(lane)
         at = start + i
@@ -124,11 +127,16 @@ def _shapes(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> N
         c0, c1, c2 = geometry[at + P[9]], geometry[at + P[10]], geometry[at + P[11]]
         m0, m1, m2 = j0 * a0 + j1 * b0 + j2 * c0, j0 * a1 + j1 * b1 + j2 * c1, j0 * a2 + j1 * b2 + j2 * c2
         n0, n1, n2 = k0 * a0 + k1 * b0 + k2 * c0, k0 * a1 + k1 * b1 + k2 * c1, k0 * a2 + k1 * b2 + k2 * c2
-        a = m0 * m0 + m1 * m1 + m2 * m2 + _DILATION
-        b = m0 * n0 + m1 * n1 + m2 * n2
-        c = n0 * n0 + n1 * n1 + n2 * n2 + _DILATION
+        own_pixel = _clipped(geometry[at + P[13]] * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
+        own = _DILATION * own_pixel * own_pixel
+        own = own if geometry[at + P[13]] > _F(0) else _DILATION
+        dilation = max(own, _DILATION)
+        width, height = m0 * m0 + m1 * m1 + m2 * m2, n0 * n0 + n1 * n1 + n2 * n2
+        a, b, c = width + dilation, m0 * n0 + m1 * n1 + m2 * n2, height + dilation
         d0, d1, d2 = m0 * n1 - n0 * m1, m1 * n2 - n1 * m2, m2 * n0 - n2 * m0
-        det = _DILATION * (a + c) - _DILATION_SQUARED + d0 * d0 + d1 * d1 + d2 * d2
+        cross = d0 * d0 + d1 * d1 + d2 * d2
+        det = dilation * (width + height + dilation) + cross
+        work[i + P[LOG_OPACITY]] = (own * (width + height + own) + cross) / det if own < dilation else _ONE
         alpha_x = math.sqrt(_HALF * c / det)
         work[i + P[ALPHA_X]], work[i + P[BETA_X]], work[i + P[GAMMA]] = (
             alpha_x,
@@ -136,6 +144,15 @@ def _shapes(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> N
             math.sqrt(_HALF / c),
         )
         work[i + P[_SIZE]], work[i + P[_SIZE + 1]] = math.sqrt(_TWO * a), math.sqrt(_TWO * c)
+
+
+@compiled
+def _fade(geometry: NDArray, start: Number, work: NDArray) -> None:
+    """Opacities, from the shares of their squares that `_shapes` leaves in their place; no vector has a logarithm."""
+    for lane in range(CHUNK):
+        i = _I(lane)
+        share, log_opacity = work[i + P[LOG_OPACITY]], geometry[start + i + P[12]]
+        work[i + P[LOG_OPACITY]] = log_opacity + _HALF * math.log(share) if share < _ONE else log_opacity
 
 
 @compiled
@@ -152,7 +169,7 @@ def _bounds(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> t
     shown, wide = 0, 0
     for lane in range(CHUNK):
         i = _I(lane)
-        log_opacity, x, y = geometry[start + i + P[12]], work[i], work[i + P[Y]]
+        log_opacity, x, y = work[i + P[LOG_OPACITY]], work[i], work[i + P[Y]]
         root, half_width, half_height = (
             math.sqrt(log_opacity - _LOG_ALPHA_MIN),
             work[i + P[_SIZE]],
@@ -166,11 +183,10 @@ def _bounds(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> t
         in_front = work[i + P[DEPTH]] > _F(0)
         is_wide = in_front & (not half_width + half_height < _WIDE)
         shows = in_front & (left <= right) & (top <= bottom)
-        work[i + P[LOG_OPACITY]] = log_opacity
         work[i + P[LEFT]], work[i + P[TOP]], work[i + P[BOTTOM]] = left, top, bottom
         work[i + P[RIGHT]] = right if shows else _F(-1)
         work[i + P[REACH]] = _ONE / work[i + P[ALPHA_X]] if right - left >= _F(CHORD_PX) else _F(0)
-        work[i + P[IS_WIDE]] = _F(is_wide)
+        work[i + P[LAST]] = _F(is_wide)
         shown += shows
         wide += is_wide
     return shown, wide

@@ -6,13 +6,14 @@ floats. A block is sized so that its temporaries stay in a core's L2 cache while
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.gaussians import Gaussians
+from ..gaussian.footprints import own_pixels
+from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 
 BLOCK_SIZE = 16_384
@@ -33,6 +34,9 @@ class Block:
         sh: (S, 3, n) float32.
         quats: (n, 4) float32 and
         scales: (n, 3) float32 as given, for the few rows that need `axes` in float64.
+        own_pixels: (n,) float32, how wide a pixel of the photo that each stands for is at its depth: z / f of its own
+            view, scene units; 0 where it lies behind that view. None where they are of no known photo.
+        view: the view whose surface (layer 0) they are; −1 where they are not one view's, or of another layer.
     """
 
     first: int
@@ -42,6 +46,8 @@ class Block:
     sh: NDArray
     quats: NDArray
     scales: NDArray
+    own_pixels: NDArray | None = None
+    view: int = -1
 
     @property
     def size(self) -> int:
@@ -60,21 +66,27 @@ def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
     return np.ascontiguousarray(np.moveaxis(axes, 0, -1))
 
 
-def prepare(gaussians: Gaussians) -> Iterator[Block]:
-    """Cut all layers of the Gaussians into blocks, in order; those that can never show are left out."""
+def prepare(gaussians: Gaussians, *, by_view: bool = False) -> Iterator[Block]:
+    """Cut all layers of the Gaussians into blocks, in order; those that can never show are left out.
+
+    Args:
+        gaussians: with cameras if `by_view`.
+        by_view: cut between views, too, and say of what photo's pixels the Gaussians are.
+    """
     first = 0
-    for fields in _slices(gaussians):
-        shows = fields["opacities"] >= ALPHA_MIN
+    for view, rows in _view_rows(gaussians) if by_view else _rows(gaussians.layers):
+        shows = rows["opacities"] >= ALPHA_MIN
         if not shows.all():
-            fields = {name: array[shows] for name, array in fields.items()}
-        if fields["opacities"].size:
-            block = _block(first, **fields)
+            rows = {name: array[shows] for name, array in rows.items()}
+        if rows["opacities"].size:
+            block = _block(first, view, **rows)
             yield block
             first += block.size
 
 
-def _slices(gaussians: Gaussians) -> Iterator[dict[str, NDArray]]:
-    for layer in gaussians.layers:
+def _rows(layers: Iterable[Gaussians]) -> Iterator[tuple[int, dict[str, NDArray]]]:
+    """No view, and the arrays of up to `BLOCK_SIZE` Gaussians at a time."""
+    for layer in layers:
         count, functions = layer.opacities.size, layer.sh.shape[-2]
         rows = {
             "means": layer.means.reshape(count, 3),
@@ -84,10 +96,30 @@ def _slices(gaussians: Gaussians) -> Iterator[dict[str, NDArray]]:
             "sh": layer.sh.reshape(count, functions, 3),
         }
         for start in range(0, count, BLOCK_SIZE):
-            yield {name: array[start : start + BLOCK_SIZE] for name, array in rows.items()}
+            yield -1, {name: array[start : start + BLOCK_SIZE] for name, array in rows.items()}
 
 
-def _block(first: int, *, means: NDArray, quats: NDArray, scales: NDArray, opacities: NDArray, sh: NDArray) -> Block:
+def _view_rows(gaussians: Gaussians) -> Iterator[tuple[int, dict[str, NDArray]]]:
+    """The view whose surface they are, and the same arrays and `own_pixels`, of one view at a time."""
+    for layer in gaussians.layers:
+        for view, camera in enumerate(gaussians.cameras):
+            of_view = Gaussians.unchecked(**{name: getattr(layer, name)[view] for name in FIELDS})
+            for _, rows in _rows([of_view]):
+                pixels = own_pixels(rows["means"], gaussians.origin, camera)
+                yield view if layer is gaussians else -1, {**rows, "own_pixels": pixels}
+
+
+def _block(
+    first: int,
+    view: int,
+    *,
+    means: NDArray,
+    quats: NDArray,
+    scales: NDArray,
+    opacities: NDArray,
+    sh: NDArray,
+    own_pixels: NDArray | None = None,
+) -> Block:
     return Block(
         first=first,
         means=np.ascontiguousarray(means.T),
@@ -96,4 +128,6 @@ def _block(first: int, *, means: NDArray, quats: NDArray, scales: NDArray, opaci
         sh=np.ascontiguousarray(np.moveaxis(sh, 0, -1)),
         quats=quats,
         scales=scales,
+        own_pixels=own_pixels,
+        view=view,
     )

@@ -5,6 +5,11 @@ projection's Jacobian at the mean (Zwicker et al. 2001; Kerbl et al. 2023). Far 
 point is clamped to the image widened by 15 % of its size on each side. That is 3DGS's 1.3·tan(fov/2), with limits
 per side as in gsplat where the principal point is off centre; a skewed K is clamped in pixels all the same.
 
+Dilation in own pixels is an option. A splat that stands for a photo's pixel, m pixels wide on the screen, is dilated by
+e = 0.3·m² in place of 0.3: what closes a surface in its photo closes it however near the camera comes. Where m < 1 the
+screen needs 0.3 still, so the opacity falls by √(det(Σ + e·1) / det(Σ + 0.3·1)): the splat covers more, but hides no
+more than it did in its photo (both ideas: Yu et al. 2024, Mip-Splatting, there with a footprint of its own in 3-D).
+
 Nothing below forms a covariance and inverts it. With m₁, m₂ the rows of J·W·R(q)·diag(s), Σ₂ has the entries
 a = |m₁|² + 0.3, b = m₁·m₂, c = |m₂|² + 0.3, and its determinant is |m₁ × m₂|² + 0.3 (a + c) − 0.09, without the
 cancellation of a·c − b² that ruins needles in float32. The exponent at (x, y) is then
@@ -28,6 +33,9 @@ from .prepare import ALPHA_MIN, Block, principal_axes
 
 DILATION = 0.3
 """Variance in pixels² added to both axes of every splat, so that none falls between the pixels."""
+
+LEAST_OWN_PIXEL = 1 / 8
+"""Own pixels on the screen, in its pixels, below which a splat fades no further: it would fall under 1/255."""
 
 JACOBIAN_MARGIN = 0.15
 """Share of the image's size by which the Jacobian's point may lie outside: 1.3·tan(fov/2) without its centring."""
@@ -75,24 +83,47 @@ class View:
 
 
 class Splats:
-    """Buffers for the splats of one frame: a row for every Gaussian of the blocks, visible or not.
+    """Buffers for the splats of one frame: a row for every Gaussian of the blocks, visible or not, and copies.
 
     Later stages pick rows in no order that a cache could guess, so what they need together lies together.
 
     Attributes:
-        records: (N + 1, 8) float32: pixel of the mean, the exponent's factors, colour.
-        log_opacities: (N + 1,) float32. The last row, `blank`, is a splat without opacity, to fill lists up with.
-        depths: (N + 1,) float32.
-        areas: (N,) int32: number of tiles of the footprint's bounding box.
+        count: N, the rows of Gaussians. Up to C rows behind them are for splats that are drawn twice.
+        records: (N + C + 1, 8) float32: pixel of the mean, the exponent's factors, colour.
+        log_opacities: (N + C + 1,) float32. The last row, `blank`, is a splat without opacity, to fill lists up with.
+        depths: (N + C + 1,) float32.
+        areas: (N + C,) int32: number of tiles of the footprint's bounding box.
     """
 
-    def __init__(self, capacity: int) -> None:
-        self.blank = capacity
+    def __init__(self, count: int, copies: int = 0) -> None:
+        self.count = count
+        self.blank = capacity = count + copies
         self.records = np.empty((capacity + 1, RECORD), np.float32)
         self.records[-1] = 0
         self.log_opacities = np.full(capacity + 1, -np.inf, np.float32)
         self.depths = np.zeros(capacity + 1, np.float32)
         self.areas = np.empty(capacity, np.int32)
+
+
+def copy_in_front(splats: Splats, order: NDArray, log_shares: NDArray) -> NDArray:
+    """Copy splats to be drawn with a share of their opacity before all others.
+
+    Args:
+        splats: copies are written behind its rows of Gaussians.
+        order: (R,) rows in the order of drawing.
+        log_shares: (N,) float32 logarithms of the shares, −∞ for none.
+
+    Returns:
+        (m,) the copies' rows, in the same order; those that show.
+    """
+    log_opacities = splats.log_opacities.take(order) + log_shares.take(order)
+    shows = log_opacities >= np.float32(math.log(ALPHA_MIN))
+    originals = order[shows]
+    copies = np.arange(splats.count, splats.count + originals.size)
+    for array in (splats.records, splats.depths, splats.areas):
+        array[copies] = array.take(originals, axis=0)
+    splats.log_opacities[copies] = log_opacities[shows]
+    return copies
 
 
 def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> NDArray:
@@ -111,6 +142,7 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
     """
     rows = slice(block.first, block.first + block.size)
     planes = np.empty((RECORD, block.size), np.float32)
+    log_opacities = block.log_opacities.copy()
     with np.errstate(all="ignore"):  # overflow is met by float64 and by LIMIT, NaN is looked for
         ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
         point = np.einsum("ij,jn->in", view.projection, ray)
@@ -120,7 +152,7 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
         inverse_z = 1 / point[2]
         centred = point[:2] * inverse_z  # pixels from the principal point
         np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
-        extents, wide = _shapes(block, view, centred, inverse_z, in_front, planes)
+        extents, wide = _shapes(block, view, centred, inverse_z, in_front, planes, log_opacities)
         left, right, top, bottom = _bounds(view, planes, extents)
         visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
         left[wide], right[wide] = 0, view.camera.width - 1
@@ -128,7 +160,7 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> 
             with part("colours"):
                 _colours(block, ray, visible, planes[RED : BLUE + 1])
         splats.areas[rows] = (right // tile[0] - left // tile[0] + 1) * (bottom // tile[1] - top // tile[1] + 1)
-        splats.log_opacities[rows] = block.log_opacities
+        splats.log_opacities[rows] = log_opacities
         splats.depths[rows] = np.minimum(point[2], LIMIT)
     splats.records[rows] = planes.T
     return visible + block.first
@@ -145,9 +177,15 @@ def is_wide(half_width: NDArray, half_height: NDArray) -> NDArray:
 
 
 def _shapes(
-    block: Block, view: View, centred: NDArray, inverse_z: NDArray, in_front: NDArray, planes: NDArray
+    block: Block,
+    view: View,
+    centred: NDArray,
+    inverse_z: NDArray,
+    in_front: NDArray,
+    planes: NDArray,
+    log_opacities: NDArray,
 ) -> tuple[NDArray, NDArray]:
-    """Write the exponent's factors into `planes`, and take splats that hold NaN out of `in_front`.
+    """Write the exponent's factors into `planes`, lower `log_opacities`, and take what cannot show out of `in_front`.
 
     Returns:
         (2, n) half extents of the footprints, pixels, and the indices of wide ones.
@@ -156,31 +194,40 @@ def _shapes(
     clamped = np.clip(centred, low[:, None], high[:, None])
     half = np.empty((2, block.size), np.float32)
     outs = [*planes[ALPHA_X : GAMMA + 1], *half]
-    jacobian = _jacobian(view, clamped.astype(np.float32), inverse_z.astype(np.float32))
-    for out, values in zip(outs, _factors(jacobian, block.axes), strict=True):
+    inverse_z = inverse_z.astype(np.float32)
+    own_pixels = None if block.own_pixels is None else block.own_pixels * np.float32(view.camera.focal) * inverse_z
+    factors, log_share = _factors(_jacobian(view, clamped.astype(np.float32), inverse_z), block.axes, own_pixels)
+    for out, values in zip(outs, factors, strict=True):
         out[:] = values
+    log_opacities += log_share
     wide = np.flatnonzero(is_wide(*half) & in_front)
     if wide.size:
-        planes[: GAMMA + 1, wide], half[:, wide] = wide_shapes(block, view, wide)
+        planes[: GAMMA + 1, wide], half[:, wide], log_opacities[wide] = wide_shapes(block, view, wide)
         in_front[wide] &= np.isfinite(planes[: GAMMA + 1, wide]).all(axis=0)  # NaN is among the wide
-    return half * np.sqrt(footprint_exponent(block.log_opacities)), wide
+    if own_pixels is not None:
+        in_front &= log_opacities >= np.float32(math.log(ALPHA_MIN))
+    return half * np.sqrt(footprint_exponent(log_opacities)), wide
 
 
 @np.errstate(all="ignore")
-def wide_shapes(block: Block, view: View, rows: NDArray) -> tuple[NDArray, NDArray]:
+def wide_shapes(block: Block, view: View, rows: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Project `rows` (m,) of a block in float64.
 
     Returns:
-        (5, m) pixels and factors of the exponent, (2, m) half extents per √τ; float32 within `LIMIT`, or NaN.
+        (5, m) pixels and factors of the exponent, (2, m) half extents per √τ, both float32 within `LIMIT`, or NaN, and
+        (m,) float32 log opacities.
     """
     point = np.einsum("ij,jn->in", view.projection, block.means[:, rows] + view.offset[:, None])
     centred = point[:2] / point[2]
     low, high = jacobian_limits(view)
     jacobian = _jacobian(view, np.clip(centred, low[:, None], high[:, None]), 1 / point[2])
     axes = principal_axes(block.quats[rows].astype(np.float64), block.scales[rows].astype(np.float64))
-    values = np.stack([*(centred + view.camera.K[:2, 2:]), *_factors(jacobian, axes)])
+    own_pixels = None if block.own_pixels is None else block.own_pixels[rows] * view.camera.focal / point[2]
+    factors, log_share = _factors(jacobian, axes, own_pixels)
+    values = np.stack([*(centred + view.camera.K[:2, 2:]), *factors])
     values = np.clip(values, -LIMIT, LIMIT).astype(np.float32)
-    return values[: GAMMA + 1], values[GAMMA + 1 :]
+    log_opacities = block.log_opacities[rows] + np.nan_to_num(log_share).astype(np.float32)
+    return values[: GAMMA + 1], values[GAMMA + 1 :], log_opacities
 
 
 def jacobian_limits(view: View) -> tuple[NDArray, NDArray]:
@@ -195,17 +242,38 @@ def _jacobian(view: View, clamped: NDArray, inverse_z: NDArray) -> NDArray:
     return (rows[:2] - clamped[:, None] * rows[2]) * inverse_z
 
 
-def _factors(jacobian: NDArray, axes: NDArray) -> tuple[NDArray, ...]:
-    """Of J·W (2, 3, n) and the principal axes (3, 3, n): αx, βx, γ, and half the width and height per √τ."""
+def _factors(
+    jacobian: NDArray, axes: NDArray, own_pixels: NDArray | None
+) -> tuple[tuple[NDArray, ...], NDArray | float]:
+    """The exponent's factors, and what dilation costs in opacity.
+
+    Args:
+        jacobian: (2, 3, n) J·W.
+        axes: (3, 3, n) principal axes.
+        own_pixels: (n,) width of own pixels on the screen, in its pixels; None to dilate by the screen's alone.
+
+    Returns:
+        αx, βx, γ, half the width and height per √τ, (n,) each; the logarithm of the share of the opacity that is left.
+    """
     m1, m2 = (np.einsum("jn,jkn->kn", row, axes) for row in jacobian)
-    a = np.einsum("kn,kn->n", m1, m1) + DILATION
-    b = np.einsum("kn,kn->n", m1, m2)
-    c = np.einsum("kn,kn->n", m2, m2) + DILATION
-    det = DILATION * (a + c) - DILATION**2
+    width, b, height = (np.einsum("kn,kn->n", u, v) for u, v in ((m1, m1), (m1, m2), (m2, m2)))
+    dilation: NDArray | float = DILATION
+    own = None
+    if own_pixels is not None:
+        own = DILATION * np.square(np.clip(own_pixels, LEAST_OWN_PIXEL, math.sqrt(LIMIT)))
+        own = np.where(own_pixels > 0, own, np.float32(DILATION))
+        dilation = np.maximum(own, DILATION)
+    a, c = width + dilation, height + dilation
+    det = dilation * (a + c) - dilation**2
+    det_own = None if own is None else own * (width + height + own)
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        det += np.square(m1[i] * m2[j] - m1[j] * m2[i])
+        minor = np.square(m1[i] * m2[j] - m1[j] * m2[i])
+        det += minor
+        if det_own is not None:
+            det_own += minor
     alpha_x = np.sqrt(0.5 * c / det)
-    return alpha_x, -alpha_x * (b / c), np.sqrt(0.5 / c), np.sqrt(2 * a), np.sqrt(2 * c)
+    log_share = 0.0 if own is None else np.where(own < DILATION, 0.5 * np.log(det_own / det), 0)
+    return (alpha_x, -alpha_x * (b / c), np.sqrt(0.5 / c), np.sqrt(2 * a), np.sqrt(2 * c)), log_share
 
 
 def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from numbers import Real
 from types import ModuleType
@@ -19,11 +20,21 @@ from ..scene.cameras import Camera
 from ..system.stopwatch import part
 from ..system.threads import Crew, available_cores
 from .composite import Canvas, Workspace, composite, tile_groups
-from .prepare import prepare
-from .project import Splats, View, project
+from .near import NearViews, log_share
+from .prepare import Block, prepare
+from .project import Splats, View, copy_in_front, project
 from .tiles import MAX_PAIRS, PAIRS_PER_TILE, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
+
+DEFINITION = {"dilation": "screen", "order": "depth"}
+"""Options that draw what 3DGS defines: for comparisons, and where bytes of files follow from a picture."""
+
+DILATIONS = ("own", "screen")
+"""What a splat is widened by, so that surfaces stay closed: the pixel that it stands for, or the screen's alone."""
+
+ORDERS = ("near", "depth")
+"""What covers what: near views all others, or what lies nearer."""
 
 NEAR_PLANE = 0.01
 """Scene units; nearer Gaussians are not drawn."""
@@ -37,18 +48,28 @@ class Renderer:
     Frames asked for from several threads at once are made one after the other.
     """
 
-    def __init__(self, gaussians: Gaussians, threads: int | None = None, *, compiled: bool | None = None) -> None:
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        threads: int | None = None,
+        *,
+        dilation: str = "own",
+        order: str = "near",
+        compiled: bool | None = None,
+    ) -> None:
         """Prepare to render all layers of `gaussians` together.
 
         Args:
             gaussians: (V, H, W) with or without further layers, or (N,).
             threads: how many to use; None for one per available core.
+            dilation: "own" or "screen", see `render`.
+            order: "near" or "depth", see `render`.
             compiled: whether frames are drawn by compiled code, which needs numba (`tinysplat[fast]`) and gives the
                 same pictures to 1e-5 except where rounding decides a threshold; None where numba is installed.
 
         Raises:
-            InputError: `gaussians` are none, `threads` is no whole number above 0, or `compiled` is asked for without
-                numba.
+            InputError: `gaussians` are none, `threads` is no whole number above 0, `dilation` or `order` is neither of
+                the two, or `compiled` is asked for without numba.
         """
         if not isinstance(gaussians, Gaussians):
             raise InputError(f"{type(gaussians).__name__}, expected Gaussians", where="gaussians")
@@ -56,9 +77,14 @@ class Renderer:
         self._origin = gaussians.origin
         self._run = Crew(self._threads).map
         module = _compiled_module(required=compiled is True) if compiled is not False else None
-        self._compiled = module.Rasteriser(prepare(gaussians), self._run) if module else None
-        self._blocks = () if module else tuple(prepare(gaussians))
-        self._splats = Splats(sum(block.size for block in self._blocks))
+        _check_choice("dilation", dilation, DILATIONS)
+        _check_choice("order", order, ORDERS)
+        self._near = NearViews.of(gaussians) if order == "near" else None
+        blocks = _blocks(gaussians, by_view=self._near is not None, own_pixels=dilation == "own")
+        self._compiled = module.Rasteriser(blocks, self._run) if module else None
+        self._blocks = () if module else tuple(blocks)
+        copies = sum(block.size for block in self._blocks if self._near is not None and block.view >= 0)
+        self._splats = Splats(sum(block.size for block in self._blocks), copies)
         self._local = threading.local()
         self._lock = threading.Lock()
 
@@ -96,13 +122,19 @@ class Renderer:
         return images["rgb"] if outputs == ("rgb",) else images
 
     def _draw(self, view: View, with_depth: bool) -> Any:
+        shares = None if self._near is None else self._near.shares(view.camera)
         if self._compiled is not None:
-            return self._compiled.draw(view, with_depth)
+            return self._compiled.draw(view, shares, with_depth)
         splats = self._splats
         with part("projection"):
             ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
         with part("depth order"):
             order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
+            if shares is not None:
+                log_shares = np.empty(splats.count, np.float32)
+                for block in self._blocks:
+                    log_shares[block.first : block.first + block.size] = log_share(shares, block.view)
+                order = np.concatenate([copy_in_front(splats, order, log_shares), order])
         return self._composite(order, Grid(view.camera.width, view.camera.height), with_depth)
 
     def _composite(self, order: NDArray, grid: Grid, with_depth: bool) -> Canvas:
@@ -133,9 +165,14 @@ def render(
     outputs: Sequence[str] = ("rgb",),
     background: ArrayLike = (0.0, 0.0, 0.0),
     near_plane: float = NEAR_PLANE,
+    dilation: str = "own",
+    order: str = "near",
     threads: int | None = None,
 ) -> Any:
-    """Render Gaussians by exact EWA splatting as defined by 3DGS, without its 3σ cut.
+    """Render Gaussians by exact EWA splatting, without 3DGS's 3σ cut, and fit to be seen from closer and between views.
+
+    With `dilation="screen"` and `order="depth"`, and of Gaussians without cameras always, pictures are those that 3DGS
+    defines; docs/CONVENTIONS.md, "Drawing", says exactly what is drawn.
 
     Every Gaussian reaches all pixels where its alpha is at least 1/255; means at a depth z ≤ `near_plane` are
     dropped; the projection's Jacobian is taken at the mean, clamped to the image widened by 15 % of its size on each
@@ -148,6 +185,10 @@ def render(
         outputs: any of "rgb", "depth", "alpha".
         background: (3,) colour behind the Gaussians.
         near_plane: scene units.
+        dilation: "own" widens a splat by the photo's pixel that it stands for, so that surfaces stay closed from
+            however near, and from afar hide no more than they should; "screen" by 0.3 px² of the picture's.
+        order: "near" draws the surfaces of near views before everything else (`near.py` says how much of which),
+            "depth" all Gaussians by depth.
         threads: how many to use, None for one per available core; the picture is the same, bit for bit.
 
     Returns:
@@ -159,8 +200,21 @@ def render(
         InputError: an argument is not as described.
     """
     # Loading compiled code takes longer than drawing one picture without it.
-    renderer = Renderer(gaussians, threads, compiled=False)
+    renderer = Renderer(gaussians, threads, dilation=dilation, order=order, compiled=False)
     return renderer.render(camera, size, outputs=outputs, background=background, near_plane=near_plane)
+
+
+def _blocks(gaussians: Gaussians, *, by_view: bool, own_pixels: bool) -> Iterator[Block]:
+    """Blocks that know no more of their photos than they are asked for."""
+    if not gaussians.cameras or not (by_view or own_pixels):
+        return prepare(gaussians)
+    blocks = prepare(gaussians, by_view=True)
+    return blocks if own_pixels else (replace(block, own_pixels=None) for block in blocks)
+
+
+def _check_choice(name: str, value: Any, accepted: tuple[str, ...]) -> None:
+    if value not in accepted:
+        raise InputError(f"{value!r}, expected one of {accepted}", where=name)
 
 
 def _compiled_module(required: bool) -> ModuleType | None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.sh import C0, sh_basis
-from ...render import Renderer, between
+from ...render import DEFINITION, Renderer, between
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...system.threads import Crew
@@ -132,7 +132,7 @@ class _Shot:
     def _render(self, layers: Sequence[Mapping[str, NDArray]]) -> NDArray:
         arrays = {name: np.concatenate([layer[name] for layer in layers]) for name in layers[0]}
         # Never compiled: a file's bytes are not to depend on whether numba is installed.
-        renderer = Renderer(Gaussians.unchecked(**arrays, origin=self._origin), 1, compiled=False)
+        renderer = Renderer(Gaussians.unchecked(**arrays, origin=self._origin), 1, compiled=False, **DEFINITION)
         return np.clip(np.nan_to_num(renderer.render(self._camera)), 0, 1)
 
 
