@@ -14,6 +14,7 @@ from ..errors import InputError, TinySplatError
 from ..formats.check import file_loss
 from ..formats.table import save_gaussians, save_points
 from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, select_views, similarity, trim_border
+from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.stopwatch import Stopwatch
@@ -45,9 +46,11 @@ def convert(args: Namespace) -> None:
 
 
 def selected(args: Namespace, gaussians: Gaussians) -> Gaussians:
-    """What `--views`, `--trim-border`, `--min-opacity` and `--sh-degree` let out."""
+    """What `--views`, `--trim-border`, `--min-opacity` and `--sh-degree` let out, and `--dilate` widens."""
     if args.views is not None:
         gaussians = select_views(gaussians, args.views)
+    if args.dilate is not None:
+        gaussians = widened(gaussians, args.dilate)
     if args.trim_border:
         gaussians = trim_border(gaussians, args.trim_border)
     if args.min_opacity is not None:
