@@ -142,7 +142,7 @@ def _targets(
         projected = [project_layer(store, one, drop_invalid=drop_invalid, where="") for one in (layer, earlier)]
     with stats.watch.stage("vabr"):
         reduction = _reduction(header, profile)
-        colors = [_colors(store, one, header, reduction) for one in (layer, earlier)]
+        colors = [_colours(store, one, header, reduction) for one in (layer, earlier)]
     wanted, decoded = ({**_geometry(p, header), **c} for p, c in zip(projected, colors, strict=True))
     if header.reference_quats is None:  # q and −q are one rotation: the sign is the file's
         _align_signs(wanted, decoded)
@@ -176,7 +176,7 @@ def _reduction(header: LayerHeader, profile: Profile) -> Reduction | None:
     return Reduction(header.basis, left_inverse(header.basis, weighting), header.energy_lost, header.condition)
 
 
-def _colors(
+def _colours(
     store: GraphStore, layer: Gaussians, header: LayerHeader, reduction: Reduction | None
 ) -> dict[tuple[PlaneClass, int], NDArray]:
     if header.degree == 0:

@@ -67,7 +67,7 @@ def residual_plan(
     geometry[:, rotation] *= np.where(similarity < 0, np.float32(-1), np.float32(1))
     geometry -= predicted
     difference = replace(layer, sh=layer.sh - fitted_sh(prediction.sh, layer.sh.shape), extra_layers=())
-    colors, reduction = _colors(store, difference, steps[PlaneClass.COLOR] * scale, settings)
+    colors, reduction = _colours(store, difference, steps[PlaneClass.COLOR] * scale, settings)
 
     span = float(np.ptp(geometry[:, 0]))
     is_too_fine = depth_step < hevc_step(0) * span / MAX_CODE
@@ -91,7 +91,7 @@ def residual_plan(
     )
 
 
-def _colors(
+def _colours(
     store: GraphStore, difference: Gaussians, step: float, settings: AdaptiveSettings
 ) -> tuple[NDArray, Reduction]:
     """Colour planes of the difference; as many components as carry more than the step lets through."""
@@ -134,7 +134,7 @@ def as_codes(planes: NDArray) -> tuple[NDArray, NDArray]:
     return codes, mix
 
 
-def add_colors(sh: NDArray, prediction: NDArray) -> NDArray:
+def add_colours(sh: NDArray, prediction: NDArray) -> NDArray:
     """Coefficients of the sum; a degree that one of them lacks counts as zeros."""
     return sh + fitted_sh(prediction, sh.shape)
 

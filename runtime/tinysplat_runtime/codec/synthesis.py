@@ -16,7 +16,7 @@ from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 from ..gaussian.quaternions import matrices_to_quats, multiply_quats
 from ..graphs.inference import GraphStore, as_input
 from ..system.stopwatch import part
-from .residual import add_colors, as_codes
+from .residual import add_colours, as_codes
 
 STRIP_PX = 1 << 16
 """Pixels that the graph takes at a time: between its operators the numbers of so many stay in a core's share of the
@@ -51,7 +51,7 @@ class LayerSynthesis:
             "rotation_quat": as_input(quats),
             "centre": as_input([camera.centre - origin for camera in cameras]),
         }
-        color_mix = as_input(_color_mix(layer, colors))
+        color_mix = as_input(_colour_mix(layer, colors))
         # Inputs of the half that does not run are as small as they can be.
         self._shared = {
             "geometry_codes": np.ones((1, mix.shape[1], 1, 1), np.uint16),
@@ -106,7 +106,7 @@ class LayerSynthesis:
         """The layer, once all views are done."""
         sh = self._sh.reshape(*self._sh.shape[:3], -1, 3)
         if self._base is not None:
-            sh = add_colors(sh, self._base[1])
+            sh = add_colours(sh, self._base[1])
         return Gaussians.unchecked(**self._geometry, sh=sh, cameras=self._layer.cameras, origin=self._origin)
 
 
@@ -139,7 +139,7 @@ def _geometry_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
     return mix
 
 
-def _color_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
+def _colour_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
     """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1."""
     # Without VABR the colour planes are the three coefficients of degree 0 themselves.
     inverse = np.eye(3) if layer.basis is None else layer.basis.astype(np.float64)  # (d, k)
