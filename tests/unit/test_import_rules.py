@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import imports as imports_of_project
@@ -136,15 +137,18 @@ def test_every_runtime_module_loads_without_torch_onnx_and_extras() -> None:
     assert int(done.stdout) > 10
 
 
+@cache
+def project_graph() -> imports_of_project.Graph:
+    return imports_of_project.import_graph(imports_of_project.modules())
+
+
 def test_the_only_import_circle_is_gaussians_that_show_themselves() -> None:
     """Imports inside functions and for types alone count; ARCHITECTURE.md says why this one may stay."""
-    found = imports_of_project.circles(imports_of_project.import_graph(imports_of_project.modules()))
-    runtime = [circle for circle in found if any(name.startswith("tinysplat_runtime") for name in circle)]
-    assert len(runtime) == 1
-    assert {"tinysplat_runtime.gaussian.gaussians", "tinysplat_runtime.render.notebook"} < set(runtime[0])
-    assert all(
-        name.startswith(("tinysplat_runtime.gaussian.gaussians", "tinysplat_runtime.render.")) for name in runtime[0]
-    )
+    graph = project_graph()
+    runtime = {name: found for name, found in graph.items() if name.startswith("tinysplat_runtime")}
+    shown, notebook = "tinysplat_runtime.gaussian.gaussians", "tinysplat_runtime.render.notebook"
+    assert notebook in runtime[shown] and len(imports_of_project.circles(runtime)) == 1
+    assert imports_of_project.circles({**runtime, shown: runtime[shown] - {notebook}}) == []
 
 
 def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) -> None:
@@ -181,7 +185,7 @@ def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) 
 )
 def test_rooms_of_the_runtime_lean_on_those_below_them(room: str, leans_on: set[str]) -> None:
     """The container is the trust boundary: neither codec nor av stands behind it."""
-    graph = imports_of_project.import_graph(imports_of_project.modules())
+    graph = project_graph()
     inside = f"tinysplat_runtime.{room}"
     targets = {t for name, found in graph.items() if (name + ".").startswith(inside + ".") for t in found}
     rooms = {imports_of_project.room(t) for t in targets} - {inside, "tinysplat_runtime"}
