@@ -23,6 +23,7 @@ from torch.nn import functional
 
 from .aggregation import box_mean, local_contrast
 from .edge_layers import CostRefiner, UNet, convolution, zero
+from .exposure import ExposureSettings, one_exposure
 from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .narrowing import NarrowingSettings, narrowed
 from .pairs import ViewPairs
@@ -63,6 +64,7 @@ class EdgeSettings:
 
     Attributes:
         analysis: the analytic part.
+        exposure: of the photos, taken out beforehand.
         narrowing: of the range that is swept.
         half_alignment: of depth to the photos at half resolution.
         witnesses: of what opacity is kept beside other views.
@@ -90,6 +92,7 @@ class EdgeSettings:
     analysis: SweepSettings = field(
         default_factory=lambda: SweepSettings(candidates=26, alignment=AlignmentSettings(steps=1, any_exposure=True))
     )
+    exposure: ExposureSettings = field(default_factory=ExposureSettings)
     narrowing: NarrowingSettings = field(default_factory=NarrowingSettings)
     half_alignment: AlignmentSettings = field(
         default_factory=lambda: AlignmentSettings(steps=1, window=7, any_exposure=True)
@@ -234,6 +237,8 @@ class Edge(nn.Module):
         s = self.settings
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
         whole = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)
+        with _without_gradient():
+            images = one_exposure(images, K, pairs, whole, s.exposure, s.analysis)
         half = functional.avg_pool2d(images, 2)
         rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
         terms = pairs.sweep_terms(rays, K)

@@ -1,0 +1,62 @@
+"""One exposure for all photos: altered copies of a traced scene come back, and what is no evidence changes nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from two_planes import FAR, NEAR, network_inputs, row_of_cameras, trace
+
+from tinysplat.networks.edge import EdgeSettings
+from tinysplat.networks.exposure import ExposureSettings, one_exposure
+from tinysplat.networks.pairs import ViewPairs
+from tinysplat.networks.sweep import InverseDepths
+
+HEIGHT, WIDTH = 96, 128
+
+
+def adjusted(images: np.ndarray, views: int) -> Tensor:
+    """What `one_exposure` makes of photos (V, H, W, 3), alike."""
+    given = network_inputs(images, row_of_cameras(views, HEIGHT, WIDTH), NEAR, FAR)
+    photos, K, c2w, near, far = (torch.from_numpy(array) for array in given.values())
+    whole = InverseDepths(1 / far, 1 / near - 1 / far, 26)
+    with torch.no_grad():
+        found = one_exposure(photos, K, ViewPairs.nearest(c2w), whole, ExposureSettings(), EdgeSettings().analysis)
+    return found.permute(0, 2, 3, 1)
+
+
+@pytest.mark.parametrize("views", [2, 4])
+def test_photos_of_one_exposure_stay_as_they_are(views: int) -> None:
+    scene = trace(views, HEIGHT, WIDTH)
+    assert float((adjusted(scene.images, views) - torch.from_numpy(scene.images)).abs().max()) < 2e-3
+
+
+@pytest.mark.parametrize("gain", [(0.7, 0.7, 0.7), (0.6, 0.8, 0.7), (1.0, 1.0, 0.6)])
+def test_a_darker_photo_takes_the_first_ones_exposure(gain: tuple[float, float, float]) -> None:
+    scene = trace(3, HEIGHT, WIDTH)
+    altered = scene.images.copy()
+    altered[1] *= np.float32(gain)
+    found = adjusted(altered, 3)
+    before = np.abs(altered - scene.images).mean(axis=(1, 2, 3))
+    after = (found - torch.from_numpy(scene.images)).abs().mean(dim=(1, 2, 3))
+    assert float(after[0]) < 1e-6  # the first photo leads
+    assert float(after[1]) < 0.15 * before[1] and float(after[2]) < 0.01
+
+
+def test_what_is_clipped_tells_nothing() -> None:
+    scene = trace(2, HEIGHT, WIDTH)
+    altered = scene.images.copy()
+    altered[1] = (1.5 * altered[1]).clip(0, 1)
+    sound = altered[1] < 0.97
+    error = np.abs(adjusted(altered, 2)[1].numpy() - scene.images[1])[sound].mean()
+    assert error < 0.2 * np.abs(altered[1] - scene.images[1])[sound].mean()
+
+
+def test_photos_without_a_match_keep_their_colours() -> None:
+    random = np.random.default_rng(3)
+    images = np.float32(random.random((2, HEIGHT, WIDTH, 3)) * np.array([0.4, 0.8])[:, None, None, None] + 0.1)
+    black = np.stack([images[0], np.zeros_like(images[0])])
+    for photos in (black, np.zeros_like(images), np.ones_like(images)):
+        np.testing.assert_allclose(adjusted(photos, 2), photos, atol=2e-3)
+    assert torch.isfinite(adjusted(images, 2)).all()

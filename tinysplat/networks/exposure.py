@@ -1,0 +1,144 @@
+"""One exposure for all photos: a gain and an offset per photo and channel, so that what matches has one colour.
+
+Photos are matched on a coarse grid by local contrast, which does not see exposure. Every pair of photos tells the
+ratio of gains and the difference of offsets where it matches; a small system over the photos, to which the first photo
+is nailed, takes them together. Where the evidence is weak nothing is changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
+from .pairs import ViewPairs
+from .sweep import InverseDepths, SweepSettings, error_in_sources, matched, settled
+
+
+@dataclass(frozen=True)
+class ExposureSettings:
+    """`one_exposure`.
+
+    Attributes:
+        cell: side of a cell of the coarse grid, pixels of the photo.
+        candidates: swept there.
+        contrast_weight: of the grid's costs, which see nothing else.
+        consistency: standard deviation of the cross-view error that still counts as a match, candidates.
+        clipped: colours nearer than this to black or white tell nothing.
+        outlier: colour difference, after correction, from which a cell's weight falls.
+        rounds: of estimating with those weights.
+        level_weight: weight of the squared mean beside the variance in a gain: how far a gain is trusted before an
+            offset where there is little contrast.
+        still: weight of no change, as a share of matching cells.
+        least: logarithm of a gain, and offset, of which half is taken for noise: more of less, less of more.
+        largest: bound on the logarithm of a gain.
+    """
+
+    cell: int = 8
+    candidates: int = 36
+    contrast_weight: float = 0.5
+    consistency: float = 1.0
+    clipped: float = 0.03
+    outlier: float = 0.06
+    rounds: int = 3
+    level_weight: float = 0.3
+    still: float = 0.005
+    least: float = 0.12
+    largest: float = 1.2
+
+
+def one_exposure(
+    images: Tensor, K_unit: Tensor, pairs: ViewPairs, whole: InverseDepths, settings: ExposureSettings,
+    matching: SweepSettings,
+) -> Tensor:  # fmt: skip
+    """Photos as if all were taken with the first one's exposure, (V, 3, H, W) in [0, 1].
+
+    Args:
+        images: (V, 3, H, W) RGB in [0, 1], H and W multiples of the cell.
+        K_unit: (V, 3, 3) intrinsics divided by image width and height.
+        pairs: views to compare.
+        whole: the range of depths.
+        settings: of this function.
+        matching: of the coarse grid's costs and paths.
+    """
+    s = settings
+    cells = functional.avg_pool2d(images, s.cell)
+    rays = pixel_rays(pixel_intrinsics(K_unit, *cells.shape[2:]), *cells.shape[2:])
+    terms = pairs.sweep_terms(rays, K_unit)
+    look = InverseDepths(whole.offset, whole.span, s.candidates)
+    blind = replace(matching, colour_weight=0.0, contrast_weight=s.contrast_weight, consistency=s.consistency)
+    _, paths = matched(cells, terms, pairs, look, blind)
+    level, agreement = settled(paths, cells, terms, pairs, look, blind)
+    gain, offset = _matched_exposures(cells, level, agreement, terms, pairs, look, s)
+    return (images * gain + offset).clamp(0, 1)
+
+
+def _matched_exposures(
+    cells: Tensor, level: Tensor, agreement: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs,
+    look: InverseDepths, settings: ExposureSettings,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Gains and offsets (V, 3, 1, 1) from cells (V, 3, h, w) and where they match."""
+    s = settings
+    error, _, _ = error_in_sources(level, terms, pairs, look)
+    x, y, ratio = project_sweep(*terms, look.at(level)[pairs.reference])
+    there = sample_bilinear(cells[pairs.source], x, y)[:, :, 0]
+    here = cells[pairs.reference]
+    darkest = torch.minimum(here, there).amin(dim=1, keepdim=True)
+    brightest = torch.maximum(here, there).amax(dim=1, keepdim=True)
+    sound = ((darkest > s.clipped) & (brightest < 1 - s.clipped)).to(cells.dtype) * inside_frame(x, y, ratio)
+    sound = sound * agreement[pairs.reference] * torch.exp(-0.5 * (error / s.consistency).square())
+    weight = sound
+    for _ in range(s.rounds):
+        gain, offset = _solved(here, there, weight, pairs, cells.shape[0], s)
+        rest = gain[pairs.reference] * here + offset[pairs.reference]
+        rest = rest - gain[pairs.source] * there - offset[pairs.source]
+        weight = sound / (1 + rest.square().mean(dim=1, keepdim=True) / s.outlier**2)
+    return _solved(here, there, weight, pairs, cells.shape[0], s)
+
+
+def _solved(
+    here: Tensor, there: Tensor, weight: Tensor, pairs: ViewPairs, views: int, s: ExposureSettings
+) -> tuple[Tensor, Tensor]:
+    """Gains and offsets (V, 3, 1, 1) from colours (P, 3, h, w) that belong together with weights (P, 1, h, w).
+
+    The gain of a pair is the ratio of standard deviations, which noise in either photo does not pull to one side.
+    """
+    mass = weight.sum(dim=(2, 3), keepdim=True).clamp_min(1e-6)
+    mean_here, mean_there = ((c * weight).sum(dim=(2, 3), keepdim=True) / mass for c in (here, there))
+    spread = [
+        ((c - m).square() * weight).sum(dim=(2, 3), keepdim=True) / mass + s.level_weight * m.square() + 1e-4
+        for c, m in ((here, mean_here), (there, mean_there))
+    ]
+    evidence = weight.mean(dim=(2, 3), keepdim=True)  # (P, 1, 1, 1)
+    log_gain = _agreed(evidence, 0.5 * torch.log(spread[1] / spread[0]), pairs, views, s.still)
+    gain = torch.exp(_above_noise(log_gain, s.least).clamp(-s.largest, s.largest))
+    difference = gain[pairs.source] * mean_there - gain[pairs.reference] * mean_here
+    return gain, _above_noise(_agreed(evidence, difference, pairs, views, s.still), s.least)
+
+
+def _above_noise(values: Tensor, least: float) -> Tensor:
+    """What is well above `least` as it is, what is well below as nothing, without a step between."""
+    power = values.square().square()
+    return values * power / (power + least**4)
+
+
+def _agreed(evidence: Tensor, difference: Tensor, pairs: ViewPairs, views: int, still: float) -> Tensor:
+    """Values a (V, 3, 1, 1) with a[reference] − a[source] = difference (P, 3, 1, 1), the first photo's zero.
+
+    Weighted least squares with a pull to zero: (D − A) a = r, solved by a = Σ (D⁻¹ A)ᵏ D⁻¹ r, doubling k.
+    """
+    here = (pairs.reference[:, None] == torch.arange(views)).to(difference.dtype)  # (P, V)
+    there = (pairs.source[:, None] == torch.arange(views)).to(difference.dtype)
+    weight = evidence.flatten(1)  # (P, 1)
+    beside = here.transpose(0, 1) @ (weight * there)
+    beside = beside + beside.transpose(0, 1)
+    right = (here - there).transpose(0, 1) @ (weight * difference.flatten(1))  # (V, 3)
+    nailed = (torch.arange(views)[:, None] > 0).to(difference.dtype)
+    diagonal = beside.sum(dim=1, keepdim=True) + still
+    power, found = nailed * beside / diagonal, nailed * right / diagonal
+    for _ in range(6):
+        found, power = found + power @ found, power @ power
+    return found[:, :, None, None]
