@@ -5,7 +5,7 @@ DEMO_VENV := .venv-demo
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo dev test test-slow test-ranges fuzz lint format export docs golden clean
+.PHONY: help demo dev test test-slow test-ranges fuzz mutants lint format export docs golden clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -15,7 +15,7 @@ demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back,
 
 dev: $(VENV)/.installed  ## the development environment
 
-test: $(VENV)/.installed  ## all tests (under 15 minutes on 2 cores)
+test: $(VENV)/.installed  ## the tests (under 15 minutes on 2 cores); says how many it leaves to test-slow, as "deselected"
 	$(VENV)/bin/python -m pytest -q -m "not slow"
 
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
@@ -26,6 +26,9 @@ test-ranges: $(VENV)/.installed  ## the runtime at the oldest and newest version
 
 fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files, about 40 minutes of one core
 	PYTHONPATH=tests $(VENV)/bin/python -m hostile.campaign
+
+mutants: $(VENV)/.installed  ## single-line bugs, 300 of them, and which the nearest tests miss: build/mutants/report.md; a stopped run goes on
+	nice -n 15 $(VENV)/bin/python checks/mutants.py
 
 lint: $(VENV)/.installed  ## ruff and mypy
 	$(VENV)/bin/ruff check .

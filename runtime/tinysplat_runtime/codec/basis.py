@@ -21,8 +21,8 @@ GRID = 3
 """Directions are the rays through the centres of GRID × GRID cells of every input view's image plane."""
 
 LAMBDA_FLOOR = 1e-4
-"""Least λ. It is exactly 0 for (l, m) = (4, −4) with world-aligned square cameras; 1e-4 bounds Δ's condition number by
-about 3000, so that Δ⁻¹ in float32 still returns coefficients to 1e-4 of the largest."""
+"""Least λ. It is exactly 0 for (l, m) = (4, −4) with world-aligned square cameras; 1e-4 keeps Δ's condition number
+under 10,000, so that Δ⁻¹ in float32 still returns coefficients to 1e-4 of the largest."""
 
 WEIGHT_FLOOR = 1e-3
 """Least eigenvalue of the directions' second moment, relative to its largest, when its root is the weighting."""

@@ -1,0 +1,170 @@
+"""Single-line bugs put into the runtime's arithmetic, one at a time, and what the nearest tests say (`make mutants`).
+
+    python checks/mutants.py [--sample 300] [--rooms container,codec] [-o report.md]
+
+cosmic-ray makes the mutants and runs the tests, in a copy of the checkout under build/mutants. Its session file keeps
+what was found, so that a run that was stopped goes on, and a larger sample adds to a smaller one. The sample follows
+from the mutants alone: their order is that of a hash. cosmic-ray and not mutmut, which rewrites whole modules into
+trampolines, wants its own copy of the package on the path and has no test command of each module's own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from hashlib import sha256
+from pathlib import Path
+
+from cosmic_ray.commands import init
+from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.work_db import WorkDB, use_db
+from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkItem
+
+ROOT = Path(__file__).resolve().parents[1]
+BUILD = ROOT / "build" / "mutants"
+TREE = BUILD / "tree"
+RUNTIME = Path("runtime/tinysplat_runtime")
+TIMEOUT_S = 240.0
+
+SWAPS = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Div", "Mod_Mul", "Pow_Mul", "LShift_RShift",
+         "RShift_LShift", "BitAnd_BitOr", "BitXor_BitAnd")  # fmt: skip
+"""Of cosmic-ray's 130 exchanges of a binary operator, one for each; `|` is left to annotations."""
+
+COMPARISONS = ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt", "Lt_Gt", "Gt_Lt", "LtE_Gt", "GtE_Lt", "Eq_NotEq", "NotEq_Eq")
+OTHERS = ("AddNot", "NumberReplacer", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceFalseWithTrue",
+          "ReplaceTrueWithFalse", "ReplaceUnaryOperator_USub_UAdd", "ZeroIterationForLoop")  # fmt: skip
+
+NEAREST: dict[str, str] = {
+    "container/bounds.py": "bounds container",
+    "container/reader.py": "bounds container progressive",
+    "container/sections.py": "container bounds progressive",
+    "container/writer.py": "container progressive bounds",
+    "codec/adaptive.py": "attribute_errors allocation",
+    "codec/analysis.py": "analysis attribute_errors",
+    "codec/basis.py": "basis attribute_errors",
+    "codec/encoder.py": "attribute_errors numerics",
+    "codec/hybrid.py": "attribute_errors modes",
+    "codec/lossless.py": "lossless attribute_errors",
+    "codec/missing.py": "progressive partial",
+    "codec/one_colour.py": "seen",
+    "codec/paper.py": "attribute_errors",
+    "codec/photos.py": "modes",
+    "codec/quantise.py": "quantize attribute_errors",
+    "codec/rate.py": "rate",
+    "codec/recode.py": "like",
+    "codec/synthesis.py": "synthesis attribute_errors",
+    "codec/depth_step/allocation.py": "allocation",
+    "codec/depth_step/blocks.py": "blocks allocation",
+    "codec/depth_step/contrast.py": "contrast",
+    "codec/depth_step/probe.py": "allocation",
+    "gaussian/editing.py": "editing",
+    "gaussian/quaternions.py": "algebra",
+    "gaussian/sh.py": "algebra",
+    "render/composite.py": "render_definition render_extremes",
+    "render/paths.py": "render_paths",
+    "render/prepare.py": "render_definition render_extremes",
+    "render/project.py": "render_definition render_extremes",
+    "render/tiles.py": "render_definition render_extremes",
+    "scene/cameras.py": "cameras scenes",
+    "scene/intake/depths.py": "intake",
+    "scene/intake/lenses.py": "intake",
+    "scene/intake/nerfstudio.py": "intake",
+    "scene/intake/realestate.py": "intake",
+    "formats/ply.py": "ply interchange",
+    "formats/spz.py": "spz",
+    "formats/spz_streams.py": "spz",
+    "system/blas.py": "blas",
+}
+"""The modules that are tried, and the files of tests/unit that are nearest to each."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run as many mutants as asked for and are not done, and write what is known."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sample", type=int, default=300, help="mutants in all, those of earlier runs included")
+    parser.add_argument("--rooms", default="", help="folders or modules to try alone, such as container,codec/basis.py")
+    parser.add_argument("-o", "--output", type=Path, default=BUILD / "report.md")
+    args = parser.parse_args(arguments)
+    rooms = tuple(filter(None, args.rooms.split(",")))
+    _copy_checkout()
+    os.chdir(TREE)
+    with use_db(str(BUILD / "session.sqlite"), WorkDB.Mode.create) as session:
+        if not session.num_work_items:
+            init([RUNTIME / module for module in NEAREST], session, {})
+        chosen = _sample(list(session.work_items), rooms, args.sample)
+        done = {job for job, _ in session.results}
+        for item in chosen:
+            if item.job_id in done:
+                continue
+            (mutation,) = item.mutations
+            result = mutate_and_test(item.mutations, _command(mutation), TIMEOUT_S)
+            session.set_result(item.job_id, result)
+            print(result.test_outcome, _place(mutation), flush=True)
+        args.output = ROOT / args.output
+        args.output.parent.mkdir(parents=True, exist_ok=True)
+        args.output.write_text(_report(session, chosen), encoding="utf-8")
+    return 0
+
+
+def _copy_checkout() -> None:
+    """What git tracks, as it stands: a run that is killed leaves a mutant in the copy alone."""
+    shutil.rmtree(TREE, ignore_errors=True)
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in filter(None, listed.split("\0")):
+        if (ROOT / name).is_file() and not name.startswith(("benchmarks/reports", "docs")):
+            (TREE / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, TREE / name)
+
+
+def _is_telling(mutation: MutationSpec) -> bool:
+    """Whether the mutant is of one of the kinds tried: the rest repeat them, or are no bugs at all."""
+    kind = mutation.operator_name.removeprefix("core/")
+    binary, comparison = (f"Replace{family}Operator_" for family in ("Binary", "Comparison"))
+    return kind.removeprefix(binary) in SWAPS or kind.removeprefix(comparison) in COMPARISONS or kind in OTHERS
+
+
+def _sample(items: list[WorkItem], rooms: tuple[str, ...], count: int) -> list[WorkItem]:
+    """The first `count` by hash, of the rooms asked for."""
+    telling = [item for item in items if _is_telling(item.mutations[0])]
+    inside = [item for item in telling if not rooms or _module(item.mutations[0]).startswith(rooms)]
+    return sorted(inside, key=lambda item: sha256(_place(item.mutations[0]).encode()).digest())[:count]
+
+
+def _module(mutation: MutationSpec) -> str:
+    return str(Path(mutation.module_path).relative_to(RUNTIME))
+
+
+def _place(mutation: MutationSpec) -> str:
+    line, column = mutation.start_pos
+    return f"{_module(mutation)}:{line}:{column} {mutation.operator_name.split('/')[-1]} {mutation.occurrence}"
+
+
+def _command(mutation: MutationSpec) -> str:
+    tests = [f"tests/unit/test_{name}.py" for name in NEAREST[_module(mutation)].split()]
+    return shlex.join([sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests])
+
+
+def _report(session: WorkDB, chosen: list[WorkItem]) -> str:
+    """Markdown: the share that was noticed by module, and every survivor as a change."""
+    results = dict(session.results)
+    found = [(i.mutations[0], results[i.job_id]) for i in chosen if i.job_id in results]
+    killed = Counter(_module(m) for m, r in found if r.test_outcome == TestOutcome.KILLED)
+    tried = Counter(_module(m) for m, _ in found)
+    total = f"**{sum(killed.values())} of {len(found)}** noticed, of a sample of {len(chosen)}"
+    lines = ["# Mutants", "", total, "", "| module | noticed | tried |", "|---|---|---|"]
+    lines += [f"| {module} | {killed[module]} | {tried[module]} |" for module in sorted(tried)]
+    lines += ["", "## Survivors", ""]
+    for mutation, result in found:
+        if result.test_outcome != TestOutcome.KILLED:
+            changed = [r for r in (result.diff or "").splitlines() if r[:1] in "+-" and r[:3] not in ("+++", "---")]
+            lines += [f"{_place(mutation)} ({result.test_outcome})", "", "```diff", *changed, "```", ""]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
