@@ -17,10 +17,12 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 
-from cosmic_ray.commands import init
+from cosmic_ray import plugins
+from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkItem
@@ -94,17 +96,15 @@ def main(arguments: list[str] | None = None) -> int:
     _copy_checkout()
     os.chdir(TREE)
     with use_db(str(BUILD / "session.sqlite"), WorkDB.Mode.create) as session:
-        if not session.num_work_items:
-            init([RUNTIME / module for module in NEAREST], session, {})
-        chosen = _sample(list(session.work_items), rooms, args.sample)
+        chosen = _sample(rooms, args.sample)
+        known = {item.job_id for item in session.work_items}
+        session.add_work_items(item for item in chosen if item.job_id not in known)
         done = {job for job, _ in session.results}
         for item in chosen:
-            if item.job_id in done:
-                continue
-            (mutation,) = item.mutations
-            result = mutate_and_test(item.mutations, _command(mutation), TIMEOUT_S)
-            session.set_result(item.job_id, result)
-            print(result.test_outcome, _place(mutation), flush=True)
+            if item.job_id not in done:
+                result = mutate_and_test(item.mutations, _command(item.mutations[0]), TIMEOUT_S)
+                session.set_result(item.job_id, result)
+                print(result.test_outcome, item.job_id, flush=True)
         args.output = ROOT / args.output
         args.output.parent.mkdir(parents=True, exist_ok=True)
         args.output.write_text(_report(session, chosen), encoding="utf-8")
@@ -121,18 +121,30 @@ def _copy_checkout() -> None:
             shutil.copy2(ROOT / name, TREE / name)
 
 
-def _is_telling(mutation: MutationSpec) -> bool:
-    """Whether the mutant is of one of the kinds tried: the rest repeat them, or are no bugs at all."""
-    kind = mutation.operator_name.removeprefix("core/")
-    binary, comparison = (f"Replace{family}Operator_" for family in ("Binary", "Comparison"))
-    return kind.removeprefix(binary) in SWAPS or kind.removeprefix(comparison) in COMPARISONS or kind in OTHERS
+def _operators() -> list[str]:
+    names = [f"ReplaceBinaryOperator_{swap}" for swap in SWAPS]
+    names += [f"ReplaceComparisonOperator_{swap}" for swap in COMPARISONS]
+    known = set(plugins.operator_names())
+    return [name for name in (f"core/{name}" for name in (*names, *OTHERS)) if name in known]
 
 
-def _sample(items: list[WorkItem], rooms: tuple[str, ...], count: int) -> list[WorkItem]:
-    """The first `count` by hash, of the rooms asked for."""
-    telling = [item for item in items if _is_telling(item.mutations[0])]
-    inside = [item for item in telling if not rooms or _module(item.mutations[0]).startswith(rooms)]
-    return sorted(inside, key=lambda item: sha256(_place(item.mutations[0]).encode()).digest())[:count]
+def _sample(rooms: tuple[str, ...], count: int) -> list[WorkItem]:
+    """The first `count` mutants by hash, of the rooms asked for."""
+    modules = [module for module in NEAREST if not rooms or module.startswith(rooms)]
+    items = [item for module in modules for item in _mutants(module)]
+    return sorted(items, key=lambda item: sha256(item.job_id.encode()).digest())[:count]
+
+
+def _mutants(module: str) -> Iterator[WorkItem]:
+    """Every mutant of a module, named by what it is of: a module that has changed has others."""
+    path = RUNTIME / module
+    nodes, version = list(ast_nodes(get_ast_from_path(path))), sha256(path.read_bytes()).hexdigest()[:8]
+    for name in _operators():
+        operator = plugins.get_operator(name)()
+        places = [place for node in nodes for place in operator.mutation_positions(node)]
+        for occurrence, (start, end) in enumerate(places):
+            mutation = MutationSpec(path, name, occurrence, start, end)
+            yield WorkItem.single(f"{_place(mutation)} of {version}", mutation)
 
 
 def _module(mutation: MutationSpec) -> str:
