@@ -19,7 +19,7 @@ from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.graphs.inference import GraphStore
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 
 
 def _prepared(gaussians: Gaussians, store: GraphStore):
@@ -95,7 +95,7 @@ def test_threads_do_not_change_what_is_measured(layers):
 
 
 def test_stripes_are_parts_of_the_pictures_between_the_views(layers):
-    renderer = Renderer(replace(layers[0].layer, extra_layers=(layers[1].layer,)))
+    renderer = Renderer(replace(layers[0].layer, extra_layers=(layers[1].layer,)), **DEFINITION)
     for shot in _probe(layers, stripes=3)[0]._shots:
         raw = renderer.render(shot._camera)
         assert np.abs(np.clip(raw, 0, 1) - shot._picture).mean() < 2e-3  # all but what its selection leaves out
