@@ -56,6 +56,20 @@ def test_a_coded_scene_goes_out_and_its_loss_is_said(files: dict[str, Path], tmp
     assert "SH of degree 4 cut to 3" in done.stderr and done.stderr.count("\n") == 1
 
 
+def test_gaussians_go_out_widened_and_are_drawn_as_one_likes(files: dict[str, Path], tmp_path: Path) -> None:
+    succeed("convert", files["npz"], "-o", tmp_path / "wide.npz", "--dilate")
+    assert (ts.load_gaussians(tmp_path / "wide.npz").scales > ts.load_gaussians(files["npz"]).scales).all()
+    succeed("convert", files["npz"], "-o", tmp_path / "g.ply")
+    assert "no photos" in fail("convert", tmp_path / "g.ply", "-o", tmp_path / "wide.ply", "--dilate", "0.2")
+    pictures = []
+    for options in ((), ("--dilation", "screen"), ("--order", "depth"), ("--dilation", "screen", "--order", "depth")):
+        succeed("render", files["npz"], "-o", tmp_path / "x.png", "--size", "40x48", *options)
+        pictures.append(np.array(Image.open(tmp_path / "x.png"), int))
+    assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
+    plain = ts.render(ts.load_gaussians(files["npz"]).flat(), ts.load_gaussians(files["npz"]).cameras[0], (40, 48))
+    assert np.abs(pictures[-1] - 255 * plain).max() <= 0.51
+
+
 def test_files_are_joined_turned_enlarged_and_moved(files: dict[str, Path], tmp_path: Path) -> None:
     moves = ("--rotate", "y,90", "--scale", "2", "--translate", "1,0,0")
     succeed("convert", files["npz"], files["tsplat"], "-o", tmp_path / "g.ply", *moves, "--sh-degree", "1")

@@ -12,7 +12,8 @@ from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_mat
 
 
 def covariances(gaussians):
-    axes = quats_to_matrices(normalize_quats(gaussians.quats.reshape(-1, 4).astype(float))) * gaussians.scales.reshape(-1, 1, 3)
+    quats = normalize_quats(gaussians.quats.reshape(-1, 4).astype(float))
+    axes = quats_to_matrices(quats) * gaussians.scales.reshape(-1, 1, 3)
     return axes @ axes.swapaxes(1, 2)
 
 
