@@ -1,145 +1,113 @@
-"""A very small run of every section, the folder it leaves, and the command's answers to bad options."""
+"""A very small run of every ordinary study, the folder it leaves, and the command's answers to bad options."""
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tiny_runs import rows_of, tiny_run
 
-from tinysplat.bench.growth import Axes
-from tinysplat.bench.report import write_report
-from tinysplat.bench.run import compared, run_bench
-from tinysplat.bench.sections import QUICK, SECTIONS, Bench
-from tinysplat.bench.timing import Effort
-from tinysplat_runtime.api import Runtime
+from tinysplat.commands.bench import measure_studies, split_words
+from tinysplat.measure.rows import Row, read_rows
+from tinysplat.measure.show.pages import write_report
+from tinysplat.measure.studies import ORDINARY, STUDIES, coding, drawing, graphs, growth
+from tinysplat_runtime.errors import InputError
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
-TINY = replace(
-    QUICK,
-    name="tiny",
-    effort=Effort(rounds=1, budget_s=0, least=1),
-    size=32,
-    network_sizes=(32,),
-    chain_sizes=(32,),
-    presets=QUICK.presets[:1],
-    sizes=(16,),
-    counts=(512,),
-    count=512,
-    ks=(1, 6),
-    codings=QUICK.codings[:1],
-    axes=Axes(
-        views=(1, 2),
-        view_size=(16, 16),
-        pixels=((16, 16), (32, 32)),
-        gaussians=(512, 2048),
-        picture=(16, 16),
-        network_views=(2, 3),
-        memory_axes=("views",),
-    ),
-    sog_limit_s=0.1,
-)
-
-STAGES = {
+STUDIED = {
     *("chain", "network", "analysis_vpt", "analysis_moment", "analysis_project", "synthesis", "encode", "preset"),
-    *(
-        "decode",
-        "cold start",
-        "rasteriser",
-        "rasteriser approximations",
-        "k",
-        "SH degree",
-        "peers encode",
-        "peers decode",
-    ),
-    *("torch rasteriser", "growth plane", "growth network", "growth encode", "growth decode", "growth render"),
+    *("decode", "cold start", "rasteriser", "rasteriser approximations", "k", "SH degree", "peers encode"),
+    *("peers decode", "torch rasteriser", "growth plane", "growth network", "growth encode", "growth decode"),
+    *("growth render", "parts", "targets", "prefixes", "mapping", "run"),
 }
-
-
-def make_bench() -> Bench:
-    return Bench(TINY, Runtime(threads=2), models=["sweep"])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("bench") / "report"
-    write_report(root, run_bench(make_bench(), tuple(SECTIONS), quiet=True))
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in (
+            (graphs, "QUICK_NETWORK_SIDES", (32,)), (graphs, "QUICK_CHAIN_SIDES", (32,)),
+            (coding, "QUICK_PRESETS", coding.QUICK_PRESETS[:1]), (coding, "QUICK_SOG_LIMIT_S", 0.1),
+            (drawing, "QUICK_SIZES", (16,)), (drawing, "QUICK_COUNTS", (512,)), (drawing, "QUICK_COUNT", 512),
+            (growth, "SIDES", ((16, 16), (32, 32))), (growth, "PICTURES", ((16, 16), (32, 32))),
+            (growth, "COUNT_SIDES", (16, 32)), (growth, "QUICK_SIDE", 16),
+        ):  # fmt: skip
+            patch.setattr(module, name, value)
+        run = tiny_run(root, rounds=1)
+        measure_studies(run, (*ORDINARY, "parts", "targets", "prefixes", "mapping"), quiet=True)
+        write_report(root, list(run.store), run.left_out)
+        assert run.left_out == []
     return root
 
 
 @pytest.fixture(scope="module")
-def document(folder: Path) -> dict:
-    return json.loads((folder / "report.json").read_text())
+def rows(folder: Path) -> list[Row]:
+    return read_rows(folder)
 
 
-def test_every_stage_is_in_the_report_with_seconds_and_machine(document: dict) -> None:
-    assert document["left_out"] == []
-    assert {row["stage"] for row in document["rows"] if "seconds" in row} == STAGES
-    assert document["machine"]["packages"]["onnxruntime"]
-    assert document["machine"]["cores_available"] >= 1
+def test_every_study_leaves_rows_that_have_figures_or_costs_or_say_why(rows: list[Row]) -> None:
+    assert {row.study.partition(",")[0] for row in rows} >= STUDIED
+    assert not [row for row in rows if not row.figures and not row.costs and not row.note]
+    machine = next(row.figures for row in rows if row.study == "run")
+    assert machine["onnxruntime"] and machine["cores"] >= 1
 
 
-def test_rows_without_seconds_say_why(document: dict) -> None:
-    silent = [row for row in document["rows"] if "seconds" not in row and not row.get("note")]
-    assert silent == []
+def test_the_codec_is_held_against_the_libraries_alone(rows: list[Row]) -> None:
+    for study, library in (("encode", "libx265 alone"), ("decode", "libavcodec alone")):
+        found = [row for row in rows if row.study == study]
+        assert found and all(row.setting["baseline"] == library and row.costs["ratio"] > 0 for row in found)
 
 
-def test_the_codec_is_held_against_the_libraries_alone(document: dict) -> None:
-    for stage, library in (("encode", "libx265 alone"), ("decode", "libavcodec alone")):
-        rows = [row for row in document["rows"] if row["stage"] == stage]
-        assert all(row["baseline"][0] == library and row["ratio"] > 0 for row in rows)
+def test_transforms_agree_with_float64(rows: list[Row]) -> None:
+    for study in ("analysis_vpt", "analysis_moment", "analysis_project", "synthesis"):
+        assert max(row.figures["max_relative_error"] for row in rows if row.study == study) < 1e-3, study
 
 
-def test_transforms_agree_with_float64(document: dict) -> None:
-    for stage in ("analysis_vpt", "analysis_moment", "analysis_project", "synthesis"):
-        rows = [row for row in document["rows"] if row["stage"] == stage]
-        assert max(row["figures"]["max_relative_error"] for row in rows) < 1e-3, stage
+def test_targets_are_met(rows: list[Row]) -> None:
+    for row in (row for row in rows if row.study == "targets"):
+        assert row.figures.get("share", 1) <= 1 and row.figures.get("excess_db", 0) > -0.01
 
 
-def test_growth_has_a_slope_and_a_sentence_per_axis(document: dict) -> None:
-    fits = {(fit["stage"], fit["axis"], fit["cost"]) for fit in document["growth"] if fit["sentence"]}
-    assert {("growth encode", axis, "seconds") for axis in ("views", "pixels")} <= fits
-    assert ("growth render", "Gaussians", "seconds") in fits
-    assert ("growth decode", "views", "peak memory") in fits
-
-
-def test_every_plot_that_the_text_embeds_is_there_and_small(folder: Path) -> None:
+def test_the_report_shows_every_plot_that_it_embeds(folder: Path) -> None:
     text = (folder / "report.md").read_text()
     plots = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text)
-    assert "plots/overview.png" in plots
-    assert "plots/growth.png" in plots
-    for plot in plots:
-        assert 1000 < (folder / plot).stat().st_size < 400_000
-    assert "quoted, not measured here" in text
+    assert {"plots/growth.png", "plots/encode.png", "plots/parts.png", "plots/prefixes.png"} <= set(plots)
+    assert all(1000 < (folder / plot).stat().st_size < 400_000 for plot in plots)
+    assert "quoted, not measured here" in text and "in proportion" in text
 
 
-def test_two_runs_agree_in_everything_but_time(folder: Path, tmp_path: Path) -> None:
-    stages = ("transforms", "codec", "rasteriser", "reduction")
-    report = run_bench(make_bench(), stages, quiet=True)
-    path = write_report(tmp_path, compared(report, folder))
-    text = path.read_text()
-    assert "## Against the earlier run" in text
-    (rows,) = re.findall(r"(\d+) rows are in both reports", text)
-    assert int(rows) == len(report.rows)
-    assert "0 differ" in text, text
+def test_two_runs_agree_in_everything_but_time(rows: list[Row], tmp_path: Path) -> None:
+    again = {row.key: row.figures for row in rows_of("reduction", tiny_run(tmp_path, rounds=1))}
+    assert again == {row.key: row.figures for row in rows if row.key in again} and len(again) > 3
+
+
+def test_words_are_studies_and_then_inputs(tmp_path: Path) -> None:
+    assert split_words([]) == (ORDINARY, [])
+    assert split_words(["codec", "peers", str(tmp_path)]) == (("codec", "peers"), [str(tmp_path)])
+    assert split_words([str(tmp_path)], ("growth",)) == (("growth",), [str(tmp_path)])
+    with pytest.raises(InputError, match="neither a study"):
+        split_words([str(tmp_path), "codec"])
+    assert set(ORDINARY) < set(STUDIES)
 
 
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
         (("--stages", "codec,nonsense"), "'nonsense', expected some of chain"),
-        (("--against", "/nowhere"), "/nowhere"),
-        (("/nowhere",), "/nowhere: no such"),
-        (("--model", "nonsense", "--quick", "--stages", "codec"), "nonsense"),
+        (("codec", "--against", "/nowhere"), "/nowhere"),
+        (("/nowhere",), "/nowhere: neither a study"),
+        (("codec", "--model", "nonsense", "--quick"), "nonsense"),
+        (("versions",), "needs --before CHECKOUT"),
+        (("versions", "--before", "/tmp"), "no checkout of this project"),
     ],
 )
 def test_bad_options_are_one_line_and_status_2(tmp_path: Path, arguments: tuple[str, ...], fault: str) -> None:
-    command = [str(SCRIPT), "bench", "-o", str(tmp_path / "out"), *arguments]
+    command = [str(SCRIPT), "bench", "-q", "-o", str(tmp_path / "out"), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("\n") == 1

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from scenes import make_cameras, write_scene
 from shallow_networks import shallow_network
 
-from tinysplat.bench.inputs import Photos
-from tinysplat.bench.network import contract_inputs
+from tinysplat.measure.studies.graphs import contract_inputs
+from tinysplat.measure.subjects.cases import Photos, Shots
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
 from tinysplat.networks.outputs import PixelGaussians
 from tinysplat_runtime.api import Runtime
@@ -192,7 +192,7 @@ def test_each_photo_gets_its_own_gaussians(exported: Exported, tmp_path: Path) -
     found = Runtime().predict(scene, str(exported.path))
     middle = np.mean([camera.centre for camera in scene.cameras], axis=0)
     photos = Photos(scene.images(), tuple(scene.cameras))
-    wanted = run_torch(exported.module, contract_inputs(photos, scene.depth_range()))
+    wanted = run_torch(exported.module, contract_inputs(Shots(photos, photos, *scene.depth_range())))
     wanted["means"] = wanted["means"] + middle
     for name in ("means", "scales", "opacities", "sh"):
         error = np.abs(getattr(found, name) - wanted[name]).max() / np.abs(wanted[name]).max()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
-from tinysplat.evaluation import ideas
+from tinysplat.measure import ideas
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.container.reader import read_container
 

@@ -208,3 +208,86 @@ def test_architecture_names_files_that_exist() -> None:
             if not any(list(base.glob(pattern)) for base in (RUNTIME, ROOT, ROOT / "tinysplat")):
                 missing.append(pattern)
     assert missing == []
+# ---- the house of measuring --------------------------------------------------------------------------------------
+
+MEASURE = ROOT / "tinysplat" / "measure"
+GROUND = ("rows", "metrics", "lpips", "clock", "machine", "floors", "published", "subjects", "tasks", "curves")
+ON_GROUND = ("ways", "pictures", "show")
+ABOVE = ("runner", "peers", "ideas", "quality", "study")
+PAGES = ("show/goals.py", "show/pages.py")
+"""A report asks the list of studies for their tables."""
+
+
+def measuring_imports(path: Path) -> Iterator[str]:
+    """First names below `tinysplat.measure` that a module of it imports, studies with their own module's name."""
+    parts = path.relative_to(MEASURE).with_suffix("").parts
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if node.level:
+            base = list(parts[: len(parts) - node.level])
+        elif (node.module or "").startswith("tinysplat.measure"):
+            base, node.module = [], (node.module or "").removeprefix("tinysplat.measure").lstrip(".")
+        else:
+            continue
+        below = [*base, *(node.module or "").split(".")] if node.module else [*base, node.names[0].name]
+        yield "/".join(below[:2]) if below[0] == "studies" else below[0]
+
+
+def test_what_is_measured_never_imports_what_measures() -> None:
+    folders = [
+        ROOT / "runtime",
+        ROOT / "export",
+        *(ROOT / "tinysplat" / n for n in ("networks", "rasteriser", "reference")),
+    ]
+    files = [path for folder in folders for path in sources(folder)]
+    assert len(files) > 50
+    assert [
+        str(path) for path in files if "tinysplat.measure" in path.read_text() or "..measure" in path.read_text()
+    ] == []
+
+
+def test_the_house_of_measuring_stands_in_layers_and_no_study_imports_another() -> None:
+    breaks = []
+    for path in sources(MEASURE):
+        name = path.relative_to(MEASURE).as_posix()
+        first = name.partition("/")[0].removesuffix(".py")
+        found = set(measuring_imports(path)) - {first, ""}
+        if first in GROUND:
+            banned = {*ON_GROUND, *ABOVE} | {one for one in found if one.startswith("studies")}
+        elif first in ON_GROUND:
+            banned = set(ABOVE) | {one for one in found if one.startswith("studies") and name not in PAGES}
+        elif first in ABOVE:
+            banned = {one for one in found if one.startswith("studies")}
+        else:
+            own = "studies/" + name.removeprefix("studies/").partition("/")[0].removesuffix(".py")
+            banned = {one for one in found if one.startswith("studies/") and one != own}
+        breaks += [f"{name} imports {one}" for one in sorted(found & banned)]
+    assert breaks == []
+
+
+def test_measuring_names_nothing_private_of_the_runtime_and_replaces_nothing_in_it() -> None:
+    breaks = []
+    for path in sources(MEASURE):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        imported = {
+            alias.asname or alias.name: alias.name
+            for node in nodes
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tinysplat_runtime")
+            for alias in node.names
+        }
+        breaks += [f"{path.name}: {name}" for name in imported.values() if is_private(name)]
+        for node in nodes:
+            if isinstance(node, ast.Attribute) and is_private(node.attr):
+                owner = getattr(node.value, "id", None)  # `impl` is gsplat's module of torch functions
+                breaks += [] if owner in {"self", "cls", "impl"} else [f"{path.name}:{node.lineno} {node.attr}"]
+            for target in getattr(node, "targets", ()):
+                if isinstance(target, ast.Attribute) and getattr(target.value, "id", None) in imported:
+                    breaks.append(f"{path.name}:{node.lineno} replaces {target.attr}")
+            if isinstance(node, ast.Name) and node.id in {"setattr", "patch"}:
+                breaks.append(f"{path.name}:{node.lineno} {node.id}")
+    assert breaks == []
+
+
+def is_private(name: str) -> bool:
+    return name.startswith("_") and not name.startswith("__")

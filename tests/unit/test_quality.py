@@ -27,11 +27,7 @@ from scenes import make_smooth_gaussians
 
 from tinysplat.measure.metrics import PSNR_CEILING, capped_psnr, psnr, ssim
 from tinysplat.measure.pictures import rescaled
-from tinysplat.measure.rows import ROWS, Row, RowFile
-from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
-from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
-from tinysplat.measure.show.tables import csv_text, format_table
-from tinysplat.measure.studies.quality import (
+from tinysplat.measure.quality import (
     Coding,
     Prepared,
     Quality,
@@ -41,8 +37,12 @@ from tinysplat.measure.studies.quality import (
     mean_of_rows,
     mean_of_scenes,
     record,
-    results_text,
 )
+from tinysplat.measure.rows import ROWS, Row, RowFile
+from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
+from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
+from tinysplat.measure.show.tables import csv_text, format_table
+from tinysplat.measure.studies.quality import results_text
 from tinysplat.measure.subjects.cases import LeftOut, Window
 from tinysplat.measure.subjects.index import covered_pixels, read_depth
 from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources

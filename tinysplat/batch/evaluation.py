@@ -34,9 +34,9 @@ def evaluate(job: Job, threads: int = 1) -> dict[str, Any]:
     """
     start = time.perf_counter()
     try:
+        from tinysplat.measure.quality import Coding, Quality, mean_of, record
         from tinysplat.measure.rows import ROWS, RowFile
         from tinysplat.measure.runner import Plan, run_jobs
-        from tinysplat.measure.studies.quality import Coding, Quality, mean_of, record
         from tinysplat.measure.subjects.sources import find_sources
     except ImportError as error:
         install = 'pip install "tinysplat[cluster,eval]" brings it'

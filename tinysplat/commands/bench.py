@@ -1,96 +1,154 @@
-"""`tinysplat bench`: error against run time of every stage, as a folder with tables and plots."""
+"""`tinysplat bench`: studies of speed, size and error as rows, a report and plots; and the figures of our pages."""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+import time
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
+from pathlib import Path
 
-from tinysplat.bench.agreement import read_report
-from tinysplat.bench.inputs import user_inputs
-from tinysplat.bench.network import shipped_networks
-from tinysplat.bench.report import Report, write_report
-from tinysplat.bench.run import compared, run_bench
-from tinysplat.bench.sections import FULL, QUICK, SECTIONS, Bench
+from tinysplat.datasets import SPECS
+from tinysplat.measure.machine import describe_machine
+from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
+from tinysplat.measure.show.pages import RUN, agreement, fill_pages, write_report
+from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
+from tinysplat.measure.study import Options, Run
+from tinysplat.measure.subjects.sources import find_sources
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
-from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.graphs.artifacts import find_artifact
+from tinysplat_runtime.cli.arguments import indices, size
+from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
+from tinysplat_runtime.system.progress import progress
+
+from .eval import numbers, words
 
 HELP = "error against run time, report with plots"
 
 DEFAULT_FOLDER = "bench_report"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
+    listed = "; ".join(f"{name}: {line}" for name, (_, line) in STUDIES.items())
     parser.description = (
-        "Measure seconds, memory, bytes and errors of every stage, and write a folder with report.md, report.json and"
-        " plots. Without INPUT it measures on scenes of its own."
+        "Measure, and write a folder with rows.jsonl, report.md and plots. Words that name studies come first; without"
+        f" any, {', '.join(ORDINARY)} are measured; without INPUT, on scenes of its own. Studies: {listed}."
     )
-    parser.add_argument(
-        "inputs", nargs="*", metavar="INPUT", help="scene folders with eval_index.json, or Gaussian files"
-    )
+    parser.add_argument("words", nargs="*", metavar="STUDY … INPUT …",
+                        help="studies, then scene folders with eval_index.json, or Gaussian files")  # fmt: skip
     parser.add_argument("-o", "--output", default=DEFAULT_FOLDER, metavar="FOLDER",
                         help=f"the report's folder; default {DEFAULT_FOLDER}")  # fmt: skip
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="the short form: smaller pictures, fewer variants, minutes in place of half an hour",
-    )
-    parser.add_argument("--stages", type=stages, default=tuple(SECTIONS), metavar="S,S",
-                        help=f"some of {','.join(SECTIONS)}; default all")  # fmt: skip
+    parser.add_argument("--quick", action="store_true",
+                        help="the short form: smaller pictures, fewer variants, minutes not half an hour")  # fmt: skip
+    parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
+    parser.add_argument("--stages", type=words, default=(), metavar="S,S", help="studies, as words before INPUT")
+    parser.add_argument("--docs", action="store_true", help="fill the marked places of README and docs from rows")
     parser.add_argument("--model", action="append", metavar="NAME|FILE.onnx",
                         help="network, may be repeated; default all in the manifest")  # fmt: skip
-    parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
-
-
-def stages(text: str) -> tuple[str, ...]:
-    """`codec,peers` to a tuple, in the report's order."""
-    asked = [part.strip() for part in text.split(",")]
-    for name in asked:
-        if name not in SECTIONS:
-            raise ArgumentTypeError(f"'{name}', expected some of {','.join(SECTIONS)}")
-    return tuple(name for name in SECTIONS if name in asked)
+    of = parser.add_argument_group("options of some studies")
+    of.add_argument("--profile", type=words, default=(), metavar="P,P", help="profiles; default the study's")
+    of.add_argument("--modes", type=words, default=(), metavar="M,M", help="photos, hybrid; curves, seconds")
+    of.add_argument("--peers", type=words, default=(), metavar="F,F", help="spz, sog; curves, seconds")
+    of.add_argument("--qp", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
+    of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of context views")
+    of.add_argument("--kind", type=words, default=(), metavar="K,K", help="kinds of window")
+    of.add_argument("--limit", type=int, metavar="N", help="windows per scene and number of views; default 1")
+    of.add_argument("--targets", type=int, default=3, metavar="N", help="pictures per window at most; default 3")
+    of.add_argument("--size", type=size, metavar="HxW", help="of photos; default 256x256, quick 128x128")
+    of.add_argument("--rounds", type=int, default=0, metavar="N", help="of timing; default the study's")
+    of.add_argument("--data", nargs=3, action="append", default=[], metavar=("NAME", "FOLDER", "INDEX"),
+                    help=f"a data set in chunks for the paper's tables: {', '.join(SPECS)}")  # fmt: skip
+    of.add_argument("--near", type=float, metavar="Z", help="over the inputs' own")
+    of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")
+    of.add_argument("--before", type=Path, metavar="CHECKOUT", help="another version, for versions")
+    of.add_argument("--checkpoint", type=Path, metavar="FILE", help="of an official network, for official")
+    of.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time")
 
 
 def run(args: Namespace) -> None:
     """Measure, write the folder, print the main lines."""
     try:
-        _run(args)
+        if args.docs:
+            _fill(args)
+        else:
+            _run(args)
     except ImportError as error:  # matplotlib, torch
         raise InputError(
             f"needs the package '{error.name}'; pip install \"tinysplat[eval]\" brings it", where="bench"
         ) from None
 
 
+def split_words(given: Sequence[str], stages: Sequence[str] = ()) -> tuple[tuple[str, ...], list[str]]:
+    """Studies, and inputs behind them; InputError for a word that is neither."""
+    count = next((i for i, word in enumerate(given) if word not in STUDIES), len(given))
+    for word in (*stages, *given[count:]):
+        if word in stages and word not in STUDIES:
+            raise InputError(f"'{word}', expected some of {','.join(STUDIES)}", where="--stages")
+        if word not in stages and not Path(word).exists():
+            raise InputError(f"neither a study ({', '.join(STUDIES)}) nor a file or folder", where=word)
+    named = (*stages, *given[:count])
+    return named or ORDINARY, list(given[count:])
+
+
 def _run(args: Namespace) -> None:
-    if args.against is not None:
-        read_report(args.against)  # what cannot be read is said now, not in half an hour
+    studies, inputs = split_words(args.words, args.stages)
+    before = read_rows(args.against) if args.against is not None else []  # said now, not in half an hour
     for model in args.model or ():
-        find_artifact(model, "network")  # so is a name that does not exist
-    scenes, files, left_out = user_inputs(args.inputs)
-    runtime = Runtime(threads=args.threads)
-    bench = Bench(QUICK if args.quick else FULL, runtime, scenes, files, _models(args.model), left_out)
-    report = run_bench(bench, args.stages, quiet=args.quiet)
-    if args.against is not None:
-        report = compared(report, args.against)
-    path = write_report(args.output, report)
+        find_artifact(model.rpartition(":")[2] if model.split(":")[0] in SPECS else model, "network")
+    for profile in args.profile:
+        find_profile(profile)
+    folder = Path(args.output)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file, expected a folder for the report", where=args.output)
+    options = Options(
+        tuple(args.model or ()), args.profile, args.modes, args.peers, args.qp, args.kind, tuple(args.views),
+        args.limit, args.size, args.targets, args.rounds, tuple(map(tuple, args.data)), args.before, args.checkpoint,
+        args.jobs, args.near, args.far,
+    )  # fmt: skip
+    sources, lost = find_sources([] if "batch" in studies else inputs, near=args.near, far=args.far)
+    left_out = [str(entry) for entry in lost]
+    if inputs and not sources and "batch" not in studies:
+        raise InputError("; ".join(left_out) or "nothing to measure", where="bench")
+    bench = Run(
+        args.quick, Runtime(threads=args.threads), RowFile(folder / ROWS), folder, sources, [Path(p) for p in inputs],
+        args.model or shipped_networks(), options, left_out,
+    )  # fmt: skip
+    measured = measure_studies(bench, studies, quiet=args.quiet)
+    path = write_report(folder, list(bench.store), bench.left_out, before)
     if not args.quiet:
-        print("\n".join(_summary(report)))
+        print(
+            f"{len(measured)} rows\n" + "\n".join([*bench.left_out, *(agreement(before, measured) if before else ())])
+        )
     print(path)
 
 
-def _models(named: Sequence[str] | None) -> list[str]:
-    if named:
-        return list(named)
-    shipped = shipped_networks()
-    return sorted(shipped, key=lambda name: (name != DEFAULT_MODEL, name))  # the default one codes the other stages
+def measure_studies(bench: Run, studies: Sequence[str], *, quiet: bool) -> list[Row]:
+    """Rows of studies, kept as they come; what ends one is noted and the next begins."""
+    machine, began, rows = describe_machine(), time.perf_counter(), []
+    for name in progress(studies, len(studies), "bench", quiet=quiet):
+        try:
+            for row in find_study(name).measure(bench):
+                rows.append(row if row.stamp and bench.store.find(row) == row else bench.store.add(row))
+        except TinySplatError as error:
+            if len(studies) == 1 and not rows:
+                raise
+            bench.left_out.append(f"left out the rest of {name}: {error}")
+    costs = {"seconds": time.perf_counter() - began}
+    bench.store.add(Row(RUN, machine["time"], " ".join(studies), {"quick": bench.quick}, machine, costs))
+    return rows
 
 
-def _summary(report: Report) -> list[str]:
-    timed = [row for row in report.rows if row.seconds is not None]
-    minutes = sum(report.section_seconds.values()) / 60
-    lines = [f"{len(timed)} rows in {minutes:.1f} minutes"]
-    lines += report.left_out
-    if report.agreement is not None:
-        lines += report.agreement.lines()
-    return lines
+def shipped_networks() -> list[str]:
+    """Names of the networks in the manifest, the default one, which codes in other studies, first."""
+    shipped = sorted(a.name for a in load_manifest().values() if a.role == "network")
+    return sorted(shipped, key=lambda name: (name != DEFAULT_MODEL, name))
+
+
+def _fill(args: Namespace) -> None:
+    if not (ROOT / "README.md").is_file():
+        raise InputError("--docs fills the pages of a checkout, which this installation is not part of", where="bench")
+    changed = fill_pages(ROOT)
+    if not args.quiet:
+        print("\n".join(str(path.relative_to(ROOT)) for path in changed) or "every figure is that of its rows")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
@@ -11,16 +12,18 @@ from typing import Any
 
 from tinysplat.datasets import SPECS
 from tinysplat.measure.lpips import BACKBONE_FILES, LpipsFiles, find_lpips
-from tinysplat.measure.rows import ROWS, RowFile
+from tinysplat.measure.quality import Coding, Quality, document, record
+from tinysplat.measure.rows import RESULTS, ROWS, RowFile
 from tinysplat.measure.runner import Outcome, Plan, run_jobs
 from tinysplat.measure.show.tables import csv_text
-from tinysplat.measure.studies.quality import RESULTS, Coding, Quality, document, record, results_text
+from tinysplat.measure.studies.quality import results_text
 from tinysplat.measure.subjects.cases import LeftOut, Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.cli.arguments import indices, size
+from tinysplat_runtime.cli.arguments import budget, indices, size
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.threads import available_cores
 
@@ -28,6 +31,7 @@ HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
 
 DEFAULT_FOLDER = "eval_results"
 DEFAULT_SIZE = (256, 256)
+DRAW_OPTIONS = tuple(sorted(set(inspect.signature(Renderer).parameters) - {"gaussians", "threads"}))
 MIN_ZOOM, MAX_ZOOM = 1 / 16, 16.0
 _INSTALL = 'pip install "tinysplat[eval]" brings it'
 
@@ -71,6 +75,10 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--nested", action="store_true", help="draw targets from the scenes of their nearest 2, 4 and 6 photos too"
     )
+    parser.add_argument("--refine", type=budget, metavar="STEPS|10s",
+                        help="correct Gaussians against their photos first, as `encode --refine` does")  # fmt: skip
+    parser.add_argument("--draw", type=drawing, default=(), metavar="K=V,K=V",
+                        help=f"how pictures are drawn: {', '.join(DRAW_OPTIONS)}")  # fmt: skip
     parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
@@ -91,6 +99,15 @@ def numbers(text: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise ArgumentTypeError(f"'{text}', expected numbers such as 0,6,12") from None
+
+
+def drawing(text: str) -> tuple[tuple[str, str], ...]:
+    """`order=depth` to options of `Renderer`."""
+    pairs = tuple(tuple(part.strip() for part in word.partition("=")[::2]) for word in text.split(","))
+    for name, value in pairs:
+        if name not in DRAW_OPTIONS or not value:
+            raise ArgumentTypeError(f"'{text}', expected K=V with K one of {', '.join(DRAW_OPTIONS)}")
+    return pairs  # type: ignore[return-value]
 
 
 def run(args: Namespace) -> None:
@@ -122,7 +139,7 @@ def _run(args: Namespace) -> None:
         raise InputError("is a file, expected a folder for results", where=args.output)
     folder.mkdir(parents=True, exist_ok=True)
     codings = tuple(Coding(p, q) for p in args.profile for q in args.qp)
-    quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested)
+    quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested, args.refine, args.draw)
     threads = args.threads or max(1, available_cores() // args.jobs)
     outcome = run_jobs(
         plan, quality, RowFile(folder / ROWS), threads=threads, processes=args.jobs, quiet=args.quiet

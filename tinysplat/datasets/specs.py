@@ -1,4 +1,4 @@
-"""What the official evaluations fix for each data set; docs/EVALUATION.md has the sources."""
+"""What the official evaluations fix for each data set; docs/MEASURING.md has the sources."""
 
 from __future__ import annotations
 

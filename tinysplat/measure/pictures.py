@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from .metrics import capped_psnr
@@ -28,6 +28,11 @@ class Drawing:
     threads: int = 1
     prepare: Mapping[str, Any] = field(default_factory=dict)
     render: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def as_defined(cls, threads: int) -> Drawing:
+        """What 3DGS defines, whatever the renderer's own choices: for comparing ways to store the same Gaussians."""
+        return cls(threads, DEFINITION)
 
     def renderer(self, gaussians: Gaussians) -> Callable[..., Any]:
         """A call that draws them from a camera; `outputs` as `Renderer.render` has it."""

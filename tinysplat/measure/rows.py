@@ -22,6 +22,10 @@ from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
 from tinysplat_runtime.system.files import StrPath, read_limited
 
 ROWS = "rows.jsonl"
+RESULTS = "results.json"
+PICTURES = "pictures"
+"""Of an evaluation's folder: all its figures as one document, and the target pictures."""
+
 _MAX_BYTES = 512 * 1000 * 1000
 _HASH_LENGTH = 16
 

@@ -23,7 +23,7 @@ from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.system.files import atomic_path, read_limited
 
 from ..metrics import PSNR_CEILING, capped_psnr, psnr, ssim
-from ..studies.quality import PICTURES, RESULTS
+from ..rows import PICTURES, RESULTS
 
 MAX_ROWS = 8
 """Rows of a sheet; more go on a next one."""

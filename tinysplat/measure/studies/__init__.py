@@ -1,1 +1,47 @@
-"""Questions, one a module: what each measures, and the tables and plots that answer it. None imports another."""
+"""Questions: what each measures, and the tables and plots that answer it. No study imports another.
+
+STUDIES is the one place that lists them, by the words of `tinysplat bench`; a study is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..study import Study
+
+STUDIES: dict[str, tuple[str, str]] = {
+    "chain": ("graphs.CHAIN", "photos to a picture, all in one call"),
+    "network": ("graphs.NETWORKS", "networks by the size they work at"),
+    "transforms": ("graphs.TRANSFORMS", "the codec's graphs against float64"),
+    "codec": ("coding.CODEC", "profiles, presets, Q_g, decoding, cold start"),
+    "rasteriser": ("drawing.DRAWING", "frames by size and number of Gaussians, and approximations"),
+    "reduction": ("coding.REDUCTION", "colour planes (k) and SH bands"),
+    "peers": ("coding.PEERS", "other formats"),
+    "growth": ("growth.GROWTH", "seconds and memory by views, pixels, Gaussians"),
+    "parts": ("stages.STAGES", "where the time goes"),
+    "curves": ("rate.CURVES", "rate–distortion of profiles, modes and formats"),
+    "ideas": ("rate.IDEAS", "what each idea of the codec gains and costs"),
+    "seconds": ("rate.SECONDS", "seconds of every profile beside dB"),
+    "targets": ("targets.TARGETS", "how near target sizes and dB are met"),
+    "prefixes": ("targets.PREFIXES", "what a part of a file shows"),
+    "mapping": ("targets.MAPPING", "what codes of 12 bits cost against the paper's 14"),
+    "paper": ("paper.PAPER", "the paper's tables, ours beside"),
+    "figures": ("figures.FIGURES", "the paper's figures: VPT, rate, ablations, k"),
+    "numerics": ("conditioning.NUMERICS", "conditioning of the transforms against 50 digits"),
+    "versions": ("versions.VERSIONS", "two versions of the code and the physical floor (--before)"),
+    "official": ("graphs.OFFICIAL", "an official network in torch and as artifacts (--checkpoint)"),
+    "batch": ("batch.BATCH", "throughput of `tinysplat batch`"),
+    "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
+}
+"""By name: where it stands in this package, and a line about it."""
+
+ORDINARY = ("chain", "network", "transforms", "codec", "rasteriser", "reduction", "peers", "growth")
+"""What is measured where no study is named."""
+
+
+def find_study(name: str) -> Study:
+    """A study of STUDIES."""
+    module, _, attribute = STUDIES[name][0].partition(".")
+    return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)

@@ -1,369 +1,37 @@
-"""How good are the pictures? Networks and codings on windows with photos: what `tinysplat eval` measures.
-
-PSNR in dB, SSIM and LPIPS are means over the target images; `_raw` is the render of the network's Gaussians against the
-photo, no suffix that of the decoded ones, `_decoded_raw` decoded against raw, `_photo` the context photo taken from
-nearest, as if it were the answer. Covered pixels are those that some context view has in its frame.
-
-Closer and farther away (`zooms`), pictures are drawn at a multiple of the coded size and held against photos of that
-size, beside the picture of the coded size brought to it by `pictures.rescaled`, drawn from the same field of view so
-that both meet the photo's pixels. With more photos (`nested`), each target is drawn from the scenes of the NESTED
-photos of its window that are nearest to it, predicted from those alone.
-"""
+"""How good are the pictures? What `tinysplat eval` measures: by scene, closer and farther, with more photos."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.encoder import EncodeStats
-from tinysplat_runtime.container.inspection import inspect_bytes
-from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
-
-from ..lpips import LpipsFiles, load_lpips
-from ..machine import describe_machine
-from ..metrics import attribute_errors, capped_psnr, depth_errors, plane_errors, ssim
-from ..pictures import Drawing, PictureMetric, Pictures, Rendered, mean_psnr, photo_psnr, rescaled
+from ..quality import (
+    NESTED,
+    Coding,
+    Quality,
+    decode_seconds,
+    encode_seconds,
+    groups_of,
+    mean_of_rows,
+    mean_of_scenes,
+)
 from ..rows import Row, grouped
-from ..runner import Job, Outcome
+from ..runner import run_jobs
 from ..show.tables import decibels, format_table, kilobytes, number
-from ..subjects.cases import Case, Shots, nearest_views, predicted
-from ..subjects.index import covered_pixels
+from ..study import Run, Study
 
 STUDY = "quality"
-PICTURES = "pictures"
-RESULTS = "results.json"
-NESTED = (2, 4, 6)
-"""Numbers of nearest photos."""
-
-IDENTITY = ("kind", "views", "model", "profile", "qp", "height", "width")
-"""What rows of one group have in common."""
-
-ENCODE_STAGES = ("vpt", "vabr", "quantise", "x265", "write")
-DECODE_STAGES = ("parse", "libavcodec", "synthesis")
-
-_UNKNOWN = dict.fromkeys(
-    ("psnr_raw", "psnr", "ssim_raw", "ssim", "lpips", "lpips_raw", "lpips_decoded_raw", "psnr_photo", "ssim_photo",
-     "lpips_photo", "coverage", "psnr_covered", "psnr_raw_covered", "psnr_photo_covered", "pictures")
-)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Coding:
-    """A profile at a Q_g."""
-
-    profile: str
-    qp: float
-
-
-@dataclass(frozen=True)
-class Quality:
-    """The work on every window; see the module.
-
-    Attributes:
-        codings: each is done for every window.
-        folder: of pictures.
-        lpips: weights, or None.
-        pictures: keep PNG files of the target pictures.
-        zooms: multiples of the coded size to draw at.
-        nested: draw targets from the scenes of their nearest photos too, in windows of more than two.
-    """
-
-    codings: tuple[Coding, ...]
-    folder: Path
-    lpips: LpipsFiles | None = None
-    pictures: bool = False
-    zooms: tuple[float, ...] = ()
-    nested: bool = False
-
-    def wanted(self, job: Job) -> list[Row]:
-        """See `runner.Work`."""
-        options = str(self.lpips or ""), self.pictures, self.zooms, self.nested
-        stamp = job.stamp(*options)
-        window = job.window
-        identity = {"scene": job.source.name, "kind": window.kind, "model": job.model, "views": len(window.context),
-                    "context": window.context, "targets": window.targets, "size": job.size}  # fmt: skip
-        return [
-            Row(STUDY, f"{job.source.name} {window}", f"{c.profile} {c.qp:g}", {**identity, **asdict(c)}, stamp=stamp)
-            for c in self.codings
-        ]
-
-    def measure(self, job: Job, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
-        """See `runner.Work`."""
-        lpips = load_lpips(self.lpips, runtime.threads) if self.lpips else None
-        prepared = Prepared.of(job, runtime, self, lpips)
-        for row in wanted:
-            folder = self.folder / PICTURES / _safe(f"{row.subject}-{row.way}-{row.stamp}") if self.pictures else None
-            yield _measure_coding(row, prepared, runtime, lpips, folder)
-
-
-@dataclass(frozen=True, eq=False)
-class Zoom:
-    """Targets at a multiple of the coded size.
-
-    Attributes:
-        factor: the multiple.
-        shots: photos and cameras of that size.
-        native: cameras of the coded size with exactly the same field of view.
-    """
-
-    factor: float
-    shots: Shots
-    native: tuple[Camera, ...]
-
-    @classmethod
-    def of(cls, job: Job, factor: float) -> Zoom:
-        """Photos of a window at a multiple of its size."""
-        height, width = (max(1, round(side * factor)) for side in job.size)
-        shots = job.source.shots(job.window, (height, width))
-        return cls(factor, shots, tuple(_shrunk(camera, *job.size) for camera in shots.targets.cameras))
-
-    def figures(self, gaussians: Gaussians, drawing: Drawing) -> tuple[float, float]:
-        """dB to the photos: drawn at their size, and drawn at the coded size and brought to theirs."""
-        targets, draw = self.shots.targets, drawing.renderer(gaussians)
-        drawn = mean_psnr(map(draw, targets.cameras), targets.images)
-        native = (rescaled(draw(camera), *targets.images.shape[1:3]) for camera in self.native)
-        return drawn, mean_psnr(native, targets.images)
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """A window with everything that does not depend on the coding.
-
-    Attributes:
-        pictures: of its raw Gaussians.
-        per_image: lists behind the figures of the raw render and the photo baseline.
-        covered: (H, W) bool per target, or None.
-        zooms: closer and farther.
-        shared: figures that all codings have.
-    """
-
-    pictures: Pictures
-    per_image: dict[str, list[float]]
-    covered: tuple[NDArray, ...] | None
-    zooms: tuple[Zoom, ...]
-    shared: dict[str, Any]
-
-    @classmethod
-    def of(cls, job: Job, runtime: Runtime, quality: Quality, lpips: PictureMetric | None = None) -> Prepared:
-        """Bring a window to Gaussians, render them as they are and score them and the photo baseline."""
-        case = job.case(runtime)
-        pictures = Pictures(case, Drawing(runtime.threads))
-        per_image: dict[str, list[float]] = {}
-        covered, shots = None, case.shots
-        if shots is not None:
-            context, photos = shots.context, shots.targets.images
-            covered = tuple(covered_pixels(c, context.cameras, shots.near, shots.far) for c in case.cameras)
-            per_image["coverage"] = [float(mask.mean()) for mask in covered]
-            nearest = [context.images[nearest_views(camera, context.cameras, 1)[0]] for camera in case.cameras]
-            for name, images in (("_raw", pictures.raw.images), ("_photo", nearest)):
-                per_image |= _scores(images, photos, lpips, name)
-                per_image |= _covered_psnr(images, photos, covered, f"psnr{name}_covered")
-        is_closer = shots is not None and quality.zooms
-        zooms = tuple(Zoom.of(job, factor) for factor in quality.zooms) if is_closer else ()
-        has_more = shots is not None and quality.nested and len(shots.context.cameras) > NESTED[0]
-        shared = {"nested": nested_psnr(case, runtime)} if has_more else {}
-        return cls(pictures, per_image, covered, zooms, shared)
-
-
-def nested_psnr(case: Case, runtime: Runtime) -> dict[str, float]:
-    """dB of targets drawn from the scenes of their 2, 4, 6 nearest photos, by how many."""
-    assert case.shots is not None
-    context, targets, drawing = case.shots.context, case.shots.targets, Drawing(runtime.threads)
-    scenes: dict[tuple[int, ...], Gaussians] = {tuple(range(len(context.cameras))): case.gaussians}
-    found = {}
-    for count in (n for n in NESTED if n <= len(context.cameras)):
-        psnrs = []
-        for camera, photo in zip(targets.cameras, targets.images, strict=True):
-            views = tuple(nearest_views(camera, context.cameras, count))
-            if views not in scenes:
-                fewer = replace(
-                    context, images=context.images[list(views)], cameras=tuple(context.cameras[v] for v in views)
-                )
-                scenes[views] = predicted(case.name, case.model, replace(case.shots, context=fewer), runtime).gaussians
-            psnrs.append(photo_psnr(scenes[views], [camera], [photo], drawing))
-        found[str(count)] = float(np.mean(psnrs))
-    return found
-
-
-def _measure_coding(
-    row: Row, prepared: Prepared, runtime: Runtime, lpips: PictureMetric | None, folder: Path | None
-) -> Row:
-    """Code, decode, render and compare a prepared window."""
-    pictures, stats = prepared.pictures, EncodeStats()
-    case = pictures.case
-    data = runtime.compress(
-        case.gaussians, row.setting["profile"], row.setting["qp"], drop_invalid=True, stats=stats
-    )  # fmt: skip
-    decoded = runtime.decompress(data, watch=stats.watch)
-    rendered = pictures.render(decoded)
-    per_image = {**prepared.per_image, **_scores(rendered.images, pictures.raw.images, lpips, "_decoded_raw")}
-    if case.shots is not None and prepared.covered is not None:
-        photos = case.shots.targets.images
-        per_image |= _scores(rendered.images, photos, lpips, "")
-        per_image |= _covered_psnr(rendered.images, photos, prepared.covered, "psnr_covered")
-    if folder is not None:
-        _write_pictures(folder, pictures, rendered)
-    described = inspect_bytes(data)
-    camera = case.cameras[0]
-    figures = {
-        **_UNKNOWN,
-        **{name: float(np.mean(values)) if values else None for name, values in per_image.items()},
-        "height": camera.height,
-        "width": camera.width,
-        "bytes": len(data),
-        "depth": _depth_scores(case, {"raw": pictures.raw, "decoded": rendered}),
-        "bytes_by_class": described["bytes_by_class"],
-        "metadata_bytes": described["metadata_bytes"],
-        "raw_bytes": sum(getattr(layer, name).nbytes for layer in case.gaussians.layers for name in FIELDS),
-        "gaussians": case.gaussians.count,
-        "attribute_errors": {
-            "world": attribute_errors(case.gaussians, decoded),
-            "planes": plane_errors(case.gaussians, decoded, runtime.store),
-        },
-        "per_image": per_image,
-        **prepared.shared,
-    }
-    if prepared.zooms:
-        figures["zoom"] = {f"{z.factor:g}": _zoom_figures(z, case, decoded, pictures.drawing) for z in prepared.zooms}
-    if folder is not None:
-        figures["pictures"] = folder.name
-    return replace(row, figures=figures, costs={**case.seconds, **stats.watch.seconds, "render": rendered.seconds})
-
-
-def _zoom_figures(zoom: Zoom, case: Case, decoded: Gaussians, drawing: Drawing) -> dict[str, float]:
-    """`psnr` and `psnr_enlarged` of the decoded Gaussians, the same of the raw ones, and the photos' own scaling."""
-    (psnr, enlarged), (raw, raw_enlarged) = (zoom.figures(g, drawing) for g in (decoded, case.gaussians))
-    return {"psnr": psnr, "psnr_enlarged": enlarged, "psnr_raw": raw, "psnr_raw_enlarged": raw_enlarged,
-            "photos_enlarged": zoom.shots.targets.enlarged}  # fmt: skip
-
-
-def _scores(
-    images: Sequence[NDArray], references: Iterable[NDArray], lpips: PictureMetric | None, suffix: str
-) -> dict[str, list[float]]:
-    metrics: dict[str, PictureMetric] = {"psnr": capped_psnr, "ssim": ssim, **({"lpips": lpips} if lpips else {})}
-    pairs = list(zip(images, references, strict=True))
-    return {f"{name}{suffix}": [metric(a, b) for a, b in pairs] for name, metric in metrics.items()}
-
-
-def _covered_psnr(
-    images: Sequence[NDArray], photos: NDArray, covered: Sequence[NDArray], name: str
-) -> dict[str, list[float]]:
-    """Of the targets that have covered pixels at all."""
-    triples = zip(images, photos, covered, strict=True)
-    return {name: [capped_psnr(image, photo, mask) for image, photo, mask in triples if mask.any()]}
-
-
-def _depth_scores(case: Case, sets: Mapping[str, Rendered]) -> dict[str, dict[str, float]]:
-    """Means over the targets whose true depth is known and met by the rendered one."""
-    scores: dict[str, dict[str, float]] = {}
-    for name, rendered in sets.items():
-        pairs = zip(rendered.depths, case.depths, strict=True)
-        found = [depth_errors(d, t) for d, t in pairs if d is not None and t is not None and t.any()]
-        found = [errors for errors in found if errors["covered"] > 0]
-        if found:
-            scores[name] = {key: float(np.mean([errors[key] for errors in found])) for key in found[0]}
-    return scores
-
-
-def _write_pictures(folder: Path, pictures: Pictures, decoded: Rendered) -> None:
-    """Target pictures as `<n>_photo.png`, `<n>_raw.png`, `<n>_decoded.png`, n counting the window's targets."""
-    folder.mkdir(parents=True, exist_ok=True)
-    sets = {"photo": pictures.case.photos, "raw": pictures.raw.images, "decoded": decoded.images}
-    for name, images in sets.items():
-        for n, image in enumerate(images):
-            if image is not None:
-                write_png(folder / f"{n}_{name}.png", image)
-
-
-def _shrunk(camera: Camera, height: int, width: int) -> Camera:
-    """The camera of the same field of view at another size."""
-    scale = np.array([[width / camera.width], [height / camera.height], [1.0]])
-    return Camera(camera.K * scale, camera.c2w, width, height)
-
-
-def _safe(text: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in text)
-
-
-# ---- condensed ---------------------------------------------------------------------------------------------------
-
-
-def record(row: Row) -> dict[str, Any]:
-    """A row as `eval --json` has it under `scenes`: one flat object, seconds under their own name."""
-    setting = {name: value for name, value in row.setting.items() if name != "size"}
-    return {**setting, **row.figures, "seconds": dict(row.costs)}
-
-
-def document(outcome: Outcome, lpips: str, threads: int, processes: int) -> dict[str, Any]:
-    """The object that `eval --json` writes.
-
-    `scenes` has one entry per window and coding, `mean` the means over all of them, and `groups` the means of those
-    that compare: of one kind, number of views, model, profile, Q_g and size.
-    """
-    groups = [
-        {**identity, "windows": len(rows), "mean": mean_of_rows(rows), "mean_of_scenes": mean_of_scenes(rows)}
-        for identity, rows in groups_of(outcome.rows)
-    ]
-    return {
-        "scenes": [record(row) for row in outcome.rows],
-        "mean": mean_of_rows(outcome.rows),
-        "groups": groups,
-        "left_out": [asdict(entry) for entry in outcome.left_out],
-        "lpips": lpips,
-        "threads": threads,
-        "processes": processes,
-        "environment": describe_machine(),
-    }
-
-
-def groups_of(rows: Iterable[Row]) -> list[tuple[dict[str, Any], list[Row]]]:
-    """Rows that differ in scene and window alone, with the values of IDENTITY, in order of first appearance."""
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        values = {**row.setting, **row.figures}
-        groups.setdefault(tuple(values[name] for name in IDENTITY), []).append(row)
-    return [(dict(zip(IDENTITY, key, strict=True)), members) for key, members in groups.items()]
-
-
-def mean_of(values: Sequence[Any]) -> Any:
-    """Mean of numbers, or of objects key by key; what is None or lacks a key is left out, and None if nothing stays."""
-    present = [value for value in values if value is not None]
-    if not present:
-        return None
-    if isinstance(present[0], Mapping):
-        keys = dict.fromkeys(key for value in present for key in value)
-        return {key: mean_of([value.get(key) for value in present]) for key in keys}
-    return float(np.mean(present))
-
-
-def mean_of_rows(rows: Sequence[Row]) -> dict[str, Any]:
-    """Means over rows of every figure and of `seconds`, every row counting once."""
-    skipped = ("per_image", "pictures", "height", "width")
-    averaged = [{**row.figures, "seconds": row.costs} for row in rows]
-    return mean_of([{name: value for name, value in entry.items() if name not in skipped} for entry in averaged])
-
-
-def mean_of_scenes(rows: Sequence[Row]) -> dict[str, Any]:
-    """Means over scenes of each scene's means: a scene with many windows weighs no more than one with few."""
-    return mean_of([mean_of_rows(members) for members in grouped(rows, "scene").values()])
-
-
-def encode_seconds(seconds: Mapping[str, float]) -> float:
-    """From Gaussians to bytes."""
-    return sum(seconds.get(stage, 0.0) for stage in ENCODE_STAGES)
-
-
-def decode_seconds(seconds: Mapping[str, float]) -> float:
-    """From bytes to Gaussians."""
-    return sum(seconds.get(stage, 0.0) for stage in DECODE_STAGES)
+def quality_rows(run: Run) -> Iterator[Row]:
+    """Windows of scenes with photos, drawn at 0.5, 1 and 2 times their size, and from their nearest photos."""
+    options = run.options
+    codings = tuple(Coding(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
+    zooms = (1.0, 2.0) if run.quick else (0.5, 1.0, 2.0)
+    work = Quality(codings, run.folder, zooms=zooms, nested=not run.quick)
+    outcome = run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)
+    run.left_out += [*map(str, outcome.left_out), *outcome.notes]
+    yield from outcome.rows
 
 
 _COLUMNS: dict[str, Callable[[dict[str, Any]], str]] = {
@@ -389,8 +57,8 @@ def results_text(rows: Sequence[Row], *, has_lpips: bool) -> str:
     """Every group's table: a row per scene, and the means over scenes and over windows; and its other tables."""
     sections = []
     for identity, members in groups_of(rows):
-        tables = [_group_table(members, has_lpips), zoom_table(members), nested_table(members)]
-        sections.append(f"{_title(identity)}\n" + "\n\n".join(filter(None, tables)))
+        tables = [group_table(members, has_lpips), zoom_table(members), nested_table(members)]
+        sections.append(f"{title(identity)}\n" + "\n\n".join(filter(None, tables)))
     return "\n\n".join(sections)
 
 
@@ -401,7 +69,7 @@ def zoom_table(rows: Sequence[Row]) -> str:
     if not any("zoom" in row.figures for row in rows):
         return ""
     lines = []
-    for name, (_, mean) in _means(rows).items():
+    for name, (_, mean) in means(rows).items():
         for factor, found in (mean.get("zoom") or {}).items():
             gain = found["psnr"] - found["psnr_enlarged"]
             scale = found["photos_enlarged"]
@@ -418,18 +86,18 @@ def nested_table(rows: Sequence[Row]) -> str:
         return ""
     lines = [
         [name, *(decibels(mean["nested"].get(str(count))) for count in NESTED)]
-        for name, (_, mean) in _means(rows).items()
+        for name, (_, mean) in means(rows).items()
     ]
     return format_table(["scene", *(f"nearest {count} photos, dB" for count in NESTED)], lines)
 
 
-def _title(identity: Mapping[str, Any]) -> str:
+def title(identity: Mapping[str, Any]) -> str:
     size = f"{identity['height']}x{identity['width']}"
     coded = f"{identity['profile']} at Q_g {identity['qp']:g}"
     return f"{identity['kind']}, {identity['views']} views, {identity['model']}, {coded}, {size}"
 
 
-def _means(rows: Sequence[Row]) -> dict[str, tuple[int, dict[str, Any]]]:
+def means(rows: Sequence[Row]) -> dict[str, tuple[int, dict[str, Any]]]:
     """Number of windows and means, by scene and over all."""
     scenes = grouped(rows, "scene")
     means = {name: (len(members), mean_of_rows(members)) for (name,), members in scenes.items()}
@@ -440,9 +108,41 @@ def _means(rows: Sequence[Row]) -> dict[str, tuple[int, dict[str, Any]]]:
     return means
 
 
-def _group_table(rows: Sequence[Row], has_lpips: bool) -> str:
+def group_table(rows: Sequence[Row], has_lpips: bool) -> str:
     columns = {**_COLUMNS} if has_lpips else {**_COLUMNS, "LPIPS": lambda _: "no weights"}
     lines = [
-        [name, str(count), *(cell(mean) for cell in columns.values())] for name, (count, mean) in _means(rows).items()
+        [name, str(count), *(cell(mean) for cell in columns.values())] for name, (count, mean) in means(rows).items()
     ]
     return format_table(["scene", "windows", *columns], lines)
+
+
+def _tables(rows: Sequence[Row], table: Callable[[Sequence[Row]], str]) -> str:
+    """A table per group."""
+    chosen = [row for row in rows if row.study == STUDY]
+    found = [(title(identity), table(members)) for identity, members in groups_of(chosen)]
+    return "\n\n".join(f"**{name}**\n\n{text}" for name, text in found if text)
+
+
+def summary_table(rows: Sequence[Row]) -> str:
+    """A line per group: means of windows."""
+    lines = []
+    for identity, members in groups_of([row for row in rows if row.study == STUDY]):
+        mean = mean_of_rows(members)
+        name = f"{identity['kind']}, {identity['views']} views"
+        how = f"{identity['model']}, {identity['profile']} {identity['qp']:g}, {identity['height']}×{identity['width']}"
+        cells = (decibels(mean[key]) for key in ("psnr_photo", "psnr_raw", "psnr", "psnr_covered"))
+        lines.append([name, how, str(len(members)), *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
+    heads = ["", "network, coding", "windows", "photo dB", "raw dB", "coded dB", "covered dB", "SSIM", "KB"]
+    return format_table(heads, lines) if lines else ""
+
+
+QUALITY = Study(
+    "Pictures",
+    quality_rows,
+    {
+        "quality summary": summary_table,
+        "quality": lambda rows: _tables(rows, lambda members: group_table(members, has_lpips=False)),
+        "zoom": lambda rows: _tables(rows, zoom_table),
+        "nested": lambda rows: _tables(rows, nested_table),
+    },
+)

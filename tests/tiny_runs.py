@@ -1,0 +1,42 @@
+"""Studies on pictures so small that a test can afford them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tinysplat.measure.clock import Effort
+from tinysplat.measure.rows import ROWS, Row, RowFile
+from tinysplat.measure.studies import find_study
+from tinysplat.measure.study import Options, Run
+from tinysplat.measure.subjects.sources import find_sources
+from tinysplat_runtime.api import Runtime
+
+
+class TinyRun(Run):
+    """A run of one round on views of 32 pixels."""
+
+    side = 32  # type: ignore[assignment]
+    effort = Effort(1, 0, 1)  # type: ignore[assignment]
+
+
+def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
+    """A run on inputs, or on the built-in ones, with `options` as the command line has them; rows go to `folder`."""
+    sources, left_out = find_sources(paths)
+    return TinyRun(
+        True, Runtime(threads=1), RowFile(folder / ROWS), folder, sources, list(paths), ["sweep"],
+        Options(**{"size": (48, 64), **options}), [str(entry) for entry in left_out],  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def rows_of(study: str, run: Run) -> list[Row]:
+    """Measured and kept."""
+    rows = []
+    for row in find_study(study).measure(run):
+        rows.append(row if row.stamp and run.store.find(row) == row else run.store.add(row))
+    return rows
+
+
+def cells(table: str) -> dict[str, list[str]]:
+    """A Markdown table's cells by its first column."""
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line[:1] == "|"]
+    return {line[0]: line[1:] for line in lines}

@@ -1,0 +1,202 @@
+"""The paper's tables and figures: printed figures beside measured ones, and ablations that change what they say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chunks import make_chunk_scene, write_chunks
+from evaluation_scenes import NEAR_WINDOW, write_eval_scene
+from scenes import make_smooth_gaussians
+from tiny_runs import rows_of, tiny_run
+
+from tinysplat.measure.metrics import attribute_errors
+from tinysplat.measure.published import BITS, MAIN, VIEWS
+from tinysplat.measure.studies import find_study
+from tinysplat.measure.studies.figures import (
+    component_bytes,
+    paper_variant,
+    smoothness,
+    vpt_channels,
+    without_vabr,
+    without_vpt,
+)
+from tinysplat.measure.studies.paper import bits_table, main_table, network_name, time_table, views_table
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.table import save_gaussians
+
+FINE = -30.0
+
+
+@pytest.fixture(scope="module")
+def runtime() -> Runtime:
+    return Runtime(threads=1)
+
+
+@pytest.fixture(scope="module")
+def gaussians():
+    return make_smooth_gaussians(height=24, width=32, degree=2, layers=2)
+
+
+# ---- ablations ---------------------------------------------------------------------------------------------------
+
+
+def test_the_paper_variant_is_the_real_codec(gaussians, runtime):
+    variant = paper_variant(gaussians, 3, runtime)
+    data = runtime.compress(gaussians, "paper", 3)
+    assert variant.bytes == len(data)
+    np.testing.assert_array_equal(variant.gaussians.sh, runtime.decompress(data).sh)
+
+
+def test_more_components_cost_more_and_lose_less(gaussians, runtime):
+    few, many = (paper_variant(gaussians, 0, runtime, k=k) for k in (2, 12))
+    assert few.bytes < many.bytes
+    errors = [attribute_errors(gaussians, variant.gaussians)["sh"]["rmse"] for variant in (few, many)]
+    assert errors[1] < errors[0]
+
+
+def test_components_come_with_their_bytes_and_degree_0_has_none(gaussians, runtime):
+    sizes = component_bytes(gaussians, 0, runtime, 6)
+    assert len(sizes) == 6 and sizes[0] > sizes[5] > 0
+    assert component_bytes(make_smooth_gaussians(degree=0), 0, runtime, 6) == []
+
+
+@pytest.mark.parametrize("make", [without_vpt, without_vabr])
+def test_ablations_replace_one_part_and_keep_the_rest(gaussians, runtime, make):
+    real, ablated = paper_variant(gaussians, 0, runtime), make(gaussians, 0, runtime)
+    replaced = {"depth", "offset", "scale", "rotation"} if make is without_vpt else {"color"}
+    for name, size in real.bytes_by_class.items():
+        assert (ablated.bytes_by_class[name] == size) == (name not in replaced)
+    kept = ("sh", "opacities") if make is without_vpt else ("means", "quats", "scales", "opacities")
+    for a, b in zip(real.gaussians.layers, ablated.gaussians.layers, strict=True):
+        assert all(np.array_equal(getattr(a, name), getattr(b, name)) for name in kept)
+    planes = sum(ablated.bytes_by_class.values()) - sum(real.bytes_by_class.values())
+    basis = 0 if make is without_vpt else 2 * 27 * 6  # float16, layer 0's alone: layer 1 is of degree 0
+    assert ablated.bytes == real.bytes + planes - basis
+
+
+def test_ablations_return_the_gaussians_at_fine_steps(gaussians, runtime):
+    world = attribute_errors(gaussians, without_vpt(gaussians, FINE, runtime).gaussians)
+    # Codes have 12 bits: the planes span about 4 scene units, 1e-3 a code, and QP 0 steps over ten of them.
+    assert world["means"]["rmse"] < 5e-3 and world["quats"]["rmse"] < 0.5 and world["scales"]["rmse"] < 1e-4
+    assert attribute_errors(gaussians, without_vabr(gaussians, FINE, runtime).gaussians)["sh"]["rmse"] < 5e-3
+
+
+def test_the_first_raw_coefficients_leave_the_others_zero(gaussians, runtime):
+    sh = without_vabr(gaussians, 0, runtime, k=6).gaussians.sh
+    flat = sh.reshape(*sh.shape[:3], -1)
+    assert flat[..., :6].any() and not flat[..., 6:].any()
+
+
+def test_constant_attributes_survive_without_planes(runtime):
+    flat = make_smooth_gaussians(degree=0)
+    flat = replace(
+        flat, scales=np.full_like(flat.scales, 0.02), quats=np.broadcast_to([1.0, 0, 0, 0], flat.quats.shape)
+    )
+    variant = without_vpt(flat, 0, runtime)
+    assert variant.bytes_by_class["scale"] == variant.bytes_by_class["rotation"] == 0
+    np.testing.assert_allclose(variant.gaussians.scales, 0.02, rtol=1e-6)
+
+
+def test_vpt_channels_are_the_positions_and_scales_on_either_side(gaussians, runtime):
+    groups = vpt_channels(gaussians, runtime.store)
+    np.testing.assert_array_equal(groups["position before"]["z"], gaussians.means[..., 2])
+    depth = groups["position after"]["depth"]
+    focal = np.array([camera.focal for camera in gaussians.cameras])[:, None, None]
+    np.testing.assert_allclose(groups["scale after"]["ŝ1"], focal * gaussians.scales[..., 0] / depth, rtol=1e-4)
+
+
+def test_smoothness_tells_ramps_from_noise():
+    ramp = np.broadcast_to(np.arange(32.0), (1, 32, 32)) + np.arange(32.0)[:, None]
+    assert smoothness(ramp) == pytest.approx(1)
+    assert abs(smoothness(np.random.default_rng(0).normal(size=(1, 64, 64)))) < 0.1
+    assert smoothness(np.zeros((1, 4, 4))) == 1
+
+
+# ---- printed figures ---------------------------------------------------------------------------------------------
+
+
+def test_printed_shares_add_up_as_the_paper_rounds_them():
+    assert all(99.5 < sum(shares.values()) < 100.5 for _, shares in BITS.values())
+
+
+def test_printed_tables_have_every_cell():
+    assert all(set(codecs) == {"raw", "FCGS", "TinySplat"} for codecs in (*MAIN.values(), *VIEWS.values()))
+    assert all(set(cells) == {"re10k", "acid"} for codecs in MAIN.values() for cells in codecs.values())
+
+
+def test_networks_go_by_the_papers_names():
+    assert network_name("exports/mvsplat_re10k.onnx") == "MVSplat"
+    assert network_name("depthsplat-base") == "DepthSplat"
+    assert network_name("sweep") == "sweep"
+
+
+# ---- studies -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Rows of a scene of two, four and six views and of a Gaussian file, with the folder."""
+    folder = tmp_path_factory.mktemp("paper")
+    multi = [{"kind": "multi", "context": list(range(n)), "target": [1]} for n in (4, 6)]
+    scene = write_eval_scene(folder / "plane", [NEAR_WINDOW, *multi], frames=6)
+    save_gaussians(folder / "made.npz", make_smooth_gaussians(height=24, width=32, degree=2))
+    run = tiny_run(folder, scene, folder / "made.npz", models=("sweep",), rounds=1)
+    run.quick = False
+    return rows_of("paper", run), folder
+
+
+def lines(table: str) -> dict[tuple[str, ...], list[str]]:
+    split = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line[:1] == "|"]
+    return {tuple(line[:3]): line[3:] for line in split}
+
+
+def test_the_main_table_has_the_papers_rows_and_ours(measured):
+    found = lines(main_table(measured[0]))
+    assert found["network", "codec", "by"] == ["RE10K", "ACID", "scenes"]
+    assert found["MVSplat", "TinySplat", "printed"][0] == "26.32 / 0.8671 / 0.1349 / 0.216"
+    assert found["sweep", "balanced", "here"][:2] == ["–", "–"] and "/" in found["sweep", "raw", "here"][2]
+    assert "†" in found["made", "paper", "here"][2]
+
+
+def test_views_bits_and_times_stand_beside_the_printed_ones(measured):
+    text = views_table(measured[0])
+    assert all(f"| {views} DepthSplat" in text and f"| {views} sweep" in text for views in (2, 4, 6))
+    ours = {key: cells for key, cells in lines(bits_table(measured[0])).items() if key[2] == "here"}
+    assert [key[0] for key in ours if key[1] == "paper, made, scenes"] == ["0", "3", "6", "12"]
+    assert all(sum(map(float, cells[1:])) == pytest.approx(100, abs=0.3) for cells in ours.values())
+    assert "164.63" in bits_table(measured[0])
+    times = time_table(measured[0])
+    assert "1.016" in times and "| balanced" in times and "1 CPU threads" in times
+
+
+def test_a_data_set_has_its_own_column_and_networks(tmp_path):
+    chunks = write_chunks(tmp_path / "acid", [[make_chunk_scene("k")]])
+    (tmp_path / "acid.json").write_text(json.dumps({"k": {"context": [0, 2], "target": [1]}}))
+    data = (("acid", str(chunks), str(tmp_path / "acid.json")),)
+    models = ("acid:sweep", "re10k:edge")
+    run = tiny_run(tmp_path, data=data, near=2.0, far=8.0, profiles=("fast",), views=(2,), models=models)
+    found = lines(main_table(rows_of("paper", run)))
+    assert found["sweep", "fast", "here"][0] == "–" and "/" in found["sweep", "fast", "here"][1]
+
+
+def test_figures_leave_pictures_and_the_numbers_behind_them(measured, tmp_path):
+    run = tiny_run(tmp_path, measured[1] / "made.npz")
+    rows, study = rows_of("figures", run), find_study("figures")
+    assert all("| " in table(rows) for table in study.tables.values())
+    for name, plot in study.plots.items():
+        assert plot(tmp_path / f"{name}.png", rows) and (tmp_path / f"{name}.png").stat().st_size > 5000
+    save_gaussians(tmp_path / "flat.npz", make_smooth_gaussians(height=24, width=32, degree=0))
+    flat = tiny_run(tmp_path, tmp_path / "flat.npz")
+    assert not [row for row in rows_of("figures", flat) if row.study == "components"]
+    assert "SH degree 0 has no components" in flat.left_out[0]
+
+
+def test_nothing_to_measure_is_said_in_a_line(tmp_path):
+    with pytest.raises(InputError, match="give INPUT or --data"):
+        rows_of("paper", tiny_run(tmp_path))
+    with pytest.raises(InputError, match="accepted are re10k"):
+        rows_of("paper", tiny_run(tmp_path, data=(("kitti", "a", "b"),)))

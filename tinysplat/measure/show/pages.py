@@ -1,0 +1,160 @@
+"""Rows to pages: the report of a run, its agreement with an earlier one, and the marked places of README and docs.
+
+A place is filled from committed rows and stands between two marks:
+
+    <!-- measured 2026-11-22/rows.jsonl: encode -->
+    …
+    <!-- end -->
+
+The file lies in `benchmarks/reports/`; the words behind the colon name a table of a study (`Study.tables`), and behind
+it, if need be, what chooses rows: `table where subject=…; way=…`. Marks may stand within a line; those behind a
+backtick are talked about.
+"""
+
+from __future__ import annotations
+
+import re
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.files import write_atomically
+
+from ..rows import Row, read_rows
+from ..studies import STUDIES, find_study
+from .goals import goal_table
+
+REPORT_MD = "report.md"
+REPORTS = Path("benchmarks", "reports")
+RUN = "run"
+"""`Row.study` of the row that says what a run was made on."""
+
+_MARK = re.compile(
+    r"(?<!`)(?P<open><!-- measured (?P<file>[^\s:]+): (?P<table>[^>]+?) -->)(?P<text>.*?)(?P<close><!-- end -->)",
+    re.DOTALL,
+)
+
+
+def write_report(folder: Path, rows: Sequence[Row], left_out: Sequence[str] = (), before: Sequence[Row] = ()) -> Path:
+    """Write report.md and its plots beside the rows; returns its path."""
+    lines = ["# Measured", "", *_machine(rows), *(f"- {line}" for line in left_out), ""]
+    goals = goal_table(rows)
+    lines += ["## Goals", "", "For two cores to ourselves, without a GPU.", "", goals, ""] if goals else []
+    for name in STUDIES:
+        study = find_study(name)
+        tables = [text for table in study.tables.values() if (text := table(rows))]
+        if not tables:
+            continue
+        lines += [f"## {study.title}", ""]
+        for text in tables:
+            lines += [text, ""]
+        for plot, draw in study.plots.items():
+            path = folder / "plots" / f"{plot.replace(' ', '_')}.png"
+            if draw(path, rows):
+                lines += [f"![{study.title}](plots/{path.name})", ""]
+    if before:
+        lines += ["## Against the earlier run", "", *agreement(before, rows), ""]
+    write_atomically(folder / REPORT_MD, "\n".join(lines).encode())
+    return folder / REPORT_MD
+
+
+def agreement(before: Sequence[Row], now: Sequence[Row]) -> list[str]:
+    """Whether two runs agree, one fact a line: figures that must be identical, and times that should be alike."""
+    old = {row.key: row for row in before if row.study != RUN}
+    pairs = [(old[row.key], row) for row in now if row.key in old]
+    differences, count = [], 0
+    for a, b in pairs:
+        names = sorted({*a.figures, *b.figures})
+        count += len(names)
+        where = f"{b.study} | {b.subject} | {b.way}"
+        differences += [
+            f"  {where}: {name} was {a.figures.get(name)}, is {b.figures.get(name)}"
+            for name in names
+            if a.figures.get(name) != b.figures.get(name)
+        ]
+    lines = [
+        f"{len(pairs)} rows are in both; of {count} figures that do not depend on time {count - len(differences)} are"
+        f" identical and {len(differences)} differ.",
+        *differences[:20],
+    ]
+    for cost, label in (("seconds", "Seconds"), ("cpu", "CPU seconds")):
+        ratios = {f"{b.study} | {b.subject} | {b.way}": b.costs[cost] / a.costs[cost]
+                  for a, b in pairs if a.costs.get(cost) and cost in b.costs}  # fmt: skip
+        if len(ratios) > 1:
+            low, middle, high = statistics.quantiles(ratios.values(), n=4, method="inclusive")
+            lines.append(f"{label} now over before: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}.")
+            slowest = sorted(ratios.items(), key=lambda item: -item[1])[:5]
+            lines += [f"  {name}: {ratio:.2f} × the {label} of before" for name, ratio in slowest if ratio > 1.25]
+    return lines
+
+
+def _machine(rows: Sequence[Row]) -> Iterator[str]:
+    """What the rows were made on, of every run that made some."""
+    for row in rows:
+        if row.study != RUN:
+            continue
+        m: Mapping[str, Any] = row.figures
+        memory = f", {m['memory_bytes'] / 1e9:.0f} GB" if m.get("memory_bytes") else ""
+        commit = f" at {m['commit']}" if m.get("commit") else ""
+        yield (
+            f"`tinysplat bench {row.way}`: {row.subject}, {m['cpu']} ({', '.join(m['vector_extensions'])}),"
+            f" {m['cores']} of {m['cores_of_machine']} cores{memory}, load {m['load_average']} at the start,"
+            f" Python {m['python']}, tinysplat {m['tinysplat']}{commit}, numpy {m['numpy']}, onnxruntime"
+            f" {m['onnxruntime']}, av {m['av']}; {row.costs['seconds'] / 60:.1f} minutes.\n"
+        )
+    yield (
+        "Seconds are medians over interleaved rounds, quartiles in brackets; CPU seconds are those of all threads. ●"
+        " marks what no other way of a table beats in seconds and every figure that counts. KB are 1000 bytes."
+    )
+
+
+# ---- marked places ------------------------------------------------------------------------------------------------
+
+
+def pages(root: Path) -> list[Path]:
+    """Pages that may have marks."""
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def filled(text: str, root: Path, page: str = "") -> str:
+    """A page with every marked place filled anew from committed rows.
+
+    Raises:
+        InputError: a mark names rows or a table that there are not, or nothing is there for it.
+    """
+
+    def fill(match: re.Match[str]) -> str:
+        found = _marked(root / REPORTS / match["file"], match["table"], page)
+        end = "\n" if match["text"].startswith("\n") or not match["text"] else ""
+        return f"{match['open']}{end}{found}{end}{match['close']}"
+
+    return _MARK.sub(fill, text)
+
+
+def fill_pages(root: Path) -> list[Path]:
+    """Fill all pages; those that changed."""
+    changed = []
+    for path in pages(root):
+        text = path.read_text("utf-8")
+        new = filled(text, root, path.name)
+        if new != text:
+            write_atomically(path, new.encode())
+            changed.append(path)
+    return changed
+
+
+def _marked(path: Path, words: str, page: str) -> str:
+    name, _, condition = words.partition(" where ")
+    wanted = dict(part.strip().split("=", 1) for part in condition.split(";") if part.strip())
+    rows = read_rows(path)
+    for key, value in wanted.items():
+        rows = [row for row in rows if str(getattr(row, key, row.setting.get(key))) == value]
+    for study in map(find_study, STUDIES):
+        if name in study.tables:
+            text = study.tables[name](rows)
+            if not text:
+                raise InputError(f"{path.name} has no rows for '{words}'", where=page)
+            return text
+    raise InputError(f"no study has a table '{name}'", where=page)

@@ -1,0 +1,145 @@
+"""The one plotter: panels of curves and marks, and bars; drawn with matplotlib without a display."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from tinysplat_runtime.system.files import atomic_path
+
+_COLOURS = ("#1b6ca8", "#d1495b", "#2a9d54", "#8f5bb5", "#c7861f", "#4d4d4d", "#12a0a8", "#a33d8f", "#7a6a00")
+_MARKERS = "osD^vPX*d"
+_DPI = 100
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Named points (x, y), joined by a line in the order of x unless they are marks.
+
+    Attributes:
+        name: in the legend; one name has one colour and mark throughout a picture.
+        points: finite, above 0 on a logarithmic axis.
+        is_line: whether they are joined.
+        labels: a word beside each point, or nothing.
+        slope_one: draw a dotted line of slope 1 through the last point.
+        marks: whether points are marked.
+    """
+
+    name: str
+    points: Sequence[tuple[float, float]]
+    is_line: bool = True
+    labels: Sequence[str] = ()
+    slope_one: bool = False
+    marks: bool = True
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Curves that share axes.
+
+    Attributes:
+        title: above it.
+        x_label, y_label: of the axes.
+        curves: what is drawn.
+        level: a dashed line across, or None.
+        log: which axes are logarithmic: "x", "y", "xy" or "".
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: Sequence[Curve]
+    level: float | None = None
+    log: str = "x"
+
+
+def save_grid(path: Path, title: str, rows: Sequence[Sequence[Panel]]) -> None:
+    """Panels in rows; the legend stands outside."""
+    names = list(dict.fromkeys(curve.name for row in rows for panel in row for curve in panel.curves if curve.points))
+    columns = max(len(row) for row in rows)
+    figure = Figure(figsize=(3.9 * columns + 1.9, 3.3 * len(rows) + 0.3), layout="constrained")
+    figure.suptitle(title, fontsize=10)
+    drawn: dict[str, Artist] = {}
+    for i, row in enumerate(rows):
+        for j, panel in enumerate(row):
+            drawn |= _draw_panel(figure.add_subplot(len(rows), columns, i * columns + j + 1), panel, names)
+    shown = [name for name in names if name]
+    if shown:
+        figure.legend([drawn[name] for name in shown], shown, loc="outside right center", fontsize=8)
+    _save(path, figure)
+
+
+def save_shares(path: Path, label: str, bars: Mapping[str, Mapping[str, float]], rest: str) -> None:
+    """A bar per name, its parts beside each other in percent; those of 4 % and more are named, with their value."""
+    from matplotlib import colormaps
+
+    figure = Figure(figsize=(13, 0.9 * len(bars) + 0.6), layout="constrained")
+    axes = figure.subplots()
+    for row, parts in enumerate(bars.values()):
+        left, total = 0.0, sum(parts.values())
+        for i, (name, value) in enumerate(parts.items()):
+            share = 100 * value / total
+            colour = "lightgrey" if name == rest else colormaps["tab20"](i * 2 % 20 + i * 2 // 20)
+            axes.barh(row, share, left=left, color=colour, edgecolor="white")
+            if share >= 4:
+                words = name if share >= 0.9 * len(name) else name.replace(" ", "\n")
+                axes.text(left + share / 2, row, f"{words}\n{value:.3g}", ha="center", va="center", fontsize=7)
+            left += share
+    axes.set_yticks(range(len(bars)), [f"{name}\n{sum(parts.values()):.4g}" for name, parts in bars.items()])
+    axes.invert_yaxis()
+    axes.set_xlim(0, 100)
+    axes.set_xlabel(label)
+    _save(path, figure)
+
+
+def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Artist]:
+    """What stands for each curve in a legend."""
+    drawn: dict[str, Artist] = {}
+    if panel.level is not None:
+        axes.axhline(panel.level, color="black", lw=0.8, ls="--")
+    for curve in panel.curves:
+        if not curve.points:
+            continue
+        n = names.index(curve.name)
+        points = sorted(curve.points) if curve.is_line else curve.points
+        x, y = zip(*points, strict=True)
+        colour, marker = _COLOURS[n % len(_COLOURS)], _MARKERS[n % len(_MARKERS)]
+        width = 1.2 if curve.is_line else 0
+        marker = marker if curve.marks else ""
+        (drawn[curve.name],) = axes.plot(x, y, color=colour, marker=marker, markersize=4, lw=width)
+        for at, label in zip(curve.points, curve.labels, strict=False):
+            axes.annotate(label, at, xytext=(4, 4), textcoords="offset points", fontsize=6.5, alpha=0.85)
+        if curve.slope_one:
+            axes.plot(x, [y[-1] * value / x[-1] for value in x], color=colour, ls=":", lw=0.7)
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+        if name in panel.log:
+            _logarithmic(axes, name, axis)
+    axes.margins(0.08, 0.1)
+    axes.set_title(panel.title, fontsize=9)
+    axes.set_xlabel(panel.x_label, fontsize=9)
+    axes.set_ylabel(panel.y_label, fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.3)
+    return drawn
+
+
+def _logarithmic(axes: Axes, name: str, axis: Axis) -> None:
+    """A log scale whose ticks are plain numbers; 1, 2 and 5 of every decade where there are few decades."""
+    axes.set(**{f"{name}scale": "log"})
+    low, high = axis.get_data_interval()
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 1e3 * max(low, 1e-300) else (1,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}" if value < 1e4 else f"{value / 1000:g}k"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _save(path: Path, figure: Figure) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=_DPI, metadata={"Software": None})

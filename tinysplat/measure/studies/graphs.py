@@ -1,0 +1,479 @@
+"""What do the graphs cost, and how exact are they? The whole chain and networks by the size they work at, the codec's
+transforms against float64, and an official network in torch against its artifacts.
+
+Whatever size a network works at, its Gaussians are rendered at one size and held against the photos of that size. Where
+the true depth is known, the error of the Gaussians' own z counts too. Where a network has a torch twin, its depth in
+float32 is held against the twin's in float64. Errors of transforms are relative to the largest magnitude of an output
+(one per attribute; the figure is the worst attribute's), so that planes and Gaussians of any unit compare.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat.reference import transforms as reference
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.codec.decoder import decode_gaussians
+from tinysplat_runtime.codec.encoder import encode_gaussians
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
+from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.artifacts import Artifact
+from tinysplat_runtime.graphs.inference import Graph, GraphStore, as_input, open_graph
+from tinysplat_runtime.graphs.predict import predict
+from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.system.blas import single_thread
+from tinysplat_runtime.system.threads import available_cores
+
+from ..clock import Baseline, Effort, Figures, Variant, measure, measure_peak, plural
+from ..metrics import depth_errors
+from ..pictures import Drawing, photo_psnr
+from ..rows import Row
+from ..show.tables import decibels, percent, small
+from ..show.views import BYTES, TO_PHOTO, Column, View
+from ..study import Run, Study
+from ..subjects.cases import Photos, Shots, Source, Window
+from ..subjects.made import made_gaussians
+from ..subjects.room import Room
+
+Tensors = dict[str, NDArray]
+
+NETWORK_SIDES, QUICK_NETWORK_SIDES = (64, 128, 192, 256, 384), (64, 128)
+CHAIN_SIDES, QUICK_CHAIN_SIDES = (128, 256), (128,)
+CODINGS = (("fast", 0.0), ("balanced", 0.0), ("balanced", 6.0), ("max", 0.0), ("paper", 0.0))
+QUICK_CODINGS = (("fast", 0.0), ("balanced", 0.0))
+
+TWINS = ("sweep",)
+"""Networks of the manifest whose torch module needs no checkpoint."""
+
+# ---- chain and networks -------------------------------------------------------------------------------------------
+
+
+def _judged(shots: Shots) -> Photos:
+    """Photos that Gaussians are held against: targets, or the inputs without any."""
+    return shots.targets if shots.targets.cameras else shots.context
+
+
+def chain_rows(run: Run) -> Iterator[Row]:
+    """Photos to a picture in one call, by network, size and coding."""
+    sides, codings = (QUICK_CHAIN_SIDES, QUICK_CODINGS) if run.quick else (CHAIN_SIDES, CODINGS)
+    for source, window in run.photos:
+        judged = _judged(source.shots(window, (run.side, run.side)))
+        variants, failed = [], []
+        for model in run.models:
+            for side in sides:
+                shots = source.shots(window, (side, side))
+                for profile, qp in codings:
+                    label = f"{model} at {side}×{side}, {profile} qp {qp:g}"
+                    setting = {"model": model, "side": side, "profile": profile, "qp": qp}
+                    chain = partial(_chain, shots, model, profile, qp, judged, run.runtime)
+                    try:
+                        chain()
+                    except TinySplatError as error:
+                        failed.append(Row("chain", source.name, label, setting, note=str(error)))
+                        continue
+                    figures = partial(_file_figures, judged=judged, run=run)
+                    variants.append(Variant(label, chain, figures, setting, run.threads))
+        yield from measure("chain", source.name, variants, run.effort)
+        yield from failed
+
+
+def _chain(shots: Shots, model: str, profile: str, qp: float, judged: Photos, runtime: Runtime) -> bytes:
+    """Photos to a picture; returns the file on the way."""
+    graph, context = runtime.store.network(model), shots.context
+    gaussians = predict(context.images, context.cameras, shots.near, shots.far, graph)
+    data = runtime.compress(gaussians, profile, qp, drop_invalid=True)
+    runtime.render(runtime.decompress(data), judged.cameras[0])
+    return data
+
+
+def _file_figures(data: bytes, judged: Photos, run: Run) -> Figures:
+    psnr = photo_psnr(run.runtime.decompress(data), judged.cameras, judged.images, run.drawing)
+    return {"bytes": len(data), "psnr": psnr}
+
+
+def network_rows(run: Run) -> Iterator[Row]:
+    """Photos to Gaussians, by network, size and threads; a row with the reason for each that could not run."""
+    for source, window in run.photos:
+        at_one_size = source.shots(window, (run.side, run.side))
+        variants, failed = [], []
+        for model in run.models:
+            for side in QUICK_NETWORK_SIDES if run.quick else NETWORK_SIDES:
+                for count in run.thread_counts:
+                    label = f"{model} at {side}×{side}, {plural(count)}"
+                    try:
+                        variants.append(_network(label, source, window, model, side, count, at_one_size))
+                    except TinySplatError as error:
+                        failed.append(Row("network", source.name, label, note=str(error)))
+        yield from measure("network", source.name, variants, run.effort)
+        yield from failed
+
+
+def _network(label: str, source: Source, window: Window, model: str, side: int, threads: int, judged: Shots) -> Variant:
+    shots = source.shots(window, (side, side))
+    graph, drawing = Runtime(threads=threads).store.network(model), Drawing.as_defined(threads)
+    run = partial(predict, shots.context.images, shots.context.cameras, shots.near, shots.far, graph)
+    run()  # what this network cannot take is found out here
+    rounding = float64_figures(model, shots)
+
+    def figures(gaussians: Gaussians) -> Figures:
+        inputs, targets = judged.context, judged.targets
+        found = {"psnr_inputs": photo_psnr(gaussians, inputs.cameras, inputs.images, drawing)}
+        if targets.cameras:
+            found["psnr"] = photo_psnr(gaussians, targets.cameras, targets.images, drawing)
+        known = [(z, truth) for z, truth in zip(depths(gaussians), shots.context.depths, strict=False)
+                 if truth is not None and truth.any()]  # fmt: skip
+        if known:
+            z, truth = (np.stack(arrays) for arrays in zip(*known, strict=True))
+            found["depth_abs_rel"] = depth_errors(z, truth)["abs_rel"]
+        return found | rounding(gaussians)
+
+    setting = {"model": model, "side": side, "views": len(shots.context.cameras)}
+    return Variant(label, run, figures, setting, threads)
+
+
+def depths(gaussians: Gaussians) -> NDArray:
+    """(V, H, W) float32 z of layer 0 in the own camera's frame."""
+    pairs = zip(gaussians.means, gaussians.cameras, strict=True)
+    return np.stack([(m + (gaussians.origin - c.centre)) @ c.rotation[2] for m, c in pairs]).astype(np.float32)
+
+
+def float64_figures(model: str, shots: Shots) -> Callable[[Gaussians], Figures]:
+    """Errors of depth against the torch twin in float64; no figures for a network without twin.
+
+    A rounding that decides which candidate wins moves a depth by far more than a rounding, so quantiles are given.
+    """
+    if model not in TWINS:
+        return lambda _: {}
+    import torch
+
+    from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep
+
+    inputs = [array.astype(np.float64) for array in contract_inputs(shots).values()]
+    default = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float64)
+    try:
+        with torch.inference_mode():
+            outputs = Sweep()(*(torch.from_numpy(array) for array in inputs))
+    finally:
+        torch.set_default_dtype(default)
+    truth = outputs[OUTPUT_NAMES.index("depth")].numpy()
+
+    def figures(gaussians: Gaussians) -> Figures:
+        error = np.abs(depths(gaussians) - truth) / truth
+        return {"depth_error_median": float(np.median(error)), "depth_error_99": float(np.quantile(error, 0.99))}
+
+    return figures
+
+
+def contract_inputs(shots: Shots) -> Tensors:
+    """Photos and cameras under the contract of the role `network`, float32: what `predict` feeds a graph."""
+    photos = shots.context
+    poses = np.stack([camera.c2w for camera in photos.cameras])
+    poses[:, :3, 3] -= poses[:, :3, 3].mean(axis=0)
+    near, far = (np.full(len(poses), limit) for limit in (shots.near, shots.far))
+    K = np.stack([camera.K_unit for camera in photos.cameras])
+    arrays = {"images": photos.images.transpose(0, 3, 1, 2), "K": K, "c2w": poses, "near": near, "far": far}
+    return {name: as_input(array) for name, array in arrays.items()}
+
+
+CHAIN = Study.of_views(
+    "The whole chain",
+    chain_rows,
+    View(
+        "chain",
+        "The whole chain",
+        "Photos to Gaussians to a file to Gaussians to one picture, in one call. dB against photos that the network did"
+        " not see where there are any, else against its input photos; all judged at one size.",
+        (BYTES, TO_PHOTO),
+        costs=("bytes",), gains=("psnr",), y="psnr", y_label="dB to photo", group="profile",
+    ),
+)  # fmt: skip
+
+NETWORKS = Study.of_views(
+    "Networks",
+    network_rows,
+    View(
+        "network",
+        "Networks",
+        "Photos to Gaussians. Whatever size a network works at, its Gaussians are judged by pictures of one size."
+        " Depth: mean |z − true z| / true z. The last columns hold depth against the torch twin in float64, where there"
+        " is one; a rounding that decides between two candidates shows in the 99 % quantile.",
+        (
+            Column("psnr", "dB at targets", decibels),
+            Column("psnr_inputs", "dB at inputs", decibels),
+            Column("depth_abs_rel", "depth error", percent),
+            Column("depth_error_median", "float64: median", small),
+            Column("depth_error_99", "float64: 99 %", small),
+        ),
+        costs=("depth_abs_rel",), gains=("psnr", "psnr_inputs"),
+        y="psnr_inputs", y_label="dB at input views", group="model",
+    ),
+)  # fmt: skip
+
+# ---- transforms ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _RecordingGraph(Graph):
+    """A graph that remembers the inputs of its runs."""
+
+    seen: list[Tensors] = field(default_factory=list)
+
+    def run(self, inputs: Mapping[str, NDArray], outputs: Sequence[str] | None = None) -> Tensors:
+        """See `Graph.run`."""
+        self.seen.append(dict(inputs))
+        return super().run(inputs, outputs)
+
+    def run_into(self, inputs: Mapping[str, NDArray], outputs: Mapping[str, NDArray]) -> None:
+        """See `Graph.run_into`."""
+        self.seen.append(dict(inputs))
+        super().run_into(inputs, outputs)
+
+
+class _RecordingStore(GraphStore):
+    """Opens graphs that record."""
+
+    def __init__(self) -> None:
+        super().__init__(threads=1)
+        self.recorded: dict[str, _RecordingGraph] = {}
+
+    def transform(self, name: str) -> Graph:
+        """See `GraphStore.transform`."""
+        if name not in self.recorded:
+            graph = super().transform(name)
+            self.recorded[name] = _RecordingGraph(graph.name, graph.session, graph.metadata, graph.output_names)
+        return self.recorded[name]
+
+
+_GEOMETRY_INPUTS = ("geometry_codes", "geometry_mix", "K", "rotation", "rotation_quat", "centre")
+
+GRAPHS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "analysis_vpt": ("ViewProjection", ("geometry", "rotation_moment")),
+    "analysis_moment": ("CoefficientMoment", ("moment",)),
+    "analysis_project": ("CoefficientProjection", ("color",)),
+    "synthesis": ("Synthesis", ("means", "quats", "scales", "opacities", "sh")),
+}
+"""Class in `tinysplat.transforms` and names of what it returns, by graph."""
+
+
+def recorded_inputs(gaussians: Gaussians) -> dict[str, Tensors]:
+    """What coding and decoding with the default profile feed to the graphs, by graph, for the first layer.
+
+    Views are at most 256×256 here: what the decoder synthesises at a time.
+    """
+    store = _RecordingStore()
+    decode_gaussians(encode_gaussians(gaussians, find_profile(DEFAULT_PROFILE), 0, store, threads=1), store, threads=1)
+    views = len(gaussians.cameras)
+    return {
+        name: _joined(graph.seen, views) if name == "synthesis" else graph.seen[0]
+        for name, graph in store.recorded.items()
+    }
+
+
+def _joined(seen: Sequence[Tensors], views: int) -> Tensors:
+    """Inputs of the synthesis of the whole first layer, from those of its halves, a view each."""
+    merged = dict(seen[0])
+    for codes, names in (("geometry_codes", _GEOMETRY_INPUTS), ("color_codes", ("color_codes",))):
+        half = [run for run in seen if run[codes].shape[2:] != (1, 1)][:views]
+        for name in names:
+            merged[name] = np.concatenate([run[name] for run in half])
+    return merged
+
+
+def transform_rows(run: Run) -> Iterator[Row]:
+    """A subject per graph: onnxruntime, the torch twin in float32, and the float64 reference."""
+    side = run.side
+    gaussians = made_gaussians(2, side, side, 4)
+    inputs = recorded_inputs(gaussians)
+    for name in GRAPHS:
+        truth = _references(gaussians)[name]
+        errors = partial(_relative_errors, truth(inputs[name]))
+        variants = [
+            *(Variant(f"onnxruntime, {plural(n)}", partial(GraphStore(threads=n).transform(name).run, inputs[name]),
+                      errors, threads=n) for n in run.thread_counts),
+            Variant(f"torch, {plural(run.threads)}", _twin(name, inputs[name], run.threads), errors,
+                    threads=run.threads),
+            Variant("numpy float64 (reference), 1 thread", partial(_on_one_thread, truth, inputs[name]), errors),
+        ]  # fmt: skip
+        yield from measure(name, f"2×{side}×{side}, SH degree 4", variants, run.effort)
+
+
+def _references(gaussians: Gaussians) -> dict[str, Callable[[Tensors], Tensors]]:
+    def vpt(_: Tensors) -> Tensors:
+        planes = np.stack([reference.project_view(gaussians, v) for v in range(len(gaussians.cameras))])
+        q = planes[:, 6:10].reshape(len(planes), 4, -1)
+        return {"geometry": planes, "rotation_moment": q @ q.swapaxes(1, 2) / q.shape[2]}
+
+    return {
+        "analysis_vpt": vpt,
+        "analysis_moment": lambda t: {"moment": reference.coefficient_moment(t["sh"])},
+        "analysis_project": lambda t: {"color": reference.project_coefficients(t["sh"], t["projection"])},
+        "synthesis": lambda t: reference.synthesise(t, gaussians.cameras, gaussians.origin),
+    }
+
+
+def _on_one_thread(truth: Callable[[Tensors], Tensors], inputs: Tensors) -> Tensors:
+    with single_thread():
+        return truth(inputs)
+
+
+def _twin(name: str, inputs: Tensors, threads: int) -> Callable[[], Tensors]:
+    import torch
+
+    from tinysplat import transforms as twins
+
+    twin, outputs = GRAPHS[name]
+    module = getattr(twins, twin)()
+    tensors = {key: torch.from_numpy(np.ascontiguousarray(value)) for key, value in inputs.items()}
+
+    def run() -> Tensors:
+        torch.set_num_threads(threads)
+        with torch.inference_mode():
+            result = module(**tensors)
+        values = result if isinstance(result, tuple) else (result,)
+        return {key: value.numpy() for key, value in zip(outputs, values, strict=True)}
+
+    return run
+
+
+def _relative_errors(truth: Tensors, found: Tensors) -> Figures:
+    """Channels of a stacked output have units of their own, so each counts against its own largest magnitude."""
+    absolute, relative, square = [], [], []
+    for name, wanted in truth.items():
+        axes = (0, 2, 3) if name == "geometry" else None
+        difference = np.abs(found[name].reshape(wanted.shape) - wanted)
+        size = np.abs(wanted).max(axis=axes)
+        absolute.append(float(difference.max()))
+        relative.append(float((difference.max(axis=axes) / size).max()))
+        square.append(float((np.sqrt((difference**2).mean(axis=axes)) / size).max()))
+    return {"max_abs_error": max(absolute), "max_relative_error": max(relative), "rms_relative_error": max(square)}
+
+
+_ERRORS = (
+    Column("max_relative_error", "largest, relative", small),
+    Column("rms_relative_error", "RMS, relative", small),
+    Column("max_abs_error", "largest, absolute", small),
+)
+
+
+def _graph_view(name: str, title: str, text: str) -> View:
+    text = f"{text} Errors against float64 relative to an output's largest magnitude."
+    return View(name, title, text, _ERRORS, costs=("max_relative_error",))
+
+
+TRANSFORMS = Study.of_views(
+    "Transforms",
+    transform_rows,
+    _graph_view("analysis_vpt", "VPT", "Gaussians to planes."),
+    _graph_view("analysis_moment", "VABR: second moment", "The d×d moment of the SH coefficients."),
+    _graph_view("analysis_project", "VABR: projection", "SH coefficients to colour planes."),
+    _graph_view("synthesis", "Synthesis", "Codes to Gaussians: dequantisation, VABR⁻¹, VPT⁻¹."),
+)
+
+# ---- official networks --------------------------------------------------------------------------------------------
+
+
+def official_rows(run: Run) -> Iterator[Row]:
+    """A checkpoint in torch and its ONNX artifacts, on the room: torch follows every artifact in every round.
+
+    Errors are against the same network in float64, in units of each output's largest magnitude; peaks are those of a
+    fresh process that loads it and predicts once. Nothing depends on what the weights have learned.
+
+    Raises:
+        InputError, ModelError: the checkpoint or an artifact is not what it should be.
+    """
+    import torch
+
+    from tinysplat.checkpoints import load_network
+    from tinysplat.networks.export_support import SceneNetwork
+
+    options = run.options
+    if options.checkpoint is None:
+        raise InputError("needs --checkpoint FILE; its artifacts are named by --model", where="official")
+    loaded = load_network(options.checkpoint)
+    room, size = Room(next(iter(options.views), 2)), run.size
+    torch.set_num_threads(run.threads)
+    inputs = contract_inputs(room.shots(room.windows()[0][0], size))
+    module = SceneNetwork(loaded.module)
+    truth = run_torch(module.double(), inputs, torch.float64)
+    torch_run = partial(run_torch, module.float(), inputs)
+    errors = partial(_output_errors, truth)
+    variants = [Variant("torch", torch_run, errors, threads=run.threads)]
+    for path in map(Path, options.models):
+        graph = open_graph(Artifact(path.stem, path), "network", threads=run.threads)
+        setting = {"model": str(path), "file_bytes": path.stat().st_size}
+        variants.append(
+            Variant(path.stem, partial(graph.run, inputs), errors, setting, run.threads, Baseline("torch", torch_run))
+        )
+    subject = f"{loaded.name} ({loaded.variant}), room, {room.views} views of {size[0]}×{size[1]}"
+    rows = measure("official", subject, variants, Effort(options.rounds or 3))
+    with tempfile.TemporaryDirectory() as folder:
+        room.write(Path(folder), size)
+        for row in rows:
+            if row.way == "torch":
+                peak = measure_peak(f"{__name__}.checkpoint_task", options.checkpoint, run.threads, folder)
+            else:
+                peak = measure_peak("tinysplat.measure.tasks.predict", folder, row.setting["model"], run.threads)
+            yield replace(row, costs={**row.costs, "peak_bytes": peak.total})
+
+
+def run_torch(module: Any, inputs: Tensors, dtype: Any) -> Tensors:
+    """Outputs of a `SceneNetwork` by name, computed in `dtype`, which the module must have."""
+    import torch
+
+    from tinysplat.networks.export_support import OUTPUT_NAMES
+
+    with torch.inference_mode():
+        outputs = module(*(torch.from_numpy(array).to(dtype) for array in inputs.values()))
+    return {name: output.numpy() for name, output in zip(OUTPUT_NAMES, outputs, strict=True)}
+
+
+def checkpoint_task(checkpoint: str, threads: str, folder: str) -> Callable[[], Any]:
+    """Load a checkpoint and predict a scene in torch: a task of `measure_peak`."""
+    import torch
+
+    from tinysplat.checkpoints import load_network
+    from tinysplat.networks.export_support import SceneNetwork
+
+    scene = load_scene(folder)
+    photos = Photos(scene.images(), tuple(scene.cameras))
+    inputs = contract_inputs(Shots(photos, photos, *scene.depth_range()))
+
+    def work() -> Tensors:
+        torch.set_num_threads(int(threads) or available_cores())
+        return run_torch(SceneNetwork(load_network(Path(checkpoint)).module), inputs, torch.float32)
+
+    return work
+
+
+def _output_errors(truth: Tensors, found: Tensors) -> Figures:
+    """`max_means`, `mean_means` and so on: |found − truth| over the largest |truth| of the output."""
+    out: Figures = {}
+    for name, want in truth.items():
+        error = np.abs(found[name] - want) / np.abs(want).max()
+        out |= {f"max_{name}": float(error.max()), f"mean_{name}": float(error.mean())}
+    return out
+
+
+OFFICIAL = Study.of_views(
+    "Official networks",
+    official_rows,
+    View(
+        "official",
+        "Official networks",
+        "A checkpoint in torch and its ONNX artifacts. Errors against float64, relative to an output's largest value.",
+        tuple(
+            Column(f"max_{name}", f"largest, {name}", small) for name in ("means", "quats", "scales", "opacities", "sh")
+        ),
+        costs=("max_means",),
+    ),
+)

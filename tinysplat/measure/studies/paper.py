@@ -1,0 +1,236 @@
+"""What does the paper print, and what do we measure? Its tables with ours beside: same rows, same columns.
+
+Rows `printed` are quoted from the paper (`published`), rows `here` are measured by this run. Data sets are columns:
+`re10k` and `acid` as the paper's, SCENES for a user's own. A figure with † is the decoded render against the raw one,
+where Gaussian files bring no photos. Rate against quality over Q_g, which the paper plots, is the study `curves`.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from tinysplat.datasets import SPECS
+from tinysplat_runtime.api import DEFAULT_MODEL
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.errors import InputError
+
+from ..published import BITS, MAIN, TIMES, VIEWS
+from ..published import Quality as Printed
+from ..quality import Coding, Quality, decode_seconds, encode_seconds, mean_of_rows
+from ..rows import Row, grouped
+from ..runner import Plan, list_jobs, run_jobs
+from ..show.tables import ABSENT, format_table, number
+from ..study import Run, Study
+from ..subjects.cases import Source
+from ..subjects.sources import find_sources
+
+STUDY, TIME_STUDY = "paper", "paper time"
+SCENES = "scenes"
+NAMES = {"re10k": "RE10K", "acid": "ACID", "dl3dv": "DL3DV"}
+PROFILES = ("paper", "balanced")
+CLASSES = ("position", "scale", "rotation", "color", "opacity")
+
+
+def paper_rows(run: Run) -> Iterator[Row]:
+    """Two views at every Q_g of the table of bits, four and six at Q_g 0, and seconds by stage."""
+    profiles = run.options.profiles or PROFILES
+    for data, sources in _data(run).items():
+        models = _models(run, data)
+        size = SPECS[data].size if data in SPECS else run.size
+        for views in run.options.views or tuple(VIEWS):
+            kinds = (run.options.kinds or ("near",)) if data == SCENES and views == 2 else ()
+            plan = Plan(sources, models, size, kinds, (views,), run.options.limit or (1 if run.quick else None))
+            qps = (0.0,) if views > 2 or run.quick else tuple(map(float, BITS))
+            work = Quality(tuple(Coding(p, qp) for p in profiles for qp in qps), run.folder, study=STUDY)
+            outcome = run_jobs(plan, work, run.store, threads=run.threads, processes=run.options.jobs)
+            run.left_out += [*map(str, outcome.left_out), *outcome.notes]
+            yield from outcome.rows
+            if views == 2:
+                yield from _time_rows(run, plan, profiles)
+
+
+def _data(run: Run) -> dict[str, list[Source]]:
+    """Scenes by data set."""
+    found: dict[str, list[Source]] = {SCENES: list(run.sources)} if run.sources else {}
+    for name, folder, index in run.options.data:
+        if name not in SPECS:
+            raise InputError(f"'{name}', accepted are {', '.join(SPECS)}", where="--data")
+        options = {"near": run.options.near, "far": run.options.far}
+        sources, lost = find_sources([folder], index=index, dataset=name, **options)
+        found.setdefault(name, []).extend(sources)
+        run.left_out += map(str, lost)
+    if not any(found.values()):
+        raise InputError("nothing to measure; give INPUT or --data NAME FOLDER INDEX", where="paper")
+    return found
+
+
+def _models(run: Run, data: str) -> tuple[str, ...]:
+    """Networks of a data set: those named `DATA:MODEL`, else those without a data set's name."""
+    split = [name.rpartition(":") if name.split(":")[0] in (*SPECS, SCENES) else ("", "", name)
+             for name in run.options.models]  # fmt: skip
+    own = tuple(model for prefix, _, model in split if prefix == data)
+    return own or tuple(model for prefix, _, model in split if not prefix) or (DEFAULT_MODEL,)
+
+
+def _time_rows(run: Run, plan: Plan, profiles: Sequence[str]) -> Iterator[Row]:
+    """Median seconds per stage at Q_g = 0 on the first window: profiles take turns, and a first round warms up."""
+    for job in list_jobs(plan)[0][:1]:
+        case, seen = job.case(run.runtime), {profile: list[dict[str, float]]() for profile in profiles}
+        for _ in range((run.options.rounds or 3) + 1):
+            for profile, rounds in seen.items():
+                stats = EncodeStats()
+                data = run.runtime.compress(case.gaussians, profile, 0, drop_invalid=True, stats=stats)
+                run.runtime.decompress(data, watch=stats.watch)
+                rounds.append(stats.watch.seconds)
+        for profile, rounds in seen.items():
+            costs = {stage: statistics.median(r[stage] for r in rounds[1:]) for stage in rounds[0]}
+            yield Row(TIME_STUDY, case.name, profile, {"threads": run.threads}, costs={**costs, **case.seconds})
+
+
+# ---- tables -------------------------------------------------------------------------------------------------------
+
+
+def network_name(model: str) -> str:
+    """The paper's name of a network whose file is called like it; else the file's stem."""
+    stem = Path(model).stem if model.endswith(".onnx") else model
+    return next((name for name in MAIN if name.lower() in stem.lower()), stem)
+
+
+def _measured(rows: Sequence[Row], views: int | None = None) -> dict[str, dict[str, list[Row]]]:
+    """Rows by network and data set, of windows of so many views."""
+    found: dict[str, dict[str, list[Row]]] = {}
+    for row in (row for row in rows if row.study == STUDY and views in (None, row.setting["views"])):
+        data = row.setting["kind"] if row.setting["kind"] in SPECS else SCENES
+        found.setdefault(network_name(row.setting["model"]), {}).setdefault(data, []).append(row)
+    return found
+
+
+def _at(rows: Iterable[Row], profile: str, qp: float = 0.0) -> list[Row]:
+    return [row for row in rows if (row.setting["profile"], row.setting["qp"]) == (profile, qp)]
+
+
+def main_table(rows: Sequence[Row]) -> str:
+    """Two views at Q_g = 0: network and codec by data set."""
+    measured = _measured(rows, 2)
+    if not measured:
+        return ""
+    columns = list(dict.fromkeys(["re10k", "acid", *(data for groups in measured.values() for data in groups)]))
+    lines = []
+    for network in dict.fromkeys([*MAIN, *measured]):
+        for codec, cells in MAIN.get(network, {}).items():
+            lines.append([network, codec, "printed", *(_printed(cells.get(data)) for data in columns)])
+        lines += _lines(network, measured.get(network, {}), columns)
+    header = ["network", "codec", "by", *(NAMES.get(data, data) for data in columns)]
+    return _titled("Two views, Q_g = 0: PSNR dB / SSIM / LPIPS / MB", header, lines)
+
+
+def views_table(rows: Sequence[Row]) -> str:
+    """2, 4 and 6 views at Q_g = 0."""
+    by_views = {views: _measured(rows, views) for views in VIEWS}
+    if not any(by_views.values()):
+        return ""
+    groups = [data for measured in by_views.values() for found in measured.values() for data in found]
+    columns, lines = list(dict.fromkeys(["dl3dv", *groups])), []
+    for views, printed in VIEWS.items():
+        for codec, quality in printed.items():
+            cells = (_printed(quality if data == "dl3dv" else None) for data in columns)
+            lines.append([f"{views} DepthSplat", codec, "printed", *cells])
+        for network, found in by_views[views].items():
+            lines += _lines(f"{views} {network}", found, columns)
+    header = ["views, network", "codec", "by", *(NAMES.get(data, data) for data in columns)]
+    return _titled("Context views, Q_g = 0: PSNR dB / SSIM / LPIPS / MB", header, lines)
+
+
+def bits_table(rows: Sequence[Row]) -> str:
+    """Bytes and the share of each class at several Q_g, two views."""
+    measured = _measured(rows, 2)
+    lines = [
+        [f"{qp}", "TinySplat", "printed", number(kilobytes, 2), *(number(shares[c], 1) for c in CLASSES)]
+        for qp, (kilobytes, shares) in BITS.items()
+    ]
+    for network, groups in measured.items():
+        for data, members in groups.items():
+            for (profile, qp), chosen in grouped(members, "profile", "qp").items():
+                mean = mean_of_rows(chosen)
+                classes = mean["bytes_by_class"]
+                shares = {"position": classes["depth"] + classes["offset"], **classes}
+                cells = [number(100 * shares[name] / sum(classes.values()), 1) for name in CLASSES]
+                label = f"{profile}, {network}, {data}"
+                lines.append([f"{qp:g}", label, "here", number(mean["bytes"] / 1000, 2), *cells])
+    header = ["Q_g", "codec", "by", "KB", *CLASSES]
+    title = "Share of each class in percent of the planes' bytes"
+    return _titled(title, header, lines) if measured else ""
+
+
+def time_table(rows: Sequence[Row]) -> str:
+    """Seconds by stage."""
+    found = [row for row in rows if row.study == TIME_STUDY]
+    if not found:
+        return ""
+    columns = ("encode", "vpt", "vabr", "hevc", "decode")
+    lines = [
+        [codec, "printed", *(number(times.get(column), 3) for column in columns), ABSENT]
+        for codec, times in TIMES.items()
+    ]
+    for row in found:
+        costs = dict(row.costs)
+        cells = {**costs, "encode": encode_seconds(costs), "hevc": costs.get("x265"), "decode": decode_seconds(costs)}
+        network = number(costs.get("network"), 3)
+        lines.append([row.way, "here", *(number(cells.get(column), 3) for column in columns), network])
+    title = (
+        f"Seconds. Printed: i7-13700K with an RTX 4090. Here: {found[0].setting['threads']} CPU threads, medians of"
+        f" rounds that take turns, {found[0].subject}"
+    )
+    return _titled(title, ["codec", "by", "encode", "VPT", "VABR", "HEVC", "decode", "network"], lines)
+
+
+def _lines(label: str, ours: dict[str, list[Row]], columns: Sequence[str]) -> list[list[str]]:
+    if not ours:
+        return []
+    lines = [[label, "raw", "here", *(_raw_cell(ours.get(data)) for data in columns)]]
+    for profile in dict.fromkeys(row.setting["profile"] for rows in ours.values() for row in rows):
+        cells = (_coded_cell(_at(ours.get(data, ()), profile)) for data in columns)
+        lines.append([label, profile, "here", *cells])
+    return lines
+
+
+def _printed(quality: Printed | None) -> str:
+    if quality is None:
+        return ABSENT
+    digits = 3 if quality.megabytes < 15 else 0
+    return _cell(number(quality.psnr, 2), quality.ssim, quality.lpips, number(quality.megabytes, digits))
+
+
+def _raw_cell(rows: Sequence[Row] | None) -> str:
+    if not rows:
+        return ABSENT
+    mean = mean_of_rows(rows)
+    return _cell(number(mean["psnr_raw"], 2), mean["ssim_raw"], mean["lpips_raw"], number(mean["raw_bytes"] / 1e6, 1))
+
+
+def _coded_cell(rows: Sequence[Row]) -> str:
+    if not rows:
+        return ABSENT
+    mean = mean_of_rows(rows)
+    megabytes = number(mean["bytes"] / 1e6, 3)
+    if mean["psnr"] is None:
+        against_raw = f"{mean['psnr_decoded_raw']:.2f}†"
+        return _cell(against_raw, mean["ssim_decoded_raw"], mean["lpips_decoded_raw"], megabytes)
+    return _cell(number(mean["psnr"], 2), mean["ssim"], mean["lpips"], megabytes)
+
+
+def _cell(psnr: str, ssim: float | None, lpips: float | None, megabytes: str) -> str:
+    return f"{psnr} / {number(ssim, 4)} / {number(lpips, 4)} / {megabytes}"
+
+
+def _titled(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return f"{title}\n\n{format_table(header, rows)}"
+
+
+PAPER = Study(
+    "The paper's tables",
+    paper_rows,
+    {"paper main": main_table, "paper views": views_table, "paper bits": bits_table, "paper time": time_table},
+)

@@ -1,0 +1,192 @@
+"""What of a file is enough? How near target sizes and dB are met, what a prefix shows, and what 12-bit codes cost.
+
+Targets: `share` of the target size that the file has; `loss_db`, what the search's file lacks against a plain one at
+the same bytes, moved along 0.085 octaves and 0.5 dB per Q_g; for dB, `excess_db`; and the ratio of CPU time to a plain
+encode at the Q_g that was found. Prefixes: PSNR to the raw render, at the ends of sections and at sizes between.
+Mapping: of the profile `paper`, in units of a class's σ, rounding to 12-bit codes and to 14-bit codes and what HEVC
+loses on top; rounding adds to HEVC's error in squares.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.codec.analysis import project_layer
+from tinysplat_runtime.codec.encoder import encode_gaussians
+from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.paper import paper_colors, paper_plan
+from tinysplat_runtime.codec.profiles import PAPER, PROFILES, find_profile
+from tinysplat_runtime.codec.quantise import choose_code_map
+from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussian.planes import Channel
+
+from ..clock import timed
+from ..pictures import Pictures
+from ..rows import Row, grouped
+from ..show.plots import Curve, Panel, save_grid
+from ..show.tables import decibels, format_table, kilobytes, number, percent
+from ..study import Run, Study
+
+SIZES, PSNRS = (40_000, 80_000, 160_000), (38.0,)
+PREFIXES_BETWEEN = 16
+_DB_PER_OCTAVE = 0.5 / 0.085
+
+
+def target_rows(run: Run) -> Iterator[Row]:
+    """Every target of every case and profile."""
+    sizes = (40_000,) if run.quick else SIZES
+    targets: list[dict[str, Any]] = [{"target_size": size} for size in sizes]
+    targets += [{"target_psnr": db} for db in PSNRS]
+    for case in run.cases:
+        pictures = Pictures(case, run.drawing)
+        for profile in run.options.profiles or (("balanced",) if run.quick else tuple(PROFILES)):
+            for target in targets:
+                yield _target_row(pictures, profile, target, run.runtime, rounds=1 if run.quick else 3)
+
+
+def _target_row(pictures: Pictures, profile: str, target: dict[str, Any], runtime: Runtime, rounds: int) -> Row:
+    case, data = pictures.case, list[bytes]()
+
+    def searched() -> None:
+        data.append(runtime.compress(case.gaussians, profile, drop_invalid=True, **target))
+
+    searched()
+    qp = inspect_bytes(data[0])["qp"]
+    encode = partial(encode_gaussians, case.gaussians, find_profile(profile), qp, runtime.store,
+                     threads=runtime.threads, drop_invalid=True)  # fmt: skip
+    ratios = [timed(searched)[1] / timed(encode)[1] for _ in range(rounds)]
+    hit, plain = data[0], encode()
+    found, of_plain = (
+        pictures.figures(runtime.decompress(coded))["psnr_decoded_raw"] for coded in (hit, plain)
+    )  # fmt: skip
+    figures = {"bytes": len(hit), "qp": qp, "psnr": found}
+    if "target_size" in target:
+        moved = _DB_PER_OCTAVE * math.log2(len(hit) / len(plain))
+        figures |= {"share": len(hit) / target["target_size"], "loss_db": of_plain + moved - found}
+    else:
+        figures["excess_db"] = found - target["target_psnr"]
+    costs = {"cpu_ratio": statistics.median(ratios)}
+    return Row("targets", case.name, profile, {"profile": profile, **target}, figures, costs)
+
+
+def target_table(rows: Sequence[Row]) -> str:
+    """A line per profile and target, over subjects."""
+    lines = []
+    chosen = [row for row in rows if row.study == "targets"]
+    for (profile, size, db), members in grouped(chosen, "profile", "target_size", "target_psnr").items():
+        figures = [row.figures for row in members]
+        wanted = f"{size / 1000:g} KB" if size else f"{db:g} dB"
+        if size:
+            shares = [f["share"] for f in figures]
+            met = f"{min(shares):.1%} to {max(shares):.1%} of it"
+            loss = decibels(max(f["loss_db"] for f in figures))
+        else:
+            excess = [f["excess_db"] for f in figures]
+            met, loss = f"+{min(excess):.2f} to +{max(excess):.2f} dB", ""
+        ratio = statistics.median(row.costs["cpu_ratio"] for row in members)
+        lines.append([profile, wanted, met, loss, f"{ratio:.2f}"])
+    heads = ["profile", "wanted", "met", "dB lost at the same bytes, at most", "× the CPU time of a plain encode"]
+    return format_table(heads, lines) if lines else ""
+
+
+def prefix_rows(run: Run) -> Iterator[Row]:
+    """PSNR against bytes received."""
+    for case in run.cases:
+        pictures, runtime = Pictures(case, run.drawing), run.runtime
+        for profile in run.options.profiles or ("balanced",):
+            data = runtime.compress(case.gaussians, profile, drop_invalid=True)
+            ends = {prefix["bytes"] for prefix in inspect_bytes(data)["prefixes"]}
+            count = 4 if run.quick else PREFIXES_BETWEEN
+            for size in sorted({*ends, *np.linspace(1, len(data), count + 1)[1:].astype(int).tolist()}):
+                try:
+                    decoded = runtime.decompress(data, max_bytes=size)
+                except FormatError:
+                    continue  # nothing to show yet
+                psnr = pictures.figures(decoded)["psnr_decoded_raw"]
+                setting = {"profile": profile, "bytes": size, "is_end": size in ends}
+                yield Row("prefixes", case.name, profile, setting, {"psnr_decoded_raw": psnr, "of": len(data)})
+
+
+def prefix_table(rows: Sequence[Row]) -> str:
+    """A line per end of a section."""
+    lines = [
+        [row.subject, row.way, kilobytes(row.setting["bytes"]), percent(row.setting["bytes"] / row.figures["of"]),
+         decibels(row.figures["psnr_decoded_raw"])]
+        for row in rows
+        if row.study == "prefixes" and row.setting["is_end"]
+    ]  # fmt: skip
+    return format_table(["", "profile", "KB", "share", "dB to raw"], lines) if lines else ""
+
+
+def plot_prefixes(path: Path, rows: Sequence[Row]) -> bool:
+    """A curve per subject."""
+    curves = [
+        Curve(subject, [(row.setting["bytes"] / 1000, row.figures["psnr_decoded_raw"]) for row in members])
+        for (subject,), members in grouped((row for row in rows if row.study == "prefixes"), "subject").items()
+    ]
+    if curves:
+        save_grid(path, "What a prefix shows", [[Panel("", "bytes received (KB)", "dB to raw", curves, log="")]])
+    return bool(curves)
+
+
+def mapping_rows(run: Run) -> Iterator[Row]:
+    """A row per channel of the profile `paper`."""
+    encoder = find_profile("paper").encoder
+    for case in run.cases:
+        layer, store = case.gaussians, run.runtime.store
+        projected = project_layer(store, layer, drop_invalid=True, where=case.name)
+        colors, reduction = paper_colors(store, layer, PAPER)
+        for channel in paper_plan(projected, colors, reduction, layer.degree, PAPER, 0).channels:
+            low, high = channel.window
+            if high > low:
+                figures = _mapping(channel, low, high, encoder)
+                yield Row("mapping", case.name, channel.name, {"class": channel.plane_class.label}, figures)
+
+
+def _mapping(channel: Channel, low: float, high: float, encoder: object) -> dict[str, float]:
+    values = np.clip(channel.values, low, high)
+    sigma = float(channel.values.std(dtype=np.float64))
+    code_map = choose_code_map(low, high, float(values.mean()), channel.step)
+    codes, clipped = code_map.quantise(values)
+    decoded = np.empty_like(codes)
+    for view, plane in enumerate(codes):
+        coded = encode_plane(plane, code_map.qp, encoder)  # type: ignore[arg-type]
+        PlaneDecoder(coded.parameter_sets, *plane.shape).decode_into(coded.payload, decoded[view])
+    coding = float(((code_map.dequantise(decoded) - code_map.dequantise(codes)) ** 2).mean()) / sigma**2
+    step_14 = channel.step / (64 * 2 ** ((PAPER.class_qp[channel.plane_class] - 4) / 6)) / sigma
+    rounding_12, rounding_14 = (code_map.scale / sigma) ** 2 / 12, step_14**2 / 12
+    ideal_coding = coding * (channel.step / code_map.step) ** 2
+    return {
+        "step_wanted": channel.step / sigma,
+        "step_reached": code_map.step / sigma,
+        "rounding_12": rounding_12**0.5,
+        "rounding_14": rounding_14**0.5,
+        "hevc": coding**0.5,
+        "mse_growth": (coding + rounding_12) / (ideal_coding + rounding_14) - 1,
+        "clipped": clipped,
+    }
+
+
+def mapping_table(rows: Sequence[Row]) -> str:
+    """Means by class, in σ; the last column is by how much the mean squared error grows because codes have 12 bits."""
+    lines = []
+    for (label,), members in grouped((row for row in rows if row.study == "mapping"), "class").items():
+        mean = {name: statistics.fmean(row.figures[name] for row in members) for name in members[0].figures}
+        digits = {"step_wanted": 4, "step_reached": 4, "rounding_12": 5, "rounding_14": 5, "hevc": 4}
+        lines.append([label, *(number(mean[name], n) for name, n in digits.items()), percent(mean["mse_growth"])])
+    heads = ["class", "step wanted", "reached", "rounding 12 bit", "14 bit", "HEVC rmse", "MSE growth"]
+    return format_table(heads, lines) if lines else ""
+
+
+TARGETS = Study("Targets", target_rows, {"targets": target_table})
+PREFIXES = Study("Prefixes", prefix_rows, {"prefixes": prefix_table}, {"prefixes": plot_prefixes})
+MAPPING = Study("Codes of 12 bits", mapping_rows, {"mapping": mapping_table})

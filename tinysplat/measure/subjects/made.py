@@ -1,0 +1,178 @@
+"""Gaussians that are made: photos and depth dressed as a network's output, so that the codec meets realistic
+statistics without a checkpoint, and a rolling surface for the rasteriser.
+
+Dressed are per-pixel Gaussians whose attributes follow the picture as MVSplat's planes do, up to SH degree 4. Shares of
+smooth field, picture and fine noise are set by eye, and by the sizes and dB that the paper's configuration reaches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats
+from tinysplat_runtime.gaussian.sh import C0, sh_basis
+from tinysplat_runtime.scene.cameras import Camera
+
+from .cases import Case
+from .room import Room
+
+
+def network_like(images: NDArray, depths: NDArray, cameras: Sequence[Camera], degree: int, seed: int = 0) -> Gaussians:
+    """Per-pixel Gaussians with the look of a feedforward network's output.
+
+    Every attribute is a smooth field plus a function of the picture plus a little fine noise; SH bands fall by 4 from
+    one to the next and follow eight latent fields. What is seen from a Gaussian's own camera is the photo.
+
+    Args:
+        images: (V, H, W, 3) in [0, 1].
+        depths: (V, H, W) z, > 0.
+        cameras: one per view.
+        degree: SH degree, 0 to 4.
+        seed: of the noise.
+    """
+    views = [
+        _dress(image, depth, camera, degree, np.random.default_rng([seed, view]))
+        for view, (image, depth, camera) in enumerate(zip(images, depths, cameras, strict=True))
+    ]
+    arrays = {name: np.stack([view[name] for view in views]) for name in views[0]}
+    return Gaussians(cameras=tuple(cameras), **arrays)  # type: ignore[arg-type]
+
+
+def _dress(image: NDArray, depth: NDArray, camera: Camera, degree: int, rng: np.random.Generator) -> dict[str, NDArray]:
+    """One view of `network_like`."""
+    fields = _Fields(image, depth, rng)
+    height, width = depth.shape
+    waver = 0.003 * fields.smooth(16) + 0.001 * fields.smooth(3) + 0.0004 * fields.smooth(0.7)
+    z = depth.astype(np.float64) * (1 + waver)
+    v, u = np.mgrid[:height, :width] + 0.5
+    pixels = np.stack([u + 0.2 * fields.draw(), v + 0.2 * fields.draw(), np.ones_like(u)], axis=-1)
+    means = ((pixels @ np.linalg.inv(camera.K).T) * z[..., None]) @ camera.rotation + camera.centre
+    size = 0.4 * fields.draw()
+    axes = np.stack([-0.9 + 0.3 * k + size + 0.2 * fields.draw() for k in range(3)], axis=-1)
+    quats = np.stack([mean + 0.25 * fields.draw() for mean in (1.0, 0.3, -0.2, 0.4)], axis=-1)
+    opacities = 1 / (1 + np.exp(-(1.3 + 0.9 * fields.draw(fine=0.3))))
+    directions = (means - camera.centre) / np.linalg.norm(means - camera.centre, axis=-1, keepdims=True)
+    return {
+        "means": means.astype(np.float32),
+        "quats": multiply_quats(matrices_to_quats(camera.rotation.T), quats).astype(np.float32),
+        "scales": (np.exp(axes) * z[..., None] / camera.focal).astype(np.float32),
+        "opacities": opacities.astype(np.float32),
+        "sh": _coefficients(image, directions, degree, fields),
+    }
+
+
+def _coefficients(image: NDArray, directions: NDArray, degree: int, fields: _Fields) -> NDArray:
+    """(H, W, B, 3) SH coefficients that show `image` along `directions`."""
+    functions = (degree + 1) ** 2
+    weights = np.random.default_rng(11).standard_normal((2, 8, functions, 3))  # alike in all views, as a network's are
+    band = np.floor(np.sqrt(np.arange(functions)))
+    latent = np.stack([fields.draw(fine=0.05) for _ in range(8)], axis=-1)
+    sh = (latent @ weights[0].reshape(8, -1)).reshape(*latent.shape[:2], functions, 3) / np.sqrt(8)
+    sh = (sh + 0.5 * weights[1, 0]) * (0.2 * 0.25**band)[:, None]
+    sh[..., 0, :] = 0
+    basis = sh_basis(directions, degree)
+    sharpened = image + 0.9 * (image - blur(image, 1.0))  # splatting blurs the picture by about a pixel
+    sh[..., 0, :] = (sharpened - 0.5 - np.einsum("hwb,hwbc->hwc", basis, sh)) / C0
+    return sh.astype(np.float32)
+
+
+class _Fields:
+    """Random fields (H, W) of unit variance that resemble a network's planes of one picture."""
+
+    def __init__(self, image: NDArray, depth: NDArray, rng: np.random.Generator) -> None:
+        grey = image @ np.array([0.3, 0.59, 0.11], np.float32)
+        maps = [grey, blur(grey, 2), blur(grey, 5), *np.gradient(blur(grey, 1)), image[..., 0] - grey, 1 / depth]
+        self._features = np.stack([np.tanh(_standard(m)) for m in maps], axis=-1)
+        self._rng = rng
+        self._mixing = np.random.default_rng(5)  # alike in all views
+
+    def smooth(self, sigma: float) -> NDArray:
+        """Noise without features smaller than `sigma` pixels."""
+        return _standard(blur(self._rng.standard_normal(self._features.shape[:2]), sigma))
+
+    def draw(self, fine: float = 0.1) -> NDArray:
+        """The next field: half smooth, half of the picture, and `fine` parts of fine noise."""
+        weights = self._mixing.standard_normal(self._features.shape[-1])
+        picture = _standard(blur(np.tanh(self._features @ weights), 1.5))
+        return 0.55 * self.smooth(18) + 0.65 * picture + fine * self.smooth(0.7)
+
+
+def _standard(values: NDArray) -> NDArray:
+    return (values - values.mean()) / max(float(values.std()), 1e-12)
+
+
+def blur(image: NDArray, sigma: float) -> NDArray:
+    """Gaussian blur of (H, W) or (H, W, C) with mirrored borders."""
+    rows, columns = _blur_matrix(image.shape[0], sigma), _blur_matrix(image.shape[1], sigma)
+    channels = np.moveaxis(np.atleast_3d(image), -1, 0)
+    return np.moveaxis(rows @ channels @ columns.T, 0, -1).reshape(image.shape)
+
+
+@lru_cache(maxsize=64)
+def _blur_matrix(length: int, sigma: float) -> NDArray:
+    """(n, n) whose rows are the weights of a line's blurred samples."""
+    radius = max(1, int(np.ceil(3 * sigma)))
+    taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+    period = max(2 * length - 2, 1)
+    reach = np.arange(length)[:, None] + np.arange(-radius, radius + 1)
+    mirrored = np.abs((reach + length - 1) % period - (length - 1))
+    matrix = np.zeros((length, length))
+    np.add.at(matrix, (np.arange(length)[:, None], mirrored), taps / taps.sum())
+    return matrix
+
+
+def made_case(views: int, height: int, width: int, degree: int) -> Case:
+    """Network-like Gaussians of the room, seen from their own views and between the middle pair."""
+    room = Room(views)
+    name = f"network-like, room, {views}×{height}×{width}, SH degree {degree}"
+    shots = room.shots(room.windows()[0][0], (height, width))
+    targets, nothing = shots.targets, (None,) * len(shots.targets.cameras)
+    gaussians = made_gaussians(views, height, width, degree)
+    return Case(name, name, gaussians, targets.cameras, tuple(targets.images), nothing, shots).with_inputs()
+
+
+@lru_cache(maxsize=4)
+def made_gaussians(views: int, height: int, width: int, degree: int) -> Gaussians:
+    """Network-like Gaussians of the room; the same arguments give the same Gaussians."""
+    room = Room(views)
+    photos = room.shots(room.windows()[0][0], (height, width)).context
+    return network_like(photos.images, np.stack([d for d in photos.depths if d is not None]), photos.cameras, degree)
+
+
+SPLAT_PX = 0.4
+"""Median standard deviation of a rolling surface's Gaussian in pixels of its own view; near what MVSplat puts out."""
+
+
+def rolling_surface(views: int, height: int, width: int, degree: int = 3) -> Gaussians:
+    """Per-pixel Gaussians of a rolling surface, 2 to 4 units deep, from cameras side by side."""
+    rng = np.random.default_rng(0)
+    K = np.array([[0.9 * width, 0, width / 2], [0, 0.9 * width, height / 2], [0, 0, 1]])
+    y, x = np.mgrid[0:height, 0:width] + 0.5
+    rays = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], np.ones_like(x)], axis=-1)
+    cameras, means = [], []
+    for view in range(views):
+        c2w = np.eye(4)
+        c2w[0, 3] = 0.2 * (view - (views - 1) / 2)
+        cameras.append(Camera(K, c2w, width, height))
+        waves = np.sin(9 * x / width + view) * np.cos(7 * y / height) + 0.02 * rng.normal(size=x.shape)
+        means.append(rays * (3 + waves)[..., None] + c2w[:3, 3])
+    lead = (views, height, width)
+    points = np.stack(means)
+    scales = SPLAT_PX / K[0, 0] * points[..., 2:] * np.exp(0.4 * rng.normal(size=(*lead, 3)))
+    sh = 0.15 * rng.normal(size=(*lead, (degree + 1) ** 2, 3))
+    sh[..., 0, :] *= 8
+    quats = normalize_quats(rng.normal(size=(*lead, 4)))
+    return Gaussians(points, quats, scales, rng.uniform(0.3, 0.95, lead), sh, tuple(cameras))
+
+
+def view_between(gaussians: Gaussians) -> Camera:
+    """Halfway between the first two cameras, where no Gaussian falls on a pixel's centre."""
+    first, second = gaussians.cameras[0], gaussians.cameras[min(1, len(gaussians.cameras) - 1)]
+    c2w = first.c2w.copy()
+    c2w[:3, 3] = (first.centre + second.centre) / 2
+    return Camera(first.K, c2w, first.width, first.height)

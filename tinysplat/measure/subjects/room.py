@@ -1,0 +1,252 @@
+"""Scenes that need no data: a ray-traced room of any size and number of views with exact depths, and the stereo pair
+that comes with scikit-image, real photos with measured depth.
+
+Walls, boxes and balls with solid textures (sums of waves with hard edges drawn into them), so that photo-consistency
+has something to hold on to, depth has steps, and benchmarks need no data. Everything is a function of its arguments.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import resize_cover, write_png
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
+
+from .cases import Case, LeftOut, Photos, Shots, Window, predicted
+
+NEAR, FAR = 1.8, 9.0
+
+SPACING = 0.2
+"""Scene units between neighbouring cameras: 4 % of the middle depth."""
+
+_WALLS = ((-3.2, -1.6, -3.0), (3.2, 1.5, 8.0))
+_BOXES = (
+    ((0.9, 0.2, 4.6), (1.9, 1.5, 5.4)),
+    ((-2.2, 0.5, 3.2), (-1.5, 1.5, 4.0)),
+    ((-0.3, -0.7, 6.3), (0.7, 1.5, 6.7)),
+)
+_BALLS = (((-1.0, 0.7, 4.4), 0.7), ((1.3, 1.0, 3.5), 0.45), ((0.2, 1.0, 5.6), 0.5), ((-0.3, 1.1, 3.1), 0.25))
+_LIGHT = np.array([0.45, -0.8, -0.4])
+_SUPERSAMPLE = 2
+
+
+def room_cameras(views: int, height: int, width: int) -> list[Camera]:
+    """Cameras on an arc, `SPACING` apart, turned towards the room's middle."""
+    return [_camera(v - (views - 1) / 2, height, width) for v in range(views)]
+
+
+def between_cameras(views: int, height: int, width: int, count: int = 3) -> list[Camera]:
+    """Cameras on the same arc between the middle pair of `room_cameras`: at 1/4, 1/2, 3/4 of the way for three."""
+    first = (views // 2 - 1) - (views - 1) / 2 if views > 1 else -0.5
+    return [_camera(first + (i + 1) / (count + 1), height, width) for i in range(count)]
+
+
+def photograph(camera: Camera) -> tuple[NDArray, NDArray]:
+    """A photo (H, W, 3) float32 in [0, 1], antialiased, and the z of its pixel centres (H, W) float32."""
+    s, height, width = _SUPERSAMPLE, camera.height, camera.width
+    K = camera.K * np.array([[s], [s], [1]])
+    _, colour = _trace(camera, K, height * s, width * s)
+    depth, _ = _trace(camera, camera.K, height, width, with_colour=False)
+    photo = colour.reshape(height, s, width, s, 3).mean(axis=(1, 3))
+    return photo.astype(np.float32), depth.astype(np.float32)
+
+
+def _camera(position: float, height: int, width: int) -> Camera:
+    x = SPACING * position
+    angle = -x / 5  # the middle of the room lies at z = 5
+    c2w = np.eye(4)
+    c2w[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    c2w[:3, 3] = x, -0.1 + 0.05 * np.sin(3 * position), 0.02 * x * x
+    focal = 0.9 * max(height, width)
+    K = [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]
+    return Camera(np.array(K), c2w, width, height)
+
+
+@dataclass
+class _Hits:
+    """The nearest hit so far of every ray: z (H, W), which thing (H, W), normal · light (H, W)."""
+
+    depth: NDArray
+    thing: NDArray
+    light: NDArray
+
+    def add(self, depth: NDArray, thing: int, light: NDArray) -> None:
+        nearer = np.isfinite(depth) & (depth > 1e-3) & (depth < self.depth)
+        self.depth = np.where(nearer, depth, self.depth)
+        self.thing = np.where(nearer, thing, self.thing)
+        self.light = np.where(nearer, light, self.light)
+
+
+def _trace(camera: Camera, K: NDArray, height: int, width: int, with_colour: bool = True) -> tuple[NDArray, NDArray]:
+    """z (H, W) and colours (H, W, 3) along the rays through pixel centres; rays have z = 1 in the camera frame."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    pixels = np.stack([x, y, np.ones_like(x)]).reshape(3, -1)
+    rays = (camera.c2w[:3, :3] @ np.linalg.inv(K) @ pixels).reshape(3, height, width)
+    eye = camera.centre
+    hits = _Hits(np.full((height, width), np.inf), np.zeros((height, width), int), np.ones((height, width)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        _, leave, _, axis_out = _slabs(eye, rays, *_WALLS)
+        hits.add(leave, 0, np.choose(axis_out, [0.8, 0.95, 0.7]))
+        for i, box in enumerate(_BOXES):
+            enter, leave, axis_in, _ = _slabs(eye, rays, *box)
+            hits.add(np.where(enter <= leave, enter, np.inf), 1 + i, np.choose(axis_in, [0.7, 0.95, 0.85]))
+        for i, (centre, radius) in enumerate(_BALLS):
+            depth, light = _sphere(eye, rays, np.array(centre), radius)
+            hits.add(depth, 1 + len(_BOXES) + i, light)
+    if not with_colour:
+        return hits.depth, np.zeros(0)
+    points = np.moveaxis(eye[:, None, None] + rays * hits.depth, 0, -1)
+    return hits.depth, _texture(points, hits.thing) * hits.light[..., None]
+
+
+def _slabs(eye: NDArray, rays: NDArray, low: tuple, high: tuple) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Where rays (3, H, W) enter and leave a box, and through faces of which axis."""
+    a, b = ((np.array(corner) - eye)[:, None, None] / rays for corner in (low, high))
+    near, far = np.minimum(a, b), np.maximum(a, b)
+    return near.max(axis=0), far.min(axis=0), near.argmax(axis=0), far.argmin(axis=0)
+
+
+def _sphere(eye: NDArray, rays: NDArray, centre: NDArray, radius: float) -> tuple[NDArray, NDArray]:
+    """Depth (H, W) of the first hit, NaN where there is none, and how brightly it is lit (H, W)."""
+    from_centre = eye - centre
+    a, b = (rays * rays).sum(axis=0), np.tensordot(from_centre, rays, 1)
+    depth = (-b - np.sqrt(b * b - a * (from_centre @ from_centre - radius**2))) / a
+    lit = (_LIGHT @ from_centre + np.tensordot(_LIGHT, rays, 1) * depth) / radius
+    return depth, np.clip(0.55 + 0.45 * lit, 0.1, 1)
+
+
+def _texture(points: NDArray, thing: NDArray) -> NDArray:
+    """Solid colours (H, W, 3): waves of falling amplitude, and where their sum crosses a level the colour jumps."""
+    rng = np.random.default_rng(7)
+    things = 1 + len(_BOXES) + len(_BALLS)
+    out = np.empty(points.shape)
+    frequency = 0.5 * 1.4 ** np.arange(9)  # cycles per scene unit
+    waves = frequency[:, None] * _unit(rng.standard_normal((9, 3)))
+    phase = rng.uniform(0, 2 * np.pi, (things, 9))
+    base, jump = rng.uniform(0.3, 0.6, (things, 3)), rng.uniform(-0.15, 0.15, (things, 3))
+    swing = rng.uniform(0.06, 0.12, (things, 1)) + rng.uniform(0, 0.05, (things, 3))
+    for i in range(things):
+        at = thing == i
+        turns = 2 * np.pi * (points[at] @ waves.T) + phase[i]
+        rough = (np.sin(turns) * (frequency / frequency[0]) ** -0.7).sum(axis=-1)
+        edge = np.sign(np.sin(2.2 * np.pi * points[at] @ waves[0] + phase[i, 0])) * (rough > 0.2)
+        out[at] = base[i] + swing[i] * rough[:, None] + jump[i] * edge[:, None]
+    return out.clip(0.02, 0.98)
+
+
+def _unit(vectors: NDArray) -> NDArray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+# ---- as sources -------------------------------------------------------------------------------------------------
+
+
+class _OneWindow:
+    """What scenes of one window have in common."""
+
+    needs_network = True
+    name: str
+
+    def windows(self) -> tuple[list[Window], list[LeftOut]]:
+        """See `Source`."""
+        return [Window(self.name, (0,), (1,))], []
+
+    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
+        """See `Source`."""
+        raise NotImplementedError
+
+    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
+        """See `Source`."""
+        return predicted(self.name, model, self.shots(window, size), runtime)
+
+    def fingerprint(self, window: Window) -> str:
+        """Nothing but code: see `code_fingerprint`."""
+        return self.name
+
+
+@dataclass(frozen=True)
+class Room(_OneWindow):
+    """The room as a scene of so many input views, and three targets between the middle pair."""
+
+    views: int = 2
+    name = "room"
+
+    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
+        """See `Source`."""
+        return _room_shots(self.views, *size)
+
+    def write(self, folder: Path, size: tuple[int, int]) -> None:
+        """Write the input views as a scene folder."""
+        frames = []
+        context = _room_shots(self.views, *size).context
+        for i, (image, camera) in enumerate(zip(context.images, context.cameras, strict=True)):
+            write_png(folder / f"{i}.png", np.rint(image * 255).astype(np.uint8))
+            frames.append(camera_entry(f"{i}.png", camera))
+        document = {"near": NEAR, "far": FAR, "frames": frames}
+        (folder / CAMERAS_FILE).write_text(json.dumps(document), "utf-8")
+
+
+@lru_cache(maxsize=16)
+def _room_shots(views: int, height: int, width: int) -> Shots:
+    sets = []
+    for cameras in (room_cameras(views, height, width), between_cameras(views, height, width)):
+        photos, depths = zip(*map(photograph, cameras), strict=True)
+        sets.append(Photos(np.stack(photos), tuple(cameras), depths))
+    return Shots(sets[0], sets[1], NEAR, FAR)
+
+
+# Calibration of scikit-image's motorcycle pair at 741×500, from the Middlebury 2014 data set.
+FOCAL_PX, BASELINE_M, CX_PX, CY_PX = 994.978, 0.193001, (311.193, 342.279), 254.877
+
+
+@dataclass(frozen=True)
+class Motorcycle(_OneWindow):
+    """The stereo pair, without targets; its measured depth belongs to the left view alone."""
+
+    name = "motorcycle"
+
+    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
+        """See `Source`; InputError where scikit-image is not installed."""
+        photos, depth = _motorcycle()
+        K = [np.array([[FOCAL_PX, 0, cx], [0, FOCAL_PX, CY_PX], [0, 0, 1]]) for cx in CX_PX]
+        poses = [np.eye(4), np.eye(4)]
+        poses[1][0, 3] = BASELINE_M
+        full = [Camera(k, c2w, photos.shape[2], photos.shape[1]) for k, c2w in zip(K, poses, strict=True)]
+        images = np.stack([resize_cover(photo, *size) for photo in photos])
+        cameras = tuple(camera.resized(*size) for camera in full)
+        context = Photos(images, cameras, (_nearest(depth, full[0], cameras[0]), None))
+        return Shots(context, Photos(np.zeros((0, *size, 3), np.float32), ()), 2.0, 5.1)
+
+
+@lru_cache(maxsize=1)
+def _motorcycle() -> tuple[NDArray, NDArray]:
+    """Photos (2, H, W, 3) uint8 and the left one's z (H, W) in metres, 0 where unknown."""
+    try:
+        from skimage.data import stereo_motorcycle
+    except ImportError:
+        raise InputError(
+            "needs the package 'scikit-image'; pip install \"tinysplat[demo]\" brings it", where="motorcycle"
+        ) from None
+    left, right, disparity = stereo_motorcycle()
+    known = np.isfinite(disparity) & (disparity > 0)
+    depth = np.zeros(disparity.shape)
+    depth[known] = FOCAL_PX * BASELINE_M / (disparity[known] + CX_PX[1] - CX_PX[0])
+    return np.stack([left, right]), depth
+
+
+def _nearest(depth: NDArray, camera: Camera, to: Camera) -> NDArray:
+    """Depth at another size of the same view: a step must not be averaged away."""
+    y, x = np.mgrid[: to.height, : to.width] + 0.5
+    pixels = np.stack([x, y, np.ones_like(x)], axis=-1) @ (camera.K @ np.linalg.inv(to.K)).T
+    column = pixels[..., 0].astype(int).clip(0, camera.width - 1)
+    row = pixels[..., 1].astype(int).clip(0, camera.height - 1)
+    return depth[row, column].astype(np.float32)
