@@ -208,6 +208,8 @@ def test_architecture_names_files_that_exist() -> None:
             if not any(list(base.glob(pattern)) for base in (RUNTIME, ROOT, ROOT / "tinysplat")):
                 missing.append(pattern)
     assert missing == []
+
+
 # ---- the house of measuring --------------------------------------------------------------------------------------
 
 MEASURE = ROOT / "tinysplat" / "measure"

@@ -2,8 +2,9 @@
 user can choose beside it; and gsplat's definition as a second opinion.
 
 The error is taken at a random 1 % of the pixels. The exact rasteriser draws what 3DGS defines; beside it stand dilation
-in own pixels and near views first, which are on unless turned off, and what less work would give. gsplat's own blending exists as a CUDA kernel alone, so its alphas are
-blended by plain torch here: every Gaussian at every pixel, sorted by depth, with 3DGS's thresholds.
+in own pixels and near views first, which are on unless turned off, and what less work would give. gsplat's own blending
+exists as a CUDA kernel alone, so its alphas are blended by plain torch here: every Gaussian at every pixel, sorted by
+depth, with 3DGS's thresholds.
 """
 
 from __future__ import annotations
