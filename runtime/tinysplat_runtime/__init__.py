@@ -32,12 +32,12 @@ _MODULE_OF = {
     "decompress": "api",
     "encode": "api",
     "inspect": "api",
-    "load_gaussians": "formats.table",
+    "load_gaussians": "api",
     "load_scene": "scene.intake.layouts",
     "predict": "api",
     "refine": "api",
     "render": "api",
-    "save_gaussians": "formats.table",
+    "save_gaussians": "api",
 }
 
 __all__ = [
@@ -64,9 +64,19 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from .api import Runtime, compress, decompress, encode, inspect, predict, refine, render
+    from .api import (
+        Runtime,
+        compress,
+        decompress,
+        encode,
+        inspect,
+        load_gaussians,
+        predict,
+        refine,
+        render,
+        save_gaussians,
+    )
     from .errors import FormatError, InputError, ModelError, NumericError, TinySplatError
-    from .formats.table import load_gaussians, save_gaussians
     from .gaussian.gaussians import Gaussians
     from .gaussian.notes import Notes
     from .scene.cameras import Camera

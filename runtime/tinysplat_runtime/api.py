@@ -26,7 +26,8 @@ from .codec.rate import encode_to_psnr, encode_to_size
 from .codec.recode import encode_like
 from .container.inspection import inspect_bytes
 from .container.records import Limits
-from .errors import InputError
+from .errors import InputError, TinySplatError
+from .formats import table
 from .gaussian.gaussians import Gaussians
 from .graphs.inference import GraphStore
 from .graphs.predict import predict as run_network
@@ -35,6 +36,7 @@ from .render import DEFINITION, Renderer
 from .render import render as render_gaussians
 from .scene.cameras import Camera
 from .scene.scenes import Scene
+from .system.files import StrPath, read_limited, write_atomically
 from .system.stopwatch import Stopwatch
 from .system.threads import Crew, available_cores
 
@@ -42,6 +44,11 @@ DEFAULT_MODEL = "edge"
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+SUFFIX = ".tsplat"
+
+MAX_FILE_BYTES = 1 << 31
+"""Largest `.tsplat` file that is read."""
 
 TARGETS = ("target_size", "target_psnr", "lossless", "like")
 """Options of `compress` that say how planes are coded in place of Q_g."""
@@ -172,7 +179,7 @@ class Runtime:
                 reached, Gaussians of no pixels, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
-        _check_targets(qp=qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless or None, like=like)
+        check_targets(qp=qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless or None, like=like)
         stats = stats or EncodeStats()
         if like is not None:
             limits, threads = self.limits, self.threads
@@ -293,7 +300,8 @@ class Runtime:
         return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
 
 
-def _check_targets(**options: Any) -> None:
+def check_targets(**options: Any) -> None:
+    """InputError where options of `compress` contradict each other or lie out of range."""
     given = [name for name, value in options.items() if value is not None]
     if len(given) > 1:
         raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
@@ -327,6 +335,38 @@ compress = _door(Runtime.compress)
 encode = _door(Runtime.encode)
 decompress = _door(Runtime.decompress)
 render = _door(Runtime.render)
+
+
+def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
+    """Read a `.tsplat` file, or a Gaussian file of another format as `formats.table.load_gaussians` does.
+
+    Raises:
+        FormatError: a damaged `.tsplat` file.
+        InputError: names the file: missing, damaged, or options that a `.tsplat` file, which has cameras, cannot take.
+    """
+    if not os.fspath(path).lower().endswith(SUFFIX):
+        return table.load_gaussians(path, *arguments, **options)
+    if arguments or options:
+        raise InputError("a .tsplat file has a grid and cameras of its own; expected none", where=str(path))
+    try:
+        return decompress(read_limited(path, MAX_FILE_BYTES))
+    except TinySplatError as error:
+        raise error.within(str(path)) from None
+
+
+def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **options: Any) -> list[str]:
+    """Write a `.tsplat` file with the default profile, or another format as `formats.table.save_gaussians` does.
+
+    Returns:
+        What the format could not keep, one line each.
+
+    Raises:
+        InputError, NumericError: as `compress`, or as `formats.table.save_gaussians`.
+    """
+    if not os.fspath(path).lower().endswith(SUFFIX):
+        return table.save_gaussians(path, gaussians, *arguments, **options)
+    write_atomically(path, compress(gaussians, *arguments, **options))
+    return []
 
 
 def inspect(data: bytes) -> dict[str, Any]:

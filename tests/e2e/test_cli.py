@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians
+from PIL import Image
+from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
@@ -140,7 +143,7 @@ def test_a_prefix_of_a_file_decodes_and_renders(encoded, tmp_path):
     size = prefixes[1]["bytes"]
     succeed("decode", cut, "-o", tmp_path / "g.npz", "--max-bytes", size, "--report", tmp_path / "r.json")
     assert json.loads((tmp_path / "r.json").read_text())["bytes"] == len(data)
-    succeed("render", cut, "-o", tmp_path / "x.png", "--max-bytes", size, "--report", tmp_path / "r.json")
+    succeed("render", cut, "-o", tmp_path / "x.png", "--max-bytes", size, "--report", tmp_path / "s.json")
     assert "cut short" in fail("render", cut, "-o", tmp_path / "y.png")
     assert "no picture" in fail("decode", cut, "-o", tmp_path / "h.npz", "--max-bytes", 500)
     assert "--max-bytes" in fail("render", encoded["raw"], "-o", tmp_path / "y.png", "--max-bytes", size)
@@ -148,19 +151,19 @@ def test_a_prefix_of_a_file_decodes_and_renders(encoded, tmp_path):
 
 def test_target_sizes_in_any_unit_are_met(encoded, tmp_path):
     for text, size in (("4KB", 4000), ("0.004 MB", 4000), ("4KiB", 4096)):
-        succeed("compress", encoded["raw"], "-o", tmp_path / "t.tsplat", "--target-size", text)
+        succeed("compress", encoded["raw"], "-o", tmp_path / "t.tsplat", "--target-size", text, "--force")
         assert 0.97 * size <= (tmp_path / "t.tsplat").stat().st_size <= size
 
 
 def test_photo_and_hybrid_files_go_through_every_command(scene, tmp_path):
     for mode in ("photos", "hybrid"):
         file, report = tmp_path / f"{mode}.tsplat", tmp_path / "r.json"
-        succeed("encode", scene, "-o", file, "--mode", mode, "--report", report)
+        succeed("encode", scene, "-o", file, "--mode", mode, "--report", report, "--force")
         assert json.loads(report.read_text())["mode"] == mode
         assert f"network {DEFAULT_MODEL}" in succeed("info", file)
-        succeed("decode", file, "-o", tmp_path / "g.npz", "--report", report)
+        succeed("decode", file, "-o", tmp_path / "g.npz", "--report", report, "--force")
         assert json.loads(report.read_text())["seconds"]["network"] > 0
-        succeed("render", file, "-o", tmp_path / "x.png")
+        succeed("render", file, "-o", tmp_path / "x.png", "--force")
 
 
 def test_the_network_for_a_file_of_photos_can_be_given(scene, tmp_path):
@@ -234,10 +237,10 @@ BAD_SCENES = {
     "singular K": (lambda d: d["frames"][0]["K"][1].__setitem__(1, 0), "frames[0].K"),
     "near beyond far": (lambda d: d.update(near=9.0), "near"),
     "near at zero": (lambda d: d.update(near=0.0), "near"),
-    "no near": (lambda d: d.pop("near"), "--near"),
     "NaN": (lambda d: d["frames"][0]["K"][0].__setitem__(2, float("nan")), "frames[0].K"),
     "identical poses": (lambda d: d["frames"][1].update(c2w=np.eye(4).tolist()), "pose"),
-    "one view": (lambda d: d["frames"].pop(), "view"),
+    "one view": (lambda d: d["frames"].pop(), "one photo"),
+    "K divided by the size": (lambda d: d["frames"][1].update(K=[[1.3, 0, 0.5], [0, 1.3, 0.5], [0, 0, 1]]), "pixels"),
     "no frames": (lambda d: d.pop("frames"), "frames"),
 }
 
@@ -382,3 +385,106 @@ def test_an_unknown_command_lists_every_command_there_is():
 def test_a_folder_of_models_that_is_none_is_refused_not_passed_over(tmp_path, monkeypatch):
     monkeypatch.setenv("TINYSPLAT_MODELS", str(tmp_path / "gone"))
     assert fail("models").startswith(f"tinysplat: TINYSPLAT_MODELS: no manifest.json in {tmp_path / 'gone'}")
+
+
+# ---- files as any other, words, and what a command says ------------------------------------------------------------
+
+
+def test_a_tsplat_file_goes_where_any_gaussian_file_goes(encoded, tmp_path):
+    coarser, turned = tmp_path / "coarser.tsplat", tmp_path / "turned.tsplat"
+    succeed("compress", encoded["file"], "-o", coarser, "--qp", "12")
+    assert coarser.stat().st_size < encoded["file"].stat().st_size
+    succeed("convert", encoded["file"], "-o", turned, "--rotate", "x,180", "--translate", "-1,0,2.5")
+    before, after = ts.load_gaussians(encoded["file"]), ts.load_gaussians(turned)
+    assert after.opacities.shape == before.opacities.shape and after.extra_layers
+    np.testing.assert_allclose(
+        after.cameras[1].centre, before.cameras[1].centre * (1, -1, -1) + (-1, 0, 2.5), atol=1e-6
+    )
+    error = ts.render(after, after.cameras[1]) - ts.render(before, before.cameras[1])
+    assert -10 * np.log10(np.mean(error**2)) > 30
+    assert "no longer pixels" in fail("convert", turned, "-o", tmp_path / "x.tsplat", "--crop", "-9,-9,-9,9,9,9")
+
+
+def test_standard_input_and_output_stand_for_files(encoded, tmp_path):
+    def piped(data: bytes, *words: object) -> bytes:
+        return subprocess.run([str(SCRIPT), *map(str, words)], input=data, capture_output=True, check=True).stdout
+
+    file = encoded["file"].read_bytes()
+    assert piped(file, "info", "-", "--json") == piped(b"", "info", encoded["file"], "--json")
+    assert piped(file, "render", "-", "-o", "-").startswith(b"\x89PNG")
+    ply = piped(file, "decode", "-", "-o", "-.ply")
+    assert ply.startswith(b"ply") and piped(ply, "render", "-", "-o", "-", "--size", "48x64").startswith(b"\x89PNG")
+    assert piped(piped(file, "decode", "-", "-o", "-.npz"), "compress", "-", "-o", "-").startswith(b"\x89TSPLAT")
+
+
+def test_nothing_is_overwritten_without_being_told_to(encoded, tmp_path):
+    target = tmp_path / "a.png"
+    succeed("render", encoded["file"], "-o", target)
+    before = target.read_bytes()
+    assert "--force" in fail("render", encoded["file"], "-o", target, "--camera", "1")
+    assert target.read_bytes() == before
+    succeed("render", encoded["file"], "-o", target, "--camera", "1", "--force")
+    assert target.read_bytes() != before
+
+
+def test_outputs_that_are_no_files_are_named_before_work_begins(encoded, tmp_path):
+    assert "a URL" in fail("decode", encoded["file"], "-o", "s3://bucket/a.npz")
+    assert "is a folder" in fail("decode", encoded["file"], "-o", tmp_path)
+
+
+def test_info_and_orbit_take_files_without_views(encoded, tmp_path):
+    ply, film = tmp_path / "g.ply", tmp_path / "g.mp4"
+    succeed("decode", encoded["file"], "-o", ply)
+    about = json.loads(succeed("info", ply, "--json"))
+    assert about["gaussians"] == ts.load_gaussians(ply).count and about["views"] == []
+    assert "PLY" in succeed("info", ply)
+    succeed("render", ply, "-o", film, "--path", "orbit", "--frames", "2", "--size", "48x64")
+    assert film.stat().st_size > 500
+    assert "no views" in fail("render", ply, "-o", tmp_path / "h.mp4", "--path", "between")
+
+
+def test_depth_is_a_picture_in_colours_too(encoded, tmp_path):
+    succeed("render", encoded["file"], "-o", tmp_path / "d.png", "--depth-colours")
+    picture = np.asarray(Image.open(tmp_path / "d.png")).astype(int)
+    assert picture.ndim == 3 and np.ptp(picture[..., 0] - picture[..., 2]) > 300  # red near, blue far
+
+
+def test_encode_ends_with_how_like_its_photos_it_looks(scene, tmp_path):
+    done = tinysplat("encode", scene, "-o", tmp_path / "a.tsplat")
+    last = done.stdout.strip().splitlines()[-1]
+    found = re.fullmatch(
+        r"2 views of 64x48, (\d+) Gaussians, (\d+) bytes, [\d.]+ s; ([\d.]+) dB at its own photos", last
+    )
+    assert found and int(found[2]) == (tmp_path / "a.tsplat").stat().st_size
+    gaussians = ts.load_gaussians(tmp_path / "a.tsplat")
+    assert int(found[1]) == gaussians.count
+
+
+def test_options_are_looked_at_before_the_network_runs(scene, tmp_path):
+    started = time.monotonic()
+    assert "qp" in fail("encode", scene, "-o", tmp_path / "a.tsplat", "--qp", "99", "--model", "no such network")
+    assert time.monotonic() - started < 60
+
+
+def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(tmp_path):
+    from tinysplat_runtime.cli.checks import GOOD_PIXELS, fitting_size
+
+    folder = write_scene(tmp_path / "large", views=2, height=1920, width=1080)
+    height, width = fitting_size(ts.load_scene(folder))
+    assert 0.98 * GOOD_PIXELS < height * width <= 1.01 * GOOD_PIXELS and height / width == pytest.approx(
+        16 / 9, rel=0.01
+    )
+    assert fitting_size(ts.load_scene(folder).resized(256, 384)) is None
+
+
+def test_photos_that_memory_does_not_suffice_for_are_refused_with_a_size_that_fits(scene, monkeypatch):
+    from tinysplat_runtime.cli import checks
+
+    large = ts.load_scene(scene).resized(2000, 3000)
+    monkeypatch.setattr(checks, "available_bytes", lambda: 4_000_000_000)
+    with pytest.raises(ts.InputError, match="--size") as caught:
+        checks.check_memory(large)
+    height, width = map(int, re.search(r"--size (\d+)x(\d+)", str(caught.value)).groups())
+    checks.check_memory(large.resized(height, width))
+    with pytest.raises(ts.InputError):
+        checks.check_memory(large.resized(round(height * 1.1), round(width * 1.1)))

@@ -52,7 +52,7 @@ def test_a_coded_scene_goes_out_and_its_loss_is_said(files: dict[str, Path], tmp
     assert done.stderr == ""
     count = ts.load_gaussians(out).count
     assert 0 < count <= 16 * 20 and f"{count} Gaussians" in done.stdout
-    done = succeed("convert", files["npz"], "-o", out)
+    done = succeed("convert", files["npz"], "-o", out, "--force")
     assert "SH of degree 4 cut to 3" in done.stderr and done.stderr.count("\n") == 1
 
 

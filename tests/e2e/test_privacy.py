@@ -1,4 +1,4 @@
-"""Nothing but the outputs asked for is written, and nothing is looked up: with a home folder of its own, and without."""
+"""Nothing but the outputs asked for is written, and nothing is looked up."""
 
 from __future__ import annotations
 

@@ -15,14 +15,14 @@ import numpy as np
 import pycolmap
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import image_size, write_png
-from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
+from tinysplat_runtime.scene.images import image_size, jpeg_bytes, png_bytes
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry, lens_entry
 from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
 from tinysplat_runtime.scene.intake.depths import depth_range
 from tinysplat_runtime.scene.lenses import Lens
 from tinysplat_runtime.scene.scenes import Frame
 from tinysplat_runtime.system.files import write_atomically
-from tinysplat_runtime.system.progress import progress
+from tinysplat_runtime.system.progress import progress, working
 
 HELP = "camera poses of photos, as a scene folder"
 
@@ -51,7 +51,7 @@ def run(args: Namespace) -> None:
     _check_output(output)
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     with tempfile.TemporaryDirectory() as work:
-        model = _reconstruct(photos, names, Path(work), args.threads or -1)
+        model = _reconstruct(photos, names, Path(work), args.threads or -1, quiet=args.quiet)
     arrays = model_arrays(model)
     entries = json.loads(arrays["entries"].tobytes())
     views, points = arrays["observations"].T
@@ -70,6 +70,10 @@ def _photo_names(folder: Path) -> list[str]:
     if not folder.is_dir():
         raise InputError("no such folder" if not folder.exists() else "a file, expected a folder", where=str(folder))
     names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    heic = [path.name for path in folder.iterdir() if path.suffix.lower() in (".heic", ".heif")]
+    if heic and len(names) < 2:
+        advice = f"`heif-convert {heic[0]} {Path(heic[0]).stem}.jpg`, or a phone's `most compatible` format"
+        raise InputError(f"{len(heic)} HEIC photos, expected JPEG or PNG: {advice}", where=str(folder))
     if len(names) < 2:
         raise InputError(f"{len(names)} photos ({', '.join(SUFFIXES)}), expected 2 or more", where=str(folder))
     return names
@@ -82,7 +86,7 @@ def _check_output(folder: Path) -> None:
         raise InputError(f"folder {folder.parent} does not exist; create it first", where=str(folder))
 
 
-def _reconstruct(photos: Path, names: Sequence[str], work: Path, threads: int) -> Any:
+def _reconstruct(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet: bool) -> Any:
     """The model that places most photos."""
     sizes = {image_size(photos / name) for name in names}
     mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.AUTO
@@ -90,12 +94,15 @@ def _reconstruct(photos: Path, names: Sequence[str], work: Path, threads: int) -
     pycolmap.set_random_seed(_SEED)
     extraction = pycolmap.FeatureExtractionOptions(num_threads=threads, use_gpu=False)
     matching = pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False)
-    pycolmap.extract_features(database, photos, list(names), mode, extraction_options=extraction)
+    with working(f"features of {len(names)} photos", quiet=quiet):
+        pycolmap.extract_features(database, photos, list(names), mode, extraction_options=extraction)
     match = pycolmap.match_exhaustive if len(names) <= MAX_EXHAUSTIVE else pycolmap.match_sequential
-    match(database, matching_options=matching)
+    with working("matching them", quiet=quiet):
+        match(database, matching_options=matching)
     (work / "model").mkdir()
     mapping = pycolmap.IncrementalPipelineOptions(num_threads=threads, random_seed=_SEED, min_model_size=2)
-    models = pycolmap.incremental_mapping(database, photos, work / "model", mapping)
+    with working("placing cameras", quiet=quiet):
+        models = pycolmap.incremental_mapping(database, photos, work / "model", mapping)
     if not models:
         raise InputError(
             "no photos could be placed: they need texture, overlap, and to be taken from different places",
@@ -118,10 +125,9 @@ def _write_scene(
             camera = entry["camera"]
             lens = Lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"])
             view = lens.camera(np.linalg.inv(np.vstack([entry["w2c"], [0, 0, 0, 1]])))
-            photo = Frame(view, photos / entry["name"], lens=lens).image()
-            file = f"images/{Path(entry['name']).stem}.png"
-            write_png(output / file, photo)
-            frames.append(camera_entry(file, view))
+            taken = Frame(view, photos / entry["name"], lens=lens).resized(lens.height, lens.width)
+            file = _write_photo(output, entry["name"], taken)
+            frames.append({**camera_entry(file, taken.camera), "taken_with": lens_entry(lens)})
             names.append(entry["name"])
         document = {"near": depths[0], "far": depths[1], "frames": frames}
         write_atomically(output / CAMERAS_FILE, (json.dumps(document, indent=1) + "\n").encode())
@@ -129,3 +135,11 @@ def _write_scene(
         shutil.rmtree(output if not existed else output / "images", ignore_errors=True)
         raise
     return names
+
+
+def _write_photo(output: Path, name: str, frame: Frame) -> str:
+    """Write a frame's picture as a file of the photo's own kind; returns its place in the scene folder."""
+    image, suffix = frame.image(), Path(name).suffix.lower()
+    file = f"images/{Path(name).stem}{suffix}"
+    write_atomically(output / file, png_bytes(image) if suffix == ".png" else jpeg_bytes(image, quantiser=2))
+    return file

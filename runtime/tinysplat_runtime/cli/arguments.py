@@ -18,7 +18,7 @@ class AutoViews:
         count: how many.
     """
 
-    count: int
+    count: int = 2
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,11 @@ def size(text: str) -> tuple[int, int]:
     if len(parts) != 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
         raise argparse.ArgumentTypeError(f"'{text}', expected HEIGHTxWIDTH such as 256x384")
     return int(parts[0]), int(parts[1])
+
+
+def size_or_full(text: str) -> tuple[int, int] | str:
+    """`256x384` to (height, width), or the word `full`."""
+    return text if text == "full" else size(text)
 
 
 def indices(text: str) -> list[int]:
@@ -98,7 +103,7 @@ def views(text: str) -> list[int] | AutoViews:
         return indices(text)
     if count and not (count.isdigit() and int(count) >= 2):
         raise argparse.ArgumentTypeError(f"'{text}', expected auto or auto:N with N of 2 or more")
-    return AutoViews(int(count or 2))
+    return AutoViews(int(count)) if count else AutoViews()
 
 
 def count(text: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..api import DEFAULT_MODEL, Runtime
+from ..api import DEFAULT_MODEL, SUFFIX, Runtime
 from ..codec.encoder import EncodeStats
 from ..codec.profiles import DEFAULT_PROFILE
 from ..container.inspection import inspect_bytes
@@ -23,23 +23,23 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.artifacts import load_manifest
 from ..refine.stats import RefineStats
 from ..render import Renderer, between, orbit
+from ..render.paths import outside
 from ..render.video import write_video
 from ..scene.cameras import Camera
-from ..scene.images import write_png
+from ..scene.images import png_bytes
 from ..scene.intake.layouts import load_cameras, load_scene
-from ..scene.intake.stereo import stereo_scene
-from ..scene.intake.video import video_scene
 from ..scene.scenes import Scene
-from ..scene.viewchoice import choose_views
 from ..system.files import read_limited, write_atomically
-from ..system.progress import progress
+from ..system.progress import progress, working
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
-from .arguments import AutoViews
+from .checks import check_coding, check_memory
 from .convert import convert, selected, write
+from .describe import describe_gaussians, gaussians_text
 from .doctor import examine
 from .doctor import text as doctor_text
 from .files import (
     MAX_FILE_BYTES,
+    STANDARD,
     decompress_named,
     file_limits,
     grid_option,
@@ -48,12 +48,13 @@ from .files import (
     load_any,
     noted,
     providers,
-)  # fmt: skip
+    read_file,
+    say,
+    write_file,
+)
+from .scenes import named_scene, prepared
+from .selfcheck import LOW_DB, likely_fault, own_psnr
 from .view import view
-
-ALL_VIEWS = range(2, 7)
-"""Numbers of photos of which all are used when none are chosen."""
-
 
 DEEPEST = 65535
 """Largest value of a depth map's 16 bits."""
@@ -66,11 +67,15 @@ def encode(args: Namespace) -> None:
     args.profile = _profile(args)
     if args.refine and args.mode in ("photos", "auto"):
         raise InputError(f"with --mode {args.mode}, whose files carry no Gaussians that were refined", where="--refine")
-    scene = _chosen_views(_scene(args), args.views)
-    if args.size:
-        scene = scene.resized(*args.size)
+    check_coding(args)
+    scene = prepared(args, named_scene(args))
+    check_memory(scene)
+    args.fault = None if args.quiet else likely_fault(scene)
+    if args.fault:
+        print(f"{scene.path}: warning: {args.fault}", file=sys.stderr)
     runtime, watch = Runtime(threads=args.threads, providers=providers(args)), Stopwatch()
-    gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch))
+    with working("network", quiet=args.quiet):
+        gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch))
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
             print(f"{args.save_gaussians}: {loss}", file=sys.stderr)
@@ -87,10 +92,16 @@ def compress(args: Namespace) -> None:
     if bool(args.refine) != bool(args.photos):
         given, missing = ("--refine", "--photos SCENE") if args.refine else ("--photos", "--refine STEPS")
         raise InputError(f"needs {missing} too", where=given)
+    check_coding(args)
     grid = grid_option(args.grid)
     cameras = load_cameras(args.cameras) if args.cameras else None
-    gaussians = noted(args, load_gaussians(args.gaussians, grid=grid, cameras=cameras))
-    runtime, stats, refinement = Runtime(threads=args.threads, providers=providers(args)), EncodeStats(), RefineStats()
+    if grid or cameras:
+        gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
+    else:
+        args.file = args.gaussians
+        gaussians = load_any(args, Stopwatch())
+    gaussians = noted(args, gaussians)
+    runtime, stats, refinement = limited_runtime(args), EncodeStats(), RefineStats()
     try:
         if args.photos:
             gaussians = _refined(args, runtime, gaussians, load_scene(args.photos), stats.watch, refinement)
@@ -102,7 +113,7 @@ def compress(args: Namespace) -> None:
 def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
     runtime, watch = limited_runtime(args), Stopwatch()
-    data = read_limited(args.file, MAX_FILE_BYTES)
+    data = read_file(args.file)
     gaussians = decompress_named(runtime, data, args, watch)
     gaussians = noted(args, selected(args, gaussians))
     with watch.stage("write"):
@@ -110,16 +121,16 @@ def decode(args: Namespace) -> None:
     if args.report:
         described = inspect_bytes(data, runtime.limits, is_prefix=is_in_part(args))
         _write_json(args.report, _report(described, watch))
-    if not args.quiet:
-        print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
+    say(args, f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
 
 
 def render(args: Namespace) -> None:
     """A picture or a video of Gaussians."""
-    suffix = Path(args.output).suffix.lower()
+    suffix = ".png" if args.output == STANDARD else Path(args.output).suffix.lower()
     if suffix not in (".png", ".mp4"):
         raise InputError(f"'{suffix}', accepted are .png and .mp4", where=args.output)
-    if suffix == ".mp4" and args.depth:
+    wants_depth = args.depth or args.depth_colours
+    if suffix == ".mp4" and wants_depth:
         raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
     if suffix == ".png" and args.path:
         raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
@@ -131,8 +142,10 @@ def render(args: Namespace) -> None:
     if suffix == ".png":
         camera = _chosen_camera(args.camera, gaussians)
         with watch.stage("render"):
-            image = renderer.render(camera, args.size, outputs=("depth",) if args.depth else ("rgb",))
-        write_png(args.output, _depth_map(args, image["depth"]) if args.depth else image)
+            image = renderer.render(camera, args.size, outputs=("depth",) if wants_depth else ("rgb",))
+        if wants_depth:
+            image = depth_colours(image["depth"]) if args.depth_colours else _depth_map(args, image["depth"])
+        write_file(args.output, png_bytes(image))
     else:
         path = _camera_path(args, gaussians)
         with watch.stage("render"):
@@ -141,10 +154,18 @@ def render(args: Namespace) -> None:
             write_video(args.output, progress(frames, len(path), "render", quiet=args.quiet))
     if args.report:
         _write_json(args.report, _render_report(args, gaussians, watch))
-    if not args.quiet:
-        seconds = watch.seconds["render"]
-        rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
-        print(f"{args.output}: {seconds:.3f} s{rate}")
+    seconds = watch.seconds["render"]
+    rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
+    say(args, f"{args.output}: {seconds:.3f} s{rate}")
+
+
+def depth_colours(depth: NDArray) -> NDArray:
+    """Depths z (H, W) as (H, W, 3) in [0, 1], even in 1/z: red near, blue far, black where nothing is."""
+    seen = depth > 0
+    inverse = np.divide(1, depth, out=np.zeros_like(depth), where=seen)
+    far, near = np.percentile(inverse[seen], (2, 98)) if seen.any() else (0.0, 1.0)
+    t = ((inverse - far) / max(near - far, 1e-12))[..., None]
+    return np.clip(1.5 - 3 * np.abs(t - (0.75, 0.5, 0.25)), 0, 1).astype(np.float32) * seen[..., None]
 
 
 def _depth_map(args: Namespace, depth: NDArray) -> NDArray:
@@ -161,8 +182,12 @@ def _depth_map(args: Namespace, depth: NDArray) -> NDArray:
 
 
 def info(args: Namespace) -> None:
-    """What a .tsplat file holds."""
-    data = read_limited(args.file, MAX_FILE_BYTES)
+    """What a file holds."""
+    if args.file != STANDARD and not args.file.lower().endswith(SUFFIX):
+        about = describe_gaussians(args.file)
+        print(json.dumps(about, indent=2) if args.json else gaussians_text(about))
+        return
+    data = read_file(args.file)
     try:
         described = inspect_bytes(data, file_limits(args))
     except TinySplatError as error:
@@ -188,38 +213,6 @@ def models(args: Namespace) -> None:
         size = artifact.path.stat().st_size if artifact.path.is_file() else 0
         purpose = (artifact.entry or {}).get("purpose", "")
         print(f"{name:18} {artifact.role:10} {size / 1000:9.1f} KB  {purpose}")
-
-
-def _scene(args: Namespace) -> Scene:
-    """The scene that `encode` names: one path, two photos of a stereo pair, or a video with `--poses`."""
-    if args.poses is not None:
-        if len(args.scene) != 1:
-            raise InputError(f"with {len(args.scene)} paths, expected one video", where="--poses")
-        return video_scene(args.scene[0], args.poses, near=args.near, far=args.far, first_number=args.first_number)
-    given = [name for name in ("focal", "baseline") if getattr(args, name) is not None]
-    if len(args.scene) == 1 and not given:
-        return load_scene(args.scene[0], near=args.near, far=args.far)
-    if len(args.scene) != 2 or len(given) != 2:
-        options = " and ".join(f"--{name}" for name in given) or "neither --focal nor --baseline"
-        found = f"{len(args.scene)} paths with {options}"
-        raise InputError(f"{found}, expected one scene, or two photos with --focal and --baseline", where="encode")
-    left, right = args.scene
-    return stereo_scene(left, right, args.focal, args.baseline, near=args.near, far=args.far)
-
-
-def _chosen_views(scene: Scene, views: Sequence[int] | AutoViews | None) -> Scene:
-    if isinstance(views, AutoViews):
-        return scene.views(choose_views(scene.cameras, *scene.depth_range(), views.count))
-    if views is not None:
-        return scene.views(views)
-    count = len(scene.frames)
-    if count not in ALL_VIEWS:
-        raise InputError(
-            f"{count} photos; all are used only when there are {ALL_VIEWS.start} to {ALL_VIEWS.stop - 1}:"
-            f" choose with --views, for instance --views auto or --views 0,{max(1, count - 1)}",
-            where=str(scene.path),
-        )
-    return scene
 
 
 def _profile(args: Namespace) -> str:
@@ -266,7 +259,7 @@ def _compress(
             scene, model, args.profile, args.qp, mode=args.mode, gaussians=gaussians, stats=stats, **options
         )
     with stats.watch.stage("write"):
-        write_atomically(args.output, data)
+        write_file(args.output, data)
     seconds = sum(stats.watch.seconds.values())
     if args.report:
         report = _report(inspect_bytes(data), stats.watch)
@@ -276,11 +269,24 @@ def _compress(
         if args.refine and refinement is not None:
             report["refine"] = asdict(refinement)
         _write_json(args.report, report)
-    if not args.quiet:
-        raw = sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
-        print(f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {seconds:.2f} s")
-        if stats.reason:
-            print(f"mode {stats.mode}: {stats.reason}")
+    raw = sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
+    say(args, f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {seconds:.2f} s")
+    if stats.reason:
+        say(args, f"mode {stats.mode}: {stats.reason}")
+    if scene is not None and not args.quiet:
+        _report_own(args, scene, runtime.decompress(data, model=args.model), len(data), seconds)
+
+
+def _report_own(args: Namespace, scene: Scene, decoded: Gaussians, size: int, seconds: float) -> None:
+    """The line that `encode` ends with: what there is of what, and how like its own photos it looks."""
+    camera, psnr = scene.cameras[0], own_psnr(decoded, scene.images(), args.threads)
+    say(
+        args, f"{len(scene.frames)} views of {camera.width}x{camera.height}, {decoded.count} Gaussians, {size} bytes,"
+        f" {seconds:.1f} s; {psnr:.1f} dB at its own photos",
+    )  # fmt: skip
+    if psnr < LOW_DB:
+        cause = args.fault or "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
+        print(f"{scene.path}: warning: {psnr:.1f} dB is low; likely cause: {cause}", file=sys.stderr)
 
 
 def _errors(gaussians: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
@@ -355,26 +361,26 @@ def _chosen_camera(text: str | None, gaussians: Gaussians) -> Camera:
         index = int(index_text)
     except ValueError:
         raise InputError(f"'{text}', expected INDEX or cameras.json:INDEX", where="--camera") from None
-    cameras = load_cameras(source) if source else gaussians.cameras
-    if not cameras:
-        raise InputError("the file has no cameras; give --camera cameras.json:INDEX", where="--camera")
+    cameras = load_cameras(source) if source else gaussians.cameras or (outside(gaussians),)
     if not 0 <= index < len(cameras):
         raise InputError(f"{index}, accepted are 0 to {len(cameras) - 1}", where="--camera")
     return cameras[index]
 
 
 def _camera_path(args: Namespace, gaussians: Gaussians) -> list[Camera]:
-    cameras = gaussians.cameras
-    if args.camera or not cameras:
-        source = (args.camera or "").rpartition(":")[0]
-        if not source:
-            raise InputError(
-                "a video runs along the file's own views, or those of --camera cameras.json:INDEX", where="--camera"
-            )
-        cameras = tuple(load_cameras(source))
-    if args.path == "orbit":
-        return orbit(cameras, args.frames, _median_depth(gaussians, cameras[0]))
-    return between(cameras, args.frames)
+    """Along the file's own views or those of `--camera`; around Gaussians without views, framed as `view` does it."""
+    source = (args.camera or "").rpartition(":")[0]
+    cameras = tuple(load_cameras(source)) if source else gaussians.cameras
+    if args.camera and not source:
+        raise InputError("a video takes all views, those of --camera cameras.json:INDEX", where="--camera")
+    if not cameras and args.path == "between":
+        raise InputError(
+            f"{args.file} has no views to fly between; --path orbit, or --camera cameras.json:0", where="--path"
+        )
+    views = cameras or (outside(gaussians),)
+    if args.path == "orbit" or not cameras:
+        return orbit(views, args.frames, _median_depth(gaussians, views[0]))
+    return between(views, args.frames)
 
 
 def _median_depth(gaussians: Gaussians, camera: Camera) -> float:

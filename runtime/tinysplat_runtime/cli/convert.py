@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import sys
+import tempfile
 from argparse import Namespace
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..api import SUFFIX
 from ..errors import InputError, TinySplatError
 from ..formats.check import file_loss
 from ..formats.table import save_gaussians, save_points
@@ -18,7 +21,7 @@ from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.stopwatch import Stopwatch
-from .files import load_any, noted
+from .files import is_standard, limited_runtime, load_any, noted, say, write_file
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
@@ -39,8 +42,7 @@ def convert(args: Namespace) -> None:
         gaussians = crop(gaussians, args.crop[:3], args.crop[3:])
     gaussians = noted(args, similarity(gaussians, _rotation(args.rotate), args.scale, args.translate))
     write(args, args.output, gaussians)
-    if not args.quiet:
-        print(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
+    say(args, f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
     if args.check:
         print(f"{args.output}: {file_loss(args.output, gaussians)}")
 
@@ -59,12 +61,30 @@ def selected(args: Namespace, gaussians: Gaussians) -> Gaussians:
 
 
 def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
-    """Write a Gaussian file, or with `--points` a point cloud; what the format cannot keep goes to standard error."""
-    if args.points:
+    """Write a Gaussian file, or with `--points` a point cloud; what the format cannot keep goes to standard error.
+
+    A .tsplat file takes Gaussians that are still pixels of views, and is written with the default profile.
+    """
+    if is_standard(path):
+        _write_standard(args, path, gaussians)
+    elif args.points:
         save_points(path, gaussians)
-        return
-    for loss in save_gaussians(path, gaussians, _sh_bits(args.sh_bits), args.spz_version):
-        print(f"{path}: {loss}", file=sys.stderr)
+    elif path.lower().endswith(SUFFIX):
+        if not gaussians.is_per_pixel:
+            found = "Gaussians that are no longer pixels of views, which .tsplat files hold"
+            raise InputError(f"{found}; moving keeps them, cutting and joining do not", where=path)
+        write_file(path, limited_runtime(args).compress(gaussians))
+    else:
+        for loss in save_gaussians(path, gaussians, _sh_bits(args.sh_bits), args.spz_version):
+            print(f"{path}: {loss}", file=sys.stderr)
+
+
+def _write_standard(args: Namespace, path: str, gaussians: Gaussians) -> None:
+    """To standard output by way of a temporary file; `-` alone is a .tsplat file."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / f"standard output{Path('x' + path[1:]).suffix or SUFFIX}"
+        write(args, str(copy), gaussians)
+        write_file(path, copy.read_bytes())
 
 
 def _sh_bits(values: Sequence[int]) -> tuple[int, int]:

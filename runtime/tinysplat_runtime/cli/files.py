@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..api import Runtime
+from ..api import MAX_FILE_BYTES, SUFFIX, Runtime
+from ..container.layout import MAGIC
 from ..container.notes import NOTE_NAMES
 from ..container.records import Limits
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
 from ..gaussian.gaussians import Gaussians
-from ..system.files import read_limited
+from ..system.files import read_limited, write_atomically
 from ..system.stopwatch import Stopwatch
 
-MAX_FILE_BYTES = 1 << 31
+STANDARD = "-"
+"""In place of a file's name: standard input or output."""
 
 
 def file_limits(args: Namespace) -> Limits:
@@ -58,13 +61,58 @@ def decompress_named(runtime: Runtime, data: bytes, args: Namespace, watch: Stop
 
 
 def load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
-    """The Gaussians of `args.file`, of any format that holds some."""
-    if Path(args.file).suffix.lower() == ".tsplat":
-        return decompress_named(limited_runtime(args), read_limited(args.file, MAX_FILE_BYTES), args, watch)
+    """The Gaussians of `args.file`, of any format that holds some; `-` is standard input."""
+    data = sys.stdin.buffer.read(MAX_FILE_BYTES) if args.file == STANDARD else None
+    if Path(args.file).suffix.lower() == SUFFIX or (data is not None and data.startswith(MAGIC)):
+        data = read_limited(args.file, MAX_FILE_BYTES) if data is None else data
+        return decompress_named(limited_runtime(args), data, args, watch)
     for option, value in (("--max-bytes", args.max_bytes), ("--partial", args.partial or None)):
         if value is not None:
             raise InputError(f"only .tsplat files can be decoded in part, not {args.file}", where=option)
-    return load_gaussians(args.file)
+    if data is None:
+        return load_gaussians(args.file)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / f"standard input{_suffix_of(data)}"
+        copy.write_bytes(data)
+        return load_gaussians(copy)
+
+
+def _suffix_of(data: bytes) -> str:
+    """The ending that a file of these bytes would have."""
+    starts = {b"ply": ".ply", b"PK": ".npz", b"\x1f\x8b": ".spz", b"NGSP": ".spz", b"glTF": ".glb"}
+    found = next((suffix for start, suffix in starts.items() if data.startswith(start)), None)
+    if found is None and data[8:9] == b"{":
+        found = ".safetensors"
+    if found is None:
+        accepted = ".tsplat, .npz, .safetensors, .ply, .spz or .glb"
+        raise InputError(f"starts with {data[:4].hex(' ') or 'nothing'}, expected {accepted}", where="standard input")
+    return found
+
+
+def read_file(path: str) -> bytes:
+    """A file's bytes, or those of standard input for `-`."""
+    return sys.stdin.buffer.read(MAX_FILE_BYTES) if path == STANDARD else read_limited(path, MAX_FILE_BYTES)
+
+
+def is_standard(path: str) -> bool:
+    """Whether a name of an output stands for standard output: `-`, or with a format `-.ply`."""
+    return path == STANDARD or path.startswith(f"{STANDARD}.")
+
+
+def write_file(path: str, data: bytes) -> None:
+    """Write a file, or to standard output."""
+    if not is_standard(path):
+        write_atomically(path, data)
+        return
+    sys.stdout.buffer.write(data)
+    sys.stdout.buffer.flush()
+
+
+def say(args: Namespace, text: str) -> None:
+    """Print what a command has to say, unless `--quiet`; to standard error where the output is what goes to its own."""
+    if not args.quiet:
+        output = getattr(args, "output", None) or getattr(args, "html", None) or ""
+        print(text, file=sys.stderr if is_standard(output) else sys.stdout)
 
 
 def noted(args: Namespace, gaussians: Gaussians) -> Gaussians:

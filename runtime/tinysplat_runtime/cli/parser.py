@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import re
 import signal
 import sys
 import threading
@@ -21,7 +22,7 @@ from .. import __version__
 from ..codec.modes import CHOICES, DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES
 from ..errors import InputError, TinySplatError
-from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, views
+from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, size_or_full, views
 
 OWN_VARIANCE = 0.16
 """Own pixels² that `--dilate` widens Gaussians by: the best of 0.04 to 0.3 at twice the coded size."""
@@ -29,6 +30,8 @@ OWN_VARIANCE = 0.16
 _GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another Gaussian file (docs/FORMATS.md)"
 
 ENTRY_POINTS = "tinysplat.commands"
+
+_NEGATIVES = re.compile(r"-[0-9.][-+0-9.eE]*(,[-+0-9.eE]+)*")
 
 EXTRAS = {
     "eval": "eval",
@@ -56,9 +59,15 @@ def _common() -> _Parser:
     return common
 
 
+def _written() -> _Parser:
+    written = _Parser(add_help=False)
+    written.add_argument("--force", action="store_true", help="overwrite outputs that are there already")
+    return written
+
+
 def _coding() -> _Parser:
     coding = _Parser(add_help=False)
-    coding.add_argument("-o", "--output", required=True, metavar="F.tsplat")
+    coding.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     coding.add_argument("--profile", choices=PROFILES, help=f"default: {DEFAULT_PROFILE}")
     rate = coding.add_mutually_exclusive_group()
     rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
@@ -94,7 +103,7 @@ def _limits() -> _Parser:
     limits = _Parser(add_help=False)
     limits.add_argument("--max-pixels", type=count, metavar="N", help="refuse files of more Gaussians (default 67 M)")
     limits.add_argument(
-        "--max-memory", type=count, metavar="BYTES", help="refuse files that take more to decode (default 8 GiB)"
+        "--max-memory", type=byte_count, metavar="SIZE", help="refuse files that take more to decode (default 8GiB)"
     )
     return limits
 
@@ -170,16 +179,19 @@ def build_parser() -> tuple[_Parser, Commands]:
 
 def _encode(commands: Commands) -> None:
     parser = commands.add_parser(
-        "encode", parents=[_common(), _coding(), _notes(), _provider()], help="photos and cameras to a .tsplat file"
+        "encode",
+        parents=[_common(), _written(), _coding(), _notes(), _provider()],
+        help="photos and cameras to a .tsplat file",
     )
     parser.add_argument(
         "scene", metavar="SCENE", nargs="+",
-        help="folder with cameras.json, transforms.json or COLMAP's sparse/; a RealEstate10K .txt; two stereo photos;"
-        " a video with --poses",
+        help="folder with cameras.json, transforms.json, transforms_train.json, poses_bounds.npy or COLMAP's sparse/;"
+        " a RealEstate10K .txt; two stereo photos; a video with --poses",
     )  # fmt: skip
     parser.add_argument(
         "--views", type=views, metavar="I,J|auto[:N]",
-        help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all, if 2 to 6",
+        help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all of up to 6,"
+        " or else auto",
     )  # fmt: skip
     parser.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
     parser.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
@@ -194,9 +206,12 @@ def _encode(commands: Commands) -> None:
     parser.add_argument(
         "--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
     )
-    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over cameras.json's")
-    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over cameras.json's")
-    parser.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
+    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over the scene's own")
+    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over the scene's own")
+    parser.add_argument(
+        "--size", type=size_or_full, metavar="HxW|full",
+        help="scale photos to cover this and crop their centre; default: full, but at most about 640x480 pixels",
+    )  # fmt: skip
     parser.add_argument(
         "--mode",
         choices=CHOICES,
@@ -209,10 +224,14 @@ def _encode(commands: Commands) -> None:
 def _compress(commands: Commands) -> None:
     parser = commands.add_parser(
         "compress",
-        parents=[_common(), _coding(), _notes(), _provider()],
+        parents=[_common(), _written(), _coding(), _limits(), _prefix(), _notes(), _provider()],
         help="Gaussians of any network to a .tsplat file",
     )
-    parser.add_argument("gaussians", metavar="G.npz", help=".npz or .safetensors, or .ply with --grid and --cameras")
+    parser.add_argument(
+        "gaussians",
+        metavar="G",
+        help=".tsplat, .npz or .safetensors, or .ply with --grid and --cameras; - for standard input",
+    )
     parser.add_argument("--mode", choices=CHOICES, default=DEFAULT_MODE, help=argparse.SUPPRESS)
     parser.add_argument("--photos", metavar="SCENE", help="the photos that --refine holds the Gaussians against")
     parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
@@ -222,7 +241,7 @@ def _compress(commands: Commands) -> None:
 def _decode(commands: Commands) -> None:
     parser = commands.add_parser(
         "decode",
-        parents=[_common(), _limits(), _prefix(), _selection(), _notes(), _provider()],
+        parents=[_common(), _written(), _limits(), _prefix(), _selection(), _notes(), _provider()],
         help="a .tsplat file back to Gaussians",
     )
     parser.add_argument("file", metavar="F.tsplat")
@@ -232,7 +251,9 @@ def _decode(commands: Commands) -> None:
 
 def _render(commands: Commands) -> None:
     parser = commands.add_parser(
-        "render", parents=[_common(), _limits(), _prefix(), _provider()], help="a picture or a video of Gaussians"
+        "render",
+        parents=[_common(), _written(), _limits(), _prefix(), _provider()],
+        help="a picture or a video of Gaussians",
     )
     parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
@@ -241,6 +262,7 @@ def _render(commands: Commands) -> None:
     parser.add_argument("--frames", type=count, default=60, metavar="N", help="frames of a video; default 60")
     parser.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
     parser.add_argument("--depth", action="store_true", help="a depth map (z, 16-bit PNG) in place of colours")
+    parser.add_argument("--depth-colours", action="store_true", help="depth as a picture, near in red, far in blue")
     parser.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",
                         help="value of a depth map per scene unit; default 1000")  # fmt: skip
     parser.add_argument("--dilation", choices=("own", "screen"), default="own",
@@ -253,7 +275,7 @@ def _render(commands: Commands) -> None:
 def _convert(commands: Commands) -> None:
     parser = commands.add_parser(
         "convert",
-        parents=[_common(), _limits(), _prefix(), _selection(), _notes(), _provider()],
+        parents=[_common(), _written(), _limits(), _prefix(), _selection(), _notes(), _provider()],
         help="Gaussian files to other formats, cut, moved or joined",
     )
     parser.add_argument("files", nargs="+", metavar="IN", help=f".tsplat, {_GAUSSIAN_FILES}")
@@ -266,14 +288,14 @@ def _convert(commands: Commands) -> None:
 
 
 def _info(commands: Commands) -> None:
-    parser = commands.add_parser("info", parents=[_common(), _limits()], help="what a .tsplat file holds")
-    parser.add_argument("file", metavar="F.tsplat")
+    parser = commands.add_parser("info", parents=[_common(), _limits()], help="what a file holds")
+    parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--json", action="store_true", help="as JSON")
 
 
 def _view(commands: Commands) -> None:
     parser = commands.add_parser(
-        "view", parents=[_common()], help="a scene in the browser, or as one web page",
+        "view", parents=[_common(), _written()], help="a scene in the browser, or as one web page",
         description="Serves one page on this machine and opens the browser; with --html writes the page, which opens"
         " anywhere without a network.",
     )  # fmt: skip
@@ -322,16 +344,18 @@ def _interrupts() -> Iterator[list[int]]:
     if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield noticed
         return
+    terminate = signal.getsignal(signal.SIGTERM)
     signal.signal(signal.SIGINT, notice)
     try:
         yield noticed
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, terminate)
 
 
 def _answered(argv: Sequence[str] | None) -> int:
     """Run a command, its errors as one line."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    arguments = _with_negatives(list(sys.argv[1:] if argv is None else argv))
     try:
         return _run(arguments)
     except TinySplatError as error:
@@ -348,9 +372,32 @@ def _answered(argv: Sequence[str] | None) -> int:
         return _fail("not enough memory; --size, fewer --views or --max-memory keep within it")
 
 
+def _with_negatives(words: list[str]) -> list[str]:
+    """Values that begin with a minus sign joined to their option: argparse would take them for another.
+
+    They are lists of numbers, and standard output with a format (`-o -.ply`).
+    """
+    joined: list[str] = []
+    for word in words:
+        option = joined[-1] if joined else ""
+        if _NEGATIVES.fullmatch(word) and option.startswith("--") and "=" not in option:
+            joined[-1] += f"={word}"
+        elif word.startswith("-.") and option in ("-o", "--output"):
+            joined[-1] = f"--output={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
 def _fail(message: str) -> int:
     print(f"tinysplat: {message}", file=sys.stderr)
     return 2
+
+
+def _end_like_interrupts() -> None:
+    """SIGTERM, which service managers send, ends as Ctrl-C does; again once libraries that take it have loaded."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
 
 
 def _run(arguments: list[str]) -> int:
@@ -359,10 +406,13 @@ def _run(arguments: list[str]) -> int:
     parser, commands = build_parser()
     joined = join_commands(commands, arguments)
     args = parser.parse_args(arguments)
+    _end_like_interrupts()
     if args.command in joined:
         return joined[args.command](args) or 0
     from . import commands as own  # here, so that --version and --help start without numpy
+    from .checks import check_outputs
 
+    check_outputs(args)
     run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
     run(args)
     return 0
@@ -389,8 +439,10 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
         try:
             module = point.load()
         except ImportError as error:
-            if word == point.name:
+            if word == point.name and not {"-h", "--help"} & set(arguments):
                 raise _missing_extra(word, error.name) from None
+            missing = str(_missing_extra(point.name, error.name).message)
+            commands.add_parser(point.name, help=missing, description=f"This command {missing}.")
             continue
         module.configure(commands.add_parser(point.name, parents=[_common()], help=module.HELP))
         joined[point.name] = module.run

@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import FIELDS, Gaussians
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, check_is_in_pixels
 
 ORIGIN_TOLERANCE = 1e-6
 """Largest rounding of means, relative to the distance from the nearest camera, that needs no origin."""
-
-_UNIT_FOCAL_BELOW = 4.0  # pixels; real focal lengths below it see more than 126° of a picture 16 pixels wide
 
 
 @dataclass(frozen=True)
@@ -131,9 +129,7 @@ def _camera(prefix: str, v: int, K: NDArray, c2w: NDArray, lead: tuple[int, ...]
         camera = Camera(K, c2w, width=lead[2], height=lead[1])
     except InputError as error:
         raise InputError(error.message, where=f"{prefix}{error.where}[{v}]") from None
-    if camera.focal < _UNIT_FOCAL_BELOW <= min(lead[1:]) / 4:
-        found = f"focal length {camera.focal:.3g} px for an image of {lead[2]}x{lead[1]}"
-        raise InputError(f"{found}, expected pixels (is K divided by the image's size?)", where=f"{prefix}K[{v}]")
+    check_is_in_pixels(camera, f"{prefix}K[{v}]")
     return camera
 
 

@@ -17,7 +17,7 @@ FIELDS: dict[str, tuple[int, ...]] = {"means": (3,), "quats": (4,), "scales": (3
 """Arrays of a Gaussian and their trailing shapes; −1 is the number of SH basis functions."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Gaussians:
     """A set of 3D Gaussians; with `cameras`, one per pixel of V views.
 
@@ -140,6 +140,11 @@ class Gaussians:
 
         arrays = {name: np.concatenate([rows(layer, name) for layer in self.layers]) for name in FIELDS}
         return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes)
+
+    def __repr__(self) -> str:
+        shape = "x".join(map(str, self.opacities.shape))
+        layers = f", {len(self.layers)} layers of {self.count} in all" if self.extra_layers else ""
+        return f"Gaussians({shape}, SH degree {self.degree}{layers})"
 
     def _repr_png_(self) -> bytes | None:
         """A notebook's picture of the first view."""

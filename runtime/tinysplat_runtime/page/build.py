@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
+from ..render.near import NearViews
 from ..render.paths import outside
 from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
 from ..scene.images import jpeg_bytes
-from .columns import Cloud, pack
+from .columns import OTHER_LAYERS, Cloud, pack
 
 DEPTH = 4.0
 """Median depth of a page's scene, page units."""
@@ -85,6 +86,7 @@ def build_page(
     described, data = pack(Cloud(flat, means * scale, scale, KNEE, *_seen_by_own(gaussians, scale)))
     nearest, farthest = scale * np.percentile(seen, (2, 98)) if seen.size else (1.0, 10.0)
     up = -np.mean([camera.rotation[1] for camera in views], axis=0)
+    near = NearViews.of(gaussians) if any(name == "view" for name, _ in described["columns"]) else None
     scene = {
         **described,
         "summary": summary,
@@ -93,6 +95,7 @@ def build_page(
         "views": [_view(camera, centre, scale, (photos or {}).get(i)) for i, camera in enumerate(views)],
         "up": (up / max(float(np.linalg.norm(up)), 1e-9)).tolist(),
         "reach": DEPTH,
+        "viewDepth": near.depth * scale if near else 0,  # without it no view covers others
         "nearPlane": NEAR_PLANE * scale,
         "nearest": float(nearest),
         "farthest": float(max(farthest, 1.01 * nearest)),
@@ -108,16 +111,16 @@ def build_page(
 
 def _seen_by_own(gaussians: Gaussians, scale: float) -> tuple[NDArray | None, NDArray | None]:
     """Each Gaussian's view (N,), and its mean's pixel and depth there (N, 3), in `flat`'s order; None without views."""
-    if not gaussians.is_per_pixel:
+    if not gaussians.is_per_pixel or len(gaussians.cameras) > OTHER_LAYERS:
         return None, None
     views, local = [], []
-    for layer in gaussians.layers:
+    for n, layer in enumerate(gaussians.layers):
         for v, camera in enumerate(gaussians.cameras):
             rays = layer.means[v].reshape(-1, 3).astype(np.float64) + (layer.origin - camera.centre)
             point = rays @ (camera.K @ camera.rotation).T
             with np.errstate(divide="ignore", invalid="ignore"):
                 local.append(np.column_stack([point[:, :2] / point[:, 2:], scale * point[:, 2]]))
-            views.append(np.full(len(rays), v))
+            views.append(np.full(len(rays), v + (OTHER_LAYERS if n else 0)))
     return np.concatenate(views), np.concatenate(local)
 
 

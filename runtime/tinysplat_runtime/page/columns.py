@@ -36,6 +36,10 @@ COLOUR_ERROR = 0.0015
 """Root mean square error of a colour by rounding its SH, and again by leaving components out."""
 
 
+OTHER_LAYERS = 64
+"""Added to the view of a Gaussian that is no surface of a photo: files have at most as many views."""
+
+
 @dataclass(frozen=True, eq=False)
 class Cloud:
     """Gaussians in page units.
@@ -45,7 +49,8 @@ class Cloud:
         means: (N, 3) float64, relative to the page's origin.
         scale: page units to a scene unit.
         knee: distance from the page's origin within which a mean's step is constant.
-        views: (N,) index of the view that a Gaussian is a pixel of; None where there are no views.
+        views: (N,) index of the view that a Gaussian is a pixel of, OTHER_LAYERS more in layers behind the first; None
+            where there are no views.
         local: (N, 3) float64, pixel x and y and depth of the mean in that view; None where there are none.
     """
 

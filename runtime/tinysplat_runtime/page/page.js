@@ -82,7 +82,10 @@ class Page {
     find("views").append(...this.buttons);
     find("degree").max = find("degree").value = Math.sqrt(this.splats.cloud.functions) - 1;
     find("degreeRow").hidden = this.splats.cloud.functions === 1;
-    for (const id of ["degree", "opacity", "depth", "lines"]) find(id).oninput = () => this.change();
+    for (const id of ["degree", "opacity", "depth", "lines", "own"]) find(id).oninput = () => this.change();
+    find("near").oninput = () => this.move();
+    find("nearRow").hidden = !scene.viewDepth;
+    find("ownRow").hidden = !scene.columns.some(([name]) => name === "view");
     find("fly").onchange = () => { this.controls.flies = find("fly").checked; };
     find("swing").onchange = () => { this.centre = null; this.change(); };
     find("photoPlace").onchange = () => this.#showPhoto();
@@ -116,7 +119,7 @@ class Page {
   // The camera has moved: Gaussians need another order.
   move() {
     if (find("photo").className === "over" && this.controls?.isMoving) find("photo").hidden = true;
-    if (this.splats.isSorted) this.splats.sort(this.camera, scene.nearPlane);
+    if (this.splats.isSorted) this.splats.sort(this.camera, scene.nearPlane, this.shares());
     else this.waits = true;
     this.change();
   }
@@ -147,10 +150,25 @@ class Page {
     this.move();
   }
 
+  // How much of their opacity views' surfaces are drawn first with from here: render/near.py has the definition.
+  shares() {
+    const shares = new Float32Array(MAX_VIEWS);
+    if (!scene.viewDepth || !find("near").checked) return shares;
+    const { position, rotation } = this.camera, length = (v) => Math.hypot(...v);
+    const distances = scene.views.map((view) => Math.hypot(
+      length(add(position, view.position, -1)) / scene.viewDepth, length(add(rotation[2], view.rotation[2], -1))));
+    const [nearest, second] = [...distances].sort((a, b) => a - b), reach = 1.5 * second;
+    distances.forEach((distance, v) => {
+      if (reach <= nearest) shares[v] = distance <= nearest ? 1 : 0;
+      else shares[v] = Math.max(0, Math.min(1, (reach - distance) / (reach - nearest))) ** 2;
+    });
+    return shares;
+  }
+
   drawing() {
     for (const id of ["degree", "opacity"]) find(id).parentElement.querySelector("output").textContent = find(id).value;
     return {
-      nearPlane: scene.nearPlane, degree: Number(find("degree").value), leastOpacity: Number(find("opacity").value),
+      nearPlane: scene.nearPlane, shares: this.shares(), ownPixels: find("own").checked, degree: Number(find("degree").value), leastOpacity: Number(find("opacity").value),
       depth: find("depth").checked, lines: find("lines").checked && !this.isBare ? this.lines : null,
     };
   }
@@ -173,7 +191,7 @@ class Page {
     else this.centre = null;
     if (this.waits && this.splats.isSorted) {
       this.waits = false;
-      this.splats.sort(this.camera, scene.nearPlane);
+      this.splats.sort(this.camera, scene.nearPlane, this.shares());
     }
     const moves = swings || this.controls.isMoving;
     if (this.isDirty || (!moves && this.share < 1)) {

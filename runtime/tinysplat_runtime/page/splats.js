@@ -1,10 +1,12 @@
-// Draws Gaussians as tinysplat_runtime/render does: exact EWA with 0.3 px² of dilation, alpha from 1/255 on and up to
-// 0.99, order by depth z. A frame is two passes: each Gaussian is projected once, in sorted order, into a texture of
+// Draws Gaussians as tinysplat_runtime/render does (docs/CONVENTIONS.md, "Drawing"): exact EWA, dilation by the screen's
+// pixel or the Gaussian's own, alpha from 1/255 on and up to 0.99, order by depth z, near views first. A frame is two passes: each Gaussian is projected once, in sorted order, into a texture of
 // records, and the records are drawn as quads, back to front, into half floats. Nothing is instanced: hardware and
 // software alike take far longer over many instances of four vertices than over as many quads.
 "use strict";
 
 const TEXTURE_WIDTH = 4096;
+const MAX_VIEWS = 64;
+const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's share of its opacity
 const CHUNK = 16384; // quads a draw call: their corners have 16-bit numbers
 
 const PROJECT = `#version 300 es
@@ -16,13 +18,15 @@ uniform mat3 projection;              // K R without the principal point
 uniform vec3 eye;                     // camera centre
 uniform vec2 principal, size;         // pixels
 uniform float nearPlane, leastOpacity;
+uniform float focal;                  // pixels, to measure own pixels with; 0 for dilation by the screen's
+uniform float shares[${MAX_VIEWS}];   // of opacity, that views' surfaces are drawn first with
 uniform vec2 logSteps;                // of lengths' codes: steps to a doubling, and what was added
 uniform int functions, stored;        // SH functions to use, and at hand
 uniform vec3 depths;                  // 1/nearest, 1/farthest, and whether they are drawn in place of colours
 layout(location = 0) out uvec4 shape; // centre in clip coordinates, and the longer half axis, where the exponent is 1
 layout(location = 1) out uvec4 paint; // length of the shorter half axis, colour in half floats, logarithm of opacity
 uint index;
-const float DILATION = 0.3, MARGIN = 0.15;
+const float DILATION = 0.3, MARGIN = 0.15, LEAST_OWN_PIXEL = 0.125;
 
 uvec4 texel(usampler2D source, uint at) {
   return texelFetch(source, ivec2(at % ${TEXTURE_WIDTH}u, at / ${TEXTURE_WIDTH}u), 0);
@@ -78,6 +82,8 @@ void main() {
   uint place = uint(gl_FragCoord.y) * ${TEXTURE_WIDTH}u + uint(gl_FragCoord.x);
   if (place >= count) return;
   index = texel(order, place).x;
+  bool isCopy = (index & ${COPY}u) != 0u;
+  index &= ~${COPY}u;
   uvec4 first = texel(geometry, 2u * index), second = texel(geometry, 2u * index + 1u);
   float opacity = float(first.w & 0xffu) / 255.0;
   vec3 ray = uintBitsToFloat(first.xyz) - eye;
@@ -91,9 +97,16 @@ void main() {
     vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu)));
   vec3 m1 = ((rows[0] - clamped.x * rows[2]) / point.z) * axes;
   vec3 m2 = ((rows[1] - clamped.y * rows[2]) / point.z) * axes;
-  float a = dot(m1, m1) + DILATION, b = dot(m1, m2), c = dot(m2, m2) + DILATION;
   vec3 area = cross(m1, m2);
-  float det = dot(area, area) + DILATION * (a + c) - DILATION * DILATION;
+  float own = focal * length16(second.w >> 16) / point.z; // its photo's pixel on the screen, 0 where it has none
+  float wide = own > 0.0 ? max(own, LEAST_OWN_PIXEL) : 1.0, dilation = DILATION * max(wide * wide, 1.0);
+  float a = dot(m1, m1) + dilation, b = dot(m1, m2), c = dot(m2, m2) + dilation;
+  float det = dot(area, area) + dilation * (a + c) - dilation * dilation;
+  if (wide < 1.0) { // wider than it was in its photo, but no more opaque
+    float less = DILATION * wide * wide, sum = a + c - 2.0 * dilation;
+    opacity *= sqrt((dot(area, area) + less * sum + less * less) / det);
+  }
+  if (isCopy) opacity *= shares[(first.w >> 8) & 0xffu];
   float reach = log(255.0 * opacity); // the exponent at which the footprint ends
   vec2 pixel = centred + principal, extent = sqrt(2.0 * reach * vec2(a, c));
   if (reach <= 0.0 || any(lessThan(pixel + extent, vec2(0.0))) || any(greaterThan(pixel - extent, size))) return;
@@ -164,9 +177,10 @@ precision mediump float;
 out vec4 result;
 void main() { result = vec4(1.0, 0.7, 0.33, 1.0); }`;
 
-// Runs in a worker: indices of Gaussians in front of a camera, farthest first, equal depths last one first.
+// Runs in a worker: indices of Gaussians in front of a camera, farthest first, equal depths last one first; then, as they
+// are drawn over all others, copies of those whose view has a share, with COPY set.
 function sorter() {
-  let means, keys, order, other;
+  let means, views, keys, order, other;
   const counts = new Uint32Array(65536);
   function pass(from, to, n, shift) {
     counts.fill(0);
@@ -177,7 +191,7 @@ function sorter() {
   }
   onmessage = ({ data }) => {
     if (data.means) {
-      means = data.means;
+      ({ means, views } = data);
       const n = means.length / 3;
       [keys, order, other] = [new Uint32Array(n), new Uint32Array(n), new Uint32Array(n)];
       return;
@@ -190,7 +204,11 @@ function sorter() {
     }
     pass(order, other, n, 0); // bits of positive floats rise as they do
     pass(other, order, n, 16);
-    const sorted = order.slice(0, n).reverse();
+    let copies = 0;
+    for (let i = 0; i < n; i++) if (data.shares[views[order[i]]] > 0) other[copies++] = order[i];
+    const sorted = new Uint32Array(n + copies);
+    for (let i = 0; i < n; i++) sorted[i] = order[n - 1 - i];
+    for (let i = 0; i < copies; i++) sorted[n + i] = (other[copies - 1 - i] | 0x80000000) >>> 0;
     postMessage({ sorted, id: data.id }, [sorted.buffer]);
   };
 }
@@ -254,11 +272,11 @@ class Splats {
     this.isHalf = Boolean(gl.getExtension("EXT_color_buffer_half_float") || gl.getExtension("EXT_color_buffer_float"));
     const { count, functions } = cloud;
     this.textures = {
-      order: dataTexture(gl, count, 1),
+      order: dataTexture(gl, 2 * count, 1),
       geometry: dataTexture(gl, 2 * count, 4, cloud.geometry),
       colours: dataTexture(gl, functions * count, 2, cloud.colours),
     };
-    this.records = { shapes: dataTexture(gl, count, 4), paints: dataTexture(gl, count, 4) };
+    this.records = { shapes: dataTexture(gl, 2 * count, 4), paints: dataTexture(gl, 2 * count, 4) };
     this.recordFrame = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
     const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
@@ -287,7 +305,7 @@ class Splats {
   #startSorter(onSorted) {
     const { gl } = this;
     this.worker = new Worker(URL.createObjectURL(new Blob([`"use strict";(${sorter})()`], { type: "text/javascript" })));
-    this.worker.postMessage({ means: this.cloud.means });
+    this.worker.postMessage({ means: this.cloud.means, views: this.cloud.views });
     this.asked = this.answered = 0;
     this.worker.onmessage = ({ data }) => {
       this.answered = data.id;
@@ -302,10 +320,10 @@ class Splats {
   // Whether the last order asked for is at hand.
   get isSorted() { return this.answered === this.asked; }
 
-  // Asks for the order seen from a camera (see Camera in controls.js).
-  sort(camera, nearPlane) {
+  // Asks for the order seen from a camera (see Camera in controls.js), views' shares (MAX_VIEWS) among it.
+  sort(camera, nearPlane, shares) {
     const [x, y, z] = camera.rotation[2], [px, py, pz] = camera.position;
-    this.worker.postMessage({ plane: [x, y, z, -(x * px + y * py + z * pz)], nearPlane, id: ++this.asked });
+    this.worker.postMessage({ plane: [x, y, z, -(x * px + y * py + z * pz)], nearPlane, shares, id: ++this.asked });
   }
 
   // Draws one frame; `share` < 1 draws fewer pixels and enlarges them, for as long as things move.
@@ -351,6 +369,8 @@ class Splats {
     gl.uniform2f(uniforms.size, width, height);
     gl.uniform1f(uniforms.nearPlane, options.nearPlane);
     gl.uniform2fv(uniforms.logSteps, this.cloud.logSteps);
+    gl.uniform1f(uniforms.focal, options.ownPixels ? view.focal : 0);
+    gl.uniform1fv(uniforms["shares[0]"], options.shares);
     gl.uniform1f(uniforms.leastOpacity, options.leastOpacity);
     gl.uniform1i(uniforms.functions, (options.degree + 1) ** 2);
     gl.uniform1i(uniforms.stored, this.cloud.functions);

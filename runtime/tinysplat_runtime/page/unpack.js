@@ -57,7 +57,7 @@ function meansOf(columns, count, scene) {
     return means;
   }
   for (let i = 0; i < count; i++) {
-    const { K: [fx, skew, fy, cx, cy], rotation: [right, down, forward], position } = scene.views[columns.view[i]];
+    const { K: [fx, skew, fy, cx, cy], rotation: [right, down, forward], position } = scene.views[columns.view[i] % OTHER_LAYERS];
     const z = 2 ** (columns.depth[i] / scene.depthSteps), y = ((columns.pixel_1[i] / scene.pixelSteps - cy) / fy) * z;
     const x = ((columns.pixel_0[i] / scene.pixelSteps - cx) * z - skew * y) / fx;
     for (let k = 0; k < 3; k++) means[3 * i + k] = position[k] + right[k] * x + down[k] * y + forward[k] * z;
@@ -65,17 +65,26 @@ function meansOf(columns, count, scene) {
   return means;
 }
 
-function geometryOf(columns, count, scene, means) {
+const OTHER_LAYERS = 64; // added to the views of Gaussians that are no surface of a photo
+
+// The code of how wide the pixel is, at the Gaussian's depth, that it stands for in its view; 0 without views.
+function ownPixel(columns, i, scene) {
+  if (!columns.view) return 0;
+  const { K: [fx, , fy] } = scene.views[columns.view[i] % OTHER_LAYERS], [steps, lowest] = scene.logSteps;
+  return Math.round((columns.depth[i] / scene.depthSteps - Math.log2(fx * fy) / 2 + lowest) * steps);
+}
+
+function geometryOf(columns, count, scene, means, views) {
   const words = new Uint32Array(8 * count), floats = new Float32Array(words.buffer), quat = [0, 0, 0, 0];
   for (let i = 0; i < count; i++) {
     const at = 8 * i;
     for (let k = 0; k < 3; k++) floats[at + k] = means[3 * i + k];
-    words[at + 3] = columns.opacity[i];
+    words[at + 3] = columns.opacity[i] | (views[i] << 8);
     quatOf(columns, i, scene.quatSteps, quat);
     words[at + 4] = snorm(quat[0]) | (snorm(quat[1]) << 16);
     words[at + 5] = snorm(quat[2]) | (snorm(quat[3]) << 16);
     words[at + 6] = columns.scale_0[i] | (columns.scale_1[i] << 16);
-    words[at + 7] = columns.scale_2[i];
+    words[at + 7] = columns.scale_2[i] | (ownPixel(columns, i, scene) << 16);
   }
   return words;
 }
@@ -104,9 +113,10 @@ async function unpack(scene, compressed) {
   const stream = new Blob([compressed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const columns = readColumns(new Uint8Array(await new Response(stream).arrayBuffer()), scene.count, scene.columns);
   const means = meansOf(columns, scene.count, scene);
-  const geometry = geometryOf(columns, scene.count, scene, means);
+  const views = columns.view ? Uint8Array.from(columns.view) : new Uint8Array(scene.count).fill(OTHER_LAYERS);
+  const geometry = geometryOf(columns, scene.count, scene, means, views);
   return {
-    count: scene.count, means, geometry, colours: coloursOf(columns, scene.count, scene),
+    count: scene.count, means, views, geometry, colours: coloursOf(columns, scene.count, scene),
     functions: scene.sh.mean.length / 3, logSteps: scene.logSteps, nearest: scene.nearest, farthest: scene.farthest, opacities: columns.opacity,
   };
 }

@@ -38,6 +38,10 @@ def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
     return array
 
 
+UNIT_FOCAL_BELOW = 4.0
+"""Pixels; real focal lengths below it see more than 126° of a picture 16 pixels wide."""
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """One calibrated view.
@@ -129,3 +133,10 @@ class Camera:
         K[0, 2] -= np.floor((self.width * scale - width) / 2 + 1e-9)
         K[1, 2] -= np.floor((self.height * scale - height) / 2 + 1e-9)
         return Camera(K, self.c2w, width, height)
+
+
+def check_is_in_pixels(camera: Camera, where: str) -> None:
+    """InputError where a camera's K was in all likelihood divided by the size of its image."""
+    if camera.focal < UNIT_FOCAL_BELOW <= min(camera.height, camera.width) / 4:
+        found = f"focal length {camera.focal:.3g} px for an image of {camera.width}x{camera.height}"
+        raise InputError(f"{found}, expected pixels (is K divided by the image's size?)", where=where)

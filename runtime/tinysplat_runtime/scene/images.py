@@ -28,6 +28,9 @@ MAX_PIXELS = 1 << 26
 MAX_FILE_BYTES = 8 * MAX_PIXELS
 """No photo within the limit is larger: 16-bit RGBA takes 8 bytes a pixel."""
 
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
+
+_HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_PIXEL_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 
@@ -230,6 +233,10 @@ def _strip(data: bytes) -> _Stripped:
         return _strip_png(data)
     if data.startswith(b"\xff\xd8"):
         return _strip_jpeg(data)
+    if data[4:8] == b"ftyp" and data[8:12] in _HEIC_BRANDS:
+        raise InputError(
+            "HEIC, expected JPEG or PNG: `heif-convert a.heic a.jpg`, or a phone's `most compatible` format"
+        )
     raise InputError(f"starts with {data[:4].hex(' ') or 'nothing'}, expected a JPEG or PNG image")
 
 

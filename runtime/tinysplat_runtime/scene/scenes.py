@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..system.jsonfields import MAX_DEPTH
-from .cameras import Camera
+from .cameras import Camera, check_is_in_pixels
 from .footage import Video
 from .images import read_image, resize_cover
 from .lenses import Lens
@@ -35,6 +35,8 @@ class Frame:
         lens: the intrinsics that the photo was taken with, where its distortion is to be taken out first.
         video: the file at `path` looked through, where it is a video; otherwise None.
         index: which of the video's frames.
+        taken_with: the intrinsics of the photo that the one at `path` was made from, where that is known: those of the
+            video's frames whose photos they were.
     """
 
     camera: Camera
@@ -43,6 +45,7 @@ class Frame:
     lens: Lens | None = None
     video: Video | None = None
     index: int = 0
+    taken_with: Lens | None = None
 
     def resized(self, height: int, width: int) -> Frame:
         """The frame scaled to cover height × width and cropped around its centre; always from the whole photo."""
@@ -91,6 +94,8 @@ class Scene:
         object.__setattr__(self, "frames", tuple(self.frames))
         if not self.frames:
             raise InputError("no frames, expected at least one", where=str(self.path))
+        for i, frame in enumerate(self.frames):
+            check_is_in_pixels(frame.photo_camera or frame.camera, f"{self.path}: frames[{i}].K")
         for name in ("near", "far"):
             value = getattr(self, name)
             if value is not None and not 0 < value < MAX_DEPTH:

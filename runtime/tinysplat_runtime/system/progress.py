@@ -1,18 +1,26 @@
-"""A progress bar on a terminal, silence elsewhere."""
+"""What long work says while it runs: a bar or seconds on a terminal, a line now and then in a log."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 T = TypeVar("T")
 
+LOG_EVERY_S = 30.0
+"""Seconds between lines where standard error is no terminal."""
+
 
 def progress(
     items: Iterable[T], total: int | None, label: str, *, quiet: bool, note: Callable[[], str] = str
 ) -> Iterator[T]:
-    """Yield the items and show how many are done on standard error: tqdm's bar if installed, else a count.
+    """Yield the items and show how many are done on standard error.
+
+    A terminal gets tqdm's bar if it is installed, else a count; a log a line every LOG_EVERY_S.
 
     Args:
         items: what is worked through.
@@ -21,8 +29,11 @@ def progress(
         quiet: whether to show nothing.
         note: says how things stand, behind the bar.
     """
-    if quiet or not sys.stderr.isatty():
+    if quiet:
         yield from items
+        return
+    if not sys.stderr.isatty():
+        yield from _logged(items, total, label, note)
         return
     try:
         from tqdm import tqdm
@@ -38,3 +49,39 @@ def progress(
         for item in bar:
             yield item
             bar.set_postfix_str(note(), refresh=False)
+
+
+def _logged(items: Iterable[T], total: int | None, label: str, note: Callable[[], str]) -> Iterator[T]:
+    start = said = time.monotonic()
+    of = "" if total is None else f" of {total}"
+    for done, item in enumerate(items):
+        now = time.monotonic()
+        if now - said >= LOG_EVERY_S:
+            said = now
+            print(f"{label}: {done}{of}, {now - start:.0f} s {note()}".rstrip(), file=sys.stderr, flush=True)
+        yield item
+
+
+@contextlib.contextmanager
+def working(label: str, *, quiet: bool) -> Iterator[None]:
+    """Say on standard error that work goes on which cannot say how far it is: seconds, each second on a terminal."""
+    if quiet:
+        yield
+        return
+    ended, terminal, start = threading.Event(), sys.stderr.isatty(), time.monotonic()
+
+    def speak() -> None:
+        while not ended.wait(1.0 if terminal else LOG_EVERY_S):
+            seconds = f"{time.monotonic() - start:.0f} s"
+            text = f"\r{label} {seconds}" if terminal else f"{label}: {seconds}\n"
+            print(text, end="", file=sys.stderr, flush=True)
+
+    speaker = threading.Thread(target=speak, daemon=True)
+    speaker.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        speaker.join()
+        if terminal:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)

@@ -5,7 +5,8 @@ A scene folder holds images and `cameras.json`:
     {"near": 2.0, "far": 9.7, "frames": [{"file": "images/0000.jpg", "width": 455, "height": 256,
                                           "K": 3x3 in pixels of that image, "c2w": 4x4, OpenCV axes}, …]}
 
-Keys that are not listed are ignored.
+A photo that was made free of its lens's distortion may say in `taken_with` what it was taken with (`lens_entry`), so
+that the frames of the video that photos come from can be used in their place. Keys that are not listed are ignored.
 
 Trust boundary: the file is bounded in size, may not hold NaN, and names photos inside its own folder only.
 """
@@ -19,6 +20,7 @@ from ...errors import InputError
 from ...system.files import read_limited
 from ...system.jsonfields import depth, frame_entries, parse_object, photo_name
 from ..cameras import Camera
+from ..lenses import Lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
 
 CAMERAS_FILE = "cameras.json"
@@ -34,7 +36,10 @@ def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
     try:
         document = parse_object(data)
         entries = frame_entries(document)
-        frames = [Frame(_camera(i, e), file.parent / photo_name(i, e)) for i, e in enumerate(entries)]
+        frames = [
+            Frame(_camera(i, e), file.parent / photo_name(i, e), taken_with=_taken_with(i, e))
+            for i, e in enumerate(entries)
+        ]
         near = depth(document, "near") if near is None else near
         far = depth(document, "far") if far is None else far
     except InputError as error:
@@ -55,6 +60,22 @@ def camera_entry(file: str, camera: Camera) -> dict[str, Any]:
     """A frame of `cameras.json`."""
     K, c2w = camera.K.tolist(), camera.c2w.tolist()
     return {"file": file, "width": camera.width, "height": camera.height, "K": K, "c2w": c2w}
+
+
+def lens_entry(lens: Lens) -> dict[str, Any]:
+    """A frame's `taken_with` in `cameras.json`."""
+    return {"model": lens.model, "params": list(lens.params), "width": lens.width, "height": lens.height}
+
+
+def _taken_with(i: int, entry: dict[str, Any]) -> Lens | None:
+    given = entry.get("taken_with")
+    if given is None:
+        return None
+    try:
+        params = tuple(float(value) for value in given["params"])
+        return Lens(str(given["model"]), params, given["width"], given["height"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InputError("expected model, params, width and height", where=f"frames[{i}].taken_with") from None
 
 
 def _camera(i: int, entry: dict[str, Any]) -> Camera:

@@ -9,17 +9,19 @@ from ...errors import InputError
 from ...system.files import StrPath
 from ..cameras import Camera
 from ..footage import SUFFIXES
+from ..images import PHOTO_SUFFIXES
 from ..scenes import Scene
 from .cameras_json import CAMERAS_FILE, cameras_alone, load_folder
 from .colmap import load_colmap, model_folder
-from .nerfstudio import FILE, load_transforms
+from .llff import LLFF_FILE, load_llff
+from .nerfstudio import BLENDER_FILE, FILE, load_transforms
 from .realestate import load_realestate
 
 Reader = Callable[[Path, float | None, float | None], Scene]
 """Takes a path, near and far; the latter two replace the scene's own where they are not None."""
 
 POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
-ACCEPTED = f"{CAMERAS_FILE}, {FILE} or a COLMAP model in sparse/"
+ACCEPTED = f"{CAMERAS_FILE}, {FILE}, {BLENDER_FILE}, {LLFF_FILE} or a COLMAP model in sparse/"
 
 
 def load_scene(path: StrPath, near: float | None = None, far: float | None = None) -> Scene:
@@ -27,7 +29,8 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
 
     Args:
         path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
-            in `sparse/`; one of these two .json files; or a RealEstate10K camera file (.txt). For a video and poses
+            in `sparse/`, with Blender's `transforms_train.json` or LLFF's `poses_bounds.npy`; one of these .json files;
+            or a RealEstate10K camera file (.txt). For a video and poses
             see `video.video_scene`.
         near: replaces the scene's own near depth, scene units.
         far: replaces the scene's own far depth.
@@ -56,13 +59,17 @@ def foreign_reader(path: Path) -> Reader | None:
     if path.is_dir():
         if (path / CAMERAS_FILE).exists():
             return None
-        if (path / FILE).exists():
+        if (path / FILE).exists() or (path / BLENDER_FILE).exists():
             return load_transforms
+        if (path / LLFF_FILE).exists():
+            return load_llff
         return load_colmap if model_folder(path) is not None else None
     if path.suffix == ".json" and path.name.startswith("transforms"):
         return load_transforms
     if path.suffix.lower() in SUFFIXES:
         raise InputError(f"a video needs its cameras: --poses {POSES}", where=str(path))
+    if path.suffix.lower() in PHOTO_SUFFIXES:
+        raise InputError("one photo, expected a scene: a folder of two or more and their cameras", where=str(path))
     return load_realestate if path.suffix == ".txt" else None
 
 

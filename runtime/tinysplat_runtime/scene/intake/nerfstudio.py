@@ -1,4 +1,4 @@
-"""`transforms.json`, as NeRF, instant-ngp and nerfstudio write it.
+"""`transforms.json`, as NeRF (there `transforms_train.json`), instant-ngp and nerfstudio write it.
 
 Poses are camera to world with OpenGL axes (x right, y up, z backward). Intrinsics stand at the top or in a frame, which
 wins: `fl_x fl_y cx cy w h`, or the angle of view `camera_angle_x`; distortion `k1 k2 k3 k4 p1 p2` is OpenCV's, a
@@ -25,6 +25,7 @@ from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
 from .depths import depth_range_in_view
 
 FILE = "transforms.json"
+BLENDER_FILE = "transforms_train.json"  # the synthetic scenes of NeRF have one for each use
 
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Right factor of a camera-to-world matrix that turns its camera axes."""
@@ -39,7 +40,9 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
     Raises:
         InputError: names the file and the field at fault.
     """
-    file = path / FILE if path.is_dir() else path
+    file = path
+    if path.is_dir():
+        file = path / (FILE if (path / FILE).exists() else BLENDER_FILE)
     try:
         document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
         frames = tuple(_frame(file.parent, document, i, entry) for i, entry in enumerate(frame_entries(document)))

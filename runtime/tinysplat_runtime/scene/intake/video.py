@@ -42,7 +42,8 @@ def video_scene(
     scene = load_scene(poses, near=near, far=far)
     frames = []
     for frame in scene.frames:
-        stated = frame.lens or frame.camera
+        frame = _as_taken(frame)
+        stated = frame.lens or frame.photo_camera or frame.camera
         try:
             index = clip.check_index(_number(frame) - first_number)
             if (stated.height, stated.width) != (clip.height, clip.width):
@@ -52,6 +53,15 @@ def video_scene(
             raise error.within(f"{poses}: {frame.path.name}") from None
         frames.append(replace(frame, path=clip.path, video=clip, index=index))
     return replace(scene, frames=tuple(frames))
+
+
+def _as_taken(frame: Frame) -> Frame:
+    """The frame of a photo that was made free of distortion as the video has it, at the same size."""
+    lens = frame.taken_with
+    if lens is None:
+        return frame
+    view = Frame(lens.camera(frame.camera.c2w), frame.path, lens=None if lens.is_pinhole else lens)
+    return view.resized(frame.camera.height, frame.camera.width)
 
 
 def _number(frame: Frame) -> int:

@@ -1,0 +1,93 @@
+"""What is looked at before a command's long work begins: its outputs, its options, and memory."""
+
+from __future__ import annotations
+
+import re
+import sys
+from argparse import Namespace
+from pathlib import Path
+
+from ..api import DEFAULT_MODEL, check_targets
+from ..codec.encoder import check_qp
+from ..codec.modes.choice import check_options
+from ..errors import InputError
+from ..scene.scenes import Scene
+from ..system.memory import available_bytes
+from .files import is_standard
+
+OUTPUTS = {"output": "-o", "html": "--html", "report": "--report", "save_gaussians": "--save-gaussians"}
+
+GOOD_PIXELS = 640 * 480
+"""Photos of more are scaled down unless `--size` says otherwise: the networks that ship learned from photos of a third
+as many pixels, and find fewer of the same places in larger ones."""
+
+BYTES_PER_PIXEL, BYTES_AT_ALL = 1300, 250_000_000
+"""Most memory that a network and coding take, per pixel of all photos and besides: edge and sweep as measured."""
+
+MEMORY_SHARE = 0.9
+"""Of the memory that is free, at most so much is planned with."""
+
+
+def check_outputs(args: Namespace) -> None:
+    """Refuse outputs that are no files of this machine's, and those that are there already without `--force`."""
+    for name, option in OUTPUTS.items():
+        path = getattr(args, name, None)
+        if path is None or is_standard(path):
+            continue
+        if re.match(r"[a-z][a-z0-9+.-]+://", path):
+            raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
+        target = Path(path)
+        if target.is_dir():
+            raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
+        if not target.absolute().parent.is_dir():
+            raise InputError(f"folder {target.parent} does not exist; create it first", where=path)
+        if target.is_file() and not getattr(args, "force", False):
+            raise InputError(f"exists; {option} names another, and --force overwrites it", where=path)
+
+
+def check_coding(args: Namespace) -> None:
+    """Refuse options of coding that contradict each other or lie out of range, before a network runs."""
+    check_targets(
+        qp=args.qp, target_size=args.target_size, target_psnr=args.target_psnr, lossless=args.lossless or None,
+        like=args.like,
+    )  # fmt: skip
+    check_qp(args.qp or 0)
+    targets = (args.target_size, args.target_psnr, args.lossless, args.like)
+    check_options(args.mode, has_target=any(targets))
+
+
+def fitting_size(scene: Scene) -> tuple[int, int] | None:
+    """(height, width) to which photos larger than GOOD_PIXELS are scaled; None where they are not."""
+    camera = scene.frames[0].camera
+    share = (GOOD_PIXELS / (camera.width * camera.height)) ** 0.5
+    return (round(camera.height * share), round(camera.width * share)) if share < 1 else None
+
+
+def sized(args: Namespace, scene: Scene) -> Scene:
+    """The scene at the size that `--size` says, or at one that networks are good for."""
+    if args.size == "full":
+        return scene
+    size = args.size or fitting_size(scene)
+    if size is None:
+        return scene
+    if not args.size and not args.quiet:
+        camera = scene.frames[0].camera
+        found = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
+        advice = f"which {args.model or DEFAULT_MODEL} is good for; --size full takes all of them"
+        print(f"{scene.path}: {found}, {advice}", file=sys.stderr)
+    return scene.resized(*size)
+
+
+def check_memory(scene: Scene) -> None:
+    """Refuse photos that take more memory than is free, with a size that would fit."""
+    camera, free = scene.frames[0].camera, available_bytes()
+    pixels = len(scene.frames) * camera.width * camera.height
+    needed = BYTES_AT_ALL + BYTES_PER_PIXEL * pixels
+    if free is None or needed <= MEMORY_SHARE * free:
+        return
+    fits = max(MEMORY_SHARE * free - BYTES_AT_ALL, 0) / BYTES_PER_PIXEL
+    share = (fits / pixels) ** 0.5
+    size = f"{int(camera.height * share)}x{int(camera.width * share)}"
+    found = f"{len(scene.frames)} photos of {camera.width}x{camera.height} take about {needed / 1e9:.1f} GB"
+    advice = f"--size {size} would fit" if share * min(camera.height, camera.width) >= 64 else "free some first"
+    raise InputError(f"{found}, {free / 1e9:.1f} GB are free; {advice}", where=str(scene.path))

@@ -1,0 +1,77 @@
+"""`poses_bounds.npy`, as LLFF writes it beside the photos in `images/`.
+
+A row for each photo in the order of names: a 3x5 matrix, whose columns are the camera's down, right and backward axes,
+its centre, and (height, width, focal length); then the nearest and farthest depth. Source: github.com/Fyusion/LLFF,
+"Using your own poses without running COLMAP". Pictures may since have been scaled: K follows their size.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...system.files import parsing, read_limited
+from ..cameras import Camera
+from ..images import PHOTO_SUFFIXES, image_size
+from ..scenes import Frame, Scene
+
+LLFF_FILE = "poses_bounds.npy"
+
+PHOTOS = "images"
+
+_MAX_BYTES = 1 << 24  # a row takes 136 bytes
+_ROW = 17
+
+
+def load_llff(folder: Path, near: float | None, far: float | None) -> Scene:
+    """Read a folder with `poses_bounds.npy`.
+
+    Raises:
+        InputError: names the file and the row at fault, or the photos that are not as many as rows.
+    """
+    file = folder / LLFF_FILE
+    rows = _rows(file)
+    photos = sorted(path for path in (folder / PHOTOS).glob("*") if path.suffix.lower() in PHOTO_SUFFIXES)
+    if len(photos) != len(rows):
+        raise InputError(f"{len(rows)} poses for {len(photos)} photos in {PHOTOS}/, expected one each", where=str(file))
+    frames = tuple(
+        Frame(_camera(file, i, row, photo), photo) for i, (row, photo) in enumerate(zip(rows, photos, strict=True))
+    )
+    bounds = rows[:, 15:]
+    found = float(bounds[:, 0].min()), float(bounds[:, 1].max())
+    near, far = (given if given is not None else own for given, own in zip((near, far), found, strict=True))
+    return Scene(folder, frames, near, far)
+
+
+def _rows(file: Path) -> NDArray:
+    """(V, 17) float64."""
+    data = read_limited(file, _MAX_BYTES)
+    try:
+        with parsing(".npy file"):
+            rows = np.load(io.BytesIO(data), allow_pickle=False)
+    except InputError as error:
+        raise error.within(str(file)) from None
+    if rows.ndim != 2 or rows.shape[1] != _ROW or rows.dtype.kind not in "fi" or not len(rows):
+        raise InputError(f"shape {rows.shape} of {rows.dtype}, expected (V, {_ROW}) numbers", where=str(file))
+    if not np.isfinite(rows).all():
+        raise InputError("holds NaN or infinity, expected finite numbers", where=str(file))
+    return rows.astype(np.float64)
+
+
+def _camera(file: Path, i: int, row: NDArray, photo: Path) -> Camera:
+    down, right, backward, centre, (height, width, focal) = row[:15].reshape(3, 5).T
+    c2w = np.eye(4)
+    c2w[:3] = np.stack([right, down, -backward, centre], axis=1)
+    found = image_size(photo)
+    if min(height, width) < 1:
+        raise InputError(f"{width:g}x{height:g} pixels, expected 1 or more", where=f"{file}: row {i}")
+    fx, fy = focal * found[1] / width, focal * found[0] / height
+    K = np.array([[fx, 0, found[1] / 2], [0, fy, found[0] / 2], [0, 0, 1]])
+    try:
+        return Camera(K, c2w, found[1], found[0])
+    except InputError as error:
+        raise InputError(error.message, where=f"{file}: row {i}, {error.where}") from None

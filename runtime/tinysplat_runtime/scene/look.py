@@ -1,0 +1,151 @@
+"""A coarse look at how well photos agree about depths: what a scene's cameras and depth range are checked with.
+
+A plane sweep on thumbnails: for each pixel of one photo and each depth, how far its colour is from what another photo
+shows there. Cameras that belong to the photos find one depth that fits nearly everywhere; others do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .cameras import Camera
+
+LOOK_WIDTH = 96
+"""Pixels of a thumbnail's longer side."""
+
+PLANES = 48
+
+UNSEEN = 0.25
+"""Cost of a pixel that the other photo does not show: about the distance of two colours that have nothing to do with
+each other."""
+
+_CONVERGING = 0.01  # least spread of viewing directions, as sin², whose common point means something
+
+_WINDOW = 2  # pixels to each side that are averaged
+
+REACH = (1.2, 150.0)
+"""Depths looked for where none are known, in distances between the cameras."""
+
+_MARGINS = (1.4, 2.0)  # near is divided by the first and far multiplied by the second: too wide costs less
+_PERCENTILES = (3, 90)
+_CLEAR = 0.45  # the best depth's cost over the mean cost of all depths, below which a pixel tells its depth
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What thumbnails show of each other.
+
+    Attributes:
+        costs: (P, H, W) for every pixel of one photo and P depths: mean distance of colours, 0 to 1.
+        depths: (P,) scene units.
+    """
+
+    costs: NDArray
+    depths: NDArray
+
+    @property
+    def cost(self) -> float:
+        """How badly the best depths fit, mean over the pixels: 0 to `UNSEEN`."""
+        return float(np.minimum(self.costs.min(axis=0), UNSEEN).mean())
+
+
+def thumbnail_size(camera: Camera) -> tuple[int, int]:
+    """(height, width) of a thumbnail of a camera's photo."""
+    scale = min(1.0, LOOK_WIDTH / max(camera.width, camera.height))
+    return max(8, round(camera.height * scale)), max(8, round(camera.width * scale))
+
+
+def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[Look]:
+    """Every photo compared with the one nearest to it.
+
+    Args:
+        images: thumbnails (V, H, W, 3) float in [0, 1], of their cameras' sizes.
+        cameras: two or more.
+        depths: (P,) scene units, > 0.
+    """
+    centres = np.stack([camera.centre for camera in cameras])
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return [
+        Look(_costs(images[v], camera, images[other], cameras[other], depths), depths)
+        for v, (camera, other) in enumerate(zip(cameras, apart.argmin(axis=1), strict=True))
+    ]
+
+
+def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float]:
+    """(near, far) that photos agree about, scene units, for scenes that state none.
+
+    Args:
+        images, cameras: as for `look`.
+
+    Raises:
+        InputError: the cameras stand at one place, or the photos agree about no depth.
+    """
+    centres = np.stack([camera.centre for camera in cameras])
+    apart = float(np.linalg.norm(centres[:, None] - centres, axis=-1).max())
+    if not apart > 0:
+        raise InputError("all cameras stand at one place, which shows no depth; give --near and --far")
+    nearest, farthest = (apart * reach for reach in REACH)
+    depths = 1 / np.linspace(1 / nearest, 1 / farthest, 2 * PLANES)
+    found = []
+    for seen in look(images, cameras, depths):
+        best = seen.costs.min(axis=0)
+        clear = best < _CLEAR * seen.costs.mean(axis=0)
+        found.append(depths[seen.costs.argmin(axis=0)[clear]])
+    agreed = np.concatenate(found)
+    if agreed.size < 0.02 * sum(image.shape[0] * image.shape[1] for image in images):
+        raise InputError("the photos agree about no depth; give --near and --far (and look at the poses)")
+    low, high = np.percentile(agreed, _PERCENTILES)
+    return float(low / _MARGINS[0]), float(high * _MARGINS[1])
+
+
+def range_guessed(cameras: Sequence[Camera]) -> tuple[float, float]:
+    """(near, far) from where cameras stand and look alone: about the point that all look at, or far ahead of them all.
+
+    Good enough to choose views by.
+    """
+    centres = np.stack([camera.centre for camera in cameras])
+    axes = np.stack([camera.rotation[2] for camera in cameras])
+    apart = float(np.linalg.norm(np.ptp(centres, axis=0))) or 1.0
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # (V, 3, 3), what lies beside each axis
+    if np.linalg.eigvalsh(across.mean(axis=0))[0] > _CONVERGING:
+        point = np.linalg.solve(across.mean(axis=0), (across @ centres[:, :, None]).mean(axis=0)[:, 0])
+        depths = ((point - centres) * axes).sum(axis=1)
+        if (depths > 0).mean() > 0.5:
+            depth = float(np.median(depths[depths > 0]))
+            return depth / 2, depth * 2
+    return apart * 1.5, apart * 30
+
+
+def _costs(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> NDArray:
+    """(P, H, W) distances of an image's colours to those of another where it shows a pixel at each depth."""
+    height, width = image.shape[:2]
+    v, u = np.mgrid[0:height, 0:width] + 0.5
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ (camera.rotation.T @ np.linalg.inv(camera.K)).T  # (H, W, 3)
+    turned = rays @ (its.K @ its.rotation).T
+    shift = (camera.centre - its.centre) @ (its.K @ its.rotation).T
+    costs = np.empty((len(depths), height, width), np.float32)
+    for p, depth in enumerate(depths):
+        point = depth * turned + shift
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = point[..., 0] / point[..., 2], point[..., 1] / point[..., 2]
+            inside = (point[..., 2] > 0) & (x >= 0) & (x < its.width) & (y >= 0) & (y < its.height)
+        column, row = (np.where(inside, at, 0).astype(np.int64) for at in (x, y))
+        costs[p] = np.where(inside, np.abs(other[row, column] - image).mean(axis=-1), UNSEEN)
+    return _smoothed(costs)
+
+
+def _smoothed(costs: NDArray) -> NDArray:
+    """Means over windows of 2·_WINDOW + 1 pixels, the last two axes."""
+    for axis in (1, 2):
+        padding = [(0, 0)] * 3
+        padding[axis] = (_WINDOW, _WINDOW)
+        padded = np.pad(costs, padding, mode="edge")
+        views = np.lib.stride_tricks.sliding_window_view(padded, 2 * _WINDOW + 1, axis=axis)
+        costs = views.mean(axis=-1)
+    return costs
