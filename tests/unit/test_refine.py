@@ -14,7 +14,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.refine.stats import RefineStats
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.scenes import Frame, Scene
@@ -44,7 +44,7 @@ def worn(gaussians: ts.Gaussians, seed: int = 0) -> ts.Gaussians:
 
 
 def photographed(folder: Path, gaussians: ts.Gaussians, cameras: list[ts.Camera]) -> Scene:
-    renderer = Renderer(gaussians)
+    renderer = Renderer(gaussians, **DEFINITION)  # by which refinement draws, too
     frames = []
     for n, camera in enumerate(cameras):
         write_png(folder / f"{n}.png", renderer.render(camera))
@@ -53,7 +53,7 @@ def photographed(folder: Path, gaussians: ts.Gaussians, cameras: list[ts.Camera]
 
 
 def psnr(gaussians: ts.Gaussians, scene: Scene) -> float:
-    renderer = Renderer(gaussians)
+    renderer = Renderer(gaussians, **DEFINITION)  # by which refinement draws, too
     errors = [np.mean((renderer.render(frame.camera) - frame.image()) ** 2) for frame in scene.frames]
     return float(np.mean([-10 * np.log10(error) for error in errors]))
 
