@@ -27,7 +27,7 @@ from .exposure import ExposureSettings, one_exposure
 from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .narrowing import NarrowingSettings, narrowed
 from .pairs import ViewPairs
-from .surfels import CoarseChanges, coarse_layer, pixel_layer
+from .surfels import CoarseChanges, coarse_layer, pixel_layer, sharpened, splat_weights
 from .sweep import (
     MAX_VIEWS,
     MIN_VIEWS,
@@ -54,7 +54,7 @@ MIN_SIDE = 32
 WINDOW = 2
 """Candidates on each side of the best that the expected depth is taken over."""
 
-OPACITY_CAP = 0.65
+OPACITY_CAP = 0.75
 """Bound on a surface Gaussian's opacity: changes of depth order by coding stay small (`TrustSettings.opacity`)."""
 
 
@@ -83,7 +83,10 @@ class EdgeSettings:
         prior_floor: lowest log value of that prior.
         depth_reach: bound on the head's change of depth, candidates.
         colour_reach: bound on the change of colour.
-        log_footprint_reach: bound on the change of the logarithm of the footprint.
+        sharpening_reach: bounds on the changes of the factors of `sharpened`.
+        least_footprint: standard deviation in pixels that every surface Gaussian has at least: a surface is closed by
+            its own Gaussians, however near one goes.
+        log_footprint_reach: bound on the change of the logarithm of what is added to that in quadrature.
         coarse: channels of the coarse layer's head.
         coarse_blurs: sides of the boxes, cells, whose mean colours a coarse Gaussian may turn to.
         coarse_reach: bounds on the changes of the logarithms of the coarse layer's inverse depth and width.
@@ -113,6 +116,8 @@ class EdgeSettings:
     prior_floor: float = -8.0
     depth_reach: float = 1.0
     colour_reach: float = 0.15
+    sharpening_reach: tuple[float, float] = (1.0, 1.0)
+    least_footprint: float = 0.4
     log_footprint_reach: float = 1.2
     coarse: int = 32
     coarse_blurs: tuple[int, int] = (9, 33)
@@ -138,6 +143,37 @@ class Analysis:
     coarse_paths: Tensor
     level: Tensor
     agreement: Tensor
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """What the heads start from: surfaces found, and what tells how well.
+
+    Attributes:
+        images: (V, 3, H, W).
+        K, c2w, far: as `Edge.forward` has them.
+        depths: the narrowed range that was swept.
+        logits: (V, D, h, w) over candidates, half resolution.
+        features: (V, C, h, w) of the U-Net, and agreement, errors and doubts beside them.
+        opacity: (V, 1, h, w) of the analysis.
+        coarse_features: (V, C, h / 2, w / 2).
+        cells: (V, 4, h / 2, w / 2) colour and level.
+        level: (V, 1, H, W) depth, aligned, a level of `depths`.
+        details: (V, 4, H, W) what the sources show less the photo, and the share of sources that see it.
+    """
+
+    images: Tensor
+    K: Tensor
+    c2w: Tensor
+    far: Tensor
+    depths: InverseDepths
+    logits: Tensor
+    features: Tensor
+    opacity: Tensor
+    coarse_features: Tensor
+    cells: Tensor
+    level: Tensor
+    details: Tensor
 
 
 @dataclass(frozen=True)
@@ -217,7 +253,7 @@ class Edge(nn.Module):
         )
         self.head = nn.Sequential(
             convolution(s.fine + 9, s.head), nn.ReLU(), convolution(s.head, s.head), nn.ReLU(),
-            zero(convolution(s.head, 6)),
+            zero(convolution(s.head, 8)),
         )  # fmt: skip
         self.coarse = CoarseHead(s.widths[1], s)
 
@@ -234,6 +270,10 @@ class Edge(nn.Module):
 
     def predict(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> Prediction:
         """As `forward`, with what the losses look at."""
+        return self.dress(self.find(images, K, c2w, near, far))
+
+    def find(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> Surfaces:
+        """Where the surfaces are: the analysis, the refiner and the U-Net; arguments as for `forward`."""
         s = self.settings
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
         whole = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)
@@ -260,33 +300,52 @@ class Edge(nn.Module):
         full = full + (aligned - full.detach())  # the gradient passes the alignment as if it were not there
 
         error = pairs.by_view(error.clamp(-4, 4) * seen) / 4
-        extra = [found.agreement, error.amin(dim=1), error.amax(dim=1), opacity, confidence]
-        extra += [
+        clues = [
+            found.agreement, error.amin(dim=1), error.amax(dim=1), opacity, confidence,
             s.analysis.candidates / 8 * (level - found.level),
             functional.avg_pool2d(difference, 2).abs().mean(1, True),
-        ]
-        fine = self.fine(torch.cat([features, *extra], dim=1))
-        opacity = double(opacity)
-        relief = (s.analysis.candidates / 4 * (full - box_mean(full, 9))).clamp(-2, 2)
-        change = self.head(torch.cat([fine, images - 0.5, 4 * difference, visible, relief, opacity], dim=1))
+        ]  # fmt: skip
+        cells = functional.avg_pool2d(torch.cat([half, level.detach()], dim=1), 2)
+        details = torch.cat([4 * difference, visible], dim=1)
+        return Surfaces(
+            images, K, c2w, far, depths, logits, torch.cat([features, *clues], dim=1), opacity, coarse_features, cells,
+            full, details,
+        )  # fmt: skip
+
+    def dress(self, surfaces: Surfaces) -> Prediction:
+        """Gaussians on the surfaces: what the heads at full resolution and of the coarse layer make of them."""
+        s, found, images = self.settings, surfaces, surfaces.images
+        witnesses = ViewPairs.all(found.c2w)
+        fine = self.fine(found.features)
+        opacity = double(found.opacity)
+        relief = (s.analysis.candidates / 4 * (found.level - box_mean(found.level, 9))).clamp(-2, 2)
+        change = self.head(torch.cat([fine, images - 0.5, found.details, relief, opacity], dim=1))
 
         unit = s.depth_reach / (s.analysis.candidates - 1)
-        full = (full + unit * torch.tanh(change[:, :1])).clamp(0, 1)
+        level = (found.level + unit * torch.tanh(change[:, :1])).clamp(0, 1)
         opacity = OPACITY_CAP * torch.sigmoid(torch.logit(opacity / OPACITY_CAP, 1e-3) + change[:, 1:2])
+        spread = s.analysis.footprint**2 - s.least_footprint**2
+        spread = spread * torch.exp(2 * s.log_footprint_reach * torch.tanh(change[:, 2:3]))
+        footprint = torch.sqrt(s.least_footprint**2 + spread)
+        colour, gain, finer_gain = torch.tanh(change[:, 3:]).split([3, 1, 1], dim=1)
+        reach, finer_reach = s.sharpening_reach
+        inverse_depth = found.depths.at(level)
         with _without_gradient():
-            kept = kept_opacity(full.detach(), opacity.detach() / OPACITY_CAP, K, c2w, witnesses, depths, s.witnesses)
+            weights = splat_weights(inverse_depth, opacity, footprint, s.analysis.surfaces)
+            kept = kept_opacity(
+                level.detach(), opacity.detach() / OPACITY_CAP, found.K, found.c2w, witnesses, found.depths, s.witnesses
+            )
+        first, second = s.analysis.sharpening
+        colours = sharpened(images, weights, first + reach * gain, second + finer_reach * finer_gain)
+        colours = colours + s.colour_reach * colour
         opacity = opacity * kept
-        footprint = s.analysis.footprint * torch.exp(s.log_footprint_reach * torch.tanh(change[:, 2:3]))
-        colours = images + s.analysis.sharpening * (images - box_mean(images, 3))
-        coarse_colours, colours = colours, colours + s.colour_reach * torch.tanh(change[:, 3:])
-        inverse_depth = depths.at(full)
-        surface = pixel_layer(colours, K, c2w, inverse_depth, opacity, footprint)
-        changes = self.coarse(coarse_features, functional.avg_pool2d(torch.cat([half, level.detach()], dim=1), 2))
+        surface = pixel_layer(colours, found.K, found.c2w, inverse_depth, opacity, footprint)
+        changes = self.coarse(found.coarse_features, found.cells)
         coarse = coarse_layer(
-            coarse_colours, K, c2w, inverse_depth.detach(), far, witnesses, s.analysis.coarse, changes
+            images, found.K, found.c2w, inverse_depth.detach(), found.far, witnesses, s.analysis.coarse, changes
         )
         outputs = (*surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0])
-        return Prediction(outputs, logits, full, depths, footprint, opacity, colours)
+        return Prediction(outputs, found.logits, level, found.depths, footprint, opacity, colours)
 
     def _logits(self, half: Tensor, found: Analysis) -> Tensor:
         """Logits (V, D, h, w) over candidates: the analysis's, and what the refiner adds at quarter resolution."""

@@ -16,6 +16,7 @@ from torch.nn import functional
 
 from tinysplat.transforms import multiply_quats
 from tinysplat_runtime.gaussian.sh import C0
+from tinysplat_runtime.render.project import DILATION
 
 from .aggregation import box_mean, box_minimum
 from .geometry import (
@@ -76,6 +77,53 @@ def surface_slopes(inverse_depth: Tensor, rays: Tensor, K: Tensor) -> Tensor:
     facing = inverse_depth - rays[:, 0:1] * gradient_x - rays[:, 1:2] * gradient_y
     facing = torch.maximum(facing, 0.2 * inverse_depth)  # a visible surface faces the camera
     return (torch.cat([gradient_x, gradient_y], dim=1) / -facing).clamp(-MAX_SLOPE, MAX_SLOPE)
+
+
+def splat_weights(inverse_depth: Tensor, opacities: Tensor, footprint: float | Tensor, surfaces: float) -> Tensor:
+    """The share of each of 3 × 3 Gaussians in the pixel between them, drawn from the photo's place, (V, 9, H, W).
+
+    Gaussians hide one another in the order of their depths: on a slope the nearer ones lie before the others like
+    shingles, and a picture of them is blurred and moved. The order is that of the renderer, ties as they stand.
+
+    Args:
+        inverse_depth: (V, 1, H, W).
+        opacities: (V, 1, H, W).
+        footprint: standard deviation, pixels; one number or (V, 1, H, W).
+        surfaces: how many such surfaces lie in one another, from as many views: each hides as much again.
+    """
+    squared = footprint * footprint + DILATION + torch.zeros_like(opacities)
+    distance = torch.tensor([2.0, 1, 2, 1, 0, 1, 2, 1, 2])[:, None, None]  # squared, of `neighbours`
+    alpha = neighbours(opacities) * torch.exp(-0.5 * distance / neighbours(squared))
+    dimming = torch.log1p(-alpha)
+    near = neighbours(inverse_depth)
+    left = []
+    for i in range(9):
+        here = near[:, i : i + 1]
+        before = torch.cat([near[:, : i + 1] >= here, near[:, i + 1 :] > here], dim=1)
+        left.append((dimming * before).sum(dim=1, keepdim=True) - dimming[:, i : i + 1])
+    weights = alpha * torch.exp(surfaces * torch.cat(left, dim=1))
+    return weights / weights.sum(dim=1, keepdim=True).clamp_min(1e-6)
+
+
+def neighbours(maps: Tensor) -> Tensor:
+    """The 3 × 3 values about each of (V, 1, h, w), row by row, borders replicated: (V, 9, h, w)."""
+    height, width = maps.shape[2:]
+    padded = functional.pad(maps, (1, 1, 1, 1), mode="replicate")
+    return torch.cat([padded[..., y : y + height, x : x + width] for y in range(3) for x in range(3)], dim=1)
+
+
+def sharpened(images: Tensor, weights: Tensor, gain: float | Tensor, finer_gain: float | Tensor) -> Tensor:
+    """Photos (V, 3, H, W) with what drawing takes from them added, and what it takes from that.
+
+    Van Cittert's iteration (1931) for the colours of which `splat_weights` make the photo; factors may differ from one.
+    """
+
+    def lost(maps: Tensor) -> Tensor:
+        drawn = [(neighbours(maps[:, c : c + 1]) * weights).sum(dim=1, keepdim=True) for c in range(3)]
+        return maps - torch.cat(drawn, dim=1)
+
+    detail = lost(images)
+    return images + gain * detail + finer_gain * lost(detail)
 
 
 def pixel_layer(

@@ -23,7 +23,7 @@ from .geometry import (
     sample_bilinear,
 )
 from .pairs import ViewPairs
-from .surfels import CoarseSettings, coarse_layer, pixel_layer
+from .surfels import CoarseSettings, coarse_layer, pixel_layer, sharpened, splat_weights
 
 OUTPUT_NAMES = (
     *("means", "quats", "scales", "opacities", "sh"),
@@ -107,8 +107,10 @@ class SweepSettings:
         fill_edge, fill_dilations: of `aggregation.fill_uncertain`.
         alignment: the last step at full resolution.
         trust: from agreement between views to opacity.
-        footprint: standard deviation of a Gaussian on a frontal surface, pixels.
-        sharpening: share of the photo's fine detail added to colours; splatting's dilation takes it away again.
+        footprint: standard deviation of a Gaussian on a frontal surface, pixels: wide enough that its own Gaussians
+            close a surface, however near one goes.
+        sharpening: factors on what drawing takes from a photo, and on what it takes from that (`sharpened`).
+        surfaces: how many lie in one another (`splat_weights`).
         coarse: the second layer.
     """
 
@@ -130,8 +132,9 @@ class SweepSettings:
     fill_dilations: tuple[int, ...] = (1, 2, 4, 8, 8, 8)
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
-    footprint: float = 0.2
-    sharpening: float = 0.45
+    footprint: float = 0.45
+    sharpening: tuple[float, float] = (1.0, 1.0)
+    surfaces: float = 2.0
     coarse: CoarseSettings = field(default_factory=CoarseSettings)
 
 
@@ -170,9 +173,11 @@ class Sweep(nn.Module):
 
         level = align_photos(double(level), images, K, pairs, sweep, settings.alignment)
         inverse_depth = sweep.at(level)
-        colours = images + settings.sharpening * (images - box_mean(images, 3))
-        surface = pixel_layer(colours, K, c2w, inverse_depth, double(opacities), settings.footprint)
-        coarse = coarse_layer(colours, K, c2w, inverse_depth, far, witnesses, settings.coarse)
+        opacities = double(opacities)
+        weights = splat_weights(inverse_depth, opacities, settings.footprint, settings.surfaces)
+        colours = sharpened(images, weights, *settings.sharpening)
+        surface = pixel_layer(colours, K, c2w, inverse_depth, opacities, settings.footprint)
+        coarse = coarse_layer(images, K, c2w, inverse_depth, far, witnesses, settings.coarse)
         return *surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]
 
 
