@@ -1,4 +1,4 @@
-"""The command: python -m tinysplat.training CONFIG.toml --out DIR [--minutes N] [--resume]."""
+"""The command: python -m tinysplat.training CONFIG.toml --out DIR [--minutes N] [--resume] [--device NAME]."""
 
 from __future__ import annotations
 
@@ -18,13 +18,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for checkpoint and curves")
     parser.add_argument("--minutes", type=float, help="stop after so long; default: at the configured step")
     parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
+    parser.add_argument("--start", type=Path, metavar="CHECKPOINT", help="begin with these weights")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="in place of the configuration's")
+    for name, text in (("photos", "scene folders"), ("pictures", "textures"), ("validation", "scenes to validate on")):
+        parser.add_argument(f"--{name}", type=Path, metavar="PATH", help=f"folder or .zip of {text}, likewise")
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         from .config import load_config
         from .loop import train
 
-        train(load_config(options.config), options.out, resume=options.resume, minutes=options.minutes, say=_say)
+        given = {name: getattr(options, name) for name in ("photos", "pictures", "validation", "device")}
+        config = load_config(options.config, **{name: str(value) for name, value in given.items() if value is not None})
+        train(config, options.out, resume=options.resume, start=options.start, minutes=options.minutes, say=_say)
     except (TinySplatError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

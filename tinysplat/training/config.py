@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,16 +25,20 @@ class DataSettings:
     """Where samples come from; relative folders are relative to the configuration file.
 
     Attributes:
-        photos: folder of scene folders whose photos are targets and textures.
-        pictures: folder of further photos for textures, searched to the bottom, or empty for none.
+        photos: folder of scene folders whose photos are targets and textures, or a .zip of one (`pack`), or empty for
+            procedural scenes alone.
+        pictures: folder of further photos for textures, searched to the bottom, or a .zip, or empty for none.
         validation: folder of scene folders with eval_index.json, or empty for none.
         seed: of weights, textures and samples.
         side: of the square crops, pixels; a multiple of 16.
         large_side, large_share: another size, and the share of samples that have it.
         photo_share: share of samples that are real photos, the others are procedural.
-        many_views_share: share of procedural samples with three context views instead of two.
+        many_views_share: share of samples with three or four views instead of two.
         targets: target views of a sample.
+        zooms: sizes that targets are drawn at, as multiples of the views' size; one that is named twice is drawn twice
+            as often. A photo is never enlarged for it.
         textures: size of the texture bank.
+        workers: threads that make samples.
     """
 
     photos: str = ""
@@ -47,12 +51,14 @@ class DataSettings:
     photo_share: float = 0.5
     many_views_share: float = 0.1
     targets: int = 1
+    zooms: tuple[float, ...] = (0.5, 1.0, 1.0, 2.0, 2.0)
     textures: int = 700
+    workers: int = 1
 
 
 @dataclass(frozen=True)
 class OptimiserSettings:
-    """AdamW, its schedule, and the average of the weights.
+    """AdamW, its schedule, what it trains, and the average of the weights.
 
     The rate rises over `warmup` steps, stays, and falls to a fiftieth along half a cosine over the last `cooldown`.
     `steps` may be changed between a run and its continuation; the checkpoint holds no schedule.
@@ -65,6 +71,7 @@ class OptimiserSettings:
         warmup, cooldown: steps.
         clip: bound on the gradient's norm.
         average: decay of the exponential moving average of the weights.
+        heads_alone: leave alone what finds the surfaces (`Edge.find`), and train what dresses them.
     """
 
     rate: float = 1e-3
@@ -75,6 +82,7 @@ class OptimiserSettings:
     cooldown: int = 2000
     clip: float = 1.0
     average: float = 0.998
+    heads_alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,8 +125,12 @@ class Config:
         return content
 
 
-def load_config(path: Path) -> Config:
+def load_config(path: Path, **given: str) -> Config:
     """Read a configuration.
+
+    Args:
+        path: of the file.
+        given: `photos`, `pictures`, `validation` and `device` that take the place of the file's, folders as they are.
 
     Raises:
         InputError: names the key that is unknown or of the wrong type, or the line that is not TOML.
@@ -129,18 +141,21 @@ def load_config(path: Path) -> Config:
         raise InputError(f"not TOML ({error})", where=str(path)) from None
     config = _section(Config, document, str(path))
     folder = path.parent
-    if not config.data.photos:
+    device = given.pop("device", config.run.device)
+    if not (config.data.photos or "photos" in given) and config.data.photo_share > 0:
         raise InputError("missing, expected a folder of scene folders", where=f"{path}: data.photos")
+    if not config.data.zooms or not all(0.25 <= zoom <= 4 for zoom in config.data.zooms):
+        raise InputError(f"{config.data.zooms}, expected numbers from 0.25 to 4", where=f"{path}: data.zooms")
     for name in ("side", "large_side"):
         side = getattr(config.data, name)
         if side < MIN_SIDE or side % STRIDE:
             message = f"{side}, expected a multiple of {STRIDE} from {MIN_SIDE} on"
             raise InputError(message, where=f"{path}: data.{name}")
-    data = {**asdict(config.data), "photos": str(folder / config.data.photos)}
-    for name in ("pictures", "validation"):
+    data = asdict(config.data)
+    for name in ("photos", "pictures", "validation"):
         if data[name]:
             data[name] = str(folder / data[name])
-    return Config(DataSettings(**data), config.loss, config.optimiser, config.run)
+    return Config(DataSettings(**{**data, **given}), config.loss, config.optimiser, replace(config.run, device=device))
 
 
 def _section(kind: type[_Section], values: dict[str, Any], where: str) -> _Section:
@@ -157,8 +172,17 @@ def _section(kind: type[_Section], values: dict[str, Any], where: str) -> _Secti
                 raise InputError("expected a table", where=f"{where}: {name}")
             found[name] = _section(type(expected), value, f"{where}: {name}")
             continue
-        accepted = (int, float) if isinstance(expected, float) else (type(expected),)
-        if isinstance(value, bool) or not isinstance(value, accepted):
-            raise InputError(f"{value!r}, expected {type(expected).__name__}", where=f"{where}: {name}")
-        found[name] = type(expected)(value)
+        found[name] = _value(value, expected, f"{where}: {name}")
     return kind(**found)
+
+
+def _value(value: Any, expected: Any, where: str) -> Any:
+    """A value of the type of its default, numbers taken for numbers, lists of them for tuples."""
+    if isinstance(expected, tuple):
+        if not isinstance(value, list):
+            raise InputError(f"{value!r}, expected a list", where=where)
+        return tuple(_value(part, expected[0], where) for part in value)
+    accepted = (int, float) if isinstance(expected, float) else (type(expected),)
+    if (isinstance(value, bool) and not isinstance(expected, bool)) or not isinstance(value, accepted):
+        raise InputError(f"{value!r}, expected {type(expected).__name__}", where=where)
+    return type(expected)(value)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 
 from .config import DataSettings
+from .pack import unpacked
 from .photos import PhotoSet
 from .procedural import procedural_sample
 from .samples import Sample
@@ -20,8 +20,11 @@ from .textures import texture_bank
 _BANK = 2**32
 """Index of the generator of the texture bank, beyond any sample."""
 
+MOST = 320
+"""Side of the largest target of a procedural sample, pixels."""
+
 _AHEAD = 6
-"""Samples made in advance."""
+"""Samples made in advance by each thread."""
 
 
 class SampleStream:
@@ -36,11 +39,12 @@ class SampleStream:
 
     def __init__(self, settings: DataSettings) -> None:
         self.settings = settings
-        folder = Path(settings.photos)
-        self.photos = PhotoSet.load(folder)
-        scenes = sorted(path.parent for path in folder.glob(f"*/{CAMERAS_FILE}"))
-        pictures = Path(settings.pictures) if settings.pictures else None
-        self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK), pictures)
+        self.photos, scenes = PhotoSet((), ()), []
+        with unpacked(settings.photos) as folder, unpacked(settings.pictures) as pictures:
+            if folder is not None:
+                self.photos = PhotoSet.load(folder)
+                scenes = sorted(path.parent for path in folder.glob(f"*/{CAMERAS_FILE}"))
+            self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK), pictures)
 
     def _generator(self, index: int) -> np.random.Generator:
         return np.random.default_rng([self.settings.seed, index])
@@ -49,27 +53,23 @@ class SampleStream:
         """Sample number `index`."""
         s, rng = self.settings, self._generator(index)
         side = s.large_side if rng.random() < s.large_share else s.side
-        if rng.random() < s.photo_share:
-            return self.photos.sample(rng, side, s.targets)
-        views = 3 if rng.random() < s.many_views_share else 2
-        return procedural_sample(rng, self.textures, side, views, s.targets)
+        views = int(rng.integers(3, 5)) if rng.random() < s.many_views_share else 2
+        targets = [round(zoom * side) for zoom in rng.choice(s.zooms, s.targets)]
+        if rng.random() < s.photo_share and self.photos.scenes:
+            return self.photos.sample(rng, side, views, targets)
+        return procedural_sample(rng, self.textures, side, views, [min(target, MOST) for target in targets])
 
     def follow(self, start: int) -> Iterator[Sample]:
-        """Samples from number `start` on without end, made ahead by one thread."""
-        ready: queue.Queue[Sample | BaseException] = queue.Queue(_AHEAD)
-
-        def work() -> None:
+        """Samples from number `start` on without end, in order, made ahead by threads."""
+        with ThreadPoolExecutor(self.settings.workers) as pool:
+            ahead: deque[Future[Sample]] = deque()
             index = start
             try:
                 while True:
-                    ready.put(self.sample(index))
-                    index += 1
-            except BaseException as error:  # handed to the thread that waits for the sample
-                ready.put(error)
-
-        threading.Thread(target=work, daemon=True).start()
-        while True:
-            sample = ready.get()
-            if isinstance(sample, BaseException):
-                raise sample
-            yield sample
+                    while len(ahead) < _AHEAD * self.settings.workers:
+                        ahead.append(pool.submit(self.sample, index))
+                        index += 1
+                    yield ahead.popleft().result()
+            finally:
+                for future in ahead:
+                    future.cancel()

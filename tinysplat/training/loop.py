@@ -68,14 +68,16 @@ def choose_device(name: str) -> torch.device:
 
 
 def train(
-    config: Config, folder: Path, *, resume: bool = False, minutes: float | None = None, say: Say = print
-) -> TrainingState:
+    config: Config, folder: Path, *, resume: bool = False, start: Path | None = None, minutes: float | None = None,
+    say: Say = print,
+) -> TrainingState:  # fmt: skip
     """Train until the configured step or for some minutes, and leave checkpoint and curves in a folder.
 
     Args:
         config: what to do.
         folder: made if need be.
         resume: go on from the folder's checkpoint.
+        start: begin with the averaged weights of this checkpoint instead of new ones.
         minutes: stop after so long, in good order; None for no limit.
         say: takes lines of progress.
 
@@ -93,6 +95,8 @@ def train(
         state = TrainingState.load(checkpoint, config, device)
     elif checkpoint.exists():
         raise InputError("there is a checkpoint already, expected --resume or another folder", where=str(checkpoint))
+    elif start is not None:
+        state = TrainingState.started(start, config, device)
     else:
         state = TrainingState.fresh(config, device)
     if config.run.bfloat16:
@@ -118,12 +122,13 @@ class _Run:
         self.config, self.folder, self.state, self.device, self.say = config, folder, state, device, say
         self.saved = self.started = time.monotonic()
         self.recent: list[dict[str, float]] = []
+        self.first_step, self.end = state.step, math.inf
 
     def until(self, samples: Iterator[Sample], minutes: float | None) -> None:
         """Steps until the configured number is done or the time is up."""
         settings, state = self.config.run, self.state
-        end = math.inf if minutes is None else self.started + 60 * minutes
-        while state.step < self.config.optimiser.steps and time.monotonic() < end:
+        self.end = math.inf if minutes is None else self.started + 60 * minutes
+        while state.step < self.config.optimiser.steps and time.monotonic() < self.end:
             batch = [next(samples) for _ in range(self.config.optimiser.batch)]
             self.recent += train_step(state, batch, self.config, self.device)
             if state.step % settings.log_steps == 0:
@@ -140,7 +145,13 @@ class _Run:
         self.state.history.append({"step": self.state.step, **means})
         self.recent.clear()
         text = ", ".join(f"{name} {value:.4g}" for name, value in means.items())
-        self.say(f"step {self.state.step}, {time.monotonic() - self.started:.0f} s: {text}")
+        self.say(f"step {self.state.step}, {self._minutes_left():.1f} minutes left: {text}")
+
+    def _minutes_left(self) -> float:
+        """Until the configured step at the pace so far, or until the time is up."""
+        now = time.monotonic()
+        pace = (now - self.started) / max(self.state.step - self.first_step, 1)
+        return min((self.config.optimiser.steps - self.state.step) * pace, self.end - now) / 60
 
     def validate(self) -> None:
         """PSNR of the averaged weights on the validation windows."""
@@ -181,6 +192,7 @@ def train_step(
         for sample in batch:
             moved = sample.to(device)
             loss, found = losses(state.network.predict(*moved.inputs()), moved, config.loss)
+            found["loss"] = float(loss.detach())
             if not torch.isfinite(loss):  # torch's gradient of a bilinear read at NaN writes out of bounds
                 is_finite = False
                 break

@@ -55,7 +55,7 @@ def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tupl
     """The loss of a sample, and figures for the curves: its terms, PSNR, and the share of good depths."""
     terms: dict[str, Tensor] = {}
     figures: dict[str, float] = {}
-    rendered = [(render_outputs(prediction.outputs, camera), target) for target, camera in sample.targets()]
+    rendered = [(render_outputs(prediction.outputs, target.camera()), target.image) for target in sample.targets]
     terms["photometric"] = torch.stack([photometric(a, b, weights) for a, b in rendered]).mean()
     terms["rate"] = weights.rate * rate(prediction)
     if sample.depth is not None:
@@ -67,10 +67,16 @@ def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tupl
         )
         terms["depth"] = weights.depth * (robust * known).sum() / known.sum().clamp_min(1)
         figures["within one candidate"] = float(((error < 1) * known).sum() / known.sum().clamp_min(1))
-    kind = "photos" if sample.depth is None else "procedural"
-    figures[f"PSNR {kind}"] = sum(psnr(a.detach(), b) for a, b in rendered) / len(rendered)
+    for picture, image in rendered:
+        kind = _kind(image.shape[-1] / sample.images.shape[-1])
+        figures[f"PSNR {kind}"] = psnr(picture.detach(), image)
     figures.update({name: float(term.detach()) for name, term in terms.items()})
     return torch.stack(list(terms.values())).sum(), figures
+
+
+def _kind(zoom: float) -> str:
+    """Of a target that is drawn at a multiple of the views' size, for the curves."""
+    return "smaller" if zoom < 1 else "same size" if zoom == 1 else "enlarged"
 
 
 def photometric(image: Tensor, target: Tensor, weights: LossWeights) -> Tensor:

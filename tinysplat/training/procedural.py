@@ -7,6 +7,7 @@ something very far, glossy objects. Everything follows from one random generator
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,15 +71,17 @@ def euler(roll: float, yaw: float, pitch: float) -> NDArray:
     return z @ y @ x
 
 
-def procedural_sample(rng: np.random.Generator, textures: NDArray, side: int, views: int, targets: int) -> Sample:
+def procedural_sample(
+    rng: np.random.Generator, textures: NDArray, side: int, views: int, target_sides: Sequence[int]
+) -> Sample:
     """A scene and its pictures.
 
     Args:
         rng: everything random.
         textures: of `texture_bank`.
-        side: of the square pictures, pixels.
-        views: context views.
-        targets: target views.
+        side: of the square views, pixels.
+        views: how many.
+        target_sides: of each target, pixels.
     """
     focal = rng.uniform(0.75, 1.8) * side
     K = np.array([[focal, 0, side / 2], [0, focal, side / 2], [0, 0, 1]])
@@ -86,19 +89,25 @@ def procedural_sample(rng: np.random.Generator, textures: NDArray, side: int, vi
     builder = _Builder(rng, len(textures), focal)
     depth = _furnish(builder, side / focal)
     primitives = builder.build()
-    cameras = _cameras(rng, depth, views, targets)
+    cameras = _cameras(rng, depth, views, len(target_sides))
     light = rng.normal(size=3)
     light /= np.linalg.norm(light)
-    pictures = [trace(primitives, textures, light, K, c2w, side, _RAYS) for c2w in cameras]
-    images, depths = (np.stack(a) for a in zip(*pictures, strict=True))
-    seen = depths[:views][depths[:views] > 0]
+    images, intrinsics, depths = [], [], []
+    for c2w, size in zip(cameras, [side] * views + list(target_sides), strict=True):
+        intrinsics.append(np.diag([size / side, size / side, 1]) @ K)
+        image, z = trace(primitives, textures, light, intrinsics[-1], c2w, size, _RAYS)
+        images.append(image)
+        depths.append(z)
+    images = _photographed(rng, images)
+    exact = np.stack(depths[:views])
+    seen = exact[exact > 0]
     near, far = np.quantile(seen, 0.005) * rng.uniform(0.7, 1.0), np.quantile(seen, 0.995) * rng.uniform(1.0, 1.4)
     if rng.random() < 0.1:
         near, far = near * rng.uniform(0.4, 1), far * rng.uniform(1, 3)
-    return Sample.of(
-        "procedural", _photographed(rng, images), np.tile(K, (len(images), 1, 1)), np.stack(cameras),
-        (float(near), float(max(far, 1.05 * near))), views, depths[:views],
-    )  # fmt: skip
+    pictures = list(zip(images, intrinsics, cameras, strict=True))
+    context = tuple(np.stack(part) for part in zip(*pictures[:views], strict=True))
+    depth_range = (float(near), float(max(far, 1.05 * near)))
+    return Sample.of("procedural", context, pictures[views:], depth_range, exact)
 
 
 def _furnish(b: _Builder, spread: float) -> float:
@@ -191,10 +200,12 @@ def _cameras(rng: np.random.Generator, depth: float, views: int, targets: int) -
     return cameras
 
 
-def _photographed(rng: np.random.Generator, images: NDArray) -> NDArray:
+def _photographed(rng: np.random.Generator, images: Sequence[NDArray]) -> list[NDArray]:
     """Tone curve, darkness, noise and small differences of exposure between the pictures."""
-    images = images ** rng.uniform(0.7, 1.4)
-    if rng.random() < 0.12:
-        images = images * rng.uniform(0.25, 0.7)
-    images = images * (1 + rng.normal(0, 0.006, (len(images), 1, 1, 1)))
-    return np.clip(images + rng.normal(0, rng.uniform(0, 0.004), images.shape), 0, 1).astype(np.float32)
+    power, gain = rng.uniform(0.7, 1.4), rng.uniform(0.25, 0.7) if rng.random() < 0.12 else 1.0
+    noise = rng.uniform(0, 0.004)
+    found = []
+    for image in images:
+        exposed = image**power * (gain * (1 + rng.normal(0, 0.006)))
+        found.append(np.clip(exposed + rng.normal(0, noise, image.shape), 0, 1).astype(np.float32))
+    return found

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -12,19 +14,44 @@ from torch import Tensor
 from tinysplat.rasteriser import PinholeCamera, render
 from tinysplat_runtime.gaussian.sh import C0
 
+Picture: TypeAlias = tuple[NDArray, NDArray, NDArray]
+"""Image, K and c2w."""
+
+Pictures: TypeAlias = tuple[NDArray, NDArray, NDArray]
+"""The same of several, along the first axis."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A picture that the Gaussians of a sample shall give when they are drawn.
+
+    Attributes:
+        image: (3, h, w) float32 RGB in [0, 1], of any size.
+        K: (3, 3) float32 intrinsics in pixels.
+        c2w: (4, 4) float32, relative to the mean centre of the sample's views.
+    """
+
+    image: Tensor
+    K: Tensor
+    c2w: Tensor
+
+    def camera(self) -> PinholeCamera:
+        """Where it is taken."""
+        return PinholeCamera(self.K, self.c2w, *self.image.shape[1:])
+
 
 @dataclass(frozen=True)
 class Sample:
-    """Posed pictures of one scene, the context views first.
+    """Posed views of one scene, and pictures from other places.
 
     Attributes:
         name: of the scene.
-        images: (V + T, 3, H, W) float32 RGB in [0, 1].
-        K: (V + T, 3, 3) float32 intrinsics in pixels.
-        c2w: (V + T, 4, 4) float32, relative to the mean centre of the context views.
+        images: (V, 3, H, W) float32 RGB in [0, 1].
+        K: (V, 3, 3) float32 intrinsics in pixels.
+        c2w: (V, 4, 4) float32, relative to their mean centre.
         near, far: depths handed to the network, scene units.
-        views: V, the number of context views.
-        depth: (V, H, W) exact z of the context views, or None.
+        targets: pictures to draw.
+        depth: (V, H, W) z of the views, 0 where it is not known, or None.
     """
 
     name: str
@@ -33,24 +60,45 @@ class Sample:
     c2w: Tensor
     near: float
     far: float
-    views: int
+    targets: tuple[Target, ...]
     depth: Tensor | None = None
 
     @classmethod
     def of(
-        cls, name: str, images: NDArray, K: NDArray, c2w: NDArray, depth_range: tuple[float, float], views: int,
+        cls, name: str, views: Pictures, targets: Sequence[Picture], depth_range: tuple[float, float],
         depth: NDArray | None = None,
     ) -> Sample:  # fmt: skip
-        """From arrays: images (N, H, W, 3), K (N, 3, 3), c2w (N, 4, 4) float64, depth (V, H, W) or None."""
-        moved = np.array(c2w, np.float64)
-        moved[:, :3, 3] -= moved[:views, :3, 3].mean(axis=0)
+        """From arrays.
+
+        Args:
+            name: of the scene.
+            views: images (V, H, W, 3), K (V, 3, 3) and c2w (V, 4, 4) of the views.
+            targets: image (h, w, 3), K and c2w of each target.
+            depth_range: near and far.
+            depth: (V, H, W) or None.
+        """
+        images, K, c2w = views
+        centre = np.asarray(c2w, np.float64)[:, :3, 3].mean(axis=0)
+
+        def moved(pose: NDArray) -> Tensor:
+            found = np.array(pose, np.float64)
+            found[..., :3, 3] -= centre
+            return torch.from_numpy(found.astype(np.float32))
+
         return cls(
             name,
             torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32)),
             torch.from_numpy(np.asarray(K, np.float32)),
-            torch.from_numpy(moved.astype(np.float32)),
+            moved(c2w),
             *depth_range,
-            views,
+            tuple(
+                Target(
+                    torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32)),
+                    torch.from_numpy(np.asarray(intrinsics, np.float32)),
+                    moved(pose),
+                )
+                for image, intrinsics, pose in targets
+            ),
             None if depth is None else torch.from_numpy(np.asarray(depth, np.float32)),
         )
 
@@ -58,22 +106,15 @@ class Sample:
         """The same on a device."""
         depth = None if self.depth is None else self.depth.to(device)
         tensors = {name: getattr(self, name).to(device) for name in ("images", "K", "c2w")}
-        return replace(self, **tensors, depth=depth)
+        targets = tuple(Target(t.image.to(device), t.K.to(device), t.c2w.to(device)) for t in self.targets)
+        return replace(self, **tensors, targets=targets, depth=depth)
 
     def inputs(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """The network's inputs: images, unit K, c2w, near, far of the context views."""
-        height, width = self.images.shape[2:]
-        unit = self.K[: self.views] / self.K.new_tensor([[width], [height], [1]])
-        near, far = (torch.full((self.views,), float(depth)) for depth in (self.near, self.far))
-        return self.images[: self.views], unit, self.c2w[: self.views], near, far
-
-    def targets(self) -> list[tuple[Tensor, PinholeCamera]]:
-        """Target pictures (3, H, W) and their cameras."""
-        height, width = self.images.shape[2:]
-        return [
-            (self.images[i], PinholeCamera(self.K[i], self.c2w[i], height, width))
-            for i in range(self.views, len(self.images))
-        ]
+        """The network's inputs: images, unit K, c2w, near, far."""
+        views, _, height, width = self.images.shape
+        unit = self.K / self.K.new_tensor([[width], [height], [1]])
+        near, far = (torch.full((views,), float(depth)) for depth in (self.near, self.far))
+        return self.images, unit, self.c2w, near, far
 
 
 def render_outputs(outputs: tuple[Tensor, ...], camera: PinholeCamera) -> Tensor:

@@ -17,7 +17,7 @@ from tinysplat_runtime.system.files import write_atomically
 
 from .config import Config, OptimiserSettings
 
-ARCHITECTURE = "tinysplat edge 2"
+ARCHITECTURE = "tinysplat edge 3"
 """Changes with every change of the network that old weights do not fit."""
 
 
@@ -51,7 +51,26 @@ class TrainingState:
         """Initial weights from the seed."""
         torch.manual_seed(config.data.seed)
         network = Edge().to(device)
-        return cls(network, {k: v.clone() for k, v in network.state_dict().items()}, _adamw(network, config.optimiser))
+        return cls._of(network, config.optimiser)
+
+    @classmethod
+    def started(cls, path: Path, config: Config, device: torch.device) -> TrainingState:
+        """A new run from the averaged weights of another.
+
+        Raises:
+            InputError: as `read_checkpoint`.
+        """
+        network = Edge()
+        network.load_state_dict(read_checkpoint(path)["average"])
+        return cls._of(network.to(device), config.optimiser)
+
+    @classmethod
+    def _of(cls, network: Edge, settings: OptimiserSettings) -> TrainingState:
+        if settings.heads_alone:
+            network.requires_grad_(False)
+            for head in (network.fine, network.head, network.coarse):
+                head.requires_grad_(True)
+        return cls(network, {k: v.clone() for k, v in network.state_dict().items()}, _adamw(network, settings))
 
     def averaged(self) -> Edge:
         """The network with the averaged weights, for evaluation."""
@@ -135,4 +154,5 @@ def shipped_network(path: Path) -> tuple[Edge, int]:
 
 
 def _adamw(network: Edge, settings: OptimiserSettings) -> torch.optim.AdamW:
-    return torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.decay, betas=(0.9, 0.98))
+    trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
+    return torch.optim.AdamW(trained, lr=settings.rate, weight_decay=settings.decay, betas=(0.9, 0.98))

@@ -38,8 +38,10 @@ def validation_samples(
             for window in chosen:
                 views = scene.views((*window.context, *window.targets)).resized(*size)
                 K, c2w = (np.stack([getattr(camera, name) for camera in views.cameras]) for name in ("K", "c2w"))
-                name, count = f"{scene.name} {kind}", len(window.context)
-                yield Sample.of(name, views.images(), K, c2w, scene.depth_range(), count)
+                images, count = views.images(), len(window.context)
+                context = (images[:count], K[:count], c2w[:count])
+                targets = list(zip(images[count:], K[count:], c2w[count:], strict=True))
+                yield Sample.of(f"{scene.name} {kind}", context, targets, scene.depth_range())
 
 
 def validate(network: nn.Module, samples: Iterable[Sample]) -> dict[str, float]:
@@ -48,6 +50,6 @@ def validate(network: nn.Module, samples: Iterable[Sample]) -> dict[str, float]:
     with torch.no_grad():
         for sample in samples:
             outputs = network(*sample.inputs())
-            for target, camera in sample.targets():
-                found[sample.name].append(psnr(render_outputs(outputs, camera), target))
+            for target in sample.targets:
+                found[sample.name].append(psnr(render_outputs(outputs, target.camera()), target.image))
     return {name: float(np.mean(values)) for name, values in found.items()}
