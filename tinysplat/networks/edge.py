@@ -324,9 +324,9 @@ class Edge(nn.Module):
         unit = s.depth_reach / (s.analysis.candidates - 1)
         level = (found.level + unit * torch.tanh(change[:, :1])).clamp(0, 1)
         opacity = OPACITY_CAP * torch.sigmoid(torch.logit(opacity / OPACITY_CAP, 1e-3) + change[:, 1:2])
-        spread = s.analysis.footprint**2 - s.least_footprint**2
-        spread = spread * torch.exp(2 * s.log_footprint_reach * torch.tanh(change[:, 2:3]))
-        footprint = torch.sqrt(s.least_footprint**2 + spread)
+        least = s.least_footprint**2
+        spread = torch.exp(2 * s.log_footprint_reach * torch.tanh(change[:, 2:3]))
+        footprint = torch.sqrt(least + (s.analysis.footprint**2 - least) * spread)
         colour, gain, finer_gain = torch.tanh(change[:, 3:]).split([3, 1, 1], dim=1)
         reach, finer_reach = s.sharpening_reach
         inverse_depth = found.depths.at(level)

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.files import write_atomically
+from tinysplat_runtime.system.files import write_atomically
 
 MOST_BYTES = 60_000_000
 """Of a packed file, and of what is taken out of one."""

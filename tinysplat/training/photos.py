@@ -118,9 +118,8 @@ class PhotoSet:
             pictures, depth = [_transposed(*picture) for picture in pictures], [z.T for z in depth]
         pictures = _recoloured(pictures, rng)
         depth_range = (scene.near * rng.uniform(0.75, 1.05), scene.far * rng.uniform(0.95, 1.3))
-        context = tuple(np.stack(part) for part in zip(*pictures[:count], strict=True))
         known = np.stack(depth[:count]) if any(scene.depths[f] is not None for f in frames[:count]) else None
-        return Sample.of(scene.name, context, pictures[count:], depth_range, known)
+        return Sample.of(scene.name, pictures[:count], pictures[count:], depth_range, known)
 
 
 def _load_scene(path: Path, skipped: list[str]) -> PhotoScene:
@@ -207,8 +206,8 @@ def _crops(
         K[:2] *= side / crop
         pictures.append((resize_cover(scene.images[frame][inside], side, side), K, scene.c2w[frame]))
         at = ((np.arange(side) + 0.5) * (crop / side)).astype(int)
-        depth = scene.depths[frame]
-        depths.append(np.zeros((side, side), np.float32) if depth is None else depth[inside][at[:, None], at])
+        known = scene.depths[frame]
+        depths.append(np.zeros((side, side), np.float32) if known is None else known[inside][at[:, None], at])
     return pictures, depths
 
 

@@ -105,9 +105,8 @@ def procedural_sample(
     if rng.random() < 0.1:
         near, far = near * rng.uniform(0.4, 1), far * rng.uniform(1, 3)
     pictures = list(zip(images, intrinsics, cameras, strict=True))
-    context = tuple(np.stack(part) for part in zip(*pictures[:views], strict=True))
     depth_range = (float(near), float(max(far, 1.05 * near)))
-    return Sample.of("procedural", context, pictures[views:], depth_range, exact)
+    return Sample.of("procedural", pictures[:views], pictures[views:], depth_range, exact)
 
 
 def _furnish(b: _Builder, spread: float) -> float:

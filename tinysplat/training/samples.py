@@ -15,10 +15,7 @@ from tinysplat.rasteriser import PinholeCamera, render
 from tinysplat_runtime.gaussian.sh import C0
 
 Picture: TypeAlias = tuple[NDArray, NDArray, NDArray]
-"""Image, K and c2w."""
-
-Pictures: TypeAlias = tuple[NDArray, NDArray, NDArray]
-"""The same of several, along the first axis."""
+"""Image (H, W, 3) float32 RGB in [0, 1], K (3, 3) in pixels, c2w (4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -65,19 +62,19 @@ class Sample:
 
     @classmethod
     def of(
-        cls, name: str, views: Pictures, targets: Sequence[Picture], depth_range: tuple[float, float],
+        cls, name: str, views: Sequence[Picture], targets: Sequence[Picture], depth_range: tuple[float, float],
         depth: NDArray | None = None,
     ) -> Sample:  # fmt: skip
         """From arrays.
 
         Args:
             name: of the scene.
-            views: images (V, H, W, 3), K (V, 3, 3) and c2w (V, 4, 4) of the views.
-            targets: image (h, w, 3), K and c2w of each target.
+            views: of one size.
+            targets: of any sizes.
             depth_range: near and far.
             depth: (V, H, W) or None.
         """
-        images, K, c2w = views
+        images, K, c2w = (np.stack(part) for part in zip(*views, strict=True))
         centre = np.asarray(c2w, np.float64)[:, :3, 3].mean(axis=0)
 
         def moved(pose: NDArray) -> Tensor:

@@ -38,10 +38,8 @@ def validation_samples(
             for window in chosen:
                 views = scene.views((*window.context, *window.targets)).resized(*size)
                 K, c2w = (np.stack([getattr(camera, name) for camera in views.cameras]) for name in ("K", "c2w"))
-                images, count = views.images(), len(window.context)
-                context = (images[:count], K[:count], c2w[:count])
-                targets = list(zip(images[count:], K[count:], c2w[count:], strict=True))
-                yield Sample.of(f"{scene.name} {kind}", context, targets, scene.depth_range())
+                pictures, count = list(zip(views.images(), K, c2w, strict=True)), len(window.context)
+                yield Sample.of(f"{scene.name} {kind}", pictures[:count], pictures[count:], scene.depth_range())
 
 
 def validate(network: nn.Module, samples: Iterable[Sample]) -> dict[str, float]:
