@@ -21,7 +21,7 @@ ARCHITECTURE = "tinysplat edge 3"
 """Changes with every change of the network that old weights do not fit."""
 
 
-SHARE = 0.7
+SHARE = 1.0
 """Share of the learned corrections that is exported: after this little training a part of them generalised better than
 all of them to validation scenes (docs/MODELS.md)."""
 
