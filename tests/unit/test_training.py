@@ -369,7 +369,7 @@ def test_packed_scenes_give_the_samples_of_their_folder(photos: Path, tmp_path: 
     for index in range(3):
         assert torch.equal(packed.sample(index).images, SampleStream(settings).sample(index).images)
     archive.write_bytes(archive.read_bytes()[:100])
-    with pytest.raises(InputError, match="not a .zip"):
+    with pytest.raises(InputError, match=r"not a \.zip"):
         SampleStream(dataclasses.replace(settings, photos=str(archive)))
 
 
@@ -384,7 +384,7 @@ def test_heads_alone_are_trained_from_the_weights_of_another_run(photos: Path, t
 
 def test_without_photos_scenes_are_made(tmp_path: Path) -> None:
     lines: list[str] = []
-    state = train(tiny_config(Path("")), tmp_path / "run", say=lines.append)
+    state = train(tiny_config(Path()), tmp_path / "run", say=lines.append)
     assert state.step == 4 and any("minutes left" in line and "loss" in line for line in lines)
 
 

@@ -257,13 +257,6 @@ class Edge(nn.Module):
         )  # fmt: skip
         self.coarse = CoarseHead(s.widths[1], s)
 
-    def shrink(self, share: float) -> None:
-        """Keep a share of what was learned: scale the last layers, which are zero in the analytic part."""
-        with torch.no_grad():
-            for layer in (self.refiner.out, self.upsampling, self.head[-1], self.coarse.out):
-                for parameter in layer.parameters():
-                    parameter.mul_(share)
-
     def forward(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> tuple[Tensor, ...]:
         """Predict Gaussians; arguments and result are those of `sweep.Sweep.forward`, H and W multiples of `STRIDE`."""
         return self.predict(images, K, c2w, near, far).outputs

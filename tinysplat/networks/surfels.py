@@ -39,6 +39,10 @@ SLOPE_WINDOW = 9
 """Side in pixels of the box that slopes are averaged over: their noise shows in no picture, and costs bits."""
 
 
+EQUAL_DEPTH = 2e-4
+"""Relative difference of inverse depth that rounding and coding decide: who is in front of whom is not known below."""
+
+
 @dataclass(frozen=True)
 class GaussianLayer:
     """A layer of per-pixel Gaussians in the conventions of `tinysplat_runtime.Gaussians`.
@@ -83,7 +87,7 @@ def splat_weights(inverse_depth: Tensor, opacities: Tensor, footprint: float | T
     """The share of each of 3 × 3 Gaussians in the pixel between them, drawn from the photo's place, (V, 9, H, W).
 
     Gaussians hide one another in the order of their depths: on a slope the nearer ones lie before the others like
-    shingles, and a picture of them is blurred and moved. The order is that of the renderer, ties as they stand.
+    shingles, and a picture of them is blurred and moved. Of two at about one depth each hides half.
 
     Args:
         inverse_depth: (V, 1, H, W).
@@ -99,8 +103,8 @@ def splat_weights(inverse_depth: Tensor, opacities: Tensor, footprint: float | T
     left = []
     for i in range(9):
         here = near[:, i : i + 1]
-        before = torch.cat([near[:, : i + 1] >= here, near[:, i + 1 :] > here], dim=1)
-        left.append((dimming * before).sum(dim=1, keepdim=True) - dimming[:, i : i + 1])
+        before = ((near - here) / (EQUAL_DEPTH * here) + 0.5).clamp(0, 1)
+        left.append((dimming * before).sum(dim=1, keepdim=True) - 0.5 * dimming[:, i : i + 1])
     weights = alpha * torch.exp(surfaces * torch.cat(left, dim=1))
     return weights / weights.sum(dim=1, keepdim=True).clamp_min(1e-6)
 

@@ -21,11 +21,6 @@ ARCHITECTURE = "tinysplat edge 3"
 """Changes with every change of the network that old weights do not fit."""
 
 
-SHARE = 1.0
-"""Share of the learned corrections that is exported: after this little training a part of them generalised better than
-all of them to validation scenes (docs/MODELS.md)."""
-
-
 @dataclass
 class TrainingState:
     """A run between two steps.
@@ -141,7 +136,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
 
 def shipped_network(path: Path) -> tuple[Edge, int]:
-    """The network of a checkpoint as it is exported, and the steps it has seen: averaged weights, shrunk to `SHARE`.
+    """The network of a checkpoint as it is exported, and the steps it has seen: averaged weights.
 
     Raises:
         InputError: as `read_checkpoint`.
@@ -149,7 +144,6 @@ def shipped_network(path: Path) -> tuple[Edge, int]:
     content = read_checkpoint(path)
     network = Edge()
     network.load_state_dict(content["average"])
-    network.shrink(SHARE)
     return network.eval(), int(content["step"])
 
 
