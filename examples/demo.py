@@ -28,6 +28,9 @@ from tinysplat_runtime.system.stopwatch import Stopwatch
 FOCAL_PX, BASELINE_M, CX_PX, CY_PX = 994.978, 0.193001, (311.193, 342.279), 254.877
 NEAR_M, FAR_M = 2.0, 5.1
 
+ZOOM = 3
+"""How much larger than the photos the scene is drawn to look at it from close by."""
+
 INVERSE_DEPTH_COLORS = np.array([[13, 8, 60], [70, 20, 140], [190, 55, 110], [248, 140, 60], [252, 250, 190]]) / 255
 
 
@@ -63,6 +66,16 @@ def depth_picture(depth: NDArray) -> NDArray:
     return np.stack([np.interp(share, stops, INVERSE_DEPTH_COLORS[:, c]) for c in range(3)], axis=-1)
 
 
+def closer(renderer: Renderer, camera: ts.Camera) -> NDArray:
+    """A quarter of the picture, its pixels enlarged, beside the same drawn `ZOOM` times as large: (h, w, 3)."""
+    height, width = camera.height, camera.width
+    native = renderer.render(camera)
+    drawn = renderer.render(camera.resized(ZOOM * height, ZOOM * width))
+    enlarged = native.repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
+    rows, columns = [slice(ZOOM * (n // 4), ZOOM * (n // 4 + n // 2)) for n in (height, width)]
+    return np.concatenate([picture[rows, columns] for picture in (enlarged, drawn)], axis=1)
+
+
 def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[str, object]:
     """Encode, decode and render one scene; write its pictures; return its row of the table."""
     watch = Stopwatch()
@@ -84,6 +97,7 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
         to_raw.append(psnr(pictures["rgb"], raw))
         row = np.concatenate([photos[view], raw, pictures["rgb"], depth_picture(pictures["depth"])], axis=1)
         write_png(out / f"{name}_view{view}.png", row)
+    write_png(out / f"{name}_closer.png", closer(renderer, scene.cameras[0]))
     write_video(out / f"{name}.mp4", (renderer.render(c) for c in between(scene.cameras, 30)))
     raw_bytes = sum(getattr(layer, field).nbytes for layer in gaussians.layers for field in FIELDS)
     return {

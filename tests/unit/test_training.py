@@ -294,7 +294,7 @@ def test_a_run_is_never_overwritten_by_a_new_one(photos: Path, tmp_path: Path) -
     [
         ("data = ", "not TOML"),
         ("[data]\nzooms = [1.0, 8.0]", "data.zooms: .*expected numbers from 0.25 to 4"),
-        ("[data]\nzooms = 2.0", "data.zooms: 2.0, expected a list"),
+        ("[data]\nzooms = 2.0", "zooms: 2.0, expected a list"),
         ('[data]\nphotos = "x"\nside = 50', "data.side: 50, expected a multiple of 16"),
         ("[optimizer]\nrate = 1", "optimizer: unknown key, expected one of data, loss, optimiser, run"),
         ('[run]\nthreads = "two"', "threads: 'two', expected int"),
