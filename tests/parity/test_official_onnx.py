@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from scenes import make_cameras, write_scene
 from shallow_networks import shallow_network
 
-from tinysplat.measure.studies.graphs import contract_inputs
-from tinysplat.measure.subjects.cases import Photos, Shots
+from tinysplat.measure.subjects.cases import Photos, Shots, contract_inputs
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
 from tinysplat.networks.outputs import PixelGaussians
 from tinysplat_runtime.api import Runtime

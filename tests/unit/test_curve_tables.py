@@ -12,8 +12,7 @@ from tiny_runs import cells, rows_of, tiny_run
 
 from tinysplat.measure import ideas
 from tinysplat.measure.rows import Row
-from tinysplat.measure.studies import find_study
-from tinysplat.measure.studies.rate import (
+from tinysplat.measure.show.curve_tables import (
     bits_table,
     cost_table,
     gain_table,
@@ -22,6 +21,7 @@ from tinysplat.measure.studies.rate import (
     rate_table,
     single_table,
 )
+from tinysplat.measure.studies import find_study
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
 

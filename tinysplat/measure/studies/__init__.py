@@ -31,7 +31,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "figures": ("figures.FIGURES", "the paper's figures: VPT, rate, ablations, k"),
     "numerics": ("conditioning.NUMERICS", "conditioning of the transforms against 50 digits"),
     "versions": ("versions.VERSIONS", "two versions of the code and the physical floor (--before)"),
-    "official": ("graphs.OFFICIAL", "an official network in torch and as artifacts (--checkpoint)"),
+    "official": ("official.OFFICIAL", "an official network in torch and as artifacts (--checkpoint)"),
     "batch": ("batch.BATCH", "throughput of `tinysplat batch`"),
     "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
 }

@@ -1,5 +1,5 @@
-"""What do the graphs cost, and how exact are they? The whole chain and networks by the size they work at, the codec's
-transforms against float64, and an official network in torch against its artifacts.
+"""What do the graphs cost, and how exact are they? The whole chain and networks by the size they work at, and the
+codec's transforms against float64.
 
 Whatever size a network works at, its Gaussians are rendered at one size and held against the photos of that size. Where
 the true depth is known, the error of the Gaussians' own z counts too. Where a network has a torch twin, its depth in
@@ -9,12 +9,9 @@ float32 is held against the twin's in float64. Errors of transforms are relative
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,25 +21,21 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.decoder import decode_gaussians
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
-from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.graphs.artifacts import Artifact
-from tinysplat_runtime.graphs.inference import Graph, GraphStore, as_input, open_graph
+from tinysplat_runtime.graphs.inference import Graph, GraphStore
 from tinysplat_runtime.graphs.predict import predict
-from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.system.blas import single_thread
-from tinysplat_runtime.system.threads import available_cores
 
-from ..clock import Baseline, Effort, Figures, Variant, measure, measure_peak, plural
+from ..clock import Figures, Variant, measure, plural
 from ..metrics import depth_errors
 from ..pictures import Drawing, photo_psnr
 from ..rows import Row
 from ..show.tables import decibels, percent, small
 from ..show.views import BYTES, TO_PHOTO, Column, View
 from ..study import Run, Study
-from ..subjects.cases import Photos, Shots, Source, Window
+from ..subjects.cases import Photos, Shots, Source, Window, contract_inputs
 from ..subjects.made import made_gaussians
-from ..subjects.room import Room
 
 Tensors = dict[str, NDArray]
 
@@ -172,17 +165,6 @@ def float64_figures(model: str, shots: Shots) -> Callable[[Gaussians], Figures]:
         return {"depth_error_median": float(np.median(error)), "depth_error_99": float(np.quantile(error, 0.99))}
 
     return figures
-
-
-def contract_inputs(shots: Shots) -> Tensors:
-    """Photos and cameras under the contract of the role `network`, float32: what `predict` feeds a graph."""
-    photos = shots.context
-    poses = np.stack([camera.c2w for camera in photos.cameras])
-    poses[:, :3, 3] -= poses[:, :3, 3].mean(axis=0)
-    near, far = (np.full(len(poses), limit) for limit in (shots.near, shots.far))
-    K = np.stack([camera.K_unit for camera in photos.cameras])
-    arrays = {"images": photos.images.transpose(0, 3, 1, 2), "K": K, "c2w": poses, "near": near, "far": far}
-    return {name: as_input(array) for name, array in arrays.items()}
 
 
 CHAIN = Study.of_views(
@@ -377,103 +359,4 @@ TRANSFORMS = Study.of_views(
     _graph_view("analysis_moment", "VABR: second moment", "The d×d moment of the SH coefficients."),
     _graph_view("analysis_project", "VABR: projection", "SH coefficients to colour planes."),
     _graph_view("synthesis", "Synthesis", "Codes to Gaussians: dequantisation, VABR⁻¹, VPT⁻¹."),
-)
-
-# ---- official networks --------------------------------------------------------------------------------------------
-
-
-def official_rows(run: Run) -> Iterator[Row]:
-    """A checkpoint in torch and its ONNX artifacts, on the room: torch follows every artifact in every round.
-
-    Errors are against the same network in float64, in units of each output's largest magnitude; peaks are those of a
-    fresh process that loads it and predicts once. Nothing depends on what the weights have learned.
-
-    Raises:
-        InputError, ModelError: the checkpoint or an artifact is not what it should be.
-    """
-    import torch
-
-    from tinysplat.checkpoints import load_network
-    from tinysplat.networks.export_support import SceneNetwork
-
-    options = run.options
-    if options.checkpoint is None:
-        raise InputError("needs --checkpoint FILE; its artifacts are named by --model", where="official")
-    loaded = load_network(options.checkpoint)
-    room, size = Room(next(iter(options.views), 2)), run.size
-    torch.set_num_threads(run.threads)
-    inputs = contract_inputs(room.shots(room.windows()[0][0], size))
-    module = SceneNetwork(loaded.module)
-    truth = run_torch(module.double(), inputs, torch.float64)
-    torch_run = partial(run_torch, module.float(), inputs)
-    errors = partial(_output_errors, truth)
-    variants = [Variant("torch", torch_run, errors, threads=run.threads)]
-    for path in map(Path, options.models):
-        graph = open_graph(Artifact(path.stem, path), "network", threads=run.threads)
-        setting = {"model": str(path), "file_bytes": path.stat().st_size}
-        variants.append(
-            Variant(path.stem, partial(graph.run, inputs), errors, setting, run.threads, Baseline("torch", torch_run))
-        )
-    subject = f"{loaded.name} ({loaded.variant}), room, {room.views} views of {size[0]}×{size[1]}"
-    rows = measure("official", subject, variants, Effort(options.rounds or 3))
-    with tempfile.TemporaryDirectory() as folder:
-        room.write(Path(folder), size)
-        for row in rows:
-            if row.way == "torch":
-                peak = measure_peak(f"{__name__}.checkpoint_task", options.checkpoint, run.threads, folder)
-            else:
-                peak = measure_peak("tinysplat.measure.tasks.predict", folder, row.setting["model"], run.threads)
-            yield replace(row, costs={**row.costs, "peak_bytes": peak.total})
-
-
-def run_torch(module: Any, inputs: Tensors, dtype: Any) -> Tensors:
-    """Outputs of a `SceneNetwork` by name, computed in `dtype`, which the module must have."""
-    import torch
-
-    from tinysplat.networks.export_support import OUTPUT_NAMES
-
-    with torch.inference_mode():
-        outputs = module(*(torch.from_numpy(array).to(dtype) for array in inputs.values()))
-    return {name: output.numpy() for name, output in zip(OUTPUT_NAMES, outputs, strict=True)}
-
-
-def checkpoint_task(checkpoint: str, threads: str, folder: str) -> Callable[[], Any]:
-    """Load a checkpoint and predict a scene in torch: a task of `measure_peak`."""
-    import torch
-
-    from tinysplat.checkpoints import load_network
-    from tinysplat.networks.export_support import SceneNetwork
-
-    scene = load_scene(folder)
-    photos = Photos(scene.images(), tuple(scene.cameras))
-    inputs = contract_inputs(Shots(photos, photos, *scene.depth_range()))
-
-    def work() -> Tensors:
-        torch.set_num_threads(int(threads) or available_cores())
-        return run_torch(SceneNetwork(load_network(Path(checkpoint)).module), inputs, torch.float32)
-
-    return work
-
-
-def _output_errors(truth: Tensors, found: Tensors) -> Figures:
-    """`max_means`, `mean_means` and so on: |found − truth| over the largest |truth| of the output."""
-    out: Figures = {}
-    for name, want in truth.items():
-        error = np.abs(found[name] - want) / np.abs(want).max()
-        out |= {f"max_{name}": float(error.max()), f"mean_{name}": float(error.mean())}
-    return out
-
-
-OFFICIAL = Study.of_views(
-    "Official networks",
-    official_rows,
-    View(
-        "official",
-        "Official networks",
-        "A checkpoint in torch and its ONNX artifacts. Errors against float64, relative to an output's largest value.",
-        tuple(
-            Column(f"max_{name}", f"largest, {name}", small) for name in ("means", "quats", "scales", "opacities", "sh")
-        ),
-        costs=("max_means",),
-    ),
 )

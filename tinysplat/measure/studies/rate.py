@@ -2,23 +2,18 @@
 gains and costs, and seconds beside dB.
 
 A point is a file's bytes and the PSNR of pictures of the decoded Gaussians, at cameras that the Gaussians were not made
-from where there are some: against pictures of the raw ones, and against photos where these are at hand. The first way
-of a group of rows is the reference. Figures are taken window by window and then averaged, shares of bytes
-geometrically, because windows differ in the dB that they reach. Where curves do not meet, the table says so.
+from where there are some: against pictures of the raw ones, and against photos where these are at hand.
 """
 
 from __future__ import annotations
 
 import gc
-import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import SceneEncoder
@@ -28,13 +23,12 @@ from tinysplat_runtime.gaussian.planes import LayerPlan
 
 from .. import ideas
 from ..clock import Effort, Variant, measure, timed
-from ..curves import Point, bd_rate, bytes_at
 from ..pictures import Drawing, Pictures
-from ..published import BITS
 from ..rows import Row, grouped
 from ..runner import Job, Plan, list_jobs, run_jobs
+from ..show.curve_tables import TO_PHOTO, TO_RAW, cost_table, gain_table, group_tables, measured, overview_table
 from ..show.plots import Curve, Panel, save_grid
-from ..show.tables import ABSENT, format_table, number
+from ..show.tables import format_table, number
 from ..study import Run, Study
 from ..subjects.cases import FILE
 from ..ways import Way, find_ways
@@ -54,17 +48,6 @@ IDEA_QPS = (-4.0, 0.0, 4.0)
 """Of the profile with all its ideas; without one, the middle."""
 
 VIEWS, KINDS = (2, 4, 6), ("near", "multi")
-EQUAL_DB = (38.0, 39.0, 40.0, 41.0)
-LOSSES_DB = (0.5, 0.2, 0.1)
-"""dB lost against photos, of what the raw Gaussians reach."""
-
-PHOTO_OVERLAP_DB = 0.2
-"""Against photos curves are flat: what the network is worth hides what coding costs."""
-
-_OVERVIEW_DB = (39.0, 41.0)
-_SHARES = ("position", "scale", "rotation", "color", "opacity", "photos")
-_TO_RAW, _TO_PHOTO = "psnr_decoded_raw", "psnr"
-
 # ---- measuring ----------------------------------------------------------------------------------------------------
 
 
@@ -196,229 +179,14 @@ def seconds_rows(run: Run) -> Iterator[Row]:
         yield from measure("seconds", f"{job.source.name} {job.window}", variants, effort)
 
 
-# ---- curves -------------------------------------------------------------------------------------------------------
-
-Windows = Mapping[str, Mapping[str, Sequence[Point]]]
-"""Curves by window and way; the first way of a window is the reference."""
-
-
-def _of(rows: Sequence[Row], study: str) -> list[Row]:
-    return [row for row in rows if row.study == study and row.figures]
-
-
-def _windows(rows: Sequence[Row], key: str = _TO_RAW) -> Windows:
-    return {
-        case: {
-            way: [(row.figures["bytes"], row.figures[key]) for row in found if row.figures.get(key) is not None]
-            for (way,), found in grouped(members, "way").items()
-        }
-        for (case,), members in grouped(rows, "subject").items()
-    }
-
-
-def _reference(curves: Mapping[str, Sequence[Point]]) -> Sequence[Point]:
-    return next(iter(curves.values()))
-
-
-def overview_table(rows: Sequence[Row]) -> str:
-    """BD-rate and bytes of the ways that have curves, by network and number of views; empty where only one has."""
-    rows = _of(rows, "curves")
-    limits = EQUAL_DB[0], EQUAL_DB[-1]
-    ways = [way for (way,), members in grouped(rows, "way").items() if len(members) > len(_windows(members))]
-    if len(ways) < 2:
-        return ""
-    table = []
-    for (network, views), members in grouped(rows, "network", "views").items():
-        windows, name = _windows(members), f"{network}, {views} views"
-        rates = [_rate_cell(windows, way, limits) for way in ways[1:]]
-        table.append([name, f"BD-rate {limits[0]:g}–{limits[1]:g} dB", ABSENT, *rates])
-        for db in _OVERVIEW_DB:
-            sizes = [_size_cell(windows, way, dict.fromkeys(windows, db)) for way in ways]
-            table.append([name, f"KB at {db:g} dB", *sizes])
-    return format_table(["", "", *ways], table)
-
-
-def group_tables(rows: Sequence[Row]) -> str:
-    """All tables of each network and number of views."""
-    sections = []
-    for (network, views), members in grouped(_of(rows, "curves"), "network", "views").items():
-        cases = ", ".join(dict.fromkeys(row.subject for row in members))
-        tables = (rate_table(members), single_table(members), photo_table(members), bits_table(members))
-        sections.append("\n\n".join([f"### {network}, {views} views: {cases}", *filter(None, tables)]))
-    return "\n\n".join(sections)
-
-
-def rate_table(rows: Sequence[Row]) -> str:
-    """Bytes at equal PSNR of decoded against raw, and BD-rate against the first way; rows of one network and count."""
-    windows, table = _windows(rows), []
-    for way in dict.fromkeys(row.way for row in rows):
-        cells = [_size_cell(windows, way, dict.fromkeys(windows, db)) for db in EQUAL_DB]
-        rates = [_rate_cell(windows, way, limits) for limits in ((EQUAL_DB[0], EQUAL_DB[-1]), None)]
-        table.append([way, _span(windows, way), *cells, *rates])
-    labels = [f"KB at {db:g} dB" for db in EQUAL_DB]
-    return format_table(["", "dB", *labels, f"BD-rate {EQUAL_DB[0]:g}–{EQUAL_DB[-1]:g} dB", "BD-rate, all"], table)
-
-
-def photo_table(rows: Sequence[Row]) -> str:
-    """Bytes by what is lost against photos; empty where there are no photos."""
-    rows = [row for row in rows if row.figures.get(_TO_PHOTO) is not None]
-    if not rows:
-        return ""
-    raw = {case: members[0].figures["psnr_raw"] for (case,), members in grouped(rows, "subject").items()}
-    windows, table = _windows(rows, _TO_PHOTO), []
-    for way in dict.fromkeys(row.way for row in rows):
-        cells = [_size_cell(windows, way, {case: db - loss for case, db in raw.items()}) for loss in LOSSES_DB]
-        table.append([way, _span(windows, way), *cells, _rate_cell(windows, way, None, PHOTO_OVERLAP_DB)])
-    header = ["", "dB to photo", *(f"KB at {loss:g} dB lost" for loss in LOSSES_DB), "BD-rate, all"]
-    mean = number(statistics.fmean(raw.values()), 2)
-    return f"The raw Gaussians reach {mean} dB to the photos.\n\n{format_table(header, table)}"
-
-
-def bits_table(rows: Sequence[Row]) -> str:
-    """Every point, means over windows, below the paper's: dB, and each class's percentage of the pictures' bytes."""
-    table = [
-        ["printed", f"{qp}", number(kilobytes, 1), ABSENT, ABSENT, *(number(shares.get(c), 1) for c in _SHARES)]
-        for qp, (kilobytes, shares) in BITS.items()
-    ]
-    for (way, qp), members in grouped(rows, "way", "qp").items():
-        points = [row.figures for row in members if row.figures["classes"]]
-        if not points:
-            continue
-        sizes = {name: statistics.fmean(p["classes"][name] for p in points) for name in points[0]["classes"]}
-        sizes["position"] = sizes["depth"] + sizes["offset"]
-        total = sum(sizes[name] for name in _SHARES if name in sizes)
-        seen = [p[_TO_PHOTO] for p in points if p.get(_TO_PHOTO) is not None]
-        cells = [number(statistics.fmean(p["bytes"] for p in points) / 1000, 1),
-                 number(statistics.fmean(p[_TO_RAW] for p in points), 2),
-                 number(statistics.fmean(seen) if seen else None, 2)]  # fmt: skip
-        shares = [number(100 * sizes[c] / total if c in sizes else None, 1) for c in _SHARES]
-        table.append([way, f"{qp:g}", *cells, *shares])
-    return format_table(["", "Q_g", "KB", "dB to raw", "dB to photo", *_SHARES], table)
-
-
-def single_table(rows: Sequence[Row]) -> str:
-    """Formats of one size: bytes against what the first way needs for the same dB; empty where there are none."""
-    windows, table = _windows(rows), []
-    for way in dict.fromkeys(row.way for row in rows):
-        points = {case: curves[way][0] for case, curves in windows.items() if len(curves.get(way, ())) == 1}
-        if points:
-            size, db = (statistics.fmean(values) for values in zip(*points.values(), strict=True))
-            table.append([way, number(size / 1000, 1), number(db, 2), _multiple(windows, points)])
-    return format_table(["", "KB", "dB", f"times `{rows[0].way}` at the same dB"], table) if table else ""
-
-
-def gain_table(rows: Sequence[Row]) -> str:
-    """What every idea gains: bytes of the codec without it over those with it at the same dB, by network and views."""
-    rows = _of(rows, "ideas")
-    groups = grouped(rows, "network", "views")
-    ways = list(dict.fromkeys(row.way for row in rows))[1:]
-    table = [[way, *(_gain_cell(_windows(members), way) for members in groups.values())] for way in ways]
-    header = ["undone", *(f"{network}, {views} views" for network, views in groups)]
-    return format_table(header, table) if table else ""
-
-
-def cost_table(rows: Sequence[Row]) -> str:
-    """CPU milliseconds of encoding and decoding by idea, a column pair per window."""
-    rows = [row for row in rows if row.study == "idea costs"]
-    if not rows:
-        return ""
-    cases = grouped(rows, "network", "views", "subject")
-    lines = []
-    for (idea,), members in grouped(rows, "way").items():
-        by_case = {(r.setting["network"], r.setting["views"], r.subject): r.costs for r in members}
-        pairs = [(by_case[c]["plan"] + by_case[c]["coding"], by_case[c]["decoding"]) for c in cases]
-        lines.append([idea, *(cell for a, b in pairs for cell in (f"{1e3 * a:+.0f}", f"{1e3 * b:+.1f}"))])
-    labels = [f"{network}, {views} views: {what}" for network, views, _ in cases for what in ("encode", "decode")]
-    return "CPU milliseconds of the idea\n\n" + format_table(["undone", *labels], lines)
-
-
-def _gain_cell(windows: Windows, way: str) -> str:
-    """Mean share of bytes above the reference's at the dB of a way's points; a point itself where there is none."""
-    gains, beyond = [], []
-    for curves in windows.values():
-        for size, db in curves.get(way, ()):
-            reference = bytes_at(_reference(curves), db)
-            if reference is None:
-                beyond.append(f"{size / 1000:.0f} KB at {db:.1f} dB")
-            else:
-                gains.append(size / reference - 1)
-    if not gains:
-        return beyond[0] if beyond else ABSENT
-    return f"{statistics.fmean(gains):+.1%}{_range(gains)}"
-
-
-def _multiple(windows: Windows, points: Mapping[str, Point]) -> str:
-    factors, beyond = [], []
-    for case, (size, db) in points.items():
-        reference = _reference(windows[case])
-        wanted = bytes_at(reference, db)
-        if wanted is None:
-            best = max(reference, key=lambda p: p[1])
-            beyond.append(f"{size / best[0]:.2f} × its {best[1]:.1f} dB")
-        else:
-            factors.append(size / wanted)
-    text = [f"{_geometric(factors):.2f} ×" + _counted(len(factors), len(points))] if factors else []
-    return "; ".join([*text, *(f"beyond its curve: {entry}" for entry in beyond)])
-
-
-def _span(windows: Windows, way: str) -> str:
-    """Means over windows of the ends of the curves."""
-    ends = [[f(db for _, db in curves[way]) for f in (min, max)] for curves in windows.values() if curves.get(way)]
-    low, high = np.mean(ends, axis=0)
-    return f"{low:.1f}" if low == high else f"{low:.1f}–{high:.1f}"
-
-
-def _size_cell(windows: Windows, way: str, decibels: Mapping[str, float]) -> str:
-    """Mean KB at each window's dB, and the share of the reference's bytes over the windows where both reach it."""
-    sizes, shares = [], []
-    for case, curves in windows.items():
-        size, reference = (bytes_at(points, decibels[case]) for points in (curves.get(way, ()), _reference(curves)))
-        if size is not None:
-            sizes.append(size)
-            shares += [] if reference is None else [size / reference]
-    if not sizes:
-        return ABSENT
-    share = f" ({_geometric(shares):.0%})" if shares else ""
-    return f"{statistics.fmean(sizes) / 1000:.1f}{share}{_counted(len(sizes), len(windows))}"
-
-
-def _rate_cell(
-    windows: Windows, way: str, limits: tuple[float, float] | None, least_overlap: float = 0.5
-) -> str:  # fmt: skip
-    """Mean BD-rate with its range over windows; why there is none."""
-    rates, refused = [], ""
-    for curves in windows.values():
-        if way in curves:
-            try:
-                rates.append(bd_rate(_reference(curves), curves[way], limits, least_overlap))
-            except InputError as error:
-                refused = error.message.partition(",")[0]
-    if not rates:
-        return refused or ABSENT
-    mean = math.expm1(statistics.fmean(map(math.log1p, rates)))
-    return f"{mean:+.1%}{_range(rates)}{_counted(len(rates), len(windows))}"
-
-
-def _range(shares: Sequence[float]) -> str:
-    return f" ({min(shares):+.0%} to {max(shares):+.0%})" if len(shares) > 1 else ""
-
-
-def _counted(count: int, total: int) -> str:
-    return "" if count == total else f", {count} of {total}"
-
-
-def _geometric(values: Sequence[float]) -> float:
-    return math.exp(statistics.fmean(map(math.log, values)))
-
-
 # ---- plots and seconds --------------------------------------------------------------------------------------------
 
 
 def plot_curves(path: Path, rows: Sequence[Row]) -> bool:
     """Decoded against raw, and against photos where there are any, by network; a column per number of views."""
     grid = []
-    for (network,), of_network in grouped(_of(rows, "curves"), "network").items():
-        for key, label in ((_TO_RAW, "dB, decoded to raw"), (_TO_PHOTO, "dB, decoded to photo")):
+    for (network,), of_network in grouped(measured(rows, "curves"), "network").items():
+        for key, label in ((TO_RAW, "dB, decoded to raw"), (TO_PHOTO, "dB, decoded to photo")):
             panels = [_panel(network, views, members, key, label) for (views,), members in
                       grouped(of_network, "views").items()]  # fmt: skip
             grid += [panels] if any(panel.curves for panel in panels) else []
@@ -439,7 +207,7 @@ def _panel(network: str, views: int, rows: Sequence[Row], key: str, label: str) 
         curves += [Curve(way, points)] if points else []
     raw = [row.figures["psnr_raw"] for row in rows if "psnr_raw" in row.figures]
     return Panel(
-        f"{network}, {views} views", "KB", label, curves, statistics.fmean(raw) if raw and key == _TO_PHOTO else None
+        f"{network}, {views} views", "KB", label, curves, statistics.fmean(raw) if raw and key == TO_PHOTO else None
     )
 
 
@@ -452,9 +220,7 @@ def seconds_table(rows: Sequence[Row]) -> str:
             cells = [cell for row in pair for cell in (number(row.costs["seconds"], 3),
                      f"{row.costs['low']:.3f}–{row.costs['high']:.3f}", number(row.costs["cpu"], 3))]  # fmt: skip
             figures = pair[0].figures
-            lines.append(
-                [f"{way}, Q_g {qp:g}", number(figures["bytes"] / 1000, 1), number(figures[_TO_RAW], 2), *cells]
-            )
+            lines.append([f"{way}, Q_g {qp:g}", number(figures["bytes"] / 1000, 1), number(figures[TO_RAW], 2), *cells])
         header = ["", "KB", "dB", "encode s", "quartiles", "CPU s", "decode s", "quartiles", "CPU s"]
         sections.append(f"**{members[0].setting['network']}, {subject}**\n\n{format_table(header, lines)}")
     return "\n\n".join(sections)
@@ -471,7 +237,7 @@ def plot_seconds(path: Path, rows: Sequence[Row]) -> bool:
             for (way,), found in grouped(members, "way").items():
                 groups = grouped(found, "qp").values()
                 points = [(statistics.fmean(r.costs["seconds"] for r in g),
-                           statistics.fmean(r.figures[_TO_RAW] for r in g)) for g in groups]  # fmt: skip
+                           statistics.fmean(r.figures[TO_RAW] for r in g)) for g in groups]  # fmt: skip
                 curves.append(Curve(way, points))
             panels.append(Panel(f"{stage}: {network}, {views} views", "seconds, median", "dB, decoded to raw", curves))
         grid.append(panels)

@@ -1,6 +1,6 @@
 """How much do the transforms lose to rounding, at the ends? Errors of plain float32, of what ships, and of float64,
-against 50 digits of mpmath, each row with the bound that it must keep (`tests/unit/test_conditioning.py`); and error
-against CPU time on 2×256×256 Gaussians.
+against 50 digits of mpmath, each row with the bound that it must keep (`tests/unit/test_conditioning.py`). Error
+against run time is the study `transforms`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from tinysplat.measure.clock import Effort
 from tinysplat.measure.rows import Row, grouped
 from tinysplat.measure.show.plots import Curve, Panel, save_grid
 from tinysplat.measure.show.tables import format_table, small
@@ -18,7 +17,6 @@ from tinysplat_runtime.graphs.inference import GraphStore
 
 from . import pictures, projection, reduction
 from .bounds import STUDY, holds
-from .speed import speed_rows
 
 WAYS = ("float32", "ours", "float64")
 TRANSFORMS = ("VPT", "VPT⁻¹", "Quat(R)", "VABR", "SH", "EWA")
@@ -37,7 +35,7 @@ def numeric_rows(store: GraphStore) -> Iterator[Row]:
 
 
 def rows_of(run: Run) -> Iterator[Row]:
-    """Bounds, floors of VABR's weighting, the quantiser, and speed."""
+    """Bounds, floors of VABR's weighting, and the quantiser."""
     store = GraphStore(threads=1)
     for row in numeric_rows(store):
         if not holds(row):
@@ -45,7 +43,6 @@ def rows_of(run: Run) -> Iterator[Row]:
         yield row
     yield from reduction.floor_rows()
     yield from pictures.quantiser_rows()
-    yield from speed_rows(store, Effort(run.options.rounds or (3 if run.quick else 7), 60.0))
 
 
 def bound_table(transform: str, rows: Sequence[Row]) -> str:
@@ -93,16 +90,6 @@ def quantiser_table(rows: Sequence[Row]) -> str:
     return format_table(heads, lines) if lines else ""
 
 
-def speed_table(rows: Sequence[Row]) -> str:
-    """Error and CPU time of each transform's variants."""
-    lines = []
-    for (transform,), members in grouped((row for row in rows if row.study == "numerics speed"), "subject").items():
-        cells = [cell for row in members for cell in (small(row.figures["error"]), f"{1000 * row.costs['cpu']:.1f}")]
-        lines.append([transform, *cells])
-    heads = ["", *(head for way in WAYS for head in (f"{way}: error", "CPU ms"))]
-    return format_table(heads, lines) if lines else ""
-
-
 def plot_errors(path: Path, rows: Sequence[Row]) -> bool:
     """Every case's three errors and its bound, a panel per transform."""
     panels = []
@@ -113,22 +100,8 @@ def plot_errors(path: Path, rows: Sequence[Row]) -> bool:
             for name in (*WAYS, "bound")
         ]  # fmt: skip
         panels.append(Panel(transform, "case, in the table's order", "error (0 drawn at 1e-17)", curves, log="y"))
-    return _save(path, "Errors against 50 digits", panels)
-
-
-def plot_speed(path: Path, rows: Sequence[Row]) -> bool:
-    """Error against CPU time, a panel per transform."""
-    panels = []
-    for (transform,), members in grouped((row for row in rows if row.study == "numerics speed"), "subject").items():
-        curves = [Curve(row.way, [(1000 * row.costs["cpu"], max(row.figures["error"], _EXACT))], is_line=False)
-                  for row in members]  # fmt: skip
-        panels.append(Panel(transform, "CPU milliseconds", "error (0 drawn at 1e-17)", curves, log="xy"))
-    return _save(path, "2×256×256 Gaussians (lower left is better)", panels)
-
-
-def _save(path: Path, title: str, panels: Sequence[Panel]) -> bool:
     if panels:
-        save_grid(path, title, [panels[:3], panels[3:]] if len(panels) > 3 else [panels])
+        save_grid(path, "Errors against 50 digits", [panels[:3], panels[3:]])
     return bool(panels)
 
 
@@ -137,7 +110,6 @@ _BOUNDS: dict[str, Callable[[Sequence[Row]], str]] = {name: partial(bound_table,
 NUMERICS = Study(
     "Conditioning",
     rows_of,
-    {"numerics worst": worst_table, **_BOUNDS, "floor": floor_table, "quantiser": quantiser_table,
-     "numerics speed": speed_table},
-    {"numerics_errors": plot_errors, "numerics_speed": plot_speed},
-)  # fmt: skip
+    {"numerics worst": worst_table, **_BOUNDS, "floor": floor_table, "quantiser": quantiser_table},
+    {"numerics_errors": plot_errors},
+)
