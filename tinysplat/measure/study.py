@@ -154,10 +154,14 @@ class Run:
     @cached_property
     def photos(self) -> list[tuple[Source, Window]]:
         """The first window of each scene with photos: the user's, or the built-in ones."""
+        if self.sources and not any(source.needs_network for source in self.sources):
+            self.left_out.append("left out networks: Gaussian files have no photos")
+        return self._photos
+
+    @cached_property
+    def _photos(self) -> list[tuple[Source, Window]]:
         own = [source for source in self.sources if source.needs_network]
         if self.sources:
-            if not own:
-                self.left_out.append("left out networks: Gaussian files have no photos")
             return [(source, windows[0]) for source in own if (windows := self._windows(source))]
         try:
             Motorcycle().shots(Window("motorcycle", (0,), (1,)), (16, 16))
@@ -175,7 +179,7 @@ class Run:
         made = [] if self.sources else [made_case(2, *size, 4)]
         found = [source.case(source.windows()[0][0], "", size, self.runtime) for source in files]
         # Of the built-in scenes the real photos, which come last.
-        photos = self.photos if self.sources else self.photos[-1:]
+        photos = self._photos if self.sources else self._photos[-1:]
         for source, window in photos:
             for model in self.models[:1]:
                 case = source.case(window, model, size, self.runtime)

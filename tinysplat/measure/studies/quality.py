@@ -136,12 +136,25 @@ def summary_table(rows: Sequence[Row]) -> str:
     return format_table(heads, lines) if lines else ""
 
 
+def zoom_summary(rows: Sequence[Row]) -> str:
+    """A line per group and multiple: means over scenes."""
+    lines = []
+    for identity, members in groups_of([row for row in rows if row.study == STUDY]):
+        for factor, found in (mean_of_scenes(members).get("zoom") or {}).items():
+            dB = (decibels(found[key]) for key in ("psnr_raw", "psnr", "psnr_enlarged"))
+            gain = f"{found['psnr'] - found['psnr_enlarged']:+.2f}"
+            size = f"{identity['height']}×{identity['width']}, {factor} ×"
+            lines.append([f"{identity['kind']}, {identity['views']} views, {identity['model']}", size, *dB, gain])
+    return format_table(["", "coded at, drawn at", "raw dB", "coded dB", "enlarged dB", "gain"], lines) if lines else ""
+
+
 QUALITY = Study(
     "Pictures",
     quality_rows,
     {
         "quality summary": summary_table,
         "quality": lambda rows: _tables(rows, lambda members: group_table(members, has_lpips=False)),
+        "zoom summary": zoom_summary,
         "zoom": lambda rows: _tables(rows, zoom_table),
         "nested": lambda rows: _tables(rows, nested_table),
     },
