@@ -9,14 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 from two_planes import FAR, NEAR, trace
 
-from tinysplat.networks.edge import (
-    OPACITY_CAP,
-    OUTPUT_NAMES,
-    Edge,
-    EdgeSettings,
-    convex_upsampling,
-    expected_level,
-)
+from tinysplat.networks.edge import OPACITY_CAP, OUTPUT_NAMES, Edge, EdgeSettings
+from tinysplat.networks.edge_analysis import expected_level
+from tinysplat.networks.edge_layers import convex_upsampling
 from tinysplat.networks.narrowing import NarrowingSettings
 from tinysplat.networks.sweep import AlignmentSettings, Sweep
 from tinysplat.rasteriser import PinholeCamera, render

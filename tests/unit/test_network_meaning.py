@@ -14,7 +14,8 @@ from torch import Tensor
 from torch.nn import functional
 from two_planes import FAR, NEAR, SQUARE_Z, TracedScene, trace
 
-from tinysplat.networks.edge import Edge, photo_difference
+from tinysplat.networks.edge import Edge
+from tinysplat.networks.edge_analysis import photo_difference
 from tinysplat.networks.geometry import pixel_intrinsics, pixel_rays
 from tinysplat.networks.narrowing import NarrowingSettings, narrowed
 from tinysplat.networks.pairs import ViewPairs

@@ -1,10 +1,14 @@
-"""The learned layers of `edge`: a refiner of costs and a U-Net, with zero at the end of whatever adds to something."""
+"""Layers of `edge`: a refiner of costs, a U-Net, and upsampling, with zero at the end of whatever adds to something.
+
+Convex upsampling is after Teed and Deng, "RAFT" (2020), section 3.3.
+"""
 
 from __future__ import annotations
 
 from itertools import pairwise
 from typing import TypeVar
 
+import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -89,3 +93,27 @@ def zero(layer: _Layer) -> _Layer:
     nn.init.zeros_(layer.weight)
     nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
     return layer
+
+
+def convex_upsampling(values: Tensor, logits: Tensor) -> Tensor:
+    """Twice the resolution: every new pixel a convex combination of the 3 × 3 old ones around it.
+
+    Args:
+        values: (V, 1, h, w).
+        logits: (V, 36, h, w), nine for each of the four new pixels: index 4·neighbour + new pixel.
+
+    Returns:
+        (V, 1, 2h, 2w).
+    """
+    height, width = values.shape[2:]
+    padded = functional.pad(values, (1, 1, 1, 1), mode="replicate")
+    around = [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    weights = torch.softmax(logits.unflatten(1, (9, 4)), dim=1)
+    return functional.pixel_shuffle((weights * torch.stack(around, dim=1)).sum(dim=1), 2)
+
+
+def bilinear_logits() -> Tensor:
+    """Logits (1, 36, 1, 1) with which `convex_upsampling` is bilinear interpolation, but for a floor of 1e-3."""
+    along = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]])  # (new, old)
+    weights = torch.einsum("ai,bj->ijab", along, along).reshape(1, 36, 1, 1)
+    return torch.log(weights.clamp_min(1e-3))
