@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map
+from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, without_outliers
 from tinysplat_runtime.gaussian.planes import MAX_CODE, hevc_step
 
 STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
@@ -65,3 +65,43 @@ def test_dequantising_undoes_quantising_to_half_a_code():
     values = np.linspace(-3, 7, 1001, dtype=np.float32)
     codes, _ = code_map.quantise(values)
     assert np.abs(code_map.dequantise(codes) - values).max() <= 0.51 * code_map.scale
+
+
+REACH = 4095 / hevc_step(0)
+"""Steps that 12 bits hold."""
+
+
+def _values(spread: float, *strays: float) -> np.ndarray:
+    """10,000 values from 0 to `spread` steps of 1, the last of them replaced."""
+    values = np.linspace(0, spread, 10_000)
+    return np.concatenate([values[: len(values) - len(strays)], strays]).astype(np.float32)
+
+
+@pytest.mark.parametrize("far", [3.9, -2.9])
+def test_strays_that_12_bits_nearly_hold_are_kept(far):
+    values = _values(REACH, far * REACH)
+    ends = float(values.min()), float(values.max())
+    assert without_outliers(values, *ends, 1.0) == ends
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_few_strays_far_out_are_cut_and_half_a_range_is_left_about_the_rest(sign):
+    values = sign * _values(REACH, *[40 * REACH] * 4)
+    low, high = without_outliers(values, float(values.min()), float(values.max()), 1.0)
+    near, far = (low, high) if sign > 0 else (-high, -low)
+    assert near == pytest.approx(0, abs=0.01 * REACH)  # never beyond what there is
+    assert far == pytest.approx(1.5 * REACH, rel=0.01)
+
+
+def test_more_strays_than_the_share_are_all_kept():
+    values = _values(REACH, *[40 * REACH] * 6)  # of 10,000, five at either end may go
+    ends = float(values.min()), float(values.max())
+    assert without_outliers(values, *ends, 1.0) == ends
+    assert without_outliers(values[5:], *ends, 1.0) == ends
+
+
+def test_planes_of_few_values_are_kept_whole():
+    for count in (2, 3):
+        values = np.float32([0, 1, 1e6][-count:])
+        ends = float(values.min()), float(values.max())
+        assert without_outliers(values, *ends, 1.0) == ends

@@ -5,6 +5,7 @@ Encoder and decoder run the same network on the same decoded photos; `residual` 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -42,8 +43,10 @@ def encode(job: Job) -> bytes:
     with job.stats.watch.stage("network"):
         graph = job.store.network_by_hash(network.name, network.sha256, photo_mode.photos_of(job).model)
         prediction = predict(images, container.cameras, network.near, network.far, graph)
+    # Residuals have no QPs by block, and so no need of coding trees as small as blocks.
+    profile = replace(job.profile, encoder=replace(job.profile.encoder, block_qps=False))
     encoder = SceneEncoder(
-        job.gaussians, job.profile, job.store, threads=job.threads, stats=job.stats, plane_coder=job.plane_coder,
+        job.gaussians, profile, job.store, threads=job.threads, stats=job.stats, plane_coder=job.plane_coder,
         planner=partial(ResidualPlanner, settings=settings, prediction=prediction), sections=sections,
     )  # fmt: skip
     return encoder.code(encoder.plan(job.qp), job.qp)
