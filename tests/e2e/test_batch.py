@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, write_eval_scene
 from scenes import write_scene
 
 import tinysplat_runtime as ts
+from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import run_processes, run_ray
 from tinysplat.batch.jobs import Job, Options, encode, is_done, read_manifest
 from tinysplat.batch.run import run_batch
@@ -31,7 +33,7 @@ def tinysplat(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, timeout=150)
 
 
-def silent(line: str) -> None:
+def silent(record: dict[str, Any]) -> None:
     """Progress that nobody reads."""
 
 
@@ -226,3 +228,44 @@ def test_a_batch_codes_what_refinement_made_of_a_scene(
     assert refined == [None, "seen", "seen"]
     coding = {"profile": "balanced", "qp": 3}
     assert asked == [(2, 7, {"seconds": None, **coding}), (2, None, {"seconds": 2.5, **coding})]
+
+
+# ---- bounds, lines and what is known after an interrupt -----------------------------------------------------------
+
+
+def test_what_is_done_is_known_after_an_interrupt(tmp_path: Path) -> None:
+    def interrupted(jobs):
+        yield from run_processes(jobs[:1], note, 1, 1)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(jobs_named(tmp_path, "a", "b"), str(tmp_path), interrupted, silent)
+    assert set(json.loads((tmp_path / "results.json").read_text())["scenes"]) == {"a"}
+
+
+def test_a_scene_that_takes_too_long_or_too_much_is_at_fault(tmp_path: Path) -> None:
+    def slow(job: Job) -> dict[str, Any]:
+        time.sleep(30)
+        return {}
+
+    def large(job: Job) -> dict[str, Any]:
+        return {"bytes": len(bytearray(8 << 30))}
+
+    job = jobs_named(tmp_path, "a")[0]
+    with pytest.raises(InputError, match=r"longer than the 0\.2 s"):
+        bounded(job, slow, 0.2, None)
+    with pytest.raises(InputError, match="more memory"):
+        bounded(job, large, None, 4 << 30)
+
+
+def test_lines_failures_and_another_try(tmp_path: Path) -> None:
+    write_scene(tmp_path / "good", views=2, height=32, width=48)
+    (tmp_path / "list.txt").write_text("good\nmissing\n")
+    done = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--json-lines", "--workers", "1",
+                     "--target-size", "9KB")  # fmt: skip
+    records = [json.loads(line) for line in done.stdout.splitlines()]
+    assert done.returncode == 2 and {r["name"]: r["status"] for r in records} == {"good": "done", "missing": "failed"}
+    assert (tmp_path / "out" / "good.tsplat").stat().st_size <= 9000
+    again = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--retry-failed", "--workers", "1",
+                      "--target-size", "9KB")  # fmt: skip
+    assert again.returncode == 2 and "missing: " in again.stderr and "1/1 missing" in again.stderr

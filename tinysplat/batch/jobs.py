@@ -39,6 +39,9 @@ class Options:
         model: network.
         profile: of the codec.
         qp: Q_g.
+        mode: what files carry.
+        target_size, target_psnr: bytes, or dB, in place of `qp`; None for neither.
+        lossless: float16 planes bit for bit.
         refine: steps (`20`) or seconds (`10s`) of refinement before coding; empty for none.
     """
 
@@ -50,6 +53,10 @@ class Options:
     model: str = DEFAULT_MODEL
     profile: str = "balanced"
     qp: float = 0.0
+    mode: str = "gaussians"
+    target_size: int | None = None
+    target_psnr: float | None = None
+    lossless: bool = False
     refine: str = ""
 
 
@@ -75,8 +82,9 @@ class Job:
     def fingerprint(self) -> str:
         """Changes with the task, the scene's place and every option."""
         options = dataclasses.asdict(self.options)
-        if not self.options.refine:
-            del options["refine"]  # as it was before there was refinement: what was done then need not be done again
+        for later in ("mode", "target_size", "target_psnr", "lossless", "refine"):
+            if options[later] == getattr(Options(), later):
+                del options[later]  # as it was before there was such an option: what was done then is not done again
         text = json.dumps([self.task, self.scene, options], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -107,7 +115,11 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
             gaussians = runtime.refine(
                 gaussians, scene, asked.steps, seconds=asked.seconds, profile=options.profile, qp=options.qp
             )
-        data = runtime.compress(gaussians, options.profile, options.qp)
+        wanted = {name: getattr(options, name) for name in ("target_size", "target_psnr", "lossless")}
+        qp = None if any(wanted.values()) else options.qp
+        data = runtime.encode(
+            scene, options.model, options.profile, qp, mode=options.mode, gaussians=gaussians, **wanted
+        )
     write(job.output, data)
     return {
         "bytes": len(data),

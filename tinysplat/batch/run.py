@@ -21,14 +21,16 @@ WRITE_EVERY_S = 2.0
 Engine = Callable[[Sequence[Job]], Iterator[Outcome]]
 
 
-def run_batch(jobs: Sequence[Job], folder: str, engine: Engine, progress: Callable[[str], None]) -> dict[str, Any]:
+def run_batch(
+    jobs: Sequence[Job], folder: str, engine: Engine, progress: Callable[[dict[str, Any]], None]
+) -> dict[str, Any]:
     """Run what is not done yet.
 
     Args:
         jobs: all of the batch.
         folder: where outputs and results go, path or URL.
         engine: runs jobs and yields outcomes as they come.
-        progress: takes a line now and then.
+        progress: takes each scene's record as it ends, with its name and number.
 
     Returns:
         What `results.json` holds: `scenes` by name with `status` (done, failed), `output`, `bytes`, `sha256`,
@@ -41,18 +43,24 @@ def run_batch(jobs: Sequence[Job], folder: str, engine: Engine, progress: Callab
     skipped, left = len(records), [job for job in jobs if job.name not in records]
     start = written = time.perf_counter()
     finished = 0
-    for outcome in engine(left) if left else ():
-        records[outcome.job.name] = _record(outcome)
-        finished += 1
-        now = time.perf_counter()
-        if now - written >= WRITE_EVERY_S:
-            write(place, _document(jobs, records, skipped, finished / (now - start)))
-            written = now
-            progress(f"{skipped + finished}/{len(jobs)} scenes, {finished / (now - start):.2f} a second")
-    seconds = max(time.perf_counter() - start, 1e-9)
-    data = _document(jobs, records, skipped, finished / seconds)
-    write(place, data)
+    try:
+        for outcome in engine(left) if left else ():
+            record = records[outcome.job.name] = _record(outcome)
+            finished += 1
+            now = time.perf_counter()
+            if now - written >= WRITE_EVERY_S:
+                write(place, _document(jobs, records, skipped, finished / (now - start)))
+                written = now
+            progress({"name": outcome.job.name, "number": skipped + finished, "of": len(jobs), **record})
+    finally:  # what is done is known after an interrupt, too
+        data = _document(jobs, records, skipped, finished / max(time.perf_counter() - start, 1e-9))
+        write(place, data)
     return dict(json.loads(data))
+
+
+def failed_before(folder: str) -> set[str]:
+    """Names of the scenes that failed in an earlier run."""
+    return {name for name, record in _earlier(join(folder, RESULTS)).items() if record.get("status") == "failed"}
 
 
 def _earlier(place: str) -> dict[str, Any]:
