@@ -94,6 +94,8 @@ class Quality:
         """See `runner.Work`."""
         options = [str(self.lpips or ""), self.pictures, self.zooms, self.nested, str(self.refine), self.draw]
         stamp = job.stamp(*options)
+        chosen = {"refine": str(self.refine)} if self.refine else {}
+        chosen |= {"draw": ",".join(map("=".join, self.draw))} if self.draw else {}
         window = job.window
         identity = {"scene": job.source.name, "kind": window.kind, "model": job.model, "views": len(window.context),
                     "context": window.context, "targets": window.targets, "size": job.size}  # fmt: skip
@@ -102,7 +104,7 @@ class Quality:
                 self.study,
                 f"{job.source.name} {window}",
                 f"{c.profile} {c.qp:g}",
-                {**identity, **asdict(c)},
+                {**identity, **asdict(c), **chosen},
                 stamp=stamp,
             )
             for c in self.codings

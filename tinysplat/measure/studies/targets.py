@@ -26,7 +26,7 @@ from tinysplat_runtime.codec.paper import paper_colors, paper_plan
 from tinysplat_runtime.codec.profiles import PAPER, PROFILES, find_profile
 from tinysplat_runtime.codec.quantise import choose_code_map
 from tinysplat_runtime.container.inspection import inspect_bytes
-from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.planes import Channel
 
 from ..clock import timed
@@ -59,7 +59,11 @@ def _target_row(pictures: Pictures, profile: str, target: dict[str, Any], runtim
     def searched() -> None:
         data.append(runtime.compress(case.gaussians, profile, drop_invalid=True, **target))
 
-    searched()
+    setting = {"profile": profile, **target}
+    try:
+        searched()
+    except InputError as error:  # beyond what the profile reaches here
+        return Row("targets", case.name, profile, setting, note=str(error))
     qp = inspect_bytes(data[0])["qp"]
     encode = partial(encode_gaussians, case.gaussians, find_profile(profile), qp, runtime.store,
                      threads=runtime.threads, drop_invalid=True)  # fmt: skip
@@ -75,13 +79,13 @@ def _target_row(pictures: Pictures, profile: str, target: dict[str, Any], runtim
     else:
         figures["excess_db"] = found - target["target_psnr"]
     costs = {"cpu_ratio": statistics.median(ratios)}
-    return Row("targets", case.name, profile, {"profile": profile, **target}, figures, costs)
+    return Row("targets", case.name, profile, setting, figures, costs)
 
 
 def target_table(rows: Sequence[Row]) -> str:
     """A line per profile and target, over subjects."""
     lines = []
-    chosen = [row for row in rows if row.study == "targets"]
+    chosen = [row for row in rows if row.study == "targets" and row.figures]
     for (profile, size, db), members in grouped(chosen, "profile", "target_size", "target_psnr").items():
         figures = [row.figures for row in members]
         wanted = f"{size / 1000:g} KB" if size else f"{db:g} dB"
