@@ -197,7 +197,7 @@ def test_figures_are_means_over_images_of_what_the_pictures_show(measured):
         images = [np.asarray(Image.open(kept / f"{n}_{name}.png")).astype(np.float32) / 255 for n in (0, 1)]
         pairs = list(zip(images, photos, strict=True))
         # The pictures on disk are rounded to 8 bits, the figures are not.
-        assert entry[f"psnr{suffix}"] == pytest.approx(np.mean([psnr(*p) for p in pairs]), abs=0.02)
+        assert entry[f"psnr{suffix}"] == pytest.approx(np.mean([psnr(*p) for p in pairs]), abs=0.05)
         assert entry[f"ssim{suffix}"] == pytest.approx(np.mean([ssim(*p) for p in pairs]), abs=1e-3)
     views = FolderSource(scene).scene().resized(*SIZE).views((0, 1, 2, 3)).cameras
     shares = [covered_pixels(views[i], [views[0], views[3]], 2.0, 8.0).mean() for i in (1, 2)]
