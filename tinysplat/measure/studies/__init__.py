@@ -33,6 +33,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "versions": ("versions.VERSIONS", "two versions of the code and the physical floor (--before)"),
     "official": ("official.OFFICIAL", "an official network in torch and as artifacts (--checkpoint)"),
     "batch": ("batch.BATCH", "throughput of `tinysplat batch`"),
+    "refine": ("refining.REFINE", "held-out dB and bytes by the seconds that refinement is given"),
     "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
 }
 """By name: where it stands in this package, and a line about it."""
