@@ -63,7 +63,7 @@ def test_gaussians_go_out_widened_and_are_drawn_as_one_likes(files: dict[str, Pa
     assert "no photos" in fail("convert", tmp_path / "g.ply", "-o", tmp_path / "wide.ply", "--dilate", "0.2")
     pictures = []
     for options in ((), ("--dilation", "screen"), ("--order", "depth"), ("--dilation", "screen", "--order", "depth")):
-        succeed("render", files["npz"], "-o", tmp_path / "x.png", "--size", "40x48", *options)
+        succeed("render", files["npz"], "-o", tmp_path / "x.png", "--size", "40x48", "--force", *options)
         pictures.append(np.array(Image.open(tmp_path / "x.png"), int))
     assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
     plain = ts.render(ts.load_gaussians(files["npz"]).flat(), ts.load_gaussians(files["npz"]).cameras[0], (40, 48))
@@ -103,7 +103,7 @@ def test_a_depth_map_is_z_in_16_bits(files: dict[str, Path], tmp_path: Path) -> 
     image = np.array(Image.open(tmp_path / "d.png"))
     assert image.dtype == np.uint16
     np.testing.assert_allclose(image / 1000, depth, atol=5.1e-4)
-    done = succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth", "--depth-scale", "30000")
+    done = succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth", "--depth-scale", "30000", "--force")
     assert "deeper than 2.1845 units" in done.stderr
     assert "expected an output that ends in .png" in fail("render", files["npz"], "-o", tmp_path / "d.mp4", "--depth")
 

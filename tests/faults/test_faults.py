@@ -72,14 +72,14 @@ def test_a_command_killed_at_any_moment_leaves_the_old_file_or_the_whole_new_one
     arguments, suffix = _commands(inputs)[command]
     target = tmp_path / f"out{suffix}"
     began = time.perf_counter()
-    status, err = _finish(_start(*arguments, "-o", target, "-q"))
+    status, err = _finish(_start(*arguments, "-o", target, "-q", "--force"))
     took = time.perf_counter() - began
     assert status == 0, err
     new = target.read_bytes()
     seen = set()
     for moment in np.linspace(0.2, 1.1, ROUNDS):
         target.write_bytes(b"old")
-        process = _start(*arguments, "-o", target, "-q")
+        process = _start(*arguments, "-o", target, "-q", "--force")
         time.sleep(took * moment)
         process.send_signal(signal.SIGKILL)
         _finish(process)
@@ -224,7 +224,7 @@ def test_a_full_disk_is_one_line_and_keeps_the_old_file(inputs, tmp_path, comman
     arguments, suffix = _commands(inputs)[command]
     target = tmp_path / f"out{suffix}"
     target.write_bytes(b"old")
-    status, err = _finish(_start(*arguments, "-o", target, limit=_small_files))
+    status, err = _finish(_start(*arguments, "-o", target, "--force", "-q", limit=_small_files))
     assert status == 2 and err.count("\n") == 1 and str(target) in err, err
     assert target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
 
@@ -296,7 +296,9 @@ def test_decodes_in_several_processes_at_once_are_identical(inputs, tmp_path, co
 
 
 def test_several_processes_that_write_one_file_leave_one_whole_file(inputs, tmp_path) -> None:
-    processes = [_start("compress", inputs["gaussians"], "-o", tmp_path / "f.tsplat", "-q") for _ in range(3)]
+    processes = [
+        _start("compress", inputs["gaussians"], "-o", tmp_path / "f.tsplat", "-q", "--force") for _ in range(3)
+    ]
     assert [_finish(process)[0] for process in processes] == [0, 0, 0]
     assert (tmp_path / "f.tsplat").read_bytes() == inputs["file"].read_bytes()
     assert [path.name for path in tmp_path.iterdir()] == ["f.tsplat"]

@@ -292,14 +292,14 @@ def test_no_damaged_file_brings_a_traceback_or_more_than_one_line(tmp_path, caps
         data[rng.integers(len(data))] ^= 1 << rng.integers(8)
         (tmp_path / "f.tsplat").write_bytes(data)
         _run(["info", tmp_path / "f.tsplat", "--json"], capsys)
-        _run(["decode", tmp_path / "f.tsplat", "-o", tmp_path / "g.npz"], capsys)
-        _run(["render", tmp_path / "f.tsplat", "-o", tmp_path / "p.png"], capsys)
+        _run(["decode", tmp_path / "f.tsplat", "-o", tmp_path / "g.npz", "--force"], capsys)
+        _run(["render", tmp_path / "f.tsplat", "-o", tmp_path / "p.png", "--force"], capsys)
     for suffix in (".npz", ".safetensors", ".ply"):
         for number in range(8):
             data = bytearray(corpus.gaussian_seeds(suffix)[number % 3])
             data[rng.integers(len(data))] ^= 1 << rng.integers(8)
             (tmp_path / f"g{suffix}").write_bytes(data)
-            _run(["compress", tmp_path / f"g{suffix}", "-o", tmp_path / "f.tsplat"], capsys)
+            _run(["compress", tmp_path / f"g{suffix}", "-o", tmp_path / "f.tsplat", "--force"], capsys)
 
 
 def test_info_of_an_accepted_file_is_strict_json(capsys, tmp_path) -> None:

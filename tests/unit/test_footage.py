@@ -110,9 +110,9 @@ def test_the_command_encodes_a_video_with_poses(clip: Path, tmp_path: Path, caps
     poses = write_poses(tmp_path / "poses.txt", {0: 0, 8: 320_000})
     out, depths = str(tmp_path / "f.tsplat"), ["--near", "1", "--far", "9"]
     assert main(["encode", str(clip), "--poses", str(poses), "-o", out, *depths]) == 0
-    assert main(["encode", str(clip), "-o", out, *depths]) == 2
+    assert main(["encode", str(clip), "-o", out, "--force", *depths]) == 2
     assert "a video needs its cameras: --poses" in capsys.readouterr().err
-    assert main(["encode", str(clip), str(clip), "--poses", str(poses), "-o", out]) == 2
+    assert main(["encode", str(clip), str(clip), "--poses", str(poses), "-o", out, "--force"]) == 2
     assert "--poses: with 2 paths, expected one video" in capsys.readouterr().err
 
 

@@ -111,10 +111,10 @@ def test_the_commands_take_show_and_hand_on_notes(
     shown = capsys.readouterr().out
     assert "licence: MIT" in shown and f"attribution: {NOTES.attribution}" in shown and "unit:" not in shown
     assert main(["decode", coded, "-o", out]) == 0
-    assert main(["convert", out, "-o", out, "--scale", "2", "--unit", "half-metre"]) == 0
+    assert main(["convert", out, "-o", out, "--force", "--scale", "2", "--unit", "half-metre"]) == 0
     assert ts.load_gaussians(out).notes == ts.Notes("half-metre", NOTES.attribution, "MIT")
     capsys.readouterr()
-    assert main(["convert", out, "-o", out, "--licence", "a\nb"]) == 2
+    assert main(["convert", out, "-o", out, "--force", "--licence", "a\nb"]) == 2
     assert capsys.readouterr().err == (
         "tinysplat: --licence: holds U+000A, expected characters that print, in one line\n"
     )

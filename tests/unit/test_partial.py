@@ -123,5 +123,5 @@ def test_the_command_says_what_is_lost_in_one_line(seed: Seed, tmp_path: Path, c
     assert said.count("\n") == 1 and "lost 1 of its planes: layer 0 opacity0 view 1" in said
     assert cli.main(["render", str(tmp_path / "f.tsplat"), "-o", str(tmp_path / "p.png"), "--partial"]) == 0
     capsys.readouterr()
-    assert cli.main(["render", str(tmp_path / "g.npz"), "-o", str(tmp_path / "p.png"), "--partial"]) == 2
+    assert cli.main(["render", str(tmp_path / "g.npz"), "-o", str(tmp_path / "q.png"), "--partial"]) == 2
     assert "--partial" in capsys.readouterr().err

@@ -175,9 +175,9 @@ def test_a_file_becomes_a_page_with_its_photos(encoded: dict[str, Path], tmp_pat
     assert [("photo" in view) for view in scene["views"]] == [True] * 3
     assert set(scene["bytes"]) >= {"depth", "color", "metadata"} and "profile balanced" in scene["summary"]
     assert scene["summary"].endswith("; Ana <b>, CC-BY-4.0")
-    done = tinysplat("view", encoded["spz"], "--html", tmp_path / "v.html")
+    done = tinysplat("view", encoded["spz"], "--html", tmp_path / "w.html")
     assert done.returncode == 0, done.stderr
-    assert columns_of(Elements((tmp_path / "v.html").read_text()))[1]["hasCameras"] is False
+    assert columns_of(Elements((tmp_path / "w.html").read_text()))[1]["hasCameras"] is False
 
 
 def test_the_server_gives_the_page_and_nothing_else(encoded: dict[str, Path]) -> None:

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-LOG_EVERY_S = 30.0
+LOG_EVERY_S = 60.0
 """Seconds between lines where standard error is no terminal."""
 
 
