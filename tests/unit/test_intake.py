@@ -18,7 +18,7 @@ from scenes import colmap_texts, make_cameras, make_photo, transforms_document, 
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import image_size, write_png
+from tinysplat_runtime.scene.images import image_size, read_image, write_png
 from tinysplat_runtime.scene.intake.colmap_binary import check_counts
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
 from tinysplat_runtime.scene.intake.stereo import stereo_scene
@@ -398,3 +398,55 @@ def test_what_no_camera_and_no_file_system_holds_is_named(folder: Path, frame: d
     document = transforms()
     document["frames"][1].update(frame)
     assert words in refusal(write_transforms(folder, document))
+
+
+# ---- LLFF and Blender ------------------------------------------------------------------------------------------------
+
+
+def test_llff_axes_bounds_and_scaled_pictures(tmp_path: Path) -> None:
+    turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # OpenCV camera to world: looks along x
+    rows = []
+    for i in range(2):
+        (tmp_path / "images").mkdir(exist_ok=True)
+        write_png(tmp_path / f"images/{i}.png", np.zeros((24, 32, 3), np.uint8))
+        pose = np.column_stack(
+            [turn[:, 1], turn[:, 0], -turn[:, 2], [i, 2.0, 3.0], [48, 64, 50.0]]
+        )  # down, right, back
+        rows.append([*pose.ravel(), 1.5 + i, 9.0 + i])
+    np.save(tmp_path / "poses_bounds.npy", np.array(rows))
+    scene = load_scene(tmp_path)
+    assert (scene.near, scene.far) == (1.5, 10.0)
+    np.testing.assert_allclose(scene.cameras[1].c2w[:3, :3], turn)
+    np.testing.assert_allclose(scene.cameras[1].centre, (1, 2, 3))
+    np.testing.assert_allclose(scene.cameras[0].K, [[25, 0, 16], [0, 25, 12], [0, 0, 1]])
+    write_png(tmp_path / "images/9.png", np.zeros((24, 32, 3), np.uint8))
+    with pytest.raises(InputError, match="2 poses for 3 photos"):
+        load_scene(tmp_path)
+    (tmp_path / "poses_bounds.npy").write_bytes(b"\x93NUMPY\x01\x00")
+    with pytest.raises(InputError, match="poses_bounds.npy: damaged"):
+        load_scene(tmp_path)
+
+
+def test_a_blender_scene_needs_no_option(tmp_path: Path) -> None:
+    (tmp_path / "train").mkdir()
+    frames = []
+    for i in range(2):
+        write_png(tmp_path / f"train/r_{i}.png", np.zeros((20, 20, 3), np.uint8))
+        matrix = np.eye(4)
+        matrix[0, 3] = i
+        frames.append({"file_path": f"./train/r_{i}", "transform_matrix": matrix.tolist()})
+    document = {"camera_angle_x": 2 * np.arctan(0.5), "frames": frames}
+    (tmp_path / "transforms_train.json").write_text(json.dumps(document))
+    scene = load_scene(tmp_path)
+    np.testing.assert_allclose(scene.cameras[1].K, [[20, 0, 10], [0, 20, 10], [0, 0, 1]])
+    np.testing.assert_allclose(scene.cameras[1].c2w[:3, :3], np.diag([1, -1, -1]))
+    assert scene.images().shape == (2, 20, 20, 3)
+
+
+def test_heic_photos_and_lone_photos_are_told_what_to_do(tmp_path: Path) -> None:
+    photo = tmp_path / "a.jpg"
+    photo.write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
+    with pytest.raises(InputError, match=r"HEIC, expected JPEG or PNG: `heif-convert"):
+        read_image(photo)
+    with pytest.raises(InputError, match="one photo, expected a scene"):
+        load_scene(photo)
