@@ -423,7 +423,7 @@ def test_llff_axes_bounds_and_scaled_pictures(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="2 poses for 3 photos"):
         load_scene(tmp_path)
     (tmp_path / "poses_bounds.npy").write_bytes(b"\x93NUMPY\x01\x00")
-    with pytest.raises(InputError, match="poses_bounds.npy: damaged"):
+    with pytest.raises(InputError, match=r"poses_bounds\.npy: damaged"):
         load_scene(tmp_path)
 
 
