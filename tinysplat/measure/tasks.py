@@ -84,7 +84,12 @@ def exponentials(gaussians: str, size: str) -> Call:
 def start(file: str, target: str) -> Call:
     """`tinysplat decode` as a process, from starting the interpreter to the written file."""
     command = [sys.executable, "-m", "tinysplat_runtime", "decode", file, "-o", target, "-q"]
-    return lambda: subprocess.run(command, check=True, capture_output=True, timeout=120)
+
+    def run() -> None:
+        Path(target).unlink(missing_ok=True)  # the command overwrites nothing
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+
+    return run
 
 
 @lru_cache(maxsize=4)
