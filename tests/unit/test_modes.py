@@ -81,7 +81,7 @@ def test_photo_files_are_small_and_decode_to_what_the_network_makes_of_them(file
     decoded = RUNTIME.decompress(files["photos"])
     assert len(files["photos"]) < 0.5 * len(files["gaussians"])
     assert [layer.opacities.shape for layer in decoded.layers] == [layer.opacities.shape for layer in raw.layers]
-    assert _psnr(raw, decoded) > 30
+    assert _psnr(raw, decoded) > 26  # colours are sharpened, and with them what coding did to the photos
 
 
 def test_hybrid_files_are_nearer_to_the_raw_gaussians_than_photos(files, raw):
