@@ -10,6 +10,7 @@ from scenes import make_smooth_gaussians
 from scipy.spatial.transform import Rotation
 
 from tinysplat_runtime.codec.analysis import ProjectedLayer, project_layer, relative_rotation_planes
+from tinysplat_runtime.errors import NumericError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.graphs.inference import GraphStore
@@ -88,3 +89,28 @@ def test_depths_keep_float32_where_cameras_stand_far_from_the_origin(distance):
     for view, camera in enumerate(moved.cameras):
         wanted = ((moved.means[view].astype(np.float64) - camera.centre) @ camera.rotation.T)[..., 2]
         np.testing.assert_allclose(found[view], wanted, rtol=1e-6)
+
+
+def _behind(layer: Gaussians, view: int, count: int) -> Gaussians:
+    """The layer with the first `count` Gaussians of a view moved behind its camera."""
+    camera, means = layer.cameras[view], layer.means.copy()
+    means[view, 0, :count] = camera.centre - 2 * camera.c2w[:3, 2]
+    return replace(layer, means=means)
+
+
+@pytest.mark.parametrize(("view", "count"), [(0, 1), (1, 3), (2, 2)])
+def test_gaussians_behind_their_camera_are_counted_and_their_view_is_named(layer, view, count):
+    with pytest.raises(NumericError, match=rf"layer 0: view {view}: {count} Gaussians .* \({count} in all\)"):
+        _project(_behind(layer, view, count))
+
+
+def test_what_is_dropped_is_transparent_and_otherwise_its_view_s_median(layer):
+    wanted, changed = _project(layer).geometry, _behind(layer, 1, 3)
+    found = project_layer(STORE, changed, drop_invalid=True, where="layer 0").geometry
+    kept = np.ones(layer.opacities.shape, bool)
+    kept[1, 0, :3] = False
+    np.testing.assert_allclose(found[1][:, kept[1]], wanted[1][:, kept[1]], atol=1e-6)
+    np.testing.assert_array_equal(found[0], wanted[0])
+    assert not found[1, 10, 0, :3].any()
+    for channel in range(6):  # rotations may have turned their sign
+        np.testing.assert_allclose(found[1, channel, 0, :3], np.median(wanted[1, channel][kept[1]]), rtol=1e-5)
