@@ -60,3 +60,9 @@ def test_photos_without_a_match_keep_their_colours() -> None:
     for photos in (black, np.zeros_like(images), np.ones_like(images)):
         np.testing.assert_allclose(adjusted(photos, 2), photos, atol=2e-3)
     assert torch.isfinite(adjusted(images, 2)).all()
+
+
+def test_an_exposure_that_drifts_from_view_to_view_stays() -> None:
+    scene = trace(5, HEIGHT, WIDTH)
+    altered = scene.images * np.float32([1.0, 0.97, 0.85, 0.78, 0.76])[:, None, None, None]
+    assert float((adjusted(altered, 5) - torch.from_numpy(altered)).abs().mean()) < 0.01

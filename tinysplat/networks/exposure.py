@@ -2,7 +2,8 @@
 
 Photos are matched on a coarse grid by local contrast, which does not see exposure. Every pair of photos tells the
 ratio of gains and the difference of offsets where it matches; a small system over the photos, to which the first photo
-is nailed, takes them together. Where the evidence is weak nothing is changed.
+is nailed, takes them together. Of more than two photos an exposure that near photos share stays: only the odd one is
+brought to the others. Where the evidence is weak nothing is changed.
 """
 
 from __future__ import annotations
@@ -113,10 +114,22 @@ def _solved(
         for c, m in ((here, mean_here), (there, mean_there))
     ]
     evidence = weight.mean(dim=(2, 3), keepdim=True)  # (P, 1, 1, 1)
-    log_gain = _agreed(evidence, 0.5 * torch.log(spread[1] / spread[0]), pairs, views, s.still)
+    log_gain = _odd(_agreed(evidence, 0.5 * torch.log(spread[1] / spread[0]), pairs, views, s.still), pairs, views)
     gain = torch.exp(_above_noise(log_gain, s.least).clamp(-s.largest, s.largest))
     difference = gain[pairs.source] * mean_there - gain[pairs.reference] * mean_here
-    return gain, _above_noise(_agreed(evidence, difference, pairs, views, s.still), s.least)
+    offset = _odd(_agreed(evidence, difference, pairs, views, s.still), pairs, views)
+    return gain, _above_noise(offset, s.least)
+
+
+def _odd(values: Tensor, pairs: ViewPairs, views: int) -> Tensor:
+    """What is a photo's own in values (V, 3, 1, 1): less the median of it and its two nearest; of two photos, all.
+
+    A camera that adapts as it moves gives near photos alike exposures, and who looks from there expects that one.
+    """
+    near = values[pairs.by_view(pairs.source)[:, :2]]  # (V, 1 or 2, 3, 1, 1)
+    low, high = near.amin(dim=1), near.amax(dim=1)
+    shared = torch.maximum(torch.minimum(values, high), low)
+    return values - (1 - 2 // views) * shared
 
 
 def _above_noise(values: Tensor, least: float) -> Tensor:
