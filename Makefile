@@ -15,8 +15,9 @@ demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back,
 
 dev: $(VENV)/.installed  ## the development environment
 
-test: $(VENV)/.installed  ## the tests (under 15 minutes on 2 cores); says how many it leaves to test-slow, as "deselected"
-	$(VENV)/bin/python -m pytest -q -m "not slow"
+test: $(VENV)/.installed  ## the tests, on all cores (under 15 minutes on 2); says first how many it leaves to test-slow
+	@$(VENV)/bin/python -m pytest -q --collect-only -m slow | tail -n 1 | sed 's/^/left to make test-slow: /'
+	$(VENV)/bin/python -m pytest -q -m "not slow" -n auto --dist loadfile
 
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
 	$(VENV)/bin/python -m pytest -q -m slow

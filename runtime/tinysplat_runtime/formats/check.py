@@ -51,7 +51,7 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
     """
     views = _views(gaussians)
     # As defined: most formats keep no cameras, and what is drawn with their help would count as lost.
-    ours, theirs = (Renderer(drawn, compiled=False, **DEFINITION) for drawn in (gaussians, load_gaussians(path)))
+    ours, theirs = (Renderer(drawn, None, compiled=False, **DEFINITION) for drawn in (gaussians, load_gaussians(path)))
     errors = [np.mean((ours.render(camera) - theirs.render(camera)) ** 2, dtype=np.float64) for camera in views]
     each = [-10 * math.log10(error) if error else math.inf for error in errors]
     size = sum(part.stat().st_size for part in _parts(Path(path)))
