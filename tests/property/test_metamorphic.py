@@ -25,7 +25,7 @@ from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.quaternions import multiply_quats, normalize_quats, quats_to_matrices
 from tinysplat_runtime.graphs.inference import GraphStore
-from tinysplat_runtime.render import render
+from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore(threads=1)
@@ -124,7 +124,7 @@ def test_cropping_gives_the_crop_of_planes_and_pictures(top, left, height, width
 
 
 def _psnr(decoded: Gaussians, raw: Gaussians) -> float:
-    errors = [np.mean((render(decoded, c) - render(raw, c)) ** 2) for c in raw.cameras]
+    errors = [np.mean((render(decoded, c, **DEFINITION) - render(raw, c, **DEFINITION)) ** 2) for c in raw.cameras]
     return float(-10 * np.log10(np.mean(errors)))
 
 

@@ -344,7 +344,8 @@ def test_the_size_of_a_photo_is_told_from_its_header(folder: Path) -> None:
 
 
 def test_a_folder_of_nothing_known_says_what_is_accepted(tmp_path: Path) -> None:
-    assert "no cameras.json, transforms.json or a COLMAP model in sparse/" in refusal(tmp_path)
+    accepted = "cameras.json, transforms.json, transforms_train.json, poses_bounds.npy or a COLMAP model in sparse/"
+    assert f"no {accepted}" in refusal(tmp_path)
 
 
 @pytest.mark.parametrize(

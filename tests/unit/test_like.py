@@ -16,13 +16,13 @@ from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import Container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.render import render
+from tinysplat_runtime.render import DEFINITION, render
 
 PROFILES = ("paper", "fast", "balanced", "max")
 
 
 def psnr(decoded: Gaussians, raw: Gaussians) -> float:
-    errors = [np.mean((render(decoded, c) - render(raw, c)) ** 2) for c in raw.cameras]
+    errors = [np.mean((render(decoded, c, **DEFINITION) - render(raw, c, **DEFINITION)) ** 2) for c in raw.cameras]
     return float(-10 * np.log10(np.mean(errors)))
 
 

@@ -15,6 +15,7 @@ from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_c
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
+from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.scene.cameras import Camera
 
 
@@ -33,7 +34,7 @@ def _ends(data: bytes) -> list[int]:
 
 
 def _psnr(a, b) -> float:
-    pairs = [(ts.render(a, camera), ts.render(b, camera)) for camera in a.cameras]
+    pairs = [(ts.render(a, camera, **DEFINITION), ts.render(b, camera, **DEFINITION)) for camera in a.cameras]
     return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
 
 

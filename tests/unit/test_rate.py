@@ -16,7 +16,7 @@ from tinysplat_runtime.codec.quantise import choose_code_map
 from tinysplat_runtime.codec.rate import ChannelModel, encode_to_size
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
-from tinysplat_runtime.render import renderer
+from tinysplat_runtime.render import DEFINITION, renderer
 
 RUNTIME = ts.Runtime(threads=2)
 
@@ -27,7 +27,7 @@ def gaussians():
 
 
 def _psnr(a, b) -> float:
-    pairs = [(ts.render(a, camera), ts.render(b, camera)) for camera in a.cameras]
+    pairs = [(ts.render(a, camera, **DEFINITION), ts.render(b, camera, **DEFINITION)) for camera in a.cameras]
     return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
 
 

@@ -93,7 +93,9 @@ def bound_resources(size: int) -> None:
         import resource
     except ImportError:
         return
-    for kind, wanted in ((resource.RLIMIT_AS, MEMORY_BASE + MEMORY_FACTOR * size), (resource.RLIMIT_CPU, SECONDS)):
+    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 1 << 20
+    memory = pages * resource.getpagesize() + MEMORY_BASE + MEMORY_FACTOR * size
+    for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, SECONDS)):
         hard = resource.getrlimit(kind)[1]
         resource.setrlimit(kind, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
 
