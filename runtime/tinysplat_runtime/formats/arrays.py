@@ -57,6 +57,7 @@ def _check_headers(headers: Mapping[str, _Header], budget: int) -> None:
 
 
 def read_npz(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """Read the arrays of an .npz file by name; InputError if it is damaged or announces more than `max_bytes`."""
     budget = min(max_bytes, max(MIN_BUDGET, MAX_EXPANSION * path.stat().st_size))
     with parsing(".npz file"), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
@@ -87,6 +88,7 @@ def _npy_header(member: Any) -> _Header:
 
 
 def read_safetensors(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """As `read_npz`, of a .safetensors file; ImportError if safetensors is not installed."""
     import safetensors
 
     with parsing(".safetensors file"), safetensors.safe_open(str(path), framework="numpy") as file:
@@ -115,6 +117,7 @@ def _arrays(gaussians: Gaussians) -> dict[str, NDArray]:
 
 
 def write_npz(path: Path, gaussians: Gaussians) -> list[str]:
+    """Write all layers, cameras and notes; nothing is lost, so the list is empty."""
     arrays = _arrays(gaussians)
     if gaussians.notes:
         arrays[NPZ_ARRAY] = npz_array(gaussians.notes)
@@ -127,6 +130,7 @@ def write_npz(path: Path, gaussians: Gaussians) -> list[str]:
 
 
 def write_safetensors(path: Path, gaussians: Gaussians) -> list[str]:
+    """As `write_npz`; ImportError if safetensors is not installed."""
     from safetensors.numpy import save_file
 
     save_file(_arrays(gaussians), str(path), metadata=gaussians.notes.given() or None)

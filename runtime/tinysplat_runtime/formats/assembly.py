@@ -62,6 +62,16 @@ def far_note(points: Points) -> list[str]:
 def assemble(
     arrays: Mapping[str, NDArray], grid: tuple[int, int, int] | None, cameras: Sequence[Camera] | None
 ) -> Gaussians:
+    """Gaussians of a file's arrays.
+
+    Args:
+        arrays: by name, as `arrays` describes them; means of any real type.
+        grid: (V, H, W) that a flat list is the pixels of, or None.
+        cameras: one per view where the file holds none.
+
+    Raises:
+        InputError: names the array that is missing, of another shape, or out of range.
+    """
     prefixes = [""]
     while f"layer{len(prefixes)}_means" in arrays:
         prefixes.append(f"layer{len(prefixes)}_")
