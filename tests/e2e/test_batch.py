@@ -139,7 +139,7 @@ def test_bad_batches_are_one_line(scenes: Path, tmp_path: Path) -> None:
     assert "name: '../x', expected a plain file name" in fail('{"scene": "a", "name": "../x"}')
     assert "views: 3, expected a list" in fail('{"scene": "a", "views": 3}')
     assert "an address is for --engine ray" in fail("a", "--address", "x")
-    assert "1 scenes failed, the first: " in fail(f"{scenes}/gone", "--workers", 1)
+    assert "1 scenes failed, the first: " in fail(f"{scenes}/gone", "-q", "--workers", 1)
     (tmp_path / "out/results.json").write_text("[]")
     assert "results.json: not a batch's results" in fail("a")
 
