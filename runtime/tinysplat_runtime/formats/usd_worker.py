@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..system.bounds import bound_process
 from .placement import placed
 
 TYPE = "ParticleField3DGaussianSplat"
@@ -87,22 +88,9 @@ def _placed(arrays: dict[str, NDArray], matrix: NDArray, z_up: bool) -> dict[str
     return placed(arrays, matrix)
 
 
-def bound_resources(size: int) -> None:
-    """Bounds of memory and time that no real file of this size reaches, where the system has such bounds (Unix)."""
-    try:
-        import resource
-    except ImportError:
-        return
-    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 1 << 20
-    memory = pages * resource.getpagesize() + MEMORY_BASE + MEMORY_FACTOR * size
-    for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, SECONDS)):
-        hard = resource.getrlimit(kind)[1]
-        resource.setrlimit(kind, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
-
-
 def main(path: str, out: str, max_bytes: int) -> int:
     """Read and write; returns the exit status."""
-    bound_resources(Path(path).stat().st_size)
+    bound_process(MEMORY_BASE + MEMORY_FACTOR * Path(path).stat().st_size, SECONDS)
     try:
         arrays: dict[str, Any] = stage_arrays(path, max_bytes)
     except (ValueError, RuntimeError, MemoryError, InputError) as error:

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...system.bounds import bound_process
+
 MEMORY_BASE, MEMORY_PER_BYTE = 1 << 29, 64
 """Bytes beyond those of the process at its start; an observation of 24 bytes takes 100 in memory."""
 
@@ -62,16 +64,8 @@ def bound_resources(bytes_of_model: int) -> None:
 
     A second line of defence behind `colmap_binary`.
     """
-    try:
-        import resource
-    except ImportError:
-        return
-    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 1 << 20
-    memory = pages * resource.getpagesize() + MEMORY_BASE + MEMORY_PER_BYTE * bytes_of_model
-    seconds = SECONDS_BASE + bytes_of_model // BYTES_PER_SECOND
-    for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds)):
-        hard = resource.getrlimit(kind)[1]
-        resource.setrlimit(kind, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+    memory = MEMORY_BASE + MEMORY_PER_BYTE * bytes_of_model
+    bound_process(memory, SECONDS_BASE + bytes_of_model // BYTES_PER_SECOND)
 
 
 def main(folder: str) -> int:
