@@ -165,7 +165,8 @@ def test_an_interrupt_ends_with_its_own_status(scenes, tmp_path):
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 130 and b"Traceback" not in said
+    # An interpreter that was in a library's start ends by the signal itself: 130 to a shell as well.
+    assert process.returncode in (130, -signal.SIGINT) and said == b""
 
 
 def test_compare_shows_windows_of_six_views_side_by_side(tmp_path):

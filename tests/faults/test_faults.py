@@ -26,6 +26,7 @@ from evaluation_scenes import write_eval_scene
 from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.cli import main
 from tinysplat_runtime.errors import ModelError, TinySplatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import models_dir
@@ -213,6 +214,20 @@ def test_an_interrupted_command_ends_with_130_and_leaves_nothing(inputs, tmp_pat
         (tmp_path / f"out{suffix}").unlink(missing_ok=True)
     # An interpreter that is on its way out, or was in a library's start, ends by the signal: 130 to a shell as well.
     assert set(statuses) <= {0, 130, -signal.SIGINT} and statuses[0] in (130, -signal.SIGINT)
+
+
+def test_an_interrupt_that_became_another_error_is_still_an_interrupt(monkeypatch, capsys) -> None:
+    from tinysplat_runtime.cli import commands
+
+    def interrupted(_: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:  # as a C extension does that was being loaded
+            raise ModelError("could not be loaded", where="edge") from None
+
+    monkeypatch.setattr(commands, "doctor", interrupted)
+    assert main(["doctor"]) == 130
+    assert capsys.readouterr().err == ""
 
 
 def _small_files() -> None:

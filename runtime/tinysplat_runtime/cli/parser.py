@@ -324,11 +324,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
     with _interrupts() as noticed:
         try:
-            return _answered(argv)
-        except Exception:
-            if noticed:  # C code on the way may have made another error of it, as numpy's import does
+            return _run(_with_negatives(list(sys.argv[1:] if argv is None else argv)))
+        except KeyboardInterrupt:
+            return 130
+        except Exception as error:
+            if noticed:  # code on the way may have made another error of it, as C extensions do while they load
                 return 130
-            raise
+            return _explained(error)
 
 
 @contextlib.contextmanager
@@ -353,23 +355,19 @@ def _interrupts() -> Iterator[list[int]]:
         signal.signal(signal.SIGTERM, terminate)
 
 
-def _answered(argv: Sequence[str] | None) -> int:
-    """Run a command, its errors as one line."""
-    arguments = _with_negatives(list(sys.argv[1:] if argv is None else argv))
-    try:
-        return _run(arguments)
-    except TinySplatError as error:
+def _explained(error: Exception) -> int:
+    """An error as one line and a status; raised again where it is a fault of ours."""
+    if isinstance(error, TinySplatError):
         return _fail(str(error))
-    except KeyboardInterrupt:
-        return 130
-    except BrokenPipeError:
+    if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that the flush at exit finds no broken pipe
         return 0
-    except OSError as error:
+    if isinstance(error, OSError):
         name = f"{error.filename}: " if error.filename else ""
         return _fail(f"{name}{error.strerror or error}")
-    except MemoryError:
+    if isinstance(error, MemoryError):
         return _fail("not enough memory; --size, fewer --views or --max-memory keep within it")
+    raise error
 
 
 def _with_negatives(words: list[str]) -> list[str]:
