@@ -14,6 +14,8 @@ from PIL import Image
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import Container
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
@@ -78,6 +80,32 @@ def test_files_are_joined_turned_enlarged_and_moved(files: dict[str, Path], tmp_
     assert len(vertex.data) == 2 * raw.count and "f_rest_8" in vertex and "f_rest_9" not in vertex
     x, y, z = (vertex[axis][: raw.count] for axis in "xyz")
     np.testing.assert_allclose(np.stack([x, y, z], 1), raw.means[:, [2, 1, 0]] * (2, 2, -2) + (1, 0, 0), atol=1e-5)
+
+
+def test_a_moved_coded_scene_keeps_pixels_cameras_and_the_quality_it_had(
+    files: dict[str, Path], tmp_path: Path
+) -> None:
+    coarse, moved = tmp_path / "coarse.tsplat", tmp_path / "moved.tsplat"
+    succeed("compress", files["npz"], "-o", coarse, "--profile", "fast", "--qp", "6")
+    before = read_container(coarse.read_bytes())
+
+    def moved_by(*options: str) -> Container:
+        succeed("convert", coarse, "-o", moved, "--force", *options)
+        after = read_container(moved.read_bytes())
+        assert (after.profile, after.qp, len(after.cameras)) == ("fast", 6, 2)
+        return after
+
+    def pictures(container: Container) -> list[bytes]:
+        channels = container.layers[0].channels
+        return [bytes(container.payload(0, c, view)) for c in channels for view in range(len(c.streams))]
+
+    assert pictures(moved_by("--translate", "-1,0,2")) == pictures(before)
+    turned = moved_by("--rotate", "x,180")
+    np.testing.assert_allclose(turned.cameras[1].c2w[:3, :3], np.diag((1, -1, -1)) @ before.cameras[1].c2w[:3, :3])
+    assert moved_by("--scale", "2").layers[0].depth_limits[1] > 1.9 * before.layers[0].depth_limits[1]
+    succeed("compress", files["npz"], "-o", coarse, "--lossless", "--force")
+    succeed("convert", coarse, "-o", moved, "--rotate", "y,90", "--force")
+    assert read_container(moved.read_bytes()).mode == "lossless"
 
 
 def test_pixels_and_cameras_survive_a_movement(files: dict[str, Path], tmp_path: Path) -> None:

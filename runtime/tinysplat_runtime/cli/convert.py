@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..api import SUFFIX
+from ..api import MAX_FILE_BYTES, SUFFIX
+from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.check import file_loss
 from ..formats.table import save_gaussians, save_points
@@ -20,8 +21,9 @@ from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, select
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..system.files import read_limited
 from ..system.stopwatch import Stopwatch
-from .files import is_standard, limited_runtime, load_any, noted, say, write_file
+from .files import is_in_part, is_standard, limited_runtime, load_any, noted, say, write_file
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
@@ -40,7 +42,7 @@ def convert(args: Namespace) -> None:
     gaussians = parts[0] if len(parts) == 1 else merge(parts)
     if args.crop:
         gaussians = crop(gaussians, args.crop[:3], args.crop[3:])
-    gaussians = noted(args, similarity(gaussians, _rotation(args.rotate), args.scale, args.translate))
+    gaussians = noted(args, similarity(gaussians, _rotation(args.rotate or "x,0"), args.scale, args.translate))
     write(args, args.output, gaussians)
     say(args, f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
     if args.check:
@@ -63,7 +65,7 @@ def selected(args: Namespace, gaussians: Gaussians) -> Gaussians:
 def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
     """Write a Gaussian file, or with `--points` a point cloud; what the format cannot keep goes to standard error.
 
-    A .tsplat file takes Gaussians that are still pixels of views, and is written with the default profile.
+    A .tsplat file takes Gaussians that are still pixels of views; see `_coded`.
     """
     if is_standard(path):
         _write_standard(args, path, gaussians)
@@ -73,10 +75,29 @@ def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
         if not gaussians.is_per_pixel:
             found = "Gaussians that are no longer pixels of views, which .tsplat files hold"
             raise InputError(f"{found}; moving keeps them, cutting and joining do not", where=path)
-        write_file(path, limited_runtime(args).compress(gaussians))
+        write_file(path, _coded(args, gaussians))
     else:
         for loss in save_gaussians(path, gaussians, _sh_bits(args.sh_bits), args.spz_version):
             print(f"{path}: {loss}", file=sys.stderr)
+
+
+def _coded(args: Namespace, gaussians: Gaussians) -> bytes:
+    """A .tsplat file's bytes: of the quality of the .tsplat file that the Gaussians came from, if it was one.
+
+    Moved as a whole they take its very pictures, which hold what cameras see; else its profile and Q_g.
+    """
+    runtime, files = limited_runtime(args), getattr(args, "files", None) or [args.file]
+    if len(files) > 1 or not files[0].lower().endswith(SUFFIX) or is_in_part(args):
+        return runtime.compress(gaussians)
+    source = read_limited(files[0], MAX_FILE_BYTES)
+    container = read_container(source, runtime.limits)
+    if container.mode == "lossless":
+        return runtime.compress(gaussians, lossless=True)
+    turns = getattr(args, "rotate", None) and gaussians.degree > 0  # a basis of SH does not turn along
+    enlarges = getattr(args, "scale", 1) != 1  # steps of depth do not grow along
+    if container.mode != "gaussians" or args.views is not None or turns or enlarges:
+        return runtime.compress(gaussians, container.profile, container.qp)
+    return runtime.compress(gaussians, like=source)
 
 
 def _write_standard(args: Namespace, path: str, gaussians: Gaussians) -> None:

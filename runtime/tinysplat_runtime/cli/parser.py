@@ -281,7 +281,7 @@ def _convert(commands: Commands) -> None:
     parser.add_argument("files", nargs="+", metavar="IN", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=_GAUSSIAN_FILES)
     parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
-    parser.add_argument("--rotate", default="x,0", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
+    parser.add_argument("--rotate", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
     parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
     parser.add_argument("--check", action="store_true", help="read the file again and say its bytes and loss in dB")
