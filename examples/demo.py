@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli.commands import info_text
+from tinysplat_runtime.cli.describe import info_text
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line; see `parser.main`, which is loaded here so that importing this package is free."""
-    from .parser import main as run
+    """Run a command line; see `run.main`, which is loaded here so that importing this package is free."""
+    from .run import main as run
 
     return run(argv)

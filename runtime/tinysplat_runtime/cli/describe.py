@@ -1,4 +1,4 @@
-"""What a Gaussian file holds that is no .tsplat file: `info`'s other half."""
+"""What a file holds, as `info` says it: .tsplat files, and all other Gaussian files."""
 
 from __future__ import annotations
 
@@ -50,3 +50,62 @@ def gaussians_text(about: dict[str, Any]) -> str:
             *(f"{name}: {text}" for name, text in about["notes"].items()),
         ]
     )
+
+
+def info_text(file: str, described: dict[str, Any]) -> str:
+    """`inspect`'s object as the text that `info` prints."""
+    d = described
+    total = d["bytes"]
+    lines = [
+        f"{file}: {total} bytes, format {d['version']}, mode {d['mode']}, profile {d['profile']}, Q_g {d['qp']:g}",
+        f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d),
+        *_network_lines(d),
+        *(f"{name}: {text}" for name, text in d["notes"].items() if text),
+        *([f"refined: {d['refined']}"] if d["refined"] else []),
+        "",
+        "class        bytes   share",
+        *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),
+        f"{'metadata':9} {d['metadata_bytes']:8}  {d['metadata_bytes'] / total:6.1%}",
+        "",
+        "view         bytes",
+        *(f"{view:<9} {n:8}" for view, n in enumerate(d["bytes_by_view"])),
+        "",
+        "layer plane       coding    QP         step    bytes",
+        *(_plane_text(plane) for plane in d["planes"]),
+        "",
+        "a prefix of  adds",
+        *(f"{p['bytes']:11}  layer {p['layer']}: {', '.join(p['adds'])}" for p in d["prefixes"]),
+    ]
+    if d["left_out"]:
+        lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in d["left_out"])]
+    return "\n".join(lines)
+
+
+def _gaussians_text(d: dict[str, Any]) -> str:
+    if d["gaussians"] is None:
+        return ""
+    return f", {d['gaussians']} Gaussians in {len(d['layers'])} layers, SH degree {d['sh_degree']}, k = {d['k']}"
+
+
+def _network_lines(d: dict[str, Any]) -> list[str]:
+    if d["network"] is None:
+        return []
+    network, photos = d["network"], d["photos"]
+    return [
+        f"network {network['name']}, sha256 {network['sha256']}, near {network['near']:g}, far {network['far']:g}",
+        f"photos of {photos['width']}x{photos['height']} at QP {photos['qp']}: {photos['bytes']} bytes",
+    ]
+
+
+def _plane_text(plane: dict[str, Any]) -> str:
+    if plane["coding"] == "constant":
+        return f"{plane['layer']:5} {plane['name']:11} constant   –  = {plane['value']:<10.4g} {plane['bytes']:7}"
+    coding = f"{plane['coding']:8} {plane['qp']:3} {plane['step']:12.4g}"
+    return f"{plane['layer']:5} {plane['name']:11} {coding} {plane['bytes']:8}"
+
+
+def _left_out_text(entry: dict[str, Any]) -> str:
+    rest = ", ".join(
+        f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in entry.items() if k not in ("layer", "what")
+    )
+    return f"layer {entry['layer']}: {entry['what']} ({rest})"

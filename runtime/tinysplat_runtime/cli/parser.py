@@ -1,27 +1,19 @@
-"""The command line: argument parsing, and errors as one line with an exit status. What commands do: commands.py.
+"""Commands and their options, as argparse knows them. What commands do: commands.py; how one is run: run.py.
 
-Exit status: 0 done, 2 the input is at fault (one line on standard error), 130 interrupted, 1 a fault of ours.
 Commands outside the runtime join through the entry-point group `tinysplat.commands`; see `join_commands`.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import os
-import re
-import signal
 import sys
-import threading
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from types import FrameType
+from collections.abc import Callable
 from typing import NoReturn, TypeAlias
 
 from .. import __version__
 from ..codec.modes import CHOICES, DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES
-from ..errors import InputError, TinySplatError
+from ..errors import InputError
 from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, size_or_full, views
 
 OWN_VARIANCE = 0.16
@@ -29,9 +21,9 @@ OWN_VARIANCE = 0.16
 
 _GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another Gaussian file (docs/FORMATS.md)"
 
-ENTRY_POINTS = "tinysplat.commands"
+_EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
 
-_NEGATIVES = re.compile(r"-[0-9.][-+0-9.eE]*(,[-+0-9.eE]+)*")
+ENTRY_POINTS = "tinysplat.commands"
 
 EXTRAS = {
     "eval": "eval",
@@ -317,105 +309,6 @@ def _doctor(commands: Commands) -> None:
     parser.add_argument("--json", action="store_true", help="as JSON")
 
 
-_EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status."""
-    with _interrupts() as noticed:
-        try:
-            return _run(_with_negatives(list(sys.argv[1:] if argv is None else argv)))
-        except KeyboardInterrupt:
-            return 130
-        except Exception as error:
-            if noticed:  # code on the way may have made another error of it, as C extensions do while they load
-                return 130
-            return _explained(error)
-
-
-@contextlib.contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """Interrupts that came while the block ran; each raises KeyboardInterrupt as it always does."""
-    noticed: list[int] = []
-
-    def notice(number: int, frame: FrameType | None) -> None:
-        noticed.append(number)
-        signal.default_int_handler(number, frame)
-
-    is_ours = threading.current_thread() is threading.main_thread()
-    if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield noticed
-        return
-    terminate = signal.getsignal(signal.SIGTERM)
-    signal.signal(signal.SIGINT, notice)
-    try:
-        yield noticed
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGTERM, terminate)
-
-
-def _explained(error: Exception) -> int:
-    """An error as one line and a status; raised again where it is a fault of ours."""
-    if isinstance(error, TinySplatError):
-        return _fail(str(error))
-    if isinstance(error, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that the flush at exit finds no broken pipe
-        return 0
-    if isinstance(error, OSError):
-        name = f"{error.filename}: " if error.filename else ""
-        return _fail(f"{name}{error.strerror or error}")
-    if isinstance(error, MemoryError):
-        return _fail("not enough memory; --size, fewer --views or --max-memory keep within it")
-    raise error
-
-
-def _with_negatives(words: list[str]) -> list[str]:
-    """Values that begin with a minus sign joined to their option: argparse would take them for another.
-
-    They are lists of numbers, and standard output with a format (`-o -.ply`).
-    """
-    joined: list[str] = []
-    for word in words:
-        option = joined[-1] if joined else ""
-        if _NEGATIVES.fullmatch(word) and option.startswith("--") and "=" not in option:
-            joined[-1] += f"={word}"
-        elif word.startswith("-.") and option in ("-o", "--output"):
-            joined[-1] = f"--output={word}"
-        else:
-            joined.append(word)
-    return joined
-
-
-def _fail(message: str) -> int:
-    print(f"tinysplat: {message}", file=sys.stderr)
-    return 2
-
-
-def _end_like_interrupts() -> None:
-    """SIGTERM, which service managers send, ends as Ctrl-C does; again once libraries that take it have loaded."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
-
-
-def _run(arguments: list[str]) -> int:
-    if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # libraries' notes to programmers; what users need to know is an error
-    parser, commands = build_parser()
-    joined = join_commands(commands, arguments)
-    args = parser.parse_args(arguments)
-    _end_like_interrupts()
-    if args.command in joined:
-        return joined[args.command](args) or 0
-    from . import commands as own  # here, so that --version and --help start without numpy
-    from .checks import check_outputs
-
-    check_outputs(args)
-    run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
-    run(args)
-    return 0
-
-
 def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:
     """Add the commands of other packages, but only when one of them, or the list of all, is asked for.
 
@@ -452,7 +345,3 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
 def _missing_extra(command: str, module: str | None) -> InputError:
     needs = f"needs the package '{module}'" if module else "is not installed"
     return InputError(f'{needs}; pip install "tinysplat[{EXTRAS.get(command, command)}]" brings it', where=command)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,123 @@
+"""`tinysplat render`: which cameras look, and pictures, depth maps and videos as files."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..render import Renderer, between, orbit
+from ..render.paths import outside
+from ..render.video import write_video
+from ..scene.cameras import Camera
+from ..scene.images import png_bytes
+from ..scene.intake.layouts import load_cameras
+from ..system.progress import progress
+from ..system.stopwatch import Stopwatch
+from .files import (
+    STANDARD,
+    load_any,
+    say,
+    write_file,
+)
+from .reports import render_report, write_json
+
+DEEPEST = 65535
+"""Largest value of a depth map's 16 bits."""
+
+
+def render(args: Namespace) -> None:
+    """A picture or a video of Gaussians."""
+    suffix = ".png" if args.output == STANDARD else Path(args.output).suffix.lower()
+    if suffix not in (".png", ".mp4"):
+        raise InputError(f"'{suffix}', accepted are .png and .mp4", where=args.output)
+    wants_depth = args.depth or args.depth_colours
+    if suffix == ".mp4" and wants_depth:
+        raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
+    if suffix == ".png" and args.path:
+        raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
+    watch = Stopwatch()
+    gaussians = load_any(args, watch)
+    # Loading compiled code takes longer than drawing one picture without it.
+    compiled = None if suffix == ".mp4" else False
+    renderer = Renderer(gaussians, args.threads, dilation=args.dilation, order=args.order, compiled=compiled)
+    if suffix == ".png":
+        camera = _chosen_camera(args.camera, gaussians)
+        with watch.stage("render"):
+            image = renderer.render(camera, args.size, outputs=("depth",) if wants_depth else ("rgb",))
+        if wants_depth:
+            image = depth_colours(image["depth"]) if args.depth_colours else _depth_map(args, image["depth"])
+        write_file(args.output, png_bytes(image))
+    else:
+        path = _camera_path(args, gaussians)
+        with watch.stage("render"):
+            # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
+            frames = (renderer.render(camera, args.size) for camera in path)
+            write_video(args.output, progress(frames, len(path), "render", quiet=args.quiet))
+    if args.report:
+        write_json(args.report, render_report(args, gaussians, watch))
+    seconds = watch.seconds["render"]
+    rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
+    say(args, f"{args.output}: {seconds:.3f} s{rate}")
+
+
+def depth_colours(depth: NDArray) -> NDArray:
+    """Depths z (H, W) as (H, W, 3) in [0, 1], even in 1/z: red near, blue far, black where nothing is."""
+    seen = depth > 0
+    inverse = np.divide(1, depth, out=np.zeros_like(depth), where=seen)
+    far, near = np.percentile(inverse[seen], (2, 98)) if seen.any() else (0.0, 1.0)
+    t = ((inverse - far) / max(near - far, 1e-12))[..., None]
+    return np.clip(1.5 - 3 * np.abs(t - (0.75, 0.5, 0.25)), 0, 1).astype(np.float32) * seen[..., None]
+
+
+def _depth_map(args: Namespace, depth: NDArray) -> NDArray:
+    """Depths z in scene units as (H, W) uint16 of z · `--depth-scale`, 0 where nothing is seen."""
+    scaled = np.rint(depth.astype(np.float64) * args.depth_scale)
+    beyond = int((scaled > DEEPEST).sum())
+    if beyond:
+        reach = DEEPEST / args.depth_scale
+        print(
+            f"{args.output}: {beyond} pixels deeper than {reach:g} units written as {reach:g}; a smaller --depth-scale"
+            " reaches farther", file=sys.stderr,
+        )  # fmt: skip
+    return np.where(scaled > 0, scaled.clip(1, DEEPEST), 0).astype(np.uint16)
+
+
+def _chosen_camera(text: str | None, gaussians: Gaussians) -> Camera:
+    """`INDEX` of the file's own views, or `cameras.json:INDEX`."""
+    source, _, index_text = (text or "0").rpartition(":")
+    try:
+        index = int(index_text)
+    except ValueError:
+        raise InputError(f"'{text}', expected INDEX or cameras.json:INDEX", where="--camera") from None
+    cameras = load_cameras(source) if source else gaussians.cameras or (outside(gaussians),)
+    if not 0 <= index < len(cameras):
+        raise InputError(f"{index}, accepted are 0 to {len(cameras) - 1}", where="--camera")
+    return cameras[index]
+
+
+def _camera_path(args: Namespace, gaussians: Gaussians) -> list[Camera]:
+    """Along the file's own views or those of `--camera`; around Gaussians without views, framed as `view` does it."""
+    source = (args.camera or "").rpartition(":")[0]
+    cameras = tuple(load_cameras(source)) if source else gaussians.cameras
+    if args.camera and not source:
+        raise InputError("a video takes all views, those of --camera cameras.json:INDEX", where="--camera")
+    if not cameras and args.path == "between":
+        raise InputError(
+            f"{args.file} has no views to fly between; --path orbit, or --camera cameras.json:0", where="--path"
+        )
+    views = cameras or (outside(gaussians),)
+    if args.path == "orbit" or not cameras:
+        return orbit(views, args.frames, _median_depth(gaussians, views[0]))
+    return between(views, args.frames)
+
+
+def _median_depth(gaussians: Gaussians, camera: Camera) -> float:
+    flat = gaussians.flat()
+    z = (flat.means.astype(np.float64) + flat.origin - camera.centre) @ camera.rotation[2]
+    return float(np.median(z[z > 0])) if (z > 0).any() else 1.0

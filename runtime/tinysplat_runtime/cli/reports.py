@@ -1,0 +1,80 @@
+"""What `--report` writes: bytes, seconds, memory and errors as JSON."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..container.inspection import inspect_bytes
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..system.files import read_limited, write_atomically
+from ..system.stopwatch import Stopwatch, peak_rss_bytes
+from .files import (
+    MAX_FILE_BYTES,
+    file_limits,
+    is_in_part,
+)
+
+
+def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
+    """A .tsplat file as `inspect_bytes` describes it, with the seconds of each stage and this process's peak memory."""
+    keys = (
+        "mode", "bytes", "bytes_by_class", "metadata_bytes", "views", "height", "width", "gaussians", "sh_degree", "k",
+    )  # fmt: skip
+    return {
+        **{key: described[key] for key in keys},
+        "error_by_attribute": {},
+        "clipped": {},
+        "seconds": watch.seconds,
+        "peak_rss_bytes": peak_rss_bytes(),
+        "left_out": described["left_out"],
+    }
+
+
+def render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:
+    """The report of `render`: the file's where it is a .tsplat one, or else what its Gaussians are."""
+    if Path(args.file).suffix.lower() == ".tsplat":
+        data = read_limited(args.file, MAX_FILE_BYTES)
+        return file_report(inspect_bytes(data, file_limits(args), is_prefix=is_in_part(args)), watch)
+    return {
+        "gaussians": gaussians.count,
+        "sh_degree": gaussians.degree,
+        "seconds": watch.seconds,
+        "peak_rss_bytes": peak_rss_bytes(),
+    }
+
+
+def write_json(path: str, value: dict[str, Any]) -> None:
+    """Write a report, whole or not at all."""
+    write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
+
+
+def attribute_errors(gaussians: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
+    """Root mean square and largest error per attribute, world units; rotations as angles in degrees."""
+    errors: dict[str, dict[str, float]] = {}
+    for name in FIELDS:
+        pairs = [
+            (getattr(a, name).astype(np.float64), getattr(b, name).astype(np.float64))
+            for a, b in zip(gaussians.layers, decoded.layers, strict=True)
+        ]
+        parts = [_angles(a, b) if name == "quats" else _padded(a, b) for a, b in pairs]
+        values = np.concatenate([part.ravel() for part in parts])
+        errors[name] = {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
+    return errors
+
+
+def _angles(a: NDArray, b: NDArray) -> NDArray:
+    cosine = np.abs((a * b).sum(-1)) / (np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1))
+    return np.degrees(2 * np.arccos(np.clip(cosine, 0, 1)))
+
+
+def _padded(a: NDArray, b: NDArray) -> NDArray:
+    """Difference; SH coefficients that the file left out count as zeros."""
+    if a.shape != b.shape:
+        b = np.concatenate([b, np.zeros((*b.shape[:-2], a.shape[-2] - b.shape[-2], 3))], axis=-2)
+    return a - b
