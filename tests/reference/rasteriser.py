@@ -116,10 +116,11 @@ def render_reference(
         footprint = axes @ axes.T + 0.3 * np.eye(2)
         if own[i] > 0:
             pixel = max(own[i] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8)  # its width on the screen
-            in_photo = axes @ axes.T + 0.3 * pixel**2 * np.eye(2)
             if pixel > 1:
-                footprint = in_photo
+                lacks = 0.3 * pixel**2 - np.linalg.eigvalsh(axes @ axes.T)[0]
+                footprint = axes @ axes.T + max(lacks, 0.3) * np.eye(2)
             else:
+                in_photo = axes @ axes.T + 0.3 * pixel**2 * np.eye(2)
                 opacity *= math.sqrt(np.linalg.det(in_photo) / np.linalg.det(footprint))
         inverse = np.linalg.inv(footprint)
         d = pixels - (camera.K @ points[i])[:2] / z

@@ -12,14 +12,15 @@ from tinysplat_runtime.scene.cameras import Camera
 SIDE = 32
 
 
-def wall(opacity=0.95, side=SIDE, focal=40.0):
-    """A wall seen by one view, of points without extent."""
+def wall(opacity=0.95, side=SIDE, focal=40.0, deviation=0.0):
+    """A wall seen by one view, of discs of a standard deviation in pixels: by default points."""
     camera = Camera([[focal, 0, side / 2], [0, focal, side / 2], [0, 0, 1]], np.eye(4), side, side)
     y, x = np.mgrid[:side, :side] + 0.5
     lead = (1, side, side)
     means = 2.0 * np.stack([(x - side / 2) / focal, (y - side / 2) / focal, np.ones_like(x)], axis=-1)
     return Gaussians(
-        means[None], np.broadcast_to([1.0, 0, 0, 0], (*lead, 4)), np.zeros((*lead, 3)), np.full(lead, opacity),
+        means[None], np.broadcast_to([1.0, 0, 0, 0], (*lead, 4)), np.full((*lead, 3), 2 * deviation / focal) * [1, 1, 0],
+        np.full(lead, opacity),
         np.zeros((*lead, 1, 3)), [camera],
     )  # fmt: skip
 
@@ -42,6 +43,15 @@ def test_an_enlarged_surface_has_no_gaps(times, compiled):
     # between the pixels' centres it covers less than at them, by the ripple of Gaussians 1/√0.3 deviations apart
     assert enlarged.min() > 0.9 * at_coded_size.min()
     assert alpha(wall(), times * SIDE, compiled, "screen").min() < 0.5
+
+
+@by_both
+def test_what_closes_a_surface_by_itself_is_not_widened(compiled):
+    """0.3 px² of its own photo in all, or what it has of its own and the screen's 0.3."""
+    wide, narrow = (wall(deviation=deviation) for deviation in (0.6, 0.3))
+    np.testing.assert_allclose(alpha(wide, 4 * SIDE, compiled), alpha(wide, 4 * SIDE, compiled, "screen"), atol=2e-6)
+    points = alpha(wall(), 4 * SIDE, compiled)  # the same footprint without any of its own
+    np.testing.assert_allclose(alpha(narrow, 4 * SIDE, compiled), points, atol=2e-5)
 
 
 @by_both

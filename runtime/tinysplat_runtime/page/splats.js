@@ -99,13 +99,14 @@ void main() {
   vec3 m2 = ((rows[1] - clamped.y * rows[2]) / point.z) * axes;
   vec3 area = cross(m1, m2);
   float own = focal * length16(second.w >> 16) / point.z; // its photo's pixel on the screen, 0 where it has none
-  float wide = own > 0.0 ? max(own, LEAST_OWN_PIXEL) : 1.0, dilation = DILATION * max(wide * wide, 1.0);
-  float a = dot(m1, m1) + dilation, b = dot(m1, m2), c = dot(m2, m2) + dilation;
-  float det = dot(area, area) + dilation * (a + c) - dilation * dilation;
-  if (wide < 1.0) { // wider than it was in its photo, but no more opaque
-    float less = DILATION * wide * wide, sum = a + c - 2.0 * dilation;
-    opacity *= sqrt((dot(area, area) + less * sum + less * less) / det);
-  }
+  float wide = own > 0.0 ? max(own, LEAST_OWN_PIXEL) : 1.0, wanted = DILATION * wide * wide;
+  float a = dot(m1, m1), b = dot(m1, m2), c = dot(m2, m2), sum = a + c;
+  float least = dot(area, area) / max(0.5 * (sum + length(vec2(a - c, 2.0 * b))), 1e-12); // its own variance across
+  float dilation = max(wanted - least, DILATION);
+  a += dilation;
+  c += dilation;
+  float det = dot(area, area) + dilation * (sum + dilation);
+  if (wide < 1.0) opacity *= sqrt((dot(area, area) + wanted * (sum + wanted)) / det); // wider, but no more opaque
   if (isCopy) opacity *= shares[(first.w >> 8) & 0xffu];
   float reach = log(255.0 * opacity); // the exponent at which the footprint ends
   vec2 pixel = centred + principal, extent = sqrt(2.0 * reach * vec2(a, c));

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, band_1, band_2, band_3, band_4
 from .prepare import ALPHA_MIN
-from .project import DILATION, LEAST_OWN_PIXEL, LIMIT, MARGIN_PX, WIDE_PX
+from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE, LIMIT, MARGIN_PX, WIDE_PX
 
 CHUNK = 128
 
@@ -50,8 +50,9 @@ summing = njit(**{**OPTIONS, "fastmath": {"contract", "reassoc"}})
 _BAND_1, _BAND_2, _BAND_3, _BAND_4 = (compiled(band) for band in (band_1, band_2, band_3, band_4))
 
 _F, _I = np.float32, np.uint64
-_HALF, _ONE, _TWO, _LIMIT, _WIDE = _F(0.5), _F(1), _F(2), _F(LIMIT), _F(WIDE_PX)
+_HALF, _ONE, _TWO, _FOUR, _LIMIT, _WIDE = _F(0.5), _F(1), _F(2), _F(4), _F(LIMIT), _F(WIDE_PX)
 _DILATION, _LEAST_OWN, _MOST_OWN = _F(DILATION), _F(LEAST_OWN_PIXEL), _F(math.sqrt(LIMIT))
+_LEAST_VARIANCE = _F(LEAST_VARIANCE)
 _LOG_ALPHA_MIN = _F(math.log(ALPHA_MIN))
 _BEFORE, _BEHIND = _F(0.5 + MARGIN_PX), _F(0.5 - MARGIN_PX)
 
@@ -130,11 +131,13 @@ def _shapes(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> N
         own_pixel = _clipped(geometry[at + P[13]] * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
         own = _DILATION * own_pixel * own_pixel
         own = own if geometry[at + P[13]] > _F(0) else _DILATION
-        dilation = max(own, _DILATION)
         width, height = m0 * m0 + m1 * m1 + m2 * m2, n0 * n0 + n1 * n1 + n2 * n2
-        a, b, c = width + dilation, m0 * n0 + m1 * n1 + m2 * n2, height + dilation
+        b, across = m0 * n0 + m1 * n1 + m2 * n2, width - height
         d0, d1, d2 = m0 * n1 - n0 * m1, m1 * n2 - n1 * m2, m2 * n0 - n2 * m0
         cross = d0 * d0 + d1 * d1 + d2 * d2
+        largest = _HALF * (width + height + math.sqrt(across * across + _FOUR * b * b))
+        dilation = max(own - cross / max(largest, _LEAST_VARIANCE), _DILATION)
+        a, c = width + dilation, height + dilation
         det = dilation * (width + height + dilation) + cross
         work[i + P[LOG_OPACITY]] = (own * (width + height + own) + cross) / det if own < dilation else _ONE
         alpha_x = math.sqrt(_HALF * c / det)

@@ -6,9 +6,10 @@ point is clamped to the image widened by 15 % of its size on each side. That is 
 per side as in gsplat where the principal point is off centre; a skewed K is clamped in pixels all the same.
 
 Dilation in own pixels is an option. A splat that stands for a photo's pixel, m pixels wide on the screen, is dilated by
-e = 0.3·m² in place of 0.3: what closes a surface in its photo closes it however near the camera comes. Where m < 1 the
-screen needs 0.3 still, so the opacity falls by √(det(Σ + e·1) / det(Σ + 0.3·1)): the splat covers more, but hides no
-more than it did in its photo (both ideas: Yu et al. 2024, Mip-Splatting, there with a footprint of its own in 3-D).
+e = max(0.3, 0.3·m² − λ) in place of 0.3, λ the lesser eigenvalue of Σ₂ before dilation: what closes a surface in its
+photo closes it however near the camera comes, and what closes it by itself is left as sharp as it is. Where m < 1 the
+screen needs 0.3 still, so the opacity falls by √(det(Σ + 0.3·m²·1) / det(Σ + 0.3·1)): the splat covers more, but hides
+no more than it did in its photo (both ideas: Yu et al. 2024, Mip-Splatting, there with a footprint of its own in 3-D).
 
 Nothing below forms a covariance and inverts it. With m₁, m₂ the rows of J·W·R(q)·diag(s), Σ₂ has the entries
 a = |m₁|² + 0.3, b = m₁·m₂, c = |m₂|² + 0.3, and its determinant is |m₁ × m₂|² + 0.3 (a + c) − 0.09, without the
@@ -33,6 +34,9 @@ from .prepare import ALPHA_MIN, Block, principal_axes
 
 DILATION = 0.3
 """Variance in pixels² added to both axes of every splat, so that none falls between the pixels."""
+
+LEAST_VARIANCE = 1e-12
+"""Pixels²: a splat narrower than this has no width of its own."""
 
 LEAST_OWN_PIXEL = 1 / 8
 """Own pixels on the screen, in its pixels, below which a splat fades no further: it would fall under 1/255."""
@@ -257,22 +261,18 @@ def _factors(
     """
     m1, m2 = (np.einsum("jn,jkn->kn", row, axes) for row in jacobian)
     width, b, height = (np.einsum("kn,kn->n", u, v) for u, v in ((m1, m1), (m1, m2), (m2, m2)))
+    area = sum(np.square(m1[i] * m2[j] - m1[j] * m2[i]) for i, j in ((0, 1), (1, 2), (2, 0)))
+    trace, own = width + height, None
     dilation: NDArray | float = DILATION
-    own = None
     if own_pixels is not None:
         own = DILATION * np.square(np.clip(own_pixels, LEAST_OWN_PIXEL, math.sqrt(LIMIT)))
         own = np.where(own_pixels > 0, own, np.float32(DILATION))
-        dilation = np.maximum(own, DILATION)
+        largest = 0.5 * (trace + np.hypot(width - height, 2 * b))
+        dilation = np.maximum(own - area / np.maximum(largest, LEAST_VARIANCE), DILATION)
     a, c = width + dilation, height + dilation
-    det = dilation * (a + c) - dilation**2
-    det_own = None if own is None else own * (width + height + own)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        minor = np.square(m1[i] * m2[j] - m1[j] * m2[i])
-        det += minor
-        if det_own is not None:
-            det_own += minor
+    det = area + dilation * (trace + dilation)
     alpha_x = np.sqrt(0.5 * c / det)
-    log_share = 0.0 if own is None else np.where(own < DILATION, 0.5 * np.log(det_own / det), 0)
+    log_share = 0.0 if own is None else np.where(own < DILATION, 0.5 * np.log((area + own * (trace + own)) / det), 0)
     return (alpha_x, -alpha_x * (b / c), np.sqrt(0.5 / c), np.sqrt(2 * a), np.sqrt(2 * c)), log_share
 
 
