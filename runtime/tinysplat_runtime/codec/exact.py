@@ -2,7 +2,8 @@
 
 The guarantee: every sample of the planes named in `exact_planes` comes back as the same 16 bits, and a reader checks
 that against their SHA-256. Depth is the sum of two float16, since one alone would swap the order of neighbours; the
-rest are one each. Samples are predicted from their neighbours and what is left goes through zlib, which measured
+rest are one each. And what was decoded comes to the same bytes again: float16 are chosen such that the float32
+arithmetic of decoding and projecting, whose noise is far below their steps, leads back to them (`_settled_*`). Samples are predicted from their neighbours and what is left goes through zlib, which measured
 8 to 17 % smaller than FFV1 and a quarter smaller than libx265's lossless mode on the bytes (docs/MODES.md).
 """
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from ..container.records import ExactLayer
 from ..errors import FormatError, NumericError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import GEOMETRY_CHANNELS
+from ..gaussian.planes import GEOMETRY_CHANNELS, PlaneClass
 from ..graphs.inference import GraphStore
 from .analysis import project_layer
 
@@ -27,6 +28,9 @@ GEOMETRY_PLANES = GEOMETRY_CHANNELS + 1
 
 _LEVEL = 9
 
+_TILT = np.array([0.017, 0.029, 0.041, 0.059])
+"""Keeps a coarse mean rotation off right angles with quaternions of round numbers."""
+
 
 def exact_planes(
     store: GraphStore, layer: Gaussians, drop_invalid: bool, where: str
@@ -34,17 +38,44 @@ def exact_planes(
     """(V, 12 + 3B, H, W) float16: −1/z, what float16 leaves of it, offset, ŝ, camera-frame rotation, opacity, SH
     coefficients (RGB last); and the smallest and largest z.
     """
-    geometry = project_layer(store, layer, drop_invalid=drop_invalid, where=where).geometry
-    depth = geometry[:, :1].astype(np.float64)
-    inverse = -1 / depth
+    projected = project_layer(store, layer, drop_invalid=drop_invalid, where=where)
     sh = np.moveaxis(layer.sh.reshape(*layer.opacities.shape, -1), -1, 1)
+    inverse = _settled_inverse(-1 / projected.planes(PlaneClass.DEPTH).astype(np.float64))
+    offset = _settled_offset(projected.planes(PlaneClass.OFFSET), max(layer.opacities.shape[1:]))
+    quats = _settled_quats(projected.planes(PlaneClass.ROTATION), projected.reference_quats)
     with np.errstate(over="ignore"):
         first = inverse.astype(np.float16)
         second = (inverse - first.astype(np.float64)).astype(np.float16)
-        planes = np.concatenate([first, second, geometry[:, 1:].astype(np.float16), sh.astype(np.float16)], axis=1)
-    if not np.isfinite(planes).all():
-        raise NumericError("values beyond float16 (65504), which --lossless stores", where=where)
-    return planes, (float(depth.min()), float(depth.max()))
+        scale, opacity = projected.planes(PlaneClass.SCALE), projected.planes(PlaneClass.OPACITY)
+        parts = (first, second, offset, scale, quats, opacity, sh)
+        planes = np.concatenate([part.astype(np.float16) for part in parts], axis=1)
+    if not (np.isfinite(planes).all() and planes[:, 0].all()):
+        raise NumericError("values beyond float16 (±65504; depths up to 2²⁴), which --lossless stores", where=where)
+    stored = -1 / (planes[:, 0].astype(np.float64) + planes[:, 1])
+    return planes, (float(stored.min()), float(stored.max()))
+
+
+def _settled_inverse(inverse: NDArray) -> NDArray:
+    """−1/z to 19 significant bits: means are float32, of which a far camera leaves little more."""
+    step = np.exp2(np.floor(np.log2(np.abs(inverse))) - 18)
+    return np.rint(inverse / step) * step
+
+
+def _settled_offset(offset: NDArray, pixels: int) -> NDArray:
+    """Offsets in px to 2⁻²⁰ of the picture's side, rounded up to a power of two: finer ones are the noise of float32."""
+    step = 2.0 ** (np.ceil(np.log2(pixels)) - 20)
+    return np.rint(offset / step) * step + 0.0  # no −0, whose sign would be noise
+
+
+def _settled_quats(quats: NDArray, reference: NDArray) -> NDArray:
+    """Quaternions (V, 4, H, W) at the length that makes their largest component 1, to 2⁻¹⁹.
+
+    Decoding makes the length 1: of a unit quaternion, rounded, the four nearest float16 would be others the next time.
+    The sign is the one nearer to the view's mean rotation (V, 4), taken so coarsely that rounding changes it in no view.
+    """
+    towards = np.rint(8 * reference) + _TILT
+    sign = np.where(np.einsum("vc,vchw->vhw", towards, quats) < 0, -1.0, 1.0)[:, None]
+    return np.rint(quats * sign / np.abs(quats).max(axis=1, keepdims=True) * 2.0**19) / 2.0**19 + 0.0
 
 
 def decode_exact(layer: ExactLayer, threads: int) -> tuple[NDArray, NDArray]:
