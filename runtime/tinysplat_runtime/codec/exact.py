@@ -3,7 +3,9 @@
 The guarantee: every sample of the planes named in `exact_planes` comes back as the same 16 bits, and a reader checks
 that against their SHA-256. Depth is the sum of two float16, since one alone would swap the order of neighbours; the
 rest are one each. And what was decoded comes to the same bytes again: float16 are chosen such that the float32
-arithmetic of decoding and projecting, whose noise is far below their steps, leads back to them (`_settled_*`). Samples are predicted from their neighbours and what is left goes through zlib, which measured
+arithmetic of decoding and projecting, whose noise is far below their steps, leads back to them (`_settled_*`).
+
+Samples are predicted from their neighbours and what is left goes through zlib, which measured
 8 to 17 % smaller than FFV1 and a quarter smaller than libx265's lossless mode on the bytes (docs/MODES.md).
 """
 
@@ -62,7 +64,7 @@ def _settled_inverse(inverse: NDArray) -> NDArray:
 
 
 def _settled_offset(offset: NDArray, pixels: int) -> NDArray:
-    """Offsets in px to 2⁻²⁰ of the picture's side, rounded up to a power of two: finer ones are the noise of float32."""
+    """Offsets in px to 2⁻²⁰ of the picture's side, rounded up to a power of two: what is finer is float32's noise."""
     step = 2.0 ** (np.ceil(np.log2(pixels)) - 20)
     return np.rint(offset / step) * step + 0.0  # no −0, whose sign would be noise
 
@@ -71,7 +73,7 @@ def _settled_quats(quats: NDArray, reference: NDArray) -> NDArray:
     """Quaternions (V, 4, H, W) at the length that makes their largest component 1, to 2⁻¹⁹.
 
     Decoding makes the length 1: of a unit quaternion, rounded, the four nearest float16 would be others the next time.
-    The sign is the one nearer to the view's mean rotation (V, 4), taken so coarsely that rounding changes it in no view.
+    The sign is the one nearer to the view's mean rotation (V, 4), so coarse that rounding does not change it.
     """
     towards = np.rint(8 * reference) + _TILT
     sign = np.where(np.einsum("vc,vchw->vhw", towards, quats) < 0, -1.0, 1.0)[:, None]
