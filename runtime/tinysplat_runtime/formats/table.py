@@ -110,7 +110,7 @@ FORMATS = (
     ),
     Format(
         "USD", usd.SUFFIXES, "a list of points, float, SH to degree 4, origin, notes", "usd-core", "usd",
-        usd.read_usd, _without_options(usd.write_usd),
+        usd.read_usd, _without_options(usd.write_usd), usd.read_usd_notes,
     ),
     Format("splat", (".splat",), "a list of points, bytes, one colour", "gaussforge", "", splat.read_splat),
     Format("ksplat", (".ksplat",), "a list of points, SH to degree 2", "gaussforge", "", splat.read_ksplat),
