@@ -25,5 +25,5 @@ def run(args: Namespace) -> None:
     if args.shell not in shtab.SUPPORTED_SHELLS:
         raise InputError(f"'{args.shell}', accepted are {', '.join(shtab.SUPPORTED_SHELLS)}", where="shell")
     parser, commands = build_parser()
-    join_commands(commands, [])
+    join_commands(commands, ["--help"])
     print(shtab.complete(parser, args.shell))

@@ -7,7 +7,7 @@ import sys
 from argparse import Namespace
 from pathlib import Path
 
-from ..api import DEFAULT_MODEL, check_targets
+from ..api import DEFAULT_MODEL, SUFFIX, check_targets
 from ..codec.encoder import check_qp
 from ..codec.modes.choice import check_options
 from ..errors import InputError
@@ -16,6 +16,9 @@ from ..system.memory import available_bytes
 from .files import is_standard
 
 OUTPUTS = {"output": "-o", "html": "--html", "report": "--report", "save_gaussians": "--save-gaussians"}
+
+CODED_BY = ("encode", "compress")
+"""Commands that write .tsplat files alone."""
 
 GOOD_PIXELS = 640 * 480
 """Photos of more are scaled down unless `--size` says otherwise: the networks that ship learned from photos of a third
@@ -37,6 +40,9 @@ def check_outputs(args: Namespace) -> None:
         if re.match(r"[a-z][a-z0-9+.-]+://", path):
             raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
         target = Path(path)
+        if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
+            found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
+            raise InputError(found, where=path)
         if target.is_dir():
             raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
         if not target.absolute().parent.is_dir():

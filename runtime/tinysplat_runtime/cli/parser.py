@@ -324,8 +324,10 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
     joined: dict[str, Callable[[argparse.Namespace], int | None]] = {}
     points, wants_help = entry_points(group=ENTRY_POINTS), bool({"-h", "--help"} & set(arguments))
     known = {*commands.choices, *EXTRAS, *(point.name for point in points)}
-    if word is not None and word not in known:
-        raise InputError(f"'{word}', accepted are {', '.join(sorted(known))}", where="command")
+    if word not in known and not (word is None and wants_help):
+        found = f"'{word}'" if word else "none given"
+        more = "" if word else "; `tinysplat --help` says what they do"
+        raise InputError(f"{found}, accepted are {', '.join(sorted(known))}{more}", where="command")
     for point in points:
         if word not in (None, point.name):
             continue
