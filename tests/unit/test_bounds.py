@@ -5,16 +5,18 @@ Files are written by hand here: constants alone, so that nothing but the metadat
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.bounds import MAX_DECODED
+from tinysplat_runtime.container.bounds import MAX_DECODED, decoding_bytes
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Container
+from tinysplat_runtime.container.records import ChannelRecord, Container, Limits, StreamRef
 from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
@@ -90,6 +92,125 @@ def test_rotations_whose_squares_leave_float32_are_refused():
     assert _read(records=[(PlaneClass.ROTATION, 3, -0.9e15)])
     with pytest.raises(FormatError, match="rotation"):
         _read(records=[(PlaneClass.ROTATION, 3, -1.1e15)])
+
+
+def test_the_memory_of_decoding_by_hand():
+    """Of 6 Gaussians of degree 2: 11 + 27 numbers and the 11 of geometry twice in 4 bytes, codes in 2 and in 4."""
+    layer = _read().layers[0]
+    picture = ChannelRecord(PlaneClass.DEPTH, 0, 4, 1.0, 0.0, (StreamRef(0, 1, 0),))
+    constant = ChannelRecord(PlaneClass.OPACITY, 0, 4, 1.0, 0.0)
+    for channels, codes in (((), 2), ((picture, constant), 3), ((picture, constant, picture), 4)):
+        found = decoding_bytes(replace(layer, degree=2, channels=channels))
+        assert found == 6 * (4 * (11 + 27 + 22) + 6 * codes)
+
+
+def test_limits_are_the_most_that_is_accepted():
+    data = _file()
+    memory = decoding_bytes(read_container(data).layers[0])
+    assert read_container(data, Limits(max_pixels=6, max_memory_bytes=memory, max_views=1, max_layers=1))
+    for limits, words in (
+        (Limits(max_pixels=5), "6 Gaussians"), (Limits(max_memory_bytes=memory - 1), "bytes to decode"),
+        (Limits(max_views=0), "1 views"), (Limits(max_layers=0), "1 layers"),
+    ):  # fmt: skip
+        with pytest.raises(FormatError, match=words):
+            read_container(data, limits)
+
+
+def _with_header(**fields: object) -> bytes:
+    """The file without channels, some numbers of its layer's header replaced."""
+    sections = sections_of(_file())
+    layer = next(section for section in sections if section[0] == L.LAYER)
+    names = ("height", "width", "degree", "source_degree", "flags", "sets", "channels", "k", "z_min", "z_max", "lost",
+             "condition")  # fmt: skip
+    values = dict(zip(names, L.LAYER_FIXED.unpack(layer[3][: L.LAYER_FIXED.size]), strict=True))
+    tail = fields.pop("tail", b"")
+    layer[3] = L.LAYER_FIXED.pack(*{**values, **fields}.values()) + tail
+    return file_of(sections)
+
+
+def test_a_layer_without_maps_states_that_nothing_is_left_out():
+    layer = next(data for kind, *_, data in sections_of(_file()) if kind == L.LAYER)
+    wanted = struct.pack("<2I4B2H4f", 2, 3, 0, 0, 0, 0, 0, 0, 1.0, 2.0, 0.0, 1.0)
+    assert layer == wanted
+
+
+_CONSTANT = struct.Struct("<BBBBff")
+_OVER, _INFINITE, _NAN = np.float32(1.01e30), np.inf, np.nan
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({"height": 1}, {"height": 0}, "grid 3x0"),
+        ({"width": 1}, {"width": 0}, "grid 0x2"),
+        ({"height": 65536}, {"height": 65537}, "grid 3x65537"),
+        ({"width": 65536}, {"width": 65537}, "grid 65537x2"),
+        ({"source_degree": 4}, {"source_degree": 5}, "SH degree 0 of 5"),
+        ({"z_min": 2.0}, {"z_min": 2.001}, "depth limits"),
+        ({"z_min": 1e-29}, {"z_min": 0.0}, "depth limits"),
+        ({"z_max": 9e29}, {"z_max": _INFINITE}, "depth limits"),
+        ({"lost": -1.0}, {"lost": _NAN}, "a number is out of range"),
+        ({"condition": 1e-30}, {"condition": 0.0}, "a number is out of range"),
+        ({"condition": 1e30}, {"condition": _INFINITE}, "a number is out of range"),
+        ({"flags": 1}, {"flags": 32}, "unknown flags 0x20"),
+        ({"k": 0}, {"k": 1}, "degree 0 without a basis"),
+        ({"channels": 0}, {"channels": 257}, "257 channels, at most 256"),
+        ({"channels": 256, "tail": _CONSTANT.pack(0, 0, 0, 0, 1, 0) * 256},
+         {"channels": 256, "tail": _CONSTANT.pack(0, 0, 0, 0, 1, 0) * 255}, "needs 12 bytes"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 1, 0, 51, -9e29, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(5, 1, 0, 52, 0, 0)}, "QP 52"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 1, 0, 0, 9e29, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(5, 2, 0, 0, 0, 0)}, "offset has no channel 2"),
+        ({"channels": 1, "tail": _CONSTANT.pack(1, 2, 0, 0, 0, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(1, 3, 0, 0, 0, 0)}, "color has no channel 3"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 0, 0, 0, 0, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(6, 0, 0, 0, 0, 0)}, "plane class 6, known are 0 to 5"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 0, 0, 0, 0, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(5, 0, 2, 0, 0, 0)}, "coding 2 is unknown"),
+        ({"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, 0, 9e29)},
+         {"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, 0, -_OVER)}, "scale or offset out of range"),
+        ({"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, 9e29, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, _OVER, 0)}, "scale or offset out of range"),
+        ({"flags": 2, "tail": struct.pack("<4f", 1.0009, 0, 0, 0)},
+         {"flags": 2, "tail": struct.pack("<4f", 1.0011, 0, 0, 0)}, "reference quaternion is not of length 1"),
+        ({"flags": 2, "tail": struct.pack("<4f", 0, 0, -0.9991, 0)},
+         {"flags": 2, "tail": struct.pack("<4f", 0, 0, -0.9989, 0)}, "reference quaternion is not of length 1"),
+        ({"flags": 4, "tail": struct.pack("<12f", *range(12))},
+         {"flags": 4, "tail": struct.pack("<12f", *range(11), _NAN)}, "scale mix is not finite"),
+        ({"flags": 8, "k": 3, "tail": bytes(18)}, {"flags": 8, "k": 4, "tail": bytes(24)}, "k = 4, accepted are 1 to 3"),
+        ({"flags": 8, "k": 1, "tail": bytes(6)}, {"flags": 8, "k": 0}, "k = 0, accepted are 1 to 3"),
+        ({"flags": 8, "k": 1, "tail": bytes(6)}, {"flags": 8, "k": 1, "tail": b"\0\x7e" * 3}, "basis is not finite"),
+        ({"flags": 8, "degree": 4, "source_degree": 4, "k": 75, "tail": bytes(75 * 150)},
+         {"flags": 8, "degree": 4, "source_degree": 3, "k": 75, "tail": bytes(75 * 150)}, "SH degree 4 of 3"),
+        ({"flags": 0}, {"tail": b"\0"}, "1 bytes too many"),
+    ],
+)  # fmt: skip
+def test_every_number_of_a_layer_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
+    """docs/FORMAT.md, section LAYR, either side of each of its bounds."""
+    assert read_container(_with_header(**accepted)).layers
+    with pytest.raises(FormatError, match=words):
+        read_container(_with_header(**refused))
+
+
+def test_the_scale_mix_counts_as_its_largest_row_and_mean():
+    """Rows whose magnitudes sum to 6, 15 and 24, scales of up to 1e28, means of 1e29: at most 3.4e29 of 1e30."""
+    mix = struct.pack("<12f", *(-1e29 * (n == 11) if n > 8 else n + 1.0 for n in range(12)))
+    records = _CONSTANT.pack(3, 0, 0, 0, 0, -1e28)
+    assert read_container(_with_header(flags=4, channels=1, tail=mix + records))
+    with pytest.raises(FormatError, match=r"scales of view 0 can decode to 1\.06e\+30"):
+        read_container(_with_header(flags=4, channels=1, tail=mix + _CONSTANT.pack(3, 0, 0, 0, 0, 4e28)))
+
+
+def test_the_basis_counts_each_component_by_its_largest_coefficient():
+    basis = np.array([[1, -4], [-2, 0], [0.5, 3]], "<f2").tobytes()  # 2 and 4 at most
+
+    def read(first: float, second: float) -> Container:
+        records = b"".join(_CONSTANT.pack(1, n, 0, 0, 0, value) for n, value in enumerate((first, second)))
+        return read_container(_with_header(flags=8, k=2, channels=2, tail=basis + records))
+
+    assert read(-1e29, 1.9e29)
+    with pytest.raises(FormatError, match=r"sh can decode to 1\.04e\+30"):
+        read(-1e29, 2.1e29)
 
 
 def _with_records(records: Sequence[Record], order: Sequence[int]) -> bytes:
