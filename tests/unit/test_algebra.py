@@ -73,7 +73,11 @@ def test_sh_basis_is_orthonormal_over_the_sphere():
     np.testing.assert_allclose(gram, np.eye(25), atol=1e-13)
 
 
-@pytest.mark.parametrize("count", [0, 2, 5, 36])
+def test_degrees_have_their_number_of_functions():
+    assert [sh_degree(count) for count in (1, 4, 9, 16, 25)] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("count", [-1, 0, 2, 5, 36])
 def test_numbers_of_functions_that_are_no_degree_are_refused(count):
     with pytest.raises(InputError):
         sh_degree(count)
