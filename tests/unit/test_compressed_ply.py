@@ -38,7 +38,7 @@ def assert_close(read: Gaussians, made: Gaussians) -> None:
         assert np.abs(read.sh[:, 1:] - made.sh[:, 1:]).max() <= 0.51 * SH_STEP
 
 
-@pytest.mark.parametrize("degree", [0, 1, 3])
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_our_reader_gives_back_what_was_written(tmp_path: Path, degree: int) -> None:
     made = some(degree)
     assert save_gaussians(tmp_path / "a.compressed.ply", made) == []

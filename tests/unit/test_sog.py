@@ -40,12 +40,30 @@ def assert_close(read: Gaussians, made: Gaussians, sh: float) -> None:
         assert np.sqrt(((read.sh[:, 1:] - made.sh[:, 1:]) ** 2).mean()) < sh
 
 
-@pytest.mark.parametrize("degree", [0, 1, 3])
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_our_reader_gives_back_what_was_written(tmp_path: Path, degree: int) -> None:
     made = some(degree)
     assert save_gaussians(tmp_path / "a.sog", made) == []
     # 800 Gaussians, palette of 1,024: nothing but the codebook's steps is lost
     assert_close(load_gaussians(tmp_path / "a.sog"), made, sh=0.002)
+
+
+def test_coefficients_above_degree_3_are_cut_and_that_is_said(tmp_path: Path) -> None:
+    made = some(4)
+    assert save_gaussians(tmp_path / "a.sog", made) == [
+        "SH of degree 4 cut to 3, the highest that readers of .sog know"
+    ]
+    lowered = Gaussians(made.means, made.quats, made.scales, made.opacities, made.sh[:, :16])
+    assert_close(load_gaussians(tmp_path / "a.sog"), lowered, sh=0.002)
+
+
+def test_one_vector_of_coefficients_is_a_palette(tmp_path: Path) -> None:
+    made = some(1)
+    sh = np.tile(np.arange(12).reshape(1, 4, 3) / 20, (len(made.sh), 1, 1))
+    save_gaussians(tmp_path / "a.sog", Gaussians(made.means, made.quats, made.scales, made.opacities, sh))
+    with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+        assert json.loads(archive.read("meta.json"))["shN"]["count"] == 1
+    np.testing.assert_allclose(load_gaussians(tmp_path / "a.sog").sh, sh, atol=1e-6)
 
 
 def test_a_folder_is_read_as_the_bundle_is(tmp_path: Path) -> None:
@@ -92,6 +110,15 @@ def test_a_codebook_is_exact_where_values_are_few_and_near_optimal_where_they_ar
     error = ((many - levels[nearest(many, levels)]) ** 2).mean()
     optimum = np.pi * np.sqrt(3) / 2 / 256**2  # Panter and Dite's for a normal distribution of variance 1
     assert error < 1.5 * optimum
+
+
+def test_levels_of_a_codebook_that_nothing_is_nearest_to_stay_among_the_values() -> None:
+    rng = np.random.default_rng(0)
+    values = np.concatenate([5 + 1e-3 * rng.random(3000), 6 + 1e-3 * rng.random(3000), np.linspace(5, 6, 40)])
+    levels = codebook(values)
+    assert (np.diff(levels) >= 0).all() and levels[0] >= 5 and levels[-1] <= 6.001
+    assert (np.bincount(nearest(values, levels), minlength=256) == 0).any()
+    assert np.abs(values - levels[nearest(values, levels)]).max() < 0.03
 
 
 def damaged(path: Path, change: Any) -> None:

@@ -170,6 +170,10 @@ def test_what_spz_cannot_hold_is_said(tmp_path: Path) -> None:
     assert save_gaussians(tmp_path / "d.spz", some(4)) == [
         "SH of degree 4 cut to 3, the highest that readers of .spz version 3 know"
     ]
+    scales = g.scales * 1e-9
+    scales[0] = 1e3  # one large Gaussian hides no rounding of the others
+    mixed = save_gaussians(tmp_path / "g.spz", Gaussians(g.means, g.quats, scales, g.opacities, g.sh))
+    assert [note.split(" ")[0] for note in mixed] == ["positions", "scales"]
     with pytest.raises(InputError, match="bring the scene nearer"):
         save_gaussians(tmp_path / "g.spz", Gaussians(g.means + 1e8, g.quats, g.scales, g.opacities, g.sh))
     with pytest.raises(InputError, match="SH bits"):
