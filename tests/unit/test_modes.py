@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from inspect import signature
 from itertools import accumulate
 from pathlib import Path
@@ -15,12 +16,15 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
+from tinysplat_runtime.codec.adaptive import _components
+from tinysplat_runtime.codec.analysis import coefficient_moment
+from tinysplat_runtime.codec.basis import second_moment_weighting, view_directions, weighted_spectrum
 from tinysplat_runtime.codec.modes import AUTO, CHOICES
 from tinysplat_runtime.codec.modes.choice import AUTO_SECONDS, choose
 from tinysplat_runtime.codec.modes.registry import MODES
 from tinysplat_runtime.codec.photos import _image, _planes, decode_photos, encode_photos, photo_qp
 from tinysplat_runtime.codec.profiles import PROFILES
-from tinysplat_runtime.codec.residual import as_codes, fitted_sh
+from tinysplat_runtime.codec.residual import _colours, as_codes, fitted_sh
 from tinysplat_runtime.container import extras
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
@@ -130,6 +134,19 @@ def test_coefficients_are_cut_or_filled_with_zeros(functions, wanted):
     assert found.shape == (2, 3, 2, wanted, 3)
     np.testing.assert_array_equal(found[..., :kept, :], sh[..., :kept, :])
     assert not found[..., kept:, :].any()
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_a_correction_has_the_components_that_carry_more_than_a_step(raw, k):
+    """As many as leave at most `energy_floor` squared steps of weighted energy out."""
+    difference = replace(raw, extra_layers=())
+    settings = PROFILES["fast"].settings
+    weighting = second_moment_weighting(view_directions(raw.cameras), raw.degree)
+    energies = weighted_spectrum(coefficient_moment(RUNTIME.store, difference), weighting)[0]
+    for factor, wanted in ((1.01, k), (0.99, k + 1)):
+        step = np.sqrt(factor * energies[k:].sum() / settings.energy_floor)
+        assert _colours(RUNTIME.store, difference, step, settings)[1].k == wanted
+        assert _components(energies, step, settings) == wanted
 
 
 def test_predictions_enter_synthesis_to_float_precision():

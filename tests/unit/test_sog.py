@@ -160,6 +160,10 @@ def short_codebook(meta: dict[str, Any], files: dict[str, bytes]) -> None:
     meta["sh0"]["codebook"].pop()
 
 
+def long_picture(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    files["quats.webp"] += bytes(100_000)
+
+
 def beyond_the_palette(meta: dict[str, Any], files: dict[str, bytes]) -> None:
     buffer = io.BytesIO()
     Image.new("RGBA", (64 * 15, 1), (0, 0, 0, 255)).save(buffer, "WEBP", lossless=True)
@@ -170,7 +174,8 @@ def beyond_the_palette(meta: dict[str, Any], files: dict[str, bytes]) -> None:
     ("change", "words"),
     [
         (version_1, "version"), (many, "cannot hold"), (elsewhere, "plain name"), (small, "16 pixels"),
-        (huge, "4000x4000"), (short_codebook, "256 numbers"), (beyond_the_palette, "palette of 64"),
+        (huge, "4000x4000"), (long_picture, r"quats.webp: \d{6} bytes, expected at most"),
+        (short_codebook, "256 numbers"), (beyond_the_palette, "palette of 64"),
     ],
 )  # fmt: skip
 def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any, words: str) -> None:
@@ -179,3 +184,18 @@ def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any,
     with pytest.raises(InputError, match=words) as caught:
         load_gaussians(tmp_path / "bad.sog")
     assert "bad.sog" in str(caught.value)
+
+
+def test_members_of_another_compression_are_refused(tmp_path: Path) -> None:
+    save_gaussians(tmp_path / "a.sog", some(0))
+    with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    for compression, is_fine in ((zipfile.ZIP_DEFLATED, True), (zipfile.ZIP_BZIP2, False)):
+        with zipfile.ZipFile(tmp_path / "b.sog", "w", compression) as archive:
+            for name, data in files.items():
+                archive.writestr(name, data)
+        if is_fine:
+            assert load_gaussians(tmp_path / "b.sog").count == some(0).count
+        else:
+            with pytest.raises(InputError, match="bytes, expected at most"):
+                load_gaussians(tmp_path / "b.sog")
