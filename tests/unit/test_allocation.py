@@ -14,7 +14,7 @@ from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.basis import view_directions
 from tinysplat_runtime.codec.depth_step.allocation import FARTHEST, measured_depth_step
 from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
-from tinysplat_runtime.codec.depth_step.probe import DepthProbe, _select, _Stripe
+from tinysplat_runtime.codec.depth_step.probe import DepthProbe, _select, _Stripe, _stripes
 from tinysplat_runtime.codec.profiles import ADAPTIVE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.reader import read_container
@@ -138,6 +138,21 @@ def test_a_stripe_takes_what_reaches_it_and_weighs_what_lies_in_it_by_hand():
     for unseen, weight in ((behind, 0), (faint, 3)):
         found = _select(unseen, -1 / unseen.means[..., 2], np.ones(unseen.opacities.shape), stripe)
         assert not found.at[2].size and found.shown[0] == pytest.approx(weight / (40 * 12))
+
+
+def test_stripes_are_spread_over_the_middles_and_over_the_rows():
+    """Five of four cameras' three middles: the 1st, 1st, 2nd, 3rd, 3rd; rows by the golden ratio from the middle on."""
+    cameras = make_smooth_gaussians(4, 100, 20).cameras
+    stripes = _stripes(cameras, 5)
+    for n, (stripe, middle) in enumerate(zip(stripes, (0, 0, 1, 2, 2), strict=True)):
+        halfway = (cameras[middle].centre + cameras[middle + 1].centre) / 2
+        np.testing.assert_allclose(stripe.camera.centre, halfway, atol=1e-12)
+        assert stripe.first == int((0.5 + 0.6180339887498949 * n) % 1 * 68)
+        assert (stripe.height, stripe.camera.height, stripe.camera.width) == (100, 32, 20)
+        K = (cameras[middle].K + cameras[middle + 1].K) / 2
+        np.testing.assert_allclose(stripe.camera.K, K - [[0, 0, 0], [0, 0, stripe.first], [0, 0, 0]])
+    (only,) = _stripes(cameras[:1], 1)
+    np.testing.assert_array_equal(only.camera.c2w, cameras[0].c2w)
 
 
 def test_contrast_carries_what_a_stripe_shows_over_to_its_picture(store, monkeypatch):

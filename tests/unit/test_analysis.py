@@ -98,7 +98,7 @@ def _behind(layer: Gaussians, view: int, count: int) -> Gaussians:
     return replace(layer, means=means)
 
 
-@pytest.mark.parametrize(("view", "count"), [(0, 1), (1, 3), (2, 2)])
+@pytest.mark.parametrize(("view", "count"), [(0, 1), (1, 3), (2, 1), (2, 2)])
 def test_gaussians_behind_their_camera_are_counted_and_their_view_is_named(layer, view, count):
     with pytest.raises(NumericError, match=rf"layer 0: view {view}: {count} Gaussians .* \({count} in all\)"):
         _project(_behind(layer, view, count))

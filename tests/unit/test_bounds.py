@@ -213,6 +213,108 @@ def test_the_basis_counts_each_component_by_its_largest_coefficient():
         read(-1e29, 2.1e29)
 
 
+def test_a_file_has_up_to_4096_sections():
+    sections = sections_of(_file())
+    extra = [[b"XTRA", 0, 0, b""]] * (4096 - len(sections))
+    assert read_container(file_of([*sections, *extra])).layers
+    with pytest.raises(FormatError, match="4097 sections"):
+        read_container(file_of([*sections, *extra, extra[0]]))
+
+
+def _with_photos(
+    size: tuple[int, int] = (2, 3), *, depths: tuple[float, float] = (1.0, 2.0), network: bytes = b"net",
+    layer: bool = True, **fields: int,
+) -> bytes:  # fmt: skip
+    """A hybrid file, or one of photos alone, whose picture is no picture: what its metadata says is all that counts."""
+    camera = Camera([[100.0, 0, 0], [0, 100.0, 0], [0, 0, 1]], np.eye(4), 3, 2)
+    values = {"format": 0, "qp": 20, "sets": 7, "length": 3, **fields}
+    photos = struct.pack("<2I4B", *size, values["format"], values["qp"], values["sets"], 0)
+    extras = [
+        (b"NETW", 0, struct.pack("<32s64s2d", bytes(32), network, *depths)),
+        (b"PHOT", 0, photos + struct.pack("<2I", values["length"], 0)),
+        (b"HEVC", 7, b"sets"),
+        (b"PICS", 0, b"abc"),
+    ]
+    layers = [CodedLayer(2, 3, 0, LayerPlan((), 0, (1.0, 2.0)), (), b"", (camera,))] if layer else []
+    return write_container(layers, [camera], np.zeros(3), "fast", 0.0, extras)
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({}, {"size": (3, 3)}, "3x3, layer 0 is 3x2"),
+        ({}, {"size": (2, 2)}, "2x2, layer 0 is 3x2"),
+        ({"layer": False, "size": (1, 1)}, {"layer": False, "size": (0, 1)}, "photos of 1x0"),
+        ({"layer": False, "size": (1, 65536)}, {"layer": False, "size": (1, 65537)}, "photos of 65537x1"),
+        ({"layer": False, "size": (65536, 1)}, {"layer": False, "size": (65537, 1)}, "photos of 1x65537"),
+        ({"qp": 51}, {"qp": 52}, "QP 52, accepted are 0 to 51"),
+        ({}, {"format": 1}, "photo format 1 is unknown"),
+        ({}, {"sets": 8}, "parameter set 8 is missing"),
+        ({}, {"length": 2}, "3 bytes behind it, 2 announced"),
+        ({"depths": (1e-29, 9e29)}, {"depths": (0.9e-30, 1.0)}, "near 9e-31 and far 1"),
+        ({}, {"depths": (2.0, 2.0)}, "near 2 and far 2"),
+        ({}, {"depths": (1.0, 1.1e30)}, r"near 1 and far 1\.1e\+30"),
+        ({"network": b"n" * 64}, {"network": b"n\xe9t"}, "not printable ASCII"),
+        ({"network": b"a b"}, {"network": b"a\nb"}, "not printable ASCII"),
+    ],
+)  # fmt: skip
+def test_every_number_of_photos_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
+    found = read_container(_with_photos(**accepted))
+    assert found.mode == ("hybrid" if accepted.get("layer", True) else "photos")
+    with pytest.raises(FormatError, match=words):
+        read_container(_with_photos(**refused))
+
+
+def test_photos_count_as_pixels():
+    data = _with_photos((5, 7), layer=False)
+    assert read_container(data, Limits(max_pixels=35)).photos.height == 5
+    with pytest.raises(FormatError, match="35 pixels of photos"):
+        read_container(data, Limits(max_pixels=34))
+
+
+def _with_exact(
+    size: tuple[int, int] = (2, 3), *, degree: int = 0, depths: tuple[float, float] = (1.0, 2.0), layers: int = 1,
+    lengths: Sequence[int] = (), tail: bytes = b"",
+) -> bytes:  # fmt: skip
+    """A lossless file whose planes are one byte each and no planes: what its metadata says is all that counts."""
+    camera = Camera([[100.0, 0, 0], [0, 100.0, 0], [0, 0, 1]], np.eye(4), 3, 2)
+    lengths = lengths or [1] * (12 + 3 * (degree + 1) ** 2)
+    fixed = struct.pack("<2IB3x2f32x5d", *size, degree, *depths, 100, 100, 0, 0, 0)
+    table = b"".join(struct.pack("<2I", length, 0) for length in lengths)
+    extras = [(b"EXAC", n, fixed + table + tail) for n in range(layers)]
+    extras += [(b"EXAP", n, bytes(12 + 3 * (degree + 1) ** 2)) for n in range(layers)]
+    return write_container([], [camera], np.zeros(3), "max", 0.0, extras, layer_count=layers)
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({"size": (1, 1)}, {"size": (0, 1)}, "grid 1x0"),
+        ({"size": (1, 65536)}, {"size": (1, 65537)}, "grid 65537x1"),
+        ({"size": (65536, 1)}, {"size": (65537, 1)}, "grid 1x65537"),
+        ({"degree": 4}, {"degree": 5}, "SH degree 5"),
+        ({"depths": (2.0, 2.0)}, {"depths": (2.1, 2.0)}, "depth limits"),
+        ({"depths": (1.1e-30, 2.0)}, {"depths": (0.9e-30, 2.0)}, "depth limits"),
+        ({"depths": (1.0, 0.9e30)}, {"depths": (1.0, 1.1e30)}, "depth limits"),
+        ({"lengths": [0] * 14 + [15]}, {"lengths": [0] * 14 + [16]}, "15 bytes behind it, 16 announced"),
+        ({}, {"tail": b"x"}, "1 bytes too many"),
+    ],
+)  # fmt: skip
+def test_every_number_of_exact_planes_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
+    assert read_container(_with_exact(**accepted)).mode == "lossless"
+    with pytest.raises(FormatError, match=words):
+        read_container(_with_exact(**refused))
+
+
+def test_exact_planes_count_as_gaussians_and_as_memory():
+    """Two layers of 6 Gaussians with 15 planes, 12 bytes a number: as float16, float64 and float32 at a time."""
+    data = _with_exact(layers=2)
+    assert len(read_container(data, Limits(max_pixels=12, max_memory_bytes=2 * 6 * 15 * 12)).exact) == 2
+    for limits in (Limits(max_pixels=11), Limits(max_memory_bytes=2 * 6 * 15 * 12 - 1)):
+        with pytest.raises(FormatError, match=r"EXAC\[1\]: 12 Gaussians, 2160 bytes to decode"):
+            read_container(data, limits)
+
+
 def _with_records(records: Sequence[Record], order: Sequence[int]) -> bytes:
     """The file of such constants whose records stand in another order, or more than once."""
     sections = sections_of(_file(records))

@@ -94,6 +94,12 @@ def test_a_few_strays_far_out_are_cut_and_half_a_range_is_left_about_the_rest(si
     assert far == pytest.approx(1.5 * REACH, rel=0.01)
 
 
+def test_the_range_that_is_left_grows_with_what_most_values_take():
+    values = _values(3 * REACH, *[40 * REACH] * 4)
+    low, high = without_outliers(values, 0.0, 40 * REACH, 1.0)
+    assert low == 0 and high == pytest.approx(4.5 * REACH, rel=0.01)
+
+
 def test_more_strays_than_the_share_are_all_kept():
     values = _values(REACH, *[40 * REACH] * 6)  # of 10,000, five at either end may go
     ends = float(values.min()), float(values.max())

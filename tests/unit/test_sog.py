@@ -102,6 +102,16 @@ def test_a_palette_is_better_than_as_many_vectors_drawn_at_random() -> None:
     assert error < 0.8 * at_random
 
 
+def test_a_palette_does_not_depend_on_the_vectors_unit() -> None:
+    rng = np.random.default_rng(0)
+    vectors = (rng.normal(size=(4000, 4)) @ rng.normal(size=(4, 9))).astype(np.float32)
+    chosen, label = palette(vectors, 64)
+    for unit in (2.0**-20, 2.0**20):
+        scaled, same = palette(vectors * np.float32(unit), 64)
+        np.testing.assert_array_equal(same, label)
+        np.testing.assert_array_equal(scaled, chosen * np.float32(unit))
+
+
 def test_a_codebook_is_exact_where_values_are_few_and_near_optimal_where_they_are_many() -> None:
     few = np.array([1.0, 1.0, 5.0, -2.0])
     np.testing.assert_array_equal(codebook(few)[nearest(few, codebook(few))], few)
