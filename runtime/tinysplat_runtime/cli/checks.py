@@ -11,6 +11,7 @@ from ..api import DEFAULT_MODEL, SUFFIX, check_targets
 from ..codec.encoder import check_qp
 from ..codec.modes.choice import check_options
 from ..errors import InputError
+from ..graphs.enlarge import LARGE_PIXELS
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
 from .files import is_standard
@@ -19,10 +20,6 @@ OUTPUTS = {"output": "-o", "html": "--html", "report": "--report", "save_gaussia
 
 CODED_BY = ("encode", "compress")
 """Commands that write .tsplat files alone."""
-
-GOOD_PIXELS = 640 * 480
-"""Photos of more are scaled down unless `--size` says otherwise: the networks that ship learned from photos of a third
-as many pixels, and find fewer of the same places in larger ones."""
 
 BYTES_PER_PIXEL, BYTES_AT_ALL = 1300, 250_000_000
 """Most memory that a network and coding take, per pixel of all photos and besides: edge and sweep as measured."""
@@ -63,9 +60,9 @@ def check_coding(args: Namespace) -> None:
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:
-    """(height, width) to which photos larger than GOOD_PIXELS are scaled; None where they are not."""
+    """(height, width) to which photos larger than LARGE_PIXELS are scaled; None where they are not."""
     camera = scene.frames[0].camera
-    share = (GOOD_PIXELS / (camera.width * camera.height)) ** 0.5
+    share = (LARGE_PIXELS / (camera.width * camera.height)) ** 0.5
     return (round(camera.height * share), round(camera.width * share)) if share < 1 else None
 
 

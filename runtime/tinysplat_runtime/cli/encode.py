@@ -10,6 +10,7 @@ from typing import Any
 
 from ..api import DEFAULT_MODEL, Runtime
 from ..codec.encoder import EncodeStats
+from ..codec.modes import DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE
 from ..container.inspection import inspect_bytes
 from ..errors import InputError, TinySplatError
@@ -99,7 +100,8 @@ def encoded(args: Namespace, runtime: Runtime) -> Coded:
         print(f"{scene.path}: warning: {fault}", file=sys.stderr)
     stats, refinement = EncodeStats(), RefineStats()
     with working("network", quiet=args.quiet):
-        gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, watch=stats.watch))
+        whole = args.mode != DEFAULT_MODE
+        gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, whole=whole, watch=stats.watch))
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
             print(f"{args.save_gaussians}: {loss}", file=sys.stderr)
