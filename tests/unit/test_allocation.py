@@ -12,9 +12,14 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.basis import view_directions
-from tinysplat_runtime.codec.depth_step.allocation import FARTHEST, measured_depth_step
+from tinysplat_runtime.codec.depth_step.allocation import (
+    FARTHEST,
+    OPACITY_EXPONENT,
+    measured_depth_step,
+    measured_opacity_step,
+)
 from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
-from tinysplat_runtime.codec.depth_step.probe import DepthProbe, _select, _Stripe, _stripes
+from tinysplat_runtime.codec.depth_step.probe import Probe, _select, _Stripe, _stripes
 from tinysplat_runtime.codec.profiles import ADAPTIVE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.reader import read_container
@@ -80,7 +85,7 @@ def test_blocks_of_another_qp_err_by_their_own_step():
 def _probe(layers, stripes=2, threads=1):
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     shown = [layer.shown for layer in layers]
-    return DepthProbe([layer.layer for layer in layers], inverse, shown, stripes, threads), inverse
+    return Probe([layer.layer for layer in layers], inverse, shown, stripes, threads), inverse
 
 
 def test_no_error_is_no_damage_and_more_error_is_more(layers):
@@ -197,6 +202,37 @@ def test_no_measurement_moves_depths_step_beyond_reach():
     planes, offsets = np.ones((1, 16, 16), np.float32), np.zeros((1, 1, 1))
     for target, factor in ((1e9, FARTHEST), (1e-30, 1 / FARTHEST)):
         assert measured_depth_step(_Scripted(1.0), [planes], [offsets], 0.01, target, 4) == pytest.approx(0.01 * factor)
+
+
+class _Fading:
+    """A probe whose pictures lose what is said for an opacity error of 0.01."""
+
+    def __init__(self, damage: float) -> None:
+        self.damage = damage
+
+    def opacity_damage(self, errors) -> float:
+        return self.damage * float(np.sqrt(np.mean(errors[0] ** 2)) / 0.01) ** OPACITY_EXPONENT
+
+
+def test_opacitys_step_is_the_stated_one_or_as_fine_as_its_errors_ask_for():
+    planes = np.random.default_rng(0).uniform(0, 1, (1, 64, 64)).astype(np.float32)
+    start = 0.02  # errors of about 0.006
+    at_start = _Fading(1e-5).opacity_damage([BlockSpectrum.of(planes).coding_error(start)])
+    for most, step in ((1.1 * at_start, start), (at_start / 4, start * 4 ** (-1 / 1.7)), (1e-9, start / FARTHEST)):
+        assert measured_opacity_step(_Fading(1e-5), [planes], start, most) == pytest.approx(step, rel=0.02)
+
+
+def test_opacity_is_coded_more_finely_where_surfaces_show_through_each_other(store):
+    scene = make_smooth_gaussians(2, 40, 48, degree=0)
+    noise = np.random.default_rng(0)
+    rough = noise.uniform(0, 1, scene.opacities.shape).astype(np.float32)
+    black = np.full_like(scene.sh, -0.5 / 0.28209479)  # on black
+    contrasting = noise.normal(0, 2, scene.sh.shape).astype(np.float32)
+    steps = [
+        scene_steps(_prepared(replace(scene, opacities=rough, sh=sh), store), ADAPTIVE, 1)[0]
+        for sh in (black, contrasting)
+    ]
+    assert steps[0][PlaneClass.OPACITY] == class_step(ADAPTIVE, PlaneClass.OPACITY) > steps[1][PlaneClass.OPACITY]
 
 
 def test_moved_depths_are_those_that_a_decoder_would_rebuild(layers):
