@@ -23,6 +23,7 @@ from tinysplat_runtime.codec.depth_step.probe import Probe, _select, _Stripe, _s
 from tinysplat_runtime.codec.profiles import ADAPTIVE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.gaussian.sh import sh_basis
@@ -308,6 +309,16 @@ def test_coefficients_are_kept_whose_energy_shows_at_the_finest_step(store, qp):
         settings = replace(ADAPTIVE, disagreement=0.0, margin=1.5, energy_floor=factor * energy / finest**2)
         projected = project_layer(store, scene, drop_invalid=False, where="")
         assert prepare_layer(store, scene, projected, settings, qp).layer.degree == degree
+
+
+def test_q_g_is_accepted_from_minus_60_to_60():
+    scene = make_smooth_gaussians(1, 8, 8, degree=0)
+    for qp in (-60, 60):
+        assert inspect_bytes(Runtime(threads=1).compress(scene, qp=qp))["qp"] == qp
+        with pytest.raises(InputError, match="qp"):
+            Runtime(threads=1).compress(scene, qp=1.001 * qp)
+    with pytest.raises(InputError, match="qp"):
+        Runtime(threads=1).compress(scene, qp=float("nan"))
 
 
 @pytest.mark.parametrize("profile", ["paper", "fast"])
