@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from reference.rasteriser import render_reference
+from reference.rasteriser import render_reference, shares
 from scenes import make_cameras, make_gaussians
 
 from tinysplat.rasteriser import PinholeCamera
@@ -68,22 +68,33 @@ def compact(field: MovableGaussians, rows: np.ndarray) -> np.ndarray:
     return np.concatenate([rows[:, grid.rows] for grid in field.grids], axis=1)
 
 
-def found_gradient(gaussians: Gaussians, camera: Camera, photo: np.ndarray, threads: int = 2):
-    field = MovableGaussians(gaussians, Crew(threads).map)
+def found_gradient(
+    gaussians: Gaussians, camera: Camera, photo: np.ndarray, threads: int = 2, order: str = "depth",
+    dilation: str = "own",
+):  # fmt: skip
+    field = MovableGaussians(gaussians, Crew(threads).map, dilation)
     gradient = np.zeros_like(field.values)
-    error = field.measure(camera, photo, gain=1.1, offset=-0.02, gradient=gradient)
+    near = field.shares(camera) if order == "near" else None
+    error = field.measure(camera, photo, gain=1.1, offset=-0.02, gradient=gradient, shares=near)
     return error, compact(field, field.values).astype(np.float64), compact(field, gradient)
 
 
-def assert_is_gradient(gaussians: Gaussians, camera: Camera, rtol: float = RTOL, samples: int = 24) -> np.ndarray:
-    """Hold every kind of gradient against finite differences at some Gaussians, those of the largest among them."""
+def assert_is_gradient(
+    gaussians: Gaussians, camera: Camera, rtol: float = RTOL, samples: int = 16, order: str = "depth"
+) -> np.ndarray:
+    """Hold every kind of gradient against finite differences at some Gaussians, those of the largest among them.
+
+    What depth changes in the shares that are drawn in front is left out.
+    """
     rng = np.random.default_rng(0)
+    share = shares(gaussians, camera)
     photo = rng.uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
 
     def error(values: np.ndarray) -> float:
-        return np.abs(1.1 * render_reference(moved(gaussians, values), camera)["rgb"] - 0.02 - photo).sum()
+        found = render_reference(moved(gaussians, values), camera, dilation="own", order=order, share=share)
+        return np.abs(1.1 * found["rgb"] - 0.02 - photo).sum()
 
-    measured, values, found = found_gradient(gaussians, camera, photo)
+    measured, values, found = found_gradient(gaussians, camera, photo, order=order)
     assert measured.absolute == pytest.approx(error(values), rel=1e-5)
     for kind in range(VALUES):
         scale = float(np.abs(found[kind]).max())
@@ -112,10 +123,10 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_gradients_are_finite_differences_of_the_float64_reference(name: str) -> None:
+@pytest.mark.parametrize(("name", "order"), [*((name, "near") for name in CASES), ("ordinary", "depth")])
+def test_gradients_are_finite_differences_of_the_float64_reference(name: str, order: str) -> None:
     rtol = 2e-2 if name.startswith("wider") else RTOL
-    found = assert_is_gradient(scene(**CASES[name]), side_camera(), rtol)
+    found = assert_is_gradient(scene(**CASES[name]), side_camera(), rtol, order=order)
     assert (np.abs(found).max(axis=1) > 0.01).all() or name == "opaque"
 
 
@@ -142,7 +153,7 @@ def test_what_has_no_opacity_has_no_gradient_and_changes_no_other() -> None:
     without = values.copy()
     without[LOGIT, gone] = -40
     assert error.absolute == pytest.approx(
-        np.abs(1.1 * render_reference(moved(thinned, without), camera)["rgb"] - 0.02).sum(), rel=1e-5
+        np.abs(1.1 * render_reference(moved(thinned, without), camera, dilation="own")["rgb"] - 0.02).sum(), rel=1e-5
     )
 
 
@@ -157,7 +168,7 @@ def test_gradients_of_higher_degrees_reach_opacity_and_the_first_coefficients() 
             for sign in (STEP, -STEP):
                 shifted = values.copy()
                 shifted[kind, row] += sign
-                picture = render_reference(moved(gaussians, shifted), camera)["rgb"]
+                picture = render_reference(moved(gaussians, shifted), camera, dilation="own")["rgb"]
                 ends.append(np.abs(1.1 * picture - 0.02 - photo).sum())
             assert found[kind, row] == pytest.approx((ends[0] - ends[1]) / (2 * STEP), rel=RTOL, abs=ATOL)
 
@@ -167,10 +178,18 @@ def crowded(seed: int = 3) -> tuple[Gaussians, Camera]:
     return make_gaussians(3, 40, 48, degree=0, layers=2, seed=seed), make_cameras(3, 70, 300)[0]
 
 
-def test_gradients_are_those_of_the_torch_rasteriser() -> None:
+@pytest.mark.parametrize("order", ["near", "depth"])
+def test_gradients_are_those_of_the_torch_rasteriser(order: str) -> None:
+    """Which knows no own pixels, and near views first as one picture in front of another."""
     gaussians, camera = crowded()
+    if order == "near":  # thin, as a pixel that ends in front has nothing of the second picture
+        layers = [dressed(layer, size=0.5, opacity=0.3) for layer in gaussians.layers]
+        gaussians = replace(layers[0], extra_layers=tuple(layers[1:]))
+    c2w = camera.c2w.copy()
+    c2w[0, 3] += 0.1  # from a photo's own place, what moves along its rays changes nothing
+    camera = Camera(camera.K, c2w, camera.width, camera.height)
     photo = np.random.default_rng(1).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
-    _, values, found = found_gradient(gaussians, camera, photo)
+    _, values, found = found_gradient(gaussians, camera, photo, order=order, dilation="screen")
     flat = gaussians.flat()
     leaf = torch.tensor(values, dtype=torch.float32, requires_grad=True)
     centres = np.concatenate(
@@ -178,14 +197,19 @@ def test_gradients_are_those_of_the_torch_rasteriser() -> None:
     )
     arrays = (centres, flat.means, flat.scales)
     centre, means, scales = (torch.tensor(array, dtype=torch.float32) for array in arrays)
-    image, _ = render_torch(
+    splats = (
         centre + torch.exp(leaf[LOG_DEPTH])[:, None] * (means - centre),
         torch.nn.functional.normalize(torch.tensor(flat.quats), dim=1),
         scales * torch.exp(leaf[LOG_DEPTH] + leaf[LOG_SIZE])[:, None],
-        torch.sigmoid(leaf[LOGIT]),
         (0.5 + C0 * leaf[SH_RED:].T).clamp_min(0),
         PinholeCamera(torch.tensor(camera.K).float(), torch.tensor(camera.c2w).float(), camera.height, camera.width),
     )
+    opacities = torch.sigmoid(leaf[LOGIT])
+    image, _ = render_torch(*splats[:3], opacities, *splats[3:])
+    if order == "near":
+        share = torch.tensor(shares(gaussians, camera), dtype=torch.float32)
+        front, left = render_torch(*splats[:3], share * opacities, *splats[3:])
+        image = front + left[..., None] * image
     (1.1 * image - 0.02 - torch.tensor(photo)).abs().sum().backward()
     wanted = leaf.grad.numpy()
     for kind in range(VALUES):

@@ -89,8 +89,11 @@ def render_reference(
     near_plane: float = 0.01,
     dilation: str = "screen",
     order: str = "depth",
+    share: NDArray | None = None,
 ) -> dict[str, NDArray]:
-    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64."""
+    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` (N,) in place of
+    `shares`.
+    """
     flat = gaussians.flat()
     own = own_pixels(gaussians) if dilation == "own" else np.zeros(flat.opacities.size)
     means = flat.means.astype(np.float64) + (flat.origin - camera.centre)
@@ -104,7 +107,7 @@ def render_reference(
     by_depth = np.argsort(points[:, 2], kind="stable")
     drawn = [(i, 1.0) for i in by_depth]
     if order == "near":
-        share = shares(gaussians, camera)
+        share = shares(gaussians, camera) if share is None else share
         drawn = [(i, share[i]) for i in by_depth] + drawn
     for i, of_opacity in drawn:
         z = points[i, 2]

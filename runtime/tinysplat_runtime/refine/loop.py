@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.sh import C0
+from ..render import between
 from ..render.gradient import Grid, MovableGaussians, PhotoError
 from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from . import kernels
 from .photos import Target
 from .price import PlanePrice
 from .settings import LIMITS, Settings
+
+NEIGHBOURS = 2
+"""Views nearest to a photo's, between which and it are the places that it is drawn as if from."""
+
+COVERED = 0.4
+"""A pixel is covered where no more than this transmittance is left."""
 
 
 class Loop:
@@ -47,35 +55,77 @@ class Loop:
         self._first, self._second = np.zeros((2, *field.values.shape), np.float32)
         self._count = 0
         self._edges = {(grid.layer, grid.view): self._edge_weights(grid) for grid in field.grids}
+        self._checks = [self._covered(view, target) for view, target in enumerate(sizes[0])]
+        self._fronts = [self._seen_between(view) for view in range(len(sizes[0]))]
 
     def step(self) -> None:
-        """Draw all photos at one size, and correct."""
+        """Draw all photos at one size and in one order, and correct."""
         targets = self._sizes[self._count % len(self._sizes)]
         area = self._sizes[0][0].photo.size / targets[0].photo.size
         self._gradient[:] = 0
         self.errors = tuple(
             self.field.measure(
-                target.camera, target.photo, gain=gain, offset=offset, weight=area, gradient=self._gradient
+                target.camera, target.photo, gain=gain, offset=offset, weight=area, gradient=self._gradient,
+                shares=self._front(view),
             )
-            for target, (gain, offset) in zip(targets, self.exposures, strict=True)
-        )
+            for view, (target, (gain, offset)) in enumerate(zip(targets, self.exposures, strict=True))
+        )  # fmt: skip
         self._count += 1
         self._run(self._regularise, self.field.grids)
         self._run(self._correct, range(VALUES))
         self._expose()
         self.field.place()
 
-    def photo_psnr(self) -> float:
-        """dB of the photos as they are, drawn from all Gaussians; the mean."""
-        return float(np.mean([self.field.measure(target.camera, target.photo).psnr for target in self._sizes[0]]))
+    def show(self, values: NDArray) -> None:
+        """Put the Gaussians where values (6, rows) say."""
+        self.field.values[:] = values
+        self.field.place()
 
-    def check(self) -> float:
-        """dB of the photos, each drawn from the Gaussians of the others; the mean."""
+    def photo_psnr(self) -> float:
+        """dB of the photos as they are, drawn from all Gaussians, near views first; the mean."""
         errors = [
-            self.field.measure(target.camera, target.photo, gain=gain, offset=offset, without=(view,))
-            for view, (target, (gain, offset)) in enumerate(zip(self._sizes[0], self.exposures, strict=True))
+            self.field.measure(target.camera, target.photo, shares=self.field.shares(target.camera))
+            for target in self._sizes[0]
         ]
         return float(np.mean([error.psnr for error in errors]))
+
+    def check(self) -> float:
+        """dB of the photos, each drawn from the Gaussians of the others where those showed something at the start."""
+        checks = enumerate(zip(self._checks, self.exposures, strict=True))
+        errors = [self._from_others(view, target, exposure) for view, (target, exposure) in checks]
+        return float(np.mean([error.psnr for error in errors if error.known]))
+
+    def _from_others(
+        self, view: int, target: Target, exposure: tuple[float, float] = (1.0, 0.0), left: NDArray | None = None
+    ) -> PhotoError:
+        """What a photo lacks if drawn from the Gaussians of the others, near views first."""
+        gain, offset = exposure
+        shares = self.field.shares(target.camera, (view,))
+        return self.field.measure(
+            target.camera, target.photo, gain=gain, offset=offset, without=(view,), shares=shares, left=left
+        )
+
+    def _covered(self, view: int, target: Target) -> Target:
+        """A photo, NaN where the Gaussians of the others leave much of what is behind them."""
+        left = np.empty(target.photo.shape[:2], np.float32)
+        self._from_others(view, target, left=left)
+        return replace(target, photo=np.where(left[..., None] > COVERED, np.float32(np.nan), target.photo))
+
+    def _seen_between(self, view: int) -> list[NDArray]:
+        """(V,) each: the shares that views are drawn in front with halfway to each of a view's nearest neighbours."""
+        cameras = [target.camera for target in self._sizes[0]]
+        away = [float(np.linalg.norm(camera.centre - cameras[view].centre)) for camera in cameras]
+        others = sorted((other for other in range(len(cameras)) if other != view), key=lambda other: away[other])
+        halfway = [between([cameras[view], cameras[other]], 3)[1] for other in others[:NEIGHBOURS]]
+        return [shares for camera in halfway if (shares := self.field.shares(camera)) is not None]
+
+    def _front(self, view: int) -> NDArray | None:
+        """What of each view a photo is drawn in front with: nothing, or what is where nobody stood, by turns.
+
+        From its own place a photo's own surfaces would hide what is wrong with all others.
+        """
+        turn, is_by_depth = divmod(self._count // len(self._sizes), 2)
+        return None if is_by_depth else self._fronts[view][turn % len(self._fronts[view])]
 
     def _regularise(self, grid: Grid) -> None:
         shape = (VALUES, grid.height, grid.width)

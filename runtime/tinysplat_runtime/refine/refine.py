@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..codec.profiles import Profile
 from ..errors import InputError
@@ -63,64 +63,79 @@ def refine(
     Raises:
         InputError: photos that do not fit the Gaussians, or a budget out of range.
     """
-    stats = stats if stats is not None else RefineStats()
     limit = _limit(steps, seconds)
-    deadline = None if seconds is None else time.perf_counter() + seconds
-    loop = _begin(gaussians, scene, profile, qp, run_jobs, stats)
-    if loop is None:
-        return gaussians
-    keeper = _Keeper(loop, stats)
-
-    def note() -> str:
-        return f"photos {np.mean([error.psnr for error in loop.errors]):.2f} dB" if loop.errors else ""
-
-    taken = _steps(keeper, limit, deadline)
-    for _ in show(taken, None if steps is None and seconds is not None else limit, note) if show else taken:
+    deadline = math.inf if seconds is None else time.perf_counter() + seconds
+    refining = Refining(gaussians, scene, profile, qp, run_jobs, stats)
+    taken = refining.advance(limit, deadline)
+    for _ in show(taken, limit if seconds is None else None, refining.note) if show else taken:
         pass
-    keeper.look()
-    loop.field.values[:] = keeper.best
-    if stats.kept == 0:
-        stats.reason = "no step made photos look better from the Gaussians of the others"
-        return gaussians
-    loop.field.place()
-    stats.after = loop.photo_psnr()
-    refined = loop.field.gaussians(gaussians)
-    text = f"{stats.kept} steps on {len(gaussians.cameras)} photos: {stats.before:.1f} to {stats.after:.1f} dB"
-    return refined.with_notes(replace(gaussians.notes, refined=text))
+    return refining.result()
 
 
-class _Keeper:
-    """The best state so far, by the check."""
+class Refining:
+    """Gaussians being refined, step by step.
 
-    def __init__(self, loop: Loop, stats: RefineStats) -> None:
-        self.loop, self.stats, self._worse = loop, stats, 0
-        stats.before = loop.photo_psnr()
-        self._score = -np.inf
-        self.best: NDArray = loop.field.values
-        self.look()
+    Attributes:
+        stats: what was done so far.
+    """
 
-    def look(self) -> bool:
-        """See whether the present state is the best; False once it is time to end."""
-        if self.stats.looks and self.stats.looks[-1][0] == self.stats.steps:
-            return True
-        check = self.loop.check()
+    def __init__(
+        self, gaussians: Gaussians, scene: Scene, profile: Profile, qp: float, run_jobs: Callable,
+        stats: RefineStats | None = None,
+    ) -> None:  # fmt: skip
+        """Begin; see `refine` for arguments and errors."""
+        self.stats = stats if stats is not None else RefineStats()
+        self._start, self._worse, self._score = gaussians, 0, -math.inf
+        self._loop = _begin(gaussians, scene, profile, qp, run_jobs, self.stats)
+        if self._loop is not None:
+            self.stats.before = self._loop.photo_psnr()
+            self._look()
+
+    def advance(self, limit: int, deadline: float) -> Iterator[int]:
+        """Take steps, up to a number of them in all or a `time.perf_counter()`; ends by itself once they do no good."""
+        loop, stats = self._loop, self.stats
+        if loop is None:
+            return
+        while stats.steps < limit and time.perf_counter() < deadline and self._worse < loop.settings.patience:
+            loop.step()
+            stats.steps += 1
+            if stats.steps % loop.settings.look_every == 0:
+                self._look()
+            yield stats.steps
+
+    def note(self) -> str:
+        """How things stand, in few words."""
+        errors = self._loop.errors if self._loop else ()
+        return f"photos {np.mean([error.psnr for error in errors]):.2f} dB" if errors else ""
+
+    def result(self) -> Gaussians:
+        """The best so far, with notes that say how they were refined; the start where nothing was better."""
+        loop, stats, start = self._loop, self.stats, self._start
+        if loop is None:
+            return start
+        if stats.looks[-1][0] != stats.steps:
+            self._look()
+        if stats.kept == 0:
+            stats.reason = "no step made photos look better from the Gaussians of the others"
+            return start
+        present = loop.field.values.copy()
+        loop.show(self._best)
+        stats.after = loop.photo_psnr()
+        refined = loop.field.gaussians(start)
+        loop.show(present)
+        text = f"{stats.kept} steps on {len(start.cameras)} photos: {stats.before:.1f} to {stats.after:.1f} dB"
+        return refined.with_notes(replace(start.notes, refined=text))
+
+    def _look(self) -> None:
+        """See whether the present state is the best."""
+        assert self._loop is not None
+        check = self._loop.check()
         self.stats.looks.append((self.stats.steps, check))
-        if check >= self._score + self.loop.settings.least_gain:
-            self._score, self.best, self._worse = check, self.loop.field.values.copy(), 0
+        if check >= self._score + self._loop.settings.least_gain:
+            self._score, self._best, self._worse = check, self._loop.field.values.copy(), 0
             self.stats.kept = self.stats.steps
         else:
             self._worse += 1
-        return self._worse < self.loop.settings.patience
-
-
-def _steps(keeper: _Keeper, limit: int, deadline: float | None) -> Iterator[int]:
-    loop, stats = keeper.loop, keeper.stats
-    while stats.steps < limit and (deadline is None or time.perf_counter() < deadline):
-        loop.step()
-        stats.steps += 1
-        yield stats.steps
-        if stats.steps % loop.settings.look_every == 0 and not keeper.look():
-            return
 
 
 def _begin(
@@ -131,7 +146,7 @@ def _begin(
     settings = settings_for(len(gaussians.cameras))
     moving = MovableGaussians(gaussians, run_jobs)
     for view, target in enumerate(sizes[0]):
-        error = moving.measure(target.camera, target.photo)
+        error = moving.measure(target.camera, target.photo, shares=moving.shares(target.camera))
         if 1 - error.squared / float(((target.photo - target.photo.mean((0, 1))) ** 2).sum() + 1e-9) < SAME_PICTURE:
             stats.reason = f"photo {view} shows something else than they do"
             return None

@@ -30,15 +30,15 @@ class Settings:
     """
 
     log_depth: float = 2e-3
-    log_size: float = 3e-2
+    log_size: float = 0.1
     logit: float = 0.2
     sh: float = 1.4e-2
-    momentum: float = 0.9
+    momentum: float = 0.8
     memory: float = 0.99
     noise: float = 2e-3
     variation: float = 0.05
     edge: float = 10.0
-    price: float = 0.002
+    price: float = 0.005
     exposure: float = 2e-3
     look_every: int = 5
     least_gain: float = 0.03
@@ -58,8 +58,8 @@ LIMITS: tuple[tuple[float, float], ...] = (
 colours from −0.6 to 2.8. Values that begin outside stay where they are or move inwards."""
 
 
-FOR_TWO = Settings(log_size=1e-2, logit=0.16, look_every=2, least_gain=0.05, patience=1)
-"""Two photos say little about depth: what helps does so in a few steps, and the check is looked at every other one."""
+FOR_TWO = Settings(log_depth=0.0, log_size=3e-2, logit=0.16, look_every=2, least_gain=0.08, patience=1)
+"""Two photos say nothing more about depth: what helps does so in a few steps, and every other one is looked at."""
 
 
 def settings_for(views: int) -> Settings:

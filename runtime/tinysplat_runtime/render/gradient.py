@@ -18,13 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from . import kernels_blend, kernels_gradient, kernels_project
 from .compiled import Visible, Workspace, batches, redo_wide, view_numbers
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES
-from .kernels_project import CHUNK, GEOMETRY, RECORD
+from .kernels_project import CHUNK, GEOMETRY, LAST, RECORD
+from .near import NearViews, log_share
 from .prepare import ALPHA_MIN, BLOCK_SIZE, Block, principal_axes
 from .project import View
 from .renderer import NEAR_PLANE
@@ -43,8 +45,6 @@ class PhotoError:
         squared: Σ error² of values clipped to [0, 1].
         by_gain: d `absolute` / d gain.
         by_offset: d `absolute` / d offset.
-        covered_squared: Σ error² where splats cover the picture.
-        covered: how many pixels that is.
         known: how many pixels there are that the photo knows.
     """
 
@@ -52,19 +52,12 @@ class PhotoError:
     squared: float
     by_gain: float
     by_offset: float
-    covered_squared: float
-    covered: float
     known: float
 
     @property
     def psnr(self) -> float:
-        """In dB."""
-        return _psnr(self.squared, self.known)
-
-    @property
-    def covered_psnr(self) -> float:
-        """In dB, where splats cover the picture; NaN where they do nowhere."""
-        return _psnr(self.covered_squared, self.covered)
+        """In dB; NaN where no pixel is known."""
+        return -10 * math.log10(max(self.squared / (3 * self.known), 1e-15)) if self.known else math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +84,7 @@ class _Piece:
     Attributes:
         grid: which.
         start: its first row.
-        base: (chunks, 12, 128) float32, see `kernels_gradient`.
+        base: (chunks, 13, 128) float32, see `kernels_gradient`.
         centre: (3,) float64, of the own camera, relative to the Gaussians' origin.
         geometry: (chunks, 14, 128) float32, as `kernels_project.project` takes it.
         sh: (chunks, 3 S·128) float32.
@@ -121,13 +114,20 @@ class MovableGaussians:
             belong to none show nowhere.
     """
 
-    def __init__(self, gaussians: Gaussians, run_jobs: Callable) -> None:
-        """Take Gaussians with cameras; `run_jobs` maps a function over a list, on any number of threads."""
+    def __init__(self, gaussians: Gaussians, run_jobs: Callable, dilation: str = "own") -> None:
+        """Take Gaussians with cameras; `run_jobs` maps a function over a list, on any number of threads; `dilation` as
+        `renderer.render` has it.
+        """
         self.origin = gaussians.origin
         self.grids = tuple(_grids(gaussians))
+        self._near, self._dilation = NearViews.of(gaussians), dilation
         self.values = np.zeros((VALUES, _padded(self.grids[-1].rows.stop)), np.float32)
         self.values[LOGIT] = -np.inf
-        self._pieces = [piece for grid in self.grids for piece in self._cut(gaussians.layers[grid.layer], grid)]
+        self._pieces = [
+            piece
+            for grid in self.grids
+            for piece in self._cut(gaussians.layers[grid.layer], grid, gaussians.cameras[grid.view])
+        ]
         rows = self.values.shape[1]
         self._records = np.empty((rows, RECORD), np.float32)
         self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
@@ -135,7 +135,7 @@ class MovableGaussians:
         self._run, self._local = run_jobs, threading.local()
         self.place()
 
-    def _cut(self, layer: Gaussians, grid: Grid) -> Iterator[_Piece]:
+    def _cut(self, layer: Gaussians, grid: Grid, photo: Camera) -> Iterator[_Piece]:
         """The pieces of a grid, whose values are filled in."""
         centre = layer.cameras[grid.view].centre - self.origin
         count = grid.height * grid.width
@@ -144,6 +144,7 @@ class MovableGaussians:
             for array in (layer.means, layer.quats, layer.scales, layer.opacities)
         )
         sh = layer.sh[grid.view].reshape(count, -1)  # (n, 3 S), colours last
+        pixels = own_pixels(means, self.origin, photo) * (self._dilation == "own")
         values = self.values[:, grid.rows]
         opacity = opacities.astype(np.float64).clip(LEAST_OPACITY, LARGEST_OPACITY)
         values[LOG_DEPTH : LOG_SIZE + 1] = 0
@@ -152,7 +153,7 @@ class MovableGaussians:
         for first in range(0, count, BLOCK_SIZE):
             part = slice(first, min(first + BLOCK_SIZE, count))
             base = np.concatenate(
-                [(means[part] - centre).T, principal_axes(quats[part], scales[part]).reshape(9, -1)]
+                [(means[part] - centre).T, principal_axes(quats[part], scales[part]).reshape(9, -1), pixels[None, part]]
             ).astype(np.float32)
             geometry = np.zeros((-(-base.shape[1] // CHUNK), GEOMETRY, CHUNK), np.float32)
             yield _Piece(
@@ -193,7 +194,8 @@ class MovableGaussians:
 
     def measure(
         self, camera: Camera, photo: NDArray, *, gain: float = 1.0, offset: float = 0.0, weight: float = 1.0,
-        gradient: NDArray | None = None, without: Collection[int] = (),
+        gradient: NDArray | None = None, shares: NDArray | None = None, without: Collection[int] = (),
+        left: NDArray | None = None,
     ) -> PhotoError:  # fmt: skip
         """Hold gain · picture + offset, before a black background, against a photo.
 
@@ -203,33 +205,51 @@ class MovableGaussians:
             gain, offset: how it was exposed.
             weight: what a unit of |error| counts in `gradient`.
             gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
+            shares: (V,) of their opacities that views' surfaces are drawn first with, None for none.
             without: views whose Gaussians are not drawn.
+            left: (H, W) float32, filled with the transmittance of pixels, or None.
         """
         view = View.of(camera, self.origin, NEAR_PLANE)
         columns, rows = -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
         pieces = [piece for piece in self._pieces if piece.grid.view not in without]
-        visible = self._run(lambda piece: self._project(piece, view, columns, columns * rows), pieces)
+        visible = self._run(lambda piece: self._project(piece, view, shares, columns, columns * rows), pieces)
         counts = np.stack([np.zeros(columns * rows, np.int64), *(part.counts for part in visible)])
         sums = np.zeros((columns * rows, SUMS))
         exposure = (np.float32(gain), np.float32(offset), np.float32(weight))
+        left = np.empty((0, 0), np.float32) if left is None else left
         for first, last in batches(counts.sum(axis=0)):
             listed = counts[1:, first:last]
-            starts = self._measure(visible, listed, (first, last), columns, photo, exposure, sums, gradient is not None)
+            passes = shares is not None, gradient is not None
+            starts = self._measure(visible, listed, (first, last), columns, (photo, left), exposure, sums, passes)
             if gradient is not None:
                 self._add_up(pieces, visible, starts, (first, last), columns, view, gradient)
         return PhotoError(*sums.sum(axis=0).tolist())
+
+    def shares(self, camera: Camera, without: Collection[int] = ()) -> NDArray | None:
+        """(V,) float64 as `NearViews.shares` of the views that are drawn; None where those are fewer than two."""
+        if self._near is None:
+            return None
+        shares = np.zeros(len(self._near.centres))
+        kept = [view for view in range(shares.size) if view not in without]
+        near = self._near.only(kept)
+        if near is None:
+            return None
+        shares[kept] = near.shares(camera)
+        return shares
 
     def _workspace(self) -> Workspace:
         if not hasattr(self._local, "workspace"):
             self._local.workspace = Workspace()
         return self._local.workspace
 
-    def _project(self, piece: _Piece, view: View, columns: int, count: int) -> Visible:
+    def _project(self, piece: _Piece, view: View, shares: NDArray | None, columns: int, count: int) -> Visible:
         records, numbers = self._records[piece.rows], view_numbers(view)
         uncoloured = np.zeros(len(piece.base), np.uint8)
         work = self._workspace().chunk
         if kernels_project.project(piece.geometry.ravel(), piece.sh, uncoloured, numbers, work, records):
             redo_wide(self._block(piece), view, records)
+        if shares is not None:
+            records[:, LAST] = log_share(shares, piece.grid.view if piece.grid.layer == 0 else -1)
         ids, boxes, counts = self._ids[piece.rows], self._boxes[piece.rows], np.zeros(count, np.int64)
         shown = kernels_blend.list_visible(records, piece.start, columns, ids, boxes, counts)
         return Visible(ids[:shown], boxes[:shown], counts)
@@ -240,13 +260,14 @@ class MovableGaussians:
         log_depth, log_size = self.values[: LOG_SIZE + 1, piece.rows][:, : len(piece.quats)]
         nothing = np.zeros((0, 3, 0), np.float32)
         scales = piece.scales * np.exp(log_depth + log_size)[:, None]
-        return Block(piece.start, planes[:3], nothing, planes[12], nothing, piece.quats, scales)
+        return Block(piece.start, planes[:3], nothing, planes[12], nothing, piece.quats, scales, planes[13])
 
     def _measure(
-        self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int, photo: NDArray,
-        exposure: tuple, sums: NDArray, with_gradient: bool,
+        self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int,
+        pictures: tuple[NDArray, NDArray], exposure: tuple, sums: NDArray, passes: tuple[bool, bool],
     ) -> NDArray:  # fmt: skip
         """Draw some tiles; `counts` (pieces, tiles) of their splats. Returns where each piece's lists begin."""
+        (photo, left), (has_front, with_gradient) = pictures, passes
         ends = np.cumsum(counts.T).reshape(-1, len(visible))
         bounds = np.append(0, ends[:, -1])
         starts = np.ascontiguousarray((ends - counts.T).T)
@@ -267,7 +288,7 @@ class MovableGaussians:
             kernels_gradient.measure_tile(
                 self._records, rows, keys[part], scratch[part], (row * TILE_HEIGHT, column * TILE_WIDTH),
                 (work.state, work.near, work.histogram), photo, exposure, self._pairs, sums[tiles[0] + tile],
-                with_gradient,
+                left, has_front, with_gradient,
             )  # fmt: skip
 
         self._run(measure, np.argsort(np.diff(bounds), kind="stable")[::-1].tolist())
@@ -309,7 +330,3 @@ def _by_chunk(planes: NDArray) -> NDArray:
     padded = np.zeros((len(planes), _padded(count)), np.float32)
     padded[:, :count] = planes
     return np.ascontiguousarray(padded.reshape(len(planes), -1, CHUNK).swapaxes(0, 1))
-
-
-def _psnr(squared: float, pixels: float) -> float:
-    return -10 * math.log10(max(squared / (3 * pixels), 1e-15)) if pixels else math.nan

@@ -40,6 +40,7 @@ from .kernels_project import (
     DEPTH,
     GAMMA,
     GREEN,
+    LAST,
     LEFT,
     LOG_OPACITY,
     REACH,
@@ -53,7 +54,7 @@ from .kernels_project import (
     summing,
 )
 from .prepare import ALPHA_MIN
-from .project import MARGIN_PX
+from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE, MARGIN_PX
 
 VALUES = 6
 """Of a Gaussian: log of its depth against where it began, log of its size likewise, logit of its opacity, and the red,
@@ -62,26 +63,23 @@ its distance, so that its own camera sees it as large as before."""
 
 LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, SH_GREEN, SH_BLUE = range(VALUES)
 
-BASE = 12
-"""Planes of a chunk of what does not change: the ray from the own camera's centre (3), principal axes (9)."""
+BASE = 13
+"""Planes of a chunk of what does not change: ray from the own camera's centre (3), principal axes (9), own pixel."""
 
 PAIR = 9
 """Sums of a pair: pull, pull·u, pull·w, pull·u², pull·u·w, pull·w², and weight by colour's gradient (3), where u and w
 are whitened pixels and pull is the gradient with respect to the exponent."""
 
-SUMS = 7
-"""Of a tile: |error|, squared error of values clipped to [0, 1], sign·picture, sign, squared error and number of the
-pixels that splats cover, and number of pixels. Pixels whose red is NaN count nowhere and have no gradient."""
-
-COVERED = 0.4
-"""A pixel is covered where no more than this transmittance is left."""
+SUMS = 5
+"""Of a tile: |error|, squared error of values clipped to [0, 1], sign·picture, sign, and number of pixels. Pixels whose
+red is NaN count nowhere and have no gradient."""
 
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
 _ROW = PLANES * _STRIDE
 _RED, _GREEN, _BLUE, _BEHIND = (_I(plane * _STRIDE) for plane in range(1, PLANES))
 _ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
-_ZERO, _ONE, _HALF, _MARGIN, _COVERED = _F(0), _F(1), _F(0.5), _F(MARGIN_PX), _F(COVERED)
+_ZERO, _ONE, _HALF, _MARGIN = _F(0), _F(1), _F(0.5), _F(MARGIN_PX)
 
 
 @compiled
@@ -89,7 +87,7 @@ def place(base: NDArray, centre: NDArray, values: NDArray, geometry: NDArray, sh
     """Put a block's Gaussians where their values say.
 
     Args:
-        base: (chunks, 12, 128) float32.
+        base: (chunks, 13, 128) float32.
         centre: (3,) float64, of the own camera, relative to the Gaussians' origin.
         values: (6, chunks·128) float32.
         geometry: (chunks, 14, 128) float32, written; see `kernels_project.project`.
@@ -104,6 +102,7 @@ def place(base: NDArray, centre: NDArray, values: NDArray, geometry: NDArray, sh
                 geometry[chunk, axis, lane] = _F(centre[axis] + away * base[chunk, axis, lane])
             for entry in range(9):
                 geometry[chunk, 3 + entry, lane] = grown * base[chunk, 3 + entry, lane]
+            geometry[chunk, 13, lane] = _F(away * base[chunk, 12, lane])
             logit = np.float64(values[LOGIT, row])
             # log of the sigmoid, without its overflow
             geometry[chunk, 12, lane] = _F(min(logit, 0.0) - math.log1p(math.exp(-abs(logit))))
@@ -144,7 +143,7 @@ def list_pairs(
 def measure_tile(
     records: NDArray, rows: NDArray, keys: NDArray, scratch: NDArray, corner: tuple[Number, Number],
     workspace: tuple[NDArray, NDArray, NDArray], photo: NDArray, exposure: tuple[Number, Number, Number],
-    pairs: NDArray, sums: NDArray, with_gradient: bool,
+    pairs: NDArray, sums: NDArray, left: NDArray, has_front: bool, with_gradient: bool,
 ) -> None:  # fmt: skip
     """Draw a tile, hold it against the photo, and walk its splats again for their sums.
 
@@ -158,7 +157,9 @@ def measure_tile(
         photo: (H, W, 3) float32, NaN where nothing is known.
         exposure: gain and offset that the picture is seen with, and what a unit of |error| counts.
         pairs: (pairs, 9) float32, written at the tile's places.
-        sums: (7,) float64, written.
+        sums: (5,) float64, written.
+        left: (H, W) float32 or (0, 0): transmittance, written where the tile lies.
+        has_front: whether splats are blended twice, see `kernels_blend.composite_tile`.
         with_gradient: whether to write `pairs`.
     """
     state, near, histogram = workspace
@@ -168,32 +169,46 @@ def measure_tile(
     for line in range(height):
         state[line * _ROW : line * _ROW + width] = 1
     keys = sort_by_depth(keys, scratch, histogram)
-    drawn = 0
-    while drawn < keys.size and (drawn == 0 or is_open(state)):
-        count = min(AHEAD, keys.size - drawn)
-        for entry in range(count):
-            near[entry] = records[rows[keys[drawn + entry] & _I(0xFFFFFFFF)]]
-        for entry in range(count):
-            blend_splat(near[entry], row, column, height, width, state)
-        drawn += count
-    _compare(state, photo, corner, exposure, sums)
+    drawn = 0, 0  # how many of the list were looked at as a share, and as a whole
+    for is_whole in range(1 - has_front, 2):
+        count = 0
+        while count < keys.size and (count == 0 or is_open(state)):
+            end = min(count + AHEAD, keys.size)
+            _bring_near(records, rows, keys[count:end], is_whole, near)
+            for entry in range(end - count):
+                if near[entry, LOG_OPACITY] >= _LOG_ALPHA_MIN:
+                    blend_splat(near[entry], row, column, height, width, state)
+            count = end
+        drawn = (drawn[0], count) if is_whole else (count, 0)
+    _compare(state, photo, corner, exposure, sums, left)
     if not with_gradient:
         return
-    for start in range(0, drawn, AHEAD):
-        count = min(AHEAD, drawn - start)
-        for entry in range(count):
-            near[entry] = records[rows[keys[start + entry] & _I(0xFFFFFFFF)]]
-        for entry in range(count):
-            pair = keys[start + entry] & _I(0xFFFFFFFF)
-            _walk(near[entry], row, column, height, width, state, pairs[pair])
-    for entry in range(drawn, keys.size):
-        pairs[keys[entry] & _I(0xFFFFFFFF)] = 0
+    for key in keys:
+        pairs[key & _I(0xFFFFFFFF)] = 0
+    for is_whole in range(1 - has_front, 2):
+        count = drawn[is_whole]
+        for start in range(0, count, AHEAD):
+            end = min(start + AHEAD, count)
+            _bring_near(records, rows, keys[start:end], is_whole, near)
+            for entry in range(end - start):
+                if near[entry, LOG_OPACITY] >= _LOG_ALPHA_MIN:
+                    pair = keys[start + entry] & _I(0xFFFFFFFF)
+                    _walk(near[entry], row, column, height, width, state, pairs[pair])
+
+
+@compiled
+def _bring_near(records: NDArray, rows: NDArray, keys: NDArray, is_whole: Number, near: NDArray) -> None:
+    """Copy what is to be blended next, with the share of its opacity that is drawn in front or its whole."""
+    for entry in range(keys.size):
+        near[entry] = records[rows[keys[entry] & _I(0xFFFFFFFF)]]
+        if not is_whole:
+            near[entry, LOG_OPACITY] += near[entry, LAST]
 
 
 @compiled
 def _compare(
     state: NDArray, photo: NDArray, corner: tuple[Number, Number], exposure: tuple[Number, Number, Number],
-    sums: NDArray,
+    sums: NDArray, left: NDArray,
 ) -> None:  # fmt: skip
     """Sum a tile's errors, and turn its state into that of the second walk: full transmittance, the error's gradient by
     colour, and what lies behind the first splat.
@@ -205,8 +220,9 @@ def _compare(
     for line in range(height):
         for lane in range(width):
             at = line * _ROW + lane
-            covered, is_known = abs(state[at]) <= _COVERED, not np.isnan(photo[row + line, column + lane, 0])
-            behind, squares = _ZERO, 0.0
+            is_known, behind = not np.isnan(photo[row + line, column + lane, 0]), _ZERO
+            if left.size:
+                left[row + line, column + lane] = abs(state[at])
             for channel in range(3):
                 plane = at + (1 + channel) * _STRIDE
                 found, wanted = state[plane], photo[row + line, column + lane, channel]
@@ -218,16 +234,12 @@ def _compare(
                 clipped = np.float64(min(max(seen, _ZERO), _ONE) - wanted)
                 sign = 1.0 if error > 0 else (-1.0 if error < 0 else 0.0)
                 sums[0] += abs(error)
-                squares += clipped * clipped
+                sums[1] += clipped * clipped
                 sums[2] += sign * found
                 sums[3] += sign
                 state[plane] = _F(sign) * gain * weight
                 behind += state[plane] * found
-            sums[1] += squares
-            if covered and is_known:
-                sums[4] += squares
-                sums[5] += 1
-            sums[6] += is_known
+            sums[4] += is_known
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
 
 
@@ -235,7 +247,7 @@ def _compare(
 def _walk(
     splat: NDArray, first_row: Number, first_column: Number, rows: Number, columns: Number, state: NDArray, out: NDArray
 ) -> None:
-    """A splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
+    """Add a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(first_column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
     red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
@@ -291,8 +303,15 @@ def _walk(
             g_red += s_red
             g_green += s_green
             g_blue += s_blue
-    out[0], out[1], out[2], out[3], out[4], out[5] = pull, pull_u, pull_w, pull_uu, pull_uw, pull_ww
-    out[6], out[7], out[8] = g_red, g_green, g_blue
+    out[0] += pull
+    out[1] += pull_u
+    out[2] += pull_w
+    out[3] += pull_uu
+    out[4] += pull_uw
+    out[5] += pull_ww
+    out[6] += g_red
+    out[7] += g_green
+    out[8] += g_blue
 
 
 @compiled
@@ -373,4 +392,57 @@ def _shape_gradient(
     by_c = 2 * g * g * total[3] + 4 * g * h * total[4] + 2 * h * h * total[5]
     by_u, by_v = 2 * f * total[1], 2 * (g * total[1] + h * total[2])
     along_depth = by_u * du + by_v * dv + 2 * a_da * by_a + ab_d * by_b + 2 * b_db * by_c
-    return along_depth, 2 * (aa * by_a + ab * by_b + bb * by_c)
+    along_size = 2 * (aa * by_a + ab * by_b + bb * by_c)
+    own = np.float64(geometry[13, lane]) * view[21] * scale
+    covariance, change = (aa, ab, bb), (2 * a_da, ab_d, 2 * b_db)
+    if own > 1:
+        wider, wider_size = _widening(own, 1 - deeper, covariance, change)
+        along_depth += wider * (by_a + by_c)
+        along_size += wider_size * (by_a + by_c)
+    elif own > 0:
+        faded, faded_size = _fading(own, 1 - deeper, covariance, change)
+        along_depth += faded * total[0]
+        along_size += faded_size * total[0]
+    return along_depth, along_size
+
+
+@compiled
+def _widening(
+    own: Number, wider: Number, covariance: tuple[Number, Number, Number], change: tuple[Number, Number, Number]
+) -> tuple[Number, Number]:
+    """Change of the dilation by log depth and by log size; arguments as those of `_fading`, but `own` above 1."""
+    a, b, c = covariance
+    da, db, dc = change
+    apart = math.sqrt((a - c) * (a - c) + 4 * b * b)
+    least = (a * c - b * b) / max(0.5 * (a + c + apart), LEAST_VARIANCE)
+    e = DILATION * own * own
+    if e - least <= DILATION:
+        return 0.0, 0.0
+    turned = ((a - c) * (da - dc) + 4 * b * db) / apart if apart > 0 else 0.0
+    return 2 * e * wider - 0.5 * (da + dc - turned), -2 * least
+
+
+@compiled
+def _fading(
+    own: Number, wider: Number, covariance: tuple[Number, Number, Number], change: tuple[Number, Number, Number]
+) -> tuple[Number, Number]:
+    """Change, by log depth and by log size, of the logarithm of the opacity that `kernels_project._shapes` leaves.
+
+    Args:
+        own: own pixel on the screen, at most 1.
+        wider: its relative change with log depth.
+        covariance: (a, b, c) of the footprint before dilation.
+        change: theirs with log depth.
+    """
+    a, b, c = covariance
+    da, db, dc = change
+    cross, dcross = a * c - b * b, da * c + a * dc - 2 * b * db
+    along_depth = along_size = 0.0
+    for half in (0.5, -0.5):
+        wide = own if half > 0 else 1.0
+        e = DILATION * max(wide, LEAST_OWN_PIXEL) ** 2
+        de = 2 * e * wider if half > 0 and own > LEAST_OWN_PIXEL else 0.0
+        det = e * (a + c + e) + cross
+        along_depth += half * (de * (a + c + 2 * e) + e * (da + dc) + dcross) / det
+        along_size += half * (2 * e * (a + c) + 4 * cross) / det
+    return along_depth, along_size

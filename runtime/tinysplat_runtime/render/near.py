@@ -22,6 +22,7 @@ Gaussians that overlap covers more than its share: with w = 0.2 each, six of the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +61,11 @@ class NearViews:
         z += ((gaussians.origin - centres) * directions).sum(axis=1)[:, None, None]
         seen = z[z > 0]
         return cls(centres, directions, seen.size / float((1 / seen).sum()) if seen.size else 1.0)
+
+    def only(self, views: Sequence[int]) -> NearViews | None:
+        """Some of them; None where that is fewer than two."""
+        chosen = list(views)
+        return NearViews(self.centres[chosen], self.directions[chosen], self.depth) if len(chosen) > 1 else None
 
     def shares(self, camera: Camera) -> NDArray:
         """(V,) float64: the share of its opacity that each view's surface is drawn first with."""
