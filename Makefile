@@ -42,6 +42,7 @@ format: $(VENV)/.installed  ## rewrite in the project's style
 
 export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python export/transforms.py
+	$(VENV)/bin/python export/enlarge.py
 	$(VENV)/bin/python export/network.py sweep
 	$(VENV)/bin/python export/network.py edge --half-weights
 

@@ -25,7 +25,7 @@ def _reference() -> str:
     from tinysplat_runtime.cli.parser import build_parser, join_commands
 
     parser, commands = build_parser()
-    join_commands(commands, [])  # those of other packages too
+    join_commands(commands, ["--help"])  # those of other packages too
     helps = {action.dest: action.help for action in commands._choices_actions}
     parts = [f"```text\n{_help(parser)}```"]
     for name, command in sorted(commands.choices.items()):

@@ -33,6 +33,7 @@ from tinysplat.training.state import shipped_network
 from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
+from tinysplat_runtime.system.progress import working
 
 INPUT_AXES: dict[str, dict[int, str]] = {
     "images": {0: "V", 2: "H", 3: "W"},
@@ -235,7 +236,7 @@ def measure_parity(network: Network, path: Path) -> dict[str, float]:
 
 def main() -> None:
     """Write one network's artifact."""
-    parser = argparse.ArgumentParser(description="Export a network to ONNX and check it against torch.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("name", choices=sorted(NETWORKS))
     parser.add_argument("-o", "--output", type=Path, help="file to write (default models/NAME.onnx)")
     parser.add_argument("--checkpoint", type=Path, help="weights, for networks that have some")
@@ -263,9 +264,11 @@ def export(options: argparse.Namespace) -> None:
     network = NETWORKS[options.name](options)
     if options.half_weights:  # rounded weights are other weights: sanity, not parity
         network = replace(network, parity_tolerance=HALF_TOLERANCE)
-    write_graph(network, path, options.half_weights)
-    worst = measure_parity(network, path)
-    print(options.name, {name: f"{value:.1e}" for name, value in worst.items()})
+    with working("network to graph", quiet=False):
+        write_graph(network, path, options.half_weights)
+    with working("graph beside torch", quiet=False):
+        worst = measure_parity(network, path)
+    print(path, options.name, {name: f"{value:.1e}" for name, value in worst.items()})
     if max(worst.values()) > network.parity_tolerance:
         raise NumericError(f"torch and onnx differ by {worst}; nothing was registered", where=options.name)
     if path.parent == MODELS:

@@ -32,6 +32,7 @@ from tinysplat_runtime.graphs.predict import Limits, network_inputs
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.viewchoice import choose_views
+from tinysplat_runtime.system.progress import working
 
 LAYERS, FLOAT_LAYERS = ("unet",), ("unet.entry",)
 """Of `edge`: its U-Net but for the first layer, whose input has channels of very different ranges."""
@@ -142,7 +143,8 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=8, help="scenes to calibrate on")
     options = parser.parse_args()
     try:
-        count = quantise(options.network, options.output, options)
+        with working("calibration", quiet=False):
+            count = quantise(options.network, options.output, options)
     except TinySplatError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None

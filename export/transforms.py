@@ -5,6 +5,7 @@ python export/transforms.py
 
 from __future__ import annotations
 
+import argparse
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from torch import Tensor, nn
 from tinysplat import transforms as T
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import CONTRACTS, open_graph
+from tinysplat_runtime.system.progress import working
 
 LICENCE = "Apache-2.0"
 PARITY_RTOL = 1e-5  # summation order alone moves the projections by a few ulp
@@ -177,9 +179,11 @@ def export(name: str, graph: Graph) -> dict[str, float]:
 
 def main() -> None:
     """Export every graph of the transforms."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     torch.manual_seed(0)
     for name, graph in GRAPHS.items():
-        worst = export(name, graph)
+        with working(name, quiet=False):
+            worst = export(name, graph)
         register(name, MODELS / f"{name}.onnx", graph.role, worst, licence=LICENCE, purpose=graph.purpose,
                  made_by="export/transforms.py")  # fmt: skip
         print(name, {k: f"{v:.1e}" for k, v in worst.items()})

@@ -11,23 +11,26 @@ camera frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 
 
 def multiply_quats(a: Tensor, b: Tensor) -> Tensor:
     """Hamilton product of quaternions (…, 4), wxyz."""
-    aw, ax, ay, az = a.unbind(-1)
-    bw, bx, by, bz = b.unbind(-1)
-    return torch.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        dim=-1,
-    )
+    return torch.stack(turned(a.unbind(-1), b.unbind(-1)), dim=-1)
+
+
+def turned(a: Sequence[Tensor], b: Sequence[Tensor]) -> list[Tensor]:
+    """Components w, x, y, z of the Hamilton product of quaternions given by theirs."""
+    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
+    return [
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    ]
 
 
 def left_multiplication(quats: Tensor) -> Tensor:
@@ -38,10 +41,18 @@ def left_multiplication(quats: Tensor) -> Tensor:
 
 
 def unit_quats(quats: Tensor) -> Tensor:
-    """Quaternions (…, 4) at unit length; scaled by the largest component first, so that denormal ones survive."""
-    tiny = torch.finfo(quats.dtype).tiny
-    scaled = quats / quats.abs().amax(-1, keepdim=True).clamp_min(tiny)
-    return scaled / scaled.norm(dim=-1, keepdim=True).clamp_min(tiny)
+    """Quaternions (…, 4) at unit length; a zero one stays zero."""
+    return torch.stack(unit_components(quats.unbind(-1)), dim=-1)
+
+
+def unit_components(quat: Sequence[Tensor]) -> list[Tensor]:
+    """Components of quaternions at unit length; scaled by the largest first, so that denormal ones survive."""
+    tiny = torch.finfo(quat[0].dtype).tiny
+    w, x, y, z = (component.abs() for component in quat)
+    largest = torch.maximum(torch.maximum(w, x), torch.maximum(y, z)).clamp_min(tiny)
+    w, x, y, z = (component / largest for component in quat)
+    length = (w * w + x * x + y * y + z * z).sqrt().clamp_min(tiny)
+    return [w / length, x / length, y / length, z / length]
 
 
 def _columns(K: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
@@ -91,18 +102,19 @@ class ViewProjection(nn.Module):
         """
         height, width = means.shape[1], means.shape[2]
         fx, fy, cx, cy, skew = _columns(K)
-        relative = (means - centre_high[:, None, None]) - centre_low[:, None, None]
-        camera = torch.einsum("vij,vhwj->vhwi", rotation, relative)
-        x, y, z = camera.unbind(-1)
+        # Planar from the start: three or four numbers beside each other are what a processor is slowest at.
+        points, turns, sizes = (interleaved.permute(0, 3, 1, 2) for interleaved in (means, quats, scales))
+        relative = (points - centre_high[:, :, None, None]) - centre_low[:, :, None, None]
+        x, y, z = (rotation @ relative.flatten(2)).unflatten(2, (height, width)).unbind(1)
         u, v = _pixel_centres(height, width, means)
         offset_x = (x / z) * fx + (y / z) * skew + (cx - u)
         offset_y = (y / z) * fy + (cy - v)
-        projected = scales * ((fx * fy).sqrt() / z)[..., None]
-        q = multiply_quats(rotation_quat[:, None, None], unit_quats(quats))
-        flat = q.flatten(1, 2)
-        moment = flat.transpose(1, 2) @ flat / (height * width)
-        channels = [z[..., None], offset_x[..., None], offset_y[..., None], projected, q, opacities[..., None]]
-        return torch.cat(channels, -1).permute(0, 3, 1, 2).contiguous(), moment
+        projected = sizes * ((fx * fy).sqrt() / z)[:, None]
+        q = torch.stack(turned(rotation_quat[:, :, None, None].unbind(1), unit_components(turns.unbind(1))), 1)
+        flat = q.flatten(2)
+        moment = flat @ flat.transpose(1, 2) / (height * width)
+        channels = [z[:, None], offset_x[:, None], offset_y[:, None], projected, q, opacities[:, None]]
+        return torch.cat(channels, 1), moment
 
 
 class CoefficientMoment(nn.Module):

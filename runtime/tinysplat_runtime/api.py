@@ -29,6 +29,7 @@ from .container.records import Limits
 from .errors import InputError, TinySplatError
 from .formats import table
 from .gaussian.gaussians import Gaussians
+from .graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from .graphs.inference import GraphStore
 from .graphs.predict import predict as run_network
 from .refine.stats import RefineStats
@@ -83,12 +84,18 @@ class Runtime:
         # Decoding runs the synthesis of a view on each thread; threads within would only get in each other's way.
         self.store = GraphStore(threads=1, providers=providers, models=models)
 
-    def predict(self, scene: Scene, model: str = DEFAULT_MODEL, *, watch: Stopwatch | None = None) -> Gaussians:
+    def predict(
+        self, scene: Scene, model: str = DEFAULT_MODEL, *, whole: bool = False, watch: Stopwatch | None = None
+    ) -> Gaussians:
         """Gaussians of all views of a scene.
+
+        Large photos (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped networks, and what these find is
+        brought to every pixel.
 
         Args:
             scene: 2 or more views of one size, with near and far; `Scene.views` and `Scene.resized` choose and scale.
             model: a network's name in the manifest, or the path of an .onnx file.
+            whole: run the network on the photos as they are, however large: what readers of files with photos do.
             watch: filled with the seconds of stage `network`.
 
         Returns:
@@ -104,6 +111,9 @@ class Runtime:
         images = scene.images()
         graph = self.store.network(model)
         with watch.stage("network"):
+            large = None if whole or images[0].size <= 3 * LARGE_PIXELS else self.store.enlarger()
+            if large is not None and graph.name in (enlarger := Enlarger.of(large)).networks:
+                return predict_large(images, scene.cameras, near, far, graph, enlarger)
             return run_network(images, scene.cameras, near, far, graph)
 
     def refine(
@@ -227,7 +237,7 @@ class Runtime:
         """
         stats = stats or EncodeStats()
         check_options(mode, has_target=any(options.get(name) for name in TARGETS))
-        gaussians = gaussians or self.predict(scene, model, watch=stats.watch)
+        gaussians = gaussians or self.predict(scene, model, whole=mode != DEFAULT_MODE, watch=stats.watch)
         network_seconds = stats.watch.seconds.get("network", 0.0)
         if mode == DEFAULT_MODE:
             return self.compress(gaussians, profile, qp, stats=stats, **options)

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from tinysplat.batch.engines import run_processes, run_ray
 from tinysplat.batch.jobs import Job, Options, encode, is_done, read_manifest
 from tinysplat.batch.run import run_batch
 from tinysplat.batch.storage import local_folder, read, write
+from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
@@ -218,7 +220,7 @@ def test_a_batch_codes_what_refinement_made_of_a_scene(
     asked = []
 
     def refine(self: ts.Runtime, gaussians: ts.Gaussians, scene: ts.Scene, steps: int | None, **options: Any) -> Any:
-        asked.append((len(scene.frames), steps, options))
+        asked.append((len(scene.frames), steps, {n: options[n] for n in ("seconds", "profile", "qp")}))
         return gaussians.with_notes(ts.Notes(refined="seen"))
 
     monkeypatch.setattr(ts.Runtime, "refine", refine)
@@ -269,3 +271,32 @@ def test_lines_failures_and_another_try(tmp_path: Path) -> None:
     again = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--retry-failed", "--workers", "1",
                       "--target-size", "9KB")  # fmt: skip
     assert again.returncode == 2 and "missing: " in again.stderr and "1/1 missing" in again.stderr
+    kept = json.loads((tmp_path / "out" / "results.json").read_text())["scenes"]
+    assert {name: record["status"] for name, record in kept.items()} == {"good": "done", "missing": "failed"}
+
+
+def test_a_batch_has_the_options_of_encode() -> None:
+    _, commands = build_parser()
+    options = {action.dest for action in commands.choices["encode"]._actions if action.option_strings}
+    elsewhere = {"help", "quiet", "threads", "output", "force"}
+    of_stereo_pairs = {"focal", "baseline"}
+    assert options - elsewhere - of_stereo_pairs <= {field.name for field in fields(Options)}
+
+
+def test_a_scene_is_coded_as_encode_codes_it(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path / "desk", views=3, height=40, width=56)
+    words = ("--views", "0,2", "--qp", "4", "--licence", "CC0-1.0", "--size", "32x48")
+    assert tinysplat("encode", scene, "-o", tmp_path / "desk.tsplat", *words).returncode == 0
+    data = (tmp_path / "desk.tsplat").read_bytes()
+    entry = {"scene": "desk", "views": "0,2", "size": "32x48", "licence": "CC0-1.0", "qp": 4, "report": True}
+    like = {"scene": "desk", "name": "again", "views": [0, 2], "size": [32, 48], "like": "desk.tsplat",
+            "save_gaussians": True}  # fmt: skip
+    (tmp_path / "list.txt").write_text(f"{json.dumps(entry)}\n{json.dumps(like)}\n")
+    done = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--workers", "1", "--unit", "metre")
+    assert done.returncode == 0, done.stderr
+    coded = ts.inspect((tmp_path / "out/desk.tsplat").read_bytes())
+    assert coded["notes"] == {"unit": "metre", "attribution": "", "licence": "CC0-1.0"} and coded["qp"] == 4
+    assert coded["planes"] == ts.inspect(data)["planes"]
+    assert json.loads((tmp_path / "out/desk.json").read_text())["bytes"] == coded["bytes"]
+    again = ts.inspect((tmp_path / "out/again.tsplat").read_bytes())
+    assert again["qp"] == 4 and ts.load_gaussians(tmp_path / "out/again.npz").count == again["gaussians"]

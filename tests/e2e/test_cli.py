@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import make_smooth_gaussians, write_scene
+from scenes import make_gaussians, make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
+from tinysplat_runtime.cli import main
 from tinysplat_runtime.scene.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
@@ -467,11 +468,11 @@ def test_options_are_looked_at_before_the_network_runs(scene, tmp_path):
 
 
 def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(tmp_path):
-    from tinysplat_runtime.cli.checks import GOOD_PIXELS, fitting_size
+    from tinysplat_runtime.cli.checks import LARGE_PIXELS, fitting_size
 
     folder = write_scene(tmp_path / "large", views=2, height=1920, width=1080)
     height, width = fitting_size(ts.load_scene(folder))
-    assert 0.98 * GOOD_PIXELS < height * width <= 1.01 * GOOD_PIXELS and height / width == pytest.approx(
+    assert 0.98 * LARGE_PIXELS < height * width <= 1.01 * LARGE_PIXELS and height / width == pytest.approx(
         16 / 9, rel=0.01
     )
     assert fitting_size(ts.load_scene(folder).resized(256, 384)) is None
@@ -488,3 +489,32 @@ def test_photos_that_memory_does_not_suffice_for_are_refused_with_a_size_that_fi
     checks.check_memory(large.resized(height, width))
     with pytest.raises(ts.InputError):
         checks.check_memory(large.resized(round(height * 1.1), round(width * 1.1)))
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ((), "command: none given, accepted are batch, bench"),
+        (("encode", "{photos}", "-o", "x.tsplat"), "only photos; `tinysplat poses"),
+        (("encode", "{scene}", "-o", "x.ply"), "x.ply: '.ply', expected .tsplat; other formats: `tinysplat decode`"),
+        (("encode", "https://example.invalid/scene", "-o", "x.tsplat"), "example.invalid/scene: a URL, expected"),
+        (("encode", "{scene}", "-o", "x.tsplat", "--views", "0"), "--views: 1 photo, expected two or more"),
+        (("compress", "{points}", "-o", "x.tsplat"), "g.ply: a list of points, and .tsplat files hold pixels"),
+        (("view", "{scene}", "--html", "x.html"), "a folder, expected a file; `tinysplat encode` makes one of a scene"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else None,
+)  # fmt: skip
+def test_what_a_newcomer_tries_is_told_what_to_do(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...],
+    found: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = write_scene(tmp_path / "scene", views=2, height=16, width=24)
+    ts.save_gaussians(tmp_path / "g.ply", make_gaussians(degree=0))
+    places = {"scene": scene, "photos": scene / "images", "points": tmp_path / "g.ply"}
+    assert main([word.format(**places) for word in words]) == 2
+    said = capsys.readouterr()
+    assert found in said.err and said.err.count("\n") == 1 and said.out == "" and not list(tmp_path.glob("x.*"))

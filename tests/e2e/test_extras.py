@@ -116,3 +116,14 @@ def test_a_missing_package_is_one_line_with_its_pip_install(
     assert f'pip install "tinysplat[{extra}]"' in last, done.stderr
     if command[1] != "tinysplat.gsplat_tensors":  # a module to import: its ImportError says it
         assert done.returncode == 2 and done.stderr.count("\n") == 1 and done.stdout == ""
+
+
+@pytest.mark.parametrize("command", ["bench", "compare", "completion", "eval", "poses"])
+def test_help_needs_no_extra(folder: Path, command: str) -> None:
+    absent = "matplotlib,mpmath,PIL,pycolmap,scipy,shtab,torch,tqdm"
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT, absent, *CLI, command, "--help"], cwd=folder, capture_output=True, text=True,
+        check=False, timeout=120, env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "runtime"), str(ROOT)])},
+    )  # fmt: skip
+    assert done.returncode == 0 and f"usage: tinysplat {command}" in done.stdout, done.stderr
+    assert "positional arguments" in done.stdout and "this command needs" not in done.stdout.lower()

@@ -173,16 +173,18 @@ def test_a_run_over_many_scenes_killed_at_any_moment_leaves_whole_files_and_goes
     assert _figures(target) == wanted
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.6])
+@pytest.mark.parametrize(
+    ("delay", "sent"), [(0.0, signal.SIGINT), (0.6, signal.SIGINT), (0.6, signal.SIGTERM)], ids=str
+)
 @pytest.mark.parametrize("command", ["batch", "eval"])
-def test_an_interrupted_run_over_many_scenes_ends_with_130(many, tmp_path, command, delay) -> None:
+def test_an_interrupted_run_over_many_scenes_ends_with_130(many, tmp_path, command, delay, sent) -> None:
     process = _start(*many[command], "-o", tmp_path / "out", "-q")
     deadline = time.monotonic() + 60
     while len(_children(process)) < 3 and time.monotonic() < deadline:  # two workers, and what tracks their resources
         time.sleep(0.01)
     workers = _children(process)
     time.sleep(delay)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    os.killpg(process.pid, sent)  # as a terminal does, and a service manager
     status, err = _finish(process)
     _wait_for_end(workers)
     assert status == 130 and "Traceback" not in err, (status, err)
@@ -196,15 +198,16 @@ def _wait_until_it_works(process: subprocess.Popen[str]) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM], ids=str)
 @pytest.mark.parametrize("command", ["encode", "decode"])
-def test_an_interrupted_command_ends_with_130_and_leaves_nothing(inputs, tmp_path, command) -> None:
+def test_an_interrupted_command_ends_with_130_and_leaves_nothing(inputs, tmp_path, command, sent) -> None:
     arguments, suffix = _commands(inputs)[command]
     statuses = []
     for delay in (0.0, 0.15, 0.4):
         process = _start(*arguments, "-o", tmp_path / f"out{suffix}", "-q")
         _wait_until_it_works(process)
         time.sleep(delay)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(sent)
         status, err = _finish(process)
         statuses.append(status)
         assert "Traceback" not in err, err
@@ -213,7 +216,8 @@ def test_an_interrupted_command_ends_with_130_and_leaves_nothing(inputs, tmp_pat
         assert status != 130 or found == []
         (tmp_path / f"out{suffix}").unlink(missing_ok=True)
     # An interpreter that is on its way out, or was in a library's start, ends by the signal: 130 to a shell as well.
-    assert set(statuses) <= {0, 130, -signal.SIGINT} and statuses[0] in (130, -signal.SIGINT)
+    by_signal = {130, -sent, -signal.SIGINT}
+    assert set(statuses) <= {0, *by_signal} and statuses[0] in by_signal
 
 
 def test_an_interrupt_that_became_another_error_is_still_an_interrupt(monkeypatch, capsys) -> None:

@@ -14,8 +14,9 @@ from tinysplat_runtime.graphs.inference import GraphStore
 
 STORE = GraphStore(threads=1)
 
-RTOL = 2e-3  # of an output's largest magnitude: weights are stored as float16
-SHARE = 0.98  # of the values: where two candidates are about as good, rounding decides which is taken
+RTOL = 3e-4  # of an output's largest magnitude, for SHARE of the values; 2e-4 is reached
+SHARE = 0.98  # where two candidates are about as good, rounding decides which is taken
+MOST = 2e-3  # for all of them; 1e-3 is reached
 
 SIZES = [(2, 64, 96), (3, 96, 64), (6, 64, 64)]
 
@@ -36,18 +37,18 @@ def depth_error(outputs: dict[str, np.ndarray], depth: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_onnx_matches_the_torch_twin_with_the_shipped_weights(size: tuple[int, int, int]) -> None:
+def test_onnx_matches_the_torch_twin_in_float64(size: tuple[int, int, int]) -> None:
     scene = trace(*size)
     inputs = network_inputs(scene.images, scene.cameras)
     found = STORE.network("edge").run(inputs)
     module, steps = shipped_network(models_dir() / "training" / "edge.pt")
     assert steps > 0
     with torch.no_grad():
-        expected = module.eval()(*(torch.from_numpy(array) for array in inputs.values()))
+        expected = module.eval().double()(*(torch.from_numpy(array).double() for array in inputs.values()))
     for name, want in zip(OUTPUT_NAMES, expected, strict=True):
         assert found[name].shape == tuple(want.shape), name
         error = np.abs(found[name] - want.numpy()) / max(float(want.abs().max()), 1e-30)
-        assert np.quantile(error, SHARE) < RTOL, name
+        assert np.quantile(error, SHARE) < RTOL and error.max() < MOST, name
 
 
 @pytest.mark.parametrize("size", [(2, 96, 128), (3, 96, 64), (4, 64, 96)])

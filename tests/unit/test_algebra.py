@@ -42,6 +42,13 @@ def test_quats_of_matrices_are_exact_at_every_angle(axis, angle):
     np.testing.assert_allclose(quats_to_matrices(matrices_to_quats(matrix)), matrix, atol=1e-14)
 
 
+def test_quats_of_many_matrices_are_those_of_each():
+    made = QUATS.reshape(5, 10, 10, 4)
+    found = matrices_to_quats(quats_to_matrices(made))
+    assert found.shape == made.shape
+    np.testing.assert_allclose(np.abs((found * made).sum(axis=-1)), 1, atol=1e-14)
+
+
 @pytest.mark.parametrize("factor", [1e-300, 1e-30, 1, 1e300])
 def test_normalising_survives_any_length(factor):
     np.testing.assert_allclose(normalize_quats(QUATS * factor), QUATS, atol=1e-12)
@@ -73,7 +80,11 @@ def test_sh_basis_is_orthonormal_over_the_sphere():
     np.testing.assert_allclose(gram, np.eye(25), atol=1e-13)
 
 
-@pytest.mark.parametrize("count", [0, 2, 5, 36])
+def test_degrees_have_their_number_of_functions():
+    assert [sh_degree(count) for count in (1, 4, 9, 16, 25)] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("count", [-1, 0, 2, 5, 36])
 def test_numbers_of_functions_that_are_no_degree_are_refused(count):
     with pytest.raises(InputError):
         sh_degree(count)

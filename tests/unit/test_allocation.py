@@ -11,15 +11,25 @@ from scenes import make_smooth_gaussians
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.depth_step.allocation import FARTHEST, measured_depth_step
+from tinysplat_runtime.codec.basis import view_directions
+from tinysplat_runtime.codec.depth_step.allocation import (
+    FARTHEST,
+    OPACITY_EXPONENT,
+    measured_depth_step,
+    measured_opacity_step,
+)
 from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
-from tinysplat_runtime.codec.depth_step.probe import DepthProbe
+from tinysplat_runtime.codec.depth_step.probe import Probe, _select, _Stripe, _stripes
 from tinysplat_runtime.codec.profiles import ADAPTIVE
 from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.render import DEFINITION, Renderer
+from tinysplat_runtime.scene.cameras import Camera
 
 
 def _prepared(gaussians: Gaussians, store: GraphStore):
@@ -76,7 +86,7 @@ def test_blocks_of_another_qp_err_by_their_own_step():
 def _probe(layers, stripes=2, threads=1):
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     shown = [layer.shown for layer in layers]
-    return DepthProbe([layer.layer for layer in layers], inverse, shown, stripes, threads), inverse
+    return Probe([layer.layer for layer in layers], inverse, shown, stripes, threads), inverse
 
 
 def test_no_error_is_no_damage_and_more_error_is_more(layers):
@@ -99,6 +109,56 @@ def test_stripes_are_parts_of_the_pictures_between_the_views(layers):
     for shot in _probe(layers, stripes=3)[0]._shots:
         raw = renderer.render(shot._camera)
         assert np.abs(np.clip(raw, 0, 1) - shot._picture).mean() < 2e-3  # all but what its selection leaves out
+
+
+def _row_of_dots(pixels, *, depth=2.0, scale=0.01, opacity=0.9) -> Gaussians:
+    """A view's Gaussians at such (u, v) of a camera of 40 × 30 pixels at the origin, f = 50, one beside the other."""
+    u, v = np.array(pixels, float).T
+    means = np.stack([(u - 20) / 50 * depth, (v - 15) / 50 * depth, np.full(len(u), depth)], axis=-1)
+    grid = (1, 1, len(u))
+    camera = Camera([[50, 0, 20], [0, 50, 15], [0, 0, 1]], np.eye(4), len(u), 1)
+    return Gaussians(
+        means.reshape(*grid, 3), np.tile([1.0, 0, 0, 0], (*grid, 1)), np.full((*grid, 3), scale),
+        np.full(grid, opacity), np.zeros((*grid, 1, 3)), cameras=(camera,),
+    )  # fmt: skip
+
+
+def test_a_stripe_takes_what_reaches_it_and_weighs_what_lies_in_it_by_hand():
+    """Rows 8 to 20 of a picture of 40 × 30: splats of σ = 0.25 px reach 3 · 0.25 and 3 px more."""
+    stripe = _Stripe(Camera([[50, 0, 20], [0, 50, 7], [0, 0, 1]], np.eye(4), 40, 12), 8, 30)
+    reach = 3 * 0.01 * 50 / 2 + 3
+    inside = [(20, 14), (0.01, 8.01), (39.9, 19.9)]
+    picture = [(20, 0.1), (20, 29.9), (20, 7.9), (20, 20.1)]
+    outside = [(20, -0.1), (20, 30.1), (-0.1, 14), (40.1, 14)]
+    edges = [(20, 8 - reach + 0.05), (20, 20 + reach - 0.05), (-reach + 0.05, 14), (40 + reach - 0.05, 14)]
+    beyond = [(20, 8 - reach - 0.05), (20, 20 + reach + 0.05), (-reach - 0.05, 14), (40 + reach + 0.05, 14)]
+    dots = _row_of_dots([*inside, *picture, *outside, *edges, *beyond])
+    shown = 2.0 ** np.arange(len(dots.opacities.ravel())).reshape(dots.opacities.shape)
+    found = _select(dots, -1 / dots.means[..., 2], shown, stripe)
+    assert set(found.at[2].tolist()) == {0, 1, 2, 5, 6, 9, 10, 11, 12, 13, 14}
+    in_picture = [0, 1, 2, 3, 4, 5, 6, 11, 12, 15, 16]
+    assert found.shown[0] == pytest.approx(sum(2.0**n for n in (0, 1, 2)) / (40 * 12))
+    assert found.shown[1] == pytest.approx(sum(2.0**n for n in in_picture) / (40 * 30))
+    np.testing.assert_allclose(found.inverse, -0.5, rtol=1e-6)
+    behind, faint = _row_of_dots(inside, depth=-2.0), _row_of_dots(inside, opacity=0.9 / 255)
+    for unseen, weight in ((behind, 0), (faint, 3)):
+        found = _select(unseen, -1 / unseen.means[..., 2], np.ones(unseen.opacities.shape), stripe)
+        assert not found.at[2].size and found.shown[0] == pytest.approx(weight / (40 * 12))
+
+
+def test_stripes_are_spread_over_the_middles_and_over_the_rows():
+    """Five of four cameras' three middles: the 1st, 1st, 2nd, 3rd, 3rd; rows by the golden ratio from the middle on."""
+    cameras = make_smooth_gaussians(4, 100, 20).cameras
+    stripes = _stripes(cameras, 5)
+    for n, (stripe, middle) in enumerate(zip(stripes, (0, 0, 1, 2, 2), strict=True)):
+        halfway = (cameras[middle].centre + cameras[middle + 1].centre) / 2
+        np.testing.assert_allclose(stripe.camera.centre, halfway, atol=1e-12)
+        assert stripe.first == int((0.5 + 0.6180339887498949 * n) % 1 * 68)
+        assert (stripe.height, stripe.camera.height, stripe.camera.width) == (100, 32, 20)
+        K = (cameras[middle].K + cameras[middle + 1].K) / 2
+        np.testing.assert_allclose(stripe.camera.K, K - [[0, 0, 0], [0, 0, stripe.first], [0, 0, 0]])
+    (only,) = _stripes(cameras[:1], 1)
+    np.testing.assert_array_equal(only.camera.c2w, cameras[0].c2w)
 
 
 def test_contrast_carries_what_a_stripe_shows_over_to_its_picture(store, monkeypatch):
@@ -143,6 +203,37 @@ def test_no_measurement_moves_depths_step_beyond_reach():
     planes, offsets = np.ones((1, 16, 16), np.float32), np.zeros((1, 1, 1))
     for target, factor in ((1e9, FARTHEST), (1e-30, 1 / FARTHEST)):
         assert measured_depth_step(_Scripted(1.0), [planes], [offsets], 0.01, target, 4) == pytest.approx(0.01 * factor)
+
+
+class _Fading:
+    """A probe whose pictures lose what is said for an opacity error of 0.01."""
+
+    def __init__(self, damage: float) -> None:
+        self.damage = damage
+
+    def opacity_damage(self, errors) -> float:
+        return self.damage * float(np.sqrt(np.mean(errors[0] ** 2)) / 0.01) ** OPACITY_EXPONENT
+
+
+def test_opacitys_step_is_the_stated_one_or_as_fine_as_its_errors_ask_for():
+    planes = np.random.default_rng(0).uniform(0, 1, (1, 64, 64)).astype(np.float32)
+    start = 0.02  # errors of about 0.006
+    at_start = _Fading(1e-5).opacity_damage([BlockSpectrum.of(planes).coding_error(start)])
+    for most, step in ((1.1 * at_start, start), (at_start / 4, start * 4 ** (-1 / 1.7)), (1e-9, start / FARTHEST)):
+        assert measured_opacity_step(_Fading(1e-5), [planes], start, most) == pytest.approx(step, rel=0.02)
+
+
+def test_opacity_is_coded_more_finely_where_surfaces_show_through_each_other(store):
+    scene = make_smooth_gaussians(2, 40, 48, degree=0)
+    noise = np.random.default_rng(0)
+    rough = noise.uniform(0, 1, scene.opacities.shape).astype(np.float32)
+    black = np.full_like(scene.sh, -0.5 / 0.28209479)  # on black
+    contrasting = noise.normal(0, 2, scene.sh.shape).astype(np.float32)
+    steps = [
+        scene_steps(_prepared(replace(scene, opacities=rough, sh=sh), store), ADAPTIVE, 1)[0]
+        for sh in (black, contrasting)
+    ]
+    assert steps[0][PlaneClass.OPACITY] == class_step(ADAPTIVE, PlaneClass.OPACITY) > steps[1][PlaneClass.OPACITY]
 
 
 def test_moved_depths_are_those_that_a_decoder_would_rebuild(layers):
@@ -204,6 +295,40 @@ def test_sh_bands_that_nobody_sees_are_left_out_and_listed():
     assert (entry["what"], entry["kept"], entry["of"]) == ("sh degree", 1, 2)
     assert entry["bytes_saved"] == 2 * described["k"] * 3 * (9 - 4)
     assert runtime.decompress(runtime.compress(scene, qp=-6)).degree == 2
+
+
+@pytest.mark.parametrize("qp", [0.0, 6.0])
+def test_coefficients_are_kept_whose_energy_shows_at_the_finest_step(store, qp):
+    """What degree 2 carries, against `energy_floor` squared steps that are a `margin` of octaves finer than wanted."""
+    scene = make_smooth_gaussians(2, 24, 32, degree=2)
+    functions = sh_basis(view_directions(scene.cameras), 2)[:, 4:]
+    seen = np.einsum("db,nbc->dnc", functions, scene.sh.reshape(-1, 9, 3)[:, 4:].astype(np.float64))
+    energy = float(np.square(seen).sum(axis=-1).mean())
+    finest = ADAPTIVE.gain / np.sqrt(ADAPTIVE.sensitivity[PlaneClass.COLOR]) * 2 ** (qp / 6 - 1.5)
+    for factor, degree in ((1.01, 1), (0.99, 2)):
+        settings = replace(ADAPTIVE, disagreement=0.0, margin=1.5, energy_floor=factor * energy / finest**2)
+        projected = project_layer(store, scene, drop_invalid=False, where="")
+        assert prepare_layer(store, scene, projected, settings, qp).layer.degree == degree
+
+
+def test_q_g_is_accepted_from_minus_60_to_60():
+    scene = make_smooth_gaussians(1, 8, 8, degree=0)
+    for qp in (-60, 60):
+        assert inspect_bytes(Runtime(threads=1).compress(scene, qp=qp))["qp"] == qp
+        with pytest.raises(InputError, match="qp"):
+            Runtime(threads=1).compress(scene, qp=1.001 * qp)
+    with pytest.raises(InputError, match="qp"):
+        Runtime(threads=1).compress(scene, qp=float("nan"))
+
+
+@pytest.mark.parametrize("profile", ["paper", "fast"])
+def test_a_file_states_the_least_and_the_largest_depth(profile):
+    scene = make_smooth_gaussians(2, 24, 32, degree=0, layers=2)
+    found = read_container(Runtime(threads=1).compress(scene, profile))
+    for layer, header in zip(scene.layers, found.layers, strict=True):
+        pairs = zip(layer.means.astype(np.float64), scene.cameras, strict=True)
+        z = np.stack([(means - camera.centre) @ camera.c2w[:3, 2] for means, camera in pairs])
+        np.testing.assert_allclose(header.depth_limits, (z.min(), z.max()), rtol=1e-5)
 
 
 def test_bytes_do_not_depend_on_threads():

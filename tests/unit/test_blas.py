@@ -44,6 +44,20 @@ def test_degenerate_matrices_have_eigenvectors_too():
         np.testing.assert_allclose(matrix @ vectors, vectors * values, atol=1e-14)
 
 
+def test_small_eigenvectors_need_no_lapack(monkeypatch):
+    """LAPACK's differ in their last bits, and those of up to 4 × 4 decide the signs of whole views."""
+    matrix = np.random.default_rng(0).standard_normal((4, 4))
+
+    def lapack(matrix):
+        raise AssertionError("LAPACK was asked")
+
+    monkeypatch.setattr(np.linalg, "eigh", lapack)
+    for side in (1, 2, 3, 4):
+        symmetric_eigen(matrix[:side, :side] @ matrix[:side, :side].T)
+    with pytest.raises(AssertionError, match="asked"):
+        symmetric_eigen(np.eye(5))
+
+
 def test_products_are_those_of_matrices():
     a, b = (np.random.default_rng(0).standard_normal(shape) for shape in ((2, 5, 7), (7, 3)))
     np.testing.assert_allclose(product(a, b), a @ b, atol=1e-14)

@@ -5,16 +5,18 @@ Files are written by hand here: constants alone, so that nothing but the metadat
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.bounds import MAX_DECODED
+from tinysplat_runtime.container.bounds import MAX_DECODED, decoding_bytes
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Container
+from tinysplat_runtime.container.records import ChannelRecord, Container, Limits, StreamRef
 from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
@@ -90,6 +92,227 @@ def test_rotations_whose_squares_leave_float32_are_refused():
     assert _read(records=[(PlaneClass.ROTATION, 3, -0.9e15)])
     with pytest.raises(FormatError, match="rotation"):
         _read(records=[(PlaneClass.ROTATION, 3, -1.1e15)])
+
+
+def test_the_memory_of_decoding_by_hand():
+    """Of 6 Gaussians of degree 2: 11 + 27 numbers and the 11 of geometry twice in 4 bytes, codes in 2 and in 4."""
+    layer = _read().layers[0]
+    picture = ChannelRecord(PlaneClass.DEPTH, 0, 4, 1.0, 0.0, (StreamRef(0, 1, 0),))
+    constant = ChannelRecord(PlaneClass.OPACITY, 0, 4, 1.0, 0.0)
+    for channels, codes in (((), 2), ((picture, constant), 3), ((picture, constant, picture), 4)):
+        found = decoding_bytes(replace(layer, degree=2, channels=channels))
+        assert found == 6 * (4 * (11 + 27 + 22) + 6 * codes)
+
+
+def test_limits_are_the_most_that_is_accepted():
+    data = _file()
+    memory = decoding_bytes(read_container(data).layers[0])
+    assert read_container(data, Limits(max_pixels=6, max_memory_bytes=memory, max_views=1, max_layers=1))
+    for limits, words in (
+        (Limits(max_pixels=5), "6 Gaussians"), (Limits(max_memory_bytes=memory - 1), "bytes to decode"),
+        (Limits(max_views=0), "1 views"), (Limits(max_layers=0), "1 layers"),
+    ):  # fmt: skip
+        with pytest.raises(FormatError, match=words):
+            read_container(data, limits)
+
+
+def _with_header(**fields: object) -> bytes:
+    """The file without channels, some numbers of its layer's header replaced."""
+    sections = sections_of(_file())
+    layer = next(section for section in sections if section[0] == L.LAYER)
+    names = ("height", "width", "degree", "source_degree", "flags", "sets", "channels", "k", "z_min", "z_max", "lost",
+             "condition")  # fmt: skip
+    values = dict(zip(names, L.LAYER_FIXED.unpack(layer[3][: L.LAYER_FIXED.size]), strict=True))
+    tail = fields.pop("tail", b"")
+    layer[3] = L.LAYER_FIXED.pack(*{**values, **fields}.values()) + tail
+    return file_of(sections)
+
+
+def test_a_layer_without_maps_states_that_nothing_is_left_out():
+    layer = next(data for kind, *_, data in sections_of(_file()) if kind == L.LAYER)
+    wanted = struct.pack("<2I4B2H4f", 2, 3, 0, 0, 0, 0, 0, 0, 1.0, 2.0, 0.0, 1.0)
+    assert layer == wanted
+
+
+_CONSTANT = struct.Struct("<BBBBff")
+_OVER, _INFINITE, _NAN = np.float32(1.01e30), np.inf, np.nan
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({"height": 1}, {"height": 0}, "grid 3x0"),
+        ({"width": 1}, {"width": 0}, "grid 0x2"),
+        ({"height": 65536}, {"height": 65537}, "grid 3x65537"),
+        ({"width": 65536}, {"width": 65537}, "grid 65537x2"),
+        ({"source_degree": 4}, {"source_degree": 5}, "SH degree 0 of 5"),
+        ({"z_min": 2.0}, {"z_min": 2.001}, "depth limits"),
+        ({"z_min": 1e-29}, {"z_min": 0.0}, "depth limits"),
+        ({"z_max": 9e29}, {"z_max": _INFINITE}, "depth limits"),
+        ({"lost": -1.0}, {"lost": _NAN}, "a number is out of range"),
+        ({"condition": 1e-30}, {"condition": 0.0}, "a number is out of range"),
+        ({"condition": 1e30}, {"condition": _INFINITE}, "a number is out of range"),
+        ({"flags": 1}, {"flags": 32}, "unknown flags 0x20"),
+        ({"k": 0}, {"k": 1}, "degree 0 without a basis"),
+        ({"channels": 0}, {"channels": 257}, "257 channels, at most 256"),
+        ({"channels": 256, "tail": _CONSTANT.pack(0, 0, 0, 0, 1, 0) * 256},
+         {"channels": 256, "tail": _CONSTANT.pack(0, 0, 0, 0, 1, 0) * 255}, "needs 12 bytes"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 1, 0, 51, -9e29, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(5, 1, 0, 52, 0, 0)}, "QP 52"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 1, 0, 0, 9e29, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(5, 2, 0, 0, 0, 0)}, "offset has no channel 2"),
+        ({"channels": 1, "tail": _CONSTANT.pack(1, 2, 0, 0, 0, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(1, 3, 0, 0, 0, 0)}, "color has no channel 3"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 0, 0, 0, 0, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(6, 0, 0, 0, 0, 0)}, "plane class 6, known are 0 to 5"),
+        ({"channels": 1, "tail": _CONSTANT.pack(5, 0, 0, 0, 0, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(5, 0, 2, 0, 0, 0)}, "coding 2 is unknown"),
+        ({"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, 0, 9e29)},
+         {"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, 0, -_OVER)}, "scale or offset out of range"),
+        ({"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, 9e29, 0)},
+         {"channels": 1, "tail": _CONSTANT.pack(0, 0, 0, 0, _OVER, 0)}, "scale or offset out of range"),
+        ({"flags": 2, "tail": struct.pack("<4f", 1.0009, 0, 0, 0)},
+         {"flags": 2, "tail": struct.pack("<4f", 1.0011, 0, 0, 0)}, "reference quaternion is not of length 1"),
+        ({"flags": 2, "tail": struct.pack("<4f", 0, 0, -0.9991, 0)},
+         {"flags": 2, "tail": struct.pack("<4f", 0, 0, -0.9989, 0)}, "reference quaternion is not of length 1"),
+        ({"flags": 4, "tail": struct.pack("<12f", *range(12))},
+         {"flags": 4, "tail": struct.pack("<12f", *range(11), _NAN)}, "scale mix is not finite"),
+        ({"flags": 8, "k": 3, "tail": bytes(18)}, {"flags": 8, "k": 4, "tail": bytes(24)}, "k = 4, .* are 1 to 3"),
+        ({"flags": 8, "k": 1, "tail": bytes(6)}, {"flags": 8, "k": 0}, "k = 0, accepted are 1 to 3"),
+        ({"flags": 8, "k": 1, "tail": bytes(6)}, {"flags": 8, "k": 1, "tail": b"\0\x7e" * 3}, "basis is not finite"),
+        ({"flags": 8, "degree": 4, "source_degree": 4, "k": 75, "tail": bytes(75 * 150)},
+         {"flags": 8, "degree": 4, "source_degree": 3, "k": 75, "tail": bytes(75 * 150)}, "SH degree 4 of 3"),
+        ({"flags": 0}, {"tail": b"\0"}, "1 bytes too many"),
+    ],
+)  # fmt: skip
+def test_every_number_of_a_layer_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
+    """docs/FORMAT.md, section LAYR, either side of each of its bounds."""
+    assert read_container(_with_header(**accepted)).layers
+    with pytest.raises(FormatError, match=words):
+        read_container(_with_header(**refused))
+
+
+def test_the_scale_mix_counts_as_its_largest_row_and_mean():
+    """Rows whose magnitudes sum to 6, 15 and 24, scales of up to 1e28, means of 1e29: at most 3.4e29 of 1e30."""
+    mix = struct.pack("<12f", *(-1e29 * (n == 11) if n > 8 else n + 1.0 for n in range(12)))
+    records = _CONSTANT.pack(3, 0, 0, 0, 0, -1e28)
+    assert read_container(_with_header(flags=4, channels=1, tail=mix + records))
+    with pytest.raises(FormatError, match=r"scales of view 0 can decode to 1\.06e\+30"):
+        read_container(_with_header(flags=4, channels=1, tail=mix + _CONSTANT.pack(3, 0, 0, 0, 0, 4e28)))
+
+
+def test_the_basis_counts_each_component_by_its_largest_coefficient():
+    basis = np.array([[1, -4], [-2, 0], [0.5, 3]], "<f2").tobytes()  # 2 and 4 at most
+
+    def read(first: float, second: float) -> Container:
+        records = b"".join(_CONSTANT.pack(1, n, 0, 0, 0, value) for n, value in enumerate((first, second)))
+        return read_container(_with_header(flags=8, k=2, channels=2, tail=basis + records))
+
+    assert read(-1e29, 1.9e29)
+    with pytest.raises(FormatError, match=r"sh can decode to 1\.04e\+30"):
+        read(-1e29, 2.1e29)
+
+
+def test_a_file_has_up_to_4096_sections():
+    sections = sections_of(_file())
+    extra = [[b"XTRA", 0, 0, b""]] * (4096 - len(sections))
+    assert read_container(file_of([*sections, *extra])).layers
+    with pytest.raises(FormatError, match="4097 sections"):
+        read_container(file_of([*sections, *extra, extra[0]]))
+
+
+def _with_photos(
+    size: tuple[int, int] = (2, 3), *, depths: tuple[float, float] = (1.0, 2.0), network: bytes = b"net",
+    layer: bool = True, **fields: int,
+) -> bytes:  # fmt: skip
+    """A hybrid file, or one of photos alone, whose picture is no picture: what its metadata says is all that counts."""
+    camera = Camera([[100.0, 0, 0], [0, 100.0, 0], [0, 0, 1]], np.eye(4), 3, 2)
+    values = {"format": 0, "qp": 20, "sets": 7, "length": 3, **fields}
+    photos = struct.pack("<2I4B", *size, values["format"], values["qp"], values["sets"], 0)
+    extras = [
+        (b"NETW", 0, struct.pack("<32s64s2d", bytes(32), network, *depths)),
+        (b"PHOT", 0, photos + struct.pack("<2I", values["length"], 0)),
+        (b"HEVC", 7, b"sets"),
+        (b"PICS", 0, b"abc"),
+    ]
+    layers = [CodedLayer(2, 3, 0, LayerPlan((), 0, (1.0, 2.0)), (), b"", (camera,))] if layer else []
+    return write_container(layers, [camera], np.zeros(3), "fast", 0.0, extras)
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({}, {"size": (3, 3)}, "3x3, layer 0 is 3x2"),
+        ({}, {"size": (2, 2)}, "2x2, layer 0 is 3x2"),
+        ({"layer": False, "size": (1, 1)}, {"layer": False, "size": (0, 1)}, "photos of 1x0"),
+        ({"layer": False, "size": (1, 65536)}, {"layer": False, "size": (1, 65537)}, "photos of 65537x1"),
+        ({"layer": False, "size": (65536, 1)}, {"layer": False, "size": (65537, 1)}, "photos of 1x65537"),
+        ({"qp": 51}, {"qp": 52}, "QP 52, accepted are 0 to 51"),
+        ({}, {"format": 1}, "photo format 1 is unknown"),
+        ({}, {"sets": 8}, "parameter set 8 is missing"),
+        ({}, {"length": 2}, "3 bytes behind it, 2 announced"),
+        ({"depths": (1e-29, 9e29)}, {"depths": (0.9e-30, 1.0)}, "near 9e-31 and far 1"),
+        ({}, {"depths": (2.0, 2.0)}, "near 2 and far 2"),
+        ({}, {"depths": (1.0, 1.1e30)}, r"near 1 and far 1\.1e\+30"),
+        ({"network": b"n" * 64}, {"network": b"n\xe9t"}, "not printable ASCII"),
+        ({"network": b"a b"}, {"network": b"a\nb"}, "not printable ASCII"),
+    ],
+)  # fmt: skip
+def test_every_number_of_photos_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
+    found = read_container(_with_photos(**accepted))
+    assert found.mode == ("hybrid" if accepted.get("layer", True) else "photos")
+    with pytest.raises(FormatError, match=words):
+        read_container(_with_photos(**refused))
+
+
+def test_photos_count_as_pixels():
+    data = _with_photos((5, 7), layer=False)
+    assert read_container(data, Limits(max_pixels=35)).photos.height == 5
+    with pytest.raises(FormatError, match="35 pixels of photos"):
+        read_container(data, Limits(max_pixels=34))
+
+
+def _with_exact(
+    size: tuple[int, int] = (2, 3), *, degree: int = 0, depths: tuple[float, float] = (1.0, 2.0), layers: int = 1,
+    lengths: Sequence[int] = (), tail: bytes = b"",
+) -> bytes:  # fmt: skip
+    """A lossless file whose planes are one byte each and no planes: what its metadata says is all that counts."""
+    camera = Camera([[100.0, 0, 0], [0, 100.0, 0], [0, 0, 1]], np.eye(4), 3, 2)
+    lengths = lengths or [1] * (12 + 3 * (degree + 1) ** 2)
+    fixed = struct.pack("<2IB3x2f32x5d", *size, degree, *depths, 100, 100, 0, 0, 0)
+    table = b"".join(struct.pack("<2I", length, 0) for length in lengths)
+    extras = [(b"EXAC", n, fixed + table + tail) for n in range(layers)]
+    extras += [(b"EXAP", n, bytes(12 + 3 * (degree + 1) ** 2)) for n in range(layers)]
+    return write_container([], [camera], np.zeros(3), "max", 0.0, extras, layer_count=layers)
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({"size": (1, 1)}, {"size": (0, 1)}, "grid 1x0"),
+        ({"size": (1, 65536)}, {"size": (1, 65537)}, "grid 65537x1"),
+        ({"size": (65536, 1)}, {"size": (65537, 1)}, "grid 1x65537"),
+        ({"degree": 4}, {"degree": 5}, "SH degree 5"),
+        ({"depths": (2.0, 2.0)}, {"depths": (2.1, 2.0)}, "depth limits"),
+        ({"depths": (1.1e-30, 2.0)}, {"depths": (0.9e-30, 2.0)}, "depth limits"),
+        ({"depths": (1.0, 0.9e30)}, {"depths": (1.0, 1.1e30)}, "depth limits"),
+        ({"lengths": [0] * 14 + [15]}, {"lengths": [0] * 14 + [16]}, "15 bytes behind it, 16 announced"),
+        ({}, {"tail": b"x"}, "1 bytes too many"),
+    ],
+)  # fmt: skip
+def test_every_number_of_exact_planes_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
+    assert read_container(_with_exact(**accepted)).mode == "lossless"
+    with pytest.raises(FormatError, match=words):
+        read_container(_with_exact(**refused))
+
+
+def test_exact_planes_count_as_gaussians_and_as_memory():
+    """Two layers of 6 Gaussians with 15 planes, 12 bytes a number: as float16, float64 and float32 at a time."""
+    data = _with_exact(layers=2)
+    assert len(read_container(data, Limits(max_pixels=12, max_memory_bytes=2 * 6 * 15 * 12)).exact) == 2
+    for limits in (Limits(max_pixels=11), Limits(max_memory_bytes=2 * 6 * 15 * 12 - 1)):
+        with pytest.raises(FormatError, match=r"EXAC\[1\]: 12 Gaussians, 2160 bytes to decode"):
+            read_container(data, limits)
 
 
 def _with_records(records: Sequence[Record], order: Sequence[int]) -> bytes:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.cameras import Camera, check_is_in_pixels
 
 K = np.array([[100.0, 0, 32], [0, 110, 24], [0, 0, 1]])
 
@@ -41,6 +41,48 @@ def test_bad_cameras_are_refused_with_the_field(changes, field):
         Camera(**{"K": K, "c2w": np.eye(4), "width": 64, "height": 48, **changes})
     assert caught.value.where == field
     assert "\n" not in str(caught.value)
+
+
+def _moved(index: int, value: float) -> np.ndarray:
+    return _with(np.eye(4), (index, 3), value)
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused"),
+    [
+        *(({"c2w": _moved(axis, s * 1e15)}, {"c2w": _moved(axis, s * 1.01e15)}) for axis in range(3) for s in (1, -1)),
+        *(({"K": _with(K, at, s * 1e9)}, {"K": _with(K, at, s * 1.01e9)}) for at in ((0, 1), (1, 2)) for s in (1, -1)),
+        *(({"K": _with(K, at, 1e9)}, {"K": _with(K, at, 1.01e9)}) for at in ((0, 0), (1, 1))),
+        *(({"K": _with(K, at, 1e-6)}, {"K": _with(K, at, 0.99e-6)}) for at in ((0, 0), (1, 1))),
+        ({"c2w": _with(np.eye(4), (0, 1), 0.99e-3)}, {"c2w": _with(np.eye(4), (0, 1), 1.01e-3)}),
+        ({"width": 1}, {"width": 0}), ({"width": 65536}, {"width": 65537}),
+        ({"height": 1}, {"height": 0}), ({"height": 65536}, {"height": 65537}),
+    ],
+)  # fmt: skip
+def test_numbers_of_a_camera_are_accepted_to_their_bound_and_no_further(accepted, refused):
+    good = {"K": K, "c2w": np.eye(4), "width": 64, "height": 48}
+    Camera(**{**good, **accepted})
+    with pytest.raises(InputError) as caught:
+        Camera(**{**good, **refused})
+    assert caught.value.where == next(iter(refused))
+
+
+def test_intrinsics_that_were_divided_by_the_image_s_size_are_told():
+    def check(focal: float, width: int, height: int) -> None:
+        check_is_in_pixels(Camera([[focal, 0, 0.5], [0, focal, 0.5], [0, 0, 1]], np.eye(4), width, height), "K")
+
+    for size in ((16, 16), (640, 480)):
+        check(4.0, *size)
+        with pytest.raises(InputError, match=r"focal length 3\.99 px"):
+            check(3.99, *size)
+    check(1.0, 15, 640)  # a picture this small may have such a focal length
+    check(1.0, 640, 15)
+
+
+def test_unit_intrinsics_and_the_focal_length_by_hand():
+    camera = Camera([[90.0, 3, 32], [0, 40, 24], [0, 0, 1]], np.eye(4), 64, 48)
+    assert camera.focal == pytest.approx(60)
+    np.testing.assert_allclose(camera.K_unit, [[90 / 64, 3 / 64, 0.5], [0, 40 / 48, 0.5], [0, 0, 1]])
 
 
 def test_a_rotation_written_with_few_digits_is_made_exact():

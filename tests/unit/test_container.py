@@ -53,6 +53,21 @@ def test_truncation_at_every_byte_is_a_format_error(data):
             read_container(data[:length])
 
 
+def test_a_prefix_that_ends_with_the_table_is_told_what_the_metadata_takes(data):
+    sections = sections_of(data)
+    end = L.HEADER.size + len(sections) * L.TABLE_ROW.size
+    metadata = end + sum(len(section[3]) for section in sections if section[0] not in set(L.PLANES.values()))
+    with pytest.raises(
+        FormatError, match=f"the first {end} bytes hold no picture; the metadata alone takes {metadata}"
+    ):
+        read_container(data[:end], is_prefix=True)
+    with pytest.raises(FormatError, match=f"{len(sections)} sections do not fit in {end - 1} bytes"):
+        read_container(data[: end - 1], is_prefix=True)
+    assert read_container(data[:metadata], is_prefix=True).total_bytes == len(data)
+    with pytest.raises(FormatError, match="hold no picture"):
+        read_container(data[: metadata - 1], is_prefix=True)
+
+
 def test_any_flipped_bit_is_a_format_error(data):
     rng = np.random.default_rng(0)
     for position in rng.choice(len(data), 400, replace=False):

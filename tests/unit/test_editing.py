@@ -63,7 +63,13 @@ def test_selections_keep_what_they_say() -> None:
     assert opaque.opacities.min() >= 0.5 and opaque.count == (scene.flat().opacities >= 0.5).sum()
     box = crop(scene, (-1, -1, 2), (1, 1, 3))
     assert 0 < box.count < scene.count and (np.abs(box.means - (0, 0, 2.5)) <= (1, 1, 0.5)).all()
-    assert cut_degree(scene, 0).sh.shape[-2] == 1
+
+
+@pytest.mark.parametrize(("degree", "kept"), [(0, 1), (1, 4), (2, 9), (3, 9), (4, 9)])
+def test_the_degree_is_cut_in_all_layers_and_never_raised(degree: int, kept: int) -> None:
+    scene = make_gaussians(degree=2, layers=2)
+    for before, after in zip(scene.layers, cut_degree(scene, degree).layers, strict=True):
+        np.testing.assert_array_equal(after.sh, before.sh[..., :kept, :])
 
 
 def test_merged_scenes_keep_their_places_and_degrees() -> None:

@@ -192,6 +192,14 @@ def many(document: dict[str, Any]) -> None:
     document["accessors"][0]["count"] = 1 << 31
 
 
+def one_byte_beyond_its_view(document: dict[str, Any]) -> None:
+    document["bufferViews"][0]["byteLength"] -= 1
+
+
+def one_byte_beyond_its_buffer(document: dict[str, Any]) -> None:
+    document["bufferViews"][0]["byteOffset"] = 1
+
+
 def unequal(document: dict[str, Any]) -> None:
     document["accessors"][3]["count"] = 1
 
@@ -226,7 +234,8 @@ def partial(document: dict[str, Any]) -> None:
     ("change", "words"),
     [
         (outside, "folder"), (endless_name, "folder"), (network, "folder"),
-        (many, "too short"), (unequal, "beside 2 positions"),
+        (many, "too short"), (one_byte_beyond_its_view, "SH_DEGREE_0_COEF_0.*too short"),
+        (one_byte_beyond_its_buffer, "beyond its buffer"), (unequal, "beside 2 positions"),
         (stretched, "uniform scale"), (endless, "no end"), (compressed, "compressed by"), (plain, "no primitive"),
         (negative, "damaged"), (partial, "SH_DEGREE_1_COEF_1"),
     ],

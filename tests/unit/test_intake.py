@@ -20,6 +20,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import image_size, read_image, write_png
 from tinysplat_runtime.scene.intake.colmap_binary import check_counts
+from tinysplat_runtime.scene.intake.depths import depth_range, depth_range_in_view
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
 from tinysplat_runtime.scene.intake.stereo import stereo_scene
 from tinysplat_runtime.scene.scenes import Scene
@@ -136,6 +137,31 @@ def test_distortion_without_the_package_names_the_remedy(folder: Path, monkeypat
     hide(monkeypatch, "pycolmap")
     message = refusal(write_transforms(folder, transforms(k1=0.1)))
     assert "lens distortion" in message and 'pip install "tinysplat[poses]"' in message
+
+
+def test_depths_leave_a_hundredth_out_at_either_end_and_a_tenth_of_room() -> None:
+    among = [np.nan, np.inf, -np.inf, -3.0, 0.0]
+    near, far = depth_range(np.array([*among, *range(101, 0, -1)]))
+    assert near == pytest.approx(2 / 1.1) and far == pytest.approx(100 * 1.1)
+    assert depth_range(np.array(among)) == (None, None)
+    assert depth_range(np.array([2.2])) == pytest.approx((2.0, 2.42))
+
+
+def test_depths_are_those_of_points_in_some_picture() -> None:
+    camera = Camera([[20.0, 0, 16], [0, 20, 12], [0, 0, 1]], np.eye(4), WIDTH, HEIGHT)
+    c2w = np.eye(4)
+    c2w[2, 3] = -4.0  # the same view from farther back
+    behind = Camera(camera.K, c2w, WIDTH, HEIGHT)
+
+    def point(u: float, v: float, z: float) -> list[float]:
+        return [(u - 16) / 20 * z, (v - 12) / 20 * z, z]
+
+    inside = [point(0, 0, 2.0), point(31.9, 23.9, 2.5), point(16, 12, 8.0)]
+    outside = [point(-0.1, 12, 1.0), point(32, 12, 1.1), point(16, -0.1, 9.0), point(16, 24, 9.5), point(16, 12, -1)]
+    assert depth_range_in_view(np.array(inside + outside), [camera]) == depth_range(np.array([2, 2.5, 8]))
+    assert depth_range_in_view(np.array(outside[:4]), [camera]) == (None, None)
+    both = depth_range_in_view(np.array(inside[2:]), [camera, behind])
+    assert both == depth_range(np.array([8.0, 12.0]))
 
 
 def test_depths_come_from_the_point_cloud(folder: Path) -> None:

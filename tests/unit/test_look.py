@@ -92,6 +92,16 @@ def test_what_is_wrong_with_cameras_is_named(scene: Scene, change, words: str) -
     assert fault is not None and words in fault
 
 
+def test_a_photo_of_one_colour_is_named(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    def images(self: Scene) -> NDArray:
+        found = np.random.default_rng(0).uniform(size=(len(self.frames), *self.frames[0].camera.K.shape, 3))
+        found[1] = 0.01
+        return found
+
+    monkeypatch.setattr(Scene, "images", images)
+    assert likely_fault(scene) == "photos of one colour show nothing to find depth by: 1"
+
+
 def test_the_depth_range_is_found_from_photos(scene: Scene) -> None:
     near, far = range_seen(scene.images(), scene.cameras)
     assert 0.5 * DEPTHS[0] < near < DEPTHS[0] and DEPTHS[1] < far < 3 * DEPTHS[1]

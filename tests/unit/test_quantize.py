@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tinysplat_runtime.codec.encoder import EncodeStats, quantise_channel
 from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, without_outliers
-from tinysplat_runtime.gaussian.planes import MAX_CODE, hevc_step
+from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass, hevc_step
 
 STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
 """Steps, as shares of the range, whose QP lies between 0 and the highest: what planes are coded at."""
@@ -93,6 +94,12 @@ def test_a_few_strays_far_out_are_cut_and_half_a_range_is_left_about_the_rest(si
     assert far == pytest.approx(1.5 * REACH, rel=0.01)
 
 
+def test_the_range_that_is_left_grows_with_what_most_values_take():
+    values = _values(3 * REACH, *[40 * REACH] * 4)
+    low, high = without_outliers(values, 0.0, 40 * REACH, 1.0)
+    assert low == 0 and high == pytest.approx(4.5 * REACH, rel=0.01)
+
+
 def test_more_strays_than_the_share_are_all_kept():
     values = _values(REACH, *[40 * REACH] * 6)  # of 10,000, five at either end may go
     ends = float(values.min()), float(values.max())
@@ -105,3 +112,12 @@ def test_planes_of_few_values_are_kept_whole():
         values = np.float32([0, 1, 1e6][-count:])
         ends = float(values.min()), float(values.max())
         assert without_outliers(values, *ends, 1.0) == ends
+
+
+def test_what_a_window_leaves_out_is_counted_and_what_lies_on_its_ends_is_not():
+    values = np.float32([-0.5] * 3 + [0, 1, 0.2, 0.4, 0.6] + [1.25] * 2).reshape(1, 2, 5)
+    stats = EncodeStats()
+    coded = quantise_channel(Channel(PlaneClass.OPACITY, 0, values, 1e-3, (0.0, 1.0)), stats)
+    assert stats.clipped == {"opacity": 5}
+    found = coded.code_map.dequantise(coded.codes)
+    np.testing.assert_allclose(found, np.clip(values, 0, 1), atol=2 * coded.code_map.scale)

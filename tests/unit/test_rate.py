@@ -13,7 +13,7 @@ from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.codec.quantise import choose_code_map
-from tinysplat_runtime.codec.rate import ChannelModel, encode_to_size
+from tinysplat_runtime.codec.rate import ChannelModel, _next_qp, _slope, _solve, encode_to_psnr, encode_to_size
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
 from tinysplat_runtime.render import DEFINITION, renderer
@@ -123,3 +123,72 @@ def test_the_model_predicts_the_bytes_of_natural_planes_within_15_percent(profil
         code_map = choose_code_map(*window, float(values.mean()), step)
         found = len(encode_plane(code_map.quantise(values)[0][0], code_map.qp, PROFILES[profile].encoder).payload)
         assert model.bytes_at(shift) == pytest.approx(found, rel=0.15)
+
+
+class _Scripted:
+    """An encoder whose files say at which Q_g they were asked for, and nothing of plans."""
+
+    profile = PROFILES["fast"]
+
+    def __init__(self) -> None:
+        self.planned: list[float] = []
+
+    def plan(self, qp):
+        self.planned.append(qp)
+        return []
+
+    def code(self, plans, qp):
+        return repr(qp).encode()
+
+
+def test_the_search_aims_a_tenth_of_a_decibel_above_the_target():
+    """Of a curve that falls as is expected, 0.6 dB per Q_g, the second file has 0.1 dB more than asked for."""
+    encoder = _Scripted()
+    data = encode_to_psnr(encoder, 38.0, lambda data: 40 - 0.6 * float(data))
+    assert float(data) == pytest.approx((40 - 38.1) / 0.6)
+    assert encoder.planned == [0, float(data)]  # more than 1.5 away, what follows from Q_g is asked for anew
+
+
+def test_files_within_a_fifth_of_a_decibel_above_the_target_are_taken_and_others_not():
+    for first, is_taken in ((38.0, True), (38.2, True), (37.99, False), (38.21, False)):
+        found = encode_to_psnr(_Scripted(), 38.0, lambda data, first=first: first - 0.6 * float(data))
+        assert (float(found) == 0) == is_taken
+
+
+def test_a_search_without_end_stops_after_14_files_and_names_the_nearest():
+    seen = []
+
+    def measure(data: bytes) -> float:
+        seen.append(float(data))
+        return 39.0 if float(data) < 1 else 37.5  # a step in the curve, with the target inside
+
+    with pytest.raises(InputError, match=r"target_psnr: 38 dB; .* reaches 37\.50 dB"):
+        encode_to_psnr(_Scripted(), 38.0, measure)
+    assert len(seen) == 14
+
+
+def test_the_slope_is_that_of_the_two_latest_files_within_a_factor_of_two():
+    """dB lost per Q_g, typically 0.6."""
+    assert _slope([(0, 40)], 0.7) == 0.7
+    assert _slope([(9, 99), (2, 40), (5, 37.6)], 0.7) == pytest.approx(0.8)
+    assert _slope([(5, 37.6), (2, 40)], 0.7) == pytest.approx(0.8)
+    assert _slope([(2, 40), (2.09, 30)], 0.7) == 0.7  # too near to tell
+    assert _slope([(2, 40), (2.11, 39.9)], 0.7) == pytest.approx(0.1 / 0.11)
+    assert _slope([(2, 40), (3, 39.9)], 0.7) == pytest.approx(0.3)
+    assert _slope([(2, 40), (3, 41)], 0.7) == pytest.approx(0.3)
+    assert _slope([(2, 40), (3, 38)], 0.7) == pytest.approx(1.2)
+
+
+def test_the_next_file_lies_between_its_neighbours_or_along_the_slope():
+    assert _next_qp([(2.0, 40.0)], 37.0, 0.5) == pytest.approx(8.0)
+    assert _next_qp([(2.0, 40.0), (4.0, 39.0)], 38.0, 0.5) == pytest.approx(6.0)
+    assert _next_qp([(2.0, 36.0)], 37.0, 0.5) == pytest.approx(0.0)
+    assert _next_qp([(0.0, 42.0), (2.0, 40.0), (8.0, 34.0), (6.0, 37.0)], 39.0, 0.5) == pytest.approx(2 + 4 / 3)
+    assert _next_qp([(2.0, 40.0), (6.0, 30.0)], 39.99, 0.5) == pytest.approx(2.4)  # not at the very end
+    assert _next_qp([(2.0, 40.0), (6.0, 30.0)], 30.01, 0.5) == pytest.approx(5.6)
+
+
+def test_a_falling_function_s_zero_is_found_or_the_nearer_end():
+    assert _solve(lambda x: 3 - 2 * x, -8, 9) == pytest.approx(1.5, abs=1e-3)
+    assert _solve(lambda x: 3 - 2 * x, 2, 9) == 2
+    assert _solve(lambda x: 3 - 2 * x, -8, 1) == 1

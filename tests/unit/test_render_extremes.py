@@ -11,7 +11,9 @@ from reference.rasteriser import render_reference
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, render, renderer
 from tinysplat_runtime.render import compiled as compiled_code
-from tinysplat_runtime.render.tiles import depth_order, runs, stable_argsort
+from tinysplat_runtime.render.prepare import prepare
+from tinysplat_runtime.render.project import Splats, View, project
+from tinysplat_runtime.render.tiles import Grid, depth_order, find_pairs, runs, stable_argsort
 from tinysplat_runtime.scene.cameras import Camera
 
 OUTPUTS = ("rgb", "depth", "alpha")
@@ -256,3 +258,67 @@ def test_runs_hold_at_most_the_limit_or_one_splat():
     order = np.array([0, 1, 2, 3, 6, 4, 5, 7])
     cut = [run.tolist() for run in runs(areas, order, limit=8)]
     assert cut == [[0, 1, 2], [3], [6], [4, 5, 7]]
+
+
+def _covered(covariance, centre, exponent, grid, aside):
+    """Tiles of 4 × 4 pixels by hand: between the tile's first and last row of pixel centres, the ellipse meets a column
+    of them, up to `aside` pixels to the left or right.
+    """
+    (a, b), (_, c) = np.linalg.inv(covariance)
+    x = np.arange(grid.width)[:, None, None] + 0.5 - centre[0]
+    y = 4 * np.arange(grid.rows)[:, None] + np.linspace(0.5, 3.5, 101) - centre[1]
+    x = x + np.clip(-b / a * y - x, -aside, aside)  # to where the exponent is least, if that is within reach
+    columns, rows = np.nonzero((0.5 * (a * x * x + 2 * b * x * y + c * y * y) <= exponent).any(axis=2))
+    return set((rows * grid.columns + columns // 4).tolist())
+
+
+def test_splats_are_listed_for_the_tiles_that_they_cover_and_for_no_others():
+    """Every list in the order of drawing, and filled up to batches of eight with what has no opacity."""
+    rng, grid, count = np.random.default_rng(3), Grid(61, 43), 40
+    splats = Splats(count)
+    covariances, centres = [], rng.uniform(-8, 68, (count, 2)) * [1, 0.7]
+    splats.log_opacities[:count] = log_opacities = np.log(rng.uniform(0.1, 1, count))
+    for n in range(count):
+        a = np.diag(np.exp(rng.uniform(-0.5, 2.2, 2)))
+        turn = np.array([[np.cos(n), -np.sin(n)], [np.sin(n), np.cos(n)]])
+        sigma = turn @ a @ a @ turn.T
+        covariances.append(sigma)
+        alpha_x = np.sqrt(sigma[1, 1] / 2 / np.linalg.det(sigma))
+        factors = alpha_x, -alpha_x * sigma[0, 1] / sigma[1, 1], np.sqrt(0.5 / sigma[1, 1])
+        splats.records[n, :5] = *centres[n], *factors
+    order = rng.permutation(count)
+    pairs = find_pairs(splats, order, grid, None, lambda job, items: [job(item) for item in items])
+    listed = [set() for _ in range(count)]
+    for tile in range(grid.count):
+        batches = pairs.batches[pairs.bounds[tile] : pairs.bounds[tile + 1]].ravel()
+        rows = batches[batches != splats.blank]
+        np.testing.assert_array_equal(rows, [n for n in order if n in set(rows.tolist())])
+        assert len(batches) == -(-len(rows) // 8) * 8 and (batches[len(rows) :] == splats.blank).all()
+        for n in rows:
+            listed[n].add(tile)
+    exponents = log_opacities + np.log(255)
+    for n in range(count):
+        least = _covered(covariances[n], centres[n], exponents[n] - 1e-3, grid, 0)
+        most = _covered(covariances[n], centres[n], exponents[n] + 1e-3, grid, 0.05)
+        assert least <= listed[n] <= most
+    assert sum(map(len, listed)) > 500
+
+
+def test_a_projected_block_names_the_splats_that_show_and_their_tiles_by_hand():
+    camera = Camera([[40.0, 0, 16], [0, 40.0, 12], [0, 0, 1]], np.eye(4), 32, 24)
+    means = [[0, 0, 2.0], [0, 0, -2.0], [0.4, 0, 2.0], [3.0, 0, 2.0], [0, 0, 0.05]]
+    scene = cloud(
+        5, means=np.array(means), scales=np.full((5, 3), 0.1), quats=np.tile([1.0, 0, 0, 0], (5, 1)),
+        opacities=np.full(5, 0.5),
+    )  # fmt: skip
+    (block,) = prepare(scene)
+    splats = Splats(5)
+    np.testing.assert_array_equal(project(block, View.of(camera, np.zeros(3), 0.1), (4, 4), splats), [0, 2])
+    reach = np.sqrt(2 * np.log(0.5 * 255) * (2.0**2 + 0.3))  # of σ = 2 px and the dilation: 6.5 px
+    for row, u in ((0, 16), (2, 24)):
+        np.testing.assert_allclose(splats.records[row, :2], [u, 12], atol=1e-5)
+        columns = [int(np.ceil(u - reach - 0.5)) // 4, min(int(np.floor(u + reach - 0.5)), 31) // 4]
+        rows = [int(np.ceil(12 - reach - 0.5)) // 4, int(np.floor(12 + reach - 0.5)) // 4]
+        assert splats.areas[row] == (columns[1] - columns[0] + 1) * (rows[1] - rows[0] + 1)
+        assert splats.depths[row] == pytest.approx(2)
+    assert project(block, View.of(camera, np.array([0, 0, -9.0]), 0.1), (4, 4), splats).size == 0

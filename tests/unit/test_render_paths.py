@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.render import between, orbit
+from tinysplat_runtime.render.paths import outside
 from tinysplat_runtime.scene.cameras import Camera
 
 
@@ -115,3 +117,21 @@ def test_unusable_arguments_are_named(make, field):
     with pytest.raises(InputError) as caught:
         make()
     assert caught.value.where == field
+
+
+def test_gaussians_without_views_are_looked_at_from_before_all_but_strays():
+    """A line of 101 along each axis: from the 5th to the 95th of a hundred steps, and as far back as 1.5 diagonals."""
+    steps = np.linspace(0, 100, 101)
+    means = np.stack([steps, 2 * steps, -steps], axis=1)
+    means[[0, 100]] *= 1000
+    around = np.array([10.0, 20, 30])
+    scene = Gaussians(means - around, np.tile([1.0, 0, 0, 0], (101, 1)), np.ones((101, 3)), np.ones(101),
+                      np.zeros((101, 1, 3)), origin=around)  # fmt: skip
+    found = outside(scene)
+    diagonal = 90 * np.sqrt(1 + 4 + 1)
+    np.testing.assert_allclose(found.centre, [50, 100, -50 - 1.5 * diagonal], rtol=1e-6)
+    np.testing.assert_array_equal(found.c2w[:3, :3], np.eye(3))
+    np.testing.assert_array_equal(found.K, [[600, 0, 400], [0, 600, 300], [0, 0, 1]])
+    assert (found.width, found.height) == (800, 600)
+    one = Gaussians(means[1:2], scene.quats[:1], scene.scales[:1], scene.opacities[:1], scene.sh[:1])
+    np.testing.assert_allclose(outside(one).centre, means[1] - [0, 0, 1])

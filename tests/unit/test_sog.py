@@ -40,12 +40,30 @@ def assert_close(read: Gaussians, made: Gaussians, sh: float) -> None:
         assert np.sqrt(((read.sh[:, 1:] - made.sh[:, 1:]) ** 2).mean()) < sh
 
 
-@pytest.mark.parametrize("degree", [0, 1, 3])
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_our_reader_gives_back_what_was_written(tmp_path: Path, degree: int) -> None:
     made = some(degree)
     assert save_gaussians(tmp_path / "a.sog", made) == []
     # 800 Gaussians, palette of 1,024: nothing but the codebook's steps is lost
     assert_close(load_gaussians(tmp_path / "a.sog"), made, sh=0.002)
+
+
+def test_coefficients_above_degree_3_are_cut_and_that_is_said(tmp_path: Path) -> None:
+    made = some(4)
+    assert save_gaussians(tmp_path / "a.sog", made) == [
+        "SH of degree 4 cut to 3, the highest that readers of .sog know"
+    ]
+    lowered = Gaussians(made.means, made.quats, made.scales, made.opacities, made.sh[:, :16])
+    assert_close(load_gaussians(tmp_path / "a.sog"), lowered, sh=0.002)
+
+
+def test_one_vector_of_coefficients_is_a_palette(tmp_path: Path) -> None:
+    made = some(1)
+    sh = np.tile(np.arange(12).reshape(1, 4, 3) / 20, (len(made.sh), 1, 1))
+    save_gaussians(tmp_path / "a.sog", Gaussians(made.means, made.quats, made.scales, made.opacities, sh))
+    with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+        assert json.loads(archive.read("meta.json"))["shN"]["count"] == 1
+    np.testing.assert_allclose(load_gaussians(tmp_path / "a.sog").sh, sh, atol=1e-6)
 
 
 def test_a_folder_is_read_as_the_bundle_is(tmp_path: Path) -> None:
@@ -84,6 +102,16 @@ def test_a_palette_is_better_than_as_many_vectors_drawn_at_random() -> None:
     assert error < 0.8 * at_random
 
 
+def test_a_palette_does_not_depend_on_the_vectors_unit() -> None:
+    rng = np.random.default_rng(0)
+    vectors = (rng.normal(size=(4000, 4)) @ rng.normal(size=(4, 9))).astype(np.float32)
+    chosen, label = palette(vectors, 64)
+    for unit in (2.0**-20, 2.0**20):
+        scaled, same = palette(vectors * np.float32(unit), 64)
+        np.testing.assert_array_equal(same, label)
+        np.testing.assert_array_equal(scaled, chosen * np.float32(unit))
+
+
 def test_a_codebook_is_exact_where_values_are_few_and_near_optimal_where_they_are_many() -> None:
     few = np.array([1.0, 1.0, 5.0, -2.0])
     np.testing.assert_array_equal(codebook(few)[nearest(few, codebook(few))], few)
@@ -92,6 +120,15 @@ def test_a_codebook_is_exact_where_values_are_few_and_near_optimal_where_they_ar
     error = ((many - levels[nearest(many, levels)]) ** 2).mean()
     optimum = np.pi * np.sqrt(3) / 2 / 256**2  # Panter and Dite's for a normal distribution of variance 1
     assert error < 1.5 * optimum
+
+
+def test_levels_of_a_codebook_that_nothing_is_nearest_to_stay_among_the_values() -> None:
+    rng = np.random.default_rng(0)
+    values = np.concatenate([5 + 1e-3 * rng.random(3000), 6 + 1e-3 * rng.random(3000), np.linspace(5, 6, 40)])
+    levels = codebook(values)
+    assert (np.diff(levels) >= 0).all() and levels[0] >= 5 and levels[-1] <= 6.001
+    assert (np.bincount(nearest(values, levels), minlength=256) == 0).any()
+    assert np.abs(values - levels[nearest(values, levels)]).max() < 0.03
 
 
 def damaged(path: Path, change: Any) -> None:
@@ -133,6 +170,10 @@ def short_codebook(meta: dict[str, Any], files: dict[str, bytes]) -> None:
     meta["sh0"]["codebook"].pop()
 
 
+def long_picture(meta: dict[str, Any], files: dict[str, bytes]) -> None:
+    files["quats.webp"] += bytes(100_000)
+
+
 def beyond_the_palette(meta: dict[str, Any], files: dict[str, bytes]) -> None:
     buffer = io.BytesIO()
     Image.new("RGBA", (64 * 15, 1), (0, 0, 0, 255)).save(buffer, "WEBP", lossless=True)
@@ -143,7 +184,8 @@ def beyond_the_palette(meta: dict[str, Any], files: dict[str, bytes]) -> None:
     ("change", "words"),
     [
         (version_1, "version"), (many, "cannot hold"), (elsewhere, "plain name"), (small, "16 pixels"),
-        (huge, "4000x4000"), (short_codebook, "256 numbers"), (beyond_the_palette, "palette of 64"),
+        (huge, "4000x4000"), (long_picture, r"quats.webp: \d{6} bytes, expected at most"),
+        (short_codebook, "256 numbers"), (beyond_the_palette, "palette of 64"),
     ],
 )  # fmt: skip
 def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any, words: str) -> None:
@@ -152,3 +194,18 @@ def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any,
     with pytest.raises(InputError, match=words) as caught:
         load_gaussians(tmp_path / "bad.sog")
     assert "bad.sog" in str(caught.value)
+
+
+def test_members_of_another_compression_are_refused(tmp_path: Path) -> None:
+    save_gaussians(tmp_path / "a.sog", some(0))
+    with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    for compression, is_fine in ((zipfile.ZIP_DEFLATED, True), (zipfile.ZIP_BZIP2, False)):
+        with zipfile.ZipFile(tmp_path / "b.sog", "w", compression) as archive:
+            for name, data in files.items():
+                archive.writestr(name, data)
+        if is_fine:
+            assert load_gaussians(tmp_path / "b.sog").count == some(0).count
+        else:
+            with pytest.raises(InputError, match="bytes, expected at most"):
+                load_gaussians(tmp_path / "b.sog")

@@ -73,6 +73,51 @@ def test_higher_coefficients_of_a_ksplat_lie_band_by_band_and_channel_by_channel
     np.testing.assert_array_equal(sh[4:9], np.arange(9, 24).reshape(3, 5).T)
 
 
+def bucketed(mode: int, capacity: int = 2, sh_range: tuple[float, float] = (0.0, 0.0)) -> bytes:
+    """Two sections of mode 1 or 2: three Gaussians in a full bucket and one of a single Gaussian, then one in one."""
+    header = bytearray(4096)
+    struct.pack_into("<2B2xI", header, 0, 0, 1, 2)
+    struct.pack_into("<IH", header, 16, 4, mode)
+    struct.pack_into("<2f", header, 36, *sh_range)
+    sections, bodies = b"", b""
+    for count, room, full, steps, degree in ((3, 4, 1, 100, 1), (1, 1, 0, 0, 0)):
+        section = bytearray(1024)
+        struct.pack_into("<4IfHxxI", section, 0, count, room, capacity, full + 1, 0.5, 16, steps)
+        struct.pack_into("<2IH", section, 32, full, 1, degree)
+        sections += section
+        bodies += struct.pack("<I", 1)  # Gaussians of the one bucket that is not full
+        bodies += b"".join(struct.pack("<3f4x", 10 * n, 20 + n, -30) for n in range(full + 1))
+        for n in range(room):
+            bodies += struct.pack("<3H", (steps or 32767) + 10 * n, 0, 2 * (steps or 32767))
+            bodies += struct.pack("<7e4B", 0.125, 0.25, 0.5, 0, 1, 0, 0, 255, 128, 0, 51)
+            bodies += struct.pack("<9e", *range(9)) if degree and mode == 1 else bytes(range(0, 252, 28)) * degree
+    return bytes(header) + sections + bodies
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_buckets_of_a_ksplat_by_hand(tmp_path: Path, mode: int) -> None:
+    """A position is its bucket's centre, and of half a bucket's side as many parts as the section states or 32767."""
+    (tmp_path / "a.ksplat").write_bytes(bucketed(mode, sh_range=(-2.0, 3.0)))
+    read = load_gaussians(tmp_path / "a.ksplat")
+    of_100, least, most = 0.25 * 10 / 100, -0.25, 0.25
+    wanted = [[0, 20 + least, -30 + most], [of_100, 20 + least, -30 + most], [10 + 2 * of_100, 21 + least, -30 + most],
+              [0, 20 + least, -30 + most]]  # fmt: skip
+    np.testing.assert_allclose(read.means, wanted, rtol=1e-6)
+    np.testing.assert_allclose(read.scales, [[0.125, 0.25, 0.5]] * 4)
+    np.testing.assert_allclose(read.quats, [[0, 1, 0, 0]] * 4)
+    np.testing.assert_allclose(read.opacities, [0.2] * 4, rtol=1e-6)
+    np.testing.assert_allclose(0.5 + 0.28209479177387814 * read.sh[:, 0], [[1, 128 / 255, 0]] * 4, atol=1e-6)
+    higher = np.arange(9) if mode == 1 else np.arange(9) * 28 / 255 * 5 - 2
+    np.testing.assert_allclose(read.sh[:3, 1:], [higher.reshape(3, 3).T] * 3, atol=1e-6)
+    assert not read.sh[3, 1:].any()
+
+
+def test_a_ksplat_of_mode_2_that_states_no_range_has_that_of_its_maker(tmp_path: Path) -> None:
+    (tmp_path / "a.ksplat").write_bytes(bucketed(2))
+    higher = load_gaussians(tmp_path / "a.ksplat").sh[0, 1:].T.ravel()
+    np.testing.assert_allclose(higher, np.arange(9) * 28 / 255 * 3 - 1.5, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
@@ -80,7 +125,8 @@ def test_higher_coefficients_of_a_ksplat_lie_band_by_band_and_channel_by_channel
         ("a.ksplat", ksplat(version=0), "version"), ("a.ksplat", ksplat(mode=3), "mode"),
         ("a.ksplat", ksplat(sections=4000), "too short"), ("a.ksplat", ksplat(count=2), "damaged header"),
         ("a.ksplat", ksplat(room=1 << 31), "too short"), ("a.ksplat", ksplat(degree=9), "degree 9"),
-        ("a.ksplat", ksplat(mode=1), "fewer Gaussians"),
+        ("a.ksplat", ksplat(mode=1), "fewer Gaussians"), ("a.ksplat", bucketed(1, capacity=1), "fewer Gaussians"),
+        ("a.ksplat", bucketed(1)[:-1], "section 1 of 44 bytes"), ("a.ksplat", ksplat(sections=0), "no Gaussians"),
     ],
 )  # fmt: skip
 def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, name: str, data: bytes, words: str) -> None:

@@ -70,6 +70,56 @@ def test_every_version_reads_back_as_the_others_do(tmp_path: Path, version: int,
     assert same_rotations(loaded.quats, gaussians.quats, 0.3 if version == 2 else 0.01)
 
 
+def words_by_hand() -> tuple[NDArray, bytes]:
+    """Rotations wxyz, and as the format has them: the largest component's index in xyzw, a sign and 9 bits of each."""
+    codes = [(3, (+77, -300, +200)), (0, (-500, +1, -2)), (1, (0, +400, -255)), (2, (+128, -64, +32))]
+    quats, words = [], b""
+    for largest, three in codes:
+        word, xyzw = largest, list(np.array(three) / 511 / np.sqrt(2))
+        for code in three:
+            word = word << 10 | (code < 0) << 9 | abs(code)
+        xyzw.insert(largest, np.sqrt(1 - np.square(xyzw).sum()))
+        quats.append(np.roll(xyzw, 1))
+        words += struct.pack("<I", word)
+    return np.array(quats), words
+
+
+def test_a_file_by_hand_is_read_and_written(tmp_path: Path) -> None:
+    """All bytes of version 3 as the format's README has them, at 8 fractional bits."""
+    quats, words = words_by_hand()
+    quats = quats * np.array([1, *TURN])
+    fixed = np.array([[25600, -25600, 1], [-1, 2, 3], [-8388607, 8388607, 0], [256, 512, -768]])
+    positions = b"".join(int(v).to_bytes(3, "little", signed=True) for v in fixed.ravel())
+    header = struct.pack("<IIIBBBB", 0x5053474E, 3, 4, 1, 8, 0, 0)
+    rgb, sizes, higher = bytes(range(0, 240, 20)), bytes(range(100, 112)), bytes(range(0, 252, 7))
+    body = positions + bytes([0, 51, 204, 255]) + rgb + sizes + words + higher
+    (tmp_path / "g.spz").write_bytes(gzip.compress(header + body))
+    read = load_gaussians(tmp_path / "g.spz")
+    np.testing.assert_array_equal(read.means, (fixed * TURN / 256).astype(np.float32))
+    np.testing.assert_allclose(read.opacities, [0, 0.2, 0.8, 1], rtol=1e-6)
+    np.testing.assert_allclose(0.15 * read.sh[:, 0].ravel(), np.arange(0, 240, 20) / 255 - 0.5, atol=1e-7)
+    np.testing.assert_allclose(16 * (np.log(read.scales.ravel()) + 10), np.arange(100, 112), atol=1e-4)
+    assert same_rotations(read.quats, quats, 1e-3)
+    np.testing.assert_allclose(np.abs(read.quats), np.abs(quats), atol=1e-6)
+    signs = np.array([-1, -1, 1])[:, None]  # of y, z and x, whose axes turn or stay
+    wanted = ((np.arange(0, 252, 7) - 128) / 128).reshape(4, 3, 3) * signs
+    np.testing.assert_allclose(read.sh[:, 1:], wanted, atol=1e-7)
+    save_gaussians(tmp_path / "w.spz", read, sh_bits=(8, 8))
+    assert gzip.decompress((tmp_path / "w.spz").read_bytes()) == header + body
+
+
+def test_coefficients_keep_as_many_bits_as_are_asked_for(tmp_path: Path) -> None:
+    """By hand: 5 bits round a byte to multiples of 8, 4 bits to multiples of 16, halves upwards."""
+    flat = some(2)
+    sh = np.zeros_like(flat.sh)
+    sh[:, 3], sh[:, 6] = 3 / 128, 7 / 128  # bytes 131 of degree 1 and 135 of degree 2
+    sh[0, 3], sh[0, 6] = 4 / 128, 8 / 128
+    save_gaussians(tmp_path / "g.spz", Gaussians(flat.means, flat.quats, flat.scales, flat.opacities, sh))
+    found = np.abs(load_gaussians(tmp_path / "g.spz").sh * 128)
+    np.testing.assert_array_equal(found[1:, [3, 6]], 0)
+    np.testing.assert_array_equal(found[0, [3, 6]], [[8] * 3, [16] * 3])
+
+
 def test_version_1_has_positions_of_16_bits(tmp_path: Path) -> None:
     """Written by hand from the library's reader: float16 positions, the rest as in version 2."""
     positions = np.array([[0.5, -1.25, 3.0], [100.0, 0.125, -2.0]], "<f2")
@@ -120,6 +170,10 @@ def test_what_spz_cannot_hold_is_said(tmp_path: Path) -> None:
     assert save_gaussians(tmp_path / "d.spz", some(4)) == [
         "SH of degree 4 cut to 3, the highest that readers of .spz version 3 know"
     ]
+    scales = g.scales * 1e-9
+    scales[0] = 1e3  # one large Gaussian hides no rounding of the others
+    mixed = save_gaussians(tmp_path / "g.spz", Gaussians(g.means, g.quats, scales, g.opacities, g.sh))
+    assert [note.split(" ")[0] for note in mixed] == ["positions", "scales"]
     with pytest.raises(InputError, match="bring the scene nearer"):
         save_gaussians(tmp_path / "g.spz", Gaussians(g.means + 1e8, g.quats, g.scales, g.opacities, g.sh))
     with pytest.raises(InputError, match="SH bits"):
@@ -151,6 +205,8 @@ def test_damaged_files_are_refused_in_one_line_and_without_memory(tmp_path: Path
         "outside a gzip stream": raw + bytes(40),
         "damaged": b"not gzip",
         "damaged header: 0 points": gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, 0, 3, 12, 0, 0)),
+        "SH degree 5": gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 5, 12, 0, 0) + bytes(500)),
+        "31 fractional bits": gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 0, 31, 0, 0) + bytes(500)),
     }
     for words, attack in attacks.items():
         path.write_bytes(attack)
@@ -186,3 +242,13 @@ def test_damaged_files_of_version_4_are_refused_without_memory(tmp_path: Path) -
         path.write_bytes(data[:end])
         with pytest.raises(InputError):
             load_gaussians(path)
+
+
+@pytest.mark.parametrize(("size", "is_said"), [(2.02, False), (1.98, True)])
+def test_rounding_is_said_from_a_quarter_of_the_typical_size(tmp_path: Path, size: float, is_said: bool) -> None:
+    """At a reach of 1000 units, 13 bits are left behind the point: half a step of 2^-13, a quarter of the size."""
+    g = some(0)
+    means = g.means / np.abs(g.means).max() * 1000
+    made = Gaussians(means, g.quats, np.full_like(g.scales, size * 2.0**-13), g.opacities, g.sh)
+    notes = save_gaussians(tmp_path / "g.spz", made)
+    assert notes == (["positions rounded to 0.000122 units, as the scene reaches 1e+03 from its origin"] * is_said)

@@ -173,6 +173,16 @@ def test_an_interrupted_and_resumed_run_equals_an_uninterrupted_one(photos: Path
     assert (tmp_path / "parts" / CHECKPOINT).stat().st_size <= 15 * 2**20
 
 
+def test_training_is_stopped_after_so_many_steps_as_if_interrupted(photos: Path, tmp_path: Path) -> None:
+    config, lines = tiny_config(photos), list[str]()
+    whole = train(config, tmp_path / "whole", say=lambda line: None)
+    train(config, tmp_path / "parts", steps=3, say=lines.append)
+    assert lines[-1] == f"step 3: {tmp_path / 'parts' / CHECKPOINT}"
+    resumed = train(config, tmp_path / "parts", resume=True, steps=9, say=lambda line: None)
+    assert resumed.step == whole.step == 4
+    assert all(torch.equal(a, b) for a, b in zip(all_weights(whole), all_weights(resumed), strict=True))
+
+
 def test_training_is_stopped_by_its_minutes_and_leaves_a_checkpoint(photos: Path, tmp_path: Path) -> None:
     state = train(tiny_config(photos), tmp_path / "run", minutes=0.0, say=lambda line: None)
     assert state.step == 0

@@ -19,9 +19,10 @@ TURN = np.array([1.0, -1.0, -1.0])
 
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
 def test_our_reader_gives_back_what_was_written(tmp_path: Path, suffix: str) -> None:
-    made = make_gaussians(degree=3, layers=2)
+    made = make_gaussians(degree=3, layers=2).with_notes(Notes("metre", "Jo Doe", "CC-BY-4.0"))
     assert save_gaussians(tmp_path / f"a{suffix}", made) == []
     read, flat = load_gaussians(tmp_path / f"a{suffix}"), made.flat()
+    assert read.notes == made.notes
     for name in ("means", "scales", "opacities", "sh"):
         np.testing.assert_allclose(getattr(read, name), getattr(flat, name), rtol=1e-6)
     dots = np.abs((normalize_quats(read.quats) * normalize_quats(flat.quats)).sum(axis=-1))

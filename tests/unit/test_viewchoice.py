@@ -7,7 +7,7 @@ import pytest
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.viewchoice import choose_views
+from tinysplat_runtime.scene.viewchoice import _best_addition, _pair_values, _points, _sees, choose_views
 
 K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
 
@@ -60,3 +60,63 @@ def test_impossible_numbers_are_refused(count: int) -> None:
 def test_photos_of_one_place_are_refused() -> None:
     with pytest.raises(InputError, match="no two photos see the same place from different ones"):
         choose_views([camera_at(0.0, 0.1 * i) for i in range(3)], 1.0, 2.0, 2)
+
+
+def test_points_lie_in_the_middle_of_a_picture_s_cells_on_planes_of_even_inverse_depth() -> None:
+    camera = camera_at(0.7, turn=0.4)
+    local = (_points(camera, 2.0, 6.0) - camera.centre) @ camera.c2w[:3, :3]
+    assert sorted(set(np.round(local[:, 2], 9))) == [2.0, 3.0, 6.0]
+    for z in (2.0, 3.0, 6.0):
+        u, v = (local[np.isclose(local[:, 2], z), :2] * 100 / z + [64, 48]).T
+        assert sorted(zip(u.round(6).tolist(), v.round(6).tolist(), strict=True)) == [
+            (column, row) for column in (16.0, 48.0, 80.0, 112.0) for row in (16.0, 48.0, 80.0)
+        ]
+
+
+def test_a_camera_sees_its_picture_from_half_of_near_to_twice_far() -> None:
+    camera = camera_at(0.0)
+
+    def point(u: float, v: float, z: float) -> list[float]:
+        return [(u - 64) / 100 * z, (v - 48) / 100 * z, z]
+
+    seen = [point(0.1, 0.1, 3), point(127.9, 95.9, 3), point(64, 48, 1.01), point(64, 48, 11.9)]
+    unseen = [point(-0.1, 48, 3), point(128.1, 48, 3), point(64, -0.1, 3), point(64, 96.1, 3), point(64, 48, 0.99),
+              point(64, 48, 12.1), point(64, 48, -3)]  # fmt: skip
+    assert _sees(camera, np.array(seen), 2.0, 6.0).all()
+    assert not _sees(camera, np.array(unseen), 2.0, 6.0).any()
+
+
+def test_pairs_are_worth_what_their_rays_angles_are() -> None:
+    """Nothing at 0.1 and 35 degrees, everything from 3 to 10, straight lines between."""
+    cameras = [camera_at(0.0), camera_at(0.05), camera_at(0.3, -0.05), camera_at(2.0, -0.5)]
+    points = np.concatenate([_points(camera, 2.0, 6.0) for camera in cameras])
+    found = _pair_values(cameras, 2.0, 6.0)
+    seen = [_sees(camera, points, 2.0, 6.0) for camera in cameras]
+    for i, j in np.ndindex(4, 4):
+        a, b = points - cameras[i].centre, points - cameras[j].centre
+        angles = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)))
+        worth = np.interp(angles, [0.1, 3, 10, 35], [0, 1, 1, 0]) * (seen[i] & seen[j])
+        np.testing.assert_allclose(found[i, j], worth, atol=1e-4)
+    assert {0.0, 1.0} < {round(float(value), 1) for value in found.ravel()}
+
+
+def _symmetric(count: int, points: int, **pairs: list[float]) -> np.ndarray:
+    values = np.zeros((count, count, points), np.float32)
+    for name, worth in pairs.items():
+        i, j = (int(digit) for digit in name[1:])
+        values[i, j] = values[j, i] = worth
+    return values
+
+
+def test_a_view_or_a_pair_is_added_whichever_gains_more_per_view() -> None:
+    values = _symmetric(4, 3, p01=[0.5, 0.5, 0], p23=[0, 0, 0.9], p02=[0.1, 0, 0.2], p13=[0.2, 0, 0])
+    nothing = np.zeros(3, np.float32)
+    assert _best_addition(values, nothing, [], room=3) == [0, 1]
+    reached = values[0, 1]
+    assert _best_addition(values, reached, [0, 1], room=2) == [2, 3]  # 0.45 each, where 2 alone gains 0.2
+    assert _best_addition(values, reached, [0, 1], room=1) == [2]
+    values[0, 2] = values[2, 0] = [0.5, 0.5, 0.46]  # alone better than half of the pair's 0.9
+    assert _best_addition(values, reached, [0, 1], room=2) == [2]
+    values[0, 2] = values[2, 0] = [0.9, 0.1, 0.0]  # what is reached already does not count: 0.4 at most
+    assert _best_addition(values, reached, [0, 1], room=2) == [2, 3]
+    assert _best_addition(values, np.ones(3, np.float32), [0, 1], room=1) == [2]  # the first that is free

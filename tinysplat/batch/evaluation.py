@@ -42,6 +42,8 @@ def evaluate(job: Job, threads: int = 1) -> dict[str, Any]:
         install = 'pip install "tinysplat[cluster,eval]" brings it'
         raise InputError(f"needs the package '{error.name}'; {install}", where="--evaluate") from None
     options = job.options
+    if isinstance(options.size, str):
+        raise InputError(f"'{options.size}', expected HEIGHTxWIDTH to measure at", where="--size")
     with local_folder(job.scene) as folder, tempfile.TemporaryDirectory(prefix="tinysplat-") as results:
         sources, left_out = find_sources([folder], near=options.near, far=options.far)
         plan = Plan(sources, (options.model,), options.size or DEFAULT_SIZE)

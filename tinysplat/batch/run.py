@@ -22,8 +22,9 @@ Engine = Callable[[Sequence[Job]], Iterator[Outcome]]
 
 
 def run_batch(
-    jobs: Sequence[Job], folder: str, engine: Engine, progress: Callable[[dict[str, Any]], None]
-) -> dict[str, Any]:
+    jobs: Sequence[Job], folder: str, engine: Engine, progress: Callable[[dict[str, Any]], None],
+    *, only_failed: bool = False,
+) -> dict[str, Any]:  # fmt: skip
     """Run what is not done yet.
 
     Args:
@@ -31,16 +32,24 @@ def run_batch(
         folder: where outputs and results go, path or URL.
         engine: runs jobs and yields outcomes as they come.
         progress: takes each scene's record as it ends, with its name and number.
+        only_failed: run only those that an earlier run says failed; what it says of others stays.
 
     Returns:
         What `results.json` holds: `scenes` by name with `status` (done, failed), `output`, `bytes`, `sha256`,
         `seconds`, `attempts`, `error`; and `done`, `failed`, `skipped`, `scenes_per_second` of this run; for scenes
         that were evaluated also `means`, theirs and that over all of them.
+
+    Raises:
+        InputError: `only_failed`, and none did; results that are none.
     """
     place = join(folder, RESULTS)
     earlier = _earlier(place)
     records = {job.name: earlier[job.name] for job in jobs if is_done(job, earlier.get(job.name))}
     skipped, left = len(records), [job for job in jobs if job.name not in records]
+    if only_failed:
+        left = [job for job in left if earlier.get(job.name, {}).get("status") == "failed"]
+        if not left:
+            raise InputError("no scene of the manifest failed before", where="--retry-failed")
     start = written = time.perf_counter()
     finished = 0
     try:
@@ -51,16 +60,12 @@ def run_batch(
             if now - written >= WRITE_EVERY_S:
                 write(place, _document(jobs, records, skipped, finished / (now - start)))
                 written = now
-            progress({"name": outcome.job.name, "number": skipped + finished, "of": len(jobs), **record})
+            number, of = (finished, len(left)) if only_failed else (skipped + finished, len(jobs))
+            progress({"name": outcome.job.name, "number": number, "of": of, **record})
     finally:  # what is done is known after an interrupt, too
         data = _document(jobs, records, skipped, finished / max(time.perf_counter() - start, 1e-9))
         write(place, data)
     return dict(json.loads(data))
-
-
-def failed_before(folder: str) -> set[str]:
-    """Names of the scenes that failed in an earlier run."""
-    return {name for name, record in _earlier(join(folder, RESULTS)).items() if record.get("status") == "failed"}
 
 
 def _earlier(place: str) -> dict[str, Any]:

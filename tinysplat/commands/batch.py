@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from argparse import ArgumentParser, Namespace
+from collections import deque
+from dataclasses import fields
 from functools import partial
 from typing import Any
 
@@ -12,13 +14,14 @@ from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import run_processes, run_ray
 from tinysplat.batch.evaluation import evaluate
 from tinysplat.batch.jobs import Options, encode, read_manifest, refinement
-from tinysplat.batch.run import RESULTS, Engine, failed_before, run_batch
+from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.cli.arguments import AutoViews, byte_count, count, positive, size, views
+from tinysplat_runtime.cli.arguments import AutoViews, byte_count, count, positive, size_or_full, views
 from tinysplat_runtime.cli.parser import PROFILES
 from tinysplat_runtime.codec.modes import CHOICES, DEFAULT_MODE
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
 
 HELP = "many scenes to files, or measured, here or on a Ray cluster"
@@ -48,8 +51,22 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--target-size", type=byte_count, metavar="SIZE", help="of each file, in place of --qp")
     parser.add_argument("--target-psnr", type=float, metavar="DB", help="decoded against raw, in place of --qp")
     parser.add_argument("--lossless", action="store_true", help="float16 planes bit for bit")
-    parser.add_argument("--views", type=views, metavar="I,J|auto[:N]", help="views of every scene; default: all")
-    parser.add_argument("--size", type=size, metavar="HxW", help="scale photos to cover this and crop their centre")
+    parser.add_argument("--like", default="", metavar="F.tsplat", help="with the profile, steps and maps of this file")
+    parser.add_argument(
+        "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
+    )
+    parser.add_argument("--report", action="store_true", help="also write DIR/NAME.json, as encode --report does")
+    parser.add_argument("--save-gaussians", action="store_true", help="also write DIR/NAME.npz of the network")
+    parser.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the files")
+    parser.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the files")
+    parser.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the files")
+    parser.add_argument("--provider", metavar="NAME", help="onnxruntime's execution provider before the CPU's")
+    parser.add_argument("--poses", default="", metavar="POSES", help="of videos' frames; see encode")
+    parser.add_argument("--first-number", type=int, choices=(0, 1), default=0, help="what POSES count from; default 0")
+    parser.add_argument("--views", type=views, metavar="I,J|auto[:N]",
+                        help="views of every scene; default: all of up to 6, or else auto")  # fmt: skip
+    parser.add_argument("--size", type=size_or_full, metavar="HxW|full",
+                        help="scale photos to cover this; default: full, but at most about 640x480 pixels")  # fmt: skip
     parser.add_argument("--near", type=float, metavar="Z", help="nearest depth, over the scenes' own")
     parser.add_argument("--far", type=float, metavar="Z", help="farthest depth, over the scenes' own")
     parser.add_argument("--model", default=DEFAULT_MODEL, metavar="NAME|FILE.onnx", help="network")
@@ -73,26 +90,15 @@ def run(args: Namespace) -> int:
     data = read(args.manifest)
     if data is None:
         raise InputError("no such file", where=args.manifest)
-    chosen = args.views
-    options = Options(
-        views=None if chosen is None or isinstance(chosen, AutoViews) else tuple(chosen),
-        auto=chosen.count if isinstance(chosen, AutoViews) else 0,
-        size=args.size, near=args.near, far=args.far, model=args.model, profile=args.profile, qp=args.qp,
-        refine=args.refine, mode=args.mode, target_size=args.target_size, target_psnr=args.target_psnr,
-        lossless=args.lossless,
-    )  # fmt: skip
     base = args.manifest.rpartition("/")[0] or "."
     try:
         task = "evaluate" if args.evaluate else "encode"
-        jobs = read_manifest(data.decode("utf-8", "replace"), args.output, options, base, task)
+        jobs = read_manifest(data.decode("utf-8", "replace"), args.output, _options(args), base, task)
     except InputError as error:
         raise error.within(args.manifest) from None
-    if args.retry_failed:
-        failed = failed_before(args.output)
-        jobs = [job for job in jobs if job.name in failed]
-        if not jobs:
-            raise InputError("no scene of the manifest failed before", where="--retry-failed")
-    document = run_batch(jobs, args.output, _engine(args), partial(_say, args))
+    said: deque[str] = deque(maxlen=1)
+    with working("batch", quiet=args.quiet, note=lambda: "".join(said)):
+        document = run_batch(jobs, args.output, _engine(args), partial(_say, args, said), only_failed=args.retry_failed)
     if not args.quiet and not args.json_lines:
         place = join(args.output, RESULTS)
         print(f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
@@ -107,15 +113,23 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _say(args: Namespace, record: dict[str, Any]) -> None:
-    """A scene that ended: a JSON object, a line of a log, or the same line again and again on a terminal."""
+def _options(args: Namespace) -> Options:
+    """How every scene is coded."""
+    asked = args.views
+    chosen = {"auto": asked.count} if isinstance(asked, AutoViews) else {"views": asked and tuple(asked)}
+    names = {f.name for f in fields(Options)} - {"views", "auto"}
+    return Options(**chosen, **{name: getattr(args, name) for name in names})
+
+
+def _say(args: Namespace, said: deque[str], record: dict[str, Any]) -> None:
+    """A scene that ended: a JSON object, a line of a log, or on a terminal the line that says what goes on."""
+    what = record.get("error") or f"{record.get('bytes', 0)} bytes, {record.get('seconds', 0):.1f} s"
+    warning = f"; warning: {record['warning']}" if "warning" in record else ""
+    said.append(f"{record['number']}/{record['of']} {record['name']}: {what}{warning}")
     if args.json_lines:
         print(json.dumps(record), flush=True)
-    elif not args.quiet:
-        what = record.get("error") or f"{record.get('bytes', 0)} bytes, {record.get('seconds', 0):.1f} s"
-        line = f"{record['number']}/{record['of']} {record['name']}: {what}"
-        terminal = sys.stderr.isatty()
-        print(f"\r\033[K{line}" if terminal else line, end="" if terminal else "\n", file=sys.stderr, flush=True)
+    elif not args.quiet and (warning or not sys.stderr.isatty()):
+        print(said[-1], file=sys.stderr, flush=True)
 
 
 def _engine(args: Namespace) -> Engine:

@@ -24,6 +24,7 @@ from tinysplat_runtime.system.progress import progress
 from .eval import numbers, words
 
 HELP = "error against run time, report with plots"
+NEEDS = ("matplotlib", "scipy")
 
 DEFAULT_FOLDER = "bench_report"
 ROOT = Path(__file__).resolve().parents[2]
@@ -116,6 +117,8 @@ def _run(args: Namespace) -> None:
         args.model or shipped_networks(), options, left_out,
     )  # fmt: skip
     measured = measure_studies(bench, studies, quiet=args.quiet)
+    if not measured:
+        raise InputError("; ".join(bench.left_out[:1]) or "nothing could be measured", where="bench")
     path = write_report(folder, list(bench.store), bench.left_out, before)
     if not args.quiet:
         print(

@@ -20,6 +20,7 @@ from tinysplat_runtime.system.files import read_limited, write_atomically
 from tinysplat_runtime.system.progress import progress
 
 HELP = "two results side by side, with maps of their error"
+NEEDS = ("matplotlib", "PIL")
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 GAUSSIAN_SUFFIXES = (".tsplat", ".npz", ".safetensors", ".ply")

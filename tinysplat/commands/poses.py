@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import image_size, jpeg_bytes, png_bytes
@@ -25,6 +24,7 @@ from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.progress import progress, working
 
 HELP = "camera poses of photos, as a scene folder"
+NEEDS = ("pycolmap",)
 
 SUFFIXES = (".jpg", ".jpeg", ".png")
 
@@ -46,6 +46,8 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     """Place the photos, write the scene, say which are missing."""
+    import pycolmap
+
     photos, output = Path(args.photos), Path(args.output)
     names = _photo_names(photos)
     _check_output(output)
@@ -88,6 +90,8 @@ def _check_output(folder: Path) -> None:
 
 def _reconstruct(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet: bool) -> Any:
     """The model that places most photos."""
+    import pycolmap
+
     sizes = {image_size(photos / name) for name in names}
     mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.AUTO
     database = work / "database.db"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from tinysplat_runtime.errors import InputError
 
@@ -21,12 +21,19 @@ Point = tuple[float, float]
 """Bytes of a file, and dB of its pictures."""
 
 
+def _interpolated(curve: NDArray) -> Any:
+    """Monotone cubics through points (N, 2)."""
+    from scipy.interpolate import PchipInterpolator
+
+    return PchipInterpolator(*curve.T)
+
+
 def bytes_at(points: Iterable[Point], db: float) -> float | None:
     """Bytes that a curve needs for a PSNR, between its points; None outside them."""
     curve = _curve(points)
     if len(curve) < 2 or not curve[0, 0] <= db <= curve[-1, 0]:
         return None
-    return float(np.exp(PchipInterpolator(*curve.T)(db)))
+    return float(np.exp(_interpolated(curve)(db)))
 
 
 def bd_rate(
@@ -56,7 +63,7 @@ def bd_rate(
         low, high = max(low, curve[0, 0]), min(high, curve[-1, 0])
     if high - low < least_overlap:
         raise InputError(f"curves share {max(high - low, 0):.2f} dB, BD-rate needs {least_overlap:g}", where="curves")
-    areas = [float(PchipInterpolator(*curve.T).integrate(low, high)) for curve in curves]
+    areas = [float(_interpolated(curve).integrate(low, high)) for curve in curves]
     return float(np.expm1((areas[1] - areas[0]) / (high - low)))
 
 

@@ -1,4 +1,4 @@
-"""The command: python -m tinysplat.training CONFIG.toml --out DIR [--minutes N] [--resume] [--device NAME]."""
+"""The command: python -m tinysplat.training CONFIG.toml --out DIR [--minutes N | --steps N] [--resume] …."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ from tinysplat_runtime.errors import TinySplatError
 
 def main(arguments: list[str] | None = None) -> int:
     """Train; 0 when done, 2 when what was given cannot be used, 130 when stopped by a signal, after a checkpoint."""
-    parser = argparse.ArgumentParser(prog="python -m tinysplat.training", description="Train the network edge.")
+    parser = argparse.ArgumentParser(
+        prog="python -m tinysplat.training",
+        description="Train the network edge, from the photos and poses of --photos or of the configuration, else from"
+        " scenes that are made on the way; docs/MODELS.md says how to export what comes of it.",
+    )
     parser.add_argument("config", type=Path, metavar="CONFIG.toml")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for checkpoint and curves")
     parser.add_argument("--minutes", type=float, help="stop after so long; default: at the configured step")
+    parser.add_argument("--steps", type=int, metavar="N", help="stop after so many; default: at the configured step")
     parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
     parser.add_argument("--start", type=Path, metavar="CHECKPOINT", help="begin with these weights")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="in place of the configuration's")
@@ -30,7 +35,10 @@ def main(arguments: list[str] | None = None) -> int:
 
         given = {name: getattr(options, name) for name in ("photos", "pictures", "validation", "device")}
         config = load_config(options.config, **{name: str(value) for name, value in given.items() if value is not None})
-        train(config, options.out, resume=options.resume, start=options.start, minutes=options.minutes, say=_say)
+        train(
+            config, options.out, resume=options.resume, start=options.start, minutes=options.minutes,
+            steps=options.steps, say=_say,
+        )  # fmt: skip
     except (TinySplatError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -47,6 +55,8 @@ def _interrupt(signum: int, frame: Any) -> None:
 
 
 def _say(line: str) -> None:
+    clear = "\r\033[K" if sys.stderr.isatty() else ""  # of what says that a step is under way
+    print(clear, end="", file=sys.stderr, flush=True)
     print(line, flush=True)
 
 

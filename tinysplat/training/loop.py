@@ -14,6 +14,7 @@ from torch import Tensor
 
 from tinysplat.networks.edge import Edge
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.progress import working
 
 from .config import Config, OptimiserSettings
 from .curves import draw_curves
@@ -69,7 +70,7 @@ def choose_device(name: str) -> torch.device:
 
 def train(
     config: Config, folder: Path, *, resume: bool = False, start: Path | None = None, minutes: float | None = None,
-    say: Say = print,
+    steps: int | None = None, say: Say = print,
 ) -> TrainingState:  # fmt: skip
     """Train until the configured step or for some minutes, and leave checkpoint and curves in a folder.
 
@@ -79,6 +80,7 @@ def train(
         resume: go on from the folder's checkpoint.
         start: begin with the averaged weights of this checkpoint instead of new ones.
         minutes: stop after so long, in good order; None for no limit.
+        steps: stop after so many, as if interrupted; None for no limit.
         say: takes lines of progress.
 
     Returns:
@@ -109,9 +111,11 @@ def train(
     say(f"{scenes} scenes, {len(stream.photos.skipped)} photos skipped, from step {state.step} on {device}")
     run = _Run(config, folder, state, device, say)
     try:
-        run.until(stream.follow(state.step * config.optimiser.batch), minutes)
+        with working("training", quiet=False, note=run.standing):
+            run.until(stream.follow(state.step * config.optimiser.batch), minutes, steps)
     finally:
         run.save()
+    say(f"step {state.step}: {checkpoint}")
     return state
 
 
@@ -122,13 +126,15 @@ class _Run:
         self.config, self.folder, self.state, self.device, self.say = config, folder, state, device, say
         self.saved = self.started = time.monotonic()
         self.recent: list[dict[str, float]] = []
-        self.first_step, self.end = state.step, math.inf
+        self.first_step, self.last_step, self.end = state.step, config.optimiser.steps, math.inf
 
-    def until(self, samples: Iterator[Sample], minutes: float | None) -> None:
-        """Steps until the configured number is done or the time is up."""
+    def until(self, samples: Iterator[Sample], minutes: float | None, steps: int | None) -> None:
+        """Steps until the configured number, or that of this run, is done or the time is up."""
         settings, state = self.config.run, self.state
         self.end = math.inf if minutes is None else self.started + 60 * minutes
-        while state.step < self.config.optimiser.steps and time.monotonic() < self.end:
+        if steps is not None:
+            self.last_step = min(self.last_step, state.step + steps)
+        while state.step < self.last_step and time.monotonic() < self.end:
             batch = [next(samples) for _ in range(self.config.optimiser.batch)]
             self.recent += train_step(state, batch, self.config, self.device)
             if state.step % settings.log_steps == 0:
@@ -147,11 +153,16 @@ class _Run:
         text = ", ".join(f"{name} {value:.4g}" for name, value in means.items())
         self.say(f"step {self.state.step}, {self._minutes_left():.1f} minutes left: {text}")
 
+    def standing(self) -> str:
+        """Where the run is, for whoever waits."""
+        left = f", {self._minutes_left():.1f} minutes left" if self.state.step > self.first_step else ""
+        return f"step {self.state.step} of {self.last_step}{left}"
+
     def _minutes_left(self) -> float:
-        """Until the configured step at the pace so far, or until the time is up."""
+        """Until the last step at the pace so far, or until the time is up."""
         now = time.monotonic()
         pace = (now - self.started) / max(self.state.step - self.first_step, 1)
-        return min((self.config.optimiser.steps - self.state.step) * pace, self.end - now) / 60
+        return min((self.last_step - self.state.step) * pace, self.end - now) / 60
 
     def validate(self) -> None:
         """PSNR of the averaged weights on the validation windows."""

@@ -7,19 +7,19 @@ import sys
 from argparse import Namespace
 from pathlib import Path
 
-from ..api import DEFAULT_MODEL, check_targets
+from ..api import DEFAULT_MODEL, SUFFIX, check_targets
 from ..codec.encoder import check_qp
 from ..codec.modes.choice import check_options
 from ..errors import InputError
+from ..graphs.enlarge import LARGE_PIXELS
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
 from .files import is_standard
 
 OUTPUTS = {"output": "-o", "html": "--html", "report": "--report", "save_gaussians": "--save-gaussians"}
 
-GOOD_PIXELS = 640 * 480
-"""Photos of more are scaled down unless `--size` says otherwise: the networks that ship learned from photos of a third
-as many pixels, and find fewer of the same places in larger ones."""
+CODED_BY = ("encode", "compress")
+"""Commands that write .tsplat files alone."""
 
 BYTES_PER_PIXEL, BYTES_AT_ALL = 1300, 250_000_000
 """Most memory that a network and coding take, per pixel of all photos and besides: edge and sweep as measured."""
@@ -37,6 +37,9 @@ def check_outputs(args: Namespace) -> None:
         if re.match(r"[a-z][a-z0-9+.-]+://", path):
             raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
         target = Path(path)
+        if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
+            found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
+            raise InputError(found, where=path)
         if target.is_dir():
             raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
         if not target.absolute().parent.is_dir():
@@ -57,9 +60,9 @@ def check_coding(args: Namespace) -> None:
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:
-    """(height, width) to which photos larger than GOOD_PIXELS are scaled; None where they are not."""
+    """(height, width) to which photos larger than LARGE_PIXELS are scaled; None where they are not."""
     camera = scene.frames[0].camera
-    share = (GOOD_PIXELS / (camera.width * camera.height)) ** 0.5
+    share = (LARGE_PIXELS / (camera.width * camera.height)) ** 0.5
     return (round(camera.height * share), round(camera.width * share)) if share < 1 else None
 
 

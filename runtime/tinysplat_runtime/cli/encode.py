@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from ..api import DEFAULT_MODEL, Runtime
 from ..codec.encoder import EncodeStats
+from ..codec.modes import DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE
 from ..container.inspection import inspect_bytes
 from ..errors import InputError, TinySplatError
@@ -36,26 +38,80 @@ from .scenes import named_scene, prepared
 from .selfcheck import LOW_DB, likely_fault, own_psnr
 
 
+@dataclass(frozen=True)
+class Coded:
+    """What came of coding.
+
+    Attributes:
+        runtime: that coded.
+        gaussians: what went in.
+        data: the file's bytes.
+        stats, refinement: what was measured on the way.
+        scene: the photos, where there were some.
+        fault: what is likely wrong with their cameras, in a few words, or None.
+    """
+
+    runtime: Runtime
+    gaussians: Gaussians
+    data: bytes
+    stats: EncodeStats
+    refinement: RefineStats
+    scene: Scene | None = None
+    fault: str | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Of all stages."""
+        return sum(self.stats.watch.seconds.values())
+
+    @property
+    def photos(self) -> Scene:
+        """The scene of Gaussians that came from photos."""
+        assert self.scene is not None
+        return self.scene
+
+
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file."""
+    check_encoding(args)
+    coded = encoded(args, Runtime(threads=args.threads, providers=providers(args)))
+    _write(args, coded)
+    if not args.quiet:
+        with working("render at the photos' views", quiet=False):
+            decoded = coded.runtime.decompress(coded.data, model=args.model)
+            psnr = own_psnr(decoded, coded.photos.images(), args.threads)
+        _report_own(args, coded, decoded, psnr)
+
+
+def check_encoding(args: Namespace) -> None:
+    """Set the profile; InputError where options of `encode` contradict each other or lie out of range."""
     args.profile = _profile(args)
     if args.refine and args.mode in ("photos", "auto"):
         raise InputError(f"with --mode {args.mode}, whose files carry no Gaussians that were refined", where="--refine")
     check_coding(args)
+
+
+def encoded(args: Namespace, runtime: Runtime) -> Coded:
+    """What the options of `encode` make of a scene; nothing is written but `--save-gaussians`."""
     scene = prepared(args, named_scene(args))
     check_memory(scene)
-    args.fault = None if args.quiet else likely_fault(scene)
-    if args.fault:
-        print(f"{scene.path}: warning: {args.fault}", file=sys.stderr)
-    runtime, watch = Runtime(threads=args.threads, providers=providers(args)), Stopwatch()
+    fault = None if args.quiet else likely_fault(scene)
+    if fault:
+        print(f"{scene.path}: warning: {fault}", file=sys.stderr)
+    stats, refinement = EncodeStats(), RefineStats()
     with working("network", quiet=args.quiet):
-        gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, watch=watch))
+        whole = args.mode != DEFAULT_MODE
+        gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, whole=whole, watch=stats.watch))
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
             print(f"{args.save_gaussians}: {loss}", file=sys.stderr)
-    refinement = RefineStats()
-    gaussians = _refined(args, runtime, gaussians, scene, watch, refinement)
-    _compress(args, runtime, gaussians, EncodeStats(watch=watch), scene, refinement)
+    gaussians = _refined(args, runtime, gaussians, scene, stats.watch, refinement)
+    with working("coding", quiet=args.quiet):
+        data = runtime.encode(
+            scene, args.model or DEFAULT_MODEL, args.profile, args.qp, mode=args.mode, gaussians=gaussians,
+            stats=stats, **_coding_options(args),
+        )  # fmt: skip
+    return Coded(runtime, gaussians, data, stats, refinement, scene, fault)
 
 
 def compress(args: Namespace) -> None:
@@ -74,12 +130,17 @@ def compress(args: Namespace) -> None:
     else:
         args.file = args.gaussians
         gaussians = load_any(args, Stopwatch())
+    if not gaussians.is_per_pixel:
+        found = "a list of points, and .tsplat files hold pixels of views"
+        raise InputError(f"{found}; --grid V,H,W and --cameras cameras.json say whose", where=args.gaussians)
     gaussians = noted(args, gaussians)
     runtime, stats, refinement = limited_runtime(args), EncodeStats(), RefineStats()
     try:
         if args.photos:
             gaussians = _refined(args, runtime, gaussians, load_scene(args.photos), stats.watch, refinement)
-        _compress(args, runtime, gaussians, stats, refinement=refinement)
+        with working("coding", quiet=args.quiet):
+            data = runtime.compress(gaussians, args.profile, args.qp, stats=stats, **_coding_options(args))
+        _write(args, Coded(runtime, gaussians, data, stats, refinement))
     except TinySplatError as error:
         raise error.within(args.gaussians) from None
 
@@ -112,49 +173,44 @@ def _refined(
     return gaussians
 
 
-def _compress(
-    args: Namespace, runtime: Runtime, gaussians: Gaussians, stats: EncodeStats, scene: Scene | None = None,
-    refinement: RefineStats | None = None,
-) -> None:  # fmt: skip
+def _coding_options(args: Namespace) -> dict[str, Any]:
     names = ("target_size", "target_psnr", "lossless", "drop_invalid")
-    options = {name: getattr(args, name) for name in names}
-    if args.like is not None:
-        options["like"] = read_limited(args.like, MAX_FILE_BYTES)
-    if scene is None:
-        data = runtime.compress(gaussians, args.profile, args.qp, stats=stats, **options)
-    else:
-        model = args.model or DEFAULT_MODEL
-        data = runtime.encode(
-            scene, model, args.profile, args.qp, mode=args.mode, gaussians=gaussians, stats=stats, **options
-        )
+    like = {} if args.like is None else {"like": read_limited(args.like, MAX_FILE_BYTES)}
+    return {**{name: getattr(args, name) for name in names}, **like}
+
+
+def _write(args: Namespace, coded: Coded) -> None:
+    """Write the file and its report, and say what it is."""
+    data, stats = coded.data, coded.stats
     with stats.watch.stage("write"):
         write_file(args.output, data)
-    seconds = sum(stats.watch.seconds.values())
     if args.report:
-        report = file_report(inspect_bytes(data), stats.watch)
-        report["clipped"] = stats.clipped
-        report["error_by_attribute"] = attribute_errors(
-            gaussians, runtime.decompress(data, model=getattr(args, "model", None))
-        )
-        report["reason"] = stats.reason
-        if args.refine and refinement is not None:
-            report["refine"] = asdict(refinement)
-        write_json(args.report, report)
-    raw = sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
-    say(args, f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {seconds:.2f} s")
+        write_json(args.report, report(args, coded))
+    raw = sum(getattr(layer, name).nbytes for layer in coded.gaussians.layers for name in FIELDS)
+    say(args, f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {coded.seconds:.2f} s")
     if stats.reason:
         say(args, f"mode {stats.mode}: {stats.reason}")
-    if scene is not None and not args.quiet:
-        _report_own(args, scene, runtime.decompress(data, model=args.model), len(data), seconds)
 
 
-def _report_own(args: Namespace, scene: Scene, decoded: Gaussians, size: int, seconds: float) -> None:
+def report(args: Namespace, coded: Coded) -> dict[str, Any]:
+    """What `--report` writes."""
+    decoded = coded.runtime.decompress(coded.data, model=getattr(args, "model", None))
+    return {
+        **file_report(inspect_bytes(coded.data), coded.stats.watch),
+        "clipped": coded.stats.clipped,
+        "error_by_attribute": attribute_errors(coded.gaussians, decoded),
+        "reason": coded.stats.reason,
+        **({"refine": asdict(coded.refinement)} if args.refine else {}),
+    }
+
+
+def _report_own(args: Namespace, coded: Coded, decoded: Gaussians, psnr: float) -> None:
     """The line that `encode` ends with: what there is of what, and how like its own photos it looks."""
-    camera, psnr = scene.cameras[0], own_psnr(decoded, scene.images(), args.threads)
+    scene, camera = coded.photos, coded.photos.cameras[0]
     say(
-        args, f"{len(scene.frames)} views of {camera.width}x{camera.height}, {decoded.count} Gaussians, {size} bytes,"
-        f" {seconds:.1f} s; {psnr:.1f} dB at its own photos",
+        args, f"{len(scene.frames)} views of {camera.width}x{camera.height}, {decoded.count} Gaussians,"
+        f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {psnr:.1f} dB at its own photos",
     )  # fmt: skip
     if psnr < LOW_DB:
-        cause = args.fault or "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
+        cause = coded.fault or "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
         print(f"{scene.path}: warning: {psnr:.1f} dB is low; likely cause: {cause}", file=sys.stderr)

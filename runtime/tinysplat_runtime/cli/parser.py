@@ -312,32 +312,39 @@ def _doctor(commands: Commands) -> None:
 def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:
     """Add the commands of other packages, but only when one of them, or the list of all, is asked for.
 
-    An entry point of the group names a module with `HELP`, `configure(parser)` and `run(args)`.
+    An entry point of the group names a module with `HELP`, `configure(parser)` and `run(args)`, and where `run` needs
+    more than an import of the module does, the packages `NEEDS`.
     """
     word = next((a for a in arguments if not a.startswith("-")), None)
     if word in commands.choices or (word is None and "--version" in arguments):
         return {}
     from importlib.metadata import entry_points
+    from importlib.util import find_spec
 
     joined: dict[str, Callable[[argparse.Namespace], int | None]] = {}
-    points = entry_points(group=ENTRY_POINTS)
+    points, wants_help = entry_points(group=ENTRY_POINTS), bool({"-h", "--help"} & set(arguments))
     known = {*commands.choices, *EXTRAS, *(point.name for point in points)}
-    if word is not None and word not in known:
-        raise InputError(f"'{word}', accepted are {', '.join(sorted(known))}", where="command")
+    if word not in known and not (word is None and wants_help):
+        found = f"'{word}'" if word else "none given"
+        more = "" if word else "; `tinysplat --help` says what they do"
+        raise InputError(f"{found}, accepted are {', '.join(sorted(known))}{more}", where="command")
     for point in points:
         if word not in (None, point.name):
             continue
         try:
             module = point.load()
         except ImportError as error:
-            if word == point.name and not {"-h", "--help"} & set(arguments):
+            if word == point.name and not wants_help:
                 raise _missing_extra(word, error.name) from None
             missing = str(_missing_extra(point.name, error.name).message)
             commands.add_parser(point.name, help=missing, description=f"This command {missing}.")
             continue
+        absent = next((name for name in getattr(module, "NEEDS", ()) if find_spec(name) is None), None)
+        if absent and word == point.name and not wants_help:
+            raise _missing_extra(word, absent)
         module.configure(commands.add_parser(point.name, parents=[_common()], help=module.HELP))
         joined[point.name] = module.run
-    if word in EXTRAS and word not in joined:
+    if word in EXTRAS and word not in commands.choices:
         raise _missing_extra(word, None)
     return joined
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
 from ..errors import TinySplatError
+from ..system.progress import still_there
 from .parser import build_parser, join_commands
 
 _NEGATIVES = re.compile(r"-[0-9.][-+0-9.eE]*(,[-+0-9.eE]+)*")
@@ -107,12 +108,13 @@ def _run(arguments: list[str]) -> int:
     joined = join_commands(commands, arguments)
     args = parser.parse_args(arguments)
     _end_like_interrupts()
-    if args.command in joined:
-        return joined[args.command](args) or 0
-    from . import commands as own  # here, so that --version and --help start without numpy
-    from .checks import check_outputs
+    with still_there(args.command, quiet=args.quiet or args.command == "view"):  # which waits, and says for what
+        if args.command in joined:
+            return joined[args.command](args) or 0
+        from . import commands as own  # here, so that --version and --help start without numpy
+        from .checks import check_outputs
 
-    check_outputs(args)
-    run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
-    run(args)
+        check_outputs(args)
+        run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
+        run(args)
     return 0

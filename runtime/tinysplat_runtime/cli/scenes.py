@@ -70,6 +70,8 @@ def _chosen_views(args: Namespace, scene: Scene) -> Scene:
     """The views of `--views`; without it all, or of more than a few those that see most."""
     count, asked = len(scene.frames), args.views
     if isinstance(asked, Sequence):
+        if len(asked) < 2:
+            raise InputError(f"{len(asked)} photo, expected two or more", where="--views")
         return scene.views(asked)
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))

@@ -24,6 +24,9 @@ SUSPICIOUS = 0.08
 BETTER = 0.75
 """A reading is named as the likely one where its cost is below this share of the cost as given."""
 
+BLANK = 4 / 255
+"""A thumbnail whose brightness spans less shows nothing."""
+
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
 
@@ -45,6 +48,9 @@ def likely_fault(scene: Scene) -> str | None:
     height, width = thumbnail_size(scene.cameras[0])
     small = scene.resized(height, width)
     images, cameras = small.images(), small.cameras
+    blank = [str(n) for n, image in enumerate(images) if np.ptp(image.mean(axis=-1)) < BLANK]
+    if blank:
+        return f"photos of one colour show nothing to find depth by: {', '.join(blank)}"
     near, far = scene.depth_range()
     depths = 1 / np.linspace(1 / near, 1 / far, PLANES)
 

@@ -23,9 +23,9 @@ from ..graphs.inference import GraphStore
 from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
-from .depth_step.allocation import Steps, measured_depth_step
+from .depth_step.allocation import Steps, measured_depth_step, measured_opacity_step
 from .depth_step.contrast import block_offsets, contrast
-from .depth_step.probe import DepthProbe
+from .depth_step.probe import Probe
 from .one_colour import as_seen
 from .profiles import AdaptiveSettings
 
@@ -116,19 +116,26 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
     """
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     depth = settings.depth_step * -float(inverse[0].mean(dtype=np.float64))
+    opacity = class_step(settings, PlaneClass.OPACITY)
     if settings.stripes > 0:
         shown, offsets = [layer.shown for layer in layers], [layer.depth_offsets for layer in layers]
-        probe = DepthProbe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
+        probe = Probe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
         depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
+        opacities = [layer.planes[PlaneClass.OPACITY][:, 0] for layer in layers]
+        opacity = measured_opacity_step(probe, opacities, opacity, settings.opacity_damage)
     factors = [1.0, *[settings.behind] * (len(layers) - 1)]
-    return [{PlaneClass.DEPTH: depth, **_class_steps(*pair, settings)} for pair in zip(layers, factors, strict=True)]
+    return [
+        {PlaneClass.DEPTH: depth, **_class_steps(layer, factor, opacity, settings)}
+        for layer, factor in zip(layers, factors, strict=True)
+    ]
 
 
-def _class_steps(layer: AdaptiveLayer, factor: float, settings: AdaptiveSettings) -> Steps:
+def _class_steps(layer: AdaptiveLayer, factor: float, opacity: float, settings: AdaptiveSettings) -> Steps:
     """Steps of all classes but depth. Of a small splat, the rasteriser's dilation hides size and turn."""
     width = min(max(float(layer.scale_mix[1].mean()), _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
     hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}
-    return {c: class_step(settings, c) * factor * hidden.get(c, 1.0) for c in settings.sensitivity}
+    steps = {c: class_step(settings, c) * hidden.get(c, 1.0) for c in settings.sensitivity}
+    return {c: step * factor for c, step in (steps | {PlaneClass.OPACITY: opacity}).items()}
 
 
 def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings, qp: float) -> LayerPlan:

@@ -47,9 +47,11 @@ class AdaptiveSettings:
     """Steps of equal slope; see `allocation`.
 
     Attributes:
-        stripes: how many pieces of pictures errors of depth are tried in; 0 for the step that measuring starts from.
-        rounds: measurements, each at the step that the one before led to.
+        stripes: how many pieces of pictures errors of depth and opacity are tried in; 0 for the steps that measuring
+            starts from.
+        rounds: measurements of depth, each at the step that the one before led to.
         depth_damage: mean squared error of the picture that depth may cause at Q_g = 0.
+        opacity_damage: the same of opacity, whose step is made finer where it causes more.
         depth_step: step of inverse depth to start from, as a share of the mean inverse depth.
         gain: coarseness of the other steps: gain / √sensitivity.
         sensitivity: mean squared picture error per squared unit of attribute error, by class; units of the planes.
@@ -66,6 +68,7 @@ class AdaptiveSettings:
     stripes: int
     rounds: int
     depth_damage: float
+    opacity_damage: float
     depth_step: float
     gain: float
     sensitivity: Mapping[PlaneClass, float]
@@ -96,6 +99,7 @@ ADAPTIVE = AdaptiveSettings(
     stripes=2,
     rounds=2,
     depth_damage=3.5e-5,
+    opacity_damage=1.5e-5,
     depth_step=6e-3,
     gain=0.009,
     sensitivity={c: facts.sensitivity for c, facts in PLANE_CLASSES.items() if facts.sensitivity is not None},

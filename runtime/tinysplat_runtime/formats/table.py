@@ -110,7 +110,7 @@ FORMATS = (
     ),
     Format(
         "USD", usd.SUFFIXES, "a list of points, float, SH to degree 4, origin, notes", "usd-core", "usd",
-        usd.read_usd, _without_options(usd.write_usd),
+        usd.read_usd, _without_options(usd.write_usd), usd.read_usd_notes,
     ),
     Format("splat", (".splat",), "a list of points, bytes, one colour", "gaussforge", "", splat.read_splat),
     Format("ksplat", (".ksplat",), "a list of points, SH to degree 2", "gaussforge", "", splat.read_ksplat),
@@ -132,6 +132,9 @@ def find_format(path: StrPath, *, written: bool) -> Format:
     name = Path(path).name.lower()
     accepted = endings(written=written)
     fitting = [ending for ending in accepted if name.endswith(ending)]
+    if not fitting and Path(path).is_dir():
+        found = "a folder, expected a file; `tinysplat encode` makes one of a scene"
+        raise InputError(found, where=str(path))
     if not fitting:
         raise InputError(f"suffix '{Path(path).suffix.lower()}', expected {', '.join(accepted)}", where=str(path))
     ending = max(fitting, key=len)

@@ -10,6 +10,7 @@ which opens nothing but the file itself.
 from __future__ import annotations
 
 import io
+import json
 import os
 import subprocess
 import sys
@@ -25,6 +26,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..system.files import parsing
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
+from .usd_worker import NOTE_KEY
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MAX_DEGREE = 4
@@ -72,6 +74,18 @@ def read_usd(path: Path, max_bytes: int) -> dict[str, NDArray]:
         InputError: damaged, without Gaussians, with references to other files, or larger than `max_bytes`.
         ImportError: usd-core is not installed.
     """
+    arrays = _read(path, max_bytes)
+    del arrays["notes"]
+    return half_turned(arrays)
+
+
+def read_usd_notes(path: Path) -> dict[str, Any]:
+    """Fields of `Notes` that the prims of a stage carry; raises as `read_usd`."""
+    return dict(json.loads(_read(path, 0)["notes"].tobytes()))
+
+
+def _read(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """What the worker writes."""
     import pxr  # noqa: F401  # ImportError here rather than in the worker
 
     with tempfile.TemporaryDirectory() as folder:
@@ -89,7 +103,7 @@ def read_usd(path: Path, max_bytes: int) -> dict[str, NDArray]:
             lines = done.stderr.strip().splitlines()
             raise InputError(f"damaged or foreign USD file ({lines[-1][:160] if lines else 'its reader ended'})")
         with parsing("USD file"), np.load(io.BytesIO(out.read_bytes())) as arrays:
-            return half_turned(dict(arrays))
+            return dict(arrays)
 
 
 def _stage(path: Path, gaussians: Gaussians) -> None:
@@ -123,7 +137,7 @@ def _stage(path: Path, gaussians: Gaussians) -> None:
     if gaussians.origin.any():
         UsdGeom.Xformable(prim).AddTranslateOp().Set(Gf.Vec3d(*(gaussians.origin * HALF_TURN).tolist()))
     for name, text in gaussians.notes.given().items():
-        prim.GetPrim().SetCustomDataByKey(f"tinysplat:{name}", text)
+        prim.GetPrim().SetCustomDataByKey(NOTE_KEY + name, text)
     stage.GetRootLayer().comment = "tinysplat"
     assert isinstance(stage.GetRootLayer(), Sdf.Layer)
     stage.GetRootLayer().Save()

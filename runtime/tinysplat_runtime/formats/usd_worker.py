@@ -1,10 +1,11 @@
 """The process in which usd-core reads a file: `python -m tinysplat_runtime.formats.usd_worker FILE OUT.npz MAX_BYTES`.
 
-Writes the arrays of `usd.read_usd` about axes with y up.
+Writes the arrays of `usd.read_usd` about axes with y up, and `notes`, JSON; with 0 in place of MAX_BYTES those alone.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..gaussian.notes import NAMES
 from ..system.bounds import bound_process
 from .placement import placed
 
 TYPE = "ParticleField3DGaussianSplat"
+NOTE_KEY = "tinysplat:"
+"""Of a prim's `customData`; the note's name follows."""
+
 SECONDS, MEMORY_FACTOR, MEMORY_BASE = 240, 40, 4 << 30
 """Bounds of processor time and of address space: no real file reaches them."""
 
@@ -27,15 +32,9 @@ def stage_arrays(path: str, max_bytes: int) -> dict[str, NDArray]:
     Raises:
         ValueError: references to other files, no Gaussians, or arrays that do not fit each other.
     """
-    from pxr import Sdf, Usd, UsdGeom
+    from pxr import UsdGeom
 
-    layer = Sdf.Layer.FindOrOpen(path)
-    if layer is None:
-        raise ValueError("does not open")
-    outside = [str(name) for name in layer.GetCompositionAssetDependencies()]
-    if outside:
-        raise ValueError(f"refers to another file ({outside[0][:60]}), expected one that stands alone")
-    stage = Usd.Stage.Open(layer, Usd.Stage.LoadNone)
+    stage = _stage(path)
     z_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
     parts = []
     cache = UsdGeom.XformCache()
@@ -48,6 +47,29 @@ def stage_arrays(path: str, max_bytes: int) -> dict[str, NDArray]:
     for part in parts:
         part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def stage_notes(path: str) -> dict[str, str]:
+    """What the prims of a stage say of themselves, the first to say it."""
+    stage, notes = _stage(path), dict[str, str]()
+    for prim in stage.Traverse():
+        for name in NAMES:
+            text = prim.GetCustomDataByKey(NOTE_KEY + name)
+            if isinstance(text, str):
+                notes.setdefault(name, text)
+    return notes
+
+
+def _stage(path: str) -> Any:
+    from pxr import Sdf, Usd
+
+    layer = Sdf.Layer.FindOrOpen(path)
+    if layer is None:
+        raise ValueError("does not open")
+    outside = [str(name) for name in layer.GetCompositionAssetDependencies()]
+    if outside:
+        raise ValueError(f"refers to another file ({outside[0][:60]}), expected one that stands alone")
+    return Usd.Stage.Open(layer, Usd.Stage.LoadNone)
 
 
 def _prim_arrays(prim: Any, max_bytes: int) -> dict[str, NDArray]:
@@ -92,7 +114,8 @@ def main(path: str, out: str, max_bytes: int) -> int:
     """Read and write; returns the exit status."""
     bound_process(MEMORY_BASE + MEMORY_FACTOR * Path(path).stat().st_size, SECONDS)
     try:
-        arrays: dict[str, Any] = stage_arrays(path, max_bytes)
+        arrays: dict[str, Any] = stage_arrays(path, max_bytes) if max_bytes else {}
+        arrays["notes"] = np.frombuffer(json.dumps(stage_notes(path)).encode(), np.uint8)
     except (ValueError, RuntimeError, MemoryError, InputError) as error:
         print(" ".join(str(error).split())[:200] or type(error).__name__, file=sys.stderr)
         return 1

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import ModelError
 from ..system.buffers import Recycler
 from ..system.threads import available_cores
-from .artifacts import Artifact, find_artifact, network_by_hash
+from .artifacts import Artifact, find_artifact, load_manifest, network_by_hash
 
 CONTRACT_VERSION = 1
 
@@ -76,8 +76,24 @@ CONTRACTS: dict[str, Contract] = {
         },
         {**_GAUSSIANS_OUT, "sh": (_F32, 4)},
     ),
+    "enlarge": Contract(
+        {
+            "photo": (_F32, 4),
+            "small": (_F32, 4),
+            "rows": (_F32, 1),
+            "columns": (_F32, 1),
+            "K": (_F32, 3),
+            "c2w": (_F32, 3),
+            "sources": (_F32, 4),
+            "source_K": (_F32, 3),
+            "rotation": (_F32, 3),
+            "translation": (_F32, 2),
+            "unit": (_F32, 0),
+        },
+        _GAUSSIANS_OUT,
+    ),
 }
-"""By role `network`, and by name for the graphs of the roles `analysis` and `synthesis`."""
+"""By role `network`, and by name for the graphs of the roles `analysis`, `synthesis` and `enlarge`."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +238,10 @@ class GraphStore:
     def transform(self, name: str) -> Graph:
         """A graph of the codec, by its name in `CONTRACTS`."""
         return self._open(name, name.split("_")[0], name)
+
+    def enlarger(self) -> Graph | None:
+        """The graph `enlarge`; None where the models' folder has none, and networks run on photos however large."""
+        return self.transform("enlarge") if "enlarge" in load_manifest(self._models) else None
 
     def network(self, name: str) -> Graph:
         """A network, by its name in the manifest or the path of its file."""

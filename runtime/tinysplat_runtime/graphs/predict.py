@@ -94,9 +94,7 @@ def network_inputs(
 
     Arguments and errors are those of `predict`; names and shapes of the result those of docs/MODELS.md.
     """
-    images = _checked_images(images, cameras, limits)
-    _check_range(near, far)
-    _check_poses(cameras, near)
+    images = checked_inputs(images, cameras, near, far, limits)
     padded, K_unit = _pad(images, cameras, limits)
     c2w = np.stack([camera.c2w for camera in cameras])
     c2w[:, :3, :3] = np.stack([camera.rotation.T for camera in cameras])
@@ -108,6 +106,14 @@ def network_inputs(
         "near": np.full(len(cameras), near, np.float32),
         "far": np.full(len(cameras), far, np.float32),
     }
+
+
+def checked_inputs(images: NDArray, cameras: Sequence[Camera], near: float, far: float, limits: Limits) -> NDArray:
+    """The photos, (V, H, W, 3) float32, once they and their cameras are what a network takes; errors of `predict`."""
+    images = _checked_images(images, cameras, limits)
+    _check_range(near, far)
+    _check_poses(cameras, near)
+    return images
 
 
 def _mean_centre(cameras: Sequence[Camera]) -> NDArray:

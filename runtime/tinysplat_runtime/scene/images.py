@@ -191,6 +191,16 @@ def resize_cover(image: NDArray, height: int, width: int) -> NDArray:
     """
     # The camera of the image with unit intrinsics: where it puts a pixel is the definition of where we put it.
     to_output = Camera(np.eye(3), np.eye(4), width=image.shape[1], height=image.shape[0]).resized(height, width).K
+    return _moved(image, height, width, to_output)
+
+
+def scaled(image: NDArray, height: int, width: int) -> NDArray:
+    """As `resize_cover`, but stretched to height × width: all of the image, each side by its own factor."""
+    return _moved(image, height, width, np.diag([width / image.shape[1], height / image.shape[0], 1.0]))
+
+
+def _moved(image: NDArray, height: int, width: int, to_output: NDArray) -> NDArray:
+    """The (H, W, 3) image where `to_output` (3, 3), a scaling and a shift, puts it: (height, width, 3) float32."""
     white = np.float32(255 if image.dtype == np.uint8 else 1)
     rows = _resample(image, *_lanczos_taps(image.shape[0], height, to_output[1, 1], to_output[1, 2]))  # (height, W, 3)
     columns = _resample(

@@ -1,4 +1,8 @@
-"""What long work says while it runs: a bar or seconds on a terminal, a line now and then in a log."""
+"""What long work says while it runs: a bar or seconds on a terminal, a line now and then in a log.
+
+Blocks of work lie within each other, and the innermost speaks. A command is the outermost, so that none is silent for
+long whatever it does (`still_there`).
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,17 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-LOG_EVERY_S = 60.0
+LOG_EVERY_S = 50.0
 """Seconds between lines where standard error is no terminal."""
+
+TERMINAL_EVERY_S = 1.0
+
+_speaking: list[object] = []
+"""Who may speak, outermost first: the process has one standard error."""
 
 
 def progress(
@@ -32,56 +41,85 @@ def progress(
     if quiet:
         yield from items
         return
-    if not sys.stderr.isatty():
-        yield from _logged(items, total, label, note)
+    bar = _bar(total, label) if sys.stderr.isatty() else None
+    if bar is not None:
+        with bar, _speaker(bar.refresh):
+            for item in items:
+                yield item
+                bar.update()
+                bar.set_postfix_str(note(), refresh=False)
         return
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        done, of = 0, "" if total is None else f"/{total}"
+    done, of = 0, "" if total is None else f"/{total}"
+    with working(label, quiet=quiet, note=lambda: f"{done}{of} {note()}"):
         for item in items:
-            print(f"\r{label} {done}{of} {note()}", end="", file=sys.stderr, flush=True)
             yield item
             done += 1
-        print(f"\r{label} {done}{of} {note()}", file=sys.stderr)
-        return
-    with tqdm(items, total=total, desc=label, delay=1.0, file=sys.stderr) as bar:
-        for item in bar:
-            yield item
-            bar.set_postfix_str(note(), refresh=False)
-
-
-def _logged(items: Iterable[T], total: int | None, label: str, note: Callable[[], str]) -> Iterator[T]:
-    start = said = time.monotonic()
-    of = "" if total is None else f" of {total}"
-    for done, item in enumerate(items):
-        now = time.monotonic()
-        if now - said >= LOG_EVERY_S:
-            said = now
-            print(f"{label}: {done}{of}, {now - start:.0f} s {note()}".rstrip(), file=sys.stderr, flush=True)
-        yield item
 
 
 @contextlib.contextmanager
-def working(label: str, *, quiet: bool) -> Iterator[None]:
-    """Say on standard error that work goes on which cannot say how far it is: seconds, each second on a terminal."""
+def working(label: str, *, quiet: bool, note: Callable[[], str] = str) -> Iterator[None]:
+    """Say on standard error that work goes on: seconds, each second on a terminal, and what `note` says."""
+    terminal, start = sys.stderr.isatty(), time.monotonic()
+
+    def speak() -> None:
+        text = " ".join(f"{time.monotonic() - start:.0f} s {note()}".split())
+        print(f"\r{label} {text}\033[K" if terminal else f"{label}: {text}\n", end="", file=sys.stderr, flush=True)
+
     if quiet:
         yield
         return
-    ended, terminal, start = threading.Event(), sys.stderr.isatty(), time.monotonic()
+    try:
+        with _speaker(speak):
+            yield
+    finally:
+        if terminal:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def still_there(label: str, *, quiet: bool) -> Iterator[None]:
+    """Say that a command runs, where nothing within it speaks.
+
+    On a terminal these are few characters, and the cursor returns before them: whatever is printed next covers them.
+    """
+    terminal, start = sys.stderr.isatty(), time.monotonic()
 
     def speak() -> None:
-        while not ended.wait(1.0 if terminal else LOG_EVERY_S):
-            seconds = f"{time.monotonic() - start:.0f} s"
-            text = f"\r{label} {seconds}" if terminal else f"{label}: {seconds}\n"
-            print(text, end="", file=sys.stderr, flush=True)
+        seconds = f"{time.monotonic() - start:.0f} s"
+        print(f"\r{seconds}\r" if terminal else f"{label}: {seconds}\n", end="", file=sys.stderr, flush=True)
 
-    speaker = threading.Thread(target=speak, daemon=True)
-    speaker.start()
+    if quiet:
+        yield
+        return
+    with _speaker(speak):
+        yield
+
+
+@contextlib.contextmanager
+def _speaker(speak: Callable[[], object]) -> Iterator[None]:
+    """Call `speak` now and then from another thread, while no block within this one has a speaker of its own."""
+    ended, every = threading.Event(), TERMINAL_EVERY_S if sys.stderr.isatty() else LOG_EVERY_S
+
+    def run() -> None:
+        while not ended.wait(every):
+            if _speaking[-1:] == [ended]:
+                speak()
+
+    thread = threading.Thread(target=run, daemon=True)
+    _speaking.append(ended)
+    thread.start()
     try:
         yield
     finally:
+        _speaking.remove(ended)
         ended.set()
-        speaker.join()
-        if terminal:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+        thread.join()
+
+
+def _bar(total: int | None, label: str) -> Any:
+    """tqdm's, or None where that is not installed."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return None
+    return tqdm(total=total, desc=label, delay=1.0, file=sys.stderr)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from typing import TYPE_CHECKING
 
 from tinysplat_runtime.system.files import atomic_path
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
 
 _COLOURS = ("#1b6ca8", "#d1495b", "#2a9d54", "#8f5bb5", "#c7861f", "#4d4d4d", "#12a0a8", "#a33d8f", "#7a6a00")
 _MARKERS = "osD^vPX*d"
@@ -62,6 +63,8 @@ class Panel:
 
 def save_grid(path: Path, title: str, rows: Sequence[Sequence[Panel]]) -> None:
     """Panels in rows; the legend stands outside."""
+    from matplotlib.figure import Figure
+
     names = list(dict.fromkeys(curve.name for row in rows for panel in row for curve in panel.curves if curve.points))
     columns = max(len(row) for row in rows)
     figure = Figure(figsize=(3.9 * columns + 1.9, 3.3 * len(rows) + 0.3), layout="constrained")
@@ -79,6 +82,7 @@ def save_grid(path: Path, title: str, rows: Sequence[Sequence[Panel]]) -> None:
 def save_shares(path: Path, label: str, bars: Mapping[str, Mapping[str, float]], rest: str) -> None:
     """A bar per name, its parts beside each other in percent; those of 4 % and more are named, with their value."""
     from matplotlib import colormaps
+    from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 0.9 * len(bars) + 0.6), layout="constrained")
     axes = figure.subplots()
@@ -132,6 +136,8 @@ def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Art
 
 def _logarithmic(axes: Axes, name: str, axis: Axis) -> None:
     """A log scale whose ticks are plain numbers; 1, 2 and 5 of every decade where there are few decades."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     axes.set(**{f"{name}scale": "log"})
     low, high = axis.get_data_interval()
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 1e3 * max(low, 1e-300) else (1,)))

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
@@ -166,6 +165,8 @@ def write_sheet(folder: Path, sheet: Sheet) -> list[Path]:
 
 
 def _draw(path: Path, title: str, rows: Sequence[Pair]) -> None:
+    from matplotlib.figure import Figure
+
     tiles = [row.tiles(("A", "B")) for row in rows]
     limit = max(float(np.percentile([m for _, maps in tiles for _, m in maps], _SCALE_PERCENTILE)), 1 / 255)
     columns = len(tiles[0][0]) + len(tiles[0][1])

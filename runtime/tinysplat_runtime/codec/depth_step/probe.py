@@ -1,18 +1,18 @@
-"""What an error in depth does to the picture, measured on the scene itself.
+"""What an error in depth or opacity does to the picture, measured on the scene itself.
 
-Depth is the one class whose price depends on the scene: its errors show where neighbours change places, which is a
-matter of how surfaces lie and overlap. A few stripes are rendered from midway between the input views, once from the
-Gaussians as they are and once with their depths changed; the mean squared difference is what the error costs. Only
+They are the classes whose price depends on the scene: depth's errors show where neighbours change places, opacity's
+where many faint surfaces lie behind each other. A few stripes are rendered from midway between the input views, once
+from the Gaussians as they are and once with them changed; the mean squared difference is what the error costs. Only
 Gaussians that reach a stripe take part, and their colours are evaluated for its camera once.
 
-A stripe shows more or less of what depth's errors do than the picture that it is of, mostly by its contrast. That is
-known everywhere, so the difference is scaled by it (a ratio estimate): on ten scenes two stripes then told the damage
-to whole pictures to between 0.86 and 1.30 of it, without to between 0.52 and 1.51.
+A stripe shows more or less of what such errors do than the picture that it is of, mostly by its contrast. That is
+known everywhere, so the difference is scaled by it (a ratio estimate): on ten scenes two stripes then told what
+depth does to whole pictures to between 0.86 and 1.30 of it, without to between 0.52 and 1.51.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,8 +37,8 @@ _LARGEST_SHARE = 4.0
 """Most that contrast scales a measured damage, either way: of a stripe without any it says nothing."""
 
 
-class DepthProbe:
-    """Measures errors of the depths of a scene's layers.
+class Probe:
+    """Measures what errors of depth and opacity of a scene's layers do to its pictures.
 
     Args:
         layers: each with cameras.
@@ -66,8 +66,15 @@ class DepthProbe:
 
     def damage(self, errors: Sequence[NDArray]) -> float:
         """Mean squared difference of the pictures when `errors` (V, H, W) are added to −1/z of every layer."""
+        return self._damage(errors, _Selection.moved)
+
+    def opacity_damage(self, errors: Sequence[NDArray]) -> float:
+        """The same when they are added to every layer's opacities."""
+        return self._damage(errors, _Selection.faded)
+
+    def _damage(self, errors: Sequence[NDArray], change: _Change) -> float:
         with np.errstate(all="ignore"):
-            return self._share * sum(self._run(lambda shot: shot.damage(errors), self._shots))
+            return self._share * sum(self._run(lambda shot: shot.damage(errors, change), self._shots))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +119,13 @@ class _Selection:
         means = self.centres + (self.arrays["means"] - self.centres) * ratio
         return {**self.arrays, "means": means, "scales": self.arrays["scales"] * ratio}
 
+    def faded(self, errors: NDArray) -> dict[str, NDArray]:
+        """The same with errors (V, H, W) added to opacities, which decoders clip."""
+        return {**self.arrays, "opacities": np.clip(self.arrays["opacities"] + errors[self.at], 0, 1)}
+
+
+_Change = Callable[[_Selection, NDArray], dict[str, NDArray]]
+
 
 class _Shot:
     """A stripe with the Gaussians that reach it, and its picture."""
@@ -124,10 +138,10 @@ class _Shot:
         self.shown = tuple(sum(chosen.shown[i] for chosen in self._chosen) for i in range(2))
         self._picture = self._render([chosen.arrays for chosen in self._chosen])
 
-    def damage(self, errors: Sequence[NDArray]) -> float:
-        """See `DepthProbe.damage`."""
-        moved = [chosen.moved(error) for chosen, error in zip(self._chosen, errors, strict=True)]
-        return float(np.square(self._render(moved) - self._picture).mean(dtype=np.float64))
+    def damage(self, errors: Sequence[NDArray], change: _Change = _Selection.moved) -> float:
+        """See `Probe.damage`."""
+        changed = [change(chosen, error) for chosen, error in zip(self._chosen, errors, strict=True)]
+        return float(np.square(self._render(changed) - self._picture).mean(dtype=np.float64))
 
     def _render(self, layers: Sequence[Mapping[str, NDArray]]) -> NDArray:
         arrays = {name: np.concatenate([layer[name] for layer in layers]) for name in layers[0]}

@@ -38,6 +38,10 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
     Raises:
         InputError: names the file and the field at fault.
     """
+    if "://" in str(path):
+        raise InputError(
+            "a URL, expected a file or folder on this machine (`tinysplat batch` takes URLs)", where=str(path)
+        )
     path = Path(path)
     reader = foreign_reader(path)
     return reader(path, near, far) if reader else load_folder(_cameras_file(path), near, far)
@@ -75,5 +79,7 @@ def foreign_reader(path: Path) -> Reader | None:
 
 def _cameras_file(path: Path) -> Path:
     if path.is_dir() and not (path / CAMERAS_FILE).exists():
-        raise InputError(f"no {ACCEPTED} in this folder", where=str(path))
+        photos = sum(file.suffix.lower() in PHOTO_SUFFIXES for file in path.iterdir())
+        advice = f", only photos; `tinysplat poses {path} -o SCENE` finds their cameras" if photos else ""
+        raise InputError(f"no {ACCEPTED} in this folder{advice}", where=str(path))
     return path / CAMERAS_FILE if path.is_dir() else path

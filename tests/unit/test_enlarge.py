@@ -1,0 +1,177 @@
+"""Large photos: where surfaces and their edges come to lie, that strips have no seams, and who takes that way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
+
+from tinysplat_runtime import api
+from tinysplat_runtime.errors import ModelError
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.sh import C0
+from tinysplat_runtime.graphs import enlarge
+from tinysplat_runtime.graphs.enlarge import Enlarger, predict_large
+from tinysplat_runtime.graphs.inference import Graph, GraphStore
+from tinysplat_runtime.render import Renderer
+
+STORE = GraphStore()
+OPACITY, FOOTPRINT = 0.6, 0.45
+
+
+class ExactSession:
+    """Stands in for a network: the traced scene's own surfaces at any size, its colours brighter by a tint."""
+
+    def __init__(self, scene: TracedScene, tint: float = 0.0) -> None:
+        self.scene, self.tint = scene, tint
+        self.size = (0, 0)
+
+    def run(self, names: list[str], inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        images, c2w = inputs["images"], inputs["c2w"].astype(np.float64)
+        views, _, height, width = images.shape
+        self.size = (height, width)
+        rows, columns = (
+            (np.arange(n) * full // n + full // (2 * n)).astype(int)
+            for n, full in zip((height, width), self.scene.depth.shape[1:], strict=True)
+        )
+        depth = self.scene.depth[:, rows][:, :, columns]
+        K = inputs["K"].astype(np.float64) * [[width], [height], [1]]
+        y, x = np.mgrid[:height, :width] + 0.5
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(K).transpose(0, 2, 1)[:, None]
+        focal = np.sqrt(K[:, 0, 0] * K[:, 1, 1])[:, None, None, None]
+        means = np.einsum("vij,vhwj->vhwi", c2w[:, :3, :3], rays * depth[..., None]) + c2w[:, None, None, :3, 3]
+        colours = images.transpose(0, 2, 3, 1)[:, :, :, None] + self.tint
+        arrays = {
+            "means": means,
+            "quats": np.broadcast_to([1.0, 0, 0, 0], (views, height, width, 4)),
+            "scales": np.broadcast_to(FOOTPRINT * depth[..., None] / focal, (views, height, width, 3)),
+            "opacities": np.full((views, height, width), OPACITY),
+            "sh": (colours - 0.5) / C0,
+        }
+        return [np.float32(arrays[name]) for name in names]
+
+
+def exact_graph(scene: TracedScene, tint: float = 0.0) -> tuple[Graph, ExactSession]:
+    session = ExactSession(scene, tint)
+    metadata = {"min_views": 2, "max_views": 6, "stride": 4, "min_side": 8}
+    return Graph("exact", session, metadata, ("means", "quats", "scales", "opacities", "sh")), session
+
+
+def enlarger(pixels: int) -> Enlarger:
+    graph = STORE.enlarger()
+    assert graph is not None
+    return replace(Enlarger.of(graph), pixels=pixels)
+
+
+@pytest.fixture(scope="module")
+def scene() -> TracedScene:
+    return trace(3, 120, 150)
+
+
+def enlarged(scene: TracedScene, pixels: int = 48 * 60, tint: float = 0.0) -> Gaussians:
+    graph, _ = exact_graph(scene, tint)
+    return predict_large(scene.images, scene.cameras, NEAR, FAR, graph, enlarger(pixels))
+
+
+def depths(gaussians: Gaussians) -> np.ndarray:
+    """z of every Gaussian before its camera, and where it lies in the picture, against the pixel's centre."""
+    found = []
+    for view, camera in enumerate(gaussians.cameras):
+        points = (gaussians.means[view] - camera.centre) @ camera.rotation.T
+        pixels = points @ camera.K.T / points[..., 2:]
+        row, column = np.mgrid[: camera.height, : camera.width] + 0.5
+        np.testing.assert_allclose(pixels[..., 0], column, atol=2e-3)
+        np.testing.assert_allclose(pixels[..., 1], row, atol=2e-3)
+        found.append(points[..., 2])
+    return np.stack(found)
+
+
+def test_surfaces_and_their_edges_lie_where_the_large_photos_have_them(scene: TracedScene) -> None:
+    gaussians = enlarged(scene)
+    assert gaussians.cameras == tuple(scene.cameras)
+    found = depths(gaussians)
+    error = np.abs(found / scene.depth - 1)
+    assert np.median(error) < 3e-3
+    # A small pixel is 2.5 large ones; by its place alone the edges' pixels would belong to the other surface.
+    boundary = (WALL_Z + SQUARE_Z) / 2
+    nearest = found < boundary
+    wrong = nearest != (scene.depth < boundary)
+    edge = np.abs(np.diff((scene.depth < boundary).astype(int), axis=2)).sum()
+    assert wrong.sum() < 0.6 * edge  # 0.42 on this scene; 1.40 without the photo's colours
+    np.testing.assert_allclose(gaussians.opacities, OPACITY, atol=1e-5)
+    frontal = gaussians.scales[0, :, :, 2] * gaussians.cameras[0].focal / found[0]
+    np.testing.assert_allclose(frontal, FOOTPRINT, rtol=2e-2)
+
+
+def test_strips_have_no_seams(scene: TracedScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = enlarged(scene)
+    monkeypatch.setattr(enlarge, "STRIP_PIXELS", 17 * 150)
+    strips = enlarged(scene)
+    for name in ("means", "quats", "scales", "opacities", "sh"):
+        a, b = getattr(whole, name), getattr(strips, name)
+        error = np.abs(a - b) / np.abs(a).max()
+        # Of two Gaussians at one depth rounding decides which hides the other, and with it how much is sharpened.
+        assert error.max() <= (1e-4 if name != "sh" else 4e-4), name
+        assert np.quantile(error, 0.999) <= 1e-4, name
+
+
+def test_far_larger_photos_are_come_to_in_steps(scene: TracedScene) -> None:
+    graph, session = exact_graph(scene)
+    gaussians = predict_large(scene.images, scene.cameras, NEAR, FAR, graph, enlarger(16 * 20))
+    assert session.size == (16, 20) and gaussians.opacities.shape == scene.depth.shape
+    sizes = enlarge._sizes((3024, 4032), enlarge.Limits(stride=16, min_side=32), 512 * 512)
+    assert sizes[0] == (448, 592) and len(sizes) == 3
+    sides = np.array([*sizes, (3024, 4032)])
+    assert (sides[1:] / sides[:-1] < 2.15).all()
+
+
+def test_a_tint_of_the_network_is_kept_and_detail_is_the_photos(scene: TracedScene) -> None:
+    plain, tinted = enlarged(scene), enlarged(scene, tint=0.05)
+    difference = C0 * (tinted.sh - plain.sh)
+    assert abs(float(np.median(difference)) - 0.05) < 2e-3
+
+
+def test_pictures_are_those_of_the_large_photos(scene: TracedScene) -> None:
+    camera, photo = scene.cameras[1], scene.images[1]
+    large = Renderer(enlarged(scene), threads=1, compiled=False).render(camera)
+    assert np.mean((large.clip(0, 1) - photo) ** 2) < 10**-3.6
+
+
+def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shipped networks on large photos, unless they are asked to look at the whole; no others."""
+
+    class Photos:
+        cameras = scene.cameras
+
+        def depth_range(self) -> tuple[float, float]:
+            return NEAR, FAR
+
+        def images(self) -> np.ndarray:
+            return scene.images
+
+    runtime = api.Runtime()
+    for name, taken in (("edge", True), ("exact", False)):
+        graph, session = exact_graph(scene)
+        monkeypatch.setitem(runtime.store._graphs, "edge", replace(graph, name=name))
+        monkeypatch.setattr(api, "LARGE_PIXELS", 100 * 100)
+        monkeypatch.setattr(Enlarger, "of", classmethod(lambda cls, g: cls(g, ("edge",), 48 * 60, 16)))
+        assert runtime.predict(Photos()).opacities.shape == scene.depth.shape  # type: ignore[arg-type]
+        assert (session.size == (48, 60)) == taken
+        runtime.predict(Photos(), whole=True)  # type: ignore[arg-type]
+        assert session.size == (120, 152)
+        monkeypatch.setattr(api, "LARGE_PIXELS", 120 * 150)
+        runtime.predict(Photos())  # type: ignore[arg-type]
+        assert session.size == (120, 152)
+
+
+def test_refusals(scene: TracedScene) -> None:
+    graph, _ = exact_graph(scene)
+    with pytest.raises(ModelError, match="metadata"):
+        Enlarger.of(graph)
+    shipped = STORE.enlarger()
+    assert shipped is not None and set(Enlarger.of(shipped).networks) == {"edge", "sweep"}
+    damaged = replace(shipped, metadata={**shipped.metadata, "pixels": 0})
+    with pytest.raises(ModelError, match="0 pixels"):
+        Enlarger.of(damaged)
