@@ -1,10 +1,11 @@
 """Single-line bugs put into the runtime's arithmetic, one at a time, and what the nearest tests say (`make mutants`).
 
-    python checks/mutants.py [--sample 300] [--rooms container,codec] [-o report.md]
+    python checks/mutants.py [--sample 300] [--rooms container,codec] [--again] [-o report.md]
 
 cosmic-ray makes the mutants and runs the tests, in a copy of the checkout under build/mutants. Its session file keeps
-what was found, so that a run that was stopped goes on, and a larger sample adds to a smaller one. The sample follows
-from the mutants alone: their order is that of a hash. cosmic-ray and not mutmut, which rewrites whole modules into
+what was found, so that a run that was stopped goes on, and a larger sample adds to a smaller one; with `--again`, what
+went unnoticed is tried once more, against the tests as they stand. The sample follows from the mutants alone: their
+order is that of a hash. cosmic-ray and not mutmut, which rewrites whole modules into
 trampolines, wants its own copy of the package on the path and has no test command of each module's own.
 """
 
@@ -43,6 +44,7 @@ OTHERS = ("AddNot", "NumberReplacer", "ReplaceAndWithOr", "ReplaceOrWithAnd", "R
 
 NEAREST: dict[str, str] = {
     "container/bounds.py": "bounds container",
+    "container/extras.py": "bounds container lossless",
     "container/layout.py": "container bounds",
     "container/reader.py": "bounds container progressive",
     "container/records.py": "bounds container progressive",
@@ -51,7 +53,7 @@ NEAREST: dict[str, str] = {
     "codec/adaptive.py": "attribute_errors allocation",
     "codec/analysis.py": "analysis attribute_errors conditioning",
     "codec/basis.py": "basis attribute_errors",
-    "codec/encoder.py": "attribute_errors modes allocation",
+    "codec/encoder.py": "quantize attribute_errors modes allocation",
     "codec/exact.py": "lossless attribute_errors",
     "codec/layers.py": "progressive partial attribute_errors",
     "codec/missing.py": "partial progressive",
@@ -109,6 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sample", type=int, default=300, help="mutants in all, those of earlier runs included")
     parser.add_argument("--rooms", default="", help="folders or modules to try alone, such as container,codec/basis.py")
+    parser.add_argument("--again", action="store_true", help="try those once more that no test noticed")
     parser.add_argument("-o", "--output", type=Path, default=BUILD / "report.md")
     args = parser.parse_args(arguments)
     rooms = tuple(filter(None, args.rooms.split(",")))
@@ -118,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
         chosen = _sample(rooms, args.sample)
         known = {item.job_id for item in session.work_items}
         session.add_work_items(item for item in chosen if item.job_id not in known)
-        done = {job for job, _ in session.results}
+        done = {job for job, found in session.results if not args.again or found.test_outcome == TestOutcome.KILLED}
         for item in chosen:
             if item.job_id not in done:
                 result = mutate_and_test(item.mutations, _command(item.mutations[0]), TIMEOUT_S)
@@ -158,10 +161,13 @@ def _mutants(module: str) -> Iterator[WorkItem]:
     """Every mutant of a module, named by what it is of: a module that has changed has others."""
     path = RUNTIME / module
     nodes, version = list(ast_nodes(get_ast_from_path(path))), sha256(path.read_bytes()).hexdigest()[:8]
+    lines = path.read_text(encoding="utf-8").splitlines()
     for name in _operators():
         operator = plugins.get_operator(name)()
         places = [place for node in nodes for place in operator.mutation_positions(node)]
         for occurrence, (start, end) in enumerate(places):
+            if lines[start[0] - 1].lstrip().startswith("@"):
+                continue  # what decorators are told is no arithmetic
             mutation = MutationSpec(path, name, occurrence, start, end)
             yield WorkItem.single(f"{_place(mutation)} of {version}", mutation)
 

@@ -59,6 +59,7 @@ def test_selections_keep_what_they_say() -> None:
     np.testing.assert_array_equal(only.means, scene.means[[2, 0]])
     assert only.layers[1].opacities.shape == (2, 4, 6) and only.cameras == (scene.cameras[2], scene.cameras[0])
     assert trim_border(scene, 2).count == 3 * 4 * 8 + scene.layers[1].opacities.size
+    assert trim_border(scene, 0).count == scene.count
     opaque = drop_transparent(scene, 0.5)
     assert opaque.opacities.min() >= 0.5 and opaque.count == (scene.flat().opacities >= 0.5).sum()
     box = crop(scene, (-1, -1, 2), (1, 1, 3))

@@ -57,6 +57,14 @@ def test_coefficients_above_degree_3_are_cut_and_that_is_said(tmp_path: Path) ->
     assert_close(load_gaussians(tmp_path / "a.sog"), lowered, sh=0.002)
 
 
+def test_pictures_are_about_square_and_no_taller_than_they_need_to_be(tmp_path: Path) -> None:
+    """800 Gaussians: 29 pixels of a side in whole fours, 32, and as many fours of rows as hold them all, 28."""
+    save_gaussians(tmp_path / "a.sog", some(0))
+    with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+        for name in ("means_l", "means_u", "scales", "quats", "sh0"):
+            assert Image.open(io.BytesIO(archive.read(f"{name}.webp"))).size == (32, 28)
+
+
 def test_one_vector_of_coefficients_is_a_palette(tmp_path: Path) -> None:
     made = some(1)
     sh = np.tile(np.arange(12).reshape(1, 4, 3) / 20, (len(made.sh), 1, 1))
