@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.quaternions import normalize_quats
+from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..gaussian.sh import C0
 from .assembly import Points, cut_degree_note, far_note
 from .file_notes import ply_comments
@@ -168,25 +168,16 @@ def _split(words: NDArray, bits: Sequence[int]) -> NDArray:
 
 
 def _packed_rotation(quats: NDArray) -> NDArray:
-    quats = normalize_quats(quats.astype(np.float64))
-    largest = np.abs(quats).argmax(axis=1)
-    quats = quats * np.where(np.take_along_axis(quats, largest[:, None], axis=1) < 0, -1, 1)
+    largest, three = smallest_three(normalize_quats(quats.astype(np.float64)))
     word = largest.astype(np.uint32)
-    for i in range(4):
-        code = np.rint((quats[:, i] * np.sqrt(0.5) + 0.5) * 1023).clip(0, 1023).astype(np.uint32)
-        word = np.where(largest == i, word, word << np.uint32(10) | code)
+    for code in np.rint((three * np.sqrt(0.5) + 0.5) * 1023).clip(0, 1023).astype(np.uint32).T:
+        word = word << np.uint32(10) | code
     return word
 
 
 def _unpacked_rotation(words: NDArray) -> NDArray:
-    largest = (words >> np.uint32(30)).astype(np.int64)
     three = (_split(words & np.uint32((1 << 30) - 1), (10, 10, 10)) - 0.5) * np.sqrt(2)
-    rest = np.sqrt(np.maximum(1 - (three**2).sum(axis=1), 0))
-    quats = np.empty((len(words), 4))
-    for i in range(4):
-        here = largest == i
-        quats[here] = np.insert(three[here], i, rest[here], axis=1)
-    return quats
+    return from_smallest_three((words >> np.uint32(30)).astype(np.int64), three)
 
 
 def _element(name: str, names: Sequence[str], values: NDArray, kind: np.dtype) -> Any:

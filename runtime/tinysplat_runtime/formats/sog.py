@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.quaternions import normalize_quats
+from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..system.files import parsing, read_limited, write_atomically
 from .assembly import Points, cut_degree_note, far_note
 from .order import morton_order
@@ -37,7 +37,6 @@ _MAX_SIDE = 16383  # of a WebP picture
 _PALETTE_ROW = 64  # vectors beside each other in the picture of the palette
 _MAX_PALETTE = 1 << 16
 _TERMS = (0, 3, 8, 15)  # of SH above degree 0
-_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the largest
 _TAG = 252
 
 
@@ -128,10 +127,7 @@ def _write_higher(
 
 
 def _packed_rotations(quats: NDArray) -> NDArray:
-    quats = normalize_quats(quats.astype(np.float64))
-    largest = np.abs(quats).argmax(axis=1)
-    quats = quats * np.where(np.take_along_axis(quats, largest[:, None], axis=1) < 0, -1, 1)
-    three = np.take_along_axis(quats, _OTHERS[largest], axis=1)
+    largest, three = smallest_three(normalize_quats(quats.astype(np.float64)))
     codes = np.rint((three * np.sqrt(0.5) + 0.5) * 255).clip(0, 255)
     return np.concatenate([codes, (_TAG + largest)[:, None]], axis=1).astype(np.uint8)
 
@@ -227,12 +223,7 @@ def _unpacked_rotations(octets: NDArray) -> NDArray:
     largest = octets[:, 3].astype(np.int64) - _TAG
     if largest.min() < 0:
         raise InputError(f"tag {octets[:, 3].min()}, expected {_TAG} to 255", where="quats")
-    three = (octets[:, :3] / 255.0 - 0.5) * np.sqrt(2)
-    quats = np.zeros((len(octets), 4))
-    np.put_along_axis(quats, _OTHERS[largest], three, axis=1)
-    rest = np.sqrt(np.maximum(1 - (three**2).sum(axis=1), 0))
-    np.put_along_axis(quats, largest[:, None], rest[:, None], axis=1)
-    return quats
+    return from_smallest_three(largest, (octets[:, :3] / 255.0 - 0.5) * np.sqrt(2))
 
 
 def _picture(read: Callable[[str, int], bytes], meta: Mapping[str, Any], name: str, index: int, most: int) -> NDArray:

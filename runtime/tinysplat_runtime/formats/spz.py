@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.quaternions import normalize_quats
+from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, read_blocks, write_blocks
 
@@ -155,29 +155,20 @@ def _from_24_bits(octets: NDArray) -> NDArray:
 
 def _pack_smallest_three(quats: NDArray) -> NDArray:
     """(N, 4) bytes of unit quaternions wxyz: the largest component's index in x, y, z, w, then sign and 9 bits each."""
-    xyzw = np.roll(quats, -1, axis=1)
-    largest = np.abs(xyzw).argmax(axis=1)
-    xyzw = xyzw * np.where(np.take_along_axis(xyzw, largest[:, None], axis=1) < 0, -1, 1)
+    largest, three = smallest_three(np.roll(quats, -1, axis=1))
+    magnitudes = np.rint(np.abs(three) * np.sqrt(2) * _COMPONENT_MASK).clip(0, _COMPONENT_MASK).astype(np.uint32)
     packed = largest.astype(np.uint32)
-    for i in range(4):
-        magnitude = np.rint(np.abs(xyzw[:, i]) * np.sqrt(2) * _COMPONENT_MASK).clip(0, _COMPONENT_MASK)
-        code = (xyzw[:, i] < 0).astype(np.uint32) << 9 | magnitude.astype(np.uint32)
-        packed = np.where(largest == i, packed, packed << _COMPONENT_BITS | code)
+    for code in ((three < 0).astype(np.uint32) << 9 | magnitudes).T:
+        packed = packed << _COMPONENT_BITS | code
     return packed.astype("<u4")[:, None].view(np.uint8)
 
 
 def _unpack_smallest_three(octets: NDArray) -> NDArray:
-    packed = np.ascontiguousarray(octets).view("<u4")[:, 0].astype(np.int64)
-    largest = packed >> 30
-    xyzw = np.zeros((len(octets), 4))
-    for i in reversed(range(4)):
-        code = packed & ((1 << _COMPONENT_BITS) - 1)
-        value = (code & _COMPONENT_MASK) / _COMPONENT_MASK / np.sqrt(2)
-        xyzw[:, i] = np.where(largest == i, 0, np.where(code >> 9, -value, value))
-        packed = np.where(largest == i, packed, packed >> _COMPONENT_BITS)
-    rest = np.sqrt(np.maximum(1 - (xyzw**2).sum(axis=1), 0))
-    np.put_along_axis(xyzw, largest[:, None], rest[:, None], axis=1)
-    return np.roll(xyzw, 1, axis=1)
+    packed = np.ascontiguousarray(octets).view("<u4").astype(np.int64)  # (N, 1)
+    codes = packed >> _COMPONENT_BITS * np.array([2, 1, 0])  # (N, 3)
+    values = (codes & _COMPONENT_MASK) / _COMPONENT_MASK / np.sqrt(2)
+    three = np.where(codes >> 9 & 1, -values, values)
+    return np.roll(from_smallest_three(packed[:, 0] >> 30, three), 1, axis=1)
 
 
 def _pack_first_three(quats: NDArray) -> NDArray:

@@ -14,6 +14,26 @@ def normalize_quats(quats: NDArray) -> NDArray:
     return np.divide(scaled, norm, out=np.zeros_like(scaled), where=norm > 0)
 
 
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the largest
+
+
+def smallest_three(quats: NDArray) -> tuple[NDArray, NDArray]:
+    """What file formats keep of unit quaternions (N, 4): the index of the largest component (N,) int64, and the other
+    three (N, 3) in order, at most √½ in magnitude, of the sign that makes the largest positive."""
+    largest = np.abs(quats).argmax(axis=1)
+    signs = np.where(np.take_along_axis(quats, largest[:, None], axis=1) < 0, -1, 1)
+    return largest, np.take_along_axis(quats, _OTHERS[largest], axis=1) * signs
+
+
+def from_smallest_three(largest: NDArray, three: NDArray) -> NDArray:
+    """Unit quaternions (N, 4) of the parts of `smallest_three`; three longer than 1 leave the largest none."""
+    quats = np.zeros((len(three), 4))
+    np.put_along_axis(quats, _OTHERS[largest], three, axis=1)
+    rest = np.sqrt(np.maximum(1 - (three**2).sum(axis=1), 0))
+    np.put_along_axis(quats, largest[:, None], rest[:, None], axis=1)
+    return quats
+
+
 def multiply_quats(a: NDArray, b: NDArray) -> NDArray:
     """Hamilton product a ⊗ b of quaternions (…, 4): the rotation b, then the rotation a."""
     aw, ax, ay, az = (a[..., i] for i in range(4))
