@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
@@ -12,7 +13,7 @@ from scenes import make_smooth_gaussians
 import tinysplat_runtime as ts
 from tinysplat.measure.rows import Row
 from tinysplat.measure.studies.conditioning import pictures, projection, reduction
-from tinysplat.measure.studies.conditioning.bounds import holds
+from tinysplat.measure.studies.conditioning.exact import holds
 from tinysplat_runtime.codec.basis import (
     mean_magnitude_weighting,
     reduce_basis,
@@ -83,7 +84,9 @@ def test_the_basis_of_a_degenerate_spectrum_is_orthonormal_signed_and_repeatable
 
 
 def test_lambda_is_exactly_zero_for_an_aligned_camera_and_the_floor_bounds_what_it_does() -> None:
-    assert reduction.exact_least_lambda() == 0
+    third = mpmath.mpf(2) / 3 * mpmath.tan(mpmath.pi / 6)
+    rays = [(x, y) for x in (-third, 0, third) for y in (-third, 0, third)]
+    assert all(x * y * (x * x - y * y) == 0 for x, y in rays)  # (l, m) = (4, −4), but for a factor
     rows = {(row.subject, row.way[:4]): row.figures for row in reduction.floor_rows()}
     assert rows["60°, on an axis", "λ, n"]["condition"] > 1e14
     for cameras in ("60°, on an axis", "5°, on an axis", "0.1°, on an axis"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinysplat.measure.subjects.index import covered_pixels
+from tinysplat.measure.subjects.cases import covered_pixels
 from tinysplat_runtime.scene.cameras import Camera
 
 FOCAL, WIDTH, HEIGHT = 40.0, 60, 20

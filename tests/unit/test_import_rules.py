@@ -213,10 +213,10 @@ def test_architecture_names_files_that_exist() -> None:
 # ---- the house of measuring --------------------------------------------------------------------------------------
 
 MEASURE = ROOT / "tinysplat" / "measure"
-GROUND = ("rows", "metrics", "lpips", "clock", "machine", "floors", "published", "subjects", "tasks", "curves")
+GROUND = ("rows", "metrics", "lpips", "clock", "subjects", "tasks", "curves")
 ON_GROUND = ("ways", "pictures", "show")
-ABOVE = ("runner", "peers", "ideas", "quality", "study")
-PAGES = ("show/goals.py", "show/pages.py")
+ABOVE = ("runner", "ideas", "quality", "study")
+PAGES = ("show/pages.py",)
 """A report asks the list of studies for their tables."""
 
 

@@ -12,9 +12,8 @@ import pytest
 from tinysplat.measure.clock import Baseline, Effort, Variant, measure, summarised
 from tinysplat.measure.curves import Fit, bd_rate, bytes_at
 from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
-from tinysplat.measure.show.goals import goal_table, size_at_equal_db
-from tinysplat.measure.show.pages import agreement, fill_pages, filled, pages
-from tinysplat.measure.show.views import View, front
+from tinysplat.measure.show.pages import agreement, fill_pages, filled, goal_table, pages, size_at_equal_db
+from tinysplat.measure.show.tables import View, front
 from tinysplat.measure.studies import STUDIES, find_study
 from tinysplat_runtime.errors import InputError
 
@@ -183,6 +182,24 @@ def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
     for words, fault in (("nonsense", "no study has a table"), ("decode", "has no rows for 'decode'")):
         with pytest.raises(InputError, match=fault):
             filled(f"<!-- measured day/rows.jsonl: {words} --><!-- end -->", tmp_path)
+
+
+def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):
+    (tmp_path / "docs").mkdir()
+    page = tmp_path / "README.md"
+    page.write_text("Before\n<!-- plotted overview -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
+    assert fill_pages(tmp_path) == [] and not (tmp_path / "docs" / "o.png").exists()
+    reports = tmp_path / "benchmarks" / "reports"
+    for day, study in (("2026-01-01", "encode"), ("2026-01-02", "encode"), ("2026-01-03", "decode")):
+        RowFile(reports / day / ROWS).add(replace(row("balanced", psnr_decoded_raw=40.0), study=study))
+    assert fill_pages(tmp_path) == [page] and fill_pages(tmp_path) == []
+    found = page.read_text()
+    assert "![Error](docs/o.png)\n\n*From [2026-01-02](benchmarks/reports/2026-01-02/report.md).*\n" in found
+    assert "old" not in found and found.startswith("Before") and found.endswith("behind")
+    assert (tmp_path / "docs" / "o.png").stat().st_size > 5000
+    page.write_text("<!-- plotted nonsense -->\n![Error](docs/o.png)\n<!-- end -->")
+    with pytest.raises(InputError, match="no study has a plot 'nonsense'"):
+        fill_pages(tmp_path)
 
 
 @pytest.mark.parametrize("page", pages(ROOT), ids=lambda path: path.name)

@@ -9,17 +9,16 @@ import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat.measure.clock import measure_peak
-from tinysplat.measure.floors import PlaneRecorder, decode_alone, encode_alone, file_streams
-from tinysplat.measure.peers import MissingToolError, peer_ways
 from tinysplat.measure.pictures import Drawing, Pictures, rescaled
 from tinysplat.measure.rows import RowFile
-from tinysplat.measure.studies.coding import compare_ways
-from tinysplat.measure.studies.stages import graph_operators
+from tinysplat.measure.studies.rate import compare_ways
+from tinysplat.measure.studies.speed import graph_operators
 from tinysplat.measure.study import Run
 from tinysplat.measure.subjects.cases import Window, truncated
 from tinysplat.measure.subjects.made import blur, made_case, made_gaussians
 from tinysplat.measure.subjects.room import Motorcycle, photograph, room_cameras
-from tinysplat.measure.ways import Way
+from tinysplat.measure.tasks import PlaneRecorder, decode_alone, encode_alone, file_streams
+from tinysplat.measure.ways import MissingToolError, Way, peer_ways
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import find_profile
@@ -121,7 +120,7 @@ def test_a_tool_that_is_missing_costs_its_row_and_says_so(tmp_path) -> None:
     case = made_case(1, 16, 16, 0)
     run = Run(True, Runtime(threads=1), RowFile(tmp_path / "rows.jsonl"), tmp_path)
     ways = [Way("Xyz", (0.0,), missing, lambda *_: case.gaussians, tool="xyz"), peer("PLY")]
-    rows = compare_ways(case, ways, run)
+    rows = compare_ways("peers", case, ways, run, run.effort)
     assert [(row.study, row.way, row.seconds is None) for row in rows] == [
         ("peers encode", "Xyz", True),
         ("peers encode", "PLY", False),

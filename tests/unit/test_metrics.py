@@ -14,8 +14,9 @@ from torch import nn
 
 from tinysplat.measure import lpips as lpips_module
 from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
-from tinysplat.measure.metrics import attribute_errors, depth_errors, plane_errors, psnr, ssim
+from tinysplat.measure.metrics import depth_errors, plane_errors, psnr, ssim
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.quaternions import multiply_quats
 from tinysplat_runtime.graphs.inference import GraphStore
 

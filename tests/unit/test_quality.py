@@ -43,9 +43,8 @@ from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
 from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
 from tinysplat.measure.show.tables import csv_text, format_table
 from tinysplat.measure.studies.quality import results_text
-from tinysplat.measure.subjects.cases import LeftOut, Window
-from tinysplat.measure.subjects.index import covered_pixels, read_depth
-from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources
+from tinysplat.measure.subjects.cases import LeftOut, Window, covered_pixels
+from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources, read_depth
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.formats.table import save_gaussians

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from tinysplat.datasets import SPECS
-from tinysplat.measure.machine import describe_machine
-from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
+from tinysplat.measure.rows import ROWS, Row, RowFile, describe_machine, read_rows
 from tinysplat.measure.show.pages import RUN, agreement, fill_pages, write_report
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
 from tinysplat.measure.study import Options, Run
@@ -46,15 +46,17 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
     parser.add_argument("--stages", type=words, default=(), metavar="S,S", help="studies, as words before INPUT")
     parser.add_argument("--docs", action="store_true", help="fill the marked places of README and docs from rows")
-    parser.add_argument("--model", action="append", metavar="NAME|FILE.onnx",
+    parser.add_argument("--model", dest="models", action="append", default=[], metavar="NAME|FILE.onnx",
                         help="network, may be repeated; default all in the manifest")  # fmt: skip
     of = parser.add_argument_group("options of some studies")
-    of.add_argument("--profile", type=words, default=(), metavar="P,P", help="profiles; default the study's")
+    of.add_argument(
+        "--profile", dest="profiles", type=words, default=(), metavar="P,P", help="profiles; default the study's"
+    )
     of.add_argument("--modes", type=words, default=(), metavar="M,M", help="photos, hybrid; curves, seconds")
     of.add_argument("--peers", type=words, default=(), metavar="F,F", help="spz, sog; curves, seconds")
-    of.add_argument("--qp", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
+    of.add_argument("--qp", dest="qps", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
     of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of context views")
-    of.add_argument("--kind", type=words, default=(), metavar="K,K", help="kinds of window")
+    of.add_argument("--kind", dest="kinds", type=words, default=(), metavar="K,K", help="kinds of window")
     of.add_argument("--limit", type=int, metavar="N", help="windows per scene and number of views; default 1")
     of.add_argument("--targets", type=int, default=3, metavar="N", help="pictures per window at most; default 3")
     of.add_argument("--size", type=size, metavar="HxW", help="of photos; default 256x256, quick 128x128")
@@ -96,25 +98,21 @@ def split_words(given: Sequence[str], stages: Sequence[str] = ()) -> tuple[tuple
 def _run(args: Namespace) -> None:
     studies, inputs = split_words(args.words, args.stages)
     before = read_rows(args.against) if args.against is not None else []  # said now, not in half an hour
-    for model in args.model or ():
+    for model in args.models:
         find_artifact(model.rpartition(":")[2] if model.split(":")[0] in SPECS else model, "network")
-    for profile in args.profile:
+    for profile in args.profiles:
         find_profile(profile)
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder for the report", where=args.output)
-    options = Options(
-        tuple(args.model or ()), args.profile, args.modes, args.peers, args.qp, args.kind, tuple(args.views),
-        args.limit, args.size, args.targets, args.rounds, tuple(map(tuple, args.data)), args.before, args.checkpoint,
-        args.jobs, args.near, args.far,
-    )  # fmt: skip
+    options = Options(**{one.name: getattr(args, one.name) for one in fields(Options)})
     sources, lost = find_sources([] if "batch" in studies else inputs, near=args.near, far=args.far)
     left_out = [str(entry) for entry in lost]
     if inputs and not sources and "batch" not in studies:
         raise InputError("; ".join(left_out) or "nothing to measure", where="bench")
     bench = Run(
         args.quick, Runtime(threads=args.threads), RowFile(folder / ROWS), folder, sources, [Path(p) for p in inputs],
-        args.model or shipped_networks(), options, left_out,
+        args.models or shipped_networks(), options, left_out,
     )  # fmt: skip
     measured = measure_studies(bench, studies, quiet=args.quiet)
     if not measured:

@@ -88,12 +88,18 @@ class Effort:
 
 
 def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effort) -> list[Row]:
-    """A row per variant, in their order.
+    """A row per variant, in their order; one that cannot work is a row that says why, behind the others.
 
     `costs` are `seconds`, `low`, `high` (median and quartiles), `cpu` and `rounds`; with a baseline also
     `baseline_seconds`, and `ratio` and `cpu_ratio`, medians over rounds of the variant's time by its baseline's.
     """
-    figures = [variant.figures(variant.run()) for variant in variants]
+    figures, refused = [], []
+    for variant in variants:
+        try:
+            figures.append(variant.figures(variant.run()))
+        except TinySplatError as error:
+            refused.append(Row(study, subject, variant.name, variant.setting, note=str(error)))
+    variants = [variant for variant in variants if all(row.way != variant.name for row in refused)]
     times: list[list[Times]] = [[] for _ in variants]
     base_times: list[list[Times]] = [[] for _ in variants]
     gc.freeze()  # so that collecting before every call looks at what the calls made, not at all of torch
@@ -114,7 +120,7 @@ def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effor
             ratios = [statistics.median(a[i] / b[i] for a, b in zip(own, base, strict=True)) for i in (0, 1)]
             costs |= {"baseline_seconds": summarised(base)["seconds"], "ratio": ratios[0], "cpu_ratio": ratios[1]}
         rows.append(Row(study, subject, variant.name, setting, found, costs))
-    return rows
+    return [*rows, *refused]
 
 
 def timed(run: Callable[[], Any]) -> Times:

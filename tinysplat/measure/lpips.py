@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,60 +93,16 @@ _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # ImageNet's m
 _NORM_EPSILON = 1e-10
 
 
-@dataclass(frozen=True)
-class _Conv:
-    """A convolution followed by ReLU; `index` is its place in torchvision's `features`."""
+LAYERS: dict[str, tuple[str, ...]] = {
+    "vgg": ("3-64", "64-64 =", "pool 2", "64-128", "128-128 =", "pool 2", "128-256", "256-256", "256-256 =", "pool 2",
+            "256-512", "512-512", "512-512 =", "pool 2", "512-512", "512-512", "512-512 ="),
+    "alex": ("3-64 11 4 2 =", "pool 3", "64-192 5 1 2 =", "pool 3", "192-384 =", "384-256 =", "256-256 ="),
+}  # fmt: skip
+"""Convolutions as channels in and out, kernel, stride and padding where they are not 3 1 1, each with a ReLU behind;
+what stands at `=` is compared. In torchvision's `features` a pooling counts one place, a convolution two."""
 
-    index: int
-    channels: tuple[int, int]
-    kernel: int = 3
-    stride: int = 1
-    padding: int = 1
-
-
-@dataclass(frozen=True)
-class Backbone:
-    """A classifier's convolutions in stages; what each stage gives is compared.
-
-    Attributes:
-        min_side: images with shorter sides leave a stage without pixels.
-        pool: kernel of the max pooling, stride 2, in front of the stages in `pooled`.
-        pooled: stages that start with it.
-        stages: convolutions.
-    """
-
-    min_side: int
-    pool: int
-    pooled: tuple[int, ...]
-    stages: tuple[tuple[_Conv, ...], ...]
-
-
-BACKBONES = {
-    "vgg": Backbone(
-        16,
-        2,
-        (1, 2, 3, 4),
-        (
-            (_Conv(0, (3, 64)), _Conv(2, (64, 64))),
-            (_Conv(5, (64, 128)), _Conv(7, (128, 128))),
-            (_Conv(10, (128, 256)), _Conv(12, (256, 256)), _Conv(14, (256, 256))),
-            (_Conv(17, (256, 512)), _Conv(19, (512, 512)), _Conv(21, (512, 512))),
-            (_Conv(24, (512, 512)), _Conv(26, (512, 512)), _Conv(28, (512, 512))),
-        ),
-    ),
-    "alex": Backbone(
-        31,
-        3,
-        (1, 2),
-        (
-            (_Conv(0, (3, 64), 11, 4, 2),),
-            (_Conv(3, (64, 192), 5, 1, 2),),
-            (_Conv(6, (192, 384)),),
-            (_Conv(8, (384, 256)),),
-            (_Conv(10, (256, 256)),),
-        ),
-    ),
-}
+MIN_SIDE = {"vgg": 16, "alex": 31}
+"""Pictures with shorter sides leave a layer without pixels."""
 
 
 class Lpips:
@@ -158,18 +114,27 @@ class Lpips:
         Raises:
             InputError: a file is unreadable, or holds other weights than the net's.
         """
-        self._net = BACKBONES[files.net]
+        self._net = files.net
         backbone = {name.removeprefix("features."): value for name, value in _load(files.backbone).items()}
         linear = _load(files.linear)
-        self._convs: dict[int, tuple[Tensor, Tensor]] = {}
-        for conv in (conv for stage in self._net.stages for conv in stage):
-            shape = (conv.channels[1], conv.channels[0], conv.kernel, conv.kernel)
-            weight = _take(backbone, f"{conv.index}.weight", shape, files.backbone)
-            self._convs[conv.index] = (weight, _take(backbone, f"{conv.index}.bias", shape[:1], files.backbone))
-        self._linear = [
-            _take(linear, f"lin{i}.model.1.weight", (1, stage[-1].channels[1], 1, 1), files.linear)
-            for i, stage in enumerate(self._net.stages)
-        ]
+        self._steps: list[Callable[[Tensor], Tensor]] = []
+        self._linear: dict[int, Tensor] = {}  # by the step whose features it weighs
+        place = 0
+        for layer in LAYERS[files.net]:
+            kind, *numbers = layer.removesuffix(" =").split()
+            if kind == "pool":
+                self._steps.append(partial(_pool, kernel=int(numbers[0])))
+                place += 1
+                continue
+            inputs, outputs = map(int, kind.split("-"))
+            kernel, stride, padding = map(int, numbers or (3, 1, 1))
+            weight = _take(backbone, f"{place}.weight", (outputs, inputs, kernel, kernel), files.backbone)
+            bias = _take(backbone, f"{place}.bias", (outputs,), files.backbone)
+            self._steps.append(partial(_convolve, weight=weight, bias=bias, stride=stride, padding=padding))
+            if layer.endswith("="):
+                name = f"lin{len(self._linear)}.model.1.weight"
+                self._linear[len(self._steps) - 1] = _take(linear, name, (1, outputs, 1, 1), files.linear)
+            place += 2
 
     def __call__(self, image: NDArray, reference: NDArray) -> float:
         """Distance of two pictures (H, W, 3) in [0, 1]; values outside are clipped.
@@ -179,9 +144,8 @@ class Lpips:
         """
         import torch
 
-        shapes = np.shape(image), np.shape(reference)
-        if shapes[0] != shapes[1] or len(shapes[0]) != 3 or min(shapes[0][:2]) < self._net.min_side:
-            least = self._net.min_side
+        shapes, least = (np.shape(image), np.shape(reference)), MIN_SIDE[self._net]
+        if shapes[0] != shapes[1] or len(shapes[0]) != 3 or min(shapes[0][:2]) < least:
             raise InputError(
                 f"{shapes[0]} and {shapes[1]}, expected two equal (H, W, 3), sides ≥ {least}", where="image"
             )
@@ -190,20 +154,24 @@ class Lpips:
         x = (pair.permute(0, 3, 1, 2) * 2 - 1 - shift) / scale  # (2, 3, H, W)
         distance = 0.0
         with torch.no_grad():
-            for features, weight in zip(self._features(x), self._linear, strict=True):
-                unit = features / (features.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
-                distance += float(torch.conv2d((unit[:1] - unit[1:]).square(), weight).mean())
+            for i, step in enumerate(self._steps):
+                x = step(x)
+                if i in self._linear:
+                    unit = x / (x.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
+                    distance += float(torch.conv2d((unit[:1] - unit[1:]).square(), self._linear[i]).mean())
         return distance
 
-    def _features(self, x: Tensor) -> Iterator[Tensor]:
-        import torch
 
-        for i, stage in enumerate(self._net.stages):
-            if i in self._net.pooled:
-                x = torch.max_pool2d(x, self._net.pool, 2)
-            for conv in stage:
-                x = torch.conv2d(x, *self._convs[conv.index], stride=conv.stride, padding=conv.padding).relu()
-            yield x
+def _convolve(x: Tensor, weight: Tensor, bias: Tensor, stride: int, padding: int) -> Tensor:
+    import torch
+
+    return torch.conv2d(x, weight, bias, stride=stride, padding=padding).relu()
+
+
+def _pool(x: Tensor, kernel: int) -> Tensor:
+    import torch
+
+    return torch.max_pool2d(x, kernel, 2)
 
 
 def _load(path: Path) -> Mapping[str, Tensor]:

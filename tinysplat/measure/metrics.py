@@ -20,14 +20,12 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.difference import layer_pairs, spread
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.graphs.inference import GraphStore
 
 SSIM_WINDOW = 11
-SSIM_SIGMA = 1.5
-_SSIM_C1, _SSIM_C2 = 0.01**2, 0.03**2
-_SAMPLE_COVARIANCE = SSIM_WINDOW**2 / (SSIM_WINDOW**2 - 1)  # scikit-image counts the window's pixels, not its weights
 
 PSNR_CEILING = 150.0
 """dB given to identical pictures, where float32's own rounding lies: JSON has no infinity."""
@@ -90,7 +88,11 @@ def ssim(image: NDArray, reference: NDArray) -> float:
     x, y = _pictures(image, reference)
     if min(x.shape[:2]) < SSIM_WINDOW:
         raise InputError(f"{x.shape[1]}x{x.shape[0]} pixels, expected sides of {SSIM_WINDOW} or more", where="image")
-    return float(np.mean([_channel_ssim(x[..., c], y[..., c]) for c in range(3)]))
+    from skimage.metrics import structural_similarity
+
+    return float(
+        structural_similarity(x, y, win_size=SSIM_WINDOW, gaussian_weights=True, data_range=1, channel_axis=-1)
+    )
 
 
 def depth_errors(depth: NDArray, truth: NDArray) -> dict[str, float]:
@@ -122,38 +124,12 @@ def depth_errors(depth: NDArray, truth: NDArray) -> dict[str, float]:
     }
 
 
-def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
-    """Root mean square and largest error of every attribute over all layers, in world units.
-
-    Means and scales are in scene units, opacities and SH coefficients as they are, and `quats` stands for the angle
-    between two rotations in degrees. SH coefficients that `decoded` left out count as zeros.
-
-    Args:
-        original: any number of layers.
-        decoded: as many layers of the same shapes.
-
-    Returns:
-        {attribute: {"rmse", "max"}}.
-
-    Raises:
-        InputError: layers or shapes differ.
-    """
-    errors: dict[str, list[NDArray]] = {name: [] for name in FIELDS}
-    for a, b in _layer_pairs(original, decoded):
-        for name in FIELDS:
-            x, y = getattr(a, name).astype(np.float64), getattr(b, name).astype(np.float64)
-            if name == "means":
-                y = y + (b.origin - a.origin)
-            errors[name].append(_angles(x, y) if name == "quats" else _padded_difference(x, y))
-    return {name: _spread(parts) for name, parts in errors.items()}
-
-
 def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> dict[str, dict[str, float]]:
     """Root mean square and largest error in the units of the codec's planes, over all layers.
 
     Depth in scene units along z, offset and (projected) scale in pixels, rotation as the largest-component distance of
     camera-frame quaternions of either sign, opacity as it is. Colour planes are a basis of each file's own, so colours
-    are compared as SH coefficients (`attribute_errors`).
+    are compared as SH coefficients (`gaussian/difference.py`).
 
     Args:
         original: per pixel, with cameras.
@@ -168,7 +144,7 @@ def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> 
     """
     classes = [c for c in PlaneClass if c != PlaneClass.COLOR]
     errors: dict[str, list[NDArray]] = {c.label: [] for c in classes}
-    for a, b in _layer_pairs(original, decoded):
+    for a, b in layer_pairs(original, decoded):
         if not a.is_per_pixel:
             raise InputError("belong to no pixels; planes need cameras", where="gaussians")
         projected = [
@@ -180,7 +156,7 @@ def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> 
             if plane_class == PlaneClass.ROTATION:  # q and −q are one rotation
                 y = y * np.where((x * y).sum(axis=1, keepdims=True) < 0, -1, 1)
             errors[plane_class.label].append(x - y)
-    return {name: _spread(parts) for name, parts in errors.items()}
+    return {name: spread(parts) for name, parts in errors.items()}
 
 
 def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray]:
@@ -188,57 +164,3 @@ def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray]:
     if image.shape != reference.shape or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise InputError(f"shapes {image.shape} and {reference.shape}, expected two equal (H, W, 3)", where="image")
     return np.clip(image, 0, 1, dtype=np.float64), np.clip(reference, 0, 1, dtype=np.float64)
-
-
-def _channel_ssim(x: NDArray, y: NDArray) -> float:
-    mean_x, mean_y, xx, yy, xy = (_window_means(plane) for plane in (x, y, x * x, y * y, x * y))
-    variance_x = _SAMPLE_COVARIANCE * (xx - mean_x * mean_x)
-    variance_y = _SAMPLE_COVARIANCE * (yy - mean_y * mean_y)
-    covariance = _SAMPLE_COVARIANCE * (xy - mean_x * mean_y)
-    luminance = (2 * mean_x * mean_y + _SSIM_C1) / (mean_x**2 + mean_y**2 + _SSIM_C1)
-    structure = (2 * covariance + _SSIM_C2) / (variance_x + variance_y + _SSIM_C2)
-    return float((luminance * structure).mean())
-
-
-def _window_means(plane: NDArray) -> NDArray:
-    """Gaussian-weighted means of (H, W) over every window that lies inside: (H − 10, W − 10).
-
-    One plane at a time stays in the processor's cache: five times faster than all channels at once.
-    """
-    radius = SSIM_WINDOW // 2
-    weights = np.exp(-0.5 * (np.arange(radius + 1) / SSIM_SIGMA) ** 2)  # weights[r] at r pixels from the centre
-    weights /= weights[0] + 2 * weights[1:].sum()
-    for _ in range(2):  # down the columns, then, turned, along the rows
-        count = len(plane) - 2 * radius
-        summed = weights[0] * plane[radius : radius + count]
-        for r in range(1, radius + 1):
-            summed += weights[r] * (plane[radius - r : radius - r + count] + plane[radius + r : radius + r + count])
-        plane = np.ascontiguousarray(summed.T)
-    return plane
-
-
-def _layer_pairs(original: Gaussians, decoded: Gaussians) -> list[tuple[Gaussians, Gaussians]]:
-    shapes = [[layer.opacities.shape for layer in g.layers] for g in (original, decoded)]
-    if shapes[0] != shapes[1]:
-        raise InputError(f"layers of shapes {shapes[1]}, expected {shapes[0]}", where="gaussians")
-    return list(zip(original.layers, decoded.layers, strict=True))
-
-
-def _angles(a: NDArray, b: NDArray) -> NDArray:
-    """Angle in degrees between rotations (…, 4) of any length and sign; exact near zero, where arccos is not."""
-    a = a / np.linalg.norm(a, axis=-1, keepdims=True)
-    b = b / np.linalg.norm(b, axis=-1, keepdims=True)
-    b = b * np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1, 1)
-    apart, together = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
-    return np.degrees(4 * np.arctan2(apart, together))
-
-
-def _padded_difference(a: NDArray, b: NDArray) -> NDArray:
-    if a.shape != b.shape:
-        b = np.concatenate([b, np.zeros((*b.shape[:-2], a.shape[-2] - b.shape[-2], 3))], axis=-2)
-    return a - b
-
-
-def _spread(parts: list[NDArray]) -> dict[str, float]:
-    values = np.concatenate([part.ravel() for part in parts])
-    return {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}

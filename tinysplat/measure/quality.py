@@ -25,6 +25,7 @@ from tinysplat_runtime.cli.arguments import Budget
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.scene.cameras import Camera
@@ -32,13 +33,11 @@ from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
-from .machine import describe_machine
-from .metrics import attribute_errors, capped_psnr, depth_errors, plane_errors, ssim
+from .metrics import capped_psnr, depth_errors, plane_errors, ssim
 from .pictures import Drawing, PictureMetric, Pictures, Rendered, mean_psnr, photo_psnr, rescaled
-from .rows import PICTURES, Row, grouped
+from .rows import PICTURES, Row, describe_machine, grouped
 from .runner import Job, Outcome
-from .subjects.cases import Case, Shots, nearest_views, predicted
-from .subjects.index import covered_pixels
+from .subjects.cases import Case, Shots, covered_pixels, nearest_views, predicted
 
 NESTED = (2, 4, 6)
 """Numbers of nearest photos."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -149,7 +149,7 @@ def run_jobs(
     pending = {job: rows for job, rows in pending.items() if rows}
     failed: dict[Job, LeftOut] = {}
     results = _in_processes(work, store, pending, threads, processes) if processes > 1 and len(pending) > 1 else (
-        (job, _measured(work, job, rows, runtime, store)) for job, rows in pending.items()
+        (job, _measured(work, job, rows, runtime, store.add)) for job, rows in pending.items()
     )  # fmt: skip
     for job, fault in progress(results, len(pending), "windows", quiet=quiet):
         if fault is not None:
@@ -164,22 +164,13 @@ def _is_wanted(window: Window, plan: Plan) -> bool:
     return kind_fits and (not plan.views or len(window.context) in plan.views)
 
 
-class _Keeper(Protocol):
-    def add(self, row: Row) -> object: ...
-
-
-class _List(list[Row]):
-    """Keeps rows for the process that keeps them in a file."""
-
-    def add(self, row: Row) -> None:
-        self.append(row)
-
-
-def _measured(work: Work, job: Job, wanted: Sequence[Row], runtime: Runtime, keeper: _Keeper) -> LeftOut | None:
+def _measured(
+    work: Work, job: Job, wanted: Sequence[Row], runtime: Runtime, keep: Callable[[Row], object]
+) -> LeftOut | None:
     """Measure and keep one window's rows; what went wrong, or None."""
     try:
         for row in work.measure(job, wanted, runtime):
-            keeper.add(row)
+            keep(row)
     except (TinySplatError, OSError) as error:
         return LeftOut(str(job), str(error))
     except MemoryError:
@@ -223,6 +214,6 @@ def _start_worker(work: Work, threads: int) -> None:
 
 def _in_worker(job: Job, wanted: Sequence[Row]) -> tuple[list[Row], LeftOut | None]:
     assert _worker is not None
-    rows = _List()
-    fault = _measured(_worker[0], job, wanted, _worker[1], rows)
-    return list(rows), fault
+    rows: list[Row] = []
+    fault = _measured(_worker[0], job, wanted, _worker[1], rows.append)
+    return rows, fault

@@ -14,7 +14,8 @@ from .clock import Effort
 from .pictures import Drawing
 from .rows import Row, RowFile
 from .runner import Plan
-from .show.views import View
+from .show.plots import Chart
+from .show.tables import Listing, View
 from .subjects.cases import Case, Source, Window
 from .subjects.made import made_case
 from .subjects.room import Motorcycle, Room
@@ -44,10 +45,12 @@ class Study:
     plots: Mapping[str, Plot] = field(default_factory=dict)
 
     @classmethod
-    def of_views(cls, title: str, measure: Callable[[Run], Iterator[Row]], *views: View) -> Study:
-        """A study of timed rows."""
-        plots = {view.study: view.plot for view in views if view.y is not None}
-        return cls(title, measure, {view.study: view.section for view in views}, plots)
+    def of(cls, title: str, measure: Callable[[Run], Iterator[Row]], *shown: View | Listing | Chart) -> Study:
+        """A study whose tables and plots go by the names of its rows."""
+        tables = {one.study: one for one in shown if not isinstance(one, Chart)}
+        plots: dict[str, Plot] = {one.study: one for one in shown if isinstance(one, Chart)}
+        plots |= {one.study: one.chart for one in shown if isinstance(one, View) and one.y}
+        return cls(title, measure, tables, plots)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
-"""Pieces of work by name, for processes of their own: what peak memory and versions of the code are measured of.
+"""Pieces of work by name, for processes of their own (peak memory, versions of the code), and the floors beneath them:
+libx265 and libavcodec alone on the same planes and streams, memory written once, one `exp` a pixel of a footprint. Only
+held against what the work needs in any case can be told what we add.
 
-Each takes strings, loads or makes what it needs, and returns the work as a call.
+A task takes strings, loads or makes what it needs, and returns the work as a call.
 """
 
 from __future__ import annotations
@@ -8,17 +10,27 @@ from __future__ import annotations
 import itertools
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock, local
 from typing import Any
+
+import av
+import numpy as np
+from numpy.typing import NDArray
 
 from tinysplat_runtime import Gaussians, Runtime, load_gaussians, load_scene
 from tinysplat_runtime.codec.encoder import encode_gaussians
+from tinysplat_runtime.codec.hevc import CodedPlane, EncoderSettings, encode_plane
 from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.render import Renderer, between
+from tinysplat_runtime.system.stopwatch import watched_parts
+from tinysplat_runtime.system.threads import Crew
 
-from . import floors
 from .subjects.made import made_gaussians, rolling_surface, view_between
 
 Call = Callable[[], Any]
@@ -38,10 +50,10 @@ def encode(gaussians: str, profile: str, threads: str) -> Call:
 
 def libx265(gaussians: str, profile: str, threads: str) -> Call:
     """The planes of `encode` alone."""
-    runtime, recorder = Runtime(threads=int(threads)), floors.PlaneRecorder()
+    runtime, recorder = Runtime(threads=int(threads)), PlaneRecorder()
     encode_gaussians(_gaussians(gaussians), find_profile(profile), 0, runtime.store, threads=runtime.threads,
                      drop_invalid=True, plane_coder=recorder)  # fmt: skip
-    return floors.encode_alone(recorder.planes, int(threads))
+    return encode_alone(recorder.planes, int(threads))
 
 
 def decode(file: str, threads: str) -> Call:
@@ -52,12 +64,14 @@ def decode(file: str, threads: str) -> Call:
 
 def libavcodec(file: str, threads: str) -> Call:
     """The streams of `decode` alone."""
-    return floors.decode_alone(floors.file_streams(Path(file).read_bytes()), int(threads))
+    return decode_alone(file_streams(Path(file).read_bytes()), int(threads))
 
 
 def fill(file: str) -> Call:
-    """As many bytes as `decode` gives."""
-    return floors.fill_memory(Runtime().decompress(Path(file).read_bytes()))
+    """As many numbers as `decode` gives, into fresh memory."""
+    gaussians = Runtime().decompress(Path(file).read_bytes())
+    shape = (*gaussians.opacities.shape, 11 + gaussians.sh.shape[-2] * 3)
+    return lambda: np.full(shape, 1, np.float32)
 
 
 def render(gaussians: str, size: str, compiled: str, threads: str) -> Call:
@@ -76,9 +90,14 @@ def render_once(gaussians: str, size: str, compiled: str, threads: str) -> Call:
 
 
 def exponentials(gaussians: str, size: str) -> Call:
-    """One `exp` for every pixel of every footprint of a frame."""
+    """One `exp` for every pixel of every footprint of a frame, before it stops."""
     loaded = _gaussians(gaussians)
-    return floors.exponentials(loaded, view_between(loaded).resized(*_size(size)))
+    with watched_parts() as parts:
+        Renderer(loaded, 1, compiled=False).render(view_between(loaded).resized(*_size(size)))
+    count = parts.tallies["alphas above 1/255"]
+    exponents = -np.random.default_rng(0).uniform(0, 5, count).astype(np.float32)
+    out = np.empty_like(exponents)
+    return lambda: np.exp(exponents, out=out)
 
 
 def start(file: str, target: str) -> Call:
@@ -103,3 +122,76 @@ def _gaussians(words: str) -> Gaussians:
 def _size(text: str) -> tuple[int, int]:
     height, _, width = text.partition("x")
     return int(height), int(width)
+
+
+# ---- the libraries alone -----------------------------------------------------------------------------------------
+
+_START_CODE = b"\x00\x00\x00\x01"
+
+
+@dataclass
+class PlaneRecorder:
+    """Codes planes as the codec does, and remembers them; give it to `encode_gaussians` as its `plane_coder`."""
+
+    planes: list[tuple[Any, ...]] = field(default_factory=list)
+    _lock: Any = field(default_factory=Lock)
+
+    def __call__(self, codes: NDArray, qp: int, settings: EncoderSettings, offsets: NDArray | None) -> CodedPlane:
+        """See `codec.hevc.encode_plane`."""
+        with self._lock:
+            self.planes.append((codes, qp, settings, offsets))
+        return encode_plane(codes, qp, settings, offsets)
+
+
+def encode_alone(planes: Sequence[tuple[Any, ...]], threads: int) -> Callable[[], None]:
+    """A call that has libx265 code recorded planes, as many at a time as the codec does."""
+
+    def run() -> None:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lambda arguments: encode_plane(*arguments), planes))
+
+    return run
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One coded picture with the parameter sets that it needs."""
+
+    parameter_sets: bytes
+    packet: bytes
+
+
+def file_streams(data: bytes) -> list[Stream]:
+    """All pictures of a `.tsplat` file."""
+    container = read_container(data)
+    return [
+        Stream(
+            container.parameter_sets[layer.parameter_set],
+            _START_CODE + bytes(container.payload(index, channel, view)),
+        )
+        for index, layer in enumerate(container.layers)
+        for channel in layer.channels
+        for view in range(len(channel.streams))
+    ]
+
+
+def decode_alone(streams: Sequence[Stream], threads: int) -> Callable[[], None]:
+    """A call that has libavcodec decode the streams: no CRC, no check, nothing copied out of its pictures."""
+    crew = Crew(threads)
+
+    def run() -> None:
+        own = local()
+
+        def decode(stream: Stream) -> None:
+            contexts = own.__dict__.setdefault("contexts", {})
+            if stream.parameter_sets not in contexts:
+                context = av.CodecContext.create("hevc", "r")
+                context.thread_count = 1
+                context.extradata = stream.parameter_sets
+                contexts[stream.parameter_sets] = context
+            if len(contexts[stream.parameter_sets].decode(av.Packet(stream.packet))) != 1:
+                raise AssertionError("libavcodec returned no picture for a packet")
+
+        crew.map(decode, streams)
+
+    return run

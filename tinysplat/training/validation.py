@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from tinysplat.measure.subjects.index import EVAL_INDEX, parse_window, read_index
+from tinysplat.measure.subjects.sources import EVAL_INDEX, parse_window, read_index
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from .samples import Sample, psnr, render_outputs

@@ -15,6 +15,7 @@ from ..codec.profiles import DEFAULT_PROFILE
 from ..container.inspection import inspect_bytes
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians, save_gaussians
+from ..gaussian.difference import attribute_errors
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..refine.stats import RefineStats
 from ..scene.intake.layouts import load_cameras, load_scene
@@ -33,7 +34,7 @@ from .files import (
     say,
     write_file,
 )
-from .reports import attribute_errors, file_report, write_json
+from .reports import file_report, write_json
 from .scenes import named_scene, prepared
 from .selfcheck import LOW_DB, likely_fault, own_psnr
 

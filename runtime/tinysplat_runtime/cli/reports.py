@@ -7,11 +7,8 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..container.inspection import inspect_bytes
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import Gaussians
 from ..system.files import read_limited, write_atomically
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 from .files import (
@@ -52,29 +49,3 @@ def render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> di
 def write_json(path: str, value: dict[str, Any]) -> None:
     """Write a report, whole or not at all."""
     write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
-
-
-def attribute_errors(gaussians: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
-    """Root mean square and largest error per attribute, world units; rotations as angles in degrees."""
-    errors: dict[str, dict[str, float]] = {}
-    for name in FIELDS:
-        pairs = [
-            (getattr(a, name).astype(np.float64), getattr(b, name).astype(np.float64))
-            for a, b in zip(gaussians.layers, decoded.layers, strict=True)
-        ]
-        parts = [_angles(a, b) if name == "quats" else _padded(a, b) for a, b in pairs]
-        values = np.concatenate([part.ravel() for part in parts])
-        errors[name] = {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
-    return errors
-
-
-def _angles(a: NDArray, b: NDArray) -> NDArray:
-    cosine = np.abs((a * b).sum(-1)) / (np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1))
-    return np.degrees(2 * np.arccos(np.clip(cosine, 0, 1)))
-
-
-def _padded(a: NDArray, b: NDArray) -> NDArray:
-    """Difference; SH coefficients that the file left out count as zeros."""
-    if a.shape != b.shape:
-        b = np.concatenate([b, np.zeros((*b.shape[:-2], a.shape[-2] - b.shape[-2], 3))], axis=-2)
-    return a - b

@@ -16,7 +16,6 @@ import numpy as np
 from tinysplat_runtime.errors import InputError
 
 from ..curves import Point, bd_rate, bytes_at
-from ..published import BITS
 from ..rows import Row, grouped
 from .tables import ABSENT, format_table, number
 
@@ -108,11 +107,8 @@ def photo_table(rows: Sequence[Row]) -> str:
 
 
 def bits_table(rows: Sequence[Row]) -> str:
-    """Every point, means over windows, below the paper's: dB, and each class's percentage of the pictures' bytes."""
-    table = [
-        ["printed", f"{qp}", number(kilobytes, 1), ABSENT, ABSENT, *(number(shares.get(c), 1) for c in _SHARES)]
-        for qp, (kilobytes, shares) in BITS.items()
-    ]
+    """Every point, means over windows: dB, and each class's percentage of the pictures' bytes."""
+    table = []
     for (way, qp), members in grouped(rows, "way", "qp").items():
         points = [row.figures for row in members if row.figures["classes"]]
         if not points:
@@ -190,7 +186,7 @@ def _multiple(windows: Windows, points: Mapping[str, Point]) -> str:
             beyond.append(f"{size / best[0]:.2f} × its {best[1]:.1f} dB")
         else:
             factors.append(size / wanted)
-    text = [f"{_geometric(factors):.2f} ×" + _counted(len(factors), len(points))] if factors else []
+    text = [f"{statistics.geometric_mean(factors):.2f} ×" + _counted(len(factors), len(points))] if factors else []
     return "; ".join([*text, *(f"beyond its curve: {entry}" for entry in beyond)])
 
 
@@ -211,7 +207,7 @@ def _size_cell(windows: Windows, way: str, decibels: Mapping[str, float]) -> str
             shares += [] if reference is None else [size / reference]
     if not sizes:
         return ABSENT
-    share = f" ({_geometric(shares):.0%})" if shares else ""
+    share = f" ({statistics.geometric_mean(shares):.0%})" if shares else ""
     return f"{statistics.fmean(sizes) / 1000:.1f}{share}{_counted(len(sizes), len(windows))}"
 
 
@@ -238,7 +234,3 @@ def _range(shares: Sequence[float]) -> str:
 
 def _counted(count: int, total: int) -> str:
     return "" if count == total else f", {count} of {total}"
-
-
-def _geometric(values: Sequence[float]) -> float:
-    return math.exp(statistics.fmean(map(math.log, values)))

@@ -1,7 +1,9 @@
-"""The one plotter: panels of curves and marks, and bars; drawn with matplotlib without a display."""
+"""The one plotter: rows as charts, panels of curves and marks, and bars; drawn with matplotlib without a display."""
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,15 +11,18 @@ from typing import TYPE_CHECKING
 
 from tinysplat_runtime.system.files import atomic_path
 
+from ..rows import Row, grouped, of_study
+
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
+    from matplotlib.axis import Axis as MatplotlibAxis
     from matplotlib.figure import Figure
 
 _COLOURS = ("#1b6ca8", "#d1495b", "#2a9d54", "#8f5bb5", "#c7861f", "#4d4d4d", "#12a0a8", "#a33d8f", "#7a6a00")
 _MARKERS = "osD^vPX*d"
 _DPI = 100
+_MAX_NAMED = 12
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,77 @@ class Panel:
     curves: Sequence[Curve]
     level: float | None = None
     log: str = "x"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What an axis shows of rows: a figure, cost or setting, as `kind` says, times `unit`; none above `most`."""
+
+    key: str
+    label: str
+    kind: str = "figures"
+    unit: float = 1.0
+    most: float = math.inf
+
+    def of(self, rows: Sequence[Row]) -> float | None:
+        """Mean over rows, or None where it is finite in none."""
+        values = [getattr(row, self.kind).get(self.key) for row in rows]
+        known = [value for value in values if value is not None and math.isfinite(value)]
+        found = [self.unit * value for value in known if value <= self.most]
+        return statistics.fmean(found) if found else None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A study's rows as curves.
+
+    Attributes:
+        study: whose rows.
+        title: of the picture.
+        x, y: what is drawn against what.
+        panel: attribute or setting that has a panel per value; empty for one panel.
+        curve: what has a curve per value; empty for marks with the names of `point` beside them, where they are few.
+        point: rows of one value are a point, at their mean.
+        log: as in `Panel`.
+    """
+
+    study: str
+    title: str
+    x: Axis
+    y: Axis
+    panel: str = ""
+    curve: str = "way"
+    point: str = "qp"
+    log: str = "x"
+
+    def __call__(self, path: Path, rows: Sequence[Row]) -> bool:
+        """Draw a PNG file; False where no row is of the study."""
+        panels = self.panels(rows)
+        if panels:
+            save_grid(path, self.title, [panels])
+        return bool(panels)
+
+    def panels(self, rows: Sequence[Row], level: float | None = None) -> list[Panel]:
+        """A panel per value of `panel`, those without points left out."""
+        found = []
+        for name, members in _parts(of_study(rows, self.study), self.panel).items():
+            curves = [self._curve(label, group) for label, group in _parts(members, self.curve).items()]
+            if any(curve.points for curve in curves):
+                found.append(Panel(name, self.x.label, self.y.label, curves, level, self.log))
+        return found
+
+    def _curve(self, name: str, rows: Sequence[Row]) -> Curve:
+        points = {}
+        for label, group in _parts(rows, self.point).items():
+            x, y = self.x.of(group), self.y.of(group)
+            if x is not None and y is not None:
+                points[label] = x, y
+        labels = list(points) if not self.curve and len(points) <= _MAX_NAMED else []
+        return Curve(name, list(points.values()), bool(self.curve), labels)
+
+
+def _parts(rows: Sequence[Row], name: str) -> dict[str, list[Row]]:
+    return {str(value): group for (value,), group in grouped(rows, name).items()} if name else {"": list(rows)}
 
 
 def save_grid(path: Path, title: str, rows: Sequence[Sequence[Panel]]) -> None:
@@ -134,7 +210,7 @@ def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Art
     return drawn
 
 
-def _logarithmic(axes: Axes, name: str, axis: Axis) -> None:
+def _logarithmic(axes: Axes, name: str, axis: MatplotlibAxis) -> None:
     """A log scale whose ticks are plain numbers; 1, 2 and 5 of every decade where there are few decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -1,11 +1,11 @@
-"""What does storing Gaussians cost? Seconds, bytes and dB of profiles, presets, Q_g, k, SH bands and other formats,
-each held against the video library alone on the same planes.
+"""What does coding cost? Seconds, bytes and dB of profiles, presets, Q_g, k and SH bands, each held against the video
+library alone on the same planes.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,27 +20,38 @@ from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PAPER, PROFILES, Profile, find_profile
 from tinysplat_runtime.container.inspection import inspect_bytes
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 
-from .. import tasks
-from ..clock import Baseline, Figures, Variant, measure, measure_peak, plural, summarised, timed
-from ..floors import PlaneRecorder, decode_alone, encode_alone, file_streams
-from ..metrics import attribute_errors
-from ..peers import MAX_DEGREE, MissingToolError, peer_ways, tool_note
+from ..clock import Baseline, Figures, Variant, measure, measure_peak, plural
 from ..pictures import Pictures
-from ..published import PUBLISHED
-from ..rows import Row, grouped
-from ..show.plots import Curve, Panel, save_grid
-from ..show.tables import decibels, duration, format_table, kilobytes, small, whole
-from ..show.views import BYTES, LOST, TO_RAW, Column, View
+from ..rows import Row
+from ..show.plots import Axis, Chart
+from ..show.tables import (
+    BYTES,
+    LOST,
+    TO_RAW,
+    Column,
+    Listing,
+    View,
+    decibels,
+    digits,
+    mean,
+    percent,
+    said,
+    small,
+    whole,
+)
 from ..study import Run, Study
 from ..subjects.cases import Case, truncated
-from ..subjects.made import made_case
-from ..ways import Way
+from ..tasks import PlaneRecorder, decode_alone, encode_alone, file_streams
+from ..tasks import start as start_task
 
 QPS, QUICK_QPS = (-6.0, 0.0, 6.0, 12.0), (0.0,)
 KS, QUICK_KS = (1, 2, 3, 4, 6, 8, 12, 24, 75), (1, 6, 24)
+"""Numbers of colour planes, as far as the SH degree has them."""
+
+SHOWN_COMPONENTS = 12
 
 PRESETS: dict[str, tuple[str, ...]] = {
     "ultrafast": (),
@@ -53,12 +64,6 @@ PRESETS: dict[str, tuple[str, ...]] = {
 """Presets of libx265 that the default profile's planes are coded with, the further parameters of each."""
 
 QUICK_PRESETS = ("ultrafast, min-cu-size=8", "superfast, rdoq-level=2")
-
-SOG_LIMIT_S, QUICK_SOG_LIMIT_S = 240.0, 5.0
-"""SOG is given up after this long: on a CPU its clustering of SH takes minutes."""
-
-EXACT_DB = 100
-"""Above it a format is exact but for float32's rounding; its dB would flatten all others on a plot."""
 
 # ---- encode, preset, decode, cold start ---------------------------------------------------------------------------
 
@@ -112,7 +117,7 @@ def _cold_start_rows(run: Run, case: Case) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "cold.tsplat", Path(folder) / "cold.npz"
         source.write_bytes(data)
-        start = tasks.start(str(source), str(target))
+        start = start_task(str(source), str(target))
         variant = Variant("tinysplat decode", start, lambda _: sizes, threads=run.threads)
         yield from measure("cold start", case.name, [variant], run.effort)
 
@@ -156,7 +161,7 @@ def coding_figures(data: bytes, pictures: Pictures, runtime: Runtime) -> Figures
     return {"bytes": len(data), "k": inspect_bytes(data)["k"], **pictures.figures(decoded), **attributes}
 
 
-CODEC = Study.of_views(
+CODEC = Study.of(
     "Coding",
     codec_rows,
     View(
@@ -194,9 +199,16 @@ CODEC = Study.of_views(
 
 
 def reduction_rows(run: Run) -> Iterator[Row]:
-    """How many colour planes (k), and how many SH bands: bytes, seconds and dB of each."""
-    case = made_case(2, run.side, run.side, 4)
-    pictures, runtime = Pictures(case, run.drawing), run.runtime
+    """How many colour planes (k), and how many SH bands: bytes, seconds and dB of each, and the bits of components."""
+    for case in run.cases:
+        if case.gaussians.degree > 0:
+            yield from _reductions(run, case)
+        elif run.sources:
+            run.left_out.append(f"left out k of {case.name}: SH degree 0 has no components for VABR to choose")
+
+
+def _reductions(run: Run, case: Case) -> Iterator[Row]:
+    pictures, runtime, files = Pictures(case, run.drawing), run.runtime, dict[int, bytes]()
     d = 3 * (case.gaussians.degree + 1) ** 2
 
     def k_variant(k: int) -> Variant:
@@ -205,6 +217,7 @@ def reduction_rows(run: Run) -> Iterator[Row]:
                          drop_invalid=True)  # fmt: skip
 
         def figures(data: bytes) -> Figures:
+            files[k] = data
             alone = pictures.figures(reduced(case.gaussians, k, runtime))["psnr_decoded_raw"]
             return {**coding_figures(data, pictures, runtime), "psnr_vabr_alone": alone}
 
@@ -222,8 +235,19 @@ def reduction_rows(run: Run) -> Iterator[Row]:
 
     ks = sorted({min(k, d) for k in (QUICK_KS if run.quick else KS)})
     yield from measure("k", case.name, [k_variant(k) for k in ks], run.effort)
+    sizes = component_bytes(files[ks[-1]])[:SHOWN_COMPONENTS]
+    for i, size in enumerate(sizes):
+        bits = {"bytes": size, "bits": 8 * size / case.gaussians.opacities.size, "share": size / max(sum(sizes), 1)}
+        yield Row("component bits", case.name, str(i + 1), {"component": i + 1}, bits)
     degrees = range(case.gaussians.degree + 1)
     yield from measure("SH degree", case.name, [degree_variant(n) for n in degrees], run.effort)
+
+
+def component_bytes(data: bytes) -> list[int]:
+    """Bytes of each of VABR's components of a file's layer 0; empty for SH degree 0, which has none."""
+    described = inspect_bytes(data)
+    planes = [p for p in described["planes"] if p["layer"] == 0 and p["class"] == "color"] if described["k"] else []
+    return [plane["bytes"] for plane in planes]
 
 
 def reduced(gaussians: Gaussians, k: int, runtime: Runtime) -> Gaussians:
@@ -236,7 +260,7 @@ def reduced(gaussians: Gaussians, k: int, runtime: Runtime) -> Gaussians:
     return replace(gaussians, sh=sh.reshape(gaussians.sh.shape))
 
 
-REDUCTION = Study.of_views(
+REDUCTION = Study.of(
     "Colour planes",
     reduction_rows,
     View(
@@ -246,6 +270,14 @@ REDUCTION = Study.of_views(
         (BYTES, TO_RAW, LOST, Column("psnr_vabr_alone", "dB, VABR alone", decibels)),
         costs=("bytes",), gains=("psnr_decoded_raw",), y="psnr_decoded_raw", y_label="dB to raw",
     ),
+    Listing(
+        "component bits",
+        {"component": said("way"), "bytes": mean("bytes", whole), "bits per Gaussian": mean("bits", digits(3)),
+         "share of colour": mean("share", percent)},
+        sections="subject",
+    ),
+    Chart("component bits", "Colour planes", Axis("component", "component", "setting"),
+          Axis("bits", "bits per Gaussian"), curve="subject", point="component", log=""),
     View(
         "SH degree",
         "SH degree",
@@ -255,88 +287,3 @@ REDUCTION = Study.of_views(
         costs=("bytes",), gains=("psnr_decoded_raw",), y="psnr_decoded_raw", y_label="dB to raw",
     ),
 )  # fmt: skip
-
-# ---- peers --------------------------------------------------------------------------------------------------------
-
-
-def peer_rows(run: Run) -> Iterator[Row]:
-    """Other formats, side by side in one run: bytes, seconds, dB."""
-    ways = peer_ways(run.runtime, QUICK_SOG_LIMIT_S if run.quick else SOG_LIMIT_S)
-    for case in run.cases:
-        if case.gaussians.degree > MAX_DEGREE:
-            cut = truncated(case.gaussians, MAX_DEGREE)
-            case = replace(case, name=f"{case.name}, cut to {MAX_DEGREE}", gaussians=cut)
-        yield from compare_ways(case, ways, run)
-
-
-def compare_ways(case: Case, ways: Sequence[Way], run: Run) -> list[Row]:
-    """Rows of `peers encode` (with bytes and dB) and `peers decode`, one of each per way."""
-    pictures, rows, variants = Pictures(case, run.drawing), [], []
-    for way in ways:
-        encode = partial(way.encode, case, way.settings[0])
-        setting: dict[str, Any] = {"tool": way.tool}
-        results: list[Any] = []
-        try:
-            times = [timed(lambda: results.append(encode()))]  # noqa: B023 - called at once
-            data = results[0]
-            decode = partial(way.decode, case, data)
-            times.append(timed(lambda: results.append(decode())))  # noqa: B023
-        except (MissingToolError, InputError) as error:
-            rows.append(Row("peers encode", case.name, way.name, setting, note=str(error)))
-            continue
-        figures = {"bytes": len(data), **pictures.figures(results[1])}
-        if way.is_slow:
-            note, setting = tool_note(way.tool), {**setting, "threads": way.threads}
-            for stage, found, time in (("encode", figures, times[0]), ("decode", {}, times[1])):
-                rows.append(Row(f"peers {stage}", case.name, way.name, setting, found, summarised([time]), note))
-        else:
-            variants.append((Variant(way.name, encode, lambda _, f=figures: f, setting, way.threads),  # type: ignore[misc]
-                             Variant(way.name, decode, setting=setting, threads=way.threads)))  # fmt: skip
-    for i, stage in enumerate(("encode", "decode")):
-        rows += measure(f"peers {stage}", case.name, [pair[i] for pair in variants], run.effort)
-    order = [way.name for way in ways]
-    return sorted(rows, key=lambda row: (row.study != "peers encode", order.index(row.way)))
-
-
-def peer_table(rows: Sequence[Row]) -> str:
-    """A line per format."""
-    decodes = {(row.subject, row.way): row for row in rows if row.study == "peers decode"}
-    sections = []
-    for (subject,), members in grouped((row for row in rows if row.study == "peers encode"), "subject").items():
-        lines = []
-        for row in members:
-            decode, figures = decodes.get((subject, row.way)), row.figures
-            cells = [kilobytes(figures.get("bytes")), duration(row.seconds),
-                     duration(decode.seconds if decode else None), decibels(figures.get("psnr_decoded_raw")),
-                     decibels(figures.get("db_lost"))]  # fmt: skip
-            lines.append([row.way, row.setting["tool"], *cells, row.note])
-        heads = ["", "tool", "KB", "encode", "decode", "dB to raw", "dB lost to photo", ""]
-        sections.append(f"**{subject}**\n\n{format_table(heads, lines)}")
-    if not sections:
-        return ""
-    text = "The same Gaussians in other formats, in the same run. dB to raw: against pictures of the raw Gaussians."
-    return "\n\n".join([text, *sections])
-
-
-def published_table(rows: Sequence[Row]) -> str:
-    """What others printed, beside our formats."""
-    if not any(row.study == "peers encode" for row in rows):
-        return ""
-    text = "Published figures, **quoted, not measured here**; other networks, scenes and machines:"
-    heads = ["", "data", "size", "dB to photo", "encode / decode s", "source"]
-    return f"{text}\n\n{format_table(heads, [list(vars(line).values()) for line in PUBLISHED])}"
-
-
-def plot_peers(path: Path, rows: Sequence[Row]) -> bool:
-    """dB against KB, a mark per format, those that are exact left out."""
-    shown = [row for row in rows if row.study == "peers encode" and row.figures.get("psnr_decoded_raw", 999) < EXACT_DB]
-    panels = []
-    for (subject,), members in grouped(shown, "subject").items():
-        points = [(row.way, (row.figures["bytes"] / 1000, row.figures["psnr_decoded_raw"])) for row in members]
-        panels.append(Panel(subject, "KB", "dB to raw", [Curve(name, [at], is_line=False) for name, at in points]))
-    if panels:
-        save_grid(path, "The same Gaussians in several formats", [panels])
-    return bool(panels)
-
-
-PEERS = Study("Peers", peer_rows, {"peers": peer_table, "published": published_table}, {"peers": plot_peers})

@@ -26,8 +26,7 @@ from ..clock import Figures, Variant, measure, plural
 from ..metrics import capped_psnr, pixel_errors
 from ..pictures import rescaled
 from ..rows import Row
-from ..show.tables import decibels, percent, small
-from ..show.views import Column, View
+from ..show.tables import Column, View, decibels, percent, small
 from ..study import Run, Study
 from ..subjects.cases import truncated
 from ..subjects.made import made_gaussians
@@ -175,7 +174,7 @@ _FLOAT64 = (
     Column("share_above_1e-4", "above 1e-4", percent),
 )
 
-DRAWING = Study.of_views(
+DRAWING = Study.of(
     "Drawing",
     drawing_rows,
     View(

@@ -1,6 +1,7 @@
-"""What are VPT and VABR worth? The paper's figures: channels before and after VPT, the profile `paper` with VPT or
-VABR taken away, and the choice of k. The paper prints these as pictures alone, so there is nothing of its to quote but
-its statements: without VPT or VABR the curves fall, quality is flat beyond k = 6, the first component takes most bits.
+"""What are VPT and VABR worth? The paper's figures: channels before and after VPT, and the profile `paper` with VPT or
+VABR taken away (the choice of k is the study `reduction`). The paper prints these as pictures alone, so its statements
+are all that can be quoted: without VPT or VABR the curves fall, quality is flat beyond k = 6, the first component takes
+most bits.
 
 Every variant takes the real file of the profile `paper` and replaces one part, coded by the same rules: a class's α and
 Q_c, the 14-bit window, 12-bit codes through the same encoder. Sizes are those of the real file less the planes that
@@ -13,22 +14,19 @@ are replaced, plus the planes that replace them.
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
-from tinysplat_runtime.codec.profiles import PAPER, PROFILES, Profile
+from tinysplat_runtime.codec.profiles import PAPER, PROFILES
 from tinysplat_runtime.codec.quantise import choose_code_map
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -36,16 +34,12 @@ from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
 from tinysplat_runtime.graphs.inference import GraphStore
 
 from ..pictures import Pictures
-from ..rows import Row, grouped
-from ..show.plots import Curve, Panel, save_grid
-from ..show.tables import decibels, format_table, kilobytes, number
+from ..rows import Row, grouped, of_study
+from ..show.plots import Axis, Chart, Curve, Panel, save_grid
+from ..show.tables import Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 
 QPS, QUICK_QPS = (-6.0, 0.0, 6.0, 12.0), (0.0, 12.0)
-KS, QUICK_KS = (1, 2, 3, 4, 6, 8, 12, 18, 27, 48, 75), (1, 6)
-"""Numbers of components tried, as far as the SH degree has them."""
-
-SHOWN_COMPONENTS = 12
 _BINS, _SHOWN = 100, (0.5, 99.5)  # percentiles; a few far points would squeeze all others into one bin
 
 _LEVELS = 1 << 14  # of the paper's integers
@@ -68,26 +62,10 @@ class Variant:
     bytes_by_class: dict[str, int]
 
 
-def paper_variant(gaussians: Gaussians, qp: float, runtime: Runtime, k: int | None = None) -> Variant:
-    """The profile `paper` as it is, or with another number of colour planes.
-
-    Args:
-        gaussians: per pixel, with cameras.
-        qp: Q_g.
-        runtime: codes and decodes.
-        k: colour planes; None for the paper's 6.
-    """
-    data, described = _coded(gaussians, qp, runtime, k)
-    return Variant(runtime.decompress(data), len(data), described["bytes_by_class"])
-
-
-def component_bytes(gaussians: Gaussians, qp: float, runtime: Runtime, k: int) -> list[int]:
-    """Bytes of each of VABR's k components of layer 0; empty for SH degree 0, which has none."""
-    _, described = _coded(gaussians, qp, runtime, k)
-    if described["k"] == 0:
-        return []
-    planes = [plane for plane in described["planes"] if plane["layer"] == 0 and plane["class"] == "color"]
-    return [plane["bytes"] for plane in planes]
+def paper_variant(gaussians: Gaussians, qp: float, runtime: Runtime) -> Variant:
+    """The profile `paper` as it is."""
+    data = runtime.compress(gaussians, "paper", qp, drop_invalid=True)
+    return Variant(runtime.decompress(data), len(data), inspect_bytes(data)["bytes_by_class"])
 
 
 def without_vpt(gaussians: Gaussians, qp: float, runtime: Runtime) -> Variant:
@@ -172,15 +150,6 @@ def smoothness(values: NDArray) -> float:
     return float(np.mean(found))
 
 
-def _coded(gaussians: Gaussians, qp: float, runtime: Runtime, k: int | None) -> tuple[bytes, dict[str, Any]]:
-    encoder = PROFILES["paper"].encoder
-    settings = PAPER if k is None else replace(PAPER, k=k)
-    data = encode_gaussians(
-        gaussians, Profile("paper", encoder, settings), qp, runtime.store, threads=runtime.threads, drop_invalid=True
-    )
-    return data, inspect_bytes(data)
-
-
 def _variant(real: Variant, layers: Sequence[Gaussians], by_class: dict[str, int], saved: int = 0) -> Variant:
     first, *rest = layers
     size = real.bytes + sum(by_class.values()) - sum(real.bytes_by_class.values()) - saved
@@ -248,18 +217,6 @@ def figure_rows(run: Run) -> Iterator[Row]:
                 variant = make(case.gaussians, qp, runtime)
                 figures = {"bytes": variant.bytes, **pictures.figures(variant.gaussians)}
                 yield Row("ablation", case.name, name, {"qp": qp}, figures)
-        d = 3 * case.gaussians.sh.shape[-2]
-        if case.gaussians.degree == 0:
-            run.left_out.append(f"left out k of {case.name}: SH degree 0 has no components for VABR to choose")
-            continue
-        for k in [k for k in (QUICK_KS if run.quick else KS) if k < d] + [d]:
-            variant = paper_variant(case.gaussians, 0, runtime, k=k)
-            figures = {"bytes": variant.bytes, **pictures.figures(variant.gaussians)}
-            yield Row("components", case.name, f"k = {k}", {"k": k}, figures)
-        sizes = component_bytes(case.gaussians, 0, runtime, min(SHOWN_COMPONENTS, d))
-        for i, size in enumerate(sizes):
-            bits = {"bytes": size, "bits": 8 * size / case.gaussians.opacities.size, "share": size / max(sum(sizes), 1)}
-            yield Row("component bits", case.name, str(i + 1), {"component": i + 1}, bits)
 
 
 def _channel_rows(subject: str, gaussians: Gaussians, runtime: Runtime) -> Iterator[Row]:
@@ -280,28 +237,28 @@ def _channel_rows(subject: str, gaussians: Gaussians, runtime: Runtime) -> Itera
 _GEOMETRY_NAMES = ("position", "scale", "rotation")
 
 
-def _of(rows: Sequence[Row], study: str) -> dict[tuple[Any, ...], list[Row]]:
-    return grouped((row for row in rows if row.study == study), "subject")
-
-
 def channel_table(rows: Sequence[Row]) -> str:
     """σ and smoothness of each channel, and bytes with and without VPT."""
-    sections = []
-    costs = _of(rows, "channel bytes")
-    for (subject,), members in _of(rows, "channels").items():
-        lines = [[f"{row.setting['group']}: {row.way}", number(row.figures["deviation"], 4),
-                  number(row.figures["smoothness"], 4)] for row in members]  # fmt: skip
-        sections.append(f"**{subject}**\n\n{format_table(['channel', 'σ', 'neighbours correlate'], lines)}")
-        pair = costs[subject,]
-        lines = [[name, *(kilobytes(row.figures[name]) for row in pair)] for name in _GEOMETRY_NAMES]
-        sections.append(format_table(["planes at Q_g 0, all layers", *(f"KB {row.way}" for row in pair)], lines))
-    return "\n\n".join(sections)
+    return "\n\n".join(filter(None, [_CHANNELS(rows), _CHANNEL_BYTES(rows)]))
+
+
+_CHANNELS = Listing(
+    "channels",
+    {"channel": lambda rows: f"{rows[0].setting['group']}: {rows[0].way}", "σ": mean("deviation", digits(4)),
+     "neighbours correlate": mean("smoothness", digits(4))},
+    sections="subject",
+)  # fmt: skip
+_CHANNEL_BYTES = Listing(
+    "channel bytes",
+    {"planes at Q_g 0, all layers": said("way"), **{f"KB {name}": mean(name, kilobytes) for name in _GEOMETRY_NAMES}},
+    sections="subject",
+)
 
 
 def plot_channels(path: Path, rows: Sequence[Row]) -> bool:
     """Distributions, a panel per group."""
     grid = []
-    for members in _of(rows, "channels").values():
+    for members in grouped(of_study(rows, "channels"), "subject").values():
         panels = []
         for (group,), channels in grouped(members, "group").items():
             curves = []
@@ -318,64 +275,21 @@ def plot_channels(path: Path, rows: Sequence[Row]) -> bool:
     return bool(grid)
 
 
-def ablation_table(rows: Sequence[Row]) -> str:
-    """Means over subjects."""
-    lines = []
-    for (way, qp), members in grouped((row for row in rows if row.study == "ablation"), "way", "qp").items():
-        lines.append([way, f"{qp:g}", *_cells(members)])
-    return format_table(["variant", "Q_g", *_HEADER], lines) if lines else ""
-
-
-def plot_ablation(path: Path, rows: Sequence[Row]) -> bool:
-    """Rate against quality, means over subjects."""
-    curves = []
-    for (way,), members in grouped((row for row in rows if row.study == "ablation"), "way").items():
-        points = [(statistics.fmean(r.figures["bytes"] for r in found) / 1000,
-                   statistics.fmean(r.figures["psnr_decoded_raw"] for r in found))
-                  for found in grouped(members, "qp").values()]  # fmt: skip
-        curves.append(Curve(way, points))
-    if curves:
-        save_grid(path, "Profile paper, taken apart", [[Panel("", "KB", "dB to raw", curves)]])
-    return bool(curves)
-
-
-def component_table(rows: Sequence[Row]) -> str:
-    """Quality and size by k, and the bits of each component."""
-    sections, bits = [], _of(rows, "component bits")
-    for (subject,), members in _of(rows, "components").items():
-        lines = [[str(row.setting["k"]), *_cells([row])] for row in members]
-        sections.append(f"**{subject}**\n\n{format_table(['k', *_HEADER], lines)}")
-        lines = [[row.way, str(row.figures["bytes"]), number(row.figures["bits"], 3),
-                  number(100 * row.figures["share"], 1)] for row in bits[subject,]]  # fmt: skip
-        sections.append(format_table(["component", "bytes", "bits per Gaussian", "% of colour"], lines))
-    return "\n\n".join(sections)
-
-
-def plot_components(path: Path, rows: Sequence[Row]) -> bool:
-    """Quality against k, and the bits of each component."""
-    quality = [Curve(subject, [(row.setting["k"], row.figures["psnr_decoded_raw"]) for row in members])
-               for (subject,), members in _of(rows, "components").items()]  # fmt: skip
-    bits = [Curve(subject, [(row.setting["component"], row.figures["bits"]) for row in members])
-            for (subject,), members in _of(rows, "component bits").items()]  # fmt: skip
-    if quality:
-        panels = [Panel("", "k", "dB to raw", quality), Panel("", "component", "bits per Gaussian", bits, log="")]
-        save_grid(path, "Colour planes", [panels])
-    return bool(quality)
-
-
-_HEADER = ("KB", "dB to raw", "dB to photo")
-
-
-def _cells(rows: Sequence[Row]) -> list[str]:
-    photos = [row.figures["psnr"] for row in rows if "psnr" in row.figures]
-    return [kilobytes(statistics.fmean(row.figures["bytes"] for row in rows)),
-            decibels(statistics.fmean(row.figures["psnr_decoded_raw"] for row in rows)),
-            decibels(statistics.fmean(photos) if photos else None)]  # fmt: skip
-
-
 FIGURES = Study(
     "The paper's figures",
     figure_rows,
-    {"channels": channel_table, "ablation": ablation_table, "components": component_table},
-    {"channels": plot_channels, "ablation": plot_ablation, "components": plot_components},
-)
+    {
+        "channels": channel_table,
+        "ablation": Listing(
+            "ablation",
+            {"variant": said("way"), "Q_g": said("qp", "{:g}".format), "KB": mean("bytes", kilobytes),
+             "dB to raw": mean("psnr_decoded_raw", decibels), "dB to photo": mean("psnr", decibels)},
+            by=("way", "qp"), text="Means over inputs.",
+        ),
+    },
+    {
+        "channels": plot_channels,
+        "ablation": Chart("ablation", "Profile paper, taken apart", Axis("bytes", "KB", unit=1e-3),
+                          Axis("psnr_decoded_raw", "dB to raw")),
+    },
+)  # fmt: skip

@@ -21,7 +21,6 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.decoder import decode_gaussians
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
-from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
 from tinysplat_runtime.graphs.predict import predict
@@ -31,8 +30,7 @@ from ..clock import Figures, Variant, measure, plural
 from ..metrics import depth_errors
 from ..pictures import Drawing, photo_psnr
 from ..rows import Row
-from ..show.tables import decibels, percent, small
-from ..show.views import BYTES, TO_PHOTO, Column, View
+from ..show.tables import BYTES, TO_PHOTO, Column, View, decibels, percent, small
 from ..study import Run, Study
 from ..subjects.cases import Photos, Shots, Source, Window, contract_inputs
 from ..subjects.made import made_gaussians
@@ -60,7 +58,7 @@ def chain_rows(run: Run) -> Iterator[Row]:
     sides, codings = (QUICK_CHAIN_SIDES, QUICK_CODINGS) if run.quick else (CHAIN_SIDES, CODINGS)
     for source, window in run.photos:
         judged = _judged(source.shots(window, (run.side, run.side)))
-        variants, failed = [], []
+        variants = []
         for model in run.models:
             for side in sides:
                 shots = source.shots(window, (side, side))
@@ -68,15 +66,9 @@ def chain_rows(run: Run) -> Iterator[Row]:
                     label = f"{model} at {side}×{side}, {profile} qp {qp:g}"
                     setting = {"model": model, "side": side, "profile": profile, "qp": qp}
                     chain = partial(_chain, shots, model, profile, qp, judged, run.runtime)
-                    try:
-                        chain()
-                    except TinySplatError as error:
-                        failed.append(Row("chain", source.name, label, setting, note=str(error)))
-                        continue
                     figures = partial(_file_figures, judged=judged, run=run)
                     variants.append(Variant(label, chain, figures, setting, run.threads))
         yield from measure("chain", source.name, variants, run.effort)
-        yield from failed
 
 
 def _chain(shots: Shots, model: str, profile: str, qp: float, judged: Photos, runtime: Runtime) -> bytes:
@@ -97,25 +89,19 @@ def network_rows(run: Run) -> Iterator[Row]:
     """Photos to Gaussians, by network, size and threads; a row with the reason for each that could not run."""
     for source, window in run.photos:
         at_one_size = source.shots(window, (run.side, run.side))
-        variants, failed = [], []
+        variants = []
         for model in run.models:
             for side in QUICK_NETWORK_SIDES if run.quick else NETWORK_SIDES:
                 for count in run.thread_counts:
                     label = f"{model} at {side}×{side}, {plural(count)}"
-                    try:
-                        variants.append(_network(label, source, window, model, side, count, at_one_size))
-                    except TinySplatError as error:
-                        failed.append(Row("network", source.name, label, note=str(error)))
+                    variants.append(_network(label, source, window, model, side, count, at_one_size))
         yield from measure("network", source.name, variants, run.effort)
-        yield from failed
 
 
 def _network(label: str, source: Source, window: Window, model: str, side: int, threads: int, judged: Shots) -> Variant:
     shots = source.shots(window, (side, side))
     graph, drawing = Runtime(threads=threads).store.network(model), Drawing.as_defined(threads)
     run = partial(predict, shots.context.images, shots.context.cameras, shots.near, shots.far, graph)
-    run()  # what this network cannot take is found out here
-    rounding = float64_figures(model, shots)
 
     def figures(gaussians: Gaussians) -> Figures:
         inputs, targets = judged.context, judged.targets
@@ -127,7 +113,7 @@ def _network(label: str, source: Source, window: Window, model: str, side: int, 
         if known:
             z, truth = (np.stack(arrays) for arrays in zip(*known, strict=True))
             found["depth_abs_rel"] = depth_errors(z, truth)["abs_rel"]
-        return found | rounding(gaussians)
+        return found | float64_figures(model, shots, gaussians)
 
     setting = {"model": model, "side": side, "views": len(shots.context.cameras)}
     return Variant(label, run, figures, setting, threads)
@@ -139,13 +125,13 @@ def depths(gaussians: Gaussians) -> NDArray:
     return np.stack([(m + (gaussians.origin - c.centre)) @ c.rotation[2] for m, c in pairs]).astype(np.float32)
 
 
-def float64_figures(model: str, shots: Shots) -> Callable[[Gaussians], Figures]:
+def float64_figures(model: str, shots: Shots, gaussians: Gaussians) -> Figures:
     """Errors of depth against the torch twin in float64; no figures for a network without twin.
 
     A rounding that decides which candidate wins moves a depth by far more than a rounding, so quantiles are given.
     """
     if model not in TWINS:
-        return lambda _: {}
+        return {}
     import torch
 
     from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep
@@ -159,15 +145,11 @@ def float64_figures(model: str, shots: Shots) -> Callable[[Gaussians], Figures]:
     finally:
         torch.set_default_dtype(default)
     truth = outputs[OUTPUT_NAMES.index("depth")].numpy()
-
-    def figures(gaussians: Gaussians) -> Figures:
-        error = np.abs(depths(gaussians) - truth) / truth
-        return {"depth_error_median": float(np.median(error)), "depth_error_99": float(np.quantile(error, 0.99))}
-
-    return figures
+    error = np.abs(depths(gaussians) - truth) / truth
+    return {"depth_error_median": float(np.median(error)), "depth_error_99": float(np.quantile(error, 0.99))}
 
 
-CHAIN = Study.of_views(
+CHAIN = Study.of(
     "The whole chain",
     chain_rows,
     View(
@@ -180,7 +162,7 @@ CHAIN = Study.of_views(
     ),
 )  # fmt: skip
 
-NETWORKS = Study.of_views(
+NETWORKS = Study.of(
     "Networks",
     network_rows,
     View(
@@ -352,7 +334,7 @@ def _graph_view(name: str, title: str, text: str) -> View:
     return View(name, title, text, _ERRORS, costs=("max_relative_error",))
 
 
-TRANSFORMS = Study.of_views(
+TRANSFORMS = Study.of(
     "Transforms",
     transform_rows,
     _graph_view("analysis_vpt", "VPT", "Gaussians to planes."),

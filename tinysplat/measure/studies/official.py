@@ -22,8 +22,7 @@ from tinysplat_runtime.system.threads import available_cores
 
 from ..clock import Baseline, Effort, Figures, Variant, measure, measure_peak
 from ..rows import Row
-from ..show.tables import small
-from ..show.views import Column, View
+from ..show.tables import Column, View, small
 from ..study import Run, Study
 from ..subjects.cases import Photos, Shots, contract_inputs
 from ..subjects.room import Room
@@ -113,7 +112,7 @@ def _output_errors(truth: Tensors, found: Tensors) -> Figures:
     return out
 
 
-OFFICIAL = Study.of_views(
+OFFICIAL = Study.of(
     "Official networks",
     official_rows,
     View(

@@ -1,5 +1,5 @@
 """What does quality cost in bytes? Rate–distortion of ways to store the same Gaussians, what each idea of the codec
-gains and costs, and seconds beside dB.
+gains and costs, seconds beside dB, and other people's formats.
 
 A point is a file's bytes and the PSNR of pictures of the decoded Gaussians, at cameras that the Gaussians were not made
 from where there are some: against pictures of the raw ones, and against photos where these are at hand.
@@ -22,16 +22,16 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.planes import LayerPlan
 
 from .. import ideas
-from ..clock import Effort, Variant, measure, timed
+from ..clock import Effort, Variant, measure, summarised, timed
 from ..pictures import Drawing, Pictures
 from ..rows import Row, grouped
 from ..runner import Job, Plan, list_jobs, run_jobs
 from ..show.curve_tables import TO_PHOTO, TO_RAW, cost_table, gain_table, group_tables, measured, overview_table
-from ..show.plots import Curve, Panel, save_grid
-from ..show.tables import format_table, number
+from ..show.plots import Axis, Chart, save_grid
+from ..show.tables import BYTES, LOST, Column, View, decibels
 from ..study import Run, Study
-from ..subjects.cases import FILE
-from ..ways import Way, find_ways
+from ..subjects.cases import FILE, Case, truncated
+from ..ways import MAX_DEGREE, MissingToolError, Way, find_ways, peer_ways, tool_note
 
 CURVE_QPS: Mapping[str, tuple[float, ...]] = {
     "paper": (-6, 0, 6, 12, 18),
@@ -48,6 +48,13 @@ IDEA_QPS = (-4.0, 0.0, 4.0)
 """Of the profile with all its ideas; without one, the middle."""
 
 VIEWS, KINDS = (2, 4, 6), ("near", "multi")
+
+SOG_LIMIT_S, QUICK_SOG_LIMIT_S = 240.0, 5.0
+"""SOG is given up after this long: on a CPU its clustering of SH takes minutes."""
+
+EXACT_DB = 100
+"""Above it a format is exact but for float32's rounding; its dB would flatten all others on a plot."""
+
 # ---- measuring ----------------------------------------------------------------------------------------------------
 
 
@@ -162,24 +169,59 @@ def _cost_rows(job: Job, runtime: Runtime, rounds: int) -> Iterator[Row]:
 
 
 def seconds_rows(run: Run) -> Iterator[Row]:
-    """Every way and setting on every window, in turns; `setting` says whether a row is of encoding or decoding."""
-    ways = _ways(run, SECONDS_QPS, OTHER_SECONDS_QPS)
-    effort = Effort(run.options.rounds or (3 if run.quick else 7))
+    """Every way and setting on every window, in turns."""
+    ways, effort = _ways(run, SECONDS_QPS, OTHER_SECONDS_QPS), Effort(run.options.rounds or (3 if run.quick else 7))
     for job in (job for plan in _plans(run) for job in list_jobs(plan)[0]):
-        case = job.case(run.runtime).only(1 if run.quick else run.options.targets)
-        pictures = Pictures(case, run.drawing)
-        able = [(way, qp) for way in ways if not way.refuses(case) for qp in way.settings]
-        variants = []
-        for way, qp in able:
-            data = way.encode(case, qp)
-            figures = point_figures(way, data, pictures)
-            for stage, call in (("encode", partial(way.encode, case, qp)), ("decode", partial(way.decode, case, data))):
-                setting = {**_row("", job, way.name, qp).setting, "stage": stage}
-                variants.append(Variant(way.name, call, lambda _, f=figures: f, setting, run.threads))  # type: ignore[misc]
-        yield from measure("seconds", f"{job.source.name} {job.window}", variants, effort)
+        case = replace(job.case(run.runtime).only(1 if run.quick else run.options.targets), name=str(job))
+        group = f"{_row('', job, '', 0.0).setting['network']}, {len(job.window.context)} views"
+        yield from compare_ways("seconds", case, ways, run, effort, {"group": group})
 
 
-# ---- plots and seconds --------------------------------------------------------------------------------------------
+def peer_rows(run: Run) -> Iterator[Row]:
+    """Other formats, side by side in one run: bytes, seconds, dB."""
+    ways = peer_ways(run.runtime, QUICK_SOG_LIMIT_S if run.quick else SOG_LIMIT_S)
+    for case in run.cases:
+        if case.gaussians.degree > MAX_DEGREE:
+            cut = truncated(case.gaussians, MAX_DEGREE)
+            case = replace(case, name=f"{case.name}, cut to {MAX_DEGREE}", gaussians=cut)
+        yield from compare_ways("peers", case, ways, run, run.effort)
+
+
+def compare_ways(
+    study: str, case: Case, ways: Sequence[Way], run: Run, effort: Effort, setting: Mapping[str, Any] | None = None
+) -> list[Row]:
+    """Rows of `STUDY encode` (with bytes and dB) and `STUDY decode`, one of each per way and setting."""
+    pictures, rows, variants = Pictures(case, run.drawing), [], []
+    for way, qp in [(one, qp) for one in ways for qp in one.settings]:
+        name = f"{way.name}, Q_g {qp:g}" if len(way.settings) > 1 else way.name
+        encode, results = partial(way.encode, case, qp), list[Any]()
+        chosen: dict[str, Any] = {**(setting or {}), "tool": way.tool, "coding": way.name, "qp": qp}
+        refused = way.refuses(case)
+        try:
+            if refused:
+                raise MissingToolError(refused)
+            times = [timed(lambda: results.append(encode()))]  # noqa: B023 - called at once
+            decode = partial(way.decode, case, results[0])
+            times.append(timed(lambda: results.append(decode())))  # noqa: B023
+        except (MissingToolError, InputError) as error:
+            rows.append(Row(f"{study} encode", case.name, name, chosen, note=str(error)))
+            continue
+        figures, note = {"bytes": len(results[0]), **pictures.figures(results[1])}, tool_note(way.tool)
+        if way.is_slow:
+            chosen |= {"threads": way.threads}
+            for stage, found, time in (("encode", figures, times[0]), ("decode", {}, times[1])):
+                rows.append(Row(f"{study} {stage}", case.name, name, chosen, found, summarised([time]), note))
+        else:
+            variants.append((Variant(name, encode, lambda _, f=figures: f, chosen, way.threads),  # type: ignore[misc]
+                             Variant(name, decode, lambda _, f=figures: f, chosen, way.threads)))  # type: ignore[misc] # fmt: skip
+    for i, stage in enumerate(("encode", "decode")):
+        timed_rows = measure(f"{study} {stage}", case.name, [pair[i] for pair in variants], effort)
+        rows += [replace(row, note=tool_note(row.setting["tool"])) for row in timed_rows]
+    order = [way.name for way in ways]
+    return sorted(rows, key=lambda row: (row.study != f"{study} encode", order.index(row.setting["coding"])))
+
+
+# ---- shown --------------------------------------------------------------------------------------------------------
 
 
 def plot_curves(path: Path, rows: Sequence[Row]) -> bool:
@@ -187,67 +229,44 @@ def plot_curves(path: Path, rows: Sequence[Row]) -> bool:
     grid = []
     for (network,), of_network in grouped(measured(rows, "curves"), "network").items():
         for key, label in ((TO_RAW, "dB, decoded to raw"), (TO_PHOTO, "dB, decoded to photo")):
-            panels = [_panel(network, views, members, key, label) for (views,), members in
-                      grouped(of_network, "views").items()]  # fmt: skip
-            grid += [panels] if any(panel.curves for panel in panels) else []
+            chart, panels = Chart("curves", "", _KB, Axis(key, label)), []
+            for (views,), members in grouped(of_network, "views").items():
+                level = Axis("psnr_raw", "").of(members) if key == TO_PHOTO else None
+                panels += [replace(p, title=f"{network}, {views} views") for p in chart.panels(members, level)]
+            grid += [panels] if panels else []
     if grid:
         save_grid(path, "Means over windows; dashed: the raw Gaussians", grid)
     return bool(grid)
 
 
-def _panel(network: str, views: int, rows: Sequence[Row], key: str, label: str) -> Panel:
-    curves = []
-    for (way,), members in grouped(rows, "way").items():
-        points = []
-        for found in grouped(members, "qp").values():
-            figures = [row.figures for row in found if row.figures.get(key) is not None]
-            if figures:
-                points.append((statistics.fmean(f["bytes"] for f in figures) / 1000,
-                               statistics.fmean(f[key] for f in figures)))  # fmt: skip
-        curves += [Curve(way, points)] if points else []
-    raw = [row.figures["psnr_raw"] for row in rows if "psnr_raw" in row.figures]
-    return Panel(
-        f"{network}, {views} views", "KB", label, curves, statistics.fmean(raw) if raw and key == TO_PHOTO else None
-    )
+_KB = Axis("bytes", "KB", unit=1e-3)
+_CODED = (BYTES, Column(TO_RAW, "dB to raw", decibels), LOST)
 
 
-def seconds_table(rows: Sequence[Row]) -> str:
-    """A line per way and setting, a table per window."""
-    sections = []
-    for (subject,), members in grouped((row for row in rows if row.study == "seconds"), "subject").items():
-        lines = []
-        for (way, qp), pair in grouped(members, "way", "qp").items():
-            cells = [cell for row in pair for cell in (number(row.costs["seconds"], 3),
-                     f"{row.costs['low']:.3f}–{row.costs['high']:.3f}", number(row.costs["cpu"], 3))]  # fmt: skip
-            figures = pair[0].figures
-            lines.append([f"{way}, Q_g {qp:g}", number(figures["bytes"] / 1000, 1), number(figures[TO_RAW], 2), *cells])
-        header = ["", "KB", "dB", "encode s", "quartiles", "CPU s", "decode s", "quartiles", "CPU s"]
-        sections.append(f"**{members[0].setting['network']}, {subject}**\n\n{format_table(header, lines)}")
-    return "\n\n".join(sections)
-
-
-def plot_seconds(path: Path, rows: Sequence[Row]) -> bool:
-    """dB against seconds, encoding above and decoding below, a panel per network and number of views."""
-    rows = [row for row in rows if row.study == "seconds"]
-    grid = []
-    for (stage,), of_stage in grouped(rows, "stage").items():
-        panels = []
-        for (network, views), members in grouped(of_stage, "network", "views").items():
-            curves = []
-            for (way,), found in grouped(members, "way").items():
-                groups = grouped(found, "qp").values()
-                points = [(statistics.fmean(r.costs["seconds"] for r in g),
-                           statistics.fmean(r.figures[TO_RAW] for r in g)) for g in groups]  # fmt: skip
-                curves.append(Curve(way, points))
-            panels.append(Panel(f"{stage}: {network}, {views} views", "seconds, median", "dB, decoded to raw", curves))
-        grid.append(panels)
-    if grid:
-        save_grid(path, "Error against run time, means over windows", grid)
-    return bool(grid)
+def _stages(study: str, text: str) -> list[View]:
+    better = {"costs": ("bytes",), "gains": (TO_RAW,)}
+    return [
+        View(f"{study} encode", "Encoding", text, _CODED, **better),  # type: ignore[arg-type]
+        View(f"{study} decode", "Decoding", "A file's bytes to Gaussians.", _CODED, **better),  # type: ignore[arg-type]
+    ]
 
 
 CURVES = Study(
     "Rate–distortion", curve_rows, {"curves": overview_table, "curves by views": group_tables}, {"curves": plot_curves}
 )
 IDEAS = Study("What each idea gains", idea_rows, {"ideas": gain_table, "idea costs": cost_table})
-SECONDS = Study("Seconds beside dB", seconds_rows, {"seconds": seconds_table}, {"seconds": plot_seconds})
+SECONDS = Study.of(
+    "Seconds beside dB",
+    seconds_rows,
+    *_stages("seconds", "Ways to store the Gaussians of a window, in turns; dB to raw: against their pictures."),
+    *(Chart(f"seconds {stage}", f"Error against run time of {stage[:-1]}ing, means over windows",
+            Axis("seconds", "seconds, median", "costs"), Axis(TO_RAW, "dB to raw"), "group", "coding")
+      for stage in ("encode", "decode")),
+)  # fmt: skip
+PEERS = Study.of(
+    "Peers",
+    peer_rows,
+    *_stages("peers", "The same Gaussians in other formats, in the same run; dB to raw: against pictures of them."),
+    Chart("peers encode", "The same Gaussians in several formats", _KB, Axis(TO_RAW, "dB to raw", most=EXACT_DB),
+          panel="subject", curve="", point="way"),
+)  # fmt: skip

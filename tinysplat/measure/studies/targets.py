@@ -13,7 +13,6 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,9 +30,9 @@ from tinysplat_runtime.gaussian.planes import Channel
 
 from ..clock import timed
 from ..pictures import Pictures
-from ..rows import Row, grouped
-from ..show.plots import Curve, Panel, save_grid
-from ..show.tables import decibels, format_table, kilobytes, number, percent
+from ..rows import Row
+from ..show.plots import Axis, Chart
+from ..show.tables import Listing, decibels, digits, kilobytes, mean, percent, said
 from ..study import Run, Study
 
 SIZES, PSNRS = (40_000, 80_000, 160_000), (38.0,)
@@ -82,24 +81,23 @@ def _target_row(pictures: Pictures, profile: str, target: dict[str, Any], runtim
     return Row("targets", case.name, profile, setting, figures, costs)
 
 
-def target_table(rows: Sequence[Row]) -> str:
-    """A line per profile and target, over subjects."""
-    lines = []
-    chosen = [row for row in rows if row.study == "targets" and row.figures]
-    for (profile, size, db), members in grouped(chosen, "profile", "target_size", "target_psnr").items():
-        figures = [row.figures for row in members]
-        wanted = f"{size / 1000:g} KB" if size else f"{db:g} dB"
-        if size:
-            shares = [f["share"] for f in figures]
-            met = f"{min(shares):.1%} to {max(shares):.1%} of it"
-            loss = decibels(max(f["loss_db"] for f in figures))
-        else:
-            excess = [f["excess_db"] for f in figures]
-            met, loss = f"+{min(excess):.2f} to +{max(excess):.2f} dB", ""
-        ratio = statistics.median(row.costs["cpu_ratio"] for row in members)
-        lines.append([profile, wanted, met, loss, f"{ratio:.2f}"])
-    heads = ["profile", "wanted", "met", "dB lost at the same bytes, at most", "× the CPU time of a plain encode"]
-    return format_table(heads, lines) if lines else ""
+def _met(rows: Sequence[Row]) -> str:
+    """The range over subjects of what was met of a target."""
+    if "share" in rows[0].figures:
+        shares = [row.figures["share"] for row in rows]
+        return f"{min(shares):.1%} to {max(shares):.1%} of it"
+    excess = [row.figures["excess_db"] for row in rows]
+    return f"+{min(excess):.2f} to +{max(excess):.2f} dB"
+
+
+def _target(rows: Sequence[Row]) -> str:
+    size, db = rows[0].setting.get("target_size"), rows[0].setting.get("target_psnr")
+    return f"{size / 1000:g} KB" if size else f"{db:g} dB"
+
+
+def _loss(rows: Sequence[Row]) -> str:
+    losses = [row.figures["loss_db"] for row in rows if "loss_db" in row.figures]
+    return decibels(max(losses)) if losses else ""
 
 
 def prefix_rows(run: Run) -> Iterator[Row]:
@@ -118,28 +116,6 @@ def prefix_rows(run: Run) -> Iterator[Row]:
                 psnr = pictures.figures(decoded)["psnr_decoded_raw"]
                 setting = {"profile": profile, "bytes": size, "is_end": size in ends}
                 yield Row("prefixes", case.name, profile, setting, {"psnr_decoded_raw": psnr, "of": len(data)})
-
-
-def prefix_table(rows: Sequence[Row]) -> str:
-    """A line per end of a section."""
-    lines = [
-        [row.subject, row.way, kilobytes(row.setting["bytes"]), percent(row.setting["bytes"] / row.figures["of"]),
-         decibels(row.figures["psnr_decoded_raw"])]
-        for row in rows
-        if row.study == "prefixes" and row.setting["is_end"]
-    ]  # fmt: skip
-    return format_table(["", "profile", "KB", "share", "dB to raw"], lines) if lines else ""
-
-
-def plot_prefixes(path: Path, rows: Sequence[Row]) -> bool:
-    """A curve per subject."""
-    curves = [
-        Curve(subject, [(row.setting["bytes"] / 1000, row.figures["psnr_decoded_raw"]) for row in members])
-        for (subject,), members in grouped((row for row in rows if row.study == "prefixes"), "subject").items()
-    ]
-    if curves:
-        save_grid(path, "What a prefix shows", [[Panel("", "bytes received (KB)", "dB to raw", curves, log="")]])
-    return bool(curves)
 
 
 def mapping_rows(run: Run) -> Iterator[Row]:
@@ -180,17 +156,39 @@ def _mapping(channel: Channel, low: float, high: float, encoder: object) -> dict
     }
 
 
-def mapping_table(rows: Sequence[Row]) -> str:
-    """Means by class, in σ; the last column is by how much the mean squared error grows because codes have 12 bits."""
-    lines = []
-    for (label,), members in grouped((row for row in rows if row.study == "mapping"), "class").items():
-        mean = {name: statistics.fmean(row.figures[name] for row in members) for name in members[0].figures}
-        digits = {"step_wanted": 4, "step_reached": 4, "rounding_12": 5, "rounding_14": 5, "hevc": 4}
-        lines.append([label, *(number(mean[name], n) for name, n in digits.items()), percent(mean["mse_growth"])])
-    heads = ["class", "step wanted", "reached", "rounding 12 bit", "14 bit", "HEVC rmse", "MSE growth"]
-    return format_table(heads, lines) if lines else ""
-
-
-TARGETS = Study("Targets", target_rows, {"targets": target_table})
-PREFIXES = Study("Prefixes", prefix_rows, {"prefixes": prefix_table}, {"prefixes": plot_prefixes})
-MAPPING = Study("Codes of 12 bits", mapping_rows, {"mapping": mapping_table})
+TARGETS = Study.of(
+    "Targets",
+    target_rows,
+    Listing(
+        "targets",
+        {"profile": said("way"), "wanted": _target, "met": _met, "dB lost at the same bytes, at most": _loss,
+         "× the CPU time of a plain encode": mean("cpu_ratio", digits(2), "costs")},
+        by=("way", "target_size", "target_psnr"), wanted=lambda row: bool(row.figures),
+    ),
+)  # fmt: skip
+PREFIXES = Study.of(
+    "Prefixes",
+    prefix_rows,
+    Listing(
+        "prefixes",
+        {"": said("subject"), "profile": said("way"), "KB": said("bytes", kilobytes),
+         "share": lambda rows: percent(rows[0].setting["bytes"] / rows[0].figures["of"]),
+         "dB to raw": mean("psnr_decoded_raw", decibels)},
+        wanted=lambda row: row.setting["is_end"],
+    ),
+    Chart("prefixes", "What a prefix shows", Axis("bytes", "bytes received (KB)", "setting", 1e-3),
+          Axis("psnr_decoded_raw", "dB to raw"), curve="subject", point="bytes", log=""),
+)  # fmt: skip
+MAPPING = Study.of(
+    "Codes of 12 bits",
+    mapping_rows,
+    Listing(
+        "mapping",
+        {"class": said("class"), "step wanted": mean("step_wanted", digits(4)),
+         "reached": mean("step_reached", digits(4)), "rounding 12 bit": mean("rounding_12", digits(5)),
+         "14 bit": mean("rounding_14", digits(5)), "HEVC rmse": mean("hevc", digits(4)),
+         "MSE growth": mean("mse_growth", percent)},
+        by=("class",),
+        text="Means by class, in σ; by how much the mean squared error grows because codes have 12 bits.",
+    ),
+)  # fmt: skip

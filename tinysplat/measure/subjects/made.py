@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats
@@ -108,22 +109,7 @@ def _standard(values: NDArray) -> NDArray:
 
 def blur(image: NDArray, sigma: float) -> NDArray:
     """Gaussian blur of (H, W) or (H, W, C) with mirrored borders."""
-    rows, columns = _blur_matrix(image.shape[0], sigma), _blur_matrix(image.shape[1], sigma)
-    channels = np.moveaxis(np.atleast_3d(image), -1, 0)
-    return np.moveaxis(rows @ channels @ columns.T, 0, -1).reshape(image.shape)
-
-
-@lru_cache(maxsize=64)
-def _blur_matrix(length: int, sigma: float) -> NDArray:
-    """(n, n) whose rows are the weights of a line's blurred samples."""
-    radius = max(1, int(np.ceil(3 * sigma)))
-    taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
-    period = max(2 * length - 2, 1)
-    reach = np.arange(length)[:, None] + np.arange(-radius, radius + 1)
-    mirrored = np.abs((reach + length - 1) % period - (length - 1))
-    matrix = np.zeros((length, length))
-    np.add.at(matrix, (np.arange(length)[:, None], mirrored), taps / taps.sum())
-    return matrix
+    return gaussian_filter(np.asarray(image, np.float64), sigma, mode="mirror", axes=(0, 1))
 
 
 def made_case(views: int, height: int, width: int, degree: int) -> Case:

@@ -8,7 +8,7 @@ has something to hold on to, depth has steps, and benchmarks need no data. Every
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import resize_cover, write_png
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
 
-from .cases import Case, LeftOut, Photos, Shots, Window, predicted
+from .cases import Case, LeftOut, Photos, PhotoSource, Shots, Window
 
 NEAR, FAR = 1.8, 9.0
 
@@ -150,23 +150,16 @@ def _unit(vectors: NDArray) -> NDArray:
 # ---- as sources -------------------------------------------------------------------------------------------------
 
 
-class _OneWindow:
+class _OneWindow(PhotoSource):
     """What scenes of one window have in common."""
-
-    needs_network = True
-    name: str
 
     def windows(self) -> tuple[list[Window], list[LeftOut]]:
         """See `Source`."""
         return [Window(self.name, (0,), (1,))], []
 
-    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
-        """See `Source`."""
-        raise NotImplementedError
-
     def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
         """See `Source`."""
-        return predicted(self.name, model, self.shots(window, size), runtime)
+        return replace(super().case(window, model, size, runtime), name=self.name)
 
     def fingerprint(self, window: Window) -> str:
         """Nothing but code: see `code_fingerprint`."""

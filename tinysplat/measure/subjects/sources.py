@@ -1,9 +1,13 @@
 """Where subjects come from: scene folders, data sets in chunks, Gaussian files, and the paths that a user gives.
 
-Scene folders bring their windows in `eval_index.json` (`index`), data sets in public indices. A Gaussian file is a
-window of its own, without photos: its targets are the cameras in its arrays `target_K` and `target_c2w`, or else the
-midpoints between neighbouring views. What cannot be used is left out with the reason, by window where one window is at
-fault, by scene otherwise.
+Scene folders bring their windows in `eval_index.json`, data sets in public indices:
+
+    {"near": 2.0, "far": 9.7, "windows": [{"kind": "near", "context": [2, 5], "target": [3, 4]}, …]}
+
+A Gaussian file is a window of its own, without photos: its targets are the cameras in its arrays `target_K` and
+`target_c2w`, or else the midpoints between neighbouring views. What cannot be used is left out with the reason, by
+window where one window is at fault, by scene otherwise. Trust boundary: files are bounded in size, and what they hold
+is checked field by field.
 """
 
 from __future__ import annotations
@@ -13,38 +17,41 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE
+from tinysplat.datasets.indices import frame_indices
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import MAX_PIXELS
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
-from tinysplat_runtime.system.files import StrPath, read_limited
+from tinysplat_runtime.system.files import StrPath, check_readable, read_limited
 
 from ..rows import digest
-from .cases import FILE, Case, LeftOut, Photos, Shots, Source, Window, predicted
-from .index import EVAL_INDEX, MAX_INDEX_BYTES, parse_window, read_depth, read_index, stated_depth
+from .cases import FILE, Case, LeftOut, Photos, PhotoSource, Shots, Source, Window
 
+EVAL_INDEX = "eval_index.json"
+MAX_INDEX_BYTES = 16 * 1000 * 1000
 GAUSSIAN_SUFFIXES = (".npz", ".safetensors")
 
 
 @dataclass(frozen=True)
-class FolderSource:
+class FolderSource(PhotoSource):
     """A scene folder with `eval_index.json`; near and far replace the index's."""
 
     path: Path
     near: float | None = None
     far: float | None = None
-    needs_network = True
 
     @property
     def name(self) -> str:
@@ -82,10 +89,6 @@ class FolderSource:
         seen = Photos(targets.images(), tuple(targets.cameras), depths, enlarged)
         return Shots(Photos(context.images(), tuple(context.cameras)), seen, near, far, context)
 
-    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
-        """See `Source`."""
-        return predicted(f"{self.name} {window}", model, self.shots(window, size), runtime)
-
     def fingerprint(self, window: Window) -> str:
         """Of the cameras, the depth range and the photos' sizes and times of change."""
         scene = self.scene()
@@ -111,7 +114,7 @@ class FolderSource:
 
 
 @dataclass(frozen=True)
-class ChunkSource:
+class ChunkSource(PhotoSource):
     """One scene of a data set in chunks, with its window of a public index; near and far replace the data set's."""
 
     folder: Path
@@ -120,7 +123,6 @@ class ChunkSource:
     window: Window
     near: float | None = None
     far: float | None = None
-    needs_network = True
 
     @property
     def name(self) -> str:
@@ -139,10 +141,6 @@ class ChunkSource:
         height, width = min(spec.frame_shapes)
         seen = Photos(targets[0], tuple(targets[1]), enlarged=max(size[0] / height, size[1] / width))
         return Shots(Photos(context[0], tuple(context[1])), seen, self.near or spec.near, self.far or spec.far)
-
-    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
-        """See `Source`."""
-        return predicted(f"{self.name} {window}", model, self.shots(window, size), runtime)
 
     def fingerprint(self, window: Window) -> str:
         """Of the chunk's size and time of change, and the depth range."""
@@ -279,3 +277,74 @@ def _scale(stored: Camera, size: tuple[int, int]) -> float:
 def _stat(path: Path) -> list[int]:
     stat = path.stat()
     return [stat.st_size, stat.st_mtime_ns]
+
+
+# ---- eval_index.json ----------------------------------------------------------------------------------------------
+
+
+def read_index(path: Path) -> dict[str, Any]:
+    """The object in `eval_index.json`; InputError names the file if there is none."""
+    if not path.is_file():
+        raise InputError(f"no {EVAL_INDEX} in this folder", where=str(path.parent))
+    try:
+        document = json.loads(read_limited(path, MAX_INDEX_BYTES))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not JSON ({error})", where=str(path)) from None
+    if not isinstance(document, dict):
+        raise InputError("expected an object with windows", where=str(path))
+    return document
+
+
+def stated_depth(index: dict[str, Any], name: str, path: Path) -> float | None:
+    """`near` or `far` of an index, None where it states none; InputError if it is no depth."""
+    value = index.get(name)
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float) or not value > 0):
+        raise InputError(f"{str(value)[:20]}, expected a depth > 0", where=f"{path}: {name}")
+    return value
+
+
+def parse_window(entry: Any, frames: int, where: str) -> Window:
+    """A window out of an entry of `windows`; InputError names the field, whose frames must be below `frames`."""
+    if not isinstance(entry, dict):
+        raise InputError("expected an object with context and target", where=where)
+    kind = entry.get("kind", "window")
+    if not isinstance(kind, str) or not kind.isidentifier():
+        raise InputError(f"{str(kind)[:40]!r}, expected a word", where=f"{where}.kind")
+    context, targets = (frame_indices(entry, name, where) for name in ("context", "target"))
+    for name, indices in (("context", context), ("target", targets)):
+        for i in indices:
+            if i >= frames:
+                raise InputError(f"frame {i}, but the scene has 0 to {frames - 1}", where=f"{where}.{name}")
+    if len(set(context)) < len(context):
+        raise InputError(f"{list(context)} names a frame twice", where=f"{where}.context")
+    return Window(kind, context, targets)
+
+
+def read_depth(path: Path, scale: float, height: int, width: int) -> NDArray:
+    """A 16-bit PNG of depth × scale, at the size of evaluation.
+
+    Args:
+        path: the file; 0 stands for no value.
+        scale: values per scene unit.
+        height, width: as `Camera.resized` covers and crops; the nearest sample is taken, as depths don't mix.
+
+    Returns:
+        (height, width) float32 in scene units.
+    """
+    from PIL import Image
+
+    check_readable(path)
+    try:
+        with Image.open(path, formats=("PNG",)) as image:
+            if image.mode not in ("I;16", "I;16B", "I") or image.width * image.height > MAX_PIXELS:
+                found = f"{image.width}x{image.height} of mode {image.mode}"
+                raise InputError(f"{found}, expected a 16-bit grey PNG", where=str(path))
+            stored = np.asarray(image).astype(np.float32)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(f"cannot be decoded ({str(error)[:120]})", where=str(path)) from None
+    to_output = Camera(np.eye(3), np.eye(4), width=stored.shape[1], height=stored.shape[0]).resized(height, width).K
+    rows, columns = (
+        np.floor((np.arange(n) + 0.5 - to_output[axis, 2]) / to_output[axis, axis]).astype(int).clip(0, limit - 1)
+        for n, axis, limit in ((height, 1, stored.shape[0]), (width, 0, stored.shape[1]))
+    )
+    return stored[np.ix_(rows, columns)] / np.float32(scale)

@@ -5,18 +5,17 @@ against run time is the study `transforms`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from tinysplat.measure.rows import Row, grouped
+from tinysplat.measure.rows import Row, grouped, of_study
 from tinysplat.measure.show.plots import Curve, Panel, save_grid
-from tinysplat.measure.show.tables import format_table, small
+from tinysplat.measure.show.tables import ABSENT, Listing, format_table, mean, said, small
 from tinysplat.measure.study import Run, Study
 from tinysplat_runtime.graphs.inference import GraphStore
 
 from . import pictures, projection, reduction
-from .bounds import STUDY, holds
+from .exact import STUDY, holds
 
 WAYS = ("float32", "ours", "float64")
 TRANSFORMS = ("VPT", "VPT⁻¹", "Quat(R)", "VABR", "SH", "EWA")
@@ -45,22 +44,10 @@ def rows_of(run: Run) -> Iterator[Row]:
     yield from pictures.quantiser_rows()
 
 
-def bound_table(transform: str, rows: Sequence[Row]) -> str:
-    """Every case of a transform."""
-    lines = [
-        [row.setting["case"], row.setting["measure"],
-         *(small(row.figures[name]) for name in ("condition", *WAYS, "bound")), row.setting["mitigation"]]
-        for row in rows
-        if (row.study, row.subject) == (STUDY, transform)
-    ]  # fmt: skip
-    heads = ["case", "measure", "condition", *WAYS, "bound", "mitigation"]
-    return format_table(heads, lines) if lines else ""
-
-
 def worst_table(rows: Sequence[Row]) -> str:
     """The case of each transform that comes nearest to its bound."""
     lines = []
-    for (transform,), members in grouped((row for row in rows if row.study == STUDY), "subject").items():
+    for (transform,), members in grouped(of_study(rows, STUDY), "subject").items():
         row = max(members, key=lambda row: row.figures["ours"] / row.figures["bound"])
         figures = [small(row.figures[name]) for name in ("condition", *WAYS, "bound")]
         lines.append([transform, str(len(members)), f"{row.setting['case']}: {row.setting['measure']}", *figures])
@@ -68,32 +55,10 @@ def worst_table(rows: Sequence[Row]) -> str:
     return format_table(heads, lines) if lines else ""
 
 
-def floor_table(rows: Sequence[Row]) -> str:
-    """The floors of VABR's weighting."""
-    names = ("least", "condition", "amplification", "seen", "beside", "round_trip")
-    lines = [[row.subject, row.way, *(small(row.figures[name]) for name in names)]
-             for row in rows if row.study == "floor"]  # fmt: skip
-    heads = ["cameras", "weighting", "least λ", "condition of Δ", "noise in coefficients", "in colour seen",
-             "10° beside", "float32 round trip"]  # fmt: skip
-    return format_table(heads, lines) if lines else ""
-
-
-def quantiser_table(rows: Sequence[Row]) -> str:
-    """Planes that strain 12 bits."""
-    lines = []
-    for row in (row for row in rows if row.study == "quantiser"):
-        f = row.figures
-        reached, unit = (small(f["reached"]), "") if f["reached"] else ("–", " (units)")
-        clipped = f"{f['clipped']} of 4096"
-        lines.append([row.way, small(f["wanted"]), reached, row.setting["what"], small(f["error"]) + unit, clipped])
-    heads = ["plane", "step wanted", "step reached", "coded as", "error of codes, steps", "clipped"]
-    return format_table(heads, lines) if lines else ""
-
-
 def plot_errors(path: Path, rows: Sequence[Row]) -> bool:
     """Every case's three errors and its bound, a panel per transform."""
     panels = []
-    for (transform,), members in grouped((row for row in rows if row.study == STUDY), "subject").items():
+    for (transform,), members in grouped(of_study(rows, STUDY), "subject").items():
         curves = [
             Curve(name, [(i + 1, min(max(row.figures[name], _EXACT), 10.0)) for i, row in enumerate(members)],
                   is_line=False)
@@ -105,11 +70,39 @@ def plot_errors(path: Path, rows: Sequence[Row]) -> bool:
     return bool(panels)
 
 
-_BOUNDS: dict[str, Callable[[Sequence[Row]], str]] = {name: partial(bound_table, name) for name in TRANSFORMS}
+_ERRORS = {name: mean(name, small) for name in ("condition", *WAYS, "bound")}
+
+
+def _bounds(transform: str) -> Listing:
+    """Every case of a transform."""
+    columns = {"case": said("case"), "measure": said("measure"), **_ERRORS}
+    return Listing(STUDY, columns, wanted=lambda row: row.subject == transform)
+
+
+_FLOOR = Listing(
+    "floor",
+    {"cameras": said("subject"), "weighting": said("way"), "least λ": mean("least", small),
+     "condition of Δ": mean("condition", small), "noise in coefficients": mean("amplification", small),
+     "in colour seen": mean("seen", small), "10° beside": mean("beside", small),
+     "float32 round trip": mean("round_trip", small)},
+)  # fmt: skip
+_QUANTISER = Listing(
+    "quantiser",
+    {"plane": said("way"), "step wanted": mean("wanted", small),
+     "step reached": mean("reached", lambda step: small(step) if step else ABSENT), "coded as": said("what"),
+     "error of codes, steps": lambda rows: small(rows[0].figures["error"]) + _unit(rows[0]),
+     "clipped": lambda rows: f"{rows[0].figures['clipped']} of 4096"},
+)  # fmt: skip
+
+
+def _unit(row: Row) -> str:
+    return "" if row.figures["reached"] else " (units)"
+
 
 NUMERICS = Study(
     "Conditioning",
     rows_of,
-    {"numerics worst": worst_table, **_BOUNDS, "floor": floor_table, "quantiser": quantiser_table},
+    {"numerics worst": worst_table, **{name: _bounds(name) for name in TRANSFORMS}, "floor": _FLOOR,
+     "quantiser": _QUANTISER},
     {"numerics_errors": plot_errors},
-)
+)  # fmt: skip

@@ -12,6 +12,8 @@ import mpmath
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tinysplat.measure.rows import Row
+
 DIGITS = 50
 
 mpmath.mp.dps = DIGITS
@@ -112,6 +114,18 @@ def unproject(
     }
 
 
+def sh_basis(directions: NDArray[Any], degree: int) -> NDArray[Any]:
+    """Real spherical harmonics (N, B) of unit vectors (N, 3), from mpmath's Legendre functions."""
+    bands = [(band, m) for band in range(degree + 1) for m in range(-band, band + 1)]
+    return np.array([[_harmonic(band, m, *direction) for band, m in bands] for direction in directions])
+
+
+def _harmonic(band: int, m: int, x: Any, y: Any, z: Any) -> Any:
+    """√2 times the real or imaginary part of Y_band^|m|, by the sign of m, with 3DGS's signs."""
+    value = mpmath.spherharm(band, abs(m), mpmath.acos(z), mpmath.atan2(y, x))
+    return value.real if m == 0 else mpmath.sqrt(2) * (value.imag if m < 0 else value.real)
+
+
 def splat_exponent(axes: NDArray[Any], jacobian: NDArray[Any], d: NDArray[Any], dilation: float) -> NDArray[Any]:
     """½ dᵀ(J·axes·axesᵀ·Jᵀ + dilation·1)⁻¹d of (N, 3, 3) axes, (N, 2, 3) Jacobians and (N, 2) offsets."""
     m = np.stack([j @ a for j, a in zip(jacobian, axes, strict=True)])  # (N, 2, 3)
@@ -119,3 +133,46 @@ def splat_exponent(axes: NDArray[Any], jacobian: NDArray[Any], d: NDArray[Any], 
     a, c = a + exact(dilation), c + exact(dilation)
     x, y = d.T
     return (c * x * x - 2 * b * x * y + a * y * y) / (2 * (a * c - b * b))
+
+
+# ---- rows --------------------------------------------------------------------------------------------------------
+
+EPS32 = 2.0**-24
+"""Unit roundoff of float32."""
+
+EPS64 = 2.0**-53
+
+STUDY = "numerics"
+
+
+def numeric_row(
+    transform: str,
+    case: str,
+    measure: str,
+    condition: float,
+    *,
+    plain: float,
+    ours: float,
+    double: float,
+    bound: float,
+) -> Row:
+    """A row of the study.
+
+    Args:
+        transform: the table it belongs to.
+        case: what is extreme about it.
+        measure: what the errors are of, and in which unit.
+        condition: how much the result moves per relative movement of its inputs.
+        plain: error of float32 arithmetic straight from the formulas.
+        ours: error of what ships.
+        double: error of float64 arithmetic.
+        bound: that `ours` must keep, from the condition number.
+    """
+    figures = {"condition": condition, "float32": plain, "ours": ours, "float64": double, "bound": bound}
+    return Row(STUDY, transform, f"{case}; {measure}", {"case": case, "measure": measure},
+               {name: float(value) for name, value in figures.items()})  # fmt: skip
+
+
+def holds(row: Row) -> bool:
+    """Whether ours keeps the bound; NaN does not."""
+    return bool(row.figures["ours"] <= row.figures["bound"])

@@ -1,13 +1,12 @@
-"""SH evaluation, EWA projection and the quantiser at their ends."""
+"""SH evaluation, EWA projection and the quantiser at their ends. SH: the ray from the camera is normalised in float64;
+EWA: no a·c − b² in the determinant, and float64 above 256 px."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +21,7 @@ from tinysplat_runtime.render.project import ALPHA_X, BETA_X, DILATION, GAMMA, S
 from tinysplat_runtime.scene.cameras import Camera
 
 from . import exact as E
-from .bounds import EPS32, numeric_row
+from .exact import EPS32, numeric_row
 
 # ---- SH -------------------------------------------------------------------------------------------------------------
 
@@ -40,7 +39,7 @@ def sh_rows() -> Iterator[Row]:
     for case, (degree, size, rays) in cases.items():
         coefficients = (rng.normal(size=(60, (degree + 1) ** 2)) * size).astype(np.float32)
         unit = E.exact(rays) / E.sqrt((E.exact(rays) ** 2).sum(axis=-1))[:, None]
-        terms = exact_basis(unit, degree)
+        terms = E.sh_basis(unit, degree)
         wanted, size_of = (
             (terms * E.exact(coefficients)).sum(-1),
             (E.absolute(terms) * E.absolute(E.exact(coefficients))).sum(-1),
@@ -55,38 +54,7 @@ def sh_rows() -> Iterator[Row]:
         }
         errors = {way: E.worst(values, wanted, size_of) for way, values in ways.items()}
         condition = E.largest(size_of / E.absolute(wanted))
-        yield numeric_row("SH", case, "colour, in Σ\\|Y\\|\\|c\\|", condition, **errors, bound=40 * EPS32,
-                         mitigation="ray from the camera in float64 before it is normalised")  # fmt: skip
-
-
-def exact_basis(d: NDArray[Any], degree: int) -> NDArray[Any]:
-    """(N, B) of unit vectors, from the recurrence of the Legendre functions, not from expanded polynomials."""
-    x, y, z = d.T
-    out = []
-    for l in range(degree + 1):  # noqa: E741 - degree and order are l and m
-        for m in range(-l, l + 1):
-            k = abs(m)
-            norm = mpmath.sqrt((2 * l + 1) / (4 * mpmath.pi) * mpmath.factorial(l - k) / mpmath.factorial(l + k))
-            real, imaginary = _power(x, y, k)
-            turn = norm * (mpmath.sqrt(2) if m else 1) * (imaginary if m < 0 else real)
-            out.append(turn * (-1) ** k * _legendre(l, k, z))
-    return np.stack(out, axis=-1)
-
-
-def _power(x: NDArray[Any], y: NDArray[Any], k: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Real and imaginary part of (x + iy)^k."""
-    real, imaginary = x * 0 + 1, x * 0
-    for _ in range(k):
-        real, imaginary = real * x - imaginary * y, real * y + imaginary * x
-    return real, imaginary
-
-
-def _legendre(l: int, m: int, z: NDArray[Any]) -> NDArray[Any]:  # noqa: E741
-    """P_l^m(z) / (1 − z²)^(m/2), without the sign: (l − m)·P_l = (2l − 1) z P_(l−1) − (l + m − 1) P_(l−2)."""
-    before, value = z * 0, z * 0 + math.prod(range(1, 2 * m, 2))
-    for n in range(m + 1, l + 1):
-        before, value = value, ((2 * n - 1) * z * value - (n + m - 1) * before) / (n - m)
-    return value
+        yield numeric_row("SH", case, "colour, in Σ\\|Y\\|\\|c\\|", condition, **errors, bound=40 * EPS32)
 
 
 # ---- EWA ------------------------------------------------------------------------------------------------------------
@@ -157,11 +125,7 @@ def splat_rows() -> Iterator[Row]:
         condition = float((largest**2 + DILATION) / DILATION)
         yield numeric_row(
             "EWA", case.name, "alpha at 0 to 3 σ, absolute", condition, **errors, bound=_bound(largest),
-            mitigation=_EWA_MITIGATION,
         )  # fmt: skip
-
-
-_EWA_MITIGATION = "determinant without a·c − b²; float64 above 256 px"
 
 
 def _bound(largest_px: float) -> float:

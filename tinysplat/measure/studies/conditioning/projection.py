@@ -1,4 +1,9 @@
-"""VPT and its inverse on cases at the ends: far from the origin, near and far depths, lenses, rotations, scales."""
+"""VPT and its inverse on cases at the ends: far from the origin, near and far depths, lenses, rotations, scales.
+
+Means are kept relative to a float64 origin and the camera's centre is two float32; of quaternions the largest
+component is divided out first, and Quat(R) takes its branch. Nothing helps where an ulp of a float32 mean is as large
+as an error: a principal point 1e4 px outside, a focal length of 1e6 px.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +25,7 @@ from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore, as_input
 from tinysplat_runtime.scene.cameras import Camera
 
 from . import exact as E
-from .bounds import EPS32, EPS64, numeric_row
+from .exact import EPS32, EPS64, numeric_row
 
 SIDE = 8
 ROUNDINGS = 8
@@ -200,8 +205,7 @@ def _projection_measures(
             values = geometry[rows[name]].T
             errors[way] = E.worst(values, wanted, wanted if unit == "relative" else 1.0)
         if name in _INTERESTING.get(scene.name, ("depth", "offset")):
-            yield numeric_row("VPT", scene.name, f"{name}, {unit}", condition, **errors, bound=bound,
-                             mitigation=_MITIGATION.get(scene.name, ""))  # fmt: skip
+            yield numeric_row("VPT", scene.name, f"{name}, {unit}", condition, **errors, bound=bound)
 
 
 _INTERESTING = {
@@ -212,17 +216,6 @@ _INTERESTING = {
     "quaternions of length 1e37": ("quat",),
     "denormal quaternions": ("quat",),
 }
-
-_FAR = "means relative to a float64 origin; camera centre as two float32"
-_MITIGATION = {
-    **{f"centred at 1e{n}": _FAR for n in (3, 5, 7)},
-    "principal point 1e4 px outside": "none: an ulp of a float32 mean is as large",
-    "focal length 1e6 px": "none: an ulp of a float32 mean is as large",
-    "quaternions of length 1e-37": "largest component divided out first",
-    "quaternions of length 1e37": "largest component divided out first",
-    "denormal quaternions": "largest component divided out first; a component's own ulp remains",
-}
-
 
 # ---- VPT⁻¹ ----------------------------------------------------------------------------------------------------------
 
@@ -281,11 +274,7 @@ def inverse_rows(store: GraphStore) -> Iterator[Row]:
         condition = 1 + sum(slope) + float(np.abs(near).sum() / geometry[0].min())
         yield numeric_row(
             "VPT⁻¹", scene.name, "means, in depths", condition, **errors, bound=ROUNDINGS * EPS32 * condition,
-            mitigation=_INVERSE_MITIGATION.get(scene.name, ""),
         )  # fmt: skip
-
-
-_INVERSE_MITIGATION = {f"centred at 1e{n}": "means stay relative to the file's float64 origin" for n in (3, 5, 7)}
 
 
 # ---- Quat(R) --------------------------------------------------------------------------------------------------------
@@ -306,7 +295,6 @@ def rotation_rows() -> Iterator[Row]:
         errors = {way: min(E.worst(s * q.astype(np.float64), wanted) for s in (1, -1)) for way, q in ways.items()}
         yield numeric_row(
             "Quat(R)", f"rotation by {name}", "quaternion, absolute", 1.0, **errors, bound=ROUNDINGS * EPS64,
-            mitigation="float64; the branch of the largest component",
         )  # fmt: skip
 
 

@@ -1,10 +1,10 @@
-"""VABR where it is stiff: λ → 0, repeated and missing eigenvalues, fewer Gaussians than coefficients."""
+"""VABR where it is stiff: λ → 0, repeated and missing eigenvalues, fewer Gaussians than coefficients. What ships works
+in float64 on all of size d, and takes the left inverse of the stored W."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +22,7 @@ from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_mat
 from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.scene.cameras import Camera
 
-from .bounds import EPS32, numeric_row
+from .exact import EPS32, numeric_row
 
 DEGREE = 4
 FUNCTIONS = (DEGREE + 1) ** 2
@@ -176,25 +176,5 @@ def _spectrum_row(case: str, x: NDArray, wide: NDArray, delta: NDArray, weights:
     bound = 2.0**-11 * 4 + np.sqrt(EPS32) if k < D else 40 * EPS32 * condition
     return numeric_row(
         "VABR", f"{case}, k = {k}" if "k =" not in case else case, "weighted coefficients, relative", condition,
-        plain=plain, ours=mixed, double=double, bound=bound, mitigation=_MITIGATION,
+        plain=plain, ours=mixed, double=double, bound=bound,
     )  # fmt: skip
-
-
-_MITIGATION = "float64 for all of size d; left inverse of the stored W"
-
-
-def is_deterministic(case: str) -> bool:
-    """Whether two runs, and a run on the rows reversed, give the same stored basis up to float32's rounding."""
-    delta = second_moment_weighting(view_directions([camera_of(60, (0.21, -0.13, 0.08))]), DEGREE)
-    x = coefficients_of(case)
-    return bool((reduced(x, delta, 6).inverse == reduced(x.copy(), delta, 6).inverse).all())
-
-
-def exact_least_lambda() -> mpmath.mpf:
-    """λ of (l, m) = (4, −4) for an aligned square camera, but for a factor: xy(x² − y²) is 0 on all nine rays."""
-    third = mpmath.mpf(2) / 3 * mpmath.tan(mpmath.pi / 6)
-    total = mpmath.mpf(0)
-    for x in (-third, mpmath.mpf(0), third):
-        for y in (-third, mpmath.mpf(0), third):
-            total += abs(x * y * (x * x - y * y))
-    return total / 9

@@ -1,0 +1,64 @@
+"""How far the attributes of one set of Gaussians are from those of another."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .gaussians import FIELDS, Gaussians
+
+
+def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
+    """Root mean square and largest error of every attribute over all layers, in world units.
+
+    Means and scales are in scene units, opacities and SH coefficients as they are, and `quats` stands for the angle
+    between two rotations in degrees. SH coefficients that `decoded` left out count as zeros.
+
+    Args:
+        original: any number of layers.
+        decoded: as many layers of the same shapes.
+
+    Returns:
+        {attribute: {"rmse", "max"}}.
+
+    Raises:
+        InputError: layers or shapes differ.
+    """
+    errors: dict[str, list[NDArray]] = {name: [] for name in FIELDS}
+    for a, b in layer_pairs(original, decoded):
+        for name in FIELDS:
+            x, y = getattr(a, name).astype(np.float64), getattr(b, name).astype(np.float64)
+            if name == "means":
+                y = y + (b.origin - a.origin)
+            errors[name].append(_angles(x, y) if name == "quats" else _padded_difference(x, y))
+    return {name: spread(parts) for name, parts in errors.items()}
+
+
+def layer_pairs(original: Gaussians, decoded: Gaussians) -> list[tuple[Gaussians, Gaussians]]:
+    """Layers that stand for each other; InputError if their shapes differ."""
+    shapes = [[layer.opacities.shape for layer in g.layers] for g in (original, decoded)]
+    if shapes[0] != shapes[1]:
+        raise InputError(f"layers of shapes {shapes[1]}, expected {shapes[0]}", where="gaussians")
+    return list(zip(original.layers, decoded.layers, strict=True))
+
+
+def spread(parts: list[NDArray]) -> dict[str, float]:
+    """Root mean square and largest magnitude over all values."""
+    values = np.concatenate([part.ravel() for part in parts])
+    return {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
+
+
+def _angles(a: NDArray, b: NDArray) -> NDArray:
+    """Angle in degrees between rotations (…, 4) of any length and sign; exact near zero, where arccos is not."""
+    a = a / np.linalg.norm(a, axis=-1, keepdims=True)
+    b = b / np.linalg.norm(b, axis=-1, keepdims=True)
+    b = b * np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1, 1)
+    apart, together = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
+    return np.degrees(4 * np.arctan2(apart, together))
+
+
+def _padded_difference(a: NDArray, b: NDArray) -> NDArray:
+    if a.shape != b.shape:
+        b = np.concatenate([b, np.zeros((*b.shape[:-2], a.shape[-2] - b.shape[-2], 3))], axis=-2)
+    return a - b
