@@ -14,7 +14,6 @@ from tinysplat.measure import ideas
 from tinysplat.measure.rows import Row
 from tinysplat.measure.show.curve_tables import (
     bits_table,
-    cost_table,
     gain_table,
     overview_table,
     photo_table,
@@ -129,8 +128,10 @@ def test_curves_cover_profiles_modes_and_peers_and_go_on(inputs, tmp_path):
 def test_an_ablation_undoes_every_idea_and_tells_its_cost(inputs, tmp_path):
     rows = rows_of("ideas", tiny_run(tmp_path, inputs[1], rounds=1, qps=(0.0,)))
     names = {*ideas.CHANGES, *ideas.other_settings()}
-    assert {row.way for row in rows if row.study == "ideas"} == {"balanced", *names}
-    assert all(f"| {name} " in gain_table(rows) and f"| {name} " in cost_table(rows) for name in names)
+    times = find_study("ideas").tables["ideas decode"](rows)
+    for study in ("ideas", "ideas encode", "ideas decode"):
+        assert {row.way for row in rows if row.study == study} == {"balanced", *names}
+    assert all(f"| {name} " in gain_table(rows) and f"| {name} " in times for name in names)
 
 
 def test_seconds_stand_beside_decibels(inputs, tmp_path):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +42,15 @@ STEPS_NOT_MEASURED = "steps not measured"
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A layer with what a changed plan needs of it."""
+    """A layer with what a changed plan needs of it, worked out when it does."""
 
     layer: Gaussians
-    projected: ProjectedLayer
     store: GraphStore
+
+    @cached_property
+    def projected(self) -> ProjectedLayer:
+        """Its planes."""
+        return project_layer(self.store, self.layer, drop_invalid=True, where="layer")
 
 
 Change = Callable[[LayerPlan, Part], LayerPlan]
@@ -169,8 +173,7 @@ def _encoder(gaussians: Gaussians, runtime: Runtime) -> SceneEncoder:
 
 def _changed(encoder: SceneEncoder, qp: float, store: GraphStore, change: Change) -> list[LayerPlan]:
     return [
-        change(plan, Part(layer, project_layer(store, layer, drop_invalid=True, where="layer"), store))
-        for plan, layer in zip(encoder.plan(qp), encoder.gaussians.layers, strict=True)
+        change(plan, Part(layer, store)) for plan, layer in zip(encoder.plan(qp), encoder.gaussians.layers, strict=True)
     ]
 
 

@@ -1,5 +1,5 @@
 """Tables of rate–distortion rows: bytes at equal dB, BD-rate, bytes for what is lost against photos, bits by class, and
-what each idea gains and costs.
+what each idea gains.
 
 The first way of a group of rows is the reference. Figures are taken window by window and then averaged, shares of bytes
 geometrically, because windows differ in the dB that they reach. Where curves do not meet, the table says so.
@@ -144,21 +144,6 @@ def gain_table(rows: Sequence[Row]) -> str:
     table = [[way, *(_gain_cell(_windows(members), way) for members in groups.values())] for way in ways]
     header = ["undone", *(f"{network}, {views} views" for network, views in groups)]
     return format_table(header, table) if table else ""
-
-
-def cost_table(rows: Sequence[Row]) -> str:
-    """CPU milliseconds of encoding and decoding by idea, a column pair per window."""
-    rows = [row for row in rows if row.study == "idea costs"]
-    if not rows:
-        return ""
-    cases = grouped(rows, "network", "views", "subject")
-    lines = []
-    for (idea,), members in grouped(rows, "way").items():
-        by_case = {(r.setting["network"], r.setting["views"], r.subject): r.costs for r in members}
-        pairs = [(by_case[c]["plan"] + by_case[c]["coding"], by_case[c]["decoding"]) for c in cases]
-        lines.append([idea, *(cell for a, b in pairs for cell in (f"{1e3 * a:+.0f}", f"{1e3 * b:+.1f}"))])
-    labels = [f"{network}, {views} views: {what}" for network, views, _ in cases for what in ("encode", "decode")]
-    return "CPU milliseconds of the idea\n\n" + format_table(["undone", *labels], lines)
 
 
 def _gain_cell(windows: Windows, way: str) -> str:

@@ -7,8 +7,6 @@ from where there are some: against pictures of the raw ones, and against photos 
 
 from __future__ import annotations
 
-import gc
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,17 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussian.planes import LayerPlan
 
 from .. import ideas
 from ..clock import Effort, Variant, measure, summarised, timed
 from ..pictures import Drawing, Pictures
 from ..rows import Row, grouped
 from ..runner import Job, Plan, list_jobs, run_jobs
-from ..show.curve_tables import TO_PHOTO, TO_RAW, cost_table, gain_table, group_tables, measured, overview_table
+from ..show.curve_tables import TO_PHOTO, TO_RAW, gain_table, group_tables, measured, overview_table
 from ..show.plots import Axis, Chart, save_grid
 from ..show.tables import BYTES, LOST, Column, View, decibels
 from ..study import Run, Study
@@ -127,54 +123,24 @@ def curve_rows(run: Run) -> Iterator[Row]:
 
 
 def idea_rows(run: Run) -> Iterator[Row]:
-    """The default profile without each of its ideas; with rounds, what each idea costs too."""
+    """The default profile without each of its ideas; with rounds, seconds of each on the first windows too."""
     qps = run.options.qps or (QUICK_QPS if run.quick else IDEA_QPS)
     yield from _point_rows(run, "ideas", ideas.idea_ways(qps, run.runtime))
     if run.options.rounds:
-        for job in (job for plan in _plans(run) for job in list_jobs(plan)[0]):
-            yield from _cost_rows(job, run.runtime, run.options.rounds)
-
-
-def _cost_rows(job: Job, runtime: Runtime, rounds: int) -> Iterator[Row]:
-    """What an idea costs on one window, in CPU seconds over the codec without it; negative where it saves.
-
-    Planning is that of the ideas that a setting undoes, which plan otherwise; coding and decoding that of the planes.
-    """
-    gaussians = job.case(runtime).gaussians
-
-    def encoder(profile: Any = ideas.BASE) -> SceneEncoder:
-        return SceneEncoder(gaussians, profile, runtime.store, threads=runtime.threads, drop_invalid=True)
-
-    def coded(plans: Sequence[LayerPlan]) -> tuple[float, float]:
-        coder, data = encoder(), list[bytes]()
-        _, coding = timed(lambda: data.append(coder.code(plans, 0.0)))
-        return coding, timed(lambda: runtime.decompress(data[0]))[1]
-
-    plain = encoder().plan(0.0)
-    changed = {name: ideas.changed_plans(gaussians, 0.0, runtime, change) for name, change in ideas.CHANGES.items()}
-    found: dict[str, list[tuple[float, ...]]] = {}
-    gc.freeze()  # as `clock.measure` does
-    for _ in range(rounds + 1):
-        coding, planning = coded(plain), timed(lambda: encoder().plan(0.0))[1]
-        for name, plans in changed.items():
-            without = coded(plans)
-            found.setdefault(name, []).append((0.0, coding[0] - without[0], coding[1] - without[1]))
-        for name, profile in ideas.other_settings().items():
-            without_it = timed(lambda profile=profile: encoder(profile).plan(0.0))[1]  # type: ignore[misc]
-            found.setdefault(name, []).append((planning - without_it, 0.0, 0.0))
-    gc.unfreeze()
-    for name, costs in found.items():
-        plan, code, decode = (statistics.median(column) for column in zip(*costs[1:], strict=True))
-        yield replace(_row("idea costs", job, name, 0.0), costs={"plan": plan, "coding": code, "decoding": decode})
+        yield from _timed(run, "ideas", ideas.idea_ways((0.0,), run.runtime), Effort(run.options.rounds))
 
 
 def seconds_rows(run: Run) -> Iterator[Row]:
     """Every way and setting on every window, in turns."""
-    ways, effort = _ways(run, SECONDS_QPS, OTHER_SECONDS_QPS), Effort(run.options.rounds or (3 if run.quick else 7))
+    effort = Effort(run.options.rounds or (3 if run.quick else 7))
+    yield from _timed(run, "seconds", _ways(run, SECONDS_QPS, OTHER_SECONDS_QPS), effort)
+
+
+def _timed(run: Run, study: str, ways: Sequence[Way], effort: Effort) -> Iterator[Row]:
     for job in (job for plan in _plans(run) for job in list_jobs(plan)[0]):
         case = replace(job.case(run.runtime).only(1 if run.quick else run.options.targets), name=str(job))
         group = f"{_row('', job, '', 0.0).setting['network']}, {len(job.window.context)} views"
-        yield from compare_ways("seconds", case, ways, run, effort, {"group": group})
+        yield from compare_ways(study, case, ways, run, effort, {"group": group})
 
 
 def peer_rows(run: Run) -> Iterator[Row]:
@@ -254,7 +220,11 @@ def _stages(study: str, text: str) -> list[View]:
 CURVES = Study(
     "Rate–distortion", curve_rows, {"curves": overview_table, "curves by views": group_tables}, {"curves": plot_curves}
 )
-IDEAS = Study("What each idea gains", idea_rows, {"ideas": gain_table, "idea costs": cost_table})
+IDEAS = Study(
+    "What each idea gains",
+    idea_rows,
+    {"ideas": gain_table, **{view.study: view for view in _stages("ideas", "Without one idea each, in turns.")}},
+)
 SECONDS = Study.of(
     "Seconds beside dB",
     seconds_rows,

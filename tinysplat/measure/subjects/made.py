@@ -12,7 +12,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats
@@ -109,6 +108,8 @@ def _standard(values: NDArray) -> NDArray:
 
 def blur(image: NDArray, sigma: float) -> NDArray:
     """Gaussian blur of (H, W) or (H, W, C) with mirrored borders."""
+    from scipy.ndimage import gaussian_filter
+
     return gaussian_filter(np.asarray(image, np.float64), sigma, mode="mirror", axes=(0, 1))
 
 
