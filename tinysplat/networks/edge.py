@@ -46,8 +46,8 @@ STRIDE = 16
 
 MIN_SIDE = 32
 
-OPACITY_CAP = 0.75
-"""Bound on a surface Gaussian's opacity: changes of depth order by coding stay small (`TrustSettings.opacity`)."""
+OPACITY_CAP = 31 / 32
+"""Bound on a surface Gaussian's opacity: nearly none, as where depth is sure what lies behind should not show."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Surfaces:
     """What the heads start from: surfaces found, and what tells how well.
 
     Attributes:
-        images: (V, 3, H, W).
+        images: (V, 3, H, W), to take colours from.
         K, c2w, far: as `Edge.forward` has them.
         depths: the narrowed range that was swept.
         logits: (V, D, h, w) over candidates, half resolution.
@@ -176,7 +176,7 @@ class Edge(nn.Module):
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
         whole = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)
         with _without_gradient():
-            images = one_exposure(images, K, pairs, whole, s.exposure, s.analysis)
+            images, shown = one_exposure(images, K, pairs, whole, s.exposure, s.analysis)
         half = functional.avg_pool2d(images, 2)
         rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
         terms = pairs.sweep_terms(rays, K)
@@ -203,10 +203,10 @@ class Edge(nn.Module):
             s.analysis.candidates / 8 * (level - found.level),
             functional.avg_pool2d(difference, 2).abs().mean(1, True),
         ]  # fmt: skip
-        cells = functional.avg_pool2d(torch.cat([half, level.detach()], dim=1), 2)
+        cells = torch.cat([functional.avg_pool2d(shown, 4), functional.avg_pool2d(level.detach(), 2)], dim=1)
         details = torch.cat([4 * difference, visible], dim=1)
         return Surfaces(
-            images, K, c2w, far, depths, logits, torch.cat([features, *clues], dim=1), opacity, coarse_features, cells,
+            shown, K, c2w, far, depths, logits, torch.cat([features, *clues], dim=1), opacity, coarse_features, cells,
             full, details,
         )  # fmt: skip
 

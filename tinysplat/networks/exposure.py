@@ -2,8 +2,11 @@
 
 Photos are matched on a coarse grid by local contrast, which does not see exposure. Every pair of photos tells the
 ratio of gains and the difference of offsets where it matches; a small system over the photos, to which the first photo
-is nailed, takes them together. Of more than two photos an exposure that near photos share stays: only the odd one is
-brought to the others. Where the evidence is weak nothing is changed.
+is nailed, takes them together. Where the evidence is weak nothing is changed.
+
+Photos to match with are brought together as far as can be told. Those that Gaussians take their colours from keep what
+is small, as who looks from there has an exposure of his own, and of more than two photos what near ones share: only the
+odd one is brought to the others.
 """
 
 from __future__ import annotations
@@ -34,7 +37,8 @@ class ExposureSettings:
         level_weight: weight of the squared mean beside the variance in a gain: how far a gain is trusted before an
             offset where there is little contrast.
         still: weight of no change, as a share of matching cells.
-        least: logarithm of a gain, and offset, of which half is taken for noise: more of less, less of more.
+        least: logarithm of a gain, and offset, of which half stays in the colours: more of less, less of more.
+        least_matched: the same of photos to match with, where it is noise alone.
         largest: bound on the logarithm of a gain.
     """
 
@@ -47,15 +51,16 @@ class ExposureSettings:
     rounds: int = 3
     level_weight: float = 0.3
     still: float = 0.005
-    least: float = 0.12
+    least: float = 0.18
+    least_matched: float = 0.02
     largest: float = 1.2
 
 
 def one_exposure(
     images: Tensor, K_unit: Tensor, pairs: ViewPairs, whole: InverseDepths, settings: ExposureSettings,
     matching: SweepSettings,
-) -> Tensor:  # fmt: skip
-    """Photos as if all were taken with the first one's exposure, (V, 3, H, W) in [0, 1].
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Photos as if all were taken with the first one's exposure, (V, 3, H, W) in [0, 1]: to match with, and to show.
 
     Args:
         images: (V, 3, H, W) RGB in [0, 1], H and W multiples of the cell.
@@ -73,15 +78,15 @@ def one_exposure(
     blind = replace(matching, colour_weight=0.0, contrast_weight=s.contrast_weight, consistency=s.consistency)
     _, paths = matched(cells, terms, pairs, look, blind)
     level, agreement = settled(paths, cells, terms, pairs, look, blind)
-    gain, offset = _matched_exposures(cells, level, agreement, terms, pairs, look, s)
-    return (images * gain + offset).clamp(0, 1)
+    (gain, offset), (shown_gain, shown_offset) = _exposures(cells, level, agreement, terms, pairs, look, s)
+    return (images * gain + offset).clamp(0, 1), (images * shown_gain + shown_offset).clamp(0, 1)
 
 
-def _matched_exposures(
+def _exposures(
     cells: Tensor, level: Tensor, agreement: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs,
     look: InverseDepths, settings: ExposureSettings,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Gains and offsets (V, 3, 1, 1) from cells (V, 3, h, w) and where they match."""
+) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:  # fmt: skip
+    """Gains and offsets (V, 3, 1, 1), to match with and to show, from cells (V, 3, h, w) and where they match."""
     s = settings
     error, _, _ = error_in_sources(level, terms, pairs, look)
     x, y, ratio = project_sweep(*terms, look.at(level)[pairs.reference])
@@ -97,11 +102,12 @@ def _matched_exposures(
         rest = gain[pairs.reference] * here + offset[pairs.reference]
         rest = rest - gain[pairs.source] * there - offset[pairs.source]
         weight = sound / (1 + rest.square().mean(dim=1, keepdim=True) / s.outlier**2)
-    return _solved(here, there, weight, pairs, cells.shape[0], s)
+    views = cells.shape[0]
+    return _solved(here, there, weight, pairs, views, s), _solved(here, there, weight, pairs, views, s, shown=True)
 
 
 def _solved(
-    here: Tensor, there: Tensor, weight: Tensor, pairs: ViewPairs, views: int, s: ExposureSettings
+    here: Tensor, there: Tensor, weight: Tensor, pairs: ViewPairs, views: int, s: ExposureSettings, shown: bool = False
 ) -> tuple[Tensor, Tensor]:
     """Gains and offsets (V, 3, 1, 1) from colours (P, 3, h, w) that belong together with weights (P, 1, h, w).
 
@@ -114,11 +120,13 @@ def _solved(
         for c, m in ((here, mean_here), (there, mean_there))
     ]
     evidence = weight.mean(dim=(2, 3), keepdim=True)  # (P, 1, 1, 1)
-    log_gain = _odd(_agreed(evidence, 0.5 * torch.log(spread[1] / spread[0]), pairs, views, s.still), pairs, views)
-    gain = torch.exp(_above_noise(log_gain, s.least).clamp(-s.largest, s.largest))
-    difference = gain[pairs.source] * mean_there - gain[pairs.reference] * mean_here
-    offset = _odd(_agreed(evidence, difference, pairs, views, s.still), pairs, views)
-    return gain, _above_noise(offset, s.least)
+
+    def settled_on(difference: Tensor) -> Tensor:
+        values = _agreed(evidence, difference, pairs, views, s.still)
+        return _above_noise(_odd(values, pairs, views), s.least) if shown else _above_noise(values, s.least_matched)
+
+    gain = torch.exp(settled_on(0.5 * torch.log(spread[1] / spread[0])).clamp(-s.largest, s.largest))
+    return gain, settled_on(gain[pairs.source] * mean_there - gain[pairs.reference] * mean_here)
 
 
 def _odd(values: Tensor, pairs: ViewPairs, views: int) -> Tensor:

@@ -35,7 +35,7 @@ from .pairs import ViewPairs
 MAX_SLOPE = 2.0
 """Bound on |Δz / Δx| of a surface: beyond it the normal of a depth map is noise, and discs would be needles."""
 
-SLOPE_WINDOW = 9
+SLOPE_WINDOW = 25
 """Side in pixels of the box that slopes are averaged over: their noise shows in no picture, and costs bits."""
 
 

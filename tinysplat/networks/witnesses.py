@@ -36,9 +36,9 @@ class WitnessSettings:
     consistency: float = 1.0
     intrusion_from: float = 0.1
     intrusion_ramp: float = 0.4
-    intrusion: float = 2.0
+    intrusion: float = 1.0
     own: float = 1.0
-    enough: float = 2.0
+    enough: float = 3.0
     rank_width: float = 0.1
 
 
