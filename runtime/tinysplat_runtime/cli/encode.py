@@ -36,7 +36,7 @@ from .files import (
 )
 from .reports import file_report, write_json
 from .scenes import named_scene, prepared
-from .selfcheck import LOW_DB, likely_fault, own_psnr
+from .selfcheck import LOW_DB, doubts, own_psnr
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Coded:
         data: the file's bytes.
         stats, refinement: what was measured on the way.
         scene: the photos, where there were some.
-        fault: what is likely wrong with their cameras, in a few words, or None.
+        doubts: what is likely wrong with them, a line each.
     """
 
     runtime: Runtime
@@ -58,7 +58,7 @@ class Coded:
     stats: EncodeStats
     refinement: RefineStats
     scene: Scene | None = None
-    fault: str | None = None
+    doubts: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -96,9 +96,9 @@ def encoded(args: Namespace, runtime: Runtime) -> Coded:
     """What the options of `encode` make of a scene; nothing is written but `--save-gaussians`."""
     scene = prepared(args, named_scene(args))
     check_memory(scene)
-    fault = None if args.quiet else likely_fault(scene)
-    if fault:
-        print(f"{scene.path}: warning: {fault}", file=sys.stderr)
+    found = [] if args.quiet else doubts(scene)
+    for doubt in found:
+        print(f"{scene.path}: warning: {doubt}", file=sys.stderr)
     stats, refinement = EncodeStats(), RefineStats()
     with working("network", quiet=args.quiet):
         whole = args.mode != DEFAULT_MODE
@@ -112,7 +112,7 @@ def encoded(args: Namespace, runtime: Runtime) -> Coded:
             scene, args.model or DEFAULT_MODEL, args.profile, args.qp, mode=args.mode, gaussians=gaussians,
             stats=stats, **_coding_options(args),
         )  # fmt: skip
-    return Coded(runtime, gaussians, data, stats, refinement, scene, fault)
+    return Coded(runtime, gaussians, data, stats, refinement, scene, tuple(found))
 
 
 def compress(args: Namespace) -> None:
@@ -213,5 +213,6 @@ def _report_own(args: Namespace, coded: Coded, decoded: Gaussians, psnr: float) 
         f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {psnr:.1f} dB at its own photos",
     )  # fmt: skip
     if psnr < LOW_DB:
-        cause = coded.fault or "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
+        known = "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
+        cause = coded.doubts[0] if coded.doubts else known
         print(f"{scene.path}: warning: {psnr:.1f} dB is low; likely cause: {cause}", file=sys.stderr)

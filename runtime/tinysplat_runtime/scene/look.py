@@ -53,6 +53,11 @@ class Look:
         """How badly the best depths fit, mean over the pixels: 0 to `UNSEEN`."""
         return float(np.minimum(self.costs.min(axis=0), UNSEEN).mean())
 
+    @property
+    def clear(self) -> NDArray:
+        """(H, W) bool, which pixels tell their depth."""
+        return self.costs.min(axis=0) < _CLEAR * self.costs.mean(axis=0)
+
 
 def thumbnail_size(camera: Camera) -> tuple[int, int]:
     """(height, width) of a thumbnail of a camera's photo."""
@@ -72,9 +77,14 @@ def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[Lo
     apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
     np.fill_diagonal(apart, np.inf)
     return [
-        Look(_costs(images[v], camera, images[other], cameras[other], depths), depths)
+        look_at(images[v], camera, images[other], cameras[other], depths)
         for v, (camera, other) in enumerate(zip(cameras, apart.argmin(axis=1), strict=True))
     ]
+
+
+def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> Look:
+    """A photo (H, W, 3) compared with one other, both in [0, 1] and of their cameras' sizes, at depths (P,) > 0."""
+    return Look(_costs(image, camera, other, its, depths), depths)
 
 
 def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float]:
@@ -94,9 +104,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float
     depths = 1 / np.linspace(1 / nearest, 1 / farthest, 2 * PLANES)
     found = []
     for seen in look(images, cameras, depths):
-        best = seen.costs.min(axis=0)
-        clear = best < _CLEAR * seen.costs.mean(axis=0)
-        found.append(depths[seen.costs.argmin(axis=0)[clear]])
+        found.append(depths[seen.costs.argmin(axis=0)[seen.clear]])
     agreed = np.concatenate(found)
     if agreed.size < 0.02 * sum(image.shape[0] * image.shape[1] for image in images):
         raise InputError("the photos agree about no depth; give --near and --far (and look at the poses)")
