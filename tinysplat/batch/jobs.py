@@ -20,7 +20,7 @@ from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
 from tinysplat_runtime.cli.arguments import AutoViews, Budget, budget, byte_count, size_or_full, views
 from tinysplat_runtime.cli.encode import check_encoding, encoded, report
 from tinysplat_runtime.cli.files import providers
-from tinysplat_runtime.cli.selfcheck import likely_fault
+from tinysplat_runtime.cli.selfcheck import doubts
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
 
@@ -132,7 +132,7 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
         args.save_gaussians = str(Path(folder) / "g.npz") if options.save_gaussians else None
         check_encoding(args)
         coded = encoded(args, worker_runtime(threads, providers(args)))
-        fault = likely_fault(coded.photos)
+        found = doubts(coded.photos)
         place = job.output.removesuffix(SUFFIXES["encode"])
         if args.save_gaussians:
             write(f"{place}.npz", Path(args.save_gaussians).read_bytes())
@@ -142,7 +142,7 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
     return {
         "bytes": len(coded.data),
         "sha256": hashlib.sha256(coded.data).hexdigest(),
-        **({"warning": fault} if fault else {}),
+        **({"warning": "; ".join(found)} if found else {}),
         "seconds": round(time.perf_counter() - start, 3),
         "worker": os.getpid(),
     }

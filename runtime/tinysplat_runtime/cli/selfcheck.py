@@ -56,7 +56,7 @@ class _Thumbnails:
     """A scene in small: photos (V, H, W, 3), their cameras and names, depths (P,), and how photos agree about them."""
 
     images: NDArray
-    cameras: tuple[Camera, ...]
+    cameras: Sequence[Camera]
     names: tuple[str, ...]
     depths: NDArray
     looks: list[Look]
