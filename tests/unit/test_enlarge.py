@@ -108,6 +108,7 @@ def test_surfaces_and_their_edges_lie_where_the_large_photos_have_them(scene: Tr
 def test_strips_have_no_seams(scene: TracedScene, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = enlarged(scene)
     monkeypatch.setattr(enlarge, "STRIP_PIXELS", 17 * 150)
+    monkeypatch.setattr(enlarge, "STRIP_HALOS", 1)
     strips = enlarged(scene)
     for name in ("means", "quats", "scales", "opacities", "sh"):
         a, b = getattr(whole, name), getattr(strips, name)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from .aggregation import box_mean
 from .geometry import inside_frame, pixel_rays, project_sweep, sample_bilinear, sweep_coefficients
@@ -55,9 +56,9 @@ class Enlarge(nn.Module):
 
         Args:
             photo: (1, 3, h, W) RGB in [0, 1], in the exposure that the network gave it.
-            small: (1, 9, h', W'): the small photo's colours, inverse depth, opacity, footprint in pixels of the grid
-                at hand, and what its Gaussians' colours have more than the photo.
-            rows: (h,) where the strip's pixel centres lie in the small grid, whose first pixel is centred at 0.
+            small: (1, 9, h', W'), rows of the small photo about the strip's: its colours, inverse depth, opacity,
+                footprint in pixels of the grid at hand, and what its Gaussians' colours have more than the photo.
+            rows: (h,) where the strip's pixel centres lie among them, of which the first is centred at 0.
             columns: (W,) the same for columns.
             K: (1, 3, 3) intrinsics in pixels of the strip.
             c2w: (1, 4, 4).
@@ -90,11 +91,11 @@ class Enlarge(nn.Module):
         height, width = small.shape[2:]
         beside, below = (columns - column)[None, :], (rows - row)[:, None]
         total, mass = torch.zeros_like(photo[:, :1]), torch.full_like(photo[:, :1], 1e-20)
-        for i in (-1, 0, 1):
-            line = small.index_select(2, (row + i).clamp(0, height - 1))
-            for j in (-1, 0, 1):
-                there = line.index_select(3, (column + j).clamp(0, width - 1))
-                unlike = (there[:, :3] - photo).abs().sum(dim=1, keepdim=True)
+        for j in (-1, 0, 1):  # columns first: there are fewer small rows, and whole rows are quicker to take
+            line = small.index_select(3, (column + j).clamp(0, width - 1))
+            for i in (-1, 0, 1):
+                there = line.index_select(2, (row + i).clamp(0, height - 1))
+                unlike = _summed((there[:, :3] - photo).abs())
                 weight = _spline(below, i) * _spline(beside, j) * torch.exp(-self.settings.edge * unlike)
                 total, mass = total + weight * there[:, 3:], mass + weight
         return (total / mass).split([1, 1, 1, 3], dim=1)
@@ -113,16 +114,20 @@ class Enlarge(nn.Module):
             slope = (read[:, :, 2] - read[:, :, 0]) / (2 * s.reach)
             rest = read[:, :, 1] - photo
             weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / s.outlier**2)
-            along = (slope * rest).sum(dim=1, keepdim=True)
-            parts = [along, slope.square().sum(dim=1, keepdim=True), slope, rest, torch.ones_like(weight)]
+            parts = [_summed(slope * rest), _summed(slope * slope), slope, rest, torch.ones_like(weight)]
             products, mean_slope, mean_rest, mass = box_mean(torch.cat(parts, dim=1) * weight, s.window).split(
                 [2, 3, 3, 1], dim=1
             )
-            shared = torch.stack([(mean_slope * mean_rest).sum(dim=1), mean_slope.square().sum(dim=1)], dim=1)
+            shared = torch.cat([_summed(mean_slope * mean_rest), _summed(mean_slope * mean_slope)], dim=1)
             sums = (products - shared / mass.clamp_min(1e-6)).sum(dim=0, keepdim=True)
             step = -sums[:, :1] / (sums[:, 1:] + s.damping)
             inverse_depth = inverse_depth + step.clamp(-s.largest_step, s.largest_step) * unit
         return inverse_depth
+
+
+def _summed(maps: Tensor) -> Tensor:
+    """Sum (N, 1, h, w) of maps (N, C, h, w): a product, as onnxruntime's sums over the first axes are slow."""
+    return functional.conv2d(maps, torch.ones(1, maps.shape[1], 1, 1))
 
 
 def _spline(offset: Tensor, k: int) -> Tensor:

@@ -55,7 +55,10 @@ class EncodeStats:
 
 @dataclass(frozen=True)
 class QuantisedChannel:
-    """A channel's codes (V, H, W) uint16 and what they mean, or its one value where both are None."""
+    """A channel's codes (V, H, W) uint16 and what they mean, or its one value where there is no code map.
+
+    Codes that the coder was given, and that nothing else looks at, are let go: None.
+    """
 
     channel: Channel
     code_map: CodeMap | None
@@ -226,13 +229,18 @@ def quantise_channel(channel: Channel, stats: EncodeStats) -> QuantisedChannel:
 def _code_layer(
     layer: Gaussians, plan: LayerPlan, coder: _OnceEach, pool: ThreadPoolExecutor, stats: EncodeStats
 ) -> CodedLayer:
-    with stats.watch.stage("quantise"):
-        quantised = [quantise_channel(channel, stats) for channel in plan.channels]
+    # Planes go to the coder as they are ready, so that the next one is quantised while they are coded; depth first:
+    # where it is coded twice, the second time waits for the first.
+    jobs = []
+    for index, channel in enumerate(plan.channels):
+        with stats.watch.stage("quantise"):
+            quantised = quantise_channel(channel, stats)
+        futures = _submit(quantised, coder, pool)
+        is_coded_again = index == 0 and plan.refine_depth is not None
+        jobs.append((quantised if is_coded_again else replace(quantised, codes=None), futures))
     with stats.watch.stage("x265"):
-        # Depth comes first: where it is coded twice, the second time waits for the first.
-        jobs = [(q, _submit(q, coder, pool)) for q in quantised]
-        if plan.refine_depth is not None and quantised[0].codes is not None:
-            refinement = _refine(quantised[0], [f.result() for f in jobs[0][1]], plan.refine_depth, pool, stats)
+        if plan.refine_depth is not None and jobs[0][1]:
+            refinement = _refine(jobs[0][0], [f.result() for f in jobs[0][1]], plan.refine_depth, pool, stats)
             jobs.insert(1, (refinement, _submit(refinement, coder, pool)))
         planes = [(q, [future.result() for future in futures]) for q, futures in jobs]
     sets = {plane.parameter_sets for _, coded in planes for plane in coded}

@@ -27,8 +27,11 @@ LARGE_PIXELS = 640 * 480
 """Photos of more are large: networks learned from photos of a third as many, and find fewer of the same places in
 larger ones."""
 
-STRIP_PIXELS = 1 << 19
-"""About as many pixels has a strip; some hundred bytes are taken for each while it is at work."""
+STRIP_PIXELS = 1 << 17
+"""About as many pixels has a strip, for each of which 1.4 KB are taken while it is at work."""
+
+STRIP_HALOS = 4
+"""A strip has at least as many times the rows that it needs beside it: more would be done twice."""
 
 BLUR = 9
 """Side of the box, small pixels, over which a network's change of colour is a tint and no longer detail."""
@@ -124,11 +127,11 @@ def _enlarged(
     middle = np.stack([camera.centre for camera in cameras]).mean(axis=0)
     for view in range(views):
         maps = _maps(found, small[view] * gain[view] + offset[view], view)
-        fixed = _fixed_inputs(maps, photos, cameras, view, middle, near)
-        for first in range(0, height, rows := max(STRIP_PIXELS // width, enlarger.halo)):
+        fixed = _fixed_inputs(photos, maps.shape[2], cameras, view, middle, near)
+        for first in range(0, height, rows := max(STRIP_PIXELS // width, STRIP_HALOS * enlarger.halo)):
             last = min(first + rows, height)
             above, below = max(first - enlarger.halo, 0), min(last + enlarger.halo, height)
-            strip = _strip_inputs(photos[view], cameras[view], small.shape[1], above, below)
+            strip = _strip_inputs(photos[view], maps, cameras[view], above, below)
             values = enlarger.graph.run({**fixed, **strip}, tuple(arrays))
             for name, array in arrays.items():
                 array[view, first:last] = values[name][0, first - above : last - above]
@@ -144,9 +147,9 @@ _SHAPES = {name: tuple(abs(n) for n in trailing) for name, trailing in FIELDS.it
 
 
 def _fixed_inputs(
-    maps: NDArray, photos: NDArray, cameras: Sequence[Camera], view: int, middle: NDArray, near: float
+    photos: NDArray, small_width: int, cameras: Sequence[Camera], view: int, middle: NDArray, near: float
 ) -> dict[str, NDArray]:
-    """What all strips of a view are given: the small maps, and the nearest other photos, four at most."""
+    """What all strips of a view are given: its columns, its pose, and the nearest other photos, four at most."""
     own, count = cameras[view], len(cameras)
     distance = np.array([np.linalg.norm(camera.centre - own.centre) for camera in cameras])
     distance[view] = np.inf
@@ -156,8 +159,7 @@ def _fixed_inputs(
     c2w[:3, :3], c2w[:3, 3] = own.rotation.T, own.centre - middle
     width, others = photos.shape[3], [cameras[i] for i in nearest]
     return {
-        "small": maps[None],
-        "columns": _positions(width, maps.shape[2], 0, width),
+        "columns": _positions(width, small_width, 0, width),
         "c2w": as_input(c2w[None]),
         "sources": photos[nearest],
         "source_K": as_input([other.K_unit for other in others]),
@@ -167,13 +169,16 @@ def _fixed_inputs(
     }
 
 
-def _strip_inputs(photo: NDArray, camera: Camera, small_height: int, above: int, below: int) -> dict[str, NDArray]:
-    """What the rows `above` to `below` of a view are given."""
+def _strip_inputs(photo: NDArray, maps: NDArray, camera: Camera, above: int, below: int) -> dict[str, NDArray]:
+    """What the rows `above` to `below` of a view are given: they, their camera, and the small rows about them."""
     K = camera.K.copy()
     K[1, 2] -= above
+    rows = _positions(camera.height, maps.shape[1], above, below)
+    first = max(int(rows[0]) - 2, 0)
     return {
         "photo": np.ascontiguousarray(photo[None, :, above:below]),
-        "rows": _positions(camera.height, small_height, above, below),
+        "small": np.ascontiguousarray(maps[None, :, first : int(rows[-1]) + 3]),
+        "rows": rows - np.float32(first),
         "K": as_input(K[None]),
     }
 

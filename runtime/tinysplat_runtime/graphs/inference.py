@@ -105,12 +105,14 @@ class Graph:
         session: onnxruntime.InferenceSession.
         metadata: the JSON object under the file's metadata key `tinysplat`; empty if there is none.
         output_names: all outputs in the file's order.
+        lets_go: whether what a run takes is given back after it, and not kept for the next.
     """
 
     name: str
     session: Any
     metadata: Mapping[str, Any] = field(default_factory=dict)
     output_names: tuple[str, ...] = ()
+    lets_go: bool = False
 
     def run(self, inputs: Mapping[str, NDArray], outputs: Sequence[str] | None = None) -> dict[str, NDArray]:
         """Run the graph.
@@ -127,7 +129,7 @@ class Graph:
         """
         names = list(outputs or self.output_names)
         try:
-            values = self.session.run(names, dict(inputs))
+            values = self.session.run(names, dict(inputs), *([_let_go()] if self.lets_go else []))
         except Exception as error:  # onnxruntime raises a dozen unrelated types
             raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
         return dict(zip(names, values, strict=True))
@@ -188,7 +190,9 @@ def open_graph(
     try:
         # Its fallback would print to standard output, and try again what just failed.
         session = ort.InferenceSession(source, options, providers=list(providers), enable_fallback=0)
-        graph = Graph(artifact.name, session, _metadata(session), tuple(o.name for o in session.get_outputs()))
+        names = tuple(o.name for o in session.get_outputs())
+        # A network takes hundreds of megabytes, and what comes after it needs them; other graphs run again at once.
+        graph = Graph(artifact.name, session, _metadata(session), names, lets_go=contract == "network")
         tensors = {kind: _tensors(nodes) for kind, nodes in (
             ("input", session.get_inputs()), ("output", session.get_outputs()))}  # fmt: skip
     except Exception as error:  # UnicodeDecodeError among them: names in a file need not be UTF-8
@@ -207,6 +211,12 @@ def onnxruntime() -> Any:
     import onnxruntime as library
 
     return library
+
+
+def _let_go() -> Any:
+    options = onnxruntime().RunOptions()
+    options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
+    return options
 
 
 class GraphStore:
