@@ -1,63 +1,123 @@
-"""`export/quantise.py`: an int8 artifact says what it is, is smaller, and finds the depths that the float one finds."""
+"""The mapping from wanted steps to 12-bit codes and QPs."""
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-from evaluation_scenes import write_eval_scene
-from two_planes import FAR, NEAR, trace
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.graphs.artifacts import find_artifact
-from tinysplat_runtime.graphs.inference import GraphStore
-from tinysplat_runtime.graphs.predict import predict
+from tinysplat_runtime.codec.encoder import EncodeStats, quantise_channel
+from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, without_outliers
+from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass, hevc_step
 
-SCRIPT = Path(__file__).parents[2] / "export" / "quantise.py"
-NETWORK = find_artifact(DEFAULT_MODEL, "network").path
-
-
-def quantise(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPT), str(NETWORK), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
+"""Steps, as shares of the range, whose QP lies between 0 and the highest: what planes are coded at."""
 
 
-@pytest.fixture(scope="module")
-def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("scenes")
-    write_eval_scene(folder / "plane")
-    return folder
+def test_hevc_step_doubles_every_six_qp_and_is_16_at_qp_4():
+    assert hevc_step(4) == 16
+    assert hevc_step(16) == pytest.approx(4 * hevc_step(4))
 
 
-def test_int8_keeps_depth_and_papers_in_a_smaller_file(scenes: Path, tmp_path: Path) -> None:
-    target = tmp_path / "int8.onnx"
-    done = quantise(scenes, "-o", target, "--size", 96)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["int8 convolutions"] == 20
-    assert target.stat().st_size < 0.7 * NETWORK.stat().st_size
+@given(
+    low=st.floats(-1e6, 1e6),
+    span=st.floats(1e-6, 1e6),
+    share=st.floats(0, 1),
+    relative_step=st.one_of(st.floats(1e-6, 1e3), STEPS_WITH_A_QP),
+)
+def test_codes_never_overflow_and_steps_are_as_wanted_unless_12_bits_are_too_few(low, span, share, relative_step):
+    high = low + span
+    span = high - low
+    if not span > 1e-5 * abs(low):
+        return  # float32 planes cannot hold such a range
+    step = relative_step * span
+    code_map = choose_code_map(low, high, low + share * span, step)
+    assert 0 <= code_map.qp <= MAX_MAPPED_QP
+    ends = (np.array([low, high]) - code_map.offset) / code_map.scale
+    slack = 2 + 1e-6 * abs(code_map.offset) / code_map.scale  # offset and scale are rounded to float32
+    assert ends.min() >= -slack and ends.max() <= MAX_CODE + slack
+    finest = hevc_step(0) * span / MAX_CODE
+    assert code_map.step == pytest.approx(max(step, finest), rel=1e-5)
 
-    store = GraphStore(threads=1)
-    exact, rounded = store.network(DEFAULT_MODEL), store.network(str(target))
-    assert "int8 in 20" in rounded.metadata["weights"]
-    assert {**rounded.metadata, "weights": exact.metadata["weights"]} == exact.metadata
-    scene = trace(2, 64, 96)
-    one, other = (predict(scene.images, scene.cameras, NEAR, FAR, graph) for graph in (exact, rounded))
-    error = np.abs(other.means - one.means).max(axis=-1)
-    assert 0 < np.median(error) < 0.01 and np.quantile(error, 0.95) < 0.2  # of depths 3 and 6
-    assert np.abs(other.opacities - one.opacities).mean() < 0.02
+
+@given(relative_step=STEPS_WITH_A_QP)
+def test_codes_span_the_range_at_the_highest_qp_that_holds_it(relative_step):
+    code_map = choose_code_map(-2.0, 6.0, 1.0, 8.0 * relative_step)
+    span = 8.0 / code_map.scale
+    assert 0 <= code_map.qp < MAX_MAPPED_QP
+    assert MAX_CODE * 2 ** (-1 / 6) * 0.999 <= span <= MAX_CODE * 1.001
 
 
-def test_what_cannot_be_quantised_is_said_in_one_line(scenes: Path, tmp_path: Path) -> None:
-    target = tmp_path / "int8.onnx"
-    for arguments, message in [
-        ((tmp_path, "-o", target), "no folder with cameras.json in it"),
-        ((scenes, "-o", tmp_path / "none" / "int8.onnx"), "no folder"),
-        ((scenes, "-o", target, "--layers", "decoder"), "no convolution under decoder; there are"),
-    ]:
-        done = quantise(*arguments)
-        assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1
-        assert not target.exists()
+def test_the_mean_lies_at_mid_code_where_the_range_allows():
+    code_map = choose_code_map(0.0, 1.0, 0.3, 0.5)
+    assert (0.3 - code_map.offset) / code_map.scale == pytest.approx(2048, abs=0.5)
+
+
+def test_values_outside_the_range_are_clipped_and_counted():
+    code_map = choose_code_map(0.0, 1.0, 0.5, 1e-4)
+    codes, clipped = code_map.quantise(np.float32([-5, 0, 0.5, 1, 5]))
+    assert clipped == 2
+    assert codes[0] == 0 and codes[-1] == MAX_CODE
+
+
+def test_dequantising_undoes_quantising_to_half_a_code():
+    code_map = choose_code_map(-3.0, 7.0, 1.0, 1e-3)
+    values = np.linspace(-3, 7, 1001, dtype=np.float32)
+    codes, _ = code_map.quantise(values)
+    assert np.abs(code_map.dequantise(codes) - values).max() <= 0.51 * code_map.scale
+
+
+REACH = 4095 / hevc_step(0)
+"""Steps that 12 bits hold."""
+
+
+def _values(spread: float, *strays: float) -> np.ndarray:
+    """10,000 values from 0 to `spread` steps of 1, the last of them replaced."""
+    values = np.linspace(0, spread, 10_000)
+    return np.concatenate([values[: len(values) - len(strays)], strays]).astype(np.float32)
+
+
+@pytest.mark.parametrize("far", [3.9, -2.9])
+def test_strays_that_12_bits_nearly_hold_are_kept(far):
+    values = _values(REACH, far * REACH)
+    ends = float(values.min()), float(values.max())
+    assert without_outliers(values, *ends, 1.0) == ends
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_few_strays_far_out_are_cut_and_half_a_range_is_left_about_the_rest(sign):
+    values = sign * _values(REACH, *[40 * REACH] * 4)
+    low, high = without_outliers(values, float(values.min()), float(values.max()), 1.0)
+    near, far = (low, high) if sign > 0 else (-high, -low)
+    assert near == pytest.approx(0, abs=0.01 * REACH)  # never beyond what there is
+    assert far == pytest.approx(1.5 * REACH, rel=0.01)
+
+
+def test_the_range_that_is_left_grows_with_what_most_values_take():
+    values = _values(3 * REACH, *[40 * REACH] * 4)
+    low, high = without_outliers(values, 0.0, 40 * REACH, 1.0)
+    assert low == 0 and high == pytest.approx(4.5 * REACH, rel=0.01)
+
+
+def test_more_strays_than_the_share_are_all_kept():
+    values = _values(REACH, *[40 * REACH] * 6)  # of 10,000, five at either end may go
+    ends = float(values.min()), float(values.max())
+    assert without_outliers(values, *ends, 1.0) == ends
+    assert without_outliers(values[5:], *ends, 1.0) == ends
+
+
+def test_planes_of_few_values_are_kept_whole():
+    for count in (2, 3):
+        values = np.float32([0, 1, 1e6][-count:])
+        ends = float(values.min()), float(values.max())
+        assert without_outliers(values, *ends, 1.0) == ends
+
+
+def test_what_a_window_leaves_out_is_counted_and_what_lies_on_its_ends_is_not():
+    values = np.float32([-0.5] * 3 + [0, 1, 0.2, 0.4, 0.6] + [1.25] * 2).reshape(1, 2, 5)
+    stats = EncodeStats()
+    coded = quantise_channel(Channel(PlaneClass.OPACITY, 0, values, 1e-3, (0.0, 1.0)), stats)
+    assert stats.clipped == {"opacity": 5}
+    found = coded.code_map.dequantise(coded.codes)
+    np.testing.assert_allclose(found, np.clip(values, 0, 1), atol=2 * coded.code_map.scale)

@@ -35,6 +35,7 @@ Windows = Mapping[str, Mapping[str, Sequence[Point]]]
 
 
 def measured(rows: Sequence[Row], study: str) -> list[Row]:
+    """Rows of a study that have figures."""
     return [row for row in rows if row.study == study and row.figures]
 
 

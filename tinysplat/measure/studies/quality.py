@@ -92,6 +92,7 @@ def nested_table(rows: Sequence[Row]) -> str:
 
 
 def title(identity: Mapping[str, Any]) -> str:
+    """What the rows of a group have in common, in words."""
     size = f"{identity['height']}x{identity['width']}"
     coded = f"{identity['profile']} at Q_g {identity['qp']:g}"
     return f"{identity['kind']}, {identity['views']} views, {identity['model']}, {coded}, {size}"
@@ -109,6 +110,7 @@ def means(rows: Sequence[Row]) -> dict[str, tuple[int, dict[str, Any]]]:
 
 
 def group_table(rows: Sequence[Row], has_lpips: bool) -> str:
+    """Every figure of a group's pictures by scene, and their means."""
     columns = {**_COLUMNS} if has_lpips else {**_COLUMNS, "LPIPS": lambda _: "no weights"}
     lines = [
         [name, str(count), *(cell(mean) for cell in columns.values())] for name, (count, mean) in means(rows).items()
