@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime import Gaussians, Runtime, load_gaussians, load_scene
 from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.hevc import CodedPlane, EncoderSettings, encode_plane
+from tinysplat_runtime.codec.hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.render import Renderer, between
@@ -151,6 +151,16 @@ def encode_alone(planes: Sequence[tuple[Any, ...]], threads: int) -> Callable[[]
             list(pool.map(lambda arguments: encode_plane(*arguments), planes))
 
     return run
+
+
+def through_hevc(codes: NDArray, qp: int, encoder: EncoderSettings) -> tuple[NDArray, int]:
+    """Codes (V, H, W) coded and decoded plane by plane, and the bytes of all pictures."""
+    decoded, size = np.empty_like(codes), 0
+    for view, plane in enumerate(codes):
+        coded = encode_plane(plane, qp, encoder)
+        PlaneDecoder(coded.parameter_sets, *plane.shape).decode_into(coded.payload, decoded[view])
+        size += len(coded.payload)
+    return decoded, size
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.hevc import EncoderSettings
 from tinysplat_runtime.codec.profiles import PAPER, PROFILES
 from tinysplat_runtime.codec.quantise import choose_code_map
 from tinysplat_runtime.container.inspection import inspect_bytes
@@ -38,6 +38,7 @@ from ..rows import Row, grouped, of_study
 from ..show.plots import Axis, Chart, Curve, Panel, save_grid
 from ..show.tables import Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
+from ..tasks import through_hevc
 
 QPS, QUICK_QPS = (-6.0, 0.0, 6.0, 12.0), (0.0, 12.0)
 _BINS, _SHOWN = 100, (0.5, 99.5)  # percentiles; a few far points would squeeze all others into one bin
@@ -175,11 +176,7 @@ def _code_channel(channel: Channel, encoder: EncoderSettings) -> tuple[NDArray, 
         return np.full_like(values, mean), 0
     code_map = choose_code_map(low, high, mean, channel.step)
     codes, _ = code_map.quantise(values)
-    decoded, size = np.empty_like(codes), 0
-    for view, plane in enumerate(codes):
-        coded = encode_plane(plane, code_map.qp, encoder)
-        PlaneDecoder(coded.parameter_sets, *plane.shape).decode_into(coded.payload, decoded[view])
-        size += len(coded.payload)
+    decoded, size = through_hevc(codes, code_map.qp, encoder)
     return code_map.dequantise(decoded), size
 
 

@@ -53,7 +53,7 @@ def official_rows(run: Run) -> Iterator[Row]:
     inputs = contract_inputs(room.shots(room.windows()[0][0], size))
     module = SceneNetwork(loaded.module)
     truth = run_torch(module.double(), inputs, torch.float64)
-    torch_run = partial(run_torch, module.float(), inputs)
+    torch_run = partial(run_torch, module.float(), inputs, torch.float32)
     errors = partial(_output_errors, truth)
     variants = [Variant("torch", torch_run, errors, threads=run.threads)]
     for path in map(Path, options.models):

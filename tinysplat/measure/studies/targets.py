@@ -20,7 +20,7 @@ import numpy as np
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.hevc import EncoderSettings
 from tinysplat_runtime.codec.paper import paper_colors, paper_plan
 from tinysplat_runtime.codec.profiles import PAPER, PROFILES, find_profile
 from tinysplat_runtime.codec.quantise import choose_code_map
@@ -34,6 +34,7 @@ from ..rows import Row
 from ..show.plots import Axis, Chart
 from ..show.tables import Listing, decibels, digits, kilobytes, mean, percent, said
 from ..study import Run, Study
+from ..tasks import through_hevc
 
 SIZES, PSNRS = (40_000, 80_000, 160_000), (38.0,)
 PREFIXES_BETWEEN = 16
@@ -132,15 +133,12 @@ def mapping_rows(run: Run) -> Iterator[Row]:
                 yield Row("mapping", case.name, channel.name, {"class": channel.plane_class.label}, figures)
 
 
-def _mapping(channel: Channel, low: float, high: float, encoder: object) -> dict[str, float]:
+def _mapping(channel: Channel, low: float, high: float, encoder: EncoderSettings) -> dict[str, float]:
     values = np.clip(channel.values, low, high)
     sigma = float(channel.values.std(dtype=np.float64))
     code_map = choose_code_map(low, high, float(values.mean()), channel.step)
     codes, clipped = code_map.quantise(values)
-    decoded = np.empty_like(codes)
-    for view, plane in enumerate(codes):
-        coded = encode_plane(plane, code_map.qp, encoder)  # type: ignore[arg-type]
-        PlaneDecoder(coded.parameter_sets, *plane.shape).decode_into(coded.payload, decoded[view])
+    decoded, _ = through_hevc(codes, code_map.qp, encoder)
     coding = float(((code_map.dequantise(decoded) - code_map.dequantise(codes)) ** 2).mean()) / sigma**2
     step_14 = channel.step / (64 * 2 ** ((PAPER.class_qp[channel.plane_class] - 4) / 6)) / sigma
     rounding_12, rounding_14 = (code_map.scale / sigma) ** 2 / 12, step_14**2 / 12
