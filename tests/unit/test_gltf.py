@@ -176,6 +176,44 @@ def test_quantised_strided_accessors_and_nodes_are_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.abs(read.quats), [[1, 0, 0, 0], [0, 1, 0, 0]], atol=1e-4)
 
 
+@pytest.mark.parametrize("component", [5120, 5121, 5122, 5123, 5125, 5126])
+@pytest.mark.parametrize("normalised", [True, False])
+def test_every_type_of_number_is_read_as_the_specification_has_it(
+    tmp_path: Path, component: int, normalised: bool
+) -> None:
+    """Normalised integers are value / largest, and at least −1; opacities here, whose stored number is known."""
+    letter, largest = {**{k: (v, 2 ** (8 * struct.calcsize(v) - v.islower()) - 1) for k, v in TYPES.items()},
+                       5125: ("I", 2**32 - 1), 5126: ("f", 1)}[component]  # fmt: skip
+    value = 1 if component == 5126 or not normalised else largest // 3
+
+    def change(document: dict[str, Any]) -> None:
+        data = struct.pack(f"<2{letter}", value, 0)
+        document["bufferViews"].append({"buffer": 1, "byteLength": len(data)})
+        document["buffers"].append({"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()})
+        accessor = {"bufferView": 1, "componentType": component, "count": 2, "type": "SCALAR", "normalized": normalised}
+        document["accessors"][3] = accessor
+
+    by_hand(tmp_path / "a.gltf", change)
+    wanted = value / largest if normalised else 1
+    np.testing.assert_allclose(load_gaussians(tmp_path / "a.gltf").opacities, [wanted, 0], rtol=1e-6)
+
+
+def test_a_node_s_matrix_is_column_by_column_and_its_children_follow(tmp_path: Path) -> None:
+    """A quarter turn about z that doubles: (x, y, z) becomes (−2y, 2x, 2z), then 5 along y; below it 1 along x."""
+
+    def change(document: dict[str, Any]) -> None:
+        document["nodes"] = [
+            {"matrix": [0, 2, 0, 0, -2, 0, 0, 0, 0, 0, 2, 0, 0, 5, 0, 1], "children": [1]},
+            {"translation": [1, 0, 0], "mesh": 0},
+        ]
+
+    by_hand(tmp_path / "a.gltf", change)
+    read = load_gaussians(tmp_path / "a.gltf")
+    wanted = [[-2 * y, 2 * (x + 1) + 5, 2 * z] for x, y, z in ((1, 2, 3), (4, 5, 6))]
+    np.testing.assert_allclose(read.means * TURN, wanted, rtol=1e-6)
+    np.testing.assert_allclose(read.scales[0], 2 * np.array([51, 102, 255]) / 255, rtol=1e-6)
+
+
 def outside(document: dict[str, Any]) -> None:
     document["buffers"][0]["uri"] = "../secret.bin"
 

@@ -98,3 +98,29 @@ def test_views_at_one_place_are_drawn_first_where_the_camera_is():
 def test_options_that_are_none_are_refused_by_name(option, value):
     with pytest.raises(InputError, match=option):
         render(make_gaussians(2, 8, 12), make_cameras(1, 8, 12)[0], **{option: value})
+
+
+def test_the_views_depth_is_the_harmonic_mean_of_what_lies_before_them():
+    scene = make_gaussians(2, 8, 12)
+    depths = [((m - c.centre) @ c.c2w[:3, 2]) for m, c in zip(scene.means, scene.cameras, strict=True)]
+    found = NearViews.of(scene)
+    assert found.depth == pytest.approx(1 / np.mean(1 / np.array(depths)), rel=1e-6)
+    behind = replace(scene, means=2 * np.stack([c.centre for c in scene.cameras])[:, None, None] - scene.means)
+    assert NearViews.of(behind).depth == 1
+    np.testing.assert_allclose(found.centres, [camera.centre for camera in scene.cameras])
+    np.testing.assert_allclose(found.directions, [camera.c2w[:3, 2] for camera in scene.cameras])
+
+
+def test_shares_by_hand():
+    """Distances of 0.3, 0.5 and 0.6 depths: R = 0.75, and of what is left to it a third and a ninth, squared."""
+    places = [(-0.6, 0, 0), (0, 1.0, 0), (0, 0, 1.2)]
+    views = NearViews(np.array(places), np.tile([0.0, 0, 1], (3, 1)), 2.0)
+    camera = Camera([[10.0, 0, 4], [0, 10, 4], [0, 0, 1]], np.eye(4), 8, 8)
+    wanted = [1, ((0.75 - 0.5) / 0.45) ** 2, ((0.75 - 0.6) / 0.45) ** 2]
+    np.testing.assert_allclose(views.shares(camera), wanted, atol=1e-12)
+    aside = replace(views, directions=np.array([[0, 0, 1.0], [0, 0.6, 0.8], [0, 0, 1]]))
+    distance = np.hypot(0.5, np.sqrt(0.6**2 + 0.2**2))  # of the second, which looks elsewhere
+    reach = 1.5 * 0.6
+    assert distance < reach
+    wanted = [1, ((reach - distance) / (reach - 0.3)) ** 2, ((reach - 0.6) / (reach - 0.3)) ** 2]
+    np.testing.assert_allclose(aside.shares(camera), wanted, atol=1e-12)
