@@ -50,7 +50,7 @@ NEAREST: dict[str, str] = {
     "container/records.py": "bounds container progressive",
     "container/sections.py": "bounds container progressive",
     "container/writer.py": "container progressive",
-    "codec/adaptive.py": "attribute_errors allocation",
+    "codec/adaptive.py": "attribute_errors allocation seen",
     "codec/analysis.py": "analysis attribute_errors conditioning",
     "codec/basis.py": "basis attribute_errors",
     "codec/encoder.py": "quantise attribute_errors modes allocation",

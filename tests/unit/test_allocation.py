@@ -9,7 +9,13 @@ import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps
+from tinysplat_runtime.codec.adaptive import (
+    _class_steps,
+    _components,
+    class_step,
+    prepare_layer,
+    scene_steps,
+)
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.basis import view_directions
 from tinysplat_runtime.codec.depth_step.allocation import (
@@ -309,6 +315,27 @@ def test_coefficients_are_kept_whose_energy_shows_at_the_finest_step(store, qp):
         settings = replace(ADAPTIVE, disagreement=0.0, margin=1.5, energy_floor=factor * energy / finest**2)
         projected = project_layer(store, scene, drop_invalid=False, where="")
         assert prepare_layer(store, scene, projected, settings, qp).layer.degree == degree
+
+
+@pytest.mark.parametrize(("sigma", "hidden"), [(0.1, 0.2), (0.2, 0.2), (0.5, 0.5), (1.0, 1.0), (3.0, 1.0)])
+def test_steps_of_small_splats_by_hand(layers, sigma, hidden):
+    """Scale's go with 1 / width and rotation's with its square, for mean deviations of 0.2 to 1 px."""
+    layer = replace(layers[0], scale_mix=(layers[0].scale_mix[0], np.full(3, sigma)))
+    steps = _class_steps(layer, 1.5, 0.02, ADAPTIVE)
+    width = hidden / ADAPTIVE.width
+    gain = 1.5 * ADAPTIVE.gain
+    wanted = {c: gain / np.sqrt(s) for c, s in ADAPTIVE.sensitivity.items()}
+    wanted[PlaneClass.SCALE] /= width
+    wanted[PlaneClass.ROTATION] /= width**2
+    wanted[PlaneClass.OPACITY] = 1.5 * 0.02
+    assert steps == pytest.approx(wanted)
+
+
+def test_components_are_kept_until_what_is_left_out_is_small_against_a_step():
+    energies = np.array([8.0, 4.0, 2.0, 1.0])
+    for left_out, wanted in ((16, 1), (15.1, 1), (7.1, 1), (6.9, 2), (3.1, 2), (2.9, 3), (1.1, 3), (0.9, 4), (0, 4)):
+        step = np.sqrt(left_out / ADAPTIVE.energy_floor)
+        assert _components(energies, step, ADAPTIVE) == wanted
 
 
 def test_q_g_is_accepted_from_minus_60_to_60():

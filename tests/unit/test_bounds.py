@@ -254,6 +254,7 @@ def _with_photos(
         ({"depths": (1e-29, 9e29)}, {"depths": (0.9e-30, 1.0)}, "near 9e-31 and far 1"),
         ({}, {"depths": (2.0, 2.0)}, "near 2 and far 2"),
         ({}, {"depths": (1.0, 1.1e30)}, r"near 1 and far 1\.1e\+30"),
+        ({"depths": (1.0, float(np.nextafter(1e30, 0)))}, {"depths": (1.0, 1e30)}, r"near 1 and far 1e\+30"),
         ({"network": b"n" * 64}, {"network": b"n\xe9t"}, "not printable ASCII"),
         ({"network": b"a b"}, {"network": b"a\nb"}, "not printable ASCII"),
     ],
