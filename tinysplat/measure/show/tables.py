@@ -217,14 +217,14 @@ class View:
         columns = [column for column in self.columns if any(column.key in row.figures for row in rows)]
         baseline = next((row.setting["baseline"] for row in rows if "baseline" in row.setting), None)
         has_peaks = any("peak_bytes" in row.costs for row in rows)
-        has_notes = any(row.note and row.seconds is not None for row in rows)
+        has_notes = any(row.note for row in rows)
         heads = ["", "", "seconds", "CPU s", "threads", *([f"× {baseline}"] if baseline else []),
                  *(column.heading for column in columns), *(["peak"] if has_peaks else []),
                  *([""] if has_notes else [])]  # fmt: skip
         lines = []
         for row in rows:
             if row.seconds is None:
-                lines.append([row.way, "", row.note, *[""] * (len(heads) - 3)])
+                lines.append([row.way, "", ABSENT, *[""] * (len(heads) - 4), row.note])
                 continue
             cells = [row.way, "●" if row.way in best else "", spread(row), duration(row.costs["cpu"]),
                      str(row.setting.get("threads", ""))]  # fmt: skip

@@ -238,5 +238,5 @@ PEERS = Study.of(
     peer_rows,
     *_stages("peers", "The same Gaussians in other formats, in the same run; dB to raw: against pictures of them."),
     Chart("peers encode", "The same Gaussians in several formats", _KB, Axis(TO_RAW, "dB to raw", most=EXACT_DB),
-          panel="subject", curve="", point="way"),
+          panel="subject", point="way"),
 )  # fmt: skip
