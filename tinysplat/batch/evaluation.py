@@ -34,6 +34,8 @@ def evaluate(job: Job, threads: int = 1) -> dict[str, Any]:
     """
     start = time.perf_counter()
     try:
+        import skimage.metrics  # noqa: F401 - what SSIM needs, before work begins
+
         from tinysplat.measure.quality import Coding, Quality, mean_of, record
         from tinysplat.measure.rows import ROWS, RowFile
         from tinysplat.measure.runner import Plan, run_jobs

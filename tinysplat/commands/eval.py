@@ -114,7 +114,7 @@ def run(args: Namespace) -> None:
     """Measure, print the tables, write what was asked for."""
     try:
         _run(args)
-    except ImportError as error:  # torch, for chunks and LPIPS; Pillow, for depth
+    except ImportError as error:  # scikit-image, for SSIM; torch, for chunks and LPIPS; Pillow, for depth
         raise InputError(f"needs the package '{error.name}'; {_INSTALL}", where="eval") from None
 
 

@@ -85,11 +85,11 @@ def ssim(image: NDArray, reference: NDArray) -> float:
     Raises:
         InputError: shapes differ, or a side is shorter than the window.
     """
+    from skimage.metrics import structural_similarity
+
     x, y = _pictures(image, reference)
     if min(x.shape[:2]) < SSIM_WINDOW:
         raise InputError(f"{x.shape[1]}x{x.shape[0]} pixels, expected sides of {SSIM_WINDOW} or more", where="image")
-    from skimage.metrics import structural_similarity
-
     return float(
         structural_similarity(x, y, win_size=SSIM_WINDOW, gaussian_weights=True, data_range=1, channel_axis=-1)
     )
