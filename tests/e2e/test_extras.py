@@ -47,6 +47,7 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
         ("PIL", (*CLI, "compare", "g.npz", "g.npz")),
         ("matplotlib", (*CLI, "bench", "--quick")),
         ("skimage", (*CLI, "eval", "g.npz")),
+        ("skimage", (*CLI, "compare", "g.npz", "g.npz")),
         ("torch", (*CLI, "eval", "g.npz", "--lpips", "vgg", "--lpips-backbone", "b.pth", "--lpips-linear", "l.pth")),
     ],
     "completion": [("shtab", (*CLI, "completion", "bash"))],
