@@ -19,11 +19,12 @@ from tinysplat.training.data import SampleStream
 from tinysplat.training.loop import CHECKPOINT, CURVES, learning_rate, train
 from tinysplat.training.losses import LossWeights, candidate_entropy, losses, photometric, rate
 from tinysplat.training.pack import main as pack_main
-from tinysplat.training.photos import PhotoSet, _transposed
+from tinysplat.training.photos import PhotoSet, _transposed, scene_folders
 from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.samples import Sample, psnr, render_outputs
 from tinysplat.training.state import TrainingState, read_checkpoint
 from tinysplat.training.textures import SIZE, texture_bank
+from tinysplat.training.validation import validation_samples
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import write_png
 
@@ -266,6 +267,13 @@ def test_the_rate_of_learning_rises_stays_and_falls() -> None:
     assert learning_rate(30, settings) == 1
     assert learning_rate(80, settings) == pytest.approx(0.51)
     assert learning_rate(100, settings) == pytest.approx(0.02)
+
+
+def test_a_single_scene_is_taken_as_it_is(photos: Path, tmp_path: Path) -> None:
+    (only,) = scene_folders(photos)[:1]
+    assert [scene.name for scene in PhotoSet.load(only).scenes] == [PhotoSet.load(photos).scenes[0].name]
+    with pytest.raises(InputError, match=r"no scene folder with eval_index\.json"):
+        list(validation_samples(tmp_path, ("near",), (64, 64)))
 
 
 def test_a_folder_without_scenes_is_one_clear_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

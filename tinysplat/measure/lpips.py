@@ -69,10 +69,18 @@ def find_lpips(
     found_backbone = Path(backbone) if backbone is not None else cached if cached.is_file() else None
     found_linear = Path(linear) if linear is not None else _packaged_linear(net)
     if found_linear is None:
-        return None, f"no linear weights of LPIPS-{net}: pip install --no-deps lpips brings them, or name a file"
+        return None, (
+            f"no linear weights of LPIPS-{net}: `pip install --no-deps lpips` brings them, --lpips-linear names them;"
+            f" {_advice(net)}"
+        )
     if found_backbone is None:
-        return None, f"no backbone weights of LPIPS-{net}: name torchvision's {cached.name} (not in {cached.parent})"
+        return None, f"no backbone weights of LPIPS-{net} in {cached.parent}: {_advice(net)}"
     return LpipsFiles(net, found_backbone, found_linear), f"LPIPS-{net}: {found_backbone}, {found_linear}"
+
+
+def _advice(net: str) -> str:
+    """Where backbones come from."""
+    return f"--lpips-backbone names torchvision's {BACKBONE_FILES[net]}, from download.pytorch.org/models"
 
 
 def _torch_cache() -> Path:

@@ -8,11 +8,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
-from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
-
 from .config import DataSettings
 from .pack import unpacked
-from .photos import PhotoSet
+from .photos import PhotoSet, scene_folders
 from .procedural import procedural_sample
 from .samples import Sample
 from .textures import texture_bank
@@ -43,7 +41,7 @@ class SampleStream:
         with unpacked(settings.photos) as folder, unpacked(settings.pictures) as pictures:
             if folder is not None:
                 self.photos = PhotoSet.load(folder)
-                scenes = sorted(path.parent for path in folder.glob(f"*/{CAMERAS_FILE}"))
+                scenes = scene_folders(folder)
             self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK), pictures)
 
     def _generator(self, index: int) -> np.random.Generator:

@@ -108,14 +108,16 @@ def train(
         say(f"skipped: {line}")
     folder.mkdir(parents=True, exist_ok=True)
     scenes = len(stream.photos.scenes)
-    say(f"{scenes} scenes, {len(stream.photos.skipped)} photos skipped, from step {state.step} on {device}")
+    found = f"{scenes} scenes, {len(stream.photos.skipped)} photos skipped" if scenes else "scenes made on the way"
+    say(f"{found}, from step {state.step} on {device}")
     run = _Run(config, folder, state, device, say)
     try:
         with working("training", quiet=False, note=run.standing):
             run.until(stream.follow(state.step * config.optimiser.batch), minutes, steps)
     finally:
         run.save()
-    say(f"step {state.step}: {checkpoint}")
+    recent = [figures["loss"] for figures in run.recent if "loss" in figures]
+    say(f"step {state.step}: {checkpoint}" + (f", loss {np.mean(recent):.4g}" if recent else ""))
     return state
 
 

@@ -62,6 +62,11 @@ class PhotoScene:
     depths: tuple[NDArray | None, ...]
 
 
+def scene_folders(folder: Path, file: str = CAMERAS_FILE) -> list[Path]:
+    """Folders in `folder` that have a file, or itself where it has one."""
+    return [folder] if (folder / file).is_file() else sorted(path.parent for path in folder.glob(f"*/{file}"))
+
+
 @dataclass(frozen=True)
 class PhotoSet:
     """All scenes of a folder.
@@ -76,13 +81,13 @@ class PhotoSet:
 
     @classmethod
     def load(cls, folder: Path) -> PhotoSet:
-        """Read every scene folder in `folder`; photos that cannot be read are skipped and noted.
+        """Read every scene folder in `folder`, or the one that it is; photos that cannot be read are skipped and noted.
 
         Raises:
             InputError: there is no scene with a window to train on.
         """
         skipped: list[str] = []
-        paths = sorted(path.parent for path in folder.glob(f"*/{CAMERAS_FILE}"))
+        paths = scene_folders(folder)
         scenes = tuple(scene for path in paths if (scene := _load_scene(path, skipped)).windows)
         if not scenes:
             found = f"{len(paths)} scene folders, none with two views to train on" if paths else "no scene folders"

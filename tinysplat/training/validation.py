@@ -11,8 +11,10 @@ import torch
 from torch import nn
 
 from tinysplat.measure.subjects.sources import EVAL_INDEX, parse_window, read_index
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
+from .photos import scene_folders
 from .samples import Sample, psnr, render_outputs
 
 
@@ -22,12 +24,18 @@ def validation_samples(
     """The windows of scene folders with `eval_index.json`, photos scaled to cover `size` and cropped.
 
     Args:
-        folder: holds scene folders.
+        folder: holds scene folders, or is one.
         kinds: kinds of window wanted.
         size: (height, width).
         limit: windows per scene and kind, evenly spread, or None for all.
+
+    Raises:
+        InputError: no scene with an index.
     """
-    for path in sorted(folder.glob(f"*/{EVAL_INDEX}")):
+    folders = scene_folders(folder, EVAL_INDEX)
+    if not folders:
+        raise InputError(f"no scene folder with {EVAL_INDEX} to validate on", where=str(folder))
+    for path in (place / EVAL_INDEX for place in folders):
         index = read_index(path)
         scene = load_scene(path.parent, index.get("near"), index.get("far"))
         windows = [parse_window(entry, len(scene.frames), str(path)) for entry in index["windows"]]
