@@ -1,17 +1,18 @@
 // Draws Gaussians as tinysplat_runtime/render does (docs/CONVENTIONS.md, "Drawing"): exact EWA, dilation by the screen's
 // pixel or the Gaussian's own, alpha from 1/255 on and up to 0.99, order by depth z, near views first. A frame is two passes: each Gaussian is projected once, in sorted order, into a texture of
-// records, and the records are drawn as quads, back to front, into half floats. Nothing is instanced: hardware and
-// software alike take far longer over many instances of four vertices than over as many quads.
+// records, and the records are drawn as triangles, front to back, into half floats whose alpha is what still shines through.
+// Now and then pixels that nothing shines through any more are closed by depth, so that what lies behind costs nothing.
+// Nothing is instanced: hardware and software alike take far longer over many instances of a few vertices.
 "use strict";
 
 const TEXTURE_WIDTH = 4096;
 const MAX_VIEWS = 64;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's share of its opacity
-const CHUNK = 16384; // quads a draw call: their corners have 16-bit numbers
+const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
 
 const PROJECT = `#version 300 es
 precision highp float; precision highp int; precision highp usampler2D;
-uniform usampler2D order;             // indices of Gaussians, farthest first
+uniform usampler2D order;             // indices of Gaussians, nearest first
 uniform usampler2D geometry, colours; // two texels a Gaussian; one texel an SH function
 uniform uint count;
 uniform mat3 projection;              // K R without the principal point
@@ -120,23 +121,23 @@ void main() {
     floatBitsToUint(log(opacity)));
 }`;
 
-const QUAD = `#version 300 es
+const TRIANGLE = `#version 300 es
 precision highp float; precision highp int; precision highp usampler2D;
 uniform usampler2D shapes, paints;
 uniform vec2 size;
-uniform int first;
 out vec2 place;
 flat out vec4 paint;
 const float LEAST = -5.541263545158426; // log(1/255)
+const vec2 CORNERS[3] = vec2[3](vec2(0.0, 2.0), vec2(-1.7320509, -1.0), vec2(1.7320509, -1.0)); // around the unit circle
 void main() {
-  int at = first + (gl_VertexID >> 2);
+  int at = gl_VertexID / 3;
   ivec2 texel = ivec2(at % ${TEXTURE_WIDTH}, at / ${TEXTURE_WIDTH});
   vec4 shape = uintBitsToFloat(texelFetch(shapes, texel, 0));
   uvec4 code = texelFetch(paints, texel, 0);
   paint = vec4(unpackHalf2x16(code.y), unpackHalf2x16(code.z).x, uintBitsToFloat(code.w));
-  vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, major = shape.zw;
+  vec2 major = shape.zw;
   vec2 minor = uintBitsToFloat(code.x) * (major == vec2(0.0) ? major : normalize(vec2(-major.y, major.x)));
-  place = corner * sqrt(max(paint.a - LEAST, 0.0));
+  place = CORNERS[gl_VertexID % 3] * sqrt(max(paint.a - LEAST, 0.0));
   gl_Position = vec4(shape.xy + 2.0 * (place.x * major + place.y * minor) / size * vec2(1.0, -1.0), 0.0, 1.0);
 }`;
 
@@ -150,6 +151,11 @@ void main() {
   if (alpha < 1.0 / 255.0) discard;
   result = vec4(paint.rgb * alpha, alpha);
 }`;
+
+const CLOSE = `#version 300 es
+precision highp float;
+uniform sampler2D picture;
+void main() { if (texelFetch(picture, ivec2(gl_FragCoord.xy), 0).a > 1.0 / 1024.0) discard; }`;
 
 const WHOLE = `#version 300 es
 void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
@@ -178,8 +184,8 @@ precision mediump float;
 out vec4 result;
 void main() { result = vec4(1.0, 0.7, 0.33, 1.0); }`;
 
-// Runs in a worker: indices of Gaussians in front of a camera, farthest first, equal depths last one first; then, as they
-// are drawn over all others, copies of those whose view has a share, with COPY set.
+// Runs in a worker: copies of the Gaussians whose view has a share, with COPY set, as they are drawn over all others; then
+// indices of all in front of a camera; both nearest first, equal depths in their order.
 function sorter() {
   let means, views, keys, order, other;
   const counts = new Uint32Array(65536);
@@ -206,10 +212,10 @@ function sorter() {
     pass(order, other, n, 0); // bits of positive floats rise as they do
     pass(other, order, n, 16);
     let copies = 0;
-    for (let i = 0; i < n; i++) if (data.shares[views[order[i]]] > 0) other[copies++] = order[i];
+    for (let i = 0; i < n; i++) if (data.shares[views[order[i]]] > 0) other[copies++] = (order[i] | 0x80000000) >>> 0;
     const sorted = new Uint32Array(n + copies);
-    for (let i = 0; i < n; i++) sorted[i] = order[n - 1 - i];
-    for (let i = 0; i < copies; i++) sorted[n + i] = (other[copies - 1 - i] | 0x80000000) >>> 0;
+    sorted.set(other.subarray(0, copies));
+    sorted.set(order.subarray(0, n), copies);
     postMessage({ sorted, id: data.id }, [sorted.buffer]);
   };
 }
@@ -284,23 +290,15 @@ class Splats {
     Object.values(this.records).forEach((texture, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0));
     gl.drawBuffers(places);
     this.project = program(gl, WHOLE, PROJECT);
-    this.paint = program(gl, QUAD, PAINT);
+    this.paint = program(gl, TRIANGLE, PAINT);
+    this.close = program(gl, WHOLE, CLOSE);
     this.show = program(gl, WHOLE, SHOW);
     this.lines = program(gl, LINES, ORANGE);
     this.empty = gl.createVertexArray();
-    this.quads = this.#quadArray();
     this.target = { texture: gl.createTexture(), frame: gl.createFramebuffer(), width: 0, height: 0 };
+    this.closed = { depth: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
     this.sortedCount = 0;
     this.#startSorter(onSorted);
-  }
-
-  #quadArray() { // two triangles a quad
-    const { gl } = this, array = gl.createVertexArray(), corners = new Uint16Array(6 * CHUNK);
-    for (let i = 0; i < CHUNK; i++) corners.set([0, 1, 2, 2, 1, 3].map((k) => 4 * i + k), 6 * i);
-    gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
-    return array;
   }
 
   #startSorter(onSorted) {
@@ -336,19 +334,16 @@ class Splats {
     this.#projectAll(view, camera.position, width, height, options);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
     gl.viewport(0, 0, width, height);
+    gl.depthMask(true);
     gl.clearColor(0, 0, 0, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT);
-    gl.enable(gl.BLEND);
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.useProgram(this.paint.made);
-    bindTextures(gl, this.paint.uniforms, this.records);
-    gl.uniform2f(this.paint.uniforms.size, width, height);
-    gl.bindVertexArray(this.quads);
-    for (let first = 0; first < this.sortedCount; first += CHUNK) {
-      gl.uniform1i(this.paint.uniforms.first, first);
-      gl.drawElements(gl.TRIANGLES, 6 * Math.min(CHUNK, this.sortedCount - first), gl.UNSIGNED_SHORT, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    const places = [0, ...CLOSINGS, 1].map((part) => Math.round(part * this.sortedCount));
+    for (let i = 0; i + 1 < places.length; i++) {
+      if (i) this.#closeDark();
+      this.#paint(places[i], places[i + 1], width, height);
     }
-    gl.disable(gl.BLEND);
+    gl.disable(gl.DEPTH_TEST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.useProgram(this.show.made);
@@ -357,6 +352,34 @@ class Splats {
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (options.lines) this.#drawLines(camera, options.lines);
+  }
+
+  // Gaussians from one place in the order to another, under what is there, but where a pixel is closed.
+  #paint(from, to, width, height) {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
+    gl.depthMask(false);
+    gl.depthFunc(gl.LESS);
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.DST_ALPHA, gl.ONE, gl.ZERO, gl.ONE_MINUS_SRC_ALPHA);
+    gl.useProgram(this.paint.made);
+    bindTextures(gl, this.paint.uniforms, this.records);
+    gl.uniform2f(this.paint.uniforms.size, width, height);
+    gl.bindVertexArray(this.empty);
+    gl.drawArrays(gl.TRIANGLES, 3 * from, 3 * (to - from));
+    gl.disable(gl.BLEND);
+  }
+
+  // Closes the pixels that nothing shines through any more, at the depth of all triangles.
+  #closeDark() {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.closed.frame);
+    gl.depthMask(true);
+    gl.depthFunc(gl.ALWAYS);
+    gl.useProgram(this.close.made);
+    bindTextures(gl, this.close.uniforms, { picture: this.target.texture });
+    gl.bindVertexArray(this.empty);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   #projectAll(view, eye, width, height, options) {
@@ -383,7 +406,7 @@ class Splats {
   }
 
   #resize(width, height) {
-    const { gl, target } = this;
+    const { gl, target, closed } = this;
     if (target.width === width && target.height === height) return;
     Object.assign(target, { width, height });
     gl.activeTexture(gl.TEXTURE0);
@@ -393,6 +416,13 @@ class Splats {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+    gl.bindRenderbuffer(gl.RENDERBUFFER, closed.depth);
+    gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT16, width, height);
+    for (const { frame } of [target, closed]) {
+      gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+      gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, closed.depth);
+    }
+    gl.drawBuffers([gl.NONE]);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.texture, 0);
   }
