@@ -13,11 +13,17 @@ from scenes import make_cameras, make_smooth_gaussians
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.refine.loop import Loop
+from tinysplat_runtime.refine.photos import Target
+from tinysplat_runtime.refine.settings import settings_for
 from tinysplat_runtime.refine.stats import RefineStats
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer, between
+from tinysplat_runtime.render.gradient import MovableGaussians, PhotoError
+from tinysplat_runtime.render.near import NearViews
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.system.threads import Crew
 
 SIZE = 40, 48
 
@@ -52,8 +58,8 @@ def photographed(folder: Path, gaussians: ts.Gaussians, cameras: list[ts.Camera]
     return Scene(folder, tuple(frames), 1.0, 10.0)
 
 
-def psnr(gaussians: ts.Gaussians, scene: Scene) -> float:
-    renderer = Renderer(gaussians)
+def psnr(gaussians: ts.Gaussians, scene: Scene, **drawn: str) -> float:
+    renderer = Renderer(gaussians, **drawn)
     errors = [np.mean((renderer.render(frame.camera) - frame.image()) ** 2) for frame in scene.frames]
     return float(np.mean([-10 * np.log10(error) for error in errors]))
 
@@ -72,11 +78,53 @@ def test_photos_that_it_never_saw_come_nearer(case: tuple[ts.Gaussians, Scene, S
     stats = RefineStats()
     refined = ts.refine(start, photos, 15, stats=stats)
     assert psnr(refined, between) > psnr(start, between) + 1
+    assert psnr(refined, between, **DEFINITION) > psnr(start, between, **DEFINITION) + 1
     assert psnr(refined, photos) == pytest.approx(stats.after, abs=0.01)
     checks = dict(stats.looks)
     assert stats.kept > 0 and checks[stats.kept] > checks[0] + 0.05
     assert checks[stats.kept] >= max(checks.values()) - 0.05
     assert refined.notes.refined == f"{stats.kept} steps on 3 photos: {stats.before:.1f} to {stats.after:.1f} dB"
+
+
+def begun(gaussians: ts.Gaussians, photos: np.ndarray) -> Loop:
+    targets = [Target(camera, photo) for camera, photo in zip(gaussians.cameras, photos, strict=True)]
+    return Loop(MovableGaussians(gaussians, Crew(1).map), [targets], {}, settings_for(3), Crew(1).map)
+
+
+def test_the_check_looks_where_the_others_showed_something_at_the_start(
+    case: tuple[ts.Gaussians, Scene, Scene],
+) -> None:
+    start, scene, _ = case
+    photos = scene.images()
+    hollow, painted = start.opacities.copy(), photos.copy()
+    hollow[1:] = 0  # of the first photo others show nothing
+    painted[0] = 0
+    alone = replace(start, opacities=hollow)
+    assert begun(alone, photos).check() == begun(alone, painted).check()
+    assert abs(begun(start, photos).check() - begun(start, painted).check()) > 1
+    nothing = replace(start, opacities=np.zeros_like(hollow))
+    assert begun(nothing, photos).check() == 0
+
+
+def test_photos_are_drawn_as_if_from_between_and_by_depth_in_turns(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    start, scene, _ = case
+    loop, near = begun(start, scene.images()), NearViews.of(start)
+    loop.settings = replace(loop.settings, price=0.0)
+    assert near is not None
+    seen = []
+
+    def measure(camera: ts.Camera, photo: np.ndarray, **options) -> PhotoError:
+        seen.append(options["shares"])
+        return PhotoError(1.0, 1.0, 0.0, 0.0, 1.0)
+
+    loop.field.measure = measure  # type: ignore[method-assign]
+    for _ in range(4):
+        loop.step()
+    first = seen[::3]  # of the first photo
+    assert first[1] is first[3] is None
+    away = [np.linalg.norm(camera.centre - start.cameras[0].centre) for camera in start.cameras]
+    for shares, other in zip(first[::2], np.argsort(away)[1:], strict=True):
+        np.testing.assert_allclose(shares, near.shares(between([start.cameras[0], start.cameras[other]], 3)[1]))
 
 
 def test_results_are_the_same_on_any_number_of_threads(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
@@ -209,8 +257,6 @@ def test_the_commands_refine_report_and_say_so(
 def test_an_interrupt_leaves_nothing_behind(
     case: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tinysplat_runtime.refine.loop import Loop
-
     start, photos, _ = case
     ts.save_gaussians(tmp_path / "g.npz", start)
 

@@ -90,10 +90,14 @@ class Loop:
         return float(np.mean([error.psnr for error in errors]))
 
     def check(self) -> float:
-        """dB of the photos, each drawn from the Gaussians of the others where those showed something at the start."""
+        """dB of the photos, each drawn from the Gaussians of the others where those showed something at the start.
+
+        The mean; 0 where they showed nothing of any.
+        """
         checks = enumerate(zip(self._checks, self.exposures, strict=True))
         errors = [self._from_others(view, target, exposure) for view, (target, exposure) in checks]
-        return float(np.mean([error.psnr for error in errors if error.known]))
+        known = [error.psnr for error in errors if error.known]
+        return float(np.mean(known)) if known else 0.0
 
     def _from_others(
         self, view: int, target: Target, exposure: tuple[float, float] = (1.0, 0.0), left: NDArray | None = None
