@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
@@ -23,7 +22,7 @@ from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import budget, indices, size
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render.renderer import DILATIONS, ORDERS
 from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.threads import available_cores
 
@@ -31,7 +30,8 @@ HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
 
 DEFAULT_FOLDER = "eval_results"
 DEFAULT_SIZE = (256, 256)
-DRAW_OPTIONS = tuple(sorted(set(inspect.signature(Renderer).parameters) - {"gaussians", "threads"}))
+DRAW_OPTIONS = {"dilation": DILATIONS, "order": ORDERS}
+DRAW_WORDS = ", ".join(f"{name}={'|'.join(accepted)}" for name, accepted in DRAW_OPTIONS.items())
 MIN_ZOOM, MAX_ZOOM = 1 / 16, 16.0
 _INSTALL = 'pip install "tinysplat[eval]" brings it'
 
@@ -78,7 +78,7 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--refine", type=budget, metavar="STEPS|10s",
                         help="correct Gaussians against their photos first, as `encode --refine` does")  # fmt: skip
     parser.add_argument("--draw", type=drawing, default=(), metavar="K=V,K=V",
-                        help=f"how pictures are drawn: {', '.join(DRAW_OPTIONS)}")  # fmt: skip
+                        help=f"how pictures are drawn: {DRAW_WORDS}")  # fmt: skip
     parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
@@ -105,8 +105,8 @@ def drawing(text: str) -> tuple[tuple[str, str], ...]:
     """`order=depth` to options of `Renderer`."""
     pairs = tuple(tuple(part.strip() for part in word.partition("=")[::2]) for word in text.split(","))
     for name, value in pairs:
-        if name not in DRAW_OPTIONS or not value:
-            raise ArgumentTypeError(f"'{text}', expected K=V with K one of {', '.join(DRAW_OPTIONS)}")
+        if value not in DRAW_OPTIONS.get(name, ()):
+            raise ArgumentTypeError(f"'{text}', expected some of {DRAW_WORDS}")
     return pairs  # type: ignore[return-value]
 
 
