@@ -10,11 +10,8 @@ from ..container.inspection import inspect_bytes
 from ..errors import InputError, TinySplatError
 from ..graphs.artifacts import load_manifest
 from ..system.stopwatch import Stopwatch
-from .convert import convert, selected, write
+from .convert import selected, write
 from .describe import describe_gaussians, gaussians_text, info_text
-from .doctor import examine
-from .doctor import text as doctor_text
-from .encode import compress, encode
 from .files import (
     STANDARD,
     decompress_named,
@@ -25,11 +22,7 @@ from .files import (
     read_file,
     say,
 )
-from .render import render
 from .reports import file_report, write_json
-from .view import view
-
-__all__ = ["compress", "convert", "decode", "doctor", "encode", "info", "models", "render", "view"]
 
 
 def decode(args: Namespace) -> None:
@@ -62,8 +55,10 @@ def info(args: Namespace) -> None:
 
 def doctor(args: Namespace) -> None:
     """What is installed, and what is wrong with it; InputError where something is."""
+    from .doctor import examine, text  # the standard library's packaging and mail
+
     report = examine()
-    print(json.dumps(report, indent=2) if args.json else doctor_text(report))
+    print(json.dumps(report, indent=2) if args.json else text(report))
     if report["wrong"]:
         raise InputError(f"{len(report['wrong'])} things are wrong, the first: {report['wrong'][0]}", where="doctor")
 

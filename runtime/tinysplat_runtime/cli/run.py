@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import os
 import re
 import signal
@@ -19,6 +20,9 @@ from types import FrameType
 from ..errors import TinySplatError
 from ..system.progress import still_there
 from .parser import build_parser, join_commands
+
+_MODULES = {"encode": "encode", "compress": "encode", "convert": "convert", "render": "render", "view": "view"}
+"""Where the function of a command stands that is not in `commands`."""
 
 _NEGATIVES = re.compile(r"-[0-9.][-+0-9.eE]*(,[-+0-9.eE]+)*")
 
@@ -111,10 +115,11 @@ def _run(arguments: list[str]) -> int:
     with still_there(args.command, quiet=args.quiet or args.command == "view"):  # which waits, and says for what
         if args.command in joined:
             return joined[args.command](args) or 0
-        from . import commands as own  # here, so that --version and --help start without numpy
+        # Here, so that --version and --help start without numpy, and no command waits for what another needs.
         from .checks import check_outputs
 
         check_outputs(args)
+        own = importlib.import_module(f".{_MODULES.get(args.command, 'commands')}", __package__)
         run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
         run(args)
     return 0
