@@ -190,9 +190,9 @@ def _truncated(layer: AdaptiveLayer, k: int) -> Reduction:
 
 def _principal_scales(scales: NDArray) -> tuple[NDArray, tuple[NDArray, NDArray]]:
     """ŝ (V, 3, H, W) in its principal axes, and the map back: ŝ = mix · planes + mean."""
-    flat = np.moveaxis(scales, 1, 0).reshape(3, -1)
+    flat = np.moveaxis(scales, 1, 0).copy().reshape(3, -1)
     mean = flat.mean(axis=1, dtype=np.float64)
-    centred = flat - mean[:, None].astype(np.float32)
+    centred = np.subtract(flat, mean[:, None].astype(np.float32), out=flat)
     _, vectors = symmetric_eigen(np.einsum("in,jn->ij", centred, centred, dtype=np.float64))
     vectors = vectors[:, ::-1]
     leading = np.abs(vectors).argmax(axis=0)

@@ -109,8 +109,9 @@ def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray) -> N
     left = left_multiplication_matrices(conjugate_quats(reference)).astype(np.float32)
     rotation = projected.planes(PlaneClass.ROTATION)
     relative = product(left, rotation.reshape(*rotation.shape[:2], -1)).reshape(rotation.shape)
-    sign = np.where(relative[:, :1] < 0, np.float32(-1), np.float32(1))
-    return relative[:, 1:] * sign
+    vector = relative[:, 1:]
+    np.negative(vector, out=vector, where=relative[:, :1] < 0)
+    return vector
 
 
 def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
@@ -129,8 +130,15 @@ def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
 
 def color_planes(store: GraphStore, layer: Gaussians, projection: NDArray) -> NDArray:
     """(V, k, H, W) float32 planes of the layer's SH coefficients under `projection` (d, k)."""
-    inputs = {"sh": layer.sh, "projection": as_input(projection)}
-    return store.transform("analysis_project").run(inputs)["color"]
+    views, height, width = layer.opacities.shape
+    planes = np.empty((views, projection.shape[1], height, width), np.float32)
+    graph, rows = store.transform("analysis_project"), max(BLOCK_PIXELS // width, 1)
+    mix = as_input(projection)
+    for view in range(views):
+        for first in range(0, height, rows):
+            block = slice(first, first + rows)
+            planes[view, :, block] = graph.run({"sh": layer.sh[view : view + 1, block], "projection": mix})["color"][0]
+    return planes
 
 
 def _handle_invalid(geometry: NDArray, valid: NDArray, drop_invalid: bool, where: str) -> None:

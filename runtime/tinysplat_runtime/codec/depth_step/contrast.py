@@ -28,17 +28,25 @@ _FLOOR = 0.4
 
 _TINY = 1e-20
 
+_ROWS = 64
+"""Rows looked at at a time: little memory, and what a processor's cache holds."""
+
 
 def contrast(layer: Gaussians) -> NDArray:
     """Squared differences of degree-0 colours, as far as they can be seen, to the right and lower neighbour, times
     squared opacity: (V, H, W) float32, finite.
     """
-    colors = layer.sh[..., 0, :] * np.float32(C0)
-    np.fmax(np.fmin(colors, 0.5, out=colors), -0.5, out=colors)  # 0 to 1 less a half, NaN as 1
+    height = layer.opacities.shape[1]
     found = np.zeros(layer.opacities.shape, np.float32)
-    found[:, :, :-1] = np.square(colors[:, :, 1:] - colors[:, :, :-1]).sum(axis=-1)
-    found[:, :-1] += np.square(colors[:, 1:] - colors[:, :-1]).sum(axis=-1)
-    return found * np.square(layer.opacities)
+    for first in range(0, height, _ROWS):
+        rows, and_next = slice(first, first + _ROWS), slice(first, first + _ROWS + 1)
+        colors = layer.sh[:, and_next, :, 0] * np.float32(C0)
+        np.fmax(np.fmin(colors, 0.5, out=colors), -0.5, out=colors)  # 0 to 1 less a half, NaN as 1
+        here, below = colors[:, :_ROWS], np.square(colors[:, 1:] - colors[:, :-1]).sum(axis=-1)
+        found[:, rows, :-1] = np.square(here[:, :, 1:] - here[:, :, :-1]).sum(axis=-1)
+        found[:, first : first + below.shape[1]] += below
+    found *= np.square(layer.opacities)
+    return found
 
 
 def block_offsets(shown: NDArray) -> NDArray:
