@@ -212,3 +212,9 @@ def test_nothing_to_measure_is_said_in_a_line(tmp_path):
         rows_of("paper", tiny_run(tmp_path))
     with pytest.raises(InputError, match="accepted are re10k"):
         rows_of("paper", tiny_run(tmp_path, data=(("kitti", "a", "b"),)))
+
+
+def test_weights_of_lpips_that_were_named_must_exist(measured, tmp_path):
+    run = tiny_run(tmp_path, measured[1] / "made.npz", lpips_backbone=tmp_path / "missing.pth")
+    with pytest.raises(InputError, match=r"missing\.pth: no such file"):
+        rows_of("paper", run)

@@ -67,6 +67,8 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")
     of.add_argument("--before", type=Path, metavar="CHECKOUT", help="another version, for versions")
     of.add_argument("--checkpoint", type=Path, metavar="FILE", help="of an official network, for official")
+    of.add_argument("--lpips-backbone", metavar="F.pth", help="as for eval; paper, quality")
+    of.add_argument("--lpips-linear", metavar="F.pth", help="as for eval; paper, quality")
     of.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time")
 
 

@@ -11,6 +11,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
 
 from .clock import Effort
+from .lpips import LpipsFiles, find_lpips
 from .pictures import Drawing
 from .rows import Row, RowFile
 from .runner import Plan
@@ -68,6 +69,7 @@ class Options:
         data: data sets in chunks: (name, folder, index).
         before: checkout of another version.
         checkpoint: of an official network.
+        lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
         jobs: windows at a time.
         near, far: over the inputs' own.
     """
@@ -86,6 +88,8 @@ class Options:
     data: tuple[tuple[str, str, str], ...] = ()
     before: Path | None = None
     checkpoint: Path | None = None
+    lpips_backbone: Path | None = None
+    lpips_linear: Path | None = None
     jobs: int = 1
     near: float | None = None
     far: float | None = None
@@ -147,6 +151,11 @@ class Run:
     def size(self) -> tuple[int, int]:
         """Of a user's photos."""
         return self.options.size or (self.side, self.side)
+
+    @property
+    def lpips(self) -> LpipsFiles | None:
+        """LPIPS with VGG, the paper's, where its weights are at hand."""
+        return find_lpips("vgg", self.options.lpips_backbone, self.options.lpips_linear)[0]
 
     def plan(self, views: Sequence[int] = (), kinds: Sequence[str] = ()) -> Plan:
         """Which of the user's windows are measured."""

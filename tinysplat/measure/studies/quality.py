@@ -28,7 +28,7 @@ def quality_rows(run: Run) -> Iterator[Row]:
     options = run.options
     codings = tuple(Coding(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
     zooms = (1.0, 2.0) if run.quick else (0.5, 1.0, 2.0)
-    work = Quality(codings, run.folder, zooms=zooms, nested=not run.quick)
+    work = Quality(codings, run.folder, run.lpips, zooms=zooms, nested=not run.quick)
     outcome = run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)
     run.left_out += [*map(str, outcome.left_out), *outcome.notes]
     yield from outcome.rows
@@ -118,6 +118,10 @@ def group_table(rows: Sequence[Row], has_lpips: bool) -> str:
     return format_table(["scene", "windows", *columns], lines)
 
 
+def _has_lpips(rows: Sequence[Row]) -> bool:
+    return any(row.figures["lpips"] is not None for row in rows)
+
+
 def _tables(rows: Sequence[Row], table: Callable[[Sequence[Row]], str]) -> str:
     """A table per group."""
     chosen = [row for row in rows if row.study == STUDY]
@@ -155,7 +159,7 @@ QUALITY = Study(
     quality_rows,
     {
         "quality summary": summary_table,
-        "quality": lambda rows: _tables(rows, lambda members: group_table(members, has_lpips=False)),
+        "quality": lambda rows: _tables(rows, lambda members: group_table(members, _has_lpips(members))),
         "zoom summary": zoom_summary,
         "zoom": lambda rows: _tables(rows, zoom_table),
         "nested": lambda rows: _tables(rows, nested_table),
