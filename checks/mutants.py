@@ -26,7 +26,7 @@ from cosmic_ray import plugins
 from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkItem
+from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkItem, WorkResult
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "mutants"
@@ -121,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
         chosen = _sample(rooms, args.sample)
         known = {item.job_id for item in session.work_items}
         session.add_work_items(item for item in chosen if item.job_id not in known)
-        done = {job for job, found in session.results if not args.again or found.test_outcome == TestOutcome.KILLED}
+        done = {job for job, found in session.results if not args.again or _is_noticed(found)}
         for item in chosen:
             if item.job_id not in done:
                 result = mutate_and_test(item.mutations, _command(item.mutations[0]), TIMEOUT_S)
@@ -186,20 +186,26 @@ def _command(mutation: MutationSpec) -> str:
     return shlex.join([sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests])
 
 
+def _is_noticed(result: WorkResult) -> bool:
+    """Whether a test failed. One that ran out of time, as on a busy machine, says nothing."""
+    return bool(result.test_outcome == TestOutcome.KILLED and result.output != "timeout")
+
+
 def _report(session: WorkDB, chosen: list[WorkItem]) -> str:
     """Markdown: the share that was noticed by module, and every survivor as a change."""
     results = dict(session.results)
     found = [(i.mutations[0], results[i.job_id]) for i in chosen if i.job_id in results]
-    killed = Counter(_module(m) for m, r in found if r.test_outcome == TestOutcome.KILLED)
+    killed = Counter(_module(m) for m, r in found if _is_noticed(r))
     tried = Counter(_module(m) for m, _ in found)
     total = f"**{sum(killed.values())} of {len(found)}** noticed, of a sample of {len(chosen)}"
     lines = ["# Mutants", "", total, "", "| module | noticed | tried |", "|---|---|---|"]
     lines += [f"| {module} | {killed[module]} | {tried[module]} |" for module in sorted(tried)]
     lines += ["", "## Survivors", ""]
     for mutation, result in found:
-        if result.test_outcome != TestOutcome.KILLED:
+        if not _is_noticed(result):
+            outcome = "timeout" if result.output == "timeout" else result.test_outcome
             changed = [r for r in (result.diff or "").splitlines() if r[:1] in "+-" and r[:3] not in ("+++", "---")]
-            lines += [f"{_place(mutation)} ({result.test_outcome})", "", "```diff", *changed, "```", ""]
+            lines += [f"{_place(mutation)} ({outcome})", "", "```diff", *changed, "```", ""]
     return "\n".join(lines) + "\n"
 
 
