@@ -322,3 +322,24 @@ def test_a_projected_block_names_the_splats_that_show_and_their_tiles_by_hand():
         assert splats.areas[row] == (columns[1] - columns[0] + 1) * (rows[1] - rows[0] + 1)
         assert splats.depths[row] == pytest.approx(2)
     assert project(block, View.of(camera, np.array([0, 0, -9.0]), 0.1), (4, 4), splats).size == 0
+
+
+@pytest.mark.parametrize("length", [0.5, 50.0, 5e7, 5e20])
+def test_the_exponent_of_needles_of_any_length_is_that_of_float64(length):
+    """From 10 px to more than float32 has squares of: across it the dilation's 0.3 px² alone, along it hardly any."""
+    camera = Camera([[40.0, 0, 16], [0, 40.0, 12], [0, 0, 1]], np.eye(4), 32, 24)
+    turn = np.array([np.cos(np.pi / 12), 0, 0, np.sin(np.pi / 12)])
+    needle = cloud(
+        1, means=np.array([[0, 0, 2.0]]), quats=turn[None], scales=np.array([[length, 1e-6, 1e-6]]),
+        opacities=np.array([0.9]),
+    )  # fmt: skip
+    (block,) = prepare(needle)
+    splats = Splats(1)
+    assert project(block, View.of(camera, np.zeros(3), 0.1), (4, 4), splats).size == 1
+    alpha_x, beta_x, gamma = splats.records[0, 2:5].astype(np.float64)
+    along, across = np.array([np.sqrt(0.75), 0.5]), np.array([-0.5, np.sqrt(0.75)])
+    for t, s in ((0, 0), (10, 0), (-10, 1), (7, -2), (0, 3)):
+        dx, dy = t * along + s * across
+        found = (alpha_x * dx + beta_x * dy) ** 2 + (gamma * dy) ** 2
+        wanted = 0.5 * (t**2 / ((20 * length) ** 2 + 0.3) + s**2 / 0.3)
+        assert found == pytest.approx(wanted, rel=1e-4, abs=1e-5)
