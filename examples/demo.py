@@ -22,6 +22,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.video import write_video
 from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 # Calibration of the pair at 741 × 500, from the Middlebury 2014 data set.
@@ -130,8 +131,11 @@ def main() -> int:
         print(error, file=sys.stderr)
         return 2
     full, runtime = ts.load_scene(folder), ts.Runtime()
-    rows = [run(full.resized(256, 256), profile, out, runtime) for profile in ("paper", "balanced")]
-    rows += [run(full, "balanced", out, runtime)]
+    small, rows = full.resized(256, 256), []
+    for scene, profile in ((small, "paper"), (small, "balanced"), (full, "balanced")):
+        size = f"{scene.cameras[0].width}x{scene.cameras[0].height}"
+        with working(f"photos of {size}, profile {profile}", quiet=False):
+            rows.append(run(scene, profile, out, runtime))
     print_table(rows)
     print(f"\npictures (photo | raw render | decoded render | depth), videos and files: {out}/")
     return 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.system.progress import still_there
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,8 +31,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        from .config import load_config
-        from .loop import train
+        with still_there("training", quiet=False):  # while torch loads
+            from .config import load_config
+            from .loop import train
 
         given = {name: getattr(options, name) for name in ("photos", "pictures", "validation", "device")}
         config = load_config(options.config, **{name: str(value) for name, value in given.items() if value is not None})

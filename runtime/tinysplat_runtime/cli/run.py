@@ -112,7 +112,8 @@ def _run(arguments: list[str]) -> int:
     joined = join_commands(commands, arguments)
     args = parser.parse_args(arguments)
     _end_like_interrupts()
-    with still_there(args.command, quiet=args.quiet or args.command == "view"):  # which waits, and says for what
+    waits = args.command == "view" and not args.html  # and says for what
+    with still_there(args.command, quiet=args.quiet or waits):
         if args.command in joined:
             return joined[args.command](args) or 0
         # Here, so that --version and --help start without numpy, and no command waits for what another needs.
