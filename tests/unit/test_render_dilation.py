@@ -7,7 +7,8 @@ import pytest
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.render.project import _factors
+from tinysplat_runtime.render.prepare import prepare
+from tinysplat_runtime.render.project import Splats, View, _factors, project
 from tinysplat_runtime.scene.cameras import Camera
 
 SIDE = 32
@@ -105,3 +106,18 @@ def test_the_exponent_s_factors_and_the_opacity_that_is_left_by_matrices():
         np.testing.assert_allclose([half_width[n] ** 2, half_height[n] ** 2], 2 * np.diag(dilated), rtol=1e-6)
         left = np.linalg.det(sigma + wanted * np.eye(2)) / np.linalg.det(sigma + 0.3 * np.eye(2))
         assert log_share[n] == pytest.approx(0.5 * np.log(left) if wanted < 0.3 else 0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("opacity", "shown"), [(0.06, 0), (0.065, 8 * 8)])
+def test_splats_that_fade_below_one_255th_are_not_drawn(opacity, shown):
+    """Points at a quarter of their photo's size fade to a sixteenth: 0.0627 leaves 1/255.
+
+    Of 0.065, footprints of 0.145 px are left: on either axis, half of the points lie as near to a pixel's centre.
+    """
+    gaussians = wall(opacity=opacity, side=16)
+    (block,) = prepare(gaussians, by_view=True)
+    splats = Splats(block.size)
+    view = View.of(gaussians.cameras[0].resized(4, 4), gaussians.origin, 0.01)
+    rows = project(block, view, (4, 4), splats)
+    assert rows.size == shown
+    np.testing.assert_allclose(np.exp(splats.log_opacities[rows]), opacity / 16, rtol=1e-5)
