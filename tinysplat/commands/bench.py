@@ -74,15 +74,10 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     """Measure, write the folder, print the main lines."""
-    try:
-        if args.docs:
-            _fill(args)
-        else:
-            _run(args)
-    except ImportError as error:  # matplotlib, torch
-        raise InputError(
-            f"needs the package '{error.name}'; pip install \"tinysplat[eval]\" brings it", where="bench"
-        ) from None
+    if args.docs:
+        _fill(args)
+    else:
+        _run(args)
 
 
 def split_words(given: Sequence[str], stages: Sequence[str] = ()) -> tuple[tuple[str, ...], list[str]]:

@@ -43,15 +43,6 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     """Write the sheets and `comparison.json`, print the figures."""
-    try:
-        _run(args)
-    except ImportError as error:  # scikit-image, for SSIM; matplotlib
-        raise InputError(
-            f"needs the package '{error.name}'; pip install \"tinysplat[eval]\" brings it", where="compare"
-        ) from None
-
-
-def _run(args: Namespace) -> None:
     sheets = _sheets(args, Path(args.a), Path(args.b))
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():

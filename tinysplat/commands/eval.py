@@ -33,7 +33,6 @@ DEFAULT_SIZE = (256, 256)
 DRAW_OPTIONS = {"dilation": DILATIONS, "order": ORDERS}
 DRAW_WORDS = ", ".join(f"{name}={'|'.join(accepted)}" for name, accepted in DRAW_OPTIONS.items())
 MIN_ZOOM, MAX_ZOOM = 1 / 16, 16.0
-_INSTALL = 'pip install "tinysplat[eval]" brings it'
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -112,13 +111,6 @@ def drawing(text: str) -> tuple[tuple[str, str], ...]:
 
 def run(args: Namespace) -> None:
     """Measure, print the tables, write what was asked for."""
-    try:
-        _run(args)
-    except ImportError as error:  # scikit-image, for SSIM; torch, for chunks and LPIPS; Pillow, for depth
-        raise InputError(f"needs the package '{error.name}'; {_INSTALL}", where="eval") from None
-
-
-def _run(args: Namespace) -> None:
     for name in ("jobs", "limit"):
         value = getattr(args, name)
         if value is not None and value < 1:

@@ -335,20 +335,21 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
             module = point.load()
         except ImportError as error:
             if word == point.name and not wants_help:
-                raise _missing_extra(word, error.name) from None
-            missing = str(_missing_extra(point.name, error.name).message)
+                raise missing_extra(word, error.name) from None
+            missing = str(missing_extra(point.name, error.name).message)
             commands.add_parser(point.name, help=missing, description=f"This command {missing}.")
             continue
         absent = next((name for name in getattr(module, "NEEDS", ()) if find_spec(name) is None), None)
         if absent and word == point.name and not wants_help:
-            raise _missing_extra(word, absent)
+            raise missing_extra(word, absent)
         module.configure(commands.add_parser(point.name, parents=[_common()], help=module.HELP))
         joined[point.name] = module.run
     if word in EXTRAS and word not in commands.choices:
-        raise _missing_extra(word, None)
+        raise missing_extra(word, None)
     return joined
 
 
-def _missing_extra(command: str, module: str | None) -> InputError:
+def missing_extra(command: str, module: str | None) -> InputError:
+    """What a command of another package says where that or a package that it needs is not installed."""
     needs = f"needs the package '{module}'" if module else "is not installed"
     return InputError(f'{needs}; pip install "tinysplat[{EXTRAS.get(command, command)}]" brings it', where=command)

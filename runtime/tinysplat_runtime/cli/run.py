@@ -19,7 +19,7 @@ from types import FrameType
 
 from ..errors import TinySplatError
 from ..system.progress import still_there
-from .parser import build_parser, join_commands
+from .parser import build_parser, join_commands, missing_extra
 
 _MODULES = {"encode": "encode", "compress": "encode", "convert": "convert", "render": "render", "view": "view"}
 """Where the function of a command stands that is not in `commands`."""
@@ -115,7 +115,7 @@ def _run(arguments: list[str]) -> int:
     waits = args.command == "view" and not args.html  # and says for what
     with still_there(args.command, quiet=args.quiet or waits):
         if args.command in joined:
-            return joined[args.command](args) or 0
+            return _joined(joined[args.command], args)
         # Here, so that --version and --help start without numpy, and no command waits for what another needs.
         from .checks import check_outputs
 
@@ -124,3 +124,13 @@ def _run(arguments: list[str]) -> int:
         run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
         run(args)
     return 0
+
+
+def _joined(run: Callable[[argparse.Namespace], int | None], args: argparse.Namespace) -> int:
+    """Run a command of another package; what its extra brings is imported where it is needed."""
+    try:
+        return run(args) or 0
+    except ImportError as error:
+        if error.name is None or error.name.startswith("tinysplat"):
+            raise
+        raise missing_extra(args.command, error.name) from None
