@@ -77,7 +77,7 @@ def test_runtime_imports_only_what_ships_to_the_edge() -> None:
 
 
 def test_runtime_imports_nothing_by_name_at_run_time() -> None:
-    """`importlib` and `__import__` would pass by the list above; the public door and the command line load their own so."""
+    """`importlib` and `__import__` pass by the list above: the public door and the command line load their own so."""
     names = {
         path.relative_to(RUNTIME).as_posix(): {
             getattr(node, "attr", getattr(node, "id", None))
