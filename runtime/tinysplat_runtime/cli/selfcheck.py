@@ -35,8 +35,9 @@ the rest. On ten scenes of four and six photos: 0.03 to 0.14, and 0.1 to 0.25 wh
 HARDLY = 0.1
 """Share of pixels that tell their depth: of all photos less than this, and they match hardly anywhere."""
 
-NARROW = 0.12
-"""Share of the range of inverse depths that most pixels lie in, below which the range is far too wide."""
+NARROW = (0.12, 5.0)
+"""A range is far too wide where most pixels lie in less than this share of its inverse depths, and this many times as
+far away as near."""
 
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
@@ -153,16 +154,19 @@ def _even(images: NDArray) -> NDArray:
 def _range_doubts(seen: _Thumbnails) -> list[str]:
     """A depth range in which nothing matches, or one that the scene fills a small part of."""
     near, far = seen.depths[0], seen.depths[-1]
+    if np.ptp([camera.centre for camera in seen.cameras], axis=0).max() <= 1e-6 * near:
+        return []  # no range would do from one place, which the network refuses in words of its own
     looks = seen.looks
     if max(found.clear.mean() for found in looks) < HARDLY:
         looks = look(_even(seen.images), seen.cameras, seen.depths)
     if max(found.clear.mean() for found in looks) < HARDLY:
         return [f"photos match hardly anywhere from near {near:g} to far {far:g}: these, poses or photos are wrong"]
     low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))
-    if high - low + 1 >= NARROW * PLANES:
+    shown = seen.depths[round(low)], seen.depths[round(high)]
+    if high - low + 1 >= NARROW[0] * PLANES or shown[0] < NARROW[1] * near:
         return []
-    shown = [f"{seen.depths[round(plane)]:.3g}" for plane in (low, high)]
-    return [f"near {near:g} and far {far:g} lie far about what photos show, most of it from {shown[0]} to {shown[1]}"]
+    extent = f"{shown[0]:.3g} to {shown[1]:.3g}"
+    return [f"near {near:g} and far {far:g} lie far about what photos show, most of it from {extent}"]
 
 
 def _inverse(camera: Camera) -> Camera:
