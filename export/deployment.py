@@ -74,7 +74,7 @@ def own_files() -> Iterator[Entry]:
     """The runtime and its models."""
     for package, folder, patterns in (
         ("tinysplat_runtime", Path(str(tinysplat_runtime.__file__)).parent, ("*.py", "page.html", "*.css", "*.js")),
-        ("tinysplat_models", models_dir(), ("__init__.py", "*.onnx", "manifest.json")),
+        ("tinysplat_models", models_dir(), ("__init__.py", "*.onnx", "*.ort", "manifest.json")),
     ):
         for pattern in patterns:
             for source in folder.rglob(pattern):

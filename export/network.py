@@ -2,7 +2,7 @@
 
     python export/network.py sweep [-o models/sweep.onnx]
     python export/network.py edge [--checkpoint DIR/edge.pt]
-    python export/network.py mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights]
+    python export/network.py mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights] [--static 2x256x256]
 
 A new network is an entry in `NETWORKS`: how to build it, and what its artifact says about itself.
 Written outside models/, the file is complete but not listed; `--model FILE.onnx` takes it.
@@ -21,8 +21,10 @@ from typing import Any
 
 import extra  # noqa: F401  (first: names what is missing)
 import torch
+from inputs import INPUT_AXES, example_inputs
 from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
-from torch import Tensor, nn
+from static import Size, fix_size, parse_size
+from torch import nn
 from torch.export import Dim
 
 from tinysplat.checkpoints import load_network
@@ -34,15 +36,6 @@ from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
 from tinysplat_runtime.system.progress import working
-
-INPUT_AXES: dict[str, dict[int, str]] = {
-    "images": {0: "V", 2: "H", 3: "W"},
-    "K": {0: "V"},
-    "c2w": {0: "V"},
-    "near": {0: "V"},
-    "far": {0: "V"},
-}
-"""Inputs of the role `network` and their dynamic axes."""
 
 TRAINED_EDGE = MODELS / "training" / "edge.pt"
 """The training run that the shipped weights of `edge` are from."""
@@ -169,27 +162,8 @@ NETWORKS: dict[str, Callable[[argparse.Namespace], Network]] = {
 }
 
 
-def example_inputs(views: int, height: int, width: int) -> dict[str, Tensor]:
-    """A textured plane at z = 3 seen by cameras side by side, one unit apart in all."""
-    row, column = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    focal = float(width)
-    position = torch.linspace(-0.5, 0.5, views)
-    x = (column - width / 2) / focal * 3 + position[:, None, None]  # (V, H, W) on the plane
-    y = ((row - height / 2) / focal * 3).expand_as(x)
-    waves = [torch.sin(7 * x + 3 * y + c) * torch.cos(5 * y - 2 * x * c) for c in range(3)]
-    c2w = torch.eye(4).repeat(views, 1, 1)
-    c2w[:, 0, 3] = position
-    return {
-        "images": 0.5 + 0.4 * torch.stack(waves, dim=1),
-        "K": torch.tensor([[1.0, 0.0, 0.5], [0.0, width / height, 0.5], [0.0, 0.0, 1.0]]).repeat(views, 1, 1),
-        "c2w": c2w,
-        "near": torch.full((views,), 1.5),
-        "far": torch.full((views,), 8.0),
-    }
-
-
-def write_graph(network: Network, path: Path, half_weights: bool = False) -> None:
-    """Export the module and stamp its metadata into the file."""
+def write_graph(network: Network, path: Path, half_weights: bool = False, static: Size | None = None) -> None:
+    """Export the module, for one size or any, and stamp its metadata into the file."""
     inputs = example_inputs(3, 64, 96)
     stride = network.limits.stride  # told to the tracer, as half the shape arithmetic is then gone
     dims = {"V": Dim.DYNAMIC, "H": stride * Dim("h"), "W": stride * Dim("w")}
@@ -202,6 +176,8 @@ def write_graph(network: Network, path: Path, half_weights: bool = False) -> Non
         papers["weights"] = f"float16, off by at most {official.halve_weights(model):.1e} of a tensor's largest"
     stamp(model, {"role": "network", **input_ranges(), **asdict(network.limits), **papers})
     official.save_model(model, path)
+    if static:
+        fix_size(path, path, static)
 
 
 def input_ranges() -> dict[str, Any]:
@@ -243,6 +219,7 @@ def main() -> None:
     parser.add_argument("--scale-rule", choices=SCALE_RULES, help="of DepthSplat (default: by the checkpoint's hash)")
     parser.add_argument("--sh-degree", type=int, help="of MVSplat: 3, exact for images (default), or 4")
     parser.add_argument("--half-weights", action="store_true", help="store weights as float16, compute in float32")
+    parser.add_argument("--static", type=parse_size, metavar="VxHxW", help="for photos of this size alone (NPUs)")
     options = parser.parse_args()
     try:
         export(options)
@@ -261,11 +238,15 @@ def export(options: argparse.Namespace) -> None:
     path = (options.output or MODELS / f"{options.name}.onnx").resolve()
     if not path.parent.is_dir():  # said before an export of minutes, not after it
         raise InputError(f"no folder {path.parent} to write to", where="--output")
+    if options.static and path.parent == MODELS:
+        raise InputError(f"{MODELS} holds networks for any size; name another folder", where="--output")
     network = NETWORKS[options.name](options)
+    if options.static:
+        network = replace(network, parity_sizes=(options.static,))
     if options.half_weights:  # rounded weights are other weights: sanity, not parity
         network = replace(network, parity_tolerance=HALF_TOLERANCE)
     with working("network to graph", quiet=False):
-        write_graph(network, path, options.half_weights)
+        write_graph(network, path, options.half_weights, options.static)
     with working("graph beside torch", quiet=False):
         worst = measure_parity(network, path)
     print(path, options.name, {name: f"{value:.1e}" for name, value in worst.items()})

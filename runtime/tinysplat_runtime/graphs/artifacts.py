@@ -98,12 +98,12 @@ def load_manifest(folder: str | os.PathLike[str] | None = None) -> dict[str, Art
 
 
 def find_artifact(name: str, role: str, folder: str | os.PathLike[str] | None = None) -> Artifact:
-    """The artifact that `name` means: a name in the manifest, or the path of an .onnx file.
+    """The artifact that `name` means: a name in the manifest, or the path of an .onnx or .ort file.
 
     Raises:
         ModelError: there is no such artifact, or it has another role.
     """
-    if name.endswith(".onnx") or os.sep in name:
+    if name.endswith((".onnx", ".ort")) or os.sep in name:
         path = Path(name)
         if not path.is_file():
             raise ModelError(
