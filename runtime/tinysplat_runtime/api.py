@@ -32,6 +32,7 @@ from .gaussian.gaussians import Gaussians
 from .graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from .graphs.inference import GraphStore
 from .graphs.predict import predict as run_network
+from .graphs.providers import CPU, Provider
 from .refine.stats import RefineStats
 from .render import DEFINITION, Renderer
 from .render import render as render_gaussians
@@ -61,7 +62,8 @@ class Runtime:
     Args:
         threads: planes coded at a time, and threads of synthesis and rasteriser; None for all cores this process may
             use. Never changes a result; networks and analysis use all cores whatever it says (`GraphStore` says why).
-        providers: onnxruntime execution providers in order of preference.
+        providers: onnxruntime execution providers in order of preference, names or (name, options), built in or of
+            plug-in packages (`graphs.providers`).
         models: folder with manifest.json and the artifacts; None for the usual places.
         limits: what a file may ask for when it is decoded.
 
@@ -73,7 +75,7 @@ class Runtime:
         self,
         *,
         threads: int | None = None,
-        providers: Sequence[str] = ("CPUExecutionProvider",),
+        providers: Sequence[Provider] = (CPU,),
         models: str | os.PathLike[str] | None = None,
         limits: Limits | None = None,
     ) -> None:

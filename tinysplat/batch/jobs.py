@@ -131,7 +131,7 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tinysplat-"))
         args.save_gaussians = str(Path(folder) / "g.npz") if options.save_gaussians else None
         check_encoding(args)
-        coded = encoded(args, worker_runtime(threads, providers(args)))
+        coded = encoded(args, worker_runtime(threads, args.provider))
         found = doubts(coded.photos)
         place = job.output.removesuffix(SUFFIXES["encode"])
         if args.save_gaussians:
@@ -284,6 +284,6 @@ def _option(key: str, value: Any) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=1)
-def worker_runtime(threads: int, providers: tuple[str, ...] = ()) -> Runtime:
+def worker_runtime(threads: int, provider: str | None = None) -> Runtime:
     """This process's runtime, which keeps graphs from job to job."""
-    return Runtime(threads=threads, providers=providers) if providers else Runtime(threads=threads)
+    return Runtime(threads=threads, providers=providers(provider))

@@ -60,7 +60,9 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the files")
     parser.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the files")
     parser.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the files")
-    parser.add_argument("--provider", metavar="NAME", help="onnxruntime's execution provider before the CPU's")
+    parser.add_argument(
+        "--provider", metavar="NAME[:KEY=VALUE,…]", help="onnxruntime's execution provider before the CPU's"
+    )
     parser.add_argument("--poses", default="", metavar="POSES", help="of videos' frames; see encode")
     parser.add_argument("--first-number", type=int, choices=(0, 1), default=0, help="what POSES count from; default 0")
     parser.add_argument("--views", type=views, metavar="I,J|auto[:N]",

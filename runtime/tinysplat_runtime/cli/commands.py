@@ -19,6 +19,7 @@ from .files import (
     is_in_part,
     limited_runtime,
     noted,
+    providers,
     read_file,
     say,
 )
@@ -57,7 +58,7 @@ def doctor(args: Namespace) -> None:
     """What is installed, and what is wrong with it; InputError where something is."""
     from .doctor import examine, text  # the standard library's packaging and mail
 
-    report = examine()
+    report = examine(providers(args.provider) if args.provider else None)
     print(json.dumps(report, indent=2) if args.json else text(report))
     if report["wrong"]:
         raise InputError(f"{len(report['wrong'])} things are wrong, the first: {report['wrong'][0]}", where="doctor")

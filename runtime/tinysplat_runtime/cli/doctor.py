@@ -6,13 +6,16 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
+from collections.abc import Sequence
 from typing import Any
 
 from .. import __version__
 from ..errors import TinySplatError
 from ..graphs.artifacts import load_manifest, models_dir
 from ..graphs.inference import onnxruntime
+from ..graphs.providers import Provider, known_providers
 from ..system.threads import available_cores
+from .trial import ran_by
 
 EXTRAS = {
     "io": ("safetensors", "plyfile", "zstandard", "PIL"),
@@ -33,8 +36,11 @@ _BASE = ("numpy", "onnxruntime", "av")
 _CODECS = (("libx265", "w"), ("hevc", "r"), ("png", "r"), ("mjpeg", "r"), ("libx264", "w"))
 
 
-def examine() -> dict[str, Any]:
-    """JSON-ready: versions, machine, providers, codecs, models, extras, and in `wrong` a line per fault."""
+def examine(asked: Sequence[Provider] | None = None) -> dict[str, Any]:
+    """JSON-ready: versions, machine, providers, codecs, models, extras, and in `wrong` a line per fault.
+
+    Where providers are asked for, `graphs` says how many nodes of each graph each of them ran on a made scene.
+    """
     wrong: list[str] = []
     report: dict[str, Any] = {
         "tinysplat": __version__,
@@ -46,6 +52,8 @@ def examine() -> dict[str, Any]:
         "models": _models(wrong),
         "extras": {extra: _extra(extra, names) for extra, names in EXTRAS.items()},
     }
+    if asked is not None:
+        report["graphs"] = ran_by(asked, wrong)
     return {**report, "wrong": wrong}
 
 
@@ -54,6 +62,10 @@ def text(report: dict[str, Any]) -> str:
     lines = [f"tinysplat {report['tinysplat']}, Python {report['python']}, {report['machine']}"]
     for section in ("packages", "codecs", "models", "extras"):
         lines += ["", section, *(f"  {name:22} {state}" for name, state in report[section].items())]
+    if "graphs" in report:
+        lines += ["", "nodes run, by provider"]
+        for name, ran in report["graphs"].items():
+            lines.append(f"  {name:22} {', '.join(f'{nodes} {by}' for by, nodes in ran.items()) or 'none'}")
     verdict = [f"WRONG: {line}" for line in report["wrong"]] or ["nothing is wrong"]
     return "\n".join([*lines, "", "providers", *(f"  {name}" for name in report["providers"]), "", *verdict])
 
@@ -72,7 +84,7 @@ def _providers(wrong: list[str]) -> list[str]:
     except ImportError as error:
         wrong.append(f"onnxruntime does not load ({str(error)[:120]})")
         return []
-    return list(library.get_available_providers())
+    return known_providers(library)
 
 
 def _codecs(wrong: list[str]) -> dict[str, str]:

@@ -75,7 +75,7 @@ class Coded:
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file."""
     check_encoding(args)
-    coded = encoded(args, Runtime(threads=args.threads, providers=providers(args)))
+    coded = encoded(args, Runtime(threads=args.threads, providers=providers(args.provider)))
     _write(args, coded)
     if not args.quiet:
         with working("render at the photos' views", quiet=False):

@@ -135,7 +135,7 @@ def _notes() -> _Parser:
 def _provider() -> _Parser:
     provider = _Parser(add_help=False)
     provider.add_argument(
-        "--provider", metavar="NAME",
+        "--provider", metavar="NAME[:KEY=VALUE,…]",
         help="onnxruntime's execution provider, such as CUDA, before the CPU's; `tinysplat doctor` lists them",
     )  # fmt: skip
     return provider
@@ -307,6 +307,10 @@ def _models(commands: Commands) -> None:
 def _doctor(commands: Commands) -> None:
     parser = commands.add_parser("doctor", parents=[_common()], help="what is installed, and what is wrong with it")
     parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.add_argument(
+        "--provider", metavar="NAME[:KEY=VALUE,…]",
+        help="run a made scene with it, and say how many nodes of which graph it ran",
+    )  # fmt: skip
 
 
 def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:

@@ -11,6 +11,7 @@ import os
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..errors import ModelError
 from ..system.buffers import Recycler
 from ..system.threads import available_cores
 from .artifacts import Artifact, find_artifact, load_manifest, network_by_hash
+from .providers import CPU, Provider, add_providers, first_line, nodes_by_provider
 
 CONTRACT_VERSION = 1
 
@@ -131,7 +133,7 @@ class Graph:
         try:
             values = self.session.run(names, dict(inputs), *([_let_go()] if self.lets_go else []))
         except Exception as error:  # onnxruntime raises a dozen unrelated types
-            raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
+            raise ModelError(f"onnxruntime: {first_line(error)}", where=self.name) from error
         return dict(zip(names, values, strict=True))
 
     def run_into(self, inputs: Mapping[str, NDArray], outputs: Mapping[str, NDArray]) -> None:
@@ -153,7 +155,7 @@ class Graph:
                 binding.bind_output(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
             self.session.run_with_iobinding(binding)
         except Exception as error:
-            raise ModelError(f"onnxruntime: {_first_line(error)}", where=self.name) from error
+            raise ModelError(f"onnxruntime: {first_line(error)}", where=self.name) from error
 
 
 def open_graph(
@@ -161,7 +163,8 @@ def open_graph(
     contract: str,
     *,
     threads: int | None = None,
-    providers: Sequence[str] = ("CPUExecutionProvider",),
+    providers: Sequence[Provider] = (CPU,),
+    profile: str | None = None,
 ) -> Graph:
     """Verify, load and check an artifact.
 
@@ -170,33 +173,33 @@ def open_graph(
         contract: key of `CONTRACTS`.
         threads: threads inside an operator; None for all cores this process may use.
         providers: onnxruntime execution providers in order of preference.
+        profile: beginning of a file's name to write to which provider ran what (`nodes_by_provider` reads it).
 
     Raises:
-        ModelError: unreadable, altered, not ONNX, an operator onnxruntime lacks, or another contract.
+        ModelError: unreadable, altered, not ONNX, an operator onnxruntime lacks, another contract, or no such provider.
     """
     ort = onnxruntime()
-    unknown = [p for p in providers if p not in ort.get_available_providers()]
-    if unknown:
-        have = ", ".join(ort.get_available_providers())
-        raise ModelError(f"execution provider {unknown[0]} is not in this onnxruntime; it has {have}", where="provider")
     ort.set_default_logger_severity(4)  # failures come back as exceptions; nothing else belongs on standard error
     options = ort.SessionOptions()
     options.log_severity_level = 4
     options.intra_op_num_threads = threads or available_cores()
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads must not steal x265's cores
+    if profile is not None:
+        options.enable_profiling, options.profile_file_prefix = True, profile
+    chosen = add_providers(ort, options, providers)
     # A user's network may keep its weights beside the file, which only a path can find.
     source = artifact.read() if artifact.sha256 is not None else str(artifact.path)
     try:
         # Its fallback would print to standard output, and try again what just failed.
-        session = ort.InferenceSession(source, options, providers=list(providers), enable_fallback=0)
+        session = ort.InferenceSession(source, options, providers=chosen, enable_fallback=0)
         names = tuple(o.name for o in session.get_outputs())
         # A network takes hundreds of megabytes, and what comes after it needs them; other graphs run again at once.
         graph = Graph(artifact.name, session, _metadata(session), names, lets_go=contract == "network")
         tensors = {kind: _tensors(nodes) for kind, nodes in (
             ("input", session.get_inputs()), ("output", session.get_outputs()))}  # fmt: skip
     except Exception as error:  # UnicodeDecodeError among them: names in a file need not be UTF-8
-        raise ModelError(f"not a graph onnxruntime can run: {_first_line(error)}", where=str(artifact.path)) from error
+        raise ModelError(f"not a graph onnxruntime can run: {first_line(error)}", where=str(artifact.path)) from error
     _check_contract(graph, tensors, CONTRACTS[contract], str(artifact.path))
     return graph
 
@@ -228,6 +231,7 @@ class GraphStore:
             change last bits, and with them the bytes of a file.
         providers: onnxruntime execution providers in order of preference.
         models: folder of the artifacts; None for the usual places.
+        profile: folder to note in which provider ran what; None not to.
 
     Attributes:
         memory: where the results of synthesis lie.
@@ -237,10 +241,11 @@ class GraphStore:
         self,
         *,
         threads: int | None = None,
-        providers: Sequence[str] = ("CPUExecutionProvider",),
+        providers: Sequence[Provider] = (CPU,),
         models: str | os.PathLike[str] | None = None,
+        profile: str | None = None,
     ) -> None:
-        self._threads, self._providers, self._models = threads, tuple(providers), models
+        self._threads, self._providers, self._models, self._profile = threads, tuple(providers), models, profile
         self.memory = Recycler()
         self._graphs: dict[str, Graph] = {}
         self._lock = threading.Lock()
@@ -272,8 +277,15 @@ class GraphStore:
             if name not in self._graphs:
                 artifact = find_artifact(name, role, self._models)
                 threads = self._threads if role == "synthesis" else None
-                self._graphs[name] = open_graph(artifact, contract, threads=threads, providers=self._providers)
+                profile = self._profile and str(Path(self._profile, contract))
+                self._graphs[name] = open_graph(
+                    artifact, contract, threads=threads, providers=self._providers, profile=profile
+                )
             return self._graphs[name]
+
+    def nodes_by_provider(self) -> dict[str, dict[str, int]]:
+        """Of a store with `profile`: how often which provider ran a node, by graph; ends the noting."""
+        return {name: nodes_by_provider(graph.session.end_profiling()) for name, graph in self._graphs.items()}
 
 
 def as_input(array: NDArray | Sequence[Any] | float, dtype: type = np.float32) -> NDArray:
@@ -314,7 +326,3 @@ def _check_contract(
         unknown = [name for name in found[kind] if name not in wanted]
         if kind == "input" and unknown:
             raise ModelError(f"input '{unknown[0][:60]}' is not in the contract ({', '.join(wanted)})", where=where)
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().split("\n")[0][:300]
