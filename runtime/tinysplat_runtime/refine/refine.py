@@ -96,6 +96,7 @@ class Refining:
         loop, stats = self._loop, self.stats
         if loop is None:
             return
+        limit = min(limit, loop.settings.most_steps)
         while stats.steps < limit and time.perf_counter() < deadline and self._worse < loop.settings.patience:
             loop.step()
             stats.steps += 1
@@ -123,6 +124,9 @@ class Refining:
         stats.after = loop.photo_psnr()
         refined = loop.field.gaussians(start)
         loop.show(present)
+        if stats.after <= stats.before:
+            stats.kept, stats.reason = 0, "no step made the photos themselves look better"
+            return start
         text = f"{stats.kept} steps on {len(start.cameras)} photos: {stats.before:.1f} to {stats.after:.1f} dB"
         return refined.with_notes(replace(start.notes, refined=text))
 

@@ -27,6 +27,7 @@ class Settings:
         least_gain: dB by which a look has to be better than the best one, so that steps that gain next to nothing,
             and cost bytes, are not taken.
         patience: looks that may be no better before the loop ends.
+        most_steps: after which it ends in any case.
     """
 
     log_depth: float = 2e-3
@@ -43,6 +44,7 @@ class Settings:
     look_every: int = 5
     least_gain: float = 0.03
     patience: int = 2
+    most_steps: int = 10_000
 
     @property
     def step_sizes(self) -> tuple[float, ...]:
@@ -58,8 +60,10 @@ LIMITS: tuple[tuple[float, float], ...] = (
 colours from −0.6 to 2.8. Values that begin outside stay where they are or move inwards."""
 
 
-FOR_TWO = Settings(log_depth=0.0, log_size=3e-2, logit=0.16, look_every=2, least_gain=0.08, patience=1)
-"""Two photos say nothing more about depth: what helps does so in a few steps, and every other one is looked at."""
+FOR_TWO = Settings(
+    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, look_every=2, least_gain=0.015, patience=1, most_steps=4
+)  # fmt: skip
+"""Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
 
 def settings_for(views: int) -> Settings:

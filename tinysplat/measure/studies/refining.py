@@ -7,6 +7,7 @@ of so many photos, a larger one gives its first.
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Iterator, Sequence
@@ -69,10 +70,11 @@ def _window_rows(job: Job, run: Run) -> Iterator[Row]:
     if case.shots is None or case.shots.scene is None:
         return
     profile = (run.options.profiles or (DEFAULT_PROFILE,))[0]
-    stats, spent = RefineStats(), 0.0
+    stats, given_to = RefineStats(), (find_profile(profile), 0.0, Crew(run.threads).map)
+    next(Refining(case.gaussians, case.shots.scene, *given_to).advance(1, math.inf), None)  # compiles what it needs
     start = time.perf_counter()
-    refining = Refining(case.gaussians, case.shots.scene, find_profile(profile), 0.0, Crew(run.threads).map, stats)
-    spent += time.perf_counter() - start
+    refining = Refining(case.gaussians, case.shots.scene, *given_to, stats)
+    spent = time.perf_counter() - start
     for given in QUICK_SECONDS if run.quick else SECONDS:
         start = time.perf_counter()
         for _ in refining.advance(MAX_STEPS, start + given - spent):
