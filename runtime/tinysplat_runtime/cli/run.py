@@ -108,12 +108,13 @@ def _end_like_interrupts() -> None:
 def _run(arguments: list[str]) -> int:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # libraries' notes to programmers; what users need to know is an error
-    parser, commands = build_parser()
-    joined = join_commands(commands, arguments)
-    args = parser.parse_args(arguments)
-    _end_like_interrupts()
-    waits = args.command == "view" and not args.html  # and says for what
-    with still_there(args.command, quiet=args.quiet or waits):
+    word = next((word for word in arguments if not word.startswith("-")), "tinysplat")
+    waits = word == "view" and not any(option.startswith("--html") for option in arguments)  # and says for what
+    with still_there(word, quiet=waits or bool({"-q", "--quiet"} & set(arguments))):
+        parser, commands = build_parser()
+        joined = join_commands(commands, arguments)
+        args = parser.parse_args(arguments)
+        _end_like_interrupts()
         if args.command in joined:
             return _joined(joined[args.command], args)
         # Here, so that --version and --help start without numpy, and no command waits for what another needs.
