@@ -22,7 +22,7 @@ STUDIED = {
     *("chain", "network", "analysis_vpt", "analysis_moment", "analysis_project", "synthesis", "encode", "preset"),
     *("decode", "cold start", "rasteriser", "rasteriser approximations", "k", "component bits", "SH degree"),
     *("peers encode", "peers decode", "torch rasteriser", "growth plane", "growth network", "growth encode"),
-    *("growth decode", "growth render", "parts", "targets", "prefixes", "mapping", "run"),
+    *("growth decode", "growth render", "growth photos", "parts", "targets", "prefixes", "mapping", "run"),
 }
 
 
@@ -35,6 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             (coding, "QUICK_PRESETS", coding.QUICK_PRESETS[:1]), (rate, "QUICK_SOG_LIMIT_S", 0.1),
             (drawing, "QUICK_SIZES", (16,)), (drawing, "QUICK_COUNTS", (512,)), (drawing, "QUICK_COUNT", 512),
             (growth, "SIDES", ((16, 16), (32, 32))), (growth, "PICTURES", ((16, 16), (32, 32))),
+            (growth, "PHOTO_SIZES", ((64, 64), (96, 64), (640, 512))),
             (growth, "COUNT_SIDES", (16, 32)), (growth, "QUICK_SIDE", 16),
         ):  # fmt: skip
             patch.setattr(module, name, value)

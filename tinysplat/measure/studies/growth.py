@@ -6,6 +6,8 @@ Times come from interleaved rounds in this process, peaks from a process per poi
 
 from __future__ import annotations
 
+import json
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,11 +17,17 @@ from typing import Any
 
 import numpy as np
 
+from tinysplat_runtime import Runtime, load_scene
+from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
+from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
+from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from ..clock import Variant, measure, measure_peak
 from ..curves import Fit
@@ -28,7 +36,7 @@ from ..show.plots import Curve, Panel, save_grid
 from ..show.tables import duration, format_table, megabytes
 from ..study import Run, Study
 from ..subjects.made import made_gaussians, rolling_surface, view_between
-from ..subjects.room import Room
+from ..subjects.room import Motorcycle, Room
 
 DEGREE = 3
 PLANE_SIDES = (16, 32, 64, 128, 256)
@@ -68,6 +76,12 @@ PICTURES: tuple[Size, ...] = ((64, 64), (128, 128), (256, 256), (512, 512), (108
 COUNT_SIDES = (64, 128, 256, 512, 724)
 """Of the two square views that hold an axis's Gaussians."""
 
+PHOTO_SIZES: tuple[Size, ...] = ((256, 256), (512, 512), (1024, 1024), (3024, 4032))
+"""Of two photos that a command makes a file and a picture of; the last are a phone's."""
+
+QUICK_SIZES = 2
+"""How many of them the short form has."""
+
 QUICK, QUICK_SIDE = 3, 64
 """How many of an axis's points the short form has, and its views' side."""
 
@@ -96,6 +110,7 @@ def growth_rows(run: Run) -> Iterator[Row]:
         codes = rng.integers(1800, 2200, (side, side)).astype(np.uint16)
         planes.append(Variant(f"{side}×{side}", partial(encode_plane, codes, 24, settings), setting={"x": side**2}))
     yield from measure("growth plane", "pixels", planes, run.effort)
+    yield from _photo_rows(run)
     makers = {"network": _network, "encode": _encode, "decode": _decode, "render": _render, "frame": _frame}
     for task, make in makers.items():
         if task == "network" and not run.models:
@@ -126,6 +141,71 @@ def _axis_rows(
             continue
         with tempfile.TemporaryDirectory() as folder:
             yield replace(row, costs={**row.costs, "peak_bytes": peak(Path(folder))})
+
+
+def _photo_rows(run: Run) -> Iterator[Row]:
+    """What users wait for: the motorcycle pair to a file and the file to a picture, each once in a process of its own.
+
+    Rows `growth photos, TASK` of the whole and `growth photos, TASK: STAGE` of each stage, on photos of every size.
+    """
+    sizes = PHOTO_SIZES[:QUICK_SIZES] if run.quick else PHOTO_SIZES
+    found = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for height, width in sizes:
+            try:
+                _write_pair(folder, (height, width))
+            except TinySplatError as error:  # scikit-image is not installed
+                yield Row("growth photos", "pixels of a photo", f"2x{height}x{width}", note=str(error))
+                return
+            setting = {"x": height * width, "threads": run.threads}
+            for task in ("encode", "render"):
+                row = Row(f"growth photos, {task}", "pixels of a photo", f"2x{height}x{width}", setting)
+                try:
+                    peak = measure_peak(f"{__name__}.{task}_photos", folder, run.threads).total
+                except (TinySplatError, subprocess.TimeoutExpired) as error:
+                    found.append(replace(row, note=str(error)))
+                    break
+                seconds = json.loads((folder / "seconds.json").read_text("utf-8"))
+                found.append(replace(row, costs={"seconds": sum(seconds.values()), "peak_bytes": peak}))
+                found += [replace(row, study=f"{row.study}: {at}", costs={"seconds": s}) for at, s in seconds.items()]
+    yield from sorted(found, key=lambda row: row.study)
+
+
+def _write_pair(folder: Path, size: Size) -> None:
+    """The motorcycle pair as a scene folder of photos of a size."""
+    shots = Motorcycle().shots(Motorcycle().windows()[0][0], size)
+    frames = []
+    for i, (image, camera) in enumerate(zip(shots.context.images, shots.context.cameras, strict=True)):
+        write_png(folder / f"{i}.png", image)
+        frames.append(camera_entry(f"{i}.png", camera))
+    (folder / CAMERAS_FILE).write_text(json.dumps({"near": shots.near, "far": shots.far, "frames": frames}), "utf-8")
+
+
+def encode_photos(folder: str, threads: str) -> Callable[[], Any]:
+    """A task: the pair in a folder to a file there; stages go to `seconds.json`."""
+    scene, runtime, stats = load_scene(folder), Runtime(threads=int(threads)), EncodeStats()
+
+    def run() -> None:
+        (Path(folder) / "f.tsplat").write_bytes(runtime.encode(scene, stats=stats))
+        (Path(folder) / "seconds.json").write_text(json.dumps(stats.watch.seconds), "utf-8")
+
+    return run
+
+
+def render_photos(folder: str, threads: str) -> Callable[[], Any]:
+    """A task: that file to a picture of its first view, with numpy alone, as `encode_photos` has it."""
+    runtime, watch = Runtime(threads=int(threads)), Stopwatch()
+
+    def run() -> None:
+        gaussians = runtime.decompress((Path(folder) / "f.tsplat").read_bytes(), watch=watch)
+        with watch.stage("render"):
+            image = Renderer(gaussians, int(threads), compiled=False).render(gaussians.cameras[0])
+        with watch.stage("write"):
+            write_png(Path(folder) / "picture.png", image)
+        (Path(folder) / "seconds.json").write_text(json.dumps(watch.seconds), "utf-8")
+
+    return run
 
 
 def _network(point: Point, run: Run, way: str) -> Work:
@@ -187,7 +267,7 @@ _NAMES = {"seconds": "seconds", "cpu": "CPU seconds", "peak_bytes": "peak memory
 
 
 def _growing(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
-    return grouped((row for row in rows if row.study.startswith("growth ")), "study", "subject")
+    return grouped((row for row in rows if row.study.startswith("growth ") and row.costs), "study", "subject")
 
 
 def point_table(rows: Sequence[Row]) -> str:
@@ -201,7 +281,8 @@ def point_table(rows: Sequence[Row]) -> str:
         return ""
     text = (
         "Network-like Gaussians of SH degree 3 and the default profile; frames are of a rolling surface. Two views"
-        " unless views grow. Peak memory is that of a process of its own while it works, input and libraries included."
+        " unless views grow. Photos are the motorcycle pair, scaled; to a file and to a picture once, and by stages."
+        " Peak memory is that of a process of its own while it works, input and libraries included."
         " A dotted line on the plot is what proportion to the largest point would be."
     )
     return f"{text}\n\n{format_table(['', 'axis', 'points', 'seconds', 'peak memory'], lines)}"
