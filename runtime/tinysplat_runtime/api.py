@@ -113,10 +113,22 @@ class Runtime:
         images = scene.images()
         graph = self.store.network(model)
         with watch.stage("network"):
-            large = None if whole or images[0].size <= 3 * LARGE_PIXELS else self.store.enlarger()
-            if large is not None and graph.name in (enlarger := Enlarger.of(large)).networks:
+            enlarger = self.enlarger(scene, model, whole=whole)
+            if enlarger is not None:
                 return predict_large(images, scene.cameras, near, far, graph, enlarger)
             return run_network(images, scene.cameras, near, far, graph)
+
+    def enlarger(self, scene: Scene, model: str = DEFAULT_MODEL, *, whole: bool = False) -> Enlarger | None:
+        """What brings to all pixels of the scene's photos what the network finds on small copies of them.
+
+        Arguments and errors are those of `predict`; None where it runs the network on the photos as they are.
+        """
+        camera = scene.cameras[0]
+        if whole or camera.width * camera.height <= LARGE_PIXELS:
+            return None
+        graph = self.store.enlarger()
+        found = Enlarger.of(graph) if graph is not None else None
+        return found if found is not None and self.store.shipped_network(model) in found.networks else None
 
     def refine(
         self,

@@ -11,7 +11,7 @@ from ..api import DEFAULT_MODEL, SUFFIX, check_targets
 from ..codec.encoder import check_qp
 from ..codec.modes.choice import check_options
 from ..errors import InputError
-from ..graphs.enlarge import LARGE_PIXELS
+from ..graphs.enlarge import LARGE_PIXELS, Enlarger
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
 from .files import is_standard
@@ -23,6 +23,9 @@ CODED_BY = ("encode", "compress")
 
 BYTES_PER_PIXEL, BYTES_AT_ALL = 1300, 250_000_000
 """Most memory that a network and coding take, per pixel of all photos and besides: edge and sweep as measured."""
+
+LARGE_BYTES_PER_PIXEL = 300
+"""The same per pixel of large photos, whose small copies alone a network is given."""
 
 MEMORY_SHARE = 0.9
 """Of the memory that is free, at most so much is planned with."""
@@ -81,16 +84,23 @@ def sized(args: Namespace, scene: Scene) -> Scene:
     return scene.resized(*size)
 
 
-def check_memory(scene: Scene) -> None:
-    """Refuse photos that take more memory than is free, with a size that would fit."""
+def check_memory(scene: Scene, enlarger: Enlarger | None = None) -> None:
+    """Refuse photos that take more memory than is free, with a size that would fit.
+
+    `enlarger` is what the runtime has for large photos of that scene, if it has.
+    """
     camera, free = scene.frames[0].camera, available_bytes()
-    pixels = len(scene.frames) * camera.width * camera.height
-    needed = BYTES_AT_ALL + BYTES_PER_PIXEL * pixels
+    views = len(scene.frames)
+    pixels = views * camera.width * camera.height
+    at_all, per_pixel = BYTES_AT_ALL, BYTES_PER_PIXEL
+    if enlarger is not None:
+        at_all, per_pixel = at_all + views * enlarger.pixels * BYTES_PER_PIXEL, LARGE_BYTES_PER_PIXEL
+    needed = at_all + per_pixel * pixels
     if free is None or needed <= MEMORY_SHARE * free:
         return
-    fits = max(MEMORY_SHARE * free - BYTES_AT_ALL, 0) / BYTES_PER_PIXEL
+    fits = max(MEMORY_SHARE * free - at_all, 0) / per_pixel
     share = (fits / pixels) ** 0.5
     size = f"{int(camera.height * share)}x{int(camera.width * share)}"
-    found = f"{len(scene.frames)} photos of {camera.width}x{camera.height} take about {needed / 1e9:.1f} GB"
+    found = f"{views} photos of {camera.width}x{camera.height} take about {needed / 1e9:.1f} GB"
     advice = f"--size {size} would fit" if share * min(camera.height, camera.width) >= 64 else "free some first"
     raise InputError(f"{found}, {free / 1e9:.1f} GB are free; {advice}", where=str(scene.path))

@@ -95,14 +95,14 @@ def check_encoding(args: Namespace) -> None:
 def encoded(args: Namespace, runtime: Runtime) -> Coded:
     """What the options of `encode` make of a scene; nothing is written but `--save-gaussians`."""
     scene = prepared(args, named_scene(args))
-    check_memory(scene)
+    model, whole = args.model or DEFAULT_MODEL, args.mode != DEFAULT_MODE
+    check_memory(scene, runtime.enlarger(scene, model, whole=whole))
     found = [] if args.quiet else doubts(scene)
     for doubt in found:
         print(f"{scene.path}: warning: {doubt}", file=sys.stderr)
     stats, refinement = EncodeStats(), RefineStats()
     with working("network", quiet=args.quiet):
-        whole = args.mode != DEFAULT_MODE
-        gaussians = noted(args, runtime.predict(scene, args.model or DEFAULT_MODEL, whole=whole, watch=stats.watch))
+        gaussians = noted(args, runtime.predict(scene, model, whole=whole, watch=stats.watch))
     if args.save_gaussians:
         for loss in save_gaussians(args.save_gaussians, gaussians):
             print(f"{args.save_gaussians}: {loss}", file=sys.stderr)

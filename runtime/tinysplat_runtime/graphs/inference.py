@@ -267,6 +267,11 @@ class GraphStore:
         artifact = find_artifact(name, "network", self._models)
         return artifact.name, artifact.file_sha256()
 
+    def shipped_network(self, name: str) -> str | None:
+        """The name of a network in the manifest; None for a user's own file."""
+        artifact = find_artifact(name, "network", self._models)
+        return artifact.name if artifact.sha256 is not None else None
+
     def network_by_hash(self, name: str, sha256: str, given: str | None = None) -> Graph:
         """The network of exactly that hash; arguments and errors of `artifacts.network_by_hash`."""
         artifact = network_by_hash(name, sha256, given, self._models)

@@ -232,15 +232,23 @@ GRAPHS: dict[str, tuple[str, tuple[str, ...]]] = {
 def recorded_inputs(gaussians: Gaussians) -> dict[str, Tensors]:
     """What coding and decoding with the default profile feed to the graphs, by graph, for the first layer.
 
-    Views are at most 256×256 here: what the decoder synthesises at a time.
+    Views are at most 256×256 here: what coding and decoding look at at a time.
     """
     store = _RecordingStore()
     decode_gaussians(encode_gaussians(gaussians, find_profile(DEFAULT_PROFILE), 0, store, threads=1), store, threads=1)
     views = len(gaussians.cameras)
+    seen = {name: graph.seen for name, graph in store.recorded.items()}
     return {
-        name: _joined(graph.seen, views) if name == "synthesis" else graph.seen[0]
-        for name, graph in store.recorded.items()
+        "analysis_vpt": _stacked(seen["analysis_vpt"][:views]),
+        "analysis_moment": seen["analysis_moment"][0],
+        "analysis_project": {**seen["analysis_project"][0], **_stacked(seen["analysis_project"][:views], ("sh",))},
+        "synthesis": _joined(seen["synthesis"], views),
     }
+
+
+def _stacked(seen: Sequence[Tensors], names: Sequence[str] | None = None) -> Tensors:
+    """Inputs of those names, or all, of a whole layer, from those of its views."""
+    return {name: np.concatenate([run[name] for run in seen]) for name in names or seen[0]}
 
 
 def _joined(seen: Sequence[Tensors], views: int) -> Tensors:
@@ -248,8 +256,7 @@ def _joined(seen: Sequence[Tensors], views: int) -> Tensors:
     merged = dict(seen[0])
     for codes, names in (("geometry_codes", _GEOMETRY_INPUTS), ("color_codes", ("color_codes",))):
         half = [run for run in seen if run[codes].shape[2:] != (1, 1)][:views]
-        for name in names:
-            merged[name] = np.concatenate([run[name] for run in half])
+        merged |= _stacked(half, names)
     return merged
 
 
