@@ -288,6 +288,20 @@ def point_table(rows: Sequence[Row]) -> str:
     return f"{text}\n\n{format_table(['', 'axis', 'points', 'seconds', 'peak memory'], lines)}"
 
 
+def photo_line(rows: Sequence[Row]) -> str:
+    """What a user may expect of the largest photos that were measured, as a sentence."""
+    growing = _growing(rows)
+    parts = []
+    for task, made in (("encode", "a file"), ("render", "a picture of it")):
+        found = [row for (study, _), members in growing.items() if study == f"growth photos, {task}" for row in members]
+        if found:
+            last = max(found, key=lambda row: row.setting["x"])
+            costs = f"{duration(last.seconds)} and {megabytes(last.costs['peak_bytes'])}"
+            parts.append(f"{made} {costs}")
+            _, height, width = last.way.split("x")
+    return f"Two photos of {width}×{height}, all pixels kept: {', '.join(parts)}." if parts else ""
+
+
 def slope_table(rows: Sequence[Row]) -> str:
     """Slopes in log-log, and where growth stops being in proportion."""
     lines = []
@@ -323,6 +337,6 @@ def plot_growth(path: Path, rows: Sequence[Row]) -> bool:
     return bool(grid)
 
 
-GROWTH = Study(
-    "Growth", growth_rows, {"growth": point_table, "growth slopes": slope_table}, {"growth": plot_growth}
-)  # fmt: skip
+_TABLES = {"growth": point_table, "growth slopes": slope_table, "growth photos": photo_line}
+
+GROWTH = Study("Growth", growth_rows, _TABLES, {"growth": plot_growth})
