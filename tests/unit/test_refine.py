@@ -149,7 +149,16 @@ def test_what_is_right_already_is_handed_back_as_it_is(tmp_path: Path) -> None:
     photos = photographed(tmp_path, whole, list(whole.cameras))
     stats = RefineStats()
     assert ts.refine(whole, photos, 4, stats=stats) is whole
-    assert stats.kept == 0 and "no step" in stats.text and not whole.notes.refined
+    assert stats.kept == 0 and "no step made the photos themselves" in stats.text and not whole.notes.refined
+
+
+def test_two_photos_get_few_steps_that_leave_depth_alone(tmp_path: Path) -> None:
+    whole = truth(2)
+    photos, start, stats = photographed(tmp_path, whole, list(whole.cameras)), worn(whole), RefineStats()
+    refined = ts.refine(start, photos, 9, stats=stats)
+    assert stats.steps <= 4 and stats.kept > 0 and stats.after > stats.before + 0.5
+    np.testing.assert_allclose(refined.means, start.means, atol=1e-6)
+    assert np.abs(refined.opacities - start.opacities).max() > 0.01
 
 
 def test_photos_of_another_scene_leave_the_gaussians_as_they_are(
