@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import struct
 from dataclasses import replace
@@ -191,6 +192,58 @@ def test_a_refinement_that_is_no_short_line_is_refused(gaussians: ts.Gaussians, 
     data = ts.compress(gaussians.with_notes(ts.Notes(refined="5 steps")), "fast")
     with pytest.raises(ts.FormatError, match="REFI"):
         ts.inspect(with_section(data, b"REFI", text))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["g.npz", "g.safetensors", "g.ply", "g.compressed.ply", "g.spz", "g.sog", "meta.json", "g.glb", "g.gltf", "g.usda"],
+)
+def test_every_format_keeps_the_mark_of_antialiased_gaussians(
+    gaussians: ts.Gaussians, tmp_path: Path, name: str
+) -> None:
+    for mark in ("yes", ""):
+        assert not any("antialiased" in line for line in ts.save_gaussians(
+            tmp_path / name, gaussians.with_notes(ts.Notes(antialiased=mark))))  # fmt: skip
+        assert ts.load_gaussians(tmp_path / name).notes == ts.Notes(antialiased=mark)
+
+
+@pytest.mark.parametrize("version", [2, 3, 4])
+def test_the_mark_is_the_flag_of_spz(gaussians: ts.Gaussians, tmp_path: Path, version: int) -> None:
+    marked, plain = tmp_path / "marked.spz", tmp_path / "plain.spz"
+    ts.save_gaussians(marked, gaussians.with_notes(ts.Notes(antialiased="yes")), spz_version=version)
+    ts.save_gaussians(plain, gaussians.with_notes(ts.Notes()), spz_version=version)
+    one, other = (gzip.decompress(p.read_bytes()) if version < 4 else p.read_bytes() for p in (marked, plain))
+    assert [(at, a, b) for at, (a, b) in enumerate(zip(one, other, strict=True)) if a != b] == [(14, 1, 0)]
+    assert ts.load_gaussians(marked).notes.antialiased == "yes" and not ts.load_gaussians(plain).notes
+
+
+@pytest.mark.parametrize(
+    ("comments", "mark"),
+    [
+        (["SplatRenderMode: mip"], "yes"), (["antialiased 1"], "yes"), (["SplatRenderMode: default"], ""),
+        (["antialiased 1", "SplatRenderMode: default"], ""), (["not antialiased 1"], ""), ([], ""),
+    ],
+)  # fmt: skip
+def test_marks_of_other_programs_are_read(
+    gaussians: ts.Gaussians, tmp_path: Path, comments: list[str], mark: str
+) -> None:
+    """As PlayCanvas' splat-transform reads them: Brush's word and Postshot's, the last one holds."""
+    ts.save_gaussians(tmp_path / "g.ply", gaussians.with_notes(ts.Notes()))
+    data = plyfile.PlyData.read(tmp_path / "g.ply")
+    data.comments = comments
+    data.write(tmp_path / "other.ply")
+    assert ts.load_gaussians(tmp_path / "other.ply").notes.antialiased == mark
+
+
+def test_a_coded_file_keeps_the_mark_in_a_section_of_its_own(gaussians: ts.Gaussians, coded: bytes) -> None:
+    marked = ts.compress(gaussians.with_notes(replace(NOTES, antialiased="yes")), "fast")
+    assert ts.decompress(marked).notes == replace(NOTES, antialiased="yes")
+    assert len(marked) == len(coded) + L.TABLE_ROW.size + 3
+    assert (ts.inspect(marked)["version"], ts.inspect(marked)["antialiased"]) == ("1.3", True)
+    assert ts.inspect(coded)["antialiased"] is False
+    for text in (b"", b"no", b"YES", b"yess", b"\xff"):
+        with pytest.raises(ts.FormatError, match="ANTI"):
+            ts.inspect(with_section(marked, b"ANTI", text))
 
 
 def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:

@@ -62,6 +62,7 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         *_network_lines(d),
         *(f"{name}: {text}" for name, text in d["notes"].items() if text),
         *([f"refined: {d['refined']}"] if d["refined"] else []),
+        *(["antialiased: yes"] if d["antialiased"] else []),
         "",
         "class        bytes   share",
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),

@@ -43,6 +43,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "photos": _photos(container),
         "notes": {name: getattr(container.notes, name) for name in NOTE_NAMES},
         "refined": container.notes.refined or None,
+        "antialiased": bool(container.notes.antialiased),
         "profile": container.profile,
         "qp": container.qp,
         "views": len(container.cameras),

@@ -1,4 +1,4 @@
-"""The optional sections with what a scene's maker and `refine` say about it. Layout: docs/FORMAT.md, `NOTE`, `REFI`."""
+"""The optional sections with what is said about a scene. Layout: docs/FORMAT.md, `NOTE`, `REFI`, `ANTI`."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from .sections import Cursor, Section, only
 
 NOTES = b"NOTE"
 REFINED = b"REFI"
+ANTIALIASED = b"ANTI"
 
 NOTES_FIXED = struct.Struct("<HHH")
 """Bytes of unit, attribution and licence, whose UTF-8 follows in this order."""
 
 NOTE_NAMES = ("unit", "attribution", "licence")
 
-MINOR = {NOTES: 1, REFINED: 2}
+TEXTS = {REFINED: "refined", ANTIALIASED: "antialiased"}
+"""Sections of one text each, and the note that it is."""
+
+MINOR = {NOTES: 1, REFINED: 2, ANTIALIASED: 3}
 """Minor version of a file with such a section, which readers that do not know it may skip."""
 
 
@@ -25,24 +29,27 @@ def note_sections(notes: Notes) -> dict[bytes, bytes]:
     """The sections that there is something to say in."""
     texts = [getattr(notes, name).encode() for name in NOTE_NAMES]
     sections = {NOTES: NOTES_FIXED.pack(*map(len, texts)) + b"".join(texts)} if any(texts) else {}
-    return sections | ({REFINED: notes.refined.encode()} if notes.refined else {})
+    single = {kind: getattr(notes, name).encode() for kind, name in TEXTS.items()}
+    return sections | {kind: text for kind, text in single.items() if text}
 
 
 def read_notes(sections: Sequence[Section]) -> Notes:
-    """Parse and check the sections NOTE and REFI of a file, which need not be there."""
+    """Parse and check the sections NOTE, REFI and ANTI of a file, which need not be there."""
     kinds = {section.kind for section in sections}
     texts = _read_texts(Cursor(only(sections, NOTES))) if NOTES in kinds else {}
-    if REFINED in kinds:
-        cursor = Cursor(only(sections, REFINED))
-        length, most = len(cursor.section.data), MAX_BYTES["refined"]
-        cursor.require(1 <= length <= most, f"{length} bytes, expected 1 to {most}")
-        texts["refined"] = _text(cursor, "refined", length)
+    for kind, name in TEXTS.items():
+        if kind in kinds:
+            cursor = Cursor(only(sections, kind))
+            length, most = len(cursor.section.data), MAX_BYTES[name]
+            cursor.require(1 <= length <= most, f"{length} bytes, expected 1 to {most}")
+            texts[name] = _text(cursor, name, length)
     if not texts:
         return NO_NOTES
     try:
         return Notes(**texts)
     except InputError as error:
-        label = only(sections, REFINED if error.where == "refined" else NOTES).label
+        kind = next((kind for kind, name in TEXTS.items() if name == error.where), NOTES)
+        label = only(sections, kind).label
         raise FormatError(error.message, where=f"{label}: {error.where}") from None
 
 

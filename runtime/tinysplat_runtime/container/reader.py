@@ -27,7 +27,7 @@ from .extras import (
     read_exact_layers,
     read_photo_mode,
 )
-from .notes import NOTES, REFINED, read_notes
+from .notes import MINOR, read_notes
 from .records import ChannelRecord, Container, ExactLayer, LayerHeader, Limits, PhotoHeader, StreamRef
 from .sections import Cursor, Section, only, read_table, require, verified
 
@@ -108,7 +108,7 @@ def _grid(
 
 _PLANE_KINDS = frozenset(L.PLANES.values())
 _MODE_KINDS = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES, EXACT, EXACT_PLANES})
-_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, NOTES, REFINED, *_MODE_KINDS, *_PLANE_KINDS}
+_KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *MINOR, *_MODE_KINDS, *_PLANE_KINDS}
 
 
 def _joined(sections: list[Section], plane_class: PlaneClass, index: int, layer: LayerHeader) -> memoryview:

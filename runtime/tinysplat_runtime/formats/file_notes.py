@@ -2,7 +2,8 @@
 
     .npz           array `notes`, the UTF-8 bytes of an object with any of unit, attribution and licence
     .safetensors   metadata of these names
-    .ply           `comment attribution: …` and so on in the header, in ASCII with JSON's escapes
+    .ply           `comment attribution: …` and so on in the header, in ASCII with JSON's escapes; that Gaussians are
+                   antialiased as Brush and splat-transform say it, `SplatRenderMode: mip`, or Postshot, `antialiased 1`
 
 Trust boundary: what is read goes through the checks of `Notes`, whoever wrote it.
 """
@@ -20,13 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..gaussian.notes import MAX_BYTES, NAMES, Notes
+from ..gaussian.notes import MAX_BYTES, NAMES, YES, Notes
 from ..system.files import parsing
 
 NPZ_ARRAY = "notes"
 
 _MAX_JSON_BYTES = 6 * sum(MAX_BYTES.values())  # escapes take up to six bytes for one
-_COMMENT = re.compile(rf"^comment ({'|'.join(NAMES)}): ?(.*?)\r?$", re.MULTILINE)
+_IN_WORDS = "|".join(name for name in NAMES if name != "antialiased")
+_COMMENT = re.compile(rf"^comment ({_IN_WORDS}): ?(.*?)\r?$", re.MULTILINE)
+_DRAWN = re.compile(r"^comment[ \t]+(?:SplatRenderMode:|antialiased)[ \t]+(\w+)[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
 _MAX_HEADER_BYTES = 1 << 16
 
 
@@ -37,7 +40,9 @@ def npz_array(notes: Notes) -> NDArray:
 
 def ply_comments(notes: Notes) -> list[str]:
     """Lines for the header of a .ply file."""
-    return [f"{name}: {json.dumps(text)[1:-1]}" for name, text in notes.given().items()]
+    texts = {name: text for name, text in notes.given().items() if name != "antialiased"}
+    drawn = ["SplatRenderMode: mip"] if notes.antialiased else []
+    return [*(f"{name}: {json.dumps(text)[1:-1]}" for name, text in texts.items()), *drawn]
 
 
 def npz_notes(path: Path) -> dict[str, str]:
@@ -75,7 +80,8 @@ def ply_notes(path: Path) -> dict[str, str]:
     """Fields of `Notes` in the comments of a .ply file."""
     with path.open("rb") as file:
         header = file.read(_MAX_HEADER_BYTES).partition(b"end_header")[0].decode("utf-8", "replace")
-    return {name: _unescaped(text) for name, text in _COMMENT.findall(header)}
+    drawn = (_DRAWN.findall(header) or [""])[-1].lower() in ("mip", "1")
+    return {name: _unescaped(text) for name, text in _COMMENT.findall(header)} | ({"antialiased": YES} if drawn else {})
 
 
 def _unescaped(text: str) -> str:

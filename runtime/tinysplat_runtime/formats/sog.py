@@ -14,7 +14,8 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
+from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..system.files import parsing, read_limited, write_atomically
 from .assembly import Points, cut_degree_note, far_note
@@ -30,6 +32,8 @@ from .order import morton_order
 from .palette import codebook, nearest, palette
 
 META = "meta.json"
+MODEL = "antialiased"
+"""What `model` is called in `meta.json`, where it is there."""
 MAX_DEGREE = 3
 
 _MAX_META = 1 << 20
@@ -58,7 +62,8 @@ def save_sog(path: Path, gaussians: Gaussians) -> list[str]:
         ImportError: Pillow is not installed.
     """
     points = Points.of(gaussians)
-    *pictures, (_, meta) = _files(points.gaussians, points.means)
+    told = {"model": MODEL} if gaussians.notes.antialiased else {}
+    *pictures, (_, meta) = _files(points.gaussians, points.means, told)
     if path.suffix == ".json":
         for name, data in pictures:
             write_atomically(path.parent / name, data)
@@ -70,8 +75,11 @@ def save_sog(path: Path, gaussians: Gaussians) -> list[str]:
     return [*cut_degree_note(gaussians, MAX_DEGREE, ".sog"), *far_note(points)]
 
 
-def _files(gaussians: Gaussians, means: NDArray) -> list[tuple[str, bytes]]:
-    """Names and contents of a SOG folder, `meta.json` last, of (N,) Gaussians and their world positions (N, 3)."""
+def _files(gaussians: Gaussians, means: NDArray, told: Mapping[str, str]) -> list[tuple[str, bytes]]:
+    """Names and contents of a SOG folder, `meta.json` last, of (N,) Gaussians and their world positions (N, 3).
+
+    `told` is what `meta.json` says besides.
+    """
     count = len(means)
     width = -(-int(np.ceil(np.sqrt(count))) // 4) * 4
     height = -(-count // (4 * width)) * 4
@@ -90,7 +98,7 @@ def _files(gaussians: Gaussians, means: NDArray) -> list[tuple[str, bytes]]:
     logs = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))
     low, high = logs.min(axis=0), logs.max(axis=0)
     codes = np.rint((logs[order] - low) / np.where(high > low, high - low, 1) * 65535).astype(np.uint16)
-    meta: dict[str, Any] = {"version": 2, "asset": {"generator": "tinysplat"}, "count": count}
+    meta: dict[str, Any] = {"version": 2, "asset": {"generator": "tinysplat"}, "count": count, **told}
     positions = [picture("means_l", (codes & 255).astype(np.uint8)), picture("means_u", (codes >> 8).astype(np.uint8))]
     meta["means"] = {"mins": low.tolist(), "maxs": high.tolist(), "files": positions}
     log_scales = np.log(gaussians.scales[order].clip(np.finfo(np.float32).tiny))
@@ -153,8 +161,22 @@ def read_sog(path: Path, max_bytes: int) -> dict[str, NDArray]:
         InputError: damaged, of another version, or larger than `max_bytes`.
         ImportError: Pillow is not installed.
     """
+    with _reading(path) as read:
+        return _arrays(read, max_bytes)
+
+
+def read_sog_notes(path: Path) -> dict[str, str]:
+    """The one note that splat-transform's `meta.json` has a name for."""
+    with _reading(path) as read:
+        return {"antialiased": YES} if _json_object(read(META, _MAX_META)).get("model") == MODEL else {}
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[Callable[[str, int], bytes]]:
+    """What gives a file of the folder or archive by its name, up to so many bytes."""
     if path.name == META:
-        return _arrays(lambda name, limit: read_limited(path.parent / name, limit), max_bytes)
+        yield lambda name, limit: read_limited(path.parent / name, limit)
+        return
     with parsing(".sog file"), zipfile.ZipFile(path) as archive:
         members = {PurePosixPath(info.filename).name: info for info in archive.infolist()}
 
@@ -166,7 +188,7 @@ def read_sog(path: Path, max_bytes: int) -> dict[str, NDArray]:
                 raise InputError(f"{info.file_size} bytes, expected at most {limit}", where=name[:40])
             return archive.read(info)
 
-        return _arrays(member, max_bytes)
+        yield member
 
 
 def _arrays(read: Callable[[str, int], bytes], max_bytes: int) -> dict[str, NDArray]:

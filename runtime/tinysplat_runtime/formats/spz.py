@@ -20,9 +20,18 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
+from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
-from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, read_blocks, write_blocks
+from .spz_streams import (
+    MAX_DEGREE,
+    MAX_FRACTIONAL_BITS,
+    WRITES,
+    SpzHeader,
+    is_antialiased,
+    read_blocks,
+    write_blocks,
+)
 
 SPZ_VERSION = 3
 """What is written unless asked otherwise: the newest that readers without zstd open."""
@@ -45,6 +54,8 @@ def write_spz(
     means: NDArray,
     sh_bits: tuple[int, int] = SH_BITS,
     version: int = SPZ_VERSION,
+    *,
+    antialiased: bool = False,
 ) -> list[str]:
     """Write points as SPZ.
 
@@ -54,6 +65,7 @@ def write_spz(
         means: (N, 3) world positions.
         sh_bits: bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8 each.
         version: of the format, one of WRITES.
+        antialiased: the header's flag.
 
     Returns:
         What the format could not keep, one line each.
@@ -92,8 +104,13 @@ def write_spz(
         _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
         _quantise_sh(sh[:, 1:] * sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
     ]
-    write_blocks(path, SpzHeader(version, len(points), degree, bits), blocks)
+    write_blocks(path, SpzHeader(version, len(points), degree, bits, antialiased), blocks)
     return notes
+
+
+def read_spz_notes(path: Path) -> dict[str, str]:
+    """The one note that a header has room for."""
+    return {"antialiased": YES} if is_antialiased(path) else {}
 
 
 def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:

@@ -41,7 +41,7 @@ _TABLE_ROW = struct.Struct("<QQ")
 _EXTENSION = struct.Struct("<II")
 """Type and length of an extension record."""
 
-_HAS_EXTENSIONS = 2
+_ANTIALIASED, _HAS_EXTENSIONS = 1, 2
 _AXES_EXTENSION, _AXES_ACCEPTED = 0xADBE0003, (0, 4)  # unspecified, and the format's own right-up-back
 _ZSTD_LEVEL = 12
 _MAX_WINDOW_BYTES = 1 << 27  # zstd's own bound on a decoder's memory
@@ -56,12 +56,14 @@ class SpzHeader:
         count: points, 1 or more.
         degree: of SH, 0 to MAX_DEGREE.
         fractional_bits: of positions, 0 to MAX_FRACTIONAL_BITS.
+        antialiased: whether the Gaussians were trained for antialiased drawing.
     """
 
     version: int
     count: int
     degree: int
     fractional_bits: int
+    antialiased: bool = False
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -82,7 +84,8 @@ def write_blocks(path: Path, header: SpzHeader, blocks: Sequence[NDArray]) -> No
         ImportError: version 4, and zstandard is not installed.
     """
     parts = [np.ascontiguousarray(block).tobytes() for block in blocks]
-    fields = (_MAGIC, header.version, header.count, header.degree, header.fractional_bits, 0)
+    fields = (_MAGIC, header.version, header.count, header.degree, header.fractional_bits,
+              _ANTIALIASED * header.antialiased)  # fmt: skip
     if header.version < _ZSTD_VERSION:
         path.write_bytes(gzip.compress(_HEADER.pack(*fields, 0) + b"".join(parts), mtime=0))
         return
@@ -93,6 +96,17 @@ def write_blocks(path: Path, header: SpzHeader, blocks: Sequence[NDArray]) -> No
     table = b"".join(_TABLE_ROW.pack(len(stream), len(part)) for stream, part in zip(streams, parts, strict=True))
     head = _LONG_HEADER.pack(*fields, len(streams), _LONG_HEADER.size, bytes(12))
     path.write_bytes(b"".join((head, table, *streams)))
+
+
+def is_antialiased(path: Path) -> bool:
+    """What the header's flag says; False where there is no header."""
+    with path.open("rb") as file, parsing(".spz file"):
+        framed = file.read(_HEADER.size)
+        if not framed.startswith(struct.pack("<I", _MAGIC)):
+            file.seek(0)
+            with gzip.open(file) as stream:
+                framed = stream.read(_HEADER.size)
+    return len(framed) == _HEADER.size and bool(_HEADER.unpack(framed)[5] & _ANTIALIASED)
 
 
 def read_blocks(path: Path, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
@@ -113,7 +127,7 @@ def read_blocks(path: Path, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
 
 
 def _header(fields: Sequence[int], max_bytes: int) -> SpzHeader:
-    magic, version, count, degree, bits = fields
+    magic, version, count, degree, bits, flags = fields
     if magic != _MAGIC:
         raise InputError("does not hold an SPZ header")
     if version not in READS:
@@ -122,7 +136,7 @@ def _header(fields: Sequence[int], max_bytes: int) -> SpzHeader:
         raise InputError(f"damaged header: {count} points of SH degree {degree}, {bits} fractional bits")
     if count * (11 + 3 * (degree + 1) ** 2) * 8 > max_bytes:  # the Gaussians, in float64
         raise InputError(f"announces {count} points, more than {max_bytes} bytes can hold")
-    return SpzHeader(version, count, degree, bits)
+    return SpzHeader(version, count, degree, bits, bool(flags & _ANTIALIASED))
 
 
 def _read_gzip(stream: gzip.GzipFile, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
@@ -130,7 +144,7 @@ def _read_gzip(stream: gzip.GzipFile, max_bytes: int) -> tuple[SpzHeader, list[N
         data = stream.read(_HEADER.size)
         if len(data) < _HEADER.size:
             raise InputError("cut short in its header")
-        header = _header(_HEADER.unpack(data)[:5], max_bytes)
+        header = _header(_HEADER.unpack(data)[:6], max_bytes)
         if header.version >= _ZSTD_VERSION:
             raise InputError(f"SPZ version {header.version} in a gzip stream, which ends with version 3")
         return header, [_block(stream.read(header.count * width), header.count, width) for width in header.widths]
@@ -142,7 +156,7 @@ def _read_zstd(data: bytes, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
     if len(data) < _LONG_HEADER.size:
         raise InputError("cut short in its header")
     *fields, flags, streams, table, _ = _LONG_HEADER.unpack_from(data)
-    header = _header(fields, max_bytes)
+    header = _header((*fields, flags), max_bytes)
     if header.version < _ZSTD_VERSION:
         raise InputError(f"SPZ version {header.version} outside a gzip stream, where version 4 begins")
     widths = [width for width in header.widths if width]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.notes import NO_NOTES, Notes
+from ..gaussian.notes import NAMES, NO_NOTES, Notes
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
 from ..scene.images import to_uint8
@@ -56,7 +56,8 @@ class Format:
         extra: what `pip install "tinysplat[…]"` brings its package, empty where it needs none.
         read: (path, most bytes) to arrays; None where it is only written.
         write: (path, Gaussians, options) to what could not be kept; None where it is only read.
-        notes: path to fields of `Notes`; None where there is no room for text.
+        notes: path to fields of `Notes`; None where there is no room for any.
+        room: names of the notes that there is room for, where there are.
     """
 
     name: str
@@ -67,11 +68,15 @@ class Format:
     read: Callable[[Path, int], Mapping[str, NDArray]] | None = None
     write: Callable[[Path, Gaussians, WriteOptions], list[str]] | None = None
     notes: Callable[[Path], Mapping[str, Any]] | None = None
+    room: tuple[str, ...] = NAMES
 
 
 def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
     points = Points.of(gaussians)
-    return spz.write_spz(path, points.gaussians, points.means, options.sh_bits, options.spz_version)
+    is_antialiased = bool(gaussians.notes.antialiased)
+    return spz.write_spz(
+        path, points.gaussians, points.means, options.sh_bits, options.spz_version, antialiased=is_antialiased
+    )
 
 
 def _without_options(write: Callable[[Path, Gaussians], list[str]]) -> Callable[..., list[str]]:
@@ -97,7 +102,7 @@ FORMATS = (
     ),
     Format(
         "SPZ", (".spz",), "a list of points, 24-bit positions, bytes, SH to degree 3 (4 in version 4)",
-        "gaussforge, splat-transform", "io", spz.read_spz, _spz,
+        "gaussforge, splat-transform", "io", spz.read_spz, _spz, spz.read_spz_notes, ("antialiased",),
     ),
     Format(
         "glTF", (".glb", ".gltf"), "a list of points, float, SH to degree 3; cameras, origin, notes",
@@ -106,7 +111,7 @@ FORMATS = (
     ),
     Format(
         "SOG", (".sog", "meta.json"), "a list of points, 16-bit positions, codebooks, SH to degree 3 from a palette",
-        "gaussforge", "io", sog.read_sog, _without_options(sog.save_sog),
+        "gaussforge", "io", sog.read_sog, _without_options(sog.save_sog), sog.read_sog_notes, ("antialiased",),
     ),
     Format(
         "USD", usd.SUFFIXES, "a list of points, float, SH to degree 4, origin, notes", "usd-core", "usd",
@@ -200,9 +205,8 @@ def save_gaussians(
         raise InputError(f"{sh_bits}, expected two numbers of 1 to 8", where="SH bits")
     form = find_format(path, written=True)
     assert form.write is not None  # find_format
-    given = gaussians.notes.given()
-    unsaid = " and ".join(given) if form.notes is None else ""
-    lost = [f"{unsaid} left out, {form.endings[0]} has no room for text"] if unsaid else []
+    unsaid = [name for name in gaussians.notes.given() if form.notes is None or name not in form.room]
+    lost = [f"{' and '.join(unsaid)} left out, {form.endings[0]} has no room for text"] if unsaid else []
     try:
         with atomic_path(path) as temporary:
             return [*form.write(temporary, gaussians, WriteOptions(sh_bits, spz_version)), *lost]

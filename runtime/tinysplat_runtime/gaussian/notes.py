@@ -12,8 +12,10 @@ from dataclasses import asdict, dataclass, fields
 
 from ..errors import InputError
 
-MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128}
+MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3}
 """Longest text of a field in UTF-8."""
+
+YES = "yes"
 
 _REFUSED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control and formatting characters, surrogates, line and paragraph ends
 
@@ -27,6 +29,8 @@ class Notes:
         attribution: whom to name, and what was changed.
         licence: an SPDX expression such as CC-BY-4.0, or an address.
         refined: how the Gaussians were corrected after a network made them; `refine` says it, not the maker.
+        antialiased: `yes` of Gaussians that were trained to fade where they are widened (Mip-Splatting); carried from
+            file to file, and not acted on here.
 
     Raises:
         InputError: names the field: too long, or with characters that do not print.
@@ -36,6 +40,7 @@ class Notes:
     attribution: str = ""
     licence: str = ""
     refined: str = ""
+    antialiased: str = ""
 
     def __post_init__(self) -> None:
         for name, text in asdict(self).items():
@@ -47,6 +52,8 @@ class Notes:
             size = len(text.encode())
             if size > MAX_BYTES[name]:
                 raise InputError(f"{size} bytes of UTF-8, expected at most {MAX_BYTES[name]}", where=name)
+        if self.antialiased not in ("", YES):
+            raise InputError(f"'{self.antialiased}', expected '{YES}' or nothing", where="antialiased")
 
     def __bool__(self) -> bool:
         return any(self.given().values())
@@ -78,6 +85,7 @@ class Notes:
             attribution="; ".join(filter(None, different("attribution"))),
             licence=" AND ".join(licences),
             refined=common("refined"),
+            antialiased=common("antialiased"),
         )
 
 
