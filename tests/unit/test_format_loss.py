@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from tinysplat.measure.studies.interchange import interchange_rows
 from tinysplat_runtime.formats.check import file_loss
+from tinysplat_runtime.formats.table import FORMATS
 
 
 def test_an_exact_file_loses_nothing(tmp_path: Path) -> None:
@@ -35,6 +39,16 @@ def test_the_loss_is_that_of_pictures_made_by_hand(tmp_path: Path, kept: bool) -
         mse = [np.mean((a - b) ** 2) for a, b in pairs]
         assert loss.psnr == pytest.approx(np.mean([-10 * np.log10(e) for e in mse]), abs=1e-3)
     assert loss.views == (2 if kept else 4) and 20 < loss.psnr < 60
+
+
+def test_the_study_has_a_row_of_every_format_that_is_written() -> None:
+    run: Any = SimpleNamespace(side=48, runtime=ts.Runtime(threads=1))
+    rows = list(interchange_rows(run))
+    assert [row.way for row in rows] == [form.name for form in FORMATS if form.write] + ["`.tsplat`, balanced"]
+    decibels = {row.way: row.figures["psnr_decoded_raw"] for row in rows}
+    size = {row.way: row.figures["bytes"] for row in rows}
+    assert math.isinf(decibels["npz"]) and decibels["PLY (3DGS)"] > 100 > decibels["SPZ"] > 35
+    assert size["`.tsplat`, balanced"] < size["SPZ"] < size["compressed PLY"] < size["PLY (3DGS)"]
 
 
 def test_a_sog_folder_counts_all_its_pictures(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "rasteriser": ("drawing.DRAWING", "frames by size and number of Gaussians, and approximations"),
     "reduction": ("coding.REDUCTION", "colour planes (k) and SH bands"),
     "peers": ("rate.PEERS", "other formats"),
+    "formats": ("interchange.INTERCHANGE", "bytes and dB of one scene in every format of Gaussian files"),
     "growth": ("growth.GROWTH", "seconds and memory by views, pixels, Gaussians"),
     "parts": ("speed.STAGES", "where the time goes"),
     "curves": ("rate.CURVES", "rate–distortion of profiles, modes and formats"),
