@@ -49,7 +49,7 @@ NEAREST: dict[str, str] = {
     "container/reader.py": "bounds container progressive",
     "container/records.py": "bounds container progressive",
     "container/sections.py": "bounds container progressive",
-    "container/writer.py": "container progressive",
+    "container/writer.py": "bounds container progressive",
     "codec/adaptive.py": "attribute_errors allocation seen",
     "codec/analysis.py": "analysis attribute_errors conditioning",
     "codec/basis.py": "basis attribute_errors",
