@@ -132,7 +132,8 @@ def _enlarged(
             last = min(first + rows, height)
             above, below = max(first - enlarger.halo, 0), min(last + enlarger.halo, height)
             strip = _strip_inputs(photos[view], maps, cameras[view], above, below)
-            values = enlarger.graph.run({**fixed, **strip}, tuple(arrays))
+            is_last = view == views - 1 and last == height
+            values = replace(enlarger.graph, lets_go=is_last).run({**fixed, **strip}, tuple(arrays))
             for name, array in arrays.items():
                 array[view, first:last] = values[name][0, first - above : last - above]
     arrays["means"] += (middle - found.origin).astype(np.float32)
