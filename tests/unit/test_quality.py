@@ -42,7 +42,7 @@ from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
 from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
 from tinysplat.measure.show.tables import csv_text, format_table
-from tinysplat.measure.studies.quality import results_text
+from tinysplat.measure.studies.quality import refined_summary, refined_table, results_text
 from tinysplat.measure.subjects.cases import LeftOut, Window, covered_pixels
 from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources, read_depth
 from tinysplat_runtime.api import Runtime
@@ -330,6 +330,26 @@ def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
     ((_, members),) = groups_of(rows)
     assert mean_of_rows(members)["psnr"] == 20
     assert mean_of_scenes(members)["psnr"] == 22.5
+
+
+def test_what_refinement_gained_is_told_by_scene_and_with_its_worst_window(measured):
+    _, _, outcome = measured
+    gains = (("a", 20.0, 22.0), ("b", 30.0, 29.9), ("b", 30.0, 30.5))
+    rows = [
+        replace(
+            row := changed(outcome.rows[0], scene, 21.0),
+            figures={**row.figures, "psnr_raw": after, "bytes": 1000, "refined": {"psnr_before": before}},
+        )
+        for scene, before, after in gains
+    ]
+    by_scene = [[cell.strip() for cell in line.split("|")[1:8]] for line in refined_table(rows).splitlines()[2:5]]
+    assert by_scene[0] == ["a", "1", "20.00", "22.00", "+2.00", "21.00", "1.0"]
+    assert by_scene[2][:5] == ["mean of scenes", "3", "25.00", "26.10", "+1.10"]
+    assert [cell.strip() for cell in refined_summary(rows).splitlines()[2].split("|")[2:7]] == [
+        "3", "25.00", "26.10", "+1.10", "-0.10"
+    ]  # fmt: skip
+    assert not refined_table(outcome.rows) and not refined_summary(outcome.rows)
+    assert refined_table(rows) in results_text(rows, has_lpips=False)
 
 
 def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):

@@ -57,7 +57,7 @@ def results_text(rows: Sequence[Row], *, has_lpips: bool) -> str:
     """Every group's table: a row per scene, and the means over scenes and over windows; and its other tables."""
     sections = []
     for identity, members in groups_of(rows):
-        tables = [group_table(members, has_lpips), zoom_table(members), nested_table(members)]
+        tables = [group_table(members, has_lpips), zoom_table(members), nested_table(members), refined_table(members)]
         sections.append(f"{title(identity)}\n" + "\n\n".join(filter(None, tables)))
     return "\n\n".join(sections)
 
@@ -89,6 +89,34 @@ def nested_table(rows: Sequence[Row]) -> str:
         for name, (_, mean) in means(rows).items()
     ]
     return format_table(["scene", *(f"nearest {count} photos, dB" for count in NESTED)], lines)
+
+
+def refined_table(rows: Sequence[Row]) -> str:
+    """dB at held-out photos before and after refinement, by scene; empty where nothing was refined."""
+    rows = [row for row in rows if "refined" in row.figures]
+    if not rows:
+        return ""
+    lines = []
+    for name, (count, mean) in means(rows).items():
+        before, after = mean["refined"]["psnr_before"], mean["psnr_raw"]
+        cells = decibels(before), decibels(after), f"{after - before:+.2f}", decibels(mean["psnr"])
+        lines.append([name, str(count), *cells, kilobytes(mean["bytes"]), number(mean["seconds"].get("refine"), 1)])
+    heads = ["scene", "windows", "before, dB", "refined, dB", "gain", "coded, dB", "KB", "refine s"]
+    return format_table(heads, lines)
+
+
+def refined_summary(rows: Sequence[Row]) -> str:
+    """A line per group: means over scenes, and the window that gains least."""
+    lines = []
+    for identity, members in groups_of([row for row in rows if row.study == STUDY and "refined" in row.figures]):
+        mean = mean_of_scenes(members)
+        before, after = mean["refined"]["psnr_before"], mean["psnr_raw"]
+        least = min(row.figures["psnr_raw"] - row.figures["refined"]["psnr_before"] for row in members)
+        cells = decibels(before), decibels(after), f"{after - before:+.2f}", f"{least:+.2f}", decibels(mean["psnr"])
+        kind = f"{identity['kind']}, {identity['views']} views"
+        lines.append([kind, str(len(members)), *cells, kilobytes(mean["bytes"])])
+    heads = ["", "windows", "before, dB", "refined, dB", "gain", "least gain", "coded, dB", "KB"]
+    return format_table(heads, lines) if lines else ""
 
 
 def title(identity: Mapping[str, Any]) -> str:
@@ -163,5 +191,7 @@ QUALITY = Study(
         "zoom summary": zoom_summary,
         "zoom": lambda rows: _tables(rows, zoom_table),
         "nested": lambda rows: _tables(rows, nested_table),
+        "refined summary": refined_summary,
+        "refined": lambda rows: _tables(rows, refined_table),
     },
 )
