@@ -174,7 +174,7 @@ def test_a_run_over_many_scenes_killed_at_any_moment_leaves_whole_files_and_goes
 
 
 @pytest.mark.parametrize(
-    ("delay", "sent"), [(0.0, signal.SIGINT), (0.6, signal.SIGINT), (0.6, signal.SIGTERM)], ids=str
+    ("delay", "sent"), [(0.0, signal.SIGINT), (0.3, signal.SIGINT), (0.3, signal.SIGTERM)], ids=str
 )
 @pytest.mark.parametrize("command", ["batch", "eval"])
 def test_an_interrupted_run_over_many_scenes_ends_with_130(many, tmp_path, command, delay, sent) -> None:
