@@ -27,13 +27,19 @@ def read_paper_index(path: StrPath) -> dict[str, PaperWindow]:
     Raises:
         InputError: names the file and the scene at fault.
     """
+    document = read_object(path, MAX_INDEX_BYTES, "of windows by scene key")
+    return {key: _window(entry, f"{path}: {key}") for key, entry in document.items() if entry is not None}
+
+
+def read_object(path: StrPath, max_bytes: int, what: str) -> dict[str, Any]:
+    """The object in a JSON file of at most `max_bytes`; InputError names the file, and says `what` was expected."""
     try:
-        document = json.loads(read_limited(path, MAX_INDEX_BYTES))
+        document = json.loads(read_limited(path, max_bytes))
     except (ValueError, RecursionError) as error:
         raise InputError(f"not JSON ({error})", where=str(path)) from None
     if not isinstance(document, dict):
-        raise InputError("expected an object of windows by scene key", where=str(path))
-    return {key: _window(entry, f"{path}: {key}") for key, entry in document.items() if entry is not None}
+        raise InputError(f"expected an object {what}", where=str(path))
+    return document
 
 
 def _window(entry: Any, where: str) -> PaperWindow:

@@ -73,7 +73,8 @@ def _settled_quats(quats: NDArray, reference: NDArray) -> NDArray:
     """Quaternions (V, 4, H, W) at the length that makes their largest component 1, to 2⁻¹⁹.
 
     Decoding makes the length 1: of a unit quaternion, rounded, the four nearest float16 would be others the next time.
-    The sign is the one nearer to the view's mean rotation (V, 4), so coarse that rounding does not change it.
+    The sign is the one nearer to the view's mean rotation (V, 4), taken so coarsely that rounding
+    does not change it.
     """
     towards = np.rint(8 * reference) + _TILT
     sign = np.where(np.einsum("vc,vchw->vhw", towards, quats) < 0, -1.0, 1.0)[:, None]

@@ -205,6 +205,7 @@ def composite_tile(
 
 @compiled
 def is_open(state: NDArray) -> bool:
+    """Whether any pixel of a tile still lets something through."""
     for row in range(TILE_HEIGHT):
         for column in range(TILE_WIDTH):
             if state[row * _ROW + column] > _ZERO:

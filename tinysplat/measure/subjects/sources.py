@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE
-from tinysplat.datasets.indices import frame_indices
+from tinysplat.datasets.indices import frame_indices, read_object
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians
@@ -286,13 +286,7 @@ def read_index(path: Path) -> dict[str, Any]:
     """The object in `eval_index.json`; InputError names the file if there is none."""
     if not path.is_file():
         raise InputError(f"no {EVAL_INDEX} in this folder", where=str(path.parent))
-    try:
-        document = json.loads(read_limited(path, MAX_INDEX_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not JSON ({error})", where=str(path)) from None
-    if not isinstance(document, dict):
-        raise InputError("expected an object with windows", where=str(path))
-    return document
+    return read_object(path, MAX_INDEX_BYTES, "with windows")
 
 
 def stated_depth(index: dict[str, Any], name: str, path: Path) -> float | None:
