@@ -220,13 +220,13 @@ class _RecordingStore(GraphStore):
 
 _GEOMETRY_INPUTS = ("geometry_codes", "geometry_mix", "K", "rotation", "rotation_quat", "centre")
 
-GRAPHS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "analysis_vpt": ("ViewProjection", ("geometry", "rotation_moment")),
-    "analysis_moment": ("CoefficientMoment", ("moment",)),
-    "analysis_project": ("CoefficientProjection", ("color",)),
-    "synthesis": ("Synthesis", ("means", "quats", "scales", "opacities", "sh")),
+GRAPHS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "analysis_vpt": ("VPT", "ViewProjection", ("geometry", "rotation_moment")),
+    "analysis_moment": ("VABR, second moment", "CoefficientMoment", ("moment",)),
+    "analysis_project": ("VABR, projection", "CoefficientProjection", ("color",)),
+    "synthesis": ("dequantisation, VABR⁻¹, VPT⁻¹", "Synthesis", ("means", "quats", "scales", "opacities", "sh")),
 }
-"""Class in `tinysplat.transforms` and names of what it returns, by graph."""
+"""What it does, its class in `tinysplat.transforms`, and names of what it returns, by graph."""
 
 
 def recorded_inputs(gaussians: Gaussians) -> dict[str, Tensors]:
@@ -275,7 +275,7 @@ def transform_rows(run: Run) -> Iterator[Row]:
                     threads=run.threads),
             Variant("numpy float64 (reference), 1 thread", partial(_on_one_thread, truth, inputs[name]), errors),
         ]  # fmt: skip
-        yield from measure(name, f"2×{side}×{side}, SH degree 4", variants, run.effort)
+        yield from measure("transforms", f"{GRAPHS[name][0]}, 2×{side}×{side}, SH degree 4", variants, run.effort)
 
 
 def _references(gaussians: Gaussians) -> dict[str, Callable[[Tensors], Tensors]]:
@@ -302,7 +302,7 @@ def _twin(name: str, inputs: Tensors, threads: int) -> Callable[[], Tensors]:
 
     from tinysplat import transforms as twins
 
-    twin, outputs = GRAPHS[name]
+    _, twin, outputs = GRAPHS[name]
     module = getattr(twins, twin)()
     tensors = {key: torch.from_numpy(np.ascontiguousarray(value)) for key, value in inputs.items()}
 
@@ -329,23 +329,18 @@ def _relative_errors(truth: Tensors, found: Tensors) -> Figures:
     return {"max_abs_error": max(absolute), "max_relative_error": max(relative), "rms_relative_error": max(square)}
 
 
-_ERRORS = (
-    Column("max_relative_error", "largest, relative", small),
-    Column("rms_relative_error", "RMS, relative", small),
-    Column("max_abs_error", "largest, absolute", small),
-)
-
-
-def _graph_view(name: str, title: str, text: str) -> View:
-    text = f"{text} Errors against float64 relative to an output's largest magnitude."
-    return View(name, title, text, _ERRORS, costs=("max_relative_error",))
-
-
 TRANSFORMS = Study.of(
     "Transforms",
     transform_rows,
-    _graph_view("analysis_vpt", "VPT", "Gaussians to planes."),
-    _graph_view("analysis_moment", "VABR: second moment", "The d×d moment of the SH coefficients."),
-    _graph_view("analysis_project", "VABR: projection", "SH coefficients to colour planes."),
-    _graph_view("synthesis", "Synthesis", "Codes to Gaussians: dequantisation, VABR⁻¹, VPT⁻¹."),
+    View(
+        "transforms",
+        "Transforms",
+        "The codec's graphs. Errors against float64, relative to an output's largest magnitude.",
+        (
+            Column("max_relative_error", "largest, relative", small),
+            Column("rms_relative_error", "RMS, relative", small),
+            Column("max_abs_error", "largest, absolute", small),
+        ),
+        costs=("max_relative_error",),
+    ),
 )
