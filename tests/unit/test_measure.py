@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tinysplat.measure.clock import Baseline, Effort, Variant, measure, summarised
-from tinysplat.measure.curves import Fit, bd_rate, bytes_at
+from tinysplat.measure.curves import Fit, bd_rate, bytes_at, decibels_at
 from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
 from tinysplat.measure.show.pages import agreement, fill_pages, filled, goal_table, pages, size_at_equal_db
 from tinysplat.measure.show.tables import View, front
@@ -108,6 +108,9 @@ def test_limits_choose_the_range_and_beaten_points_do_not_count():
 def test_bytes_at_passes_through_the_points_and_ends_with_them():
     assert bytes_at(REFERENCE, 38.0) == pytest.approx(20_000)
     assert bytes_at(REFERENCE, 34.9) is None and bytes_at(REFERENCE, 44.1) is None
+    assert decibels_at(REFERENCE, 20_000) == pytest.approx(38)
+    assert decibels_at(REFERENCE, 15_000) == pytest.approx(38 - 3 * math.log2(4 / 3), abs=1e-4)
+    assert decibels_at(REFERENCE, 9_999) is None and decibels_at(REFERENCE, 90_000) is None
     for other in ([(1_000, 20.0), (2_000, 25.0)], REFERENCE[:1]):
         with pytest.raises(InputError, match="curve"):
             bd_rate(REFERENCE, other)

@@ -36,6 +36,14 @@ def bytes_at(points: Iterable[Point], db: float) -> float | None:
     return float(np.exp(_interpolated(curve)(db)))
 
 
+def decibels_at(points: Iterable[Point], size: float) -> float | None:
+    """dB that a curve reaches with so many bytes, between its points; None outside them."""
+    curve = _curve(points)[:, ::-1]
+    if len(curve) < 2 or not curve[0, 0] <= np.log(size) <= curve[-1, 0]:
+        return None
+    return float(_interpolated(curve)(np.log(size)))
+
+
 def bd_rate(
     reference: Iterable[Point],
     points: Iterable[Point],

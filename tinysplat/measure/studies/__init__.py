@@ -35,6 +35,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "official": ("official.OFFICIAL", "an official network in torch and as artifacts (--checkpoint)"),
     "batch": ("batch.BATCH", "throughput of `tinysplat batch`"),
     "refine": ("refining.REFINE", "held-out dB and bytes by the seconds that refinement is given"),
+    "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
     "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
 }
 """By name: where it stands in this package, and a line about it."""

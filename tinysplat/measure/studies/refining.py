@@ -1,8 +1,11 @@
-"""What does it gain to look again? PSNR to held-out photos against the seconds that refinement was given, with bytes.
+"""What does it gain to look again? PSNR to held-out photos against seconds and against bytes.
 
-A window is refined once, for as long as the largest budget says, and stopped on the way at every smaller one: what is
-best then is drawn at the window's targets and coded, while the clock of the budget stands. Where a scene has no window
-of so many photos, a larger one gives its first.
+By seconds: a window is refined once, for as long as the largest budget says, and stopped on the way at every smaller
+one: what is best then is drawn at the window's targets and coded, while the clock of the budget stands. Where a scene
+has no window of so many photos, a larger one gives its first.
+
+By bytes: the Gaussians of a window of four photos are coded at several Q_g as the network gives them and as refinement
+leaves them, and drawn from the files.
 """
 
 from __future__ import annotations
@@ -19,16 +22,23 @@ from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.system.threads import Crew
 
+from ..curves import decibels_at
 from ..pictures import Drawing, photo_psnr
-from ..rows import Row, grouped
+from ..rows import Row, grouped, of_study
 from ..runner import Job, list_jobs
-from ..show.plots import Curve, Panel, save_grid
+from ..show.plots import Axis, Chart, Curve, Panel, save_grid
 from ..show.tables import decibels, format_table, kilobytes
 from ..study import Run, Study
 
 STUDY = "refine"
 SECONDS, QUICK_SECONDS = (0, 2, 5, 10, 20, 40), (0, 2)
 VIEWS = (3, 4, 6)
+
+CURVES = "refined curves"
+CURVE_QPS, QUICK_CURVE_QPS = (-9.0, -3.0, 3.0, 9.0, 15.0, 21.0), (0.0, 12.0)
+CURVE_VIEWS = (4,)
+SIZES_KB = (20, 40, 80, 160, 300)
+"""At which the two are compared."""
 
 LINE_SECONDS = 10
 """Given for the one line that README has."""
@@ -43,13 +53,13 @@ def refine_rows(run: Run) -> Iterator[Row]:
             run.left_out.append(f"left out {job}: {error}")
 
 
-def _jobs(run: Run) -> Iterator[Job]:
+def _jobs(run: Run, views: Sequence[int] = VIEWS) -> Iterator[Job]:
     """For every scene and number of photos the first windows of so many, or the first photos of larger ones."""
     plan = run.plan()
     jobs, left_out, notes = list_jobs(replace(plan, limit=None))
     run.left_out += [*map(str, left_out), *notes]
     for same in _by_scene(jobs).values():
-        for count in plan.views or VIEWS:
+        for count in plan.views or views:
             exact = [job for job in same if len(job.window.context) == count]
             larger = [job for job in same if len(job.window.context) > count]
             for job in (exact or larger)[: plan.limit]:
@@ -137,4 +147,60 @@ def refine_line(rows: Sequence[Row]) -> str:
     return f"{LINE_SECONDS} s: {', '.join(parts)}" if parts else ""
 
 
+def curve_rows(run: Run) -> Iterator[Row]:
+    """Files of the first windows of four photos, unrefined and refined: once, for Q_g 0, in the default steps."""
+    for job in _jobs(run, CURVE_VIEWS):
+        try:
+            yield from _curve_rows(job, run)
+        except TinySplatError as error:
+            run.left_out.append(f"left out {job}: {error}")
+
+
+def _curve_rows(job: Job, run: Run) -> Iterator[Row]:
+    case = job.case(run.runtime)
+    if case.shots is None or case.shots.scene is None:
+        return
+    profile, drawing = (run.options.profiles or (DEFAULT_PROFILE,))[0], Drawing(run.threads)
+    better = run.runtime.refine(case.gaussians, case.shots.scene, profile=profile)
+    for way, gaussians in (("unrefined", case.gaussians), ("refined", better)):
+        for qp in run.options.qps or (QUICK_CURVE_QPS if run.quick else CURVE_QPS):
+            data = run.runtime.compress(gaussians, profile, qp, drop_invalid=True)
+            psnr = photo_psnr(run.runtime.decompress(data), case.cameras, case.shots.targets.images, drawing)
+            setting = {"scene": job.source.name, "views": len(case.gaussians.cameras), "model": job.model,
+                       "profile": profile, "qp": qp}  # fmt: skip
+            yield Row(CURVES, f"{job.source.name} {job.window}", way, setting, {"bytes": len(data), "psnr": psnr})
+
+
+def curve_table(rows: Sequence[Row]) -> str:
+    """A line per size: dB with and without refinement between the files' sizes, means over the windows with both."""
+    windows = [
+        {way: [(row.figures["bytes"], row.figures["psnr"]) for row in same]
+         for (way,), same in grouped(members, "way").items()}
+        for members in grouped(of_study(rows, CURVES), "subject").values()
+    ]  # fmt: skip
+    lines = []
+    for size in SIZES_KB:
+        pairs = [[decibels_at(curves[way], 1000 * size) for way in ("unrefined", "refined")] for curves in windows]
+        known = [(before, after) for before, after in pairs if before is not None and after is not None]
+        if known:
+            before, after = (statistics.fmean(values) for values in zip(*known, strict=True))
+            gains = [after - before for before, after in known]
+            cells = decibels(before), decibels(after), f"{statistics.fmean(gains):+.2f}", f"{min(gains):+.2f}"
+            lines.append([str(size), str(len(known)), *cells])
+    heads = ["KB", "windows", "unrefined, dB", "refined, dB", "gain", "least gain"]
+    return format_table(heads, lines) if lines else ""
+
+
+_CURVE = Chart(CURVES, "", Axis("bytes", "KB", unit=1e-3), Axis("psnr", "dB to held-out photos"), panel="scene")
+
+
+def curve_plot(path: Path, rows: Sequence[Row]) -> bool:
+    """dB against bytes, a panel per scene, three in a row."""
+    panels = _CURVE.panels(rows)
+    if panels:
+        save_grid(path, "Refinement by size", [panels[i : i + 3] for i in range(0, len(panels), 3)])
+    return bool(panels)
+
+
 REFINE = Study("Refinement", refine_rows, {STUDY: refine_table, f"{STUDY} line": refine_line}, {STUDY: refine_plot})
+REFINED = Study("Refinement by size", curve_rows, {CURVES: curve_table}, {CURVES: curve_plot})
