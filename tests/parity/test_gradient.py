@@ -239,3 +239,11 @@ def test_pictures_without_a_view_are_those_of_the_others() -> None:
     others = MovableGaussians(replace(kept[0], extra_layers=tuple(kept[1:])), Crew(1).map)
     assert field.measure(camera, photo, without=(1,)) == others.measure(camera, photo)
     assert field.measure(camera, photo) != others.measure(camera, photo)
+
+
+def test_what_is_wide_but_too_faint_to_show_is_not_drawn():
+    gaussians = scene(size=1e7, opacity=1e-4)
+    camera = gaussians.cameras[0]
+    photo = np.random.default_rng(0).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
+    error, _, gradient = found_gradient(gaussians, camera, photo)
+    assert error.absolute == pytest.approx(np.abs(-0.02 - photo).sum(), rel=1e-6) and not gradient.any()

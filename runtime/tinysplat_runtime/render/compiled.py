@@ -228,7 +228,7 @@ def redo_wide(block: Block, view: View, records: NDArray) -> None:
     rows = np.flatnonzero(records[: block.size, LAST])
     planes, half, log_opacities = wide_shapes(block, view, rows)
     tau = footprint_exponent(log_opacities)
-    shows = np.isfinite(planes).all(axis=0)
+    shows = np.isfinite(planes).all(axis=0) & (tau >= 0)  # below, edges are NaN, and no number of a tile
     with np.errstate(all="ignore"):
         edges = []
         for centre, extent, size in zip(planes[:2], half, (view.camera.width, view.camera.height), strict=True):
