@@ -115,19 +115,10 @@ class Source(Protocol):
         """Changes when what the window's figures depend on, apart from model and code, changes."""
 
 
-class PhotoSource:
+class PhotoSource(Source, Protocol):
     """What sources with photos have in common."""
 
-    needs_network = True
-
-    @property
-    def name(self) -> str:
-        """See `Source`."""
-        raise NotImplementedError
-
-    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
-        """See `Source`."""
-        raise NotImplementedError
+    needs_network: bool = True
 
     def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
         """See `Source`."""
