@@ -118,6 +118,16 @@ def test_a_ksplat_of_mode_2_that_states_no_range_has_that_of_its_maker(tmp_path:
     np.testing.assert_allclose(higher, np.arange(9) * 28 / 255 * 3 - 1.5, atol=1e-6)
 
 
+@pytest.mark.parametrize(("field", "name"), [(3, "scales"), (10 + 1, "sh")])
+def test_a_signalling_nan_is_refused_without_a_warning(tmp_path: Path, field: int, name: str) -> None:
+    """numpy warns where such a number turns into a longer one."""
+    data = bytearray(ksplat(degree=1))
+    struct.pack_into("<I", data, 4096 + 1024 + 4 * field, 0x7FA00000)
+    (tmp_path / "a.ksplat").write_bytes(data)
+    with pytest.raises(InputError, match=name):
+        load_gaussians(tmp_path / "a.ksplat")
+
+
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [

@@ -76,7 +76,8 @@ def read_ksplat(path: Path, max_bytes: int) -> dict[str, NDArray]:
         if at + section.size > len(data):
             raise InputError(f"section {n} of {section.size} bytes, which the file is too short for")
         if section.count:
-            parts.append(section.arrays(data, at, (low or -1.5, high or 1.5)))
+            with np.errstate(over="ignore", invalid="ignore"):  # Gaussians will name what is not finite
+                parts.append(section.arrays(data, at, (low or -1.5, high or 1.5)))
         at += section.size
     if not parts:
         raise InputError("no Gaussians")
