@@ -92,6 +92,29 @@ def spz_seeds() -> tuple[bytes, ...]:
 
 
 @lru_cache(maxsize=1)
+def gltf_spz_seeds() -> tuple[bytes, ...]:
+    """.glb files with SPZ inside, one of whose scenes stands far from the origin."""
+    flat = make_gaussians(1, 2, 2, 2).flat()
+    origin = np.array([5e5, 4e6, 300.0])
+    far = ts.Gaussians(flat.means, flat.quats, flat.scales, flat.opacities, flat.sh, origin=origin)
+    return tuple(
+        _written(".glb", lambda path, g=g, v=version: ts.save_gaussians(path, g, spz_version=v, gltf_spz=True))
+        for g, version in ((make_gaussians(1, 3, 4, 1), 3), (far, 2))
+    )
+
+
+@lru_cache(maxsize=1)
+def sog_folder_seeds() -> tuple[dict[str, bytes], ...]:
+    """SOG folders by file name."""
+    made = []
+    for scene in (make_gaussians(2, 2, 3, 0), make_gaussians(1, 2, 2, 3)):
+        with tempfile.TemporaryDirectory() as folder:
+            ts.save_gaussians(Path(folder) / "meta.json", scene)
+            made.append({path.name: path.read_bytes() for path in Path(folder).iterdir()})
+    return tuple(made)
+
+
+@lru_cache(maxsize=1)
 def splat_seeds() -> tuple[bytes, ...]:
     """Two records of 32 bytes."""
     return (struct.pack("<6f8B", 1, 2, 3, 0.1, 0.2, 0.3, 255, 128, 0, 51, 128, 192, 128, 128) * 2,)

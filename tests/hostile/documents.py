@@ -190,6 +190,25 @@ def damage_glb(data: bytes, rng: Random) -> bytes:
     return struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A) + text + rest
 
 
+def damage_glb_spz(data: bytes, rng: Random) -> bytes:
+    """A .glb with SPZ in its first buffer view: its JSON damaged, or the SPZ under right lengths, or both."""
+    if rng.random() < 0.4:
+        return damage_glb(data, rng)
+    (length,) = struct.unpack_from("<I", data, 12)
+    document = json.loads(data[20 : 20 + length])
+    view, binary = document["bufferViews"][0], data[28 + length :]
+    spoilt = damage_spz(binary[: view["byteLength"]], rng)
+    view["byteLength"] = len(spoilt)
+    spoilt += b"\0" * (-len(spoilt) % 4)
+    document["buffers"][0]["byteLength"] = len(spoilt)
+    text = json.dumps(document).encode()
+    if rng.random() < 0.2:
+        text = damage_json(text, rng)
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 28 + len(text) + len(spoilt), len(text), 0x4E4F534A)
+    return head + text + struct.pack("<II", len(spoilt), 0x004E4942) + spoilt
+
+
 def damage_sog(data: bytes, rng: Random) -> bytes:
     """A bundle with a damaged `meta.json`, or pictures damaged, swapped or left out, under right checksums."""
     if rng.random() < 0.2:

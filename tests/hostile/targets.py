@@ -39,6 +39,7 @@ from .containers import damage_container, damage_whole
 from .damage import damage
 from .documents import (
     damage_glb,
+    damage_glb_spz,
     damage_json,
     damage_npz,
     damage_ply,
@@ -168,13 +169,16 @@ def _from_file(
 
 
 def _gaussian_file(
-    suffix: str, spoil: Callable[[bytes, Random], bytes], seeds: Callable[[], tuple[bytes, ...]] | None = None
+    suffix: str,
+    spoil: Callable[[bytes, Random], bytes],
+    seeds: Callable[[], tuple[bytes, ...]] | None = None,
+    name: str | None = None,
 ) -> Target:
     def load(path: Path) -> None:
         ts.load_gaussians(path, max_bytes=LIMITS.max_memory_bytes)
 
     attack = _from_file(suffix, seeds or (lambda: corpus.gaussian_seeds(suffix)), load, spoil)
-    return Target(suffix.removeprefix("."), attack, (InputError,))
+    return Target(name or suffix.removeprefix("."), attack, (InputError,))
 
 
 def _video(path: Path) -> None:
@@ -207,6 +211,27 @@ def _colmap(rng: Random) -> None:
         for name, data in seed.items():
             (Path(folder) / name).write_bytes(data)
         load_scene(folder)
+
+
+def _sog_folder(rng: Random) -> None:
+    """A folder with a damaged `meta.json`, or pictures damaged, swapped or left out."""
+    files = dict(rng.choice(corpus.sog_folder_seeds()))
+    if rng.random() < 0.6:
+        files["meta.json"] = damage_json(files["meta.json"], rng)
+    name = rng.choice(sorted(files.keys() - {"meta.json"}))
+    match rng.randrange(4):
+        case 0:
+            files[name] = damage(files[name], rng)
+        case 1:
+            files[name] = files[rng.choice(sorted(files))]
+        case 2:
+            del files[name]
+        case _:
+            pass
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in files.items():
+            (Path(folder) / name).write_bytes(data)
+        ts.load_gaussians(Path(folder) / "meta.json", max_bytes=LIMITS.max_memory_bytes)
 
 
 def _usd(rng: Random) -> None:
@@ -267,7 +292,9 @@ TARGETS: dict[str, Target] = {
         _gaussian_file(".compressed.ply", damage_ply),
         _gaussian_file(".glb", damage_glb),
         _gaussian_file(".gltf", damage_json),
+        _gaussian_file(".glb", damage_glb_spz, corpus.gltf_spz_seeds, "glb_spz"),
         _gaussian_file(".sog", damage_sog),
+        Target("sog_folder", _sog_folder, (InputError,)),
         _gaussian_file(".splat", damage, corpus.splat_seeds),
         _gaussian_file(".ksplat", damage, corpus.ksplat_seeds),
         Target("usd", _usd, (InputError,)),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foreign import foreign_model
 from numpy.typing import NDArray
 from scenes import make_gaussians
 
@@ -23,6 +24,7 @@ from tinysplat_runtime.scene.cameras import Camera
 
 TURN = np.array([1.0, -1.0, -1.0])  # glTF has y up and z backward
 PREFIX = "KHR_gaussian_splatting"
+SPZ = "KHR_gaussian_splatting_compression_spz_2"
 TYPES = {5120: "b", 5121: "B", 5122: "h", 5123: "H", 5126: "f"}
 
 
@@ -121,6 +123,58 @@ def test_far_scenes_keep_their_digits_in_the_nodes_translation(tmp_path: Path) -
     save_gaussians(tmp_path / "far.glb", far)
     read = load_gaussians(tmp_path / "far.glb")
     np.testing.assert_allclose(read.means.astype(np.float64) + read.origin, far.means + far.origin, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("degree", "version"), [(1, 3), (2, 2), (3, 3), (4, 3)])
+def test_the_draft_s_reader_finds_an_spz_file_and_what_it_unpacks_to(tmp_path: Path, degree: int, version: int) -> None:
+    made = make_gaussians(degree=degree)
+    save_gaussians(tmp_path / "a.spz", made, (8, 8), version)
+    losses = save_gaussians(tmp_path / "a.glb", made, (8, 8), version, gltf_spz=True)
+    assert bool(losses) == (degree == 4)
+    document, binary = parts_of(tmp_path / "a.glb")
+    assert document["extensionsUsed"] == document["extensionsRequired"] == [PREFIX, SPZ]
+    primitive = document["meshes"][0]["primitives"][0]
+    assert primitive["extensions"][PREFIX]["extensions"] == {SPZ: {"bufferView": 0}}
+    [view] = document["bufferViews"]
+    data = binary[: view["byteLength"]]
+    assert view["byteOffset"] == 0 and data == (tmp_path / "a.spz").read_bytes()
+    unpacked = foreign_model(data, "spz")
+    names = [
+        f"{PREFIX}:SH_DEGREE_{band}_COEF_{n}" for band in range(1, min(degree, 3) + 1) for n in range(2 * band + 1)
+    ]
+    assert list(primitive["attributes"]) == ["POSITION", "COLOR_0", f"{PREFIX}:ROTATION", f"{PREFIX}:SCALE", *names]
+    for accessor in document["accessors"]:
+        assert "bufferView" not in accessor and accessor["count"] == made.count
+    position = document["accessors"][0]
+    np.testing.assert_allclose(position["min"], unpacked["positions"].min(axis=0), rtol=1e-6)
+    np.testing.assert_allclose(position["max"], unpacked["positions"].max(axis=0), rtol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+def test_gltf_with_spz_reads_back_as_the_spz_file_does_where_its_node_puts_it(tmp_path: Path, suffix: str) -> None:
+    made = make_gaussians(degree=2).with_notes(Notes("metre", "Jo Doe", antialiased="yes"))
+    save_gaussians(tmp_path / "a.spz", made)
+    assert save_gaussians(tmp_path / f"a{suffix}", made, gltf_spz=True) == []
+    read, plain = load_gaussians(tmp_path / f"a{suffix}"), load_gaussians(tmp_path / "a.spz")
+    for name in ("means", "quats", "scales", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(plain, name))
+    assert read.notes == made.notes
+    flat, origin = made.flat(), np.array([5e5, 4e6, 300.0])
+    far = Gaussians(flat.means, flat.quats, flat.scales, flat.opacities, flat.sh, origin=origin)
+    save_gaussians(tmp_path / f"far{suffix}", far, gltf_spz=True)
+    read = load_gaussians(tmp_path / f"far{suffix}")
+    np.testing.assert_allclose(read.means.astype(np.float64) + read.origin - origin, plain.means, atol=1e-6)
+
+
+def test_gltf_with_spz_that_contradicts_itself_or_its_draft_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="4 within glTF, expected at most 3"):
+        save_gaussians(tmp_path / "a.gltf", make_gaussians(), spz_version=4, gltf_spz=True)
+    save_gaussians(tmp_path / "a.gltf", make_gaussians(), gltf_spz=True)
+    document = json.loads((tmp_path / "a.gltf").read_text())
+    document["accessors"][0]["count"] += 1
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"POSITION: .* positions, but .* in its SPZ"):
+        load_gaussians(tmp_path / "a.gltf")
 
 
 def by_hand(path: Path, change: Any = None) -> None:
@@ -252,7 +306,21 @@ def endless(document: dict[str, Any]) -> None:
 
 def compressed(document: dict[str, Any]) -> None:
     extension = document["meshes"][0]["primitives"][0]["extensions"][PREFIX]
-    extension["extensions"] = {"KHR_gaussian_splatting_compression_spz_2": {"bufferView": 0}}
+    extension["extensions"] = {"KHR_gaussian_splatting_compression_other": {"bufferView": 0}}
+
+
+def no_spz(document: dict[str, Any]) -> None:
+    extension = document["meshes"][0]["primitives"][0]["extensions"][PREFIX]
+    extension["extensions"] = {SPZ: {"bufferView": 0}}
+
+
+def nowhere(document: dict[str, Any]) -> None:
+    extension = document["meshes"][0]["primitives"][0]["extensions"][PREFIX]
+    extension["extensions"] = {SPZ: {"bufferView": 7}}
+
+
+def many_times(document: dict[str, Any]) -> None:
+    document["nodes"][0]["children"] = [1] * 9000
 
 
 def plain(document: dict[str, Any]) -> None:
@@ -274,7 +342,9 @@ def partial(document: dict[str, Any]) -> None:
         (outside, "folder"), (endless_name, "folder"), (network, "folder"),
         (many, "too short"), (one_byte_beyond_its_view, "SH_DEGREE_0_COEF_0.*too short"),
         (one_byte_beyond_its_buffer, "beyond its buffer"), (unequal, "beside 2 positions"),
-        (stretched, "uniform scale"), (endless, "no end"), (compressed, "compressed by"), (plain, "no primitive"),
+        (stretched, "uniform scale"), (endless, "no end"), (compressed, "compressed by"),
+        (no_spz, "damaged gzip stream"), (nowhere, r"no bufferViews\[7\]"),
+        (many_times, "more Gaussians than 1000000 bytes"), (plain, "no primitive"),
         (negative, "damaged"), (partial, "SH_DEGREE_1_COEF_1"),
     ],
 )  # fmt: skip
@@ -283,7 +353,7 @@ def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any,
     (tmp_path / "secret.bin").write_bytes(bytes(1000))
     by_hand(tmp_path / "in" / "bad.gltf", change)
     with pytest.raises(InputError, match=words) as caught:
-        load_gaussians(tmp_path / "in" / "bad.gltf")
+        load_gaussians(tmp_path / "in" / "bad.gltf", max_bytes=10**6)
     assert "bad.gltf" in str(caught.value)
 
 

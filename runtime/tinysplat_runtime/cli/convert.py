@@ -77,7 +77,8 @@ def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
             raise InputError(f"{found}; moving keeps them, cutting and joining do not", where=path)
         write_file(path, _coded(args, gaussians))
     else:
-        for loss in save_gaussians(path, gaussians, _sh_bits(args.sh_bits), args.spz_version):
+        bits = _sh_bits(args.sh_bits)
+        for loss in save_gaussians(path, gaussians, bits, args.spz_version, gltf_spz=args.gltf_spz):
             print(f"{path}: {loss}", file=sys.stderr)
 
 

@@ -121,6 +121,10 @@ def _selection() -> _Parser:
         "--spz-version", type=int, choices=(2, 3, 4), default=3,
         help="of a written .spz; 4 keeps SH degree 4 and needs readers that know zstd; default 3",
     )  # fmt: skip
+    selection.add_argument(
+        "--gltf-spz", action="store_true",
+        help="write .glb and .gltf with SPZ inside: small, by a draft of glTF's extension, which Cesium reads",
+    )  # fmt: skip
     return selection
 
 

@@ -5,6 +5,10 @@ SH_DEGREE_l_COEF_n, the last four with the extension's prefix. y is up (`axes`).
 cameras as glTF cameras, its origin as the node's translation, and its notes in `asset`; a picture's principal point
 and skew, which glTF has no room for, are in a camera's extras. Source: the extension's README, github.com/KhronosGroup.
 
+By KHR_gaussian_splatting_compression_spz_2, a draft, all of that lies in one SPZ file, a buffer view of its own, and
+accessors have types alone. Its attributes are the draft's: colour and opacity are COLOR_0. The draft speaks of other
+axes for what SPZ's library unpacks; we do as CesiumJS, the engine that reads it, does: SPZ's numbers are glTF's.
+
 Written here and not by a package because those at hand check no length before they take memory. `gltf_reader` reads.
 """
 
@@ -14,7 +18,8 @@ import base64
 import json
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,40 +33,109 @@ from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
 from .axes import HALF_TURN, QUAT_SIGNS, sh_signs
+from .spz import fixed_points
 
 EXTENSION = "KHR_gaussian_splatting"
+SPZ_EXTENSION = "KHR_gaussian_splatting_compression_spz_2"
 MAX_GLTF_DEGREE = 3
 COLOUR_SPACE = "srgb_rec709_display"
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 
 _FRAME = np.diag([1.0, -1.0, -1.0, 1.0])  # the half turn of world and camera axes alike
-_FLOAT, _UNSIGNED_SHORT = 5126, 5123
+_FLOAT, _UNSIGNED_BYTE, _UNSIGNED_SHORT, _ARRAY_BUFFER = 5126, 5121, 5123, 34962
+_KERNEL = {
+    "kernel": "ellipse",
+    "colorSpace": COLOUR_SPACE,
+    "projection": "perspective",
+    "sortingMethod": "cameraDistance",
+}
 
 
-def write_gltf(path: Path, gaussians: Gaussians) -> list[str]:
+Pack = Callable[[Gaussians], tuple[bytes, list[str]]]
+"""Gaussians (N,) to the bytes of an SPZ file about their origin, and what these could not keep."""
+
+
+@dataclass(frozen=True)
+class _Body:
+    """The Gaussians of a file, and what its JSON says about them.
+
+    Attributes:
+        extension: the primitive's own.
+        required: names of extensions without which a reader sees nothing.
+        accessors: by their attribute's name, in order.
+        chunks: of the buffer, a view each.
+        losses: what could not be kept.
+    """
+
+    extension: dict[str, Any]
+    required: tuple[str, ...]
+    accessors: dict[str, dict[str, Any]]
+    chunks: tuple[NDArray, ...]
+    losses: list[str]
+
+
+def write_gltf(path: Path, gaussians: Gaussians, pack: Pack | None = None) -> list[str]:
     """Write Gaussians as `.glb`, or as `.gltf` with its buffer inside.
 
     Args:
         path: its suffix chooses.
         gaussians: of any shape; SH above degree 3 is left out.
+        pack: what makes an SPZ file of them, which then stands in place of plain accessors.
 
     Returns:
         What readers may not see, one line each.
 
     Raises:
-        InputError: more than a .glb can hold.
+        InputError: more than a .glb can hold, or than `pack` can.
     """
     cameras, gaussians = gaussians.cameras, gaussians.flat()
-    arrays = _attributes(gaussians)
-    document = _document(gaussians, arrays, cameras)
+    body = _plain(gaussians) if pack is None else _packed(gaussians, pack)
+    document = _document(gaussians, body, cameras)
     if path.suffix.lower() == ".gltf":
-        data = b"".join(_padded(array) for array in arrays.values())
+        data = b"".join(map(_padded, body.chunks))
         uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
         document["buffers"] = [{"byteLength": len(data), "uri": uri}]
         path.write_text(json.dumps(document), encoding="utf-8")
     else:
-        _write_glb(path, document, arrays)
-    return _losses(gaussians, cameras)
+        _write_glb(path, document, body.chunks)
+    return body.losses + _losses(gaussians, cameras)
+
+
+def _plain(gaussians: Gaussians) -> _Body:
+    arrays = _attributes(gaussians)
+    accessors = {}
+    for i, (name, array) in enumerate(arrays.items()):
+        accessor: dict[str, Any] = {"bufferView": i, "count": len(array), "componentType": _FLOAT}
+        accessor["type"] = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
+        if name == "POSITION":
+            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        if array.dtype == np.uint16:
+            accessor |= {"componentType": _UNSIGNED_SHORT, "normalized": True}
+        accessors[name] = accessor
+    losses = []
+    if gaussians.degree > MAX_GLTF_DEGREE:
+        losses.append(f"SH of degree {gaussians.degree} cut to {MAX_GLTF_DEGREE}, the highest of {EXTENSION}")
+    return _Body(_KERNEL, (), accessors, tuple(arrays.values()), losses)
+
+
+def _packed(gaussians: Gaussians, pack: Pack) -> _Body:
+    data, losses = pack(gaussians)
+    fixed, bits = fixed_points(gaussians.means.astype(np.float64) * HALF_TURN)
+    low, high = (np.ldexp(ends, -bits).tolist() for ends in (fixed.min(axis=0), fixed.max(axis=0)))
+    types = {"POSITION": "VEC3", "COLOR_0": "VEC4", f"{EXTENSION}:ROTATION": "VEC4", f"{EXTENSION}:SCALE": "VEC3"}
+    types |= dict.fromkeys(_sh_names(1, min(gaussians.degree, MAX_GLTF_DEGREE)), "VEC3")
+    accessors: dict[str, dict[str, Any]] = {
+        name: {"count": gaussians.count, "componentType": _FLOAT, "type": kind} for name, kind in types.items()
+    }
+    accessors["POSITION"] |= {"min": low, "max": high}
+    accessors["COLOR_0"] |= {"componentType": _UNSIGNED_BYTE, "normalized": True}
+    extension = {**_KERNEL, "extensions": {SPZ_EXTENSION: {"bufferView": 0}}}
+    return _Body(extension, (EXTENSION, SPZ_EXTENSION), accessors, (np.frombuffer(data, np.uint8),), losses)
+
+
+def _sh_names(first: int, last: int) -> list[str]:
+    """Attributes of the SH coefficients of degrees `first` to `last`."""
+    return [f"{EXTENSION}:SH_DEGREE_{band}_COEF_{n}" for band in range(first, last + 1) for n in range(2 * band + 1)]
 
 
 def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
@@ -78,33 +152,24 @@ def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
         f"{EXTENSION}:SCALE": gaussians.scales,
         f"{EXTENSION}:OPACITY": gaussians.opacities,
     }
-    for band in range(degree + 1):
-        for n in range(2 * band + 1):
-            arrays[f"{EXTENSION}:SH_DEGREE_{band}_COEF_{n}"] = sh[:, band * band + n]
+    arrays |= {name: sh[:, i] for i, name in enumerate(_sh_names(0, degree))}
     arrays = {name: np.ascontiguousarray(array, "<f4") for name, array in arrays.items()}
     return {**arrays, "COLOR_0": np.rint(fallback * 65535).astype("<u2")}
 
 
-def _document(gaussians: Gaussians, arrays: Mapping[str, NDArray], cameras: Sequence[Camera]) -> dict[str, Any]:
+def _document(gaussians: Gaussians, body: _Body, cameras: Sequence[Camera]) -> dict[str, Any]:
     """The JSON, but for a buffer's address."""
     views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
     offset = 0
-    for name, array in arrays.items():
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": 34962})
-        offset += -(-array.nbytes // 4) * 4
-        accessor: dict[str, Any] = {"bufferView": len(accessors), "count": len(array), "componentType": _FLOAT}
-        accessor["type"] = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
-        if name == "POSITION":
-            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-        if array.dtype == np.uint16:
-            accessor |= {"componentType": _UNSIGNED_SHORT, "normalized": True}
-        accessors.append(accessor)
-    kernel = {"kernel": "ellipse", "colorSpace": COLOUR_SPACE, "projection": "perspective"}
+    for chunk in body.chunks:
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": chunk.nbytes})
+        if not body.required:  # vertices as they are
+            views[-1]["target"] = _ARRAY_BUFFER
+        offset += -(-chunk.nbytes // 4) * 4
     primitive = {
-        "attributes": {name: i for i, name in enumerate(arrays)},
+        "attributes": {name: i for i, name in enumerate(body.accessors)},
         "mode": 0,
-        "extensions": {EXTENSION: {**kernel, "sortingMethod": "cameraDistance"}},
+        "extensions": {EXTENSION: body.extension},
     }
     nodes: list[dict[str, Any]] = [{"name": "gaussians", "mesh": 0}]
     if gaussians.origin.any():
@@ -112,15 +177,17 @@ def _document(gaussians: Gaussians, arrays: Mapping[str, NDArray], cameras: Sequ
     nodes += [_camera_node(v, camera) for v, camera in enumerate(cameras)]
     document: dict[str, Any] = {
         "asset": _asset(gaussians.notes),
-        "extensionsUsed": [EXTENSION],
+        "extensionsUsed": list(body.required or (EXTENSION,)),
         "scene": 0,
         "scenes": [{"nodes": list(range(len(nodes)))}],
         "nodes": nodes,
         "meshes": [{"primitives": [primitive]}],
-        "accessors": accessors,
+        "accessors": list(body.accessors.values()),
         "bufferViews": views,
         "buffers": [{"byteLength": offset}],
     }
+    if body.required:
+        document["extensionsRequired"] = list(body.required)
     if cameras:
         document["cameras"] = [_perspective(camera) for camera in cameras]
     return document
@@ -151,18 +218,18 @@ def _perspective(camera: Camera) -> dict[str, Any]:
     return {"type": "perspective", "perspective": perspective, "extras": extras}
 
 
-def _write_glb(path: Path, document: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> None:
+def _write_glb(path: Path, document: Mapping[str, Any], chunks: Sequence[NDArray]) -> None:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
-    size = sum(-(-array.nbytes // 4) * 4 for array in arrays.values())
+    size = sum(-(-chunk.nbytes // 4) * 4 for chunk in chunks)
     total = 12 + 8 + len(text) + 8 + size
     if total >= 1 << 32:
         raise InputError(f"{total} bytes, .glb holds less than {1 << 32}")
     with path.open("wb") as file:
         file.write(GLB_MAGIC + struct.pack("<II", 2, total))
         file.write(struct.pack("<II", len(text), JSON_CHUNK) + text + struct.pack("<II", size, BINARY_CHUNK))
-        for array in arrays.values():
-            file.write(_padded(array))
+        for chunk in chunks:
+            file.write(_padded(chunk))
 
 
 def _padded(array: NDArray) -> bytes:
@@ -172,8 +239,6 @@ def _padded(array: NDArray) -> bytes:
 
 def _losses(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[str]:
     notes = []
-    if gaussians.degree > MAX_GLTF_DEGREE:
-        notes.append(f"SH of degree {gaussians.degree} cut to {MAX_GLTF_DEGREE}, the highest of {EXTENSION}")
     if gaussians.notes.unit not in ("", "metre", "meter", "m"):
         notes.append(f"lengths are in {gaussians.notes.unit}, which glTF takes for metres; --scale converts them")
     shifted = [camera for camera in cameras if not _is_centred(camera)]

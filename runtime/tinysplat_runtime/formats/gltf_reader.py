@@ -1,6 +1,7 @@
 """Read the points of glTF 2.0 files with the extension KHR_gaussian_splatting: bytes in, arrays out.
 
-All splat primitives of the file's scene become one list, each where its nodes put it; quantised accessors are read.
+All splat primitives of the file's scene become one list, each where its nodes put it; quantised accessors are read,
+and SPZ files by the draft KHR_gaussian_splatting_compression_spz_2.
 What is written, and the source, stand in `gltf`.
 
 Trust boundary: accessors are held against their buffers, and these against the file, before memory is taken; buffers
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import io
 import json
 import re
 import struct
@@ -27,8 +29,9 @@ from ..gaussian.notes import NAMES
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import parsing, read_limited
 from .axes import half_turned
-from .gltf import BINARY_CHUNK, EXTENSION, GLB_MAGIC, JSON_CHUNK
+from .gltf import BINARY_CHUNK, EXTENSION, GLB_MAGIC, JSON_CHUNK, SPZ_EXTENSION
 from .placement import placed
+from .spz import decode_spz
 
 _MAX_JSON_BYTES = 16 << 20
 _MAX_NODES, _MAX_DEPTH = 10_000, 64
@@ -50,7 +53,16 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
             Gaussian can follow, larger than `max_bytes`, or with a buffer outside its folder.
     """
     file = _File(path, max_bytes)
-    parts = [part for mesh, matrix in _instances(file.document) for part in _mesh_parts(file, mesh, matrix)]
+    meshes: dict[int, list[dict[str, NDArray]]] = {}
+    parts, taken = [], 0
+    for index, matrix in _instances(file.document):
+        mesh = file.entry("meshes", index)
+        if index not in meshes:
+            meshes[index] = list(_mesh_parts(file, mesh))
+        taken += sum(array.nbytes for arrays in meshes[index] for array in arrays.values())
+        if taken > max_bytes:
+            raise InputError(f"its nodes show more Gaussians than {max_bytes} bytes can hold")
+        parts += [placed(arrays, matrix) for arrays in meshes[index]]
     if not parts:
         raise InputError(f"no primitive with {EXTENSION}")
     functions = max(part["sh"].shape[1] for part in parts)
@@ -75,7 +87,7 @@ class _File:
     """A glTF document and its buffers, each read once it is asked for."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
-        self._path, self._budget = path, max_bytes
+        self._path, self.max_bytes = path, max_bytes
         self._buffers: dict[int, bytes] = {}
         with path.open("rb") as file:
             head = file.read(20)
@@ -116,17 +128,15 @@ class _File:
             raise InputError("damaged accessor", where=name)
         if "sparse" in accessor or "bufferView" not in accessor:
             raise InputError("a sparse accessor, expected one with a buffer view", where=name)
-        view: Any = self.entry("bufferViews", accessor["bufferView"])
-        if view.get("extensions"):
-            raise InputError(f"compressed by {ascii(view['extensions'])[:80]}, expected plain values", where=name)
+        view, first, length = self._view(accessor["bufferView"], name)
         item = np.dtype(kind).itemsize * width
-        stride, first, length = view.get("byteStride", item), view.get("byteOffset", 0), view.get("byteLength")
-        if not all(map(_is_index, (stride, first, length))) or not item <= stride <= 252:
+        stride = view.get("byteStride", item)
+        if not _is_index(stride) or not item <= stride <= 252:
             raise InputError("damaged buffer view", where=name)
         if start + (count - 1) * stride + item > length:
             raise InputError(f"{count} values, which its buffer view is too short for", where=name)
-        if count * width * 8 > self._budget:
-            raise InputError(f"{count} values, more than {self._budget} bytes can hold", where=name)
+        if count * width * 8 > self.max_bytes:
+            raise InputError(f"{count} values, more than {self.max_bytes} bytes can hold", where=name)
         data = self._buffer(view.get("buffer"))
         if first + length > len(data):
             raise InputError("a buffer view beyond its buffer", where=name)
@@ -137,6 +147,24 @@ class _File:
         if accessor.get("normalized") is True and kind != "<f4":
             values = np.maximum(values / np.iinfo(kind).max, -1)
         return values[:, 0] if width == 1 else values
+
+    def blob(self, index: Any, name: str) -> bytes:
+        """All bytes of a buffer view."""
+        view, first, length = self._view(index, name)
+        data = self._buffer(view.get("buffer"))
+        if first + length > len(data):
+            raise InputError("a buffer view beyond its buffer", where=name)
+        return data[first : first + length]
+
+    def _view(self, index: Any, name: str) -> tuple[dict[str, Any], int, int]:
+        """A buffer view, and where in its buffer it begins and how long it is."""
+        view = self.entry("bufferViews", index)
+        if view.get("extensions"):
+            raise InputError(f"compressed by {ascii(view['extensions'])[:80]}, expected plain values", where=name)
+        first, length = view.get("byteOffset", 0), view.get("byteLength")
+        if not _is_index(first) or not isinstance(length, int) or not _is_index(length):
+            raise InputError("damaged buffer view", where=name)
+        return view, first, length
 
     def _buffer(self, index: Any) -> bytes:
         entry = self.entry("buffers", index)
@@ -152,7 +180,7 @@ class _File:
             head = file.read(8)
             left = self._path.stat().st_size - self._binary_at - 8
             length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
-            if kind != BINARY_CHUNK or length > left or length > self._budget:
+            if kind != BINARY_CHUNK or length > left or length > self.max_bytes:
                 raise InputError("no whole binary chunk")
             return file.read(length)
 
@@ -175,7 +203,7 @@ class _File:
         )
         if odd or not target.resolve().is_relative_to(self._path.parent.resolve()):
             raise InputError(f"buffer {ascii(uri)[:60]}, expected a file in the folder of the .gltf")
-        return read_limited(target, self._budget)
+        return read_limited(target, self.max_bytes)
 
 
 def _known(table: Mapping[Any, Any], key: Any) -> Any:
@@ -220,16 +248,28 @@ def _local_matrix(node: Mapping[str, Any]) -> NDArray:
     return matrix
 
 
-def _mesh_parts(file: _File, mesh: Any, matrix: NDArray) -> Iterator[dict[str, NDArray]]:
-    primitives = file.entry("meshes", mesh).get("primitives")
+def _mesh_parts(file: _File, mesh: Mapping[str, Any]) -> Iterator[dict[str, NDArray]]:
+    primitives = mesh.get("primitives")
     for primitive in primitives if isinstance(primitives, list) else ():
         extensions = _object(_object(primitive).get("extensions"))
         if EXTENSION not in extensions:
             continue
         inner = _object(extensions[EXTENSION]).get("extensions")
-        if inner:
-            raise InputError(f"compressed by {ascii(inner)[:80]}, expected plain {EXTENSION}")
-        yield placed(_primitive_arrays(file, primitive), matrix)
+        if isinstance(inner, dict) and list(inner) == [SPZ_EXTENSION]:
+            yield _spz_arrays(file, primitive, _object(inner[SPZ_EXTENSION]).get("bufferView"))
+        elif inner:
+            raise InputError(f"compressed by {ascii(inner)[:80]}, expected plain {EXTENSION} or {SPZ_EXTENSION}")
+        else:
+            yield _primitive_arrays(file, primitive)
+
+
+def _spz_arrays(file: _File, primitive: Mapping[str, Any], view: Any) -> dict[str, NDArray]:
+    arrays = decode_spz(io.BytesIO(file.blob(view, SPZ_EXTENSION)), file.max_bytes)
+    index = _object(primitive.get("attributes")).get("POSITION")
+    stated = file.entry("accessors", index).get("count")
+    if stated != len(arrays["means"]):
+        raise InputError(f"{str(stated)[:20]} positions, but {len(arrays['means'])} in its SPZ", where="POSITION")
+    return arrays
 
 
 def _primitive_arrays(file: _File, primitive: Mapping[str, Any]) -> dict[str, NDArray]:

@@ -175,7 +175,8 @@ def read_sog_notes(path: Path) -> dict[str, str]:
 def _reading(path: Path) -> Iterator[Callable[[str, int], bytes]]:
     """What gives a file of the folder or archive by its name, up to so many bytes."""
     if path.name == META:
-        yield lambda name, limit: read_limited(path.parent / name, limit)
+        with parsing("SOG folder"):
+            yield lambda name, limit: read_limited(path.parent / name, limit)
         return
     with parsing(".sog file"), zipfile.ZipFile(path) as archive:
         members = {PurePosixPath(info.filename).name: info for info in archive.infolist()}

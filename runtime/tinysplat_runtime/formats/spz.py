@@ -14,6 +14,7 @@ output, and fix positions to 1/4096 of a unit; here the fixed point follows the 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,8 @@ from .spz_streams import (
     WRITES,
     SpzHeader,
     is_antialiased,
+    pack_blocks,
     read_blocks,
-    write_blocks,
 )
 
 SPZ_VERSION = 3
@@ -48,19 +49,17 @@ _FIXED_LIMIT = (1 << 23) - 1
 _COMPONENT_BITS, _COMPONENT_MASK = 10, (1 << 9) - 1
 
 
-def write_spz(
-    path: Path,
+def encode_spz(
     gaussians: Gaussians,
     means: NDArray,
     sh_bits: tuple[int, int] = SH_BITS,
     version: int = SPZ_VERSION,
     *,
     antialiased: bool = False,
-) -> list[str]:
-    """Write points as SPZ.
+) -> tuple[bytes, list[str]]:
+    """Points as the bytes of an SPZ file.
 
     Args:
-        path: the file.
         gaussians: (N,), without layers.
         means: (N, 3) world positions.
         sh_bits: bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8 each.
@@ -68,7 +67,7 @@ def write_spz(
         antialiased: the header's flag.
 
     Returns:
-        What the format could not keep, one line each.
+        The bytes, and what the format could not keep, one line each.
 
     Raises:
         InputError: another version, or positions too far away for the format.
@@ -82,8 +81,7 @@ def write_spz(
         cut = f"SH of degree {gaussians.degree} cut to {degree}"
         notes.append(f"{cut}, the highest that readers of .spz version {version} know")
     points = means.astype(np.float64) * HALF_TURN
-    bits = _fractional_bits(points)
-    fixed = np.rint(np.ldexp(points, bits)).clip(-_FIXED_LIMIT, _FIXED_LIMIT).astype(np.int32)
+    fixed, bits = fixed_points(points)
     notes += _position_notes(points, bits, gaussians.scales)
     log_scales = np.log(np.maximum(gaussians.scales, 1e-30))
     scale_codes = (log_scales + _LOG_SCALE_OFFSET) * _LOG_SCALE_STEPS
@@ -104,8 +102,23 @@ def write_spz(
         _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
         _quantise_sh(sh[:, 1:] * sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
     ]
-    write_blocks(path, SpzHeader(version, len(points), degree, bits, antialiased), blocks)
-    return notes
+    return pack_blocks(SpzHeader(version, len(points), degree, bits, antialiased), blocks), notes
+
+
+def fixed_points(points: NDArray) -> tuple[NDArray, int]:
+    """Positions as a file keeps them.
+
+    Args:
+        points: (N, 3) in SPZ's axes.
+
+    Returns:
+        (N, 3) int32 of 24 bits, and how many of them are the fraction.
+
+    Raises:
+        InputError: positions too far away for the format.
+    """
+    bits = _fractional_bits(points)
+    return np.rint(np.ldexp(points, bits)).clip(-_FIXED_LIMIT, _FIXED_LIMIT).astype(np.int32), bits
 
 
 def read_spz_notes(path: Path) -> dict[str, str]:
@@ -120,19 +133,24 @@ def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:
         InputError: damaged, of another version, or larger than `max_bytes`.
         ImportError: version 4, and zstandard is not installed.
     """
-    header, (positions, alphas, colours, scales, rotations, higher) = read_blocks(path, max_bytes)
+    with path.open("rb") as file, np.errstate(invalid="ignore"):  # NaN among version 1's positions
+        return half_turned(decode_spz(file, max_bytes))
+
+
+def decode_spz(file: BinaryIO, max_bytes: int) -> dict[str, NDArray]:
+    """What `read_spz` gives, in SPZ's own axes; raises what it raises."""
+    header, (positions, alphas, colours, scales, rotations, higher) = read_blocks(file, max_bytes)
     functions = (header.degree + 1) ** 2
     rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128
     quats = _unpack_smallest_three(rotations) if header.version >= 3 else _unpack_first_three(rotations)
     with np.errstate(invalid="ignore"):  # NaN among version 1's positions: Gaussians will name it
-        arrays = {
+        return {
             "means": _positions(positions, header),
             "quats": quats,
             "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),
             "opacities": alphas[:, 0] / 255.0,
             "sh": np.concatenate([((colours - 127.5) / (_COLOUR_SCALE * 255))[:, None], rest], axis=1),
         }
-        return half_turned(arrays)
 
 
 def _positions(octets: NDArray, header: SpzHeader) -> NDArray:

@@ -72,11 +72,10 @@ class SpzHeader:
         return (6 if self.version == 1 else 9), 1, 3, 3, (4 if self.version >= 3 else 3), higher
 
 
-def write_blocks(path: Path, header: SpzHeader, blocks: Sequence[NDArray]) -> None:
-    """Write a file; the same blocks give the same bytes.
+def pack_blocks(header: SpzHeader, blocks: Sequence[NDArray]) -> bytes:
+    """A file's bytes; the same blocks give the same bytes.
 
     Args:
-        path: the file.
         header: of one of the versions of WRITES.
         blocks: (N, width) uint8 in the order of `header.widths`.
 
@@ -87,15 +86,14 @@ def write_blocks(path: Path, header: SpzHeader, blocks: Sequence[NDArray]) -> No
     fields = (_MAGIC, header.version, header.count, header.degree, header.fractional_bits,
               _ANTIALIASED * header.antialiased)  # fmt: skip
     if header.version < _ZSTD_VERSION:
-        path.write_bytes(gzip.compress(_HEADER.pack(*fields, 0) + b"".join(parts), mtime=0))
-        return
+        return gzip.compress(_HEADER.pack(*fields, 0) + b"".join(parts), mtime=0)
     import zstandard
 
     parts = [part for part in parts if part]  # no stream without bytes, as the format's own library has it
     streams = [zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(part) for part in parts]
     table = b"".join(_TABLE_ROW.pack(len(stream), len(part)) for stream, part in zip(streams, parts, strict=True))
     head = _LONG_HEADER.pack(*fields, len(streams), _LONG_HEADER.size, bytes(12))
-    path.write_bytes(b"".join((head, table, *streams)))
+    return b"".join((head, table, *streams))
 
 
 def is_antialiased(path: Path) -> bool:
@@ -109,21 +107,20 @@ def is_antialiased(path: Path) -> bool:
     return len(framed) == _HEADER.size and bool(_HEADER.unpack(framed)[5] & _ANTIALIASED)
 
 
-def read_blocks(path: Path, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
-    """Read the header and its blocks, (N, width) uint8 each.
+def read_blocks(file: BinaryIO, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
+    """Read a file's header and its blocks, (N, width) uint8 each.
 
     Raises:
         InputError: damaged, of an unknown version, or its Gaussians take more than `max_bytes`.
         ImportError: version 4, and zstandard is not installed.
     """
-    with path.open("rb") as file:
-        is_framed = file.read(4) == struct.pack("<I", _MAGIC)
-        file.seek(0)
-        with parsing(".spz file"):
-            if is_framed:
-                return _read_zstd(file.read(), max_bytes)
-            with gzip.open(file) as stream:
-                return _read_gzip(stream, max_bytes)
+    is_framed = file.read(4) == struct.pack("<I", _MAGIC)
+    file.seek(0)
+    with parsing(".spz file"):
+        if is_framed:
+            return _read_zstd(file.read(), max_bytes)
+        with gzip.open(file) as stream:
+            return _read_gzip(stream, max_bytes)
 
 
 def _header(fields: Sequence[int], max_bytes: int) -> SpzHeader:

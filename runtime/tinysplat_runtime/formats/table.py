@@ -38,10 +38,12 @@ class WriteOptions:
     Attributes:
         sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
         spz_version: 2, 3 or 4; 4 takes zstandard here and zstd in readers, and keeps SH degree 4.
+        gltf_spz: whether glTF files hold their Gaussians as SPZ, by a draft of an extension; see `gltf`.
     """
 
     sh_bits: tuple[int, int] = spz.SH_BITS
     spz_version: int = spz.SPZ_VERSION
+    gltf_spz: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,10 +75,28 @@ class Format:
 
 def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
     points = Points.of(gaussians)
-    is_antialiased = bool(gaussians.notes.antialiased)
-    return spz.write_spz(
-        path, points.gaussians, points.means, options.sh_bits, options.spz_version, antialiased=is_antialiased
+    data, notes = spz.encode_spz(
+        points.gaussians,
+        points.means,
+        options.sh_bits,
+        options.spz_version,
+        antialiased=bool(gaussians.notes.antialiased),
     )
+    path.write_bytes(data)
+    return notes
+
+
+def _gltf(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
+    if not options.gltf_spz:
+        return gltf.write_gltf(path, gaussians)
+    if options.spz_version > spz.SPZ_VERSION:
+        raise InputError(f"{options.spz_version} within glTF, expected at most {spz.SPZ_VERSION}", where="SPZ version")
+    antialiased = bool(gaussians.notes.antialiased)
+
+    def pack(flat: Gaussians) -> tuple[bytes, list[str]]:
+        return spz.encode_spz(flat, flat.means, options.sh_bits, options.spz_version, antialiased=antialiased)
+
+    return gltf.write_gltf(path, gaussians, pack)
 
 
 def _without_options(write: Callable[[Path, Gaussians], list[str]]) -> Callable[..., list[str]]:
@@ -107,7 +127,7 @@ FORMATS = (
     Format(
         "glTF", (".glb", ".gltf"), "a list of points, float, SH to degree 3; cameras, origin, notes",
         "by its specification", "",
-        gltf_reader.read_gltf, _without_options(gltf.write_gltf), gltf_reader.read_gltf_notes,
+        gltf_reader.read_gltf, _gltf, gltf_reader.read_gltf_notes,
     ),
     Format(
         "SOG", (".sog", "meta.json"), "a list of points, 16-bit positions, codebooks, SH to degree 3 from a palette",
@@ -184,6 +204,8 @@ def save_gaussians(
     gaussians: Gaussians,
     sh_bits: tuple[int, int] = spz.SH_BITS,
     spz_version: int = spz.SPZ_VERSION,
+    *,
+    gltf_spz: bool = False,
 ) -> list[str]:
     """Write a Gaussian file, atomically.
 
@@ -192,7 +214,7 @@ def save_gaussians(
     Args:
         path: its ending tells the format, one of FORMATS.
         gaussians: any, with any number of layers.
-        sh_bits, spz_version: see `WriteOptions`.
+        sh_bits, spz_version, gltf_spz: see `WriteOptions`.
 
     Returns:
         What the format could not keep or other readers may not expect, one line each; empty when there is nothing.
@@ -209,7 +231,7 @@ def save_gaussians(
     lost = [f"{' and '.join(unsaid)} left out, {form.endings[0]} has no room for text"] if unsaid else []
     try:
         with atomic_path(path) as temporary:
-            return [*form.write(temporary, gaussians, WriteOptions(sh_bits, spz_version)), *lost]
+            return [*form.write(temporary, gaussians, WriteOptions(sh_bits, spz_version, gltf_spz)), *lost]
     except ImportError:
         raise _missing_package(path, form) from None
     except InputError as error:
