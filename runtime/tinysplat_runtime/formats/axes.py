@@ -27,9 +27,10 @@ def sh_signs(degree: int) -> NDArray:
 def half_turned(arrays: dict[str, NDArray]) -> dict[str, NDArray]:
     """The same Gaussians about the other axes; arrays as `Gaussians` has them, for means (N, 3) and sh (N, B, 3)."""
     degree = int(np.sqrt(arrays["sh"].shape[-2])) - 1
-    return {
-        **arrays,
-        "means": arrays["means"] * HALF_TURN,
-        "quats": arrays["quats"] * QUAT_SIGNS,
-        "sh": arrays["sh"] * sh_signs(degree)[:, None],
-    }
+    with np.errstate(invalid="ignore"):  # a NaN that signals: Gaussians will name it
+        return {
+            **arrays,
+            "means": arrays["means"] * HALF_TURN,
+            "quats": arrays["quats"] * QUAT_SIGNS,
+            "sh": arrays["sh"] * sh_signs(degree)[:, None],
+        }

@@ -31,9 +31,12 @@ def placed(arrays: dict[str, NDArray], matrix: NDArray) -> dict[str, NDArray]:
     R = matrix[:3, :3] / scale
     if np.abs(R.T @ R - np.eye(3)).max() > _UNIFORM or np.linalg.det(R) < 0:
         raise InputError("a node stretches or mirrors its Gaussians, expected rotation, uniform scale and translation")
-    moved = {**arrays, "means": arrays["means"] @ matrix[:3, :3].T + matrix[:3, 3], "scales": arrays["scales"] * scale}
-    if not np.allclose(R, np.eye(3), atol=1e-12):
-        left, _, right = np.linalg.svd(R)
-        R = left @ right
-        moved |= {"quats": multiply_quats(matrices_to_quats(R), arrays["quats"]), "sh": rotate_sh(arrays["sh"], R)}
+    with np.errstate(over="ignore", invalid="ignore"):  # Gaussians will name what is not finite
+        means = arrays["means"] @ matrix[:3, :3].T + matrix[:3, 3]
+        moved = {**arrays, "means": means, "scales": arrays["scales"] * scale}
+        if not np.allclose(R, np.eye(3), atol=1e-12):
+            left, _, right = np.linalg.svd(R)
+            R = left @ right
+            quats, sh = multiply_quats(matrices_to_quats(R), arrays["quats"]), rotate_sh(arrays["sh"], R)
+            moved |= {"quats": quats, "sh": sh}
     return moved

@@ -54,7 +54,7 @@ class Format:
         name: what people call it.
         endings: of files' names, lower case; the longest that fits decides.
         keeps: what survives, in a few words.
-        checked: the program that is not ours which reads or writes it in the tests.
+        checked: the program that is not ours which reads or writes it in the tests, or in checks/.
         extra: what `pip install "tinysplat[…]"` brings its package, empty where it needs none.
         read: (path, most bytes) to arrays; None where it is only written.
         write: (path, Gaussians, options) to what could not be kept; None where it is only read.
@@ -126,7 +126,7 @@ FORMATS = (
     ),
     Format(
         "glTF", (".glb", ".gltf"), "a list of points, float, SH to degree 3; cameras, origin, notes",
-        "by its specification", "",
+        "three.js, Babylon.js, CesiumJS", "",
         gltf_reader.read_gltf, _gltf, gltf_reader.read_gltf_notes,
     ),
     Format(
