@@ -11,43 +11,36 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
 from .codec.decoder import decode_gaussians
-from .codec.encoder import EncodeStats
 from .codec.modes import AUTO, DEFAULT_MODE
-from .codec.modes.choice import check_options, choose
-from .codec.modes.mode import Job, PhotoScene
 from .codec.modes.registry import MODES
 from .codec.profiles import DEFAULT_PROFILE, find_profile
-from .codec.rate import encode_to_psnr, encode_to_size
-from .codec.recode import encode_like
-from .container.inspection import inspect_bytes
+from .container.layout import SUFFIX
 from .container.records import Limits
 from .errors import InputError, TinySplatError
-from .formats import table
 from .gaussian.gaussians import Gaussians
-from .graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from .graphs.inference import GraphStore
-from .graphs.predict import predict as run_network
 from .graphs.providers import CPU, Provider
-from .refine.stats import RefineStats
-from .render import DEFINITION, Renderer
-from .render import render as render_gaussians
-from .scene.cameras import Camera
-from .scene.scenes import Scene
 from .system.files import StrPath, read_limited, write_atomically
 from .system.stopwatch import Stopwatch
 from .system.threads import Crew, available_cores
+
+# Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
+if TYPE_CHECKING:
+    from .codec.encoder import EncodeStats
+    from .graphs.enlarge import Enlarger
+    from .refine.stats import RefineStats
+    from .scene.cameras import Camera
+    from .scene.scenes import Scene
 
 DEFAULT_MODEL = "edge"
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-SUFFIX = ".tsplat"
 
 MAX_FILE_BYTES = 1 << 31
 """Largest `.tsplat` file that is read."""
@@ -108,6 +101,9 @@ class Runtime:
             ModelError: no such network, or one that breaks its contract.
             NumericError: the network's output is not finite.
         """
+        from .graphs.enlarge import predict_large
+        from .graphs.predict import predict as run_network
+
         watch = watch or Stopwatch()
         near, far = scene.depth_range()
         images = scene.images()
@@ -123,6 +119,8 @@ class Runtime:
 
         Arguments and errors are those of `predict`; None where it runs the network on the photos as they are.
         """
+        from .graphs.enlarge import LARGE_PIXELS, Enlarger
+
         camera = scene.cameras[0]
         if whole or camera.width * camera.height <= LARGE_PIXELS:
             return None
@@ -203,6 +201,11 @@ class Runtime:
                 reached, Gaussians of no pixels, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
+        from .codec.encoder import EncodeStats
+        from .codec.modes.mode import Job
+        from .codec.rate import encode_to_psnr, encode_to_size
+        from .codec.recode import encode_like
+
         check_targets(qp=qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless or None, like=like)
         stats = stats or EncodeStats()
         if like is not None:
@@ -249,6 +252,10 @@ class Runtime:
             InputError: an unknown mode, one that contradicts a target, and what `predict` and `compress` refuse.
             ModelError, NumericError: as `predict` and `compress`.
         """
+        from .codec.encoder import EncodeStats
+        from .codec.modes.choice import check_options, choose
+        from .codec.modes.mode import Job, PhotoScene
+
         stats = stats or EncodeStats()
         check_options(mode, has_target=any(options.get(name) for name in TARGETS))
         gaussians = gaussians or self.predict(scene, model, whole=mode != DEFAULT_MODE, watch=stats.watch)
@@ -267,6 +274,8 @@ class Runtime:
 
     def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
         """PSNR of a file's render to that of `gaussians`, the mean over their views."""
+        from .render import DEFINITION, Renderer
+
         # In numpy, so that no byte depends on whether numba is installed; as defined, so that none follows defaults.
         renderer = Renderer(gaussians, threads=self.threads, compiled=False, **DEFINITION)
         raw = [renderer.render(camera) for camera in gaussians.cameras]
@@ -321,6 +330,8 @@ class Runtime:
 
     def render(self, gaussians: Gaussians, camera: Camera, size: tuple[int, int] | None = None, **options: Any) -> Any:
         """See `tinysplat_runtime.render.render`, whose options these are."""
+        from .render import render as render_gaussians
+
         return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
 
 
@@ -369,6 +380,8 @@ def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
         InputError: names the file: missing, damaged, or options that a `.tsplat` file, which has cameras, cannot take.
     """
     if not os.fspath(path).lower().endswith(SUFFIX):
+        from .formats import table
+
         return table.load_gaussians(path, *arguments, **options)
     if arguments or options:
         raise InputError("a .tsplat file has a grid and cameras of its own; expected none", where=str(path))
@@ -388,6 +401,8 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
         InputError, NumericError: as `compress`, or as `formats.table.save_gaussians`.
     """
     if not os.fspath(path).lower().endswith(SUFFIX):
+        from .formats import table
+
         return table.save_gaussians(path, gaussians, *arguments, **options)
     write_atomically(path, compress(gaussians, *arguments, **options))
     return []
@@ -395,4 +410,6 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
 
 def inspect(data: bytes) -> dict[str, Any]:
     """What a file holds, without decoding planes; see `tinysplat_runtime.container.inspection.inspect_bytes`."""
+    from .container.inspection import inspect_bytes
+
     return inspect_bytes(data)

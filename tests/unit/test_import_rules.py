@@ -77,8 +77,8 @@ def test_runtime_imports_only_what_ships_to_the_edge() -> None:
 
 
 def test_runtime_imports_nothing_by_name_at_run_time() -> None:
-    """`importlib` and `__import__` pass by the list above: the public door and the command line load their own so, and
-    `--provider` onnxruntime's plug-in packages, of which the user installs what the machine has."""
+    """`importlib` and `__import__` pass by the list above: the public door, the command line and the codec's modes
+    load their own so, and `--provider` onnxruntime's plug-in packages, of which the user has what the machine has."""
     names = {
         path.relative_to(RUNTIME).as_posix(): {
             getattr(node, "attr", getattr(node, "id", None))
@@ -90,6 +90,7 @@ def test_runtime_imports_nothing_by_name_at_run_time() -> None:
     assert {path for path, used in names.items() if used & {"import_module", "__import__"}} == {
         "__init__.py",
         "cli/run.py",
+        "codec/modes/registry.py",
         "graphs/providers.py",
     }
 

@@ -18,13 +18,14 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.codec.adaptive import _components
 from tinysplat_runtime.codec.analysis import coefficient_moment
+from tinysplat_runtime.codec.base import as_codes, fitted_sh
 from tinysplat_runtime.codec.basis import second_moment_weighting, view_directions, weighted_spectrum
 from tinysplat_runtime.codec.modes import AUTO, CHOICES
 from tinysplat_runtime.codec.modes.choice import AUTO_SECONDS, choose
 from tinysplat_runtime.codec.modes.registry import MODES
 from tinysplat_runtime.codec.photos import _image, _planes, decode_photos, encode_photos, photo_qp
 from tinysplat_runtime.codec.profiles import PROFILES
-from tinysplat_runtime.codec.residual import _colours, as_codes, fitted_sh
+from tinysplat_runtime.codec.residual import _colours
 from tinysplat_runtime.container import extras
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container

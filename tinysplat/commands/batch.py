@@ -18,8 +18,8 @@ from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import AutoViews, byte_count, count, positive, size_or_full, views
-from tinysplat_runtime.cli.parser import PROFILES
 from tinysplat_runtime.codec.modes import CHOICES, DEFAULT_MODE
+from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores

@@ -1,25 +1,17 @@
-"""What is looked at before a command's long work begins: its outputs, its options, and memory."""
+"""What is looked at before a command's long work begins: its options, and memory. Its outputs: `outputs`."""
 
 from __future__ import annotations
 
-import re
 import sys
 from argparse import Namespace
-from pathlib import Path
 
-from ..api import DEFAULT_MODEL, SUFFIX, check_targets
+from ..api import DEFAULT_MODEL, check_targets
 from ..codec.encoder import check_qp
 from ..codec.modes.choice import check_options
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
-from .files import is_standard
-
-OUTPUTS = {"output": "-o", "html": "--html", "report": "--report", "save_gaussians": "--save-gaussians"}
-
-CODED_BY = ("encode", "compress")
-"""Commands that write .tsplat files alone."""
 
 BYTES_PER_PIXEL, BYTES_AT_ALL = 1300, 250_000_000
 """Most memory that a network and coding take, per pixel of all photos and besides: edge and sweep as measured."""
@@ -29,26 +21,6 @@ LARGE_BYTES_PER_PIXEL = 280
 
 MEMORY_SHARE = 0.9
 """Of the memory that is free, at most so much is planned with."""
-
-
-def check_outputs(args: Namespace) -> None:
-    """Refuse outputs that are no files of this machine's, and those that are there already without `--force`."""
-    for name, option in OUTPUTS.items():
-        path = getattr(args, name, None)
-        if path is None or is_standard(path):
-            continue
-        if re.match(r"[a-z][a-z0-9+.-]+://", path):
-            raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
-        target = Path(path)
-        if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
-            found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
-            raise InputError(found, where=path)
-        if target.is_dir():
-            raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
-        if not target.absolute().parent.is_dir():
-            raise InputError(f"folder {target.parent} does not exist; create it first", where=path)
-        if target.is_file() and not getattr(args, "force", False):
-            raise InputError(f"exists; {option} names another, and --force overwrites it", where=path)
 
 
 def check_coding(args: Namespace) -> None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 
-from ..api import SUFFIX
 from ..container.inspection import inspect_bytes
+from ..container.layout import SUFFIX
 from ..errors import InputError, TinySplatError
 from ..graphs.artifacts import load_manifest
 from ..system.stopwatch import Stopwatch
 from .convert import selected, write
 from .describe import describe_gaussians, gaussians_text, info_text
 from .files import (
-    STANDARD,
     decompress_named,
     file_limits,
     is_in_part,
@@ -23,6 +22,7 @@ from .files import (
     read_file,
     say,
 )
+from .outputs import STANDARD
 from .reports import file_report, write_json
 
 

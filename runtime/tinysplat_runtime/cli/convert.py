@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..api import MAX_FILE_BYTES, SUFFIX
+from ..api import MAX_FILE_BYTES
+from ..container.layout import SUFFIX
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.check import file_loss
@@ -23,7 +24,8 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import read_limited
 from ..system.stopwatch import Stopwatch
-from .files import is_in_part, is_standard, limited_runtime, load_any, noted, say, write_file
+from .files import is_in_part, limited_runtime, load_any, noted, say, write_file
+from .outputs import is_standard
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..api import MAX_FILE_BYTES, SUFFIX, Runtime
-from ..container.layout import MAGIC
+from ..api import MAX_FILE_BYTES, Runtime
+from ..container.layout import MAGIC, SUFFIX
 from ..container.notes import NOTE_NAMES
 from ..container.records import Limits
 from ..errors import InputError, TinySplatError
-from ..formats.table import load_gaussians
 from ..gaussian.gaussians import Gaussians
 from ..graphs.providers import CPU, Provider, parse_provider
 from ..system.files import read_limited, write_atomically
 from ..system.stopwatch import Stopwatch
-
-STANDARD = "-"
-"""In place of a file's name: standard input or output."""
+from .outputs import STANDARD, is_standard
 
 
 def file_limits(args: Namespace) -> Limits:
@@ -71,8 +67,12 @@ def load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
     for option, value in (("--max-bytes", args.max_bytes), ("--partial", args.partial or None)):
         if value is not None:
             raise InputError(f"only .tsplat files can be decoded in part, not {args.file}", where=option)
+    from ..formats.table import load_gaussians  # every format there is, which a .tsplat file is none of
+
     if data is None:
         return load_gaussians(args.file)
+    import tempfile
+
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / f"standard input{_suffix_of(data)}"
         copy.write_bytes(data)
@@ -94,11 +94,6 @@ def _suffix_of(data: bytes) -> str:
 def read_file(path: str) -> bytes:
     """A file's bytes, or those of standard input for `-`."""
     return sys.stdin.buffer.read(MAX_FILE_BYTES) if path == STANDARD else read_limited(path, MAX_FILE_BYTES)
-
-
-def is_standard(path: str) -> bool:
-    """Whether a name of an output stands for standard output: `-`, or with a format `-.ply`."""
-    return path == STANDARD or path.startswith(f"{STANDARD}.")
 
 
 def write_file(path: str, data: bytes) -> None:

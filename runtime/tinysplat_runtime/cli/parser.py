@@ -12,7 +12,6 @@ from typing import NoReturn, TypeAlias
 
 from .. import __version__
 from ..codec.modes import CHOICES, DEFAULT_MODE
-from ..codec.profiles import DEFAULT_PROFILE, PROFILES
 from ..errors import InputError
 from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, size_or_full, views
 
@@ -58,6 +57,8 @@ def _written() -> _Parser:
 
 
 def _coding() -> _Parser:
+    from ..codec.profiles import DEFAULT_PROFILE, PROFILES
+
     coding = _Parser(add_help=False)
     coding.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     coding.add_argument("--profile", choices=PROFILES, help=f"default: {DEFAULT_PROFILE}")
@@ -163,12 +164,16 @@ Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 """What `add_subparsers` returns; argparse has no public name for it."""
 
 
-def build_parser() -> tuple[_Parser, Commands]:
-    """The parser of the commands that need nothing but the runtime, and where further commands are added."""
+def build_parser(only: str | None = None) -> tuple[_Parser, Commands]:
+    """The parser of the commands that need nothing but the runtime, and where further commands are added.
+
+    Of these, `only` the one that is going to run where it is named: each takes a millisecond.
+    """
     parser = _Parser(prog="tinysplat", description="Posed photos in, a tiny 3D Gaussian scene out.", epilog=_EPILOG)
     parser.add_argument("--version", action="version", version=f"tinysplat {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
-    for add in (_encode, _compress, _decode, _render, _convert, _view, _info, _models, _doctor):
+    adders = {add.__name__[1:]: add for add in _COMMANDS}
+    for add in [adders[only]] if only in adders else _COMMANDS:
         add(commands)
     return parser, commands
 
@@ -315,6 +320,9 @@ def _doctor(commands: Commands) -> None:
         "--provider", metavar="NAME[:KEY=VALUE,…]",
         help="run a made scene with it, and say how many nodes of which graph it ran",
     )  # fmt: skip
+
+
+_COMMANDS = (_encode, _compress, _decode, _render, _convert, _view, _info, _models, _doctor)
 
 
 def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callable[[argparse.Namespace], int | None]]:

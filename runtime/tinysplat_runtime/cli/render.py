@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +14,12 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render import Renderer, between, orbit
 from ..render.paths import outside
-from ..render.video import write_video
 from ..scene.cameras import Camera
 from ..scene.images import png_bytes
-from ..scene.intake.layouts import load_cameras
 from ..system.progress import progress
 from ..system.stopwatch import Stopwatch
-from .files import (
-    STANDARD,
-    load_any,
-    say,
-    write_file,
-)
-from .reports import render_report, write_json
+from .files import load_any, say, write_file
+from .outputs import STANDARD
 
 DEEPEST = 65535
 """Largest value of a depth map's 16 bits."""
@@ -54,12 +48,16 @@ def render(args: Namespace) -> None:
             image = depth_colours(image["depth"]) if args.depth_colours else _depth_map(args, image["depth"])
         write_file(args.output, png_bytes(image))
     else:
+        from ..render.video import write_video
+
         path = _camera_path(args, gaussians)
         with watch.stage("render"):
             # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
             frames = (renderer.render(camera, args.size) for camera in path)
             write_video(args.output, progress(frames, len(path), "render", quiet=args.quiet))
     if args.report:
+        from .reports import render_report, write_json
+
         write_json(args.report, render_report(args, gaussians, watch))
     seconds = watch.seconds["render"]
     rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
@@ -95,16 +93,22 @@ def _chosen_camera(text: str | None, gaussians: Gaussians) -> Camera:
         index = int(index_text)
     except ValueError:
         raise InputError(f"'{text}', expected INDEX or cameras.json:INDEX", where="--camera") from None
-    cameras = load_cameras(source) if source else gaussians.cameras or (outside(gaussians),)
+    cameras = _load_cameras(source) if source else gaussians.cameras or (outside(gaussians),)
     if not 0 <= index < len(cameras):
         raise InputError(f"{index}, accepted are 0 to {len(cameras) - 1}", where="--camera")
     return cameras[index]
 
 
+def _load_cameras(source: str) -> Sequence[Camera]:
+    from ..scene.intake.layouts import load_cameras  # every layout of folders there is, which a picture rarely needs
+
+    return load_cameras(source)
+
+
 def _camera_path(args: Namespace, gaussians: Gaussians) -> list[Camera]:
     """Along the file's own views or those of `--camera`; around Gaussians without views, framed as `view` does it."""
     source = (args.camera or "").rpartition(":")[0]
-    cameras = tuple(load_cameras(source)) if source else gaussians.cameras
+    cameras = tuple(_load_cameras(source)) if source else gaussians.cameras
     if args.camera and not source:
         raise InputError("a video takes all views, those of --camera cameras.json:INDEX", where="--camera")
     if not cameras and args.path == "between":

@@ -111,14 +111,14 @@ def _run(arguments: list[str]) -> int:
     word = next((word for word in arguments if not word.startswith("-")), "tinysplat")
     waits = word == "view" and not any(option.startswith("--html") for option in arguments)  # and says for what
     with still_there(word, quiet=waits or bool({"-q", "--quiet"} & set(arguments))):
-        parser, commands = build_parser()
+        parser, commands = build_parser(word if arguments[:1] == [word] else None)
         joined = join_commands(commands, arguments)
         args = parser.parse_args(arguments)
         _end_like_interrupts()
         if args.command in joined:
             return _joined(joined[args.command], args)
         # Here, so that --version and --help start without numpy, and no command waits for what another needs.
-        from .checks import check_outputs
+        from .outputs import check_outputs
 
         check_outputs(args)
         own = importlib.import_module(f".{_MODULES.get(args.command, 'commands')}", __package__)

@@ -23,6 +23,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
 from ..graphs.inference import GraphStore
 from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
+from .base import fitted_sh
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
 from .decoder import decode_gaussians
 from .encoder import EncodeStats, check_readable
@@ -30,7 +31,6 @@ from .hevc import EncoderSettings, PlaneDecoder, encode_plane
 from .one_colour import as_seen
 from .profiles import PaperSettings, Profile, find_profile
 from .quantise import CodeMap
-from .residual import fitted_sh
 
 SAME = 0.25
 """Codes that a value may differ by from what the file decodes to and still be the same: rounding of a format on the

@@ -19,11 +19,10 @@ from ..gaussian.planes import CODING_ORDER, GEOMETRY, MAX_CODE, Channel, LayerPl
 from ..graphs.inference import GraphStore
 from .adaptive import COARSE_DEPTH
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
+from .base import fitted_sh
 from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .depth_step.allocation import Steps
 from .profiles import ADAPTIVE_PROFILES, AdaptiveSettings, Profile
-
-_HALF_RANGE = 1 << 16
 
 
 def hybrid_settings(profile: Profile) -> AdaptiveSettings:
@@ -109,39 +108,3 @@ def check_prediction(layer: LayerHeader, prediction: Gaussians, index: int) -> N
         expected = f"{layer.width}x{layer.height}"
         message = f"{expected}, but the network gives {found[2]}x{found[1]} for it"
         raise FormatError(message, where=f"layer {index}")
-
-
-def as_codes(planes: NDArray) -> tuple[NDArray, NDArray]:
-    """Float planes in the form that the synthesis graph adds up: 16-bit codes and what one is worth.
-
-    Args:
-        planes: (V, C, H, W) float32.
-
-    Returns:
-        codes (V, 2C, H, W) uint16, upper halves first, and mix (C, 2C + 1) float64: planes = mix · (codes, 1), to
-        2⁻³² of each channel's range.
-    """
-    count = planes.shape[1]
-    low = planes.min(axis=(0, 2, 3)).astype(np.float64)
-    span = np.maximum(planes.max(axis=(0, 2, 3)) - low, 1e-30)
-    unit = span / (_HALF_RANGE**2 - 1)
-    steps = np.rint((planes - low[:, None, None]) / unit[:, None, None]).astype(np.uint32)
-    codes = np.concatenate([steps >> 16, steps & (_HALF_RANGE - 1)], axis=1).astype(np.uint16)
-    mix = np.zeros((count, 2 * count + 1))
-    mix[:, :count] = np.diag(unit * _HALF_RANGE)
-    mix[:, count:-1] = np.diag(unit)
-    mix[:, -1] = low
-    return codes, mix
-
-
-def add_colours(sh: NDArray, prediction: NDArray) -> NDArray:
-    """Coefficients of the sum; a degree that one of them lacks counts as zeros."""
-    return sh + fitted_sh(prediction, sh.shape)
-
-
-def fitted_sh(sh: NDArray, shape: tuple[int, ...]) -> NDArray:
-    """Coefficients (…, B', 3) as (…, B, 3): cut, or filled with zeros."""
-    count = min(sh.shape[-2], shape[-2])
-    out = np.zeros((*sh.shape[:-2], shape[-2], 3), np.float32)
-    out[..., :count, :] = sh[..., :count, :]
-    return out

@@ -16,7 +16,7 @@ from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 from ..gaussian.quaternions import matrices_to_quats, multiply_quats
 from ..graphs.inference import GraphStore, as_input
 from ..system.stopwatch import part
-from .residual import add_colours, as_codes
+from .base import add_colours, as_codes
 
 STRIP_PX = 1 << 16
 """Pixels that the graph takes at a time: between its operators the numbers of so many stay in a core's share of the

@@ -9,6 +9,8 @@ import struct
 
 from ..gaussian.planes import CODING_ORDER
 
+SUFFIX = ".tsplat"
+
 MAGIC = b"\x89TSPLAT\n"  # a byte no text has, and a line feed that text-mode copying would alter
 MAJOR, MINOR = 1, 0
 

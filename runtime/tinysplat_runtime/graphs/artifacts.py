@@ -8,7 +8,6 @@ the installed package data (`tinysplat_models`) and the `models/` folder of a so
 from __future__ import annotations
 
 import hashlib
-import importlib.resources
 import importlib.util
 import json
 import os
@@ -65,8 +64,8 @@ def models_dir(folder: str | os.PathLike[str] | None = None) -> Path:
     named = os.environ.get("TINYSPLAT_MODELS") if folder is None else folder
     candidates = [Path(named)] if named else []
     if not candidates:
-        if importlib.util.find_spec("tinysplat_models") is not None:
-            candidates.append(Path(str(importlib.resources.files("tinysplat_models"))))
+        spec = importlib.util.find_spec("tinysplat_models")
+        candidates += [Path(place) for place in (spec and spec.submodule_search_locations) or ()]
         candidates.append(Path(__file__).resolve().parents[2] / "models")
     for candidate in candidates:
         if (candidate / MANIFEST).is_file():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -71,7 +70,7 @@ def atomic_path(path: StrPath) -> Iterator[Path]:
         raise InputError("is a device or pipe, expected the name of a file", where=str(path))
     if not target.parent.is_dir():
         raise InputError(f"folder {target.parent} does not exist; create it first", where=str(path))
-    temporary = target.with_name(f".tinysplat-{secrets.token_hex(6)}{target.suffix}")
+    temporary = target.with_name(f".tinysplat-{os.urandom(6).hex()}{target.suffix}")
     try:
         os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         yield temporary

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from numpy.typing import NDArray
 
 from ...container.records import NetworkRef
 from ...gaussian.gaussians import Gaussians
 from ...graphs.inference import GraphStore
-from ...scene.scenes import Scene
-from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
 from ..layers import OpenFile
 from ..profiles import Profile
+
+if TYPE_CHECKING:  # who decodes loads no encoder
+    from ...scene.scenes import Scene
+    from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ class Job:
 
     def encoder(self) -> SceneEncoder:
         """The Gaussians' own encoder, under the profile."""
+        from ..encoder import SceneEncoder
+
         return SceneEncoder(
             self.gaussians, self.profile, self.store, threads=self.threads, drop_invalid=self.drop_invalid,
             stats=self.stats, plane_coder=self.plane_coder,

@@ -1,0 +1,43 @@
+"""Names of outputs: which are files of this machine's, and which may be written."""
+
+from __future__ import annotations
+
+import re
+from argparse import Namespace
+from pathlib import Path
+
+from ..container.layout import SUFFIX
+from ..errors import InputError
+
+STANDARD = "-"
+"""In place of a file's name: standard input or output."""
+
+OUTPUTS = {"output": "-o", "html": "--html", "report": "--report", "save_gaussians": "--save-gaussians"}
+
+CODED_BY = ("encode", "compress")
+"""Commands that write .tsplat files alone."""
+
+
+def is_standard(path: str) -> bool:
+    """Whether a name of an output stands for standard output: `-`, or with a format `-.ply`."""
+    return path == STANDARD or path.startswith(f"{STANDARD}.")
+
+
+def check_outputs(args: Namespace) -> None:
+    """Refuse outputs that are no files of this machine's, and those that are there already without `--force`."""
+    for name, option in OUTPUTS.items():
+        path = getattr(args, name, None)
+        if path is None or is_standard(path):
+            continue
+        if re.match(r"[a-z][a-z0-9+.-]+://", path):
+            raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
+        target = Path(path)
+        if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
+            found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
+            raise InputError(found, where=path)
+        if target.is_dir():
+            raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
+        if not target.absolute().parent.is_dir():
+            raise InputError(f"folder {target.parent} does not exist; create it first", where=path)
+        if target.is_file() and not getattr(args, "force", False):
+            raise InputError(f"exists; {option} names another, and --force overwrites it", where=path)
