@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,8 +13,8 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, render, renderer
 from tinysplat_runtime.render import compiled as compiled_code
 from tinysplat_runtime.render.prepare import prepare
-from tinysplat_runtime.render.project import Splats, View, project
-from tinysplat_runtime.render.tiles import Grid, depth_order, find_pairs, runs, stable_argsort
+from tinysplat_runtime.render.project import Splats, View, project, projected
+from tinysplat_runtime.render.tiles import FRONT, WHOLE, Grid, bands, depth_order, find_pairs, runs
 from tinysplat_runtime.scene.cameras import Camera
 
 OUTPUTS = ("rgb", "depth", "alpha")
@@ -62,7 +63,6 @@ def test_pictures_are_bit_identical_for_any_number_of_threads(height, width, com
 def test_pictures_do_not_depend_on_where_runs_are_cut(monkeypatch):
     scene = cloud(3000, scales=np.full((3000, 3), 0.03))
     whole = render(scene, pinhole(60, 80), outputs=OUTPUTS)
-    monkeypatch.setattr(renderer, "PAIRS_PER_TILE", 0)
     for limit in (1, 5000):
         monkeypatch.setattr(renderer, "MAX_PAIRS", limit)
         cut = render(scene, pinhole(60, 80), outputs=OUTPUTS)
@@ -237,17 +237,6 @@ def test_equal_depths_are_drawn_in_the_order_given_and_reversing_them_shows():
     assert render(other, pinhole(9, 9))[4, 4][1] > 5 * render(other, pinhole(9, 9))[4, 4][0]
 
 
-def test_radix_order_is_the_stable_order_for_narrow_and_wide_keys():
-    rng = np.random.default_rng(0)
-    for keys in (
-        rng.integers(0, 1 << 16, 5000).astype(np.uint16),
-        rng.integers(0, 1 << 32, 5000).astype(np.uint32),
-        rng.integers(0, 7, 5000).astype(np.uint32) << np.uint32(16),
-        np.zeros(0, np.uint16),
-    ):
-        np.testing.assert_array_equal(stable_argsort(keys), np.argsort(keys, kind="stable"))
-
-
 def test_depth_order_is_by_depth_and_then_by_index():
     depths = np.float32([3, 1e-30, 2, 3, 1e30, 2, 0.5])
     np.testing.assert_array_equal(depth_order(depths, np.array([0, 1, 2, 3, 4, 5])), [1, 2, 5, 0, 3, 4])
@@ -256,7 +245,7 @@ def test_depth_order_is_by_depth_and_then_by_index():
 def test_runs_hold_at_most_the_limit_or_one_splat():
     areas = np.array([5, 1, 1, 9, 3, 3, 100, 1])
     order = np.array([0, 1, 2, 3, 6, 4, 5, 7])
-    cut = [run.tolist() for run in runs(areas, order, limit=8)]
+    cut = [order[run].tolist() for run in runs(areas.take(order), limit=8)]
     assert cut == [[0, 1, 2], [3], [6], [4, 5, 7]]
 
 
@@ -277,7 +266,7 @@ def test_splats_are_listed_for_the_tiles_that_they_cover_and_for_no_others():
     rng, grid, count = np.random.default_rng(3), Grid(61, 43), 40
     splats = Splats(count)
     covariances, centres = [], rng.uniform(-8, 68, (count, 2)) * [1, 0.7]
-    splats.log_opacities[:count] = log_opacities = np.log(rng.uniform(0.1, 1, count))
+    splats.log_opacities[WHOLE, :count] = log_opacities = np.log(rng.uniform(0.1, 1, count))
     for n in range(count):
         a = np.diag(np.exp(rng.uniform(-0.5, 2.2, 2)))
         turn = np.array([[np.cos(n), -np.sin(n)], [np.sin(n), np.cos(n)]])
@@ -287,7 +276,7 @@ def test_splats_are_listed_for_the_tiles_that_they_cover_and_for_no_others():
         factors = alpha_x, -alpha_x * sigma[0, 1] / sigma[1, 1], np.sqrt(0.5 / sigma[1, 1])
         splats.records[n, :5] = *centres[n], *factors
     order = rng.permutation(count)
-    pairs = find_pairs(splats, order, grid, None, lambda job, items: [job(item) for item in items])
+    pairs = find_pairs(splats, order, 0, grid, None, [WHOLE])
     listed = [set() for _ in range(count)]
     for tile in range(grid.count):
         batches = pairs.batches[pairs.bounds[tile] : pairs.bounds[tile + 1]].ravel()
@@ -304,6 +293,64 @@ def test_splats_are_listed_for_the_tiles_that_they_cover_and_for_no_others():
     assert sum(map(len, listed)) > 500
 
 
+def _needles(count, seed=3):
+    """Splats of all sizes and slopes over 61×43 pixels and around them, nearest first."""
+    rng, splats = np.random.default_rng(seed), Splats(count)
+    a, c = np.exp(rng.uniform(-1, 4.4, (2, count)))
+    b = rng.uniform(-0.95, 0.95, count) * np.sqrt(a * c)
+    splats.records[:count, 0], splats.records[:count, 1] = rng.uniform(-8, 68, count), rng.uniform(-8, 50, count)
+    splats.records[:count, 2] = alpha_x = np.sqrt(c / (2 * (a * c - b * b)))
+    splats.records[:count, 3], splats.records[:count, 4] = -alpha_x * b / c, np.sqrt(0.5 / c)
+    splats.log_opacities[WHOLE, :count] = np.log(rng.uniform(0.1, 1, count))
+    splats.log_opacities[FRONT, :count] = splats.log_opacities[WHOLE, :count] + rng.uniform(-8, 0, count)
+    return splats
+
+
+def _lists(splats, pairs):
+    """The numbers listed for every tile."""
+    cut = [pairs.batches[a:b].ravel() for a, b in pairwise(pairs.bounds)]
+    return [row[row != splats.blank].tolist() for row in cut]
+
+
+def test_bands_list_what_the_whole_picture_lists():
+    splats, order, whole = _needles(500), np.random.default_rng(1).permutation(500), Grid(61, 43)
+    wanted = _lists(splats, find_pairs(splats, order, 0, whole, None, [WHOLE]))
+    found = []
+    for first, rows in ((0, 3), (3, 1), (4, 7)):
+        grid = Grid(61, min(4 * (first + rows), 43) - 4 * first)
+        found += _lists(splats, find_pairs(splats, order, first, grid, None, [WHOLE]))
+    assert found == wanted and sum(map(len, found)) > 5000
+
+
+def test_what_is_drawn_in_front_is_listed_before_the_same_splats_as_they_are():
+    splats, order, grid = _needles(300), np.random.default_rng(1).permutation(300), Grid(61, 43)
+    both = _lists(splats, find_pairs(splats, order, 0, grid, None, [FRONT, WHOLE]))
+    whole = _lists(splats, find_pairs(splats, order, 0, grid, None, [WHOLE]))
+    shows = np.exp(splats.log_opacities[FRONT]) >= 1 / 255
+    assert both == [[n + 301 for n in tile if shows[n]] + tile for tile in whole]
+    assert 50 < shows[:300].sum() < 250
+
+
+def test_tiles_that_are_closed_take_no_splats():
+    splats, order, grid = _needles(300), np.arange(300), Grid(61, 43)
+    is_open = np.random.default_rng(2).random(grid.count) < 0.5
+    whole = _lists(splats, find_pairs(splats, order, 0, grid, None, [WHOLE]))
+    found = _lists(splats, find_pairs(splats, order, 0, grid, is_open, [WHOLE]))
+    assert found == [tile if takes else [] for tile, takes in zip(whole, is_open, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "pairs"), [(1, 1, 0), (256, 256, 10**6), (3840, 2160, 10**8), (5, 9999, 9)]
+)
+def test_bands_cover_every_row_once_and_are_neither_small_nor_large(width, height, pairs):
+    found = bands(width, height, pairs)
+    assert found[0][0] == 0 and sum(grid.height for _, grid in found) == height
+    for (first, grid), (following, _) in pairwise(found):
+        assert following == first + grid.rows and grid.height == 4 * grid.rows
+    assert all(grid.width == width and grid.count <= 16_384 + grid.columns for _, grid in found)
+    assert len(found) == 1 or min(grid.count for _, grid in found) >= 2048 - found[0][1].columns
+
+
 def test_a_projected_block_names_the_splats_that_show_and_their_tiles_by_hand():
     camera = Camera([[40.0, 0, 16], [0, 40.0, 12], [0, 0, 1]], np.eye(4), 32, 24)
     means = [[0, 0, 2.0], [0, 0, -2.0], [0.4, 0, 2.0], [3.0, 0, 2.0], [0, 0, 0.05]]
@@ -313,13 +360,15 @@ def test_a_projected_block_names_the_splats_that_show_and_their_tiles_by_hand():
     )  # fmt: skip
     (block,) = prepare(scene)
     splats = Splats(5)
-    np.testing.assert_array_equal(project(block, View.of(camera, np.zeros(3), 0.1), (4, 4), splats), [0, 2])
+    view = View.of(camera, np.zeros(3), 0.1)
+    np.testing.assert_array_equal(projected(block, view).visible, [0, 2])
+    np.testing.assert_array_equal(project(block, view, (4, 4), splats), [0, 1])
     reach = np.sqrt(2 * np.log(0.5 * 255) * (2.0**2 + 0.3))  # of σ = 2 px and the dilation: 6.5 px
-    for row, u in ((0, 16), (2, 24)):
+    for row, u in ((0, 16), (1, 24)):
         np.testing.assert_allclose(splats.records[row, :2], [u, 12], atol=1e-5)
         columns = [int(np.ceil(u - reach - 0.5)) // 4, min(int(np.floor(u + reach - 0.5)), 31) // 4]
         rows = [int(np.ceil(12 - reach - 0.5)) // 4, int(np.floor(12 + reach - 0.5)) // 4]
-        assert splats.areas[row] == (columns[1] - columns[0] + 1) * (rows[1] - rows[0] + 1)
+        np.testing.assert_array_equal(splats.boxes[:, row], [*rows, columns[1] - columns[0] + 1])
         assert splats.depths[row] == pytest.approx(2)
     assert project(block, View.of(camera, np.array([0, 0, -9.0]), 0.1), (4, 4), splats).size == 0
 

@@ -39,19 +39,50 @@ N_COLOUR, N_DEPTH = 3, 2
 
 
 class Canvas:
-    """What every pixel has gathered so far.
+    """What every pixel has gathered, written band by band.
 
     Attributes:
-        grid: the tiles.
-        with_depth: whether depth is gathered.
+        colour: (H, W, 3) float32, what the splats add.
+        left: (H, W) float32, what they let through.
+        depth: (2, H, W) float32: Σ w·z and Σ w; (2, 0, 0) where none is gathered.
+    """
+
+    def __init__(self, height: int, width: int, with_depth: bool) -> None:
+        self.colour = np.empty((height, width, N_COLOUR), np.float32)
+        self.left = np.empty((height, width), np.float32)
+        self.depth = np.empty((N_DEPTH, height, width) if with_depth else (N_DEPTH, 0, 0), np.float32)
+
+    @property
+    def with_depth(self) -> bool:
+        """Whether depth is gathered."""
+        return self.depth.size > 0
+
+    def colours(self) -> NDArray:
+        """(H, W, 3) what the splats add."""
+        return self.colour
+
+    def depths(self) -> tuple[NDArray, NDArray]:
+        """(H, W) each: Σ w·z, and Σ w."""
+        return self.depth[0], self.depth[1]
+
+    def transmittance(self) -> NDArray:
+        """(H, W) what the splats let through."""
+        return self.left
+
+
+class Band:
+    """What the pixels of a band have gathered so far.
+
+    Attributes:
+        first_row: of its tiles.
+        grid: its tiles.
         state: (tiles, 2 + 3 or 5, 16) float32: transmittance left to later splats (0 once the pixel has stopped),
             transmittance at which it stopped (0 before), red, green, blue, and Σ w·z and Σ w where depth is gathered.
             A tile's numbers lie together because tiles come and go in any order.
     """
 
-    def __init__(self, grid: Grid, with_depth: bool) -> None:
-        self.grid = grid
-        self.with_depth = with_depth
+    def __init__(self, first_row: int, grid: Grid, with_depth: bool) -> None:
+        self.first_row, self.grid, self.with_depth = first_row, grid, with_depth
         planes = SUMS + N_COLOUR + (N_DEPTH if with_depth else 0)
         self.state = np.zeros((grid.count, planes, PIXELS), np.float32)
         # pixels of the last tiles that lie outside the image start out stopped
@@ -63,27 +94,22 @@ class Canvas:
         """(tiles,) bool: those with a pixel that has not stopped."""
         return self.state[:, LEFT].max(axis=-1) > 0
 
-    def colours(self) -> NDArray:
-        """(H, W, 3) what the splats add."""
-        return self._image(slice(SUMS, SUMS + N_COLOUR))
-
-    def depths(self) -> tuple[NDArray, NDArray]:
-        """(H, W) each: Σ w·z, and Σ w."""
-        depths, weights = np.moveaxis(self._image(slice(SUMS + N_COLOUR, None)), -1, 0)
-        return depths, weights
+    def write(self, canvas: Canvas) -> None:
+        """Hand over what was gathered."""
+        rows = slice(self.first_row * TILE_HEIGHT, self.first_row * TILE_HEIGHT + self.grid.height)
+        canvas.colour[rows] = self._image(slice(SUMS, SUMS + N_COLOUR))
+        canvas.left[rows] = self._image(slice(LEFT, STOPPED + 1)).max(axis=-1)
+        if self.with_depth:
+            canvas.depth[:, rows] = np.moveaxis(self._image(slice(SUMS + N_COLOUR, None)), -1, 0)
 
     def _image(self, planes: slice) -> NDArray:
-        """Planes of the state as an image (H, W, planes)."""
+        """Planes of the state as an image (h, W, planes)."""
         grid = self.grid
         picture = (
             self.state[:, planes].reshape(grid.rows, grid.columns, -1, TILE_HEIGHT, TILE_WIDTH).transpose(0, 3, 1, 4, 2)
         )
         picture = picture.reshape(grid.rows * TILE_HEIGHT, grid.columns * TILE_WIDTH, -1)
         return picture[: grid.height, : grid.width]
-
-    def transmittance(self) -> NDArray:
-        """(H, W) what the splats let through."""
-        return self._image(slice(LEFT, STOPPED + 1)).max(axis=-1)
 
 
 class Workspace:
@@ -121,13 +147,13 @@ def tile_groups(pairs: Pairs) -> list[NDArray]:
     return [by_length[start : start + GROUP] for start in range(0, by_length.size, GROUP)]
 
 
-def composite(canvas: Canvas, splats: Splats, pairs: Pairs, tiles: NDArray, work: Workspace) -> None:
-    """Blend the lists of a group of tiles, longest first, into the canvas."""
+def composite(band: Band, splats: Splats, pairs: Pairs, tiles: NDArray, work: Workspace) -> None:
+    """Blend the lists of a group of a band's tiles, longest first."""
     starts = pairs.bounds[tiles]
-    row, column = np.divmod(tiles, canvas.grid.columns)
-    x, y = ((n + 0.5).astype(np.float32) for n in (column * TILE_WIDTH, row * TILE_HEIGHT))
+    row, column = np.divmod(tiles, band.grid.columns)
+    x, y = ((n + 0.5).astype(np.float32) for n in (column * TILE_WIDTH, (row + band.first_row) * TILE_HEIGHT))
     lists = _Lists(tiles, starts, pairs.bounds[tiles + 1] - starts, x, y)
-    state = np.ascontiguousarray(np.moveaxis(canvas.state[tiles], 0, -1))  # (planes, 16, n)
+    state = np.ascontiguousarray(np.moveaxis(band.state[tiles], 0, -1))  # (planes, 16, n)
     done = 0
     while tiles.size:
         n = np.count_nonzero(lists.lengths > done)  # lists only end, so those at work lead
@@ -135,9 +161,9 @@ def composite(canvas: Canvas, splats: Splats, pairs: Pairs, tiles: NDArray, work
         with part("blend: picking records"):
             planes = _planes(splats, ids, work)
         with part("blend: alphas"):
-            weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
+            weights = _alphas(planes, splats.log_opacities.reshape(-1).take(ids), lists.x[:n], lists.y[:n], work)
         tally_nonzero("alphas above 1/255", weights)
-        depths = splats.depths.take(ids) if canvas.with_depth else None
+        depths = splats.depths.take(ids, mode="wrap") if band.with_depth else None
         with part("blend: sums"):
             some_stopped = _blend(state[:, :, :n], weights, planes[RED : BLUE + 1], depths)
         done += 1
@@ -146,7 +172,7 @@ def composite(canvas: Canvas, splats: Splats, pairs: Pairs, tiles: NDArray, work
             at_work &= state[LEFT].any(axis=0)
         if 4 * np.count_nonzero(at_work) < 3 * at_work.size:  # dropping tiles costs about as much as a step
             leaving = ~at_work
-            canvas.state[tiles.compress(leaving)] = np.ascontiguousarray(
+            band.state[tiles.compress(leaving)] = np.ascontiguousarray(
                 np.moveaxis(state.compress(leaving, axis=-1), -1, 0)
             )
             state, lists = state.compress(at_work, axis=-1), lists.compress(at_work)
@@ -157,9 +183,9 @@ def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:
     """(8, BATCH, n) records of the splats `ids`, planar.
 
     Picking whole records and turning them over takes half the time of picking from eight arrays, as it misses the
-    cache once where they miss it eight times.
+    cache once where they miss it eight times. A splat and what of it is drawn in front have one record.
     """
-    records = splats.records.take(ids.reshape(-1), axis=0, out=work.records[: ids.size], mode="clip")
+    records = splats.records.take(ids.reshape(-1), axis=0, out=work.records[: ids.size], mode="wrap")
     planes = work.planes[: records.size].reshape(RECORD, ids.size)
     planes[:] = records.T
     return planes.reshape(RECORD, *ids.shape)

@@ -87,87 +87,101 @@ class View:
 
 
 class Splats:
-    """Buffers for the splats of one frame: a row for every Gaussian of the blocks, visible or not, and copies.
+    """The splats of one frame: rows for the Gaussians of all blocks, of which those that show nowhere are not touched.
 
-    Later stages pick rows in no order that a cache could guess, so what they need together lies together.
+    Memory that nothing touches is none. Later stages pick rows in no order that a cache could guess, so what they need
+    together lies together.
 
     Attributes:
-        count: N, the rows of Gaussians. Up to C rows behind them are for splats that are drawn twice.
-        records: (N + C + 1, 8) float32: pixel of the mean, the exponent's factors, colour.
-        log_opacities: (N + C + 1,) float32. The last row, `blank`, is a splat without opacity, to fill lists up with.
-        depths: (N + C + 1,) float32.
-        areas: (N + C,) int32: number of tiles of the footprint's bounding box.
+        count: N, the rows. One more, `blank`, is a splat without opacity, to fill lists up with.
+        records: (N + 1, 8) float32: pixel of the mean, the exponent's factors, colour.
+        log_opacities: (2, N + 1) float32: of the splat as it is, and of its part that is drawn before all others. A
+            splat's number in a list is its row, or for that part its row + N + 1.
+        depths: (N + 1,) float32.
+        boxes: (3, N) int32: first and last row of the tiles of the footprint's bounding box, and how many columns.
     """
 
-    def __init__(self, count: int, copies: int = 0) -> None:
-        self.count = count
-        self.blank = capacity = count + copies
-        self.records = np.empty((capacity + 1, RECORD), np.float32)
+    def __init__(self, count: int) -> None:
+        self.count = self.blank = count
+        self.records = np.empty((count + 1, RECORD), np.float32)
         self.records[-1] = 0
-        self.log_opacities = np.full(capacity + 1, -np.inf, np.float32)
-        self.depths = np.zeros(capacity + 1, np.float32)
-        self.areas = np.empty(capacity, np.int32)
+        self.log_opacities = np.empty((2, count + 1), np.float32)
+        self.log_opacities[:, -1] = -np.inf
+        self.depths = np.empty(count + 1, np.float32)
+        self.depths[-1] = 0
+        self.boxes = np.empty((3, count), np.int32)
 
 
-def copy_in_front(splats: Splats, order: NDArray, log_shares: NDArray) -> NDArray:
-    """Copy splats to be drawn with a share of their opacity before all others.
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """A block's splats, of which some are visible.
 
-    Args:
-        splats: copies are written behind its rows of Gaussians.
-        order: (R,) rows in the order of drawing.
-        log_shares: (N,) float32 logarithms of the shares, −∞ for none.
-
-    Returns:
-        (m,) the copies' rows, in the same order; those that show.
+    Attributes:
+        visible: (m,) int64 rows of the block, rising: splats whose mean lies beyond the near plane and whose footprint
+            holds a pixel centre.
+        planes: (8, n) float32, columns of `Splats.records`. Colours are those of visible splats.
+        log_opacities: (n,) float32, and
+        depths: (n,) float32.
+        bounds: (4, n) int32 first and last column, first and last row of pixels.
     """
-    log_opacities = splats.log_opacities.take(order) + log_shares.take(order)
-    shows = log_opacities >= np.float32(math.log(ALPHA_MIN))
-    originals = order[shows]
-    copies = np.arange(splats.count, splats.count + originals.size)
-    for array in (splats.records, splats.depths, splats.areas):
-        array[copies] = array.take(originals, axis=0)
-    splats.log_opacities[copies] = log_opacities[shows]
-    return copies
+
+    visible: NDArray
+    planes: NDArray
+    log_opacities: NDArray
+    depths: NDArray
+    bounds: NDArray
 
 
-def project(block: Block, view: View, tile: tuple[int, int], splats: Splats) -> NDArray:
-    """Project a block into its rows of `splats`.
+def project(block: Block, view: View, tile: tuple[int, int], splats: Splats, log_share: float = -math.inf) -> NDArray:
+    """Project a block into rows of `splats`, from the block's first on.
 
     Args:
         block: the Gaussians.
         view: the camera.
         tile: (width, height) of a tile in pixels.
-        splats: where to write. Rows of splats that are not visible are left with any content, since leaving gaps
-            costs less than closing them.
+        splats: where to write.
+        log_share: logarithm of the share of their opacity that is drawn before all others.
 
     Returns:
-        (m,) int64, the rows of visible splats, rising. A splat is visible if its mean lies beyond the near plane and
-        its footprint holds a pixel centre.
+        (m,) int64, the rows of visible splats, rising and in the block's order.
     """
-    rows = slice(block.first, block.first + block.size)
+    seen = projected(block, view)
+    if seen is None or not seen.visible.size:
+        return np.zeros(0, np.int64)
+    keep: NDArray | slice = seen.visible if seen.visible.size < block.size else slice(None)
+    rows = slice(block.first, block.first + seen.visible.size)
+    splats.records[rows] = seen.planes[:, keep].T
+    splats.log_opacities[0, rows] = seen.log_opacities[keep]
+    splats.log_opacities[1, rows] = seen.log_opacities[keep] + np.float32(log_share)
+    splats.depths[rows] = seen.depths[keep]
+    left, right, top, bottom = seen.bounds[:, keep]
+    splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]
+    splats.boxes[2, rows] = right // tile[0] - left // tile[0] + 1
+    return np.arange(rows.start, rows.stop)
+
+
+@np.errstate(all="ignore")  # overflow is met by float64 and by LIMIT, NaN is looked for
+def projected(block: Block, view: View) -> Projected | None:
+    """Project a block; None where all of it lies before the near plane."""
     planes = np.empty((RECORD, block.size), np.float32)
     log_opacities = block.log_opacities.copy()
-    with np.errstate(all="ignore"):  # overflow is met by float64 and by LIMIT, NaN is looked for
-        ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
-        point = np.einsum("ij,jn->in", view.projection, ray)
-        in_front = point[2] > view.near_plane
-        if not in_front.any():
-            return np.zeros(0, np.int64)
-        inverse_z = 1 / point[2]
-        centred = point[:2] * inverse_z  # pixels from the principal point
-        np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
-        extents, wide = _shapes(block, view, centred, inverse_z, in_front, planes, log_opacities)
-        left, right, top, bottom = _bounds(view, planes, extents)
-        visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
-        left[wide], right[wide] = 0, view.camera.width - 1
-        if visible.size:
-            with part("colours"):
-                _colours(block, ray, visible, planes[RED : BLUE + 1])
-        splats.areas[rows] = (right // tile[0] - left // tile[0] + 1) * (bottom // tile[1] - top // tile[1] + 1)
-        splats.log_opacities[rows] = log_opacities
-        splats.depths[rows] = np.minimum(point[2], LIMIT)
-    splats.records[rows] = planes.T
-    return visible + block.first
+    ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
+    point = np.einsum("ij,jn->in", view.projection, ray)
+    in_front = point[2] > view.near_plane
+    if not in_front.any():
+        return None
+    inverse_z = 1 / point[2]
+    centred = point[:2] * inverse_z  # pixels from the principal point
+    np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
+    extents, wide = _shapes(block, view, centred, inverse_z, in_front, planes, log_opacities)
+    bounds = _bounds(view, planes, extents)
+    left, right, top, bottom = bounds
+    visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
+    left[wide], right[wide] = 0, view.camera.width - 1
+    if visible.size:
+        with part("colours"):
+            _colours(block, ray, visible, planes[RED : BLUE + 1])
+    return Projected(visible, planes, log_opacities, np.minimum(point[2], LIMIT).astype(np.float32), bounds)
 
 
 def footprint_exponent(log_opacities: NDArray) -> NDArray:

@@ -6,7 +6,6 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from numbers import Real
 from types import ModuleType
 from typing import Any
@@ -19,11 +18,11 @@ from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..system.stopwatch import part
 from ..system.threads import Crew, available_cores
-from .composite import Canvas, Workspace, composite, tile_groups
+from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews, log_share
 from .prepare import Block, prepare
-from .project import Splats, View, copy_in_front, project
-from .tiles import MAX_PAIRS, PAIRS_PER_TILE, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, depth_order, find_pairs, runs
+from .project import Splats, View, project
+from .tiles import FRONT, MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, WHOLE, Grid, bands, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
@@ -83,8 +82,7 @@ class Renderer:
         blocks = _blocks(gaussians, by_view=self._near is not None, own_pixels=dilation == "own")
         self._compiled = module.Rasteriser(blocks, self._run) if module else None
         self._blocks = () if module else tuple(blocks)
-        copies = sum(block.size for block in self._blocks if self._near is not None and block.view >= 0)
-        self._splats = Splats(sum(block.size for block in self._blocks), copies)
+        self._splats = Splats(sum(block.size for block in self._blocks))
         self._local = threading.local()
         self._lock = threading.Lock()
 
@@ -125,36 +123,51 @@ class Renderer:
         shares = None if self._near is None else self._near.shares(view.camera)
         if self._compiled is not None:
             return self._compiled.draw(view, shares, with_depth)
-        splats = self._splats
+        splats, tile = self._splats, (TILE_WIDTH, TILE_HEIGHT)
         with part("projection"):
-            ids = self._run(lambda block: project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats), self._blocks)
+            ids = self._run(
+                lambda block: project(block, view, tile, splats, log_share(shares, block.view)), self._blocks
+            )
         with part("depth order"):
             order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
-            if shares is not None:
-                log_shares = np.empty(splats.count, np.float32)
-                for block in self._blocks:
-                    log_shares[block.first : block.first + block.size] = log_share(shares, block.view)
-                order = np.concatenate([copy_in_front(splats, order, log_shares), order])
-        return self._composite(order, Grid(view.camera.width, view.camera.height), with_depth)
+            boxes = splats.boxes.take(order, axis=1)
+            pairs = int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64))
+        kinds = (WHOLE,) if shares is None else (FRONT, WHOLE)
+        canvas = Canvas(view.camera.height, view.camera.width, with_depth)
 
-    def _composite(self, order: NDArray, grid: Grid, with_depth: bool) -> Canvas:
-        splats, canvas = self._splats, Canvas(grid, with_depth)
-        open_tiles = None  # in the first run, all
-        for run in runs(splats.areas, order, limit=max(MAX_PAIRS, PAIRS_PER_TILE * grid.count)):
-            if open_tiles is not None and not open_tiles.any():
-                break
-            with part("lists by tile"):
-                pairs = find_pairs(splats, run, grid, open_tiles, self._run)
-                groups = tile_groups(pairs)
-            self._run(partial(self._composite_group, canvas, pairs), groups)
-            open_tiles = canvas.open_tiles()
+        def draw_band(place: tuple[int, Grid]) -> None:
+            band = Band(*place, with_depth)
+            self._composite(band, order, boxes, kinds)
+            band.write(canvas)
+
+        self._run(draw_band, bands(view.camera.width, view.camera.height, pairs))
         return canvas
 
-    def _composite_group(self, canvas: Canvas, pairs: Pairs, tiles: NDArray) -> None:
+    def _composite(self, band: Band, order: NDArray, boxes: NDArray, kinds: tuple[int, ...]) -> None:
+        """Draw what of `order` reaches a band: all of what is drawn in front, then all as it is."""
+        first, last = band.first_row, band.first_row + band.grid.rows - 1
+        here = np.flatnonzero((boxes[0] <= last) & (boxes[1] >= first))
+        top, bottom, columns = boxes.take(here, axis=1)
+        areas = (np.minimum(bottom, last) - np.maximum(top, first) + 1) * columns
+        fits = areas.sum(dtype=np.int64) <= MAX_PAIRS
+        open_tiles = None  # in the first run, all
+        for together in [kinds] if fits else [(kind,) for kind in kinds]:
+            for run in runs(areas, MAX_PAIRS):
+                if open_tiles is not None and not open_tiles.any():
+                    return
+                with part("lists by tile"):
+                    pairs = find_pairs(self._splats, order.take(here[run]), first, band.grid, open_tiles, together)
+                    groups = tile_groups(pairs)
+                for tiles in groups:
+                    with part("blend: rest"):
+                        composite(band, self._splats, pairs, tiles, self._workspace())
+                open_tiles = band.open_tiles()
+
+    def _workspace(self) -> Workspace:
         if not hasattr(self._local, "workspace"):
             self._local.workspace = Workspace()
-        with part("blend: rest"):
-            composite(canvas, self._splats, pairs, tiles, self._local.workspace)
+        workspace: Workspace = self._local.workspace
+        return workspace
 
 
 def render(

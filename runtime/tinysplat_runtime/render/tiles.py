@@ -1,24 +1,26 @@
 """Which splats reach which tile, in depth order.
 
 A tile is 4×4 pixels: small enough that a good part of its pixels lies inside the footprints listed for it. Splats are
-put in depth order, each is expanded to the tiles that it reaches, and a stable sort by tile leaves every tile's list
-in depth order. Both sorts are radix sorts, which in numpy are the stable sorts of 16-bit integers: several times as
-fast as its sorts by comparison, with and without AVX-512.
+numbered in depth order, each is expanded to the tiles that it reaches, and sorting (tile, number) puts every tile's
+list in depth order. Both are one integer, as numpy sorts integers faster than anything else it could do here.
 
-Splats go through in runs of falling nearness, each of at most `MAX_PAIRS` pairs, which bounds memory whatever the
-size and number of splats. Tiles whose pixels have all stopped take no further pairs.
+A picture is made in bands of rows of tiles, each for itself: what is listed at a time is bounded by the band, and bands
+are what threads share. Where a band alone has too many pairs, its splats go through in runs of falling nearness, and
+tiles whose pixels have all stopped take no further pairs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..system.stopwatch import part
-from .prepare import BLOCK_SIZE
+from .prepare import ALPHA_MIN, BLOCK_SIZE
 from .project import GAMMA, LIMIT, Splats, X, Y, footprint_exponent, is_wide, pixels_between
 
 TILE_WIDTH, TILE_HEIGHT = 4, 4
@@ -27,15 +29,25 @@ TILE_WIDTH, TILE_HEIGHT = 4, 4
 BATCH = 8
 """Splats of a tile that are composited at a time."""
 
-MAX_PAIRS = 2_000_000
-"""Most (tile, splat) pairs listed at a time; while they are sorted, a pair takes about 40 bytes."""
+MAX_PAIRS = 1_000_000
+"""Most (tile, splat) pairs listed at a time, unless one splat alone has more; while they are sorted, a pair takes about
+40 bytes."""
 
-PAIRS_PER_TILE = 8
-"""Or, in large images, this many for every tile, since each run passes over all tiles."""
+BAND_PAIRS = MAX_PAIRS // 2
+"""Pairs that a band should have, as most of them then go through at once."""
 
+BAND, LEAST_BAND = 16_384, 2048
+"""Most and fewest tiles of a band, unless one row has more or the picture fewer: numpy's calls cost as much for a few
+tiles as for many."""
+
+LEAST_BANDS = 8
+"""Of pictures large enough, so that threads have something to share."""
 
 WIDE_MARGIN = 0.05
 """Exponent by which the footprints of wide splats are enlarged for the search for their tiles."""
+
+WHOLE, FRONT = 0, 1
+"""Rows of `Splats.log_opacities`: splats as they are, and what of them is drawn before all others."""
 
 # Planes of `_spans`; the first, second and fifth are those of `Splats.records`
 SLOPE, REACH, TAU, Y_RIGHTMOST, HALF_HEIGHT = 2, 3, 5, 6, 7
@@ -66,11 +78,11 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """The splats of every tile, nearest first.
+    """The splats of every tile in the order of drawing.
 
     Attributes:
-        batches: (M, 8) int32, rows of `Splats`, one tile after the other. A tile's last batch is filled up with the row
-            that has no opacity.
+        batches: (M, 8) int32, numbers of `Splats`, one tile after the other. A tile's last batch is filled up with the
+            one that has no opacity.
         bounds: (tiles + 1,) int64, where each tile's list starts in `batches`.
     """
 
@@ -78,73 +90,104 @@ class Pairs:
     bounds: NDArray
 
 
-def stable_argsort(keys: NDArray) -> NDArray:
-    """(M,) int64 that sorts uint16 or uint32 keys, ties in their order: a radix sort by digits of 16 bits."""
-    if keys.dtype == np.uint16:
-        return np.argsort(keys, kind="stable")
-    by_low = np.argsort(keys.astype(np.uint16), kind="stable")
-    high = (keys >> np.uint32(16)).astype(np.uint16)
-    return by_low.take(np.argsort(high.take(by_low), kind="stable"))
+def bands(width: int, height: int, pairs: int) -> list[tuple[int, Grid]]:
+    """First row of tiles and tiles of every band of a picture that has about so many (tile, splat) pairs.
+
+    No pixel depends on where it is cut but for the rounding of sums.
+    """
+    whole = Grid(width, height)
+    wanted = max(-(-pairs // BAND_PAIRS), LEAST_BANDS)
+    count = min(max(-(-whole.count // BAND), min(whole.count // LEAST_BAND, wanted), 1), whole.rows)
+    edges = [whole.rows * n // count for n in range(count + 1)]
+    ends = [min(edge * TILE_HEIGHT, height) for edge in edges]
+    return [(edges[n], Grid(width, ends[n + 1] - ends[n])) for n in range(count)]
 
 
 def depth_order(depths: NDArray, ids: NDArray) -> NDArray:
-    """`ids` by depth, ties in their order. Positive floats sort like their bits."""
-    return ids.take(stable_argsort(depths.take(ids).view(np.uint32)))
+    """`ids` (R,) by depth, ties as they rise. Positive floats sort like their bits."""
+    keys = depths.take(ids).view(np.uint32).astype(np.uint64) << np.uint64(32) | ids.astype(np.uint64)
+    keys.sort()
+    return (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
 
 
-def runs(areas: NDArray, order: NDArray, limit: int) -> Iterator[NDArray]:
-    """Cut `order` (R,) into runs whose `areas` (N,) sum to at most `limit`, or of a single splat."""
-    ends = np.cumsum(areas.take(order), dtype=np.int64)
+def runs(areas: NDArray, limit: int) -> Iterator[slice]:
+    """Cut (R,) `areas` into runs that sum to at most `limit`, or of a single one."""
+    ends = np.cumsum(areas, dtype=np.int64)
     start, done = 0, 0
-    while start < order.size:
+    while start < areas.size:
         stop = max(int(np.searchsorted(ends, done + limit, side="right")), start + 1)
-        yield order[start:stop]
+        yield slice(start, stop)
         start, done = stop, int(ends[stop - 1])
 
 
-def find_pairs(splats: Splats, order: NDArray, grid: Grid, open_tiles: NDArray | None, run_jobs: Callable) -> Pairs:
-    """List the tiles that a run of splats reaches.
+def find_pairs(
+    splats: Splats, order: NDArray, first_row: int, grid: Grid, open_tiles: NDArray | None, kinds: Sequence[int]
+) -> Pairs:
+    """List the tiles of a band that a run of splats reaches.
 
     Args:
         splats: the frame's splats.
         order: (R,) rows of the run's splats, nearest first.
-        grid: the tiles.
+        first_row: of the band's tiles.
+        grid: the band's tiles.
         open_tiles: (tiles,) bool, which tiles still take splats; None for all.
-        run_jobs: maps a function over a list, perhaps on several threads, and returns the results in order.
+        kinds: what of the splats is drawn, one after the other: `WHOLE`, `FRONT` or both.
     """
-    key_type = np.uint16 if grid.count <= 1 << 16 else np.uint32
-
-    def block_pairs(start: int) -> tuple[NDArray, NDArray]:
-        ids = order[start : start + BLOCK_SIZE]
+    bits = np.uint8(max(order.size - 1, 1).bit_length())
+    key_type: Any = np.uint32 if int(bits) + (grid.count - 1).bit_length() <= 32 else np.uint64
+    blocks = []
+    for start in range(0, order.size, BLOCK_SIZE):
         with part("tiles of every splat"):
-            tiles, owner = _pairs(splats, ids, grid)
+            tiles, owner = _pairs(splats, order[start : start + BLOCK_SIZE], first_row, grid)
         if open_tiles is not None:
             takes = open_tiles.take(tiles)
             tiles, owner = tiles.compress(takes), owner.compress(takes)
-        return tiles.astype(key_type), ids.astype(np.int32).take(owner)
+        owner += start
+        blocks.append((tiles.astype(key_type) << key_type(bits)) | owner.astype(key_type))
+    keys = np.concatenate(blocks) if len(blocks) != 1 else blocks[0]
+    keys.sort()
+    ends = np.searchsorted(keys, np.arange(1, grid.count + 1, dtype=np.uint64).astype(key_type) << key_type(bits))
+    keys &= key_type((1 << int(bits)) - 1)
+    return _in_batches(splats, order.astype(np.int32).take(keys), ends, kinds)
 
-    blocks = run_jobs(block_pairs, range(0, order.size, BLOCK_SIZE))
-    counts = sum(np.bincount(tiles, minlength=grid.count) for tiles, _ in blocks)
-    lengths = -(-counts // BATCH)
-    filled = np.repeat(np.arange(grid.count, dtype=key_type), BATCH * lengths - counts)
-    blocks.append((filled, np.full(filled.size, splats.blank, np.int32)))
-    tiles, ids = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    return Pairs(ids.take(stable_argsort(tiles)).reshape(-1, BATCH), np.append(0, np.cumsum(lengths)))
+
+def _in_batches(splats: Splats, ids: NDArray, ends: NDArray, kinds: Sequence[int]) -> Pairs:
+    """Lists `ids` (M,) that end at `ends` (tiles,), repeated for every kind and filled up to whole batches."""
+    parts, counts = [], []
+    for kind in kinds:
+        if kind == WHOLE:
+            parts.append(ids)
+            counts.append(np.diff(ends, prepend=0))
+            continue
+        shows = (splats.log_opacities[FRONT] >= np.float32(math.log(ALPHA_MIN))).take(ids)
+        parts.append(ids.compress(shows) + np.int32(splats.count + 1))
+        counts.append(np.diff(np.append(0, np.cumsum(shows))[ends], prepend=0))
+    lengths = -(-np.sum(counts, axis=0) // BATCH)
+    bounds = np.append(0, np.cumsum(lengths))
+    out = np.full(BATCH * bounds[-1], splats.blank, np.int32)
+    starts = BATCH * bounds[:-1]
+    for part_ids, count in zip(parts, counts, strict=True):
+        places = np.repeat(starts - (np.cumsum(count) - count), count)
+        places += np.arange(places.size)
+        out[places] = part_ids
+        starts = starts + count
+    return Pairs(out.reshape(-1, BATCH), bounds)
 
 
 @np.errstate(all="ignore")  # splats that reach to infinity
-def _pairs(splats: Splats, ids: NDArray, grid: Grid) -> tuple[NDArray, NDArray]:
+def _pairs(splats: Splats, ids: NDArray, first_row: int, grid: Grid) -> tuple[NDArray, NDArray]:
     """(tile, index into `ids`) for every tile in which a footprint may cover a pixel, in the order of `ids`."""
     spans = _spans(splats, ids)
     y, half_height = spans[Y], spans[HALF_HEIGHT]
-    top, bottom = pixels_between(y - half_height, y + half_height, grid.height)
-    top //= TILE_HEIGHT
-    owner, row = _expand(top, bottom // TILE_HEIGHT - top + 1)
+    first_y = first_row * TILE_HEIGHT
+    top, bottom = pixels_between(y - half_height, y + half_height, first_y + grid.height)
+    top = np.maximum(top, first_y) // TILE_HEIGHT
+    owner, row = _expand(top, np.maximum(bottom // TILE_HEIGHT - top + 1, 0))
     low, high = _row_extent(spans[:HALF_HEIGHT].take(owner, axis=1), row, grid.width)
     first = low // TILE_WIDTH
     counts = high // TILE_WIDTH - first + 1
     counts[low > high] = 0
-    entry, tile = _expand(row * np.int32(grid.columns) + first, counts)
+    entry, tile = _expand((row - np.int32(first_row)) * np.int32(grid.columns) + first, counts)
     return tile, owner.take(entry)
 
 
@@ -153,7 +196,7 @@ def _spans(splats: Splats, ids: NDArray) -> NDArray:
     spans = np.empty((8, ids.size), np.float32)
     spans[: GAMMA + 1] = splats.records.take(ids, axis=0)[:, : GAMMA + 1].T
     _, _, alpha_x, beta_x, gamma = spans[: GAMMA + 1]
-    tau = footprint_exponent(splats.log_opacities.take(ids))
+    tau = footprint_exponent(splats.log_opacities[WHOLE].take(ids))
     root, norm = np.sqrt(tau), np.sqrt(np.square(beta_x) + np.square(gamma))
     wide = np.flatnonzero(is_wide(norm / (alpha_x * gamma), 1 / gamma))
     spans[TAU], spans[HALF_HEIGHT], spans[Y_RIGHTMOST] = tau, root / gamma, -beta_x * root / (gamma * norm)

@@ -17,7 +17,7 @@ from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
 from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.render.prepare import prepare
-from tinysplat_runtime.render.project import ALPHA_X, BETA_X, DILATION, GAMMA, Splats, View, X, Y, project
+from tinysplat_runtime.render.project import ALPHA_X, BETA_X, DILATION, GAMMA, View, X, Y, projected
 from tinysplat_runtime.scene.cameras import Camera
 
 from . import exact as E
@@ -156,9 +156,9 @@ def _probes(axes: NDArray[Any], jacobian: NDArray[Any]) -> list[NDArray[Any]]:
 def _records(g: Gaussians, camera: Camera) -> NDArray:
     """(N, 8) records of the rasteriser's own projection."""
     (block,) = prepare(g)
-    splats = Splats(block.size)
-    project(block, View.of(camera, g.origin, 0.01), (4, 4), splats)
-    return splats.records[:-1]
+    found = projected(block, View.of(camera, g.origin, 0.01))
+    assert found is not None, "all of it lies before the near plane"
+    return found.planes.T
 
 
 def _inverted(axes: NDArray, jacobian: NDArray, d: NDArray, dtype: Any) -> NDArray:
