@@ -15,6 +15,7 @@ from tinysplat_runtime.codec.adaptive import (
     class_step,
     prepare_layer,
     scene_steps,
+    take_geometry,
 )
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.basis import view_directions
@@ -40,7 +41,7 @@ from tinysplat_runtime.scene.cameras import Camera
 
 def _prepared(gaussians: Gaussians, store: GraphStore):
     return [
-        prepare_layer(store, g, project_layer(store, g, drop_invalid=False, where=""), ADAPTIVE, 0)
+        prepare_layer(store, g, take_geometry(project_layer(store, g, drop_invalid=False, where="")), ADAPTIVE, 0)
         for g in gaussians.layers
     ]
 
@@ -89,6 +90,17 @@ def test_blocks_of_another_qp_err_by_their_own_step():
     np.testing.assert_array_equal(found, plain)
 
 
+def test_chosen_blocks_err_as_among_all_and_the_rest_not_at_all():
+    planes = _planes(size=(2, 20, 27))
+    offsets = np.random.default_rng(1).integers(-4, 5, (2, 2, 2)).astype(np.int8)
+    chosen = np.random.default_rng(0).random((2, 3, 4)) < 0.5
+    chosen[1, 2, 3] = True  # cut by both edges
+    everywhere = BlockSpectrum.of(planes).coding_error(0.05, offsets)
+    where = chosen.repeat(8, axis=1).repeat(8, axis=2)[:, :20, :27]
+    found = BlockSpectrum.of(planes, chosen).coding_error(0.05, offsets)
+    np.testing.assert_allclose(found, np.where(where, everywhere, 0), atol=1e-7)
+
+
 def _probe(layers, stripes=2, threads=1):
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     shown = [layer.shown for layer in layers]
@@ -102,6 +114,16 @@ def test_no_error_is_no_damage_and_more_error_is_more(layers):
     found = [probe.damage([factor * errors for errors in noise]) for factor in (0, 1, 8)]
     assert found[0] < 1e-12 < found[1] < found[2]
     assert probe.damage([np.zeros_like(noise[0]), 8 * noise[1]]) > 1e-12  # layers behind the first count, too
+
+
+def test_errors_count_nowhere_but_in_the_blocks_that_reach_a_stripe(layers):
+    probe, inverse = _probe(layers, stripes=1)
+    outside = []
+    for planes, blocks in zip(inverse, probe.reached, strict=True):
+        inside = blocks.repeat(8, axis=1).repeat(8, axis=2)[:, : planes.shape[1], : planes.shape[2]]
+        outside.append(0.1 * planes * ~inside)
+    assert outside[0].any() and all(blocks.any() for blocks in probe.reached)
+    assert probe.damage(outside) < 1e-12
 
 
 def test_threads_do_not_change_what_is_measured(layers):
@@ -186,6 +208,8 @@ def test_contrast_carries_what_a_stripe_shows_over_to_its_picture(store, monkeyp
 class _Scripted:
     """A probe whose damage grows with the errors' size as stated."""
 
+    reached = (None,)
+
     def __init__(self, exponent: float) -> None:
         self.exponent, self.calls = exponent, 0
 
@@ -213,6 +237,8 @@ def test_no_measurement_moves_depths_step_beyond_reach():
 
 class _Fading:
     """A probe whose pictures lose what is said for an opacity error of 0.01."""
+
+    reached = (None,)
 
     def __init__(self, damage: float) -> None:
         self.damage = damage
@@ -244,7 +270,7 @@ def test_opacity_is_coded_more_finely_where_surfaces_show_through_each_other(sto
 
 def test_moved_depths_are_those_that_a_decoder_would_rebuild(layers):
     probe, inverse = _probe(layers)
-    chosen, camera = probe._shots[0]._chosen[0], layers[0].layer.cameras[1]
+    chosen, camera = probe._shots[0].chosen[0], layers[0].layer.cameras[1]
     of_view = chosen.at[0] == 1
     moved = chosen.moved(0.05 * inverse[0])
     centre = camera.centre - layers[0].layer.origin
@@ -313,8 +339,8 @@ def test_coefficients_are_kept_whose_energy_shows_at_the_finest_step(store, qp):
     finest = ADAPTIVE.gain / np.sqrt(ADAPTIVE.sensitivity[PlaneClass.COLOR]) * 2 ** (qp / 6 - 1.5)
     for factor, degree in ((1.01, 1), (0.99, 2)):
         settings = replace(ADAPTIVE, disagreement=0.0, margin=1.5, energy_floor=factor * energy / finest**2)
-        projected = project_layer(store, scene, drop_invalid=False, where="")
-        assert prepare_layer(store, scene, projected, settings, qp).layer.degree == degree
+        geometry = take_geometry(project_layer(store, scene, drop_invalid=False, where=""))
+        assert prepare_layer(store, scene, geometry, settings, qp).layer.degree == degree
 
 
 @pytest.mark.parametrize(("sigma", "hidden"), [(0.1, 0.2), (0.2, 0.2), (0.5, 0.5), (1.0, 1.0), (3.0, 1.0)])

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tinysplat_runtime.codec.encoder import EncodeStats, quantise_channel
-from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, without_outliers
+from tinysplat_runtime.codec.encoder import map_channel
+from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, mean_and_spread, without_outliers
 from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass, hevc_step
 
 STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
@@ -116,8 +116,14 @@ def test_planes_of_few_values_are_kept_whole():
 
 def test_what_a_window_leaves_out_is_counted_and_what_lies_on_its_ends_is_not():
     values = np.float32([-0.5] * 3 + [0, 1, 0.2, 0.4, 0.6] + [1.25] * 2).reshape(1, 2, 5)
-    stats = EncodeStats()
-    coded = quantise_channel(Channel(PlaneClass.OPACITY, 0, values, 1e-3, (0.0, 1.0)), stats)
-    assert stats.clipped == {"opacity": 5}
-    found = coded.code_map.dequantise(coded.codes)
-    np.testing.assert_allclose(found, np.clip(values, 0, 1), atol=2 * coded.code_map.scale)
+    coded = map_channel(Channel(PlaneClass.OPACITY, 0, values, 1e-3, (0.0, 1.0)))
+    codes, clipped = coded.codes(0)
+    assert clipped == 5
+    np.testing.assert_allclose(coded.code_map.dequantise(codes), values[0].clip(0, 1), atol=2 * coded.code_map.scale)
+
+
+def test_mean_and_deviation_are_those_of_all_views_and_rows():
+    values = np.random.default_rng(0).normal(1e4, 3, (3, 250, 301)).astype(np.float32)
+    exact = values.astype(np.float64)
+    np.testing.assert_allclose(mean_and_spread(values), (exact.mean(), exact.std()), rtol=1e-12)
+    assert mean_and_spread(np.full((2, 5, 7), 0.1, np.float32)) == (np.float32(0.1), 0)

@@ -21,7 +21,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import CODING_ORDER, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from ..system.blas import product, symmetric_eigen
-from .analysis import ProjectedLayer, coefficient_moment, color_planes, relative_rotation_planes
+from .analysis import ProjectedLayer, blocks, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
 from .depth_step.allocation import Steps, measured_depth_step, measured_opacity_step
 from .depth_step.contrast import block_offsets, contrast
@@ -75,8 +75,33 @@ def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
     return settings.gain / math.sqrt(settings.sensitivity[plane_class])
 
 
+@dataclass(frozen=True, eq=False)
+class LayerGeometry:
+    """What a layer's planes but colour are, whatever the Q_g; see `AdaptiveLayer`."""
+
+    planes: Mapping[PlaneClass, NDArray]
+    reference_quats: NDArray
+    scale_mix: tuple[NDArray, NDArray]
+
+
+def take_geometry(projected: ProjectedLayer) -> LayerGeometry:
+    """VPT's planes as they are coded, in the very memory of `projected`, which is not to be used any more."""
+    depth, scales = projected.planes(PlaneClass.DEPTH), projected.planes(PlaneClass.SCALE)
+    np.divide(-1, depth, out=depth)
+    mix = _turn_to_principal(scales)
+    vectors = projected.planes(PlaneClass.ROTATION)[:, 1:]
+    planes = {
+        PlaneClass.DEPTH: depth,
+        PlaneClass.OPACITY: projected.planes(PlaneClass.OPACITY),
+        PlaneClass.SCALE: scales,
+        PlaneClass.ROTATION: relative_rotation_planes(projected, projected.reference_quats, out=vectors),
+        PlaneClass.OFFSET: projected.planes(PlaneClass.OFFSET),
+    }
+    return LayerGeometry(planes, projected.reference_quats, mix)
+
+
 def prepare_layer(
-    store: GraphStore, layer: Gaussians, projected: ProjectedLayer, settings: AdaptiveSettings, qp: float
+    store: GraphStore, layer: Gaussians, geometry: LayerGeometry, settings: AdaptiveSettings, qp: float
 ) -> AdaptiveLayer:
     """Planes of a layer, of as high a degree and with as many colour components as Q_g = `qp` could ask for."""
     step = class_step(settings, PlaneClass.COLOR) * 2 ** (qp / 6)
@@ -91,17 +116,9 @@ def prepare_layer(
     weighting = second_moment_weighting(directions, degree)
     spectrum = weighted_spectrum(moment[: 3 * functions, : 3 * functions], weighting)
     reduction = reduce_basis(spectrum, weighting, _components(spectrum[0], finest, settings))
-    scales, mix = _principal_scales(projected.planes(PlaneClass.SCALE))
-    planes = {
-        PlaneClass.DEPTH: -1 / projected.planes(PlaneClass.DEPTH),
-        PlaneClass.COLOR: color_planes(store, layer, reduction.projection),
-        PlaneClass.OPACITY: projected.planes(PlaneClass.OPACITY),
-        PlaneClass.SCALE: scales,
-        PlaneClass.ROTATION: relative_rotation_planes(projected, projected.reference_quats),
-        PlaneClass.OFFSET: projected.planes(PlaneClass.OFFSET),
-    }
-    shown = contrast(layer)
-    return AdaptiveLayer(layer, planes, projected.reference_quats, mix, reduction, spectrum[0], shown)
+    planes = {**geometry.planes, PlaneClass.COLOR: color_planes(store, layer, reduction.projection)}
+    quats, mix, shown = geometry.reference_quats, geometry.scale_mix, contrast(layer)
+    return AdaptiveLayer(layer, planes, quats, mix, reduction, spectrum[0], shown)
 
 
 def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, threads: int) -> list[Steps]:
@@ -188,14 +205,18 @@ def _truncated(layer: AdaptiveLayer, k: int) -> Reduction:
     )
 
 
-def _principal_scales(scales: NDArray) -> tuple[NDArray, tuple[NDArray, NDArray]]:
-    """ŝ (V, 3, H, W) in its principal axes, and the map back: ŝ = mix · planes + mean."""
-    flat = np.moveaxis(scales, 1, 0).copy().reshape(3, -1)
-    mean = flat.mean(axis=1, dtype=np.float64)
-    centred = np.subtract(flat, mean[:, None].astype(np.float32), out=flat)
-    _, vectors = symmetric_eigen(np.einsum("in,jn->ij", centred, centred, dtype=np.float64))
+def _turn_to_principal(scales: NDArray) -> tuple[NDArray, NDArray]:
+    """Turn ŝ (V, 3, H, W) in place to its principal axes, and return the map back: ŝ = mix · planes + mean."""
+    mean = scales.mean(axis=(0, 2, 3), dtype=np.float64).astype(np.float32)
+    moment = np.zeros((3, 3))
+    for view, block in blocks(scales.shape):
+        centred = (scales[view, :, block] - mean[:, None, None]).reshape(3, -1).astype(np.float64)
+        moment += product(centred, centred.T)
+    _, vectors = symmetric_eigen(moment)
     vectors = vectors[:, ::-1]
     leading = np.abs(vectors).argmax(axis=0)
     vectors = (vectors * np.sign(vectors[leading, range(3)])).astype(np.float32)
-    planes = product(vectors.T, centred).reshape(3, len(scales), *scales.shape[2:])
-    return np.moveaxis(planes, 0, 1), (vectors, mean.astype(np.float32))
+    for view, block in blocks(scales.shape):
+        centred = scales[view, :, block] - mean[:, None, None]
+        scales[view, :, block] = product(vectors.T, centred.reshape(3, -1)).reshape(centred.shape)
+    return vectors, mean

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.planes import GEOMETRY, PlaneClass
 from ..gaussian.quaternions import conjugate_quats, left_multiplication_matrices, matrices_to_quats
 from ..graphs.inference import GraphStore, as_input
+from ..scene.cameras import Camera
 from ..system.blas import product, symmetric_eigen
 
 BLOCK_PIXELS = 1 << 16
@@ -66,8 +68,9 @@ def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, wh
     reference = _dominant_quats(moment)
     rotation = geometry[:, GEOMETRY[PlaneClass.ROTATION]]
     # q and -q are the same rotation: the sign nearer to the reference keeps planes free of jumps.
-    similarity = np.einsum("vc,vchw->vhw", reference.astype(np.float32), rotation)
-    rotation *= np.where(similarity < 0, np.float32(-1), np.float32(1))[:, None]
+    for quats, towards in zip(rotation, reference.astype(np.float32), strict=True):
+        similarity = np.einsum("c,chw->hw", towards, quats)
+        quats *= np.where(similarity < 0, np.float32(-1), np.float32(1))
     return ProjectedLayer(geometry, reference)
 
 
@@ -78,40 +81,55 @@ def _projected(store: GraphStore, layer: Gaussians) -> tuple[NDArray, NDArray]:
     """
     views, height, width = layer.opacities.shape
     geometry, moments = np.empty((views, 11, height, width), np.float32), np.zeros((views, 4, 4), np.float32)
-    graph, rows = store.transform("analysis_vpt"), max(BLOCK_PIXELS // width, 1)
-    for view, camera in enumerate(layer.cameras):
-        centre = camera.centre - layer.origin
-        high = centre.astype(np.float32)
-        fixed = {
-            "rotation": as_input(camera.rotation[None]),
-            "rotation_quat": as_input(matrices_to_quats(camera.rotation[None])),
-            "centre_high": high[None],
-            "centre_low": as_input(centre - high)[None],
-        }
-        for first in range(0, height, rows):
-            block = slice(first, min(first + rows, height))
-            K = camera.K.copy()
-            K[1, 2] -= first
-            inputs = {name: getattr(layer, name)[view : view + 1, block] for name in FIELDS if name != "sh"}
-            out = graph.run({**inputs, **fixed, "K": as_input(K[None])})
-            geometry[view, :, block] = out["geometry"][0]
-            moments[view] += out["rotation_moment"][0] * np.float32((block.stop - first) / height)
+    graph, fixed = store.transform("analysis_vpt"), [_fixed_inputs(camera, layer.origin) for camera in layer.cameras]
+    for view, block in blocks(geometry.shape):
+        K = layer.cameras[view].K.copy()
+        K[1, 2] -= block.start
+        inputs = {name: getattr(layer, name)[view : view + 1, block] for name in FIELDS if name != "sh"}
+        out = graph.run({**inputs, **fixed[view], "K": as_input(K[None])})
+        geometry[view, :, block] = out["geometry"][0]
+        moments[view] += out["rotation_moment"][0] * np.float32((block.stop - block.start) / height)
     return geometry, moments
 
 
-def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray) -> NDArray:
+def _fixed_inputs(camera: Camera, origin: NDArray) -> dict[str, NDArray]:
+    """What all blocks of a view are given: its pose, the centre in two parts."""
+    centre = camera.centre - origin
+    high = centre.astype(np.float32)
+    return {
+        "rotation": as_input(camera.rotation[None]),
+        "rotation_quat": as_input(matrices_to_quats(camera.rotation[None])),
+        "centre_high": high[None],
+        "centre_low": as_input(centre - high)[None],
+    }
+
+
+def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray, out: NDArray | None = None) -> NDArray:
     """Vector parts (V, 3, H, W) of reference⁻¹ ⊗ q, with the sign that makes the scalar part positive.
 
     Args:
         projected: VPT's result.
         reference: (V, 4) float64 unit quaternions.
+        out: where to write them, which may be the last three of the rotations themselves; None for fresh memory.
     """
     left = left_multiplication_matrices(conjugate_quats(reference)).astype(np.float32)
     rotation = projected.planes(PlaneClass.ROTATION)
-    relative = product(left, rotation.reshape(*rotation.shape[:2], -1)).reshape(rotation.shape)
-    vector = relative[:, 1:]
-    np.negative(vector, out=vector, where=relative[:, :1] < 0)
+    vector = np.empty_like(rotation[:, 1:]) if out is None else out
+    for view, block in blocks(rotation.shape):
+        quats = rotation[view, :, block]
+        relative = product(left[view], quats.reshape(4, -1)).reshape(quats.shape)
+        np.negative(relative[1:], out=relative[1:], where=relative[:1] < 0)
+        vector[view, :, block] = relative[1:]
     return vector
+
+
+def blocks(shape: Sequence[int]) -> Iterator[tuple[int, slice]]:
+    """Views of planes (V, C, H, W) and rows of each, about `BLOCK_PIXELS` at a time."""
+    views, height, width = shape[0], shape[-2], shape[-1]
+    rows = max(BLOCK_PIXELS // width, 1)
+    for view in range(views):
+        for first in range(0, height, rows):
+            yield view, slice(first, min(first + rows, height))
 
 
 def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
@@ -132,12 +150,9 @@ def color_planes(store: GraphStore, layer: Gaussians, projection: NDArray) -> ND
     """(V, k, H, W) float32 planes of the layer's SH coefficients under `projection` (d, k)."""
     views, height, width = layer.opacities.shape
     planes = np.empty((views, projection.shape[1], height, width), np.float32)
-    graph, rows = store.transform("analysis_project"), max(BLOCK_PIXELS // width, 1)
-    mix = as_input(projection)
-    for view in range(views):
-        for first in range(0, height, rows):
-            block = slice(first, first + rows)
-            planes[view, :, block] = graph.run({"sh": layer.sh[view : view + 1, block], "projection": mix})["color"][0]
+    graph, mix = store.transform("analysis_project"), as_input(projection)
+    for view, block in blocks(planes.shape):
+        planes[view, :, block] = graph.run({"sh": layer.sh[view : view + 1, block], "projection": mix})["color"][0]
     return planes
 
 

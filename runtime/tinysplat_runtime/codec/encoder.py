@@ -23,7 +23,7 @@ from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from .planning import Planner, ProjectedScene, planner_of
 from .profiles import Profile
-from .quantise import CodeMap, choose_code_map, without_outliers
+from .quantise import CodeMap, choose_code_map, mean_and_spread, without_outliers
 
 MAX_VIEWS = 64
 
@@ -54,16 +54,25 @@ class EncodeStats:
 
 
 @dataclass(frozen=True)
-class QuantisedChannel:
-    """A channel's codes (V, H, W) uint16 and what they mean, or its one value where there is no code map.
+class MappedChannel:
+    """A channel and what its codes mean, or its one value where there is no code map.
 
-    Codes that the coder was given, and that nothing else looks at, are let go: None.
+    Attributes:
+        value: what stands for all of them then.
+        window: values outside are clipped.
     """
 
     channel: Channel
     code_map: CodeMap | None
-    codes: NDArray | None
     value: float = 0.0
+    window: tuple[float, float] = (0.0, 0.0)
+
+    def codes(self, view: int) -> tuple[NDArray, int]:
+        """A view's codes (H, W) uint16, and how many values were clipped."""
+        values, (low, high) = self.channel.values[view], self.window
+        assert self.code_map is not None
+        # Codes may reach a little beyond the window, whose ends a coarse step rounds; only what lies outside is lost.
+        return self.code_map.quantise(values)[0], int(np.count_nonzero((values < low) | (values > high)))
 
 
 def encode_gaussians(
@@ -198,10 +207,8 @@ def is_flat(channel: Channel, mean: float, spread: float, step: float) -> bool:
     return not high > low or spread <= max(floor, channel.flat_share * step)
 
 
-def quantise_channel(channel: Channel, stats: EncodeStats) -> QuantisedChannel:
-    """Codes of a channel, or its mean where nothing but rounding is in it.
-
-    Samples outside the represented range are clipped and counted in `stats`.
+def map_channel(channel: Channel) -> MappedChannel:
+    """Codes for a channel, or its mean where nothing but rounding is in it.
 
     Raises:
         NumericError: values beyond what can be coded.
@@ -214,36 +221,32 @@ def quantise_channel(channel: Channel, stats: EncodeStats) -> QuantisedChannel:
         )
     if channel.plane_class != PlaneClass.DEPTH:
         low, high = without_outliers(values, low, high, channel.step)
-    mean = float(values.mean(dtype=np.float64))
-    if is_flat(channel, mean, float(values.std(dtype=np.float64)), channel.step):
-        return QuantisedChannel(channel, None, None, mean)
-    code_map = choose_code_map(low, high, mean, channel.step)
-    codes, _ = code_map.quantise(values)
-    label = channel.plane_class.label
-    # Codes may reach a little beyond the window, whose ends a coarse step rounds; only what lies outside it is lost.
-    clipped = int(np.count_nonzero((values < low) | (values > high)))
-    stats.clipped[label] = stats.clipped.get(label, 0) + clipped
-    return QuantisedChannel(channel, code_map, codes)
+    mean, spread = mean_and_spread(values)
+    if is_flat(channel, mean, spread, channel.step):
+        return MappedChannel(channel, None, mean)
+    return MappedChannel(channel, choose_code_map(low, high, mean, channel.step), window=(low, high))
 
 
 def _code_layer(
     layer: Gaussians, plan: LayerPlan, coder: _OnceEach, pool: ThreadPoolExecutor, stats: EncodeStats
 ) -> CodedLayer:
-    # Planes go to the coder as they are ready, so that the next one is quantised while they are coded; depth first:
+    # Planes go to the coder as they are ready, so that the next one is looked at while they are coded; depth first:
     # where it is coded twice, the second time waits for the first.
     jobs = []
-    for index, channel in enumerate(plan.channels):
+    for channel in plan.channels:
         with stats.watch.stage("quantise"):
-            quantised = quantise_channel(channel, stats)
-        futures = _submit(quantised, coder, pool)
-        is_coded_again = index == 0 and plan.refine_depth is not None
-        jobs.append((quantised if is_coded_again else replace(quantised, codes=None), futures))
+            mapped = map_channel(channel)
+        jobs.append((mapped, _submit(mapped, coder, pool)))
     with stats.watch.stage("x265"):
         if plan.refine_depth is not None and jobs[0][1]:
-            refinement = _refine(jobs[0][0], [f.result() for f in jobs[0][1]], plan.refine_depth, pool, stats)
+            refinement = _refine(jobs[0][0], [f.result()[0] for f in jobs[0][1]], plan.refine_depth, pool)
             jobs.insert(1, (refinement, _submit(refinement, coder, pool)))
-        planes = [(q, [future.result() for future in futures]) for q, futures in jobs]
-    sets = {plane.parameter_sets for _, coded in planes for plane in coded}
+        planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
+    for mapped, coded in planes:
+        if mapped.code_map is not None:
+            label = mapped.channel.plane_class.label
+            stats.clipped[label] = stats.clipped.get(label, 0) + sum(clipped for _, clipped in coded)
+    sets = {plane.parameter_sets for _, coded in planes for plane, _ in coded}
     assert len(sets) <= 1, "parameter sets differ among planes of one size"
     height, width = layer.opacities.shape[1:]
     return CodedLayer(
@@ -251,40 +254,44 @@ def _code_layer(
         width,
         layer.degree,
         plan,
-        tuple(_coded_channel(q, coded) for q, coded in planes),
+        tuple(_coded_channel(mapped, [plane for plane, _ in coded]) for mapped, coded in planes),
         next(iter(sets), b""),
         layer.cameras,
     )
 
 
-def _submit(quantised: QuantisedChannel, coder: _OnceEach, pool: ThreadPoolExecutor) -> list[Future[CodedPlane]]:
-    codes, code_map, offsets = quantised.codes, quantised.code_map, quantised.channel.offsets
-    if codes is None or code_map is None:
+def _submit(mapped: MappedChannel, coder: _OnceEach, pool: ThreadPoolExecutor) -> list[Future[tuple[CodedPlane, int]]]:
+    """Each view's plane, and how many of its values were clipped; codes are made, and let go, where they are coded."""
+    code_map, offsets = mapped.code_map, mapped.channel.offsets
+    if code_map is None:
         return []
-    by_view = [None] * len(codes) if offsets is None else list(offsets)
-    return [pool.submit(coder, view, code_map.qp, by_block) for view, by_block in zip(codes, by_view, strict=True)]
+
+    def code(view: int) -> tuple[CodedPlane, int]:
+        codes, clipped = mapped.codes(view)
+        return coder(codes, code_map.qp, None if offsets is None else offsets[view]), clipped
+
+    return [pool.submit(code, view) for view in range(len(mapped.channel.values))]
 
 
-def _refine(
-    base: QuantisedChannel, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor, stats: EncodeStats
-) -> QuantisedChannel:
+def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor) -> MappedChannel:
     """What coding left of the base channel, as a channel of its own: it adds to the same target."""
-    assert base.codes is not None and base.code_map is not None
-    decoded = np.empty_like(base.codes)
+    values, code_map = base.channel.values, base.code_map
+    assert code_map is not None
+    rest = np.empty(values.shape, np.float32)
 
     def decode(view: int) -> None:
-        plane = coded[view]
-        PlaneDecoder(plane.parameter_sets, *decoded.shape[1:]).decode_into(plane.payload, decoded[view])
+        plane, decoded = coded[view], np.empty(values.shape[1:], np.uint16)
+        PlaneDecoder(plane.parameter_sets, *decoded.shape).decode_into(plane.payload, decoded)
+        np.subtract(values[view], code_map.dequantise(decoded), out=rest[view])
 
     list(pool.map(decode, range(len(coded))))
-    rest = base.channel.values - base.code_map.dequantise(decoded)
     window = (float(rest.min()), float(rest.max()))
-    return quantise_channel(replace(base.channel, values=rest, step=step, window=window), stats)
+    return map_channel(replace(base.channel, values=rest, step=step, window=window))
 
 
-def _coded_channel(quantised: QuantisedChannel, planes: Sequence[CodedPlane]) -> CodedChannel:
-    channel, code_map = quantised.channel, quantised.code_map
+def _coded_channel(mapped: MappedChannel, planes: Sequence[CodedPlane]) -> CodedChannel:
+    channel, code_map = mapped.channel, mapped.code_map
     if code_map is None:
-        return CodedChannel(channel.plane_class, channel.target, 0, 0.0, quantised.value)
+        return CodedChannel(channel.plane_class, channel.target, 0, 0.0, mapped.value)
     payloads = tuple(plane.payload for plane in planes)
     return CodedChannel(channel.plane_class, channel.target, code_map.qp, code_map.scale, code_map.offset, payloads)

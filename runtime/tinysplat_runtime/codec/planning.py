@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
-from .adaptive import AdaptiveLayer, adaptive_plan, prepare_layer, scene_steps
+from .adaptive import AdaptiveLayer, LayerGeometry, adaptive_plan, prepare_layer, scene_steps, take_geometry
 from .analysis import ProjectedLayer
 from .depth_step.allocation import Steps
 from .paper import paper_colors, paper_plan
@@ -64,10 +64,15 @@ class PaperPlanner:
 
 
 class AdaptivePlanner:
-    """Steps of equal slope; see `adaptive`. They belong to the scene: measured once, on the planes of Q_g = 0."""
+    """Steps of equal slope; see `adaptive`. They belong to the scene: measured once, on the planes of Q_g = 0.
+
+    The scene's projected planes become the planner's own, and the codec's in place of VPT's.
+    """
 
     def __init__(self, scene: ProjectedScene, settings: AdaptiveSettings) -> None:
         self._scene, self._settings = scene, settings
+        with scene.watch.stage("vabr"):
+            self._geometry = [take_geometry(projected) for projected in scene.projected]
         self._prepared: list[AdaptiveLayer] | None = None
         self._steps: list[Steps] | None = None
 
@@ -76,8 +81,8 @@ class AdaptivePlanner:
         watch = self._scene.watch
         with watch.stage("vabr"):
             if self._prepared is None:
-                self._prepared = _prepare(self._scene, self._settings, 0.0)
-            prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._settings, qp)
+                self._prepared = _prepare(self._scene, self._geometry, self._settings, 0.0)
+            prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._geometry, self._settings, qp)
         with watch.stage("quantise"):
             if self._steps is None:
                 self._steps = scene_steps(self._prepared, self._settings, self._scene.threads)
@@ -98,11 +103,13 @@ class ResidualPlanner:
         scene, settings = self._scene, self._settings
         with scene.watch.stage("vabr"):
             if self._steps is None:
-                self._steps = scene_steps(_prepare(scene, settings, 0.0), settings, scene.threads)
-            layers = zip(scene.layers, scene.projected, self._prediction.layers, self._steps, strict=True)
+                copies = [replace(one, geometry=one.geometry.copy()) for one in scene.projected]
+                layers = _prepare(scene, [take_geometry(one) for one in copies], settings, 0.0)
+                self._steps = scene_steps(layers, settings, scene.threads)
+            all_layers = zip(scene.layers, scene.projected, self._prediction.layers, self._steps, strict=True)
             return [
                 residual_plan(scene.store, layer, projected, predicted, steps, settings, qp)
-                for layer, projected, predicted, steps in layers
+                for layer, projected, predicted, steps in all_layers
             ]
 
 
@@ -113,6 +120,8 @@ def planner_of(profile: Profile, scene: ProjectedScene) -> Planner:
     return AdaptivePlanner(scene, profile.settings)
 
 
-def _prepare(scene: ProjectedScene, settings: AdaptiveSettings, qp: float) -> list[AdaptiveLayer]:
-    pairs = zip(scene.layers, scene.projected, strict=True)
-    return [prepare_layer(scene.store, layer, projected, settings, qp) for layer, projected in pairs]
+def _prepare(
+    scene: ProjectedScene, geometry: Sequence[LayerGeometry], settings: AdaptiveSettings, qp: float
+) -> list[AdaptiveLayer]:
+    pairs = zip(scene.layers, geometry, strict=True)
+    return [prepare_layer(scene.store, layer, planes, settings, qp) for layer, planes in pairs]

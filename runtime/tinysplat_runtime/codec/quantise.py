@@ -20,6 +20,8 @@ MID_CODE = 2048
 MAX_MAPPED_QP = 24
 """Highest QP used: above it, codes would become so few that their rounding shows; below 16 bytes are wasted."""
 
+_VALUES_AT_A_TIME = 1 << 14
+
 OUTLIER_RATIO = 4.0
 """Coarsening that is borne to keep every value of a plane."""
 
@@ -55,13 +57,26 @@ class CodeMap:
         Returns:
             uint16 codes of the same shape, and how many values lay outside the range and were clipped.
         """
-        codes = np.rint((values - np.float32(self.offset)) * np.float32(1 / self.scale))
+        codes = values - np.float32(self.offset)
+        codes *= np.float32(1 / self.scale)
+        np.rint(codes, out=codes)
         clipped = int(np.count_nonzero((codes < 0) | (codes > MAX_CODE)))
         return np.clip(codes, 0, MAX_CODE, out=codes).astype(np.uint16), clipped
 
     def dequantise(self, codes: NDArray) -> NDArray:
         """float32 values of codes."""
         return codes.astype(np.float32) * np.float32(self.scale) + np.float32(self.offset)
+
+
+def mean_and_spread(values: NDArray) -> tuple[float, float]:
+    """Mean and standard deviation of planes (V, H, W) float32, in float64 and some rows at a time."""
+    mean = values.mean(dtype=np.float64)
+    rows, squares = max(_VALUES_AT_A_TIME // values.shape[2], 1), 0.0
+    for of_view in values:
+        for first in range(0, len(of_view), rows):
+            rest = (of_view[first : first + rows] - mean).ravel()
+            squares += float(np.einsum("i,i", rest, rest))  # no BLAS, whose last bits depend on threads
+    return float(mean), math.sqrt(squares / values.size)
 
 
 def choose_code_map(low: float, high: float, mean: float, step: float) -> CodeMap:

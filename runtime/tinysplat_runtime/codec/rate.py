@@ -203,7 +203,7 @@ def _sampled_dct(values: NDArray) -> tuple[NDArray, float]:
     count = means.size
     stride = -(-count // _SAMPLED_BLOCKS) | 1  # odd, so that it does not fall in step with the columns
     sampled = blocks.swapaxes(2, 3).reshape(count, SIDE, SIDE)[::stride].astype(np.float32)
-    magnitudes = np.abs(dct(sampled[:, None, :, None])).reshape(len(sampled), -1)
+    magnitudes = np.abs(dct(np.ascontiguousarray(np.moveaxis(sampled, 0, -1)))).reshape(SIDE * SIDE, -1).T.copy()
     magnitudes[:, 0] = np.abs(steps.reshape(count)[::stride]) * (SIDE / 2)
     return magnitudes, count / len(sampled)
 

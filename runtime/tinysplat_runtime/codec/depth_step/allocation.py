@@ -59,7 +59,7 @@ def measured_depth_step(
         target: mean squared picture error wanted.
         rounds: measurements at most, each at the step that the one before led to.
     """
-    spectra = [BlockSpectrum.of(planes) for planes in inverse]
+    spectra = [BlockSpectrum.of(planes, chosen) for planes, chosen in zip(inverse, probe.reached, strict=True)]
     step = start
     for _ in range(rounds):
         errors = [spectrum.coding_error(step, by_block) for spectrum, by_block in zip(spectra, offsets, strict=True)]
@@ -80,7 +80,8 @@ def measured_opacity_step(probe: Probe, opacities: Sequence[NDArray], start: flo
         start: the step that is fine enough for most scenes, and at most `FARTHEST` times as fine as which is found.
         most: mean squared picture error allowed.
     """
-    errors = [BlockSpectrum.of(planes).coding_error(start) for planes in opacities]
+    pairs = zip(opacities, probe.reached, strict=True)
+    errors = [BlockSpectrum.of(planes, chosen).coding_error(start) for planes, chosen in pairs]
     wanted = (most / max(probe.opacity_damage(errors), _LEAST_DAMAGE)) ** (1 / OPACITY_EXPONENT)
     return min(max(_rounded(start * wanted, start), start / FARTHEST), start)
 

@@ -30,50 +30,51 @@ DCT = _dct_matrix()
 
 
 def dct(blocks: NDArray, matrix: NDArray = DCT) -> NDArray:
-    """The DCT of blocks (n, H/8, 8, W/8, 8) along their axes of length 8; with its transpose, the inverse."""
-    down = np.einsum("kj,nhjwi->nhkwi", matrix, blocks)
-    # Blocks side by side for the other axis: a last axis of 8 would be eight times as slow.
-    across = np.ascontiguousarray(np.moveaxis(down, -1, 0))
-    return np.moveaxis(np.einsum("kj,jnhiw->knhiw", matrix, across), 0, -1)
+    """The DCT of blocks (8, 8, n) along their first two axes; with its transpose, the inverse."""
+    return np.einsum("li,kin->kln", matrix, np.einsum("kj,jin->kin", matrix, blocks))
 
 
 @dataclass(frozen=True, eq=False)
 class BlockSpectrum:
-    """DCT coefficients of planes (n, H, W), padded to whole blocks by repetition.
+    """DCT coefficients of 8 × 8 blocks of planes (V, H, W), which are padded to whole blocks by repetition.
 
     Attributes:
-        coefficients: (n, H/8, 8, W/8, 8) float32, frequencies on the axes of length 8.
-        size: H, W before padding.
+        coefficients: (8, 8, n) float32, frequencies first.
+        at: view, block row and block column of each block, three arrays (n,).
+        shape: V, H, W.
     """
 
     coefficients: NDArray
-    size: tuple[int, int]
+    at: tuple[NDArray, ...]
+    shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, planes: NDArray) -> BlockSpectrum:
-        """Transform planes (n, H, W) float32."""
-        count, height, width = planes.shape
-        pad = ((0, 0), (0, -height % SIDE), (0, -width % SIDE))
-        padded = np.pad(planes, pad, mode="edge") if any(side for _, side in pad) else planes
-        blocks = padded.reshape(count, padded.shape[1] // SIDE, SIDE, -1, SIDE)
-        return cls(dct(blocks), (height, width))
+    def of(cls, planes: NDArray, chosen: NDArray | None = None) -> BlockSpectrum:
+        """Transform planes (V, H, W) float32, or those of their blocks that `chosen` (V, H/8, W/8) names."""
+        views, height, width = planes.shape
+        grid = (views, -(-height // SIDE), -(-width // SIDE))
+        at = np.nonzero(np.ones(grid, bool) if chosen is None else chosen)
+        rows, columns = (SIDE * first + np.arange(SIDE)[:, None] for first in at[1:])  # (8, n) each
+        rows, columns = np.minimum(rows, height - 1)[:, None], np.minimum(columns, width - 1)
+        return cls(dct(planes[at[0], rows, columns]), at, planes.shape)
 
     def coding_error(self, step: float, offsets: NDArray | None = None) -> NDArray:
-        """(n, H, W) what quantisation at `step` would add to the planes.
+        """(V, H, W) what quantisation at `step` would add to the planes; 0 outside the blocks.
 
         Args:
             step: in the planes' units.
-            offsets: (n, ceil(H / 16), ceil(W / 16)) QPs by which blocks of `QP_BLOCK` pixels are coarser.
+            offsets: (V, ceil(H / 16), ceil(W / 16)) QPs by which blocks of `QP_BLOCK` pixels are coarser.
         """
-        steps: NDArray = np.full((1, 1, 1, 1, 1), step, np.float32)
+        steps: NDArray = np.full(1, step, np.float32)
         if offsets is not None:
-            repeat = QP_BLOCK // SIDE
-            _, rows, _, columns, _ = self.coefficients.shape
-            by_block = np.exp2(offsets.astype(np.float32) / 6).repeat(repeat, axis=1).repeat(repeat, axis=2)
-            steps = steps * by_block[:, :rows, None, :columns, None]
+            view, row, column = self.at
+            share = SIDE / QP_BLOCK
+            by_block = offsets[view, (row * share).astype(int), (column * share).astype(int)]
+            steps = steps * np.exp2(by_block.astype(np.float32) / 6)
         scaled = self.coefficients / steps
         levels = np.sign(scaled) * np.floor(np.abs(scaled) + np.float32(DEAD_ZONE))
-        error = (levels - scaled) * steps
-        count, rows, _, columns, _ = error.shape
-        planes = dct(error, DCT.T).reshape(count, rows * SIDE, columns * SIDE)
-        return planes[:, : self.size[0], : self.size[1]]
+        views, height, width = self.shape
+        error = np.zeros((views, -(-height // SIDE), SIDE, -(-width // SIDE), SIDE), np.float32)
+        error[self.at[0], self.at[1], :, self.at[2]] = np.moveaxis(dct((levels - scaled) * steps, DCT.T), -1, 0)
+        whole = error.reshape(views, error.shape[1] * SIDE, error.shape[3] * SIDE)
+        return whole[:, :height, :width]

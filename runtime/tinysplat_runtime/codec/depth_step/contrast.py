@@ -45,7 +45,8 @@ def contrast(layer: Gaussians) -> NDArray:
         here, below = colors[:, :_ROWS], np.square(colors[:, 1:] - colors[:, :-1]).sum(axis=-1)
         found[:, rows, :-1] = np.square(here[:, :, 1:] - here[:, :, :-1]).sum(axis=-1)
         found[:, first : first + below.shape[1]] += below
-    found *= np.square(layer.opacities)
+    for of_view, opacities in zip(found, layer.opacities, strict=True):
+        of_view *= np.square(opacities)
     return found
 
 

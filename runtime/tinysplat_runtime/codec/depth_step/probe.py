@@ -24,6 +24,7 @@ from ...render import DEFINITION, Renderer, between
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...system.threads import Crew
+from .blocks import SIDE
 
 STRIPE_ROWS = 32
 """Rows of a stripe, which is as wide as the picture; fewer where the picture has fewer."""
@@ -31,6 +32,7 @@ STRIPE_ROWS = 32
 _REACH = 3.0  # standard deviations beyond which a Gaussian's part in a stripe is not worth the look
 _DILATION_PX = 3.0
 _LEAST_DEPTH = 1e-6
+_PIXELS_AT_A_TIME = 1 << 16
 _GOLDEN = 0.6180339887498949
 
 _LARGEST_SHARE = 4.0
@@ -46,6 +48,9 @@ class Probe:
         shown: (V, H, W) `contrast` of each layer.
         stripes: how many.
         threads: stripes rendered at a time; never changes a result.
+
+    Attributes:
+        reached: of each layer, (V, ceil(H / 8), ceil(W / 8)) bool: the blocks of pixels whose errors count.
     """
 
     def __init__(
@@ -62,7 +67,15 @@ class Probe:
             self._shots = self._run(lambda stripe: _Shot(layers, inverse, shown, stripe), chosen)
         here, whole = (sum(shot.shown[i] for shot in self._shots) for i in range(2))
         share = whole / here if here > 0 else 1.0
+        self.reached = [self._blocks(index, planes.shape) for index, planes in enumerate(inverse)]
         self._share = min(max(share, 1 / _LARGEST_SHARE), _LARGEST_SHARE) / len(self._shots)
+
+    def _blocks(self, layer: int, shape: tuple[int, ...]) -> NDArray:
+        found = np.zeros((shape[0], -(-shape[1] // SIDE), -(-shape[2] // SIDE)), bool)
+        for shot in self._shots:
+            view, row, column = shot.chosen[layer].at
+            found[view, row // SIDE, column // SIDE] = True
+        return found
 
     def damage(self, errors: Sequence[NDArray]) -> float:
         """Mean squared difference of the pictures when `errors` (V, H, W) are added to −1/z of every layer."""
@@ -134,13 +147,13 @@ class _Shot:
         self, layers: Sequence[Gaussians], inverse: Sequence[NDArray], shown: Sequence[NDArray], stripe: _Stripe
     ) -> None:
         self._camera, self._origin = stripe.camera, layers[0].origin
-        self._chosen = [_select(*of_layer, stripe) for of_layer in zip(layers, inverse, shown, strict=True)]
-        self.shown = tuple(sum(chosen.shown[i] for chosen in self._chosen) for i in range(2))
-        self._picture = self._render([chosen.arrays for chosen in self._chosen])
+        self.chosen = [_select(*of_layer, stripe) for of_layer in zip(layers, inverse, shown, strict=True)]
+        self.shown = tuple(sum(chosen.shown[i] for chosen in self.chosen) for i in range(2))
+        self._picture = self._render([chosen.arrays for chosen in self.chosen])
 
     def damage(self, errors: Sequence[NDArray], change: _Change = _Selection.moved) -> float:
         """See `Probe.damage`."""
-        changed = [change(chosen, error) for chosen, error in zip(self._chosen, errors, strict=True)]
+        changed = [change(chosen, error) for chosen, error in zip(self.chosen, errors, strict=True)]
         return float(np.square(self._render(changed) - self._picture).mean(dtype=np.float64))
 
     def _render(self, layers: Sequence[Mapping[str, NDArray]]) -> NDArray:
@@ -165,30 +178,46 @@ def _stripes(cameras: Sequence[Camera], count: int) -> list[_Stripe]:
 
 
 def _select(layer: Gaussians, inverse: NDArray, shown: NDArray, stripe: _Stripe) -> _Selection:
+    """A layer's Gaussians that reach a stripe, looked for some rows at a time: of a large photo they are few."""
     camera = stripe.camera
-    points = layer.means + (layer.origin - camera.centre).astype(np.float32)  # (V, H, W, 3)
-    x, y, z = np.einsum("ij,vhwj->ivhw", camera.rotation.astype(np.float32), points)
-    K, safe = camera.K, np.maximum(z, np.float32(_LEAST_DEPTH))
-    widest = np.maximum(np.maximum(layer.scales[..., 0], layer.scales[..., 1]), layer.scales[..., 2])
-    reach = np.float32(_REACH * camera.focal) * widest / safe + np.float32(_DILATION_PX)
-    v = K[1, 1] * y / safe + K[1, 2]
-    near = (np.abs(v - camera.height / 2) < camera.height / 2 + reach) & (z > _LEAST_DEPTH)
-    u = (K[0, 0] * x + K[0, 1] * y) / safe + K[0, 2]
-    near &= (np.abs(u - camera.width / 2) < camera.width / 2 + reach) & (layer.opacities >= ALPHA_MIN)
-    at = np.nonzero(near)
-    directions = points[at]
+    rows = max(_PIXELS_AT_A_TIME // layer.opacities.shape[2], 1)
+    at, sums = [], np.zeros(2)
+    for view, of_view in enumerate(shown):
+        for first in range(0, len(of_view), rows):
+            block = slice(first, first + rows)
+            near, seen = _near(layer, view, block, stripe)
+            sums += [of_view[block][part].sum(dtype=np.float64) for part in seen]
+            row, column = np.nonzero(near)
+            at.append((np.full(len(row), view), row + first, column))
+    chosen = tuple(np.concatenate(indices) for indices in zip(*at, strict=True))
+    directions = layer.means[chosen] + _shift(layer, camera)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    colors = np.einsum("nb,nbc->nc", sh_basis(directions, layer.degree), layer.sh[at])[:, None] / np.float32(C0)
-    arrays = {name: getattr(layer, name)[at] for name in ("means", "quats", "scales", "opacities")} | {"sh": colors}
+    colors = np.einsum("nb,nbc->nc", sh_basis(directions, layer.degree), layer.sh[chosen])[:, None] / np.float32(C0)
+    arrays = {name: getattr(layer, name)[chosen] for name in ("means", "quats", "scales", "opacities")} | {"sh": colors}
     centres = np.stack([camera.centre - layer.origin for camera in layer.cameras]).astype(np.float32)
     limits = (float(inverse.min()), float(inverse.max()))
-    return _Selection(at, inverse[at], limits, centres[at[0]], arrays, _shown_per_pixel(shown, u, v, z, stripe))
+    per_pixel = float(sums[0]) / (camera.width * camera.height), float(sums[1]) / (camera.width * stripe.height)
+    return _Selection(chosen, inverse[chosen], limits, centres[chosen[0]], arrays, per_pixel)
 
 
-def _shown_per_pixel(shown: NDArray, u: NDArray, v: NDArray, z: NDArray, stripe: _Stripe) -> tuple[float, float]:
-    """Contrast of the Gaussians whose centres lie in a stripe, and of those in its whole picture, per pixel of each."""
-    width, rows = stripe.camera.width, stripe.camera.height
-    whole = (z > _LEAST_DEPTH) & (u >= 0) & (u < width) & (v >= -stripe.first) & (v < stripe.height - stripe.first)
-    here = whole & (v >= 0) & (v < rows)
-    sums = [float(shown[part].sum(dtype=np.float64)) for part in (here, whole)]
-    return sums[0] / (width * rows), sums[1] / (width * stripe.height)
+def _near(layer: Gaussians, view: int, block: slice, stripe: _Stripe) -> tuple[NDArray, tuple[NDArray, NDArray]]:
+    """(h, W) bool of a block of a view's rows: which Gaussians reach a stripe, and whose centres lie in it and in its
+    whole picture.
+    """
+    camera = stripe.camera
+    points = layer.means[view, block] + _shift(layer, camera)  # (h, W, 3)
+    x, y, z = np.einsum("ij,hwj->ihw", camera.rotation.astype(np.float32), points)
+    K, safe, scales = camera.K, np.maximum(z, np.float32(_LEAST_DEPTH)), layer.scales[view, block]
+    widest = np.maximum(np.maximum(scales[..., 0], scales[..., 1]), scales[..., 2])
+    reach = np.float32(_REACH * camera.focal) * widest / safe + np.float32(_DILATION_PX)
+    v, before = K[1, 1] * y / safe + K[1, 2], z > _LEAST_DEPTH
+    near = (np.abs(v - camera.height / 2) < camera.height / 2 + reach) & before
+    u = (K[0, 0] * x + K[0, 1] * y) / safe + K[0, 2]
+    near &= (np.abs(u - camera.width / 2) < camera.width / 2 + reach) & (layer.opacities[view, block] >= ALPHA_MIN)
+    whole = before & (u >= 0) & (u < camera.width) & (v >= -stripe.first) & (v < stripe.height - stripe.first)
+    return near, (whole & (v >= 0) & (v < camera.height), whole)
+
+
+def _shift(layer: Gaussians, camera: Camera) -> NDArray:
+    """(3,) float32 from a camera's centre to what a layer's means are relative to."""
+    return (layer.origin - camera.centre).astype(np.float32)

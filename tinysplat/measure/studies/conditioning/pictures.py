@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat.measure.rows import Row
-from tinysplat_runtime.codec.encoder import EncodeStats, quantise_channel
+from tinysplat_runtime.codec.encoder import map_channel
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
@@ -203,18 +203,17 @@ def quantiser_rows() -> Iterator[Row]:
 
 
 def _quantiser_row(case: str, values: NDArray, step: float, window: tuple[float, float] | None) -> Row:
-    stats = EncodeStats()
     window = window or (float(values.min()), float(values.max()))
-    quantised = quantise_channel(Channel(PlaneClass.COLOR, 0, values, step, window), stats)
-    if quantised.code_map is None or quantised.codes is None:
-        error = float(np.abs(values.astype(np.float64) - quantised.value).max())
+    mapped = map_channel(Channel(PlaneClass.COLOR, 0, values, step, window))
+    code_map = mapped.code_map
+    if code_map is None:
+        error = float(np.abs(values.astype(np.float64) - mapped.value).max())
         return _plane_row(case, "a number", step, 0.0, error, 0)
-    back = quantised.code_map.dequantise(quantised.codes)
-    low, scale = quantised.code_map.offset, quantised.code_map.scale
+    codes, clipped = zip(*map(mapped.codes, range(len(values))), strict=True)
+    low, scale, back = code_map.offset, code_map.scale, code_map.dequantise(np.stack(codes))
     inside = (values >= low - scale) & (values <= low + (MAX_CODE + 1) * scale)
-    error = float(np.abs(back.astype(np.float64) - values)[inside].max() / quantised.code_map.step)
-    what = f"QP {quantised.code_map.qp}"
-    return _plane_row(case, what, step, quantised.code_map.step, error, sum(stats.clipped.values()))
+    error = float(np.abs(back.astype(np.float64) - values)[inside].max() / code_map.step)
+    return _plane_row(case, f"QP {code_map.qp}", step, code_map.step, error, sum(clipped))
 
 
 def _plane_row(case: str, what: str, wanted: float, reached: float, error: float, clipped: int) -> Row:
