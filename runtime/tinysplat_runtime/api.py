@@ -106,13 +106,13 @@ class Runtime:
 
         watch = watch or Stopwatch()
         near, far = scene.depth_range()
-        images = scene.images()
+        images = [scene.images()]
         graph = self.store.network(model)
         with watch.stage("network"):
             enlarger = self.enlarger(scene, model, whole=whole)
             if enlarger is not None:
-                return predict_large(images, scene.cameras, near, far, graph, enlarger)
-            return run_network(images, scene.cameras, near, far, graph)
+                return predict_large(images.pop(), scene.cameras, near, far, graph, enlarger)
+            return run_network(images.pop(), scene.cameras, near, far, graph)
 
     def enlarger(self, scene: Scene, model: str = DEFAULT_MODEL, *, whole: bool = False) -> Enlarger | None:
         """What brings to all pixels of the scene's photos what the network finds on small copies of them.

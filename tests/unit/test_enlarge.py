@@ -1,4 +1,4 @@
-"""Large photos: where surfaces and their edges come to lie, that strips have no seams, and who takes that way."""
+"""Large photos: where surfaces and their edges come to lie, that tiles have no seams, and who takes that way."""
 
 from __future__ import annotations
 
@@ -105,17 +105,16 @@ def test_surfaces_and_their_edges_lie_where_the_large_photos_have_them(scene: Tr
     np.testing.assert_allclose(frontal, FOOTPRINT, rtol=2e-2)
 
 
-def test_strips_have_no_seams(scene: TracedScene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tiles_have_no_seams(scene: TracedScene, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = enlarged(scene)
-    monkeypatch.setattr(enlarge, "STRIP_PIXELS", 17 * 150)
-    monkeypatch.setattr(enlarge, "STRIP_HALOS", 1)
-    strips = enlarged(scene)
+    monkeypatch.setattr(enlarge, "TILE_SIDE", 40)  # 3 × 4 of them, of unlike sizes
+    tiles = enlarged(scene)
     for name in ("means", "quats", "scales", "opacities", "sh"):
-        a, b = getattr(whole, name), getattr(strips, name)
+        a, b = getattr(whole, name), getattr(tiles, name)
         error = np.abs(a - b) / np.abs(a).max()
         # Of two Gaussians at one depth rounding decides which hides the other, and with it how much is sharpened.
-        assert error.max() <= (1e-4 if name != "sh" else 4e-4), name
-        assert np.quantile(error, 0.999) <= 1e-4, name
+        assert error.max() <= (1e-4 if name != "sh" else 8e-4), name
+        assert np.quantile(error, 0.995) <= 1e-4, name
 
 
 def test_far_larger_photos_are_come_to_in_steps(scene: TracedScene) -> None:

@@ -280,8 +280,9 @@ def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool:
     rest = np.empty(values.shape, np.float32)
 
     def decode(view: int) -> None:
-        plane, decoded = coded[view], np.empty(values.shape[1:], np.uint16)
-        PlaneDecoder(plane.parameter_sets, *decoded.shape).decode_into(plane.payload, decoded)
+        plane, (_, height, width) = coded[view], values.shape
+        decoded = np.empty((height, width), np.uint16)
+        PlaneDecoder(plane.parameter_sets, height, width).decode_into(plane.payload, decoded)
         np.subtract(values[view], code_map.dequantise(decoded), out=rest[view])
 
     list(pool.map(decode, range(len(coded))))

@@ -1,14 +1,15 @@
 """Large photos: a network finds surfaces on small copies, and the graph `enlarge` brings them to every pixel.
 
 A network's time and memory grow with the pixels, and a photo of several megapixels shows no more surfaces than one of
-a quarter. So the network's cost is bounded here, and what grows is one cheap graph, run on strips of rows so that its
-memory does not. Between a small and a far larger size lie others, each at most twice the one before.
+a quarter. So the network's cost is bounded here, and what grows is one cheap graph, run on tiles so that its memory
+does not. Between a small and a far larger size lie others, each at most twice the one before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import ceil, log2, sqrt
 from typing import Any
 
@@ -27,11 +28,9 @@ LARGE_PIXELS = 640 * 480
 """Photos of more are large: networks learned from photos of a third as many, and find fewer of the same places in
 larger ones."""
 
-STRIP_PIXELS = 1 << 17
-"""About as many pixels has a strip, for each of which 1.4 KB are taken while it is at work."""
-
-STRIP_HALOS = 4
-"""A strip has at least as many times the rows that it needs beside it: more would be done twice."""
+TILE_SIDE = 448
+"""Most rows and columns of a tile. What lies beside it is worked on twice, 15 % at this size, and 1.4 KB are taken for
+each pixel while it is at work."""
 
 BLUR = 9
 """Side of the box, small pixels, over which a network's change of colour is a tint and no longer detail."""
@@ -51,7 +50,7 @@ class Enlarger:
         graph: the opened artifact.
         networks: names of those whose Gaussians it can make anew.
         pixels: of the photos that they are given in place of large ones, about.
-        halo: rows beside a strip on which its own depend.
+        halo: rows and columns about a tile on which its own depend.
     """
 
     graph: Graph
@@ -81,19 +80,30 @@ def predict_large(
 
     The first layer has the photos' size, further ones that of a network on small photos.
     """
-    images = checked_inputs(images, cameras, near, far, Limits.of(network))
-    photos = [images]
-    for height, width in reversed(_sizes(images.shape[1:3], Limits.of(network), enlarger.pixels)):
+    limits = Limits.of(network)
+    photos = [checked_inputs(images, cameras, near, far, limits)]
+    del images  # where the caller keeps none, photos go as soon as they have served
+    for height, width in reversed(_sizes(photos[0].shape[1:3], limits, enlarger.pixels)):
         photos.append(np.stack([scaled(image, height, width) for image in photos[-1]]))
-    small = photos.pop()
-    found = predict(small, _sized(cameras, small), near, far, network)
+    found = predict(photos[-1], _sized(cameras, photos[-1]), near, far, network)
     if found.sh.shape[3] != 1:
         raise ModelError("view-dependent colours, which cannot be enlarged", where=network.name)
-    while photos:
-        large = photos.pop()
-        found = _enlarged(found, small, large, _sized(cameras, large), near, enlarger)
-        small = large
-    return replace(found, cameras=tuple(cameras))
+    origin, behind = found.origin, found.extra_layers
+    while len(photos) > 1:
+        maps, exposure = _looked_up(found, photos.pop())
+        del found
+        sized, exposed = _sized(cameras, photos[-1]), _exposed(photos[-1], exposure)
+        if len(photos) == 1:
+            photos.clear()
+        found = _enlarged(origin, maps, exposed, sized, near, enlarger)
+    return replace(found, cameras=tuple(cameras), extra_layers=behind)
+
+
+def _looked_up(found: Gaussians, small: NDArray) -> tuple[list[NDArray], list[tuple[NDArray, NDArray]]]:
+    """Of small photos (V, h, w, 3), a view each: what its `_maps` are, and `_exposure`."""
+    exposure = [_exposure(image, seen) for image, seen in zip(small, _colours(found), strict=True)]
+    pairs = enumerate(zip(small, exposure, strict=True))
+    return [_maps(found, image * gain + offset, view) for view, (image, (gain, offset)) in pairs], exposure
 
 
 def _sizes(large: tuple[int, ...], limits: Limits, pixels: int) -> list[tuple[int, int]]:
@@ -112,35 +122,64 @@ def _sized(cameras: Sequence[Camera], images: NDArray) -> list[Camera]:
     return [Camera(camera.K_unit * [[width], [height], [1]], camera.c2w, width, height) for camera in cameras]
 
 
-def _enlarged(
-    found: Gaussians, small: NDArray, large: NDArray, cameras: Sequence[Camera], near: float, enlarger: Enlarger
-) -> Gaussians:
-    """Gaussians (V, H, W, …) of large photos from those (V, h, w, …) of small ones; further layers stay."""
-    views, height, width = large.shape[:3]
-    gain, offset = np.stack([_exposure(image, g) for image, g in zip(small, _colours(found), strict=True)], axis=1)
-    photos = np.ascontiguousarray(large.transpose(0, 3, 1, 2))
-    for photo, a, b in zip(photos, gain, offset, strict=True):
-        photo *= a[:, None, None]
-        photo += b[:, None, None]
+def _exposed(photos: NDArray, exposure: Sequence[tuple[NDArray, NDArray]]) -> NDArray:
+    """Photos (V, H, W, 3) in the exposure that a network gave small ones, as (V, 3, H, W)."""
+    planar = np.ascontiguousarray(photos.transpose(0, 3, 1, 2))
+    for photo, (gain, offset) in zip(planar, exposure, strict=True):
+        photo *= gain[:, None, None]
+        photo += offset[:, None, None]
         photo.clip(0, 1, out=photo)
+    return planar
+
+
+def _enlarged(
+    origin: NDArray,
+    maps: Sequence[NDArray],
+    photos: NDArray,
+    cameras: Sequence[Camera],
+    near: float,
+    enlarger: Enlarger,
+) -> Gaussians:
+    """Gaussians (V, H, W, …) about `origin` of exposed large photos (V, 3, H, W), from `_maps` of small ones."""
+    views, _, height, width = photos.shape
     arrays = {name: np.empty((views, height, width, *tail), np.float32) for name, tail in _SHAPES.items()}
     middle = np.stack([camera.centre for camera in cameras]).mean(axis=0)
+    tiles = [(rows, columns) for rows in _spans(height, enlarger.halo) for columns in _spans(width, enlarger.halo)]
     for view in range(views):
-        maps = _maps(found, small[view] * gain[view] + offset[view], view)
-        fixed = _fixed_inputs(photos, maps.shape[2], cameras, view, middle, near)
-        for first in range(0, height, rows := max(STRIP_PIXELS // width, STRIP_HALOS * enlarger.halo)):
-            last = min(first + rows, height)
-            above, below = max(first - enlarger.halo, 0), min(last + enlarger.halo, height)
-            strip = _strip_inputs(photos[view], maps, cameras[view], above, below)
-            is_last = view == views - 1 and last == height
-            values = replace(enlarger.graph, lets_go=is_last).run({**fixed, **strip}, tuple(arrays))
+        fixed = _fixed_inputs(photos, cameras, view, middle, near)
+        for rows, columns in tiles:
+            tile = _tile_inputs(photos[view], maps[view], cameras[view], rows.worked_on, columns.worked_on)
+            is_last = view == views - 1 and (rows, columns) == tiles[-1]
+            values = replace(enlarger.graph, lets_go=is_last).run({**fixed, **tile}, tuple(arrays))
             for name, array in arrays.items():
-                array[view, first:last] = values[name][0, first - above : last - above]
-    arrays["means"] += (middle - found.origin).astype(np.float32)
+                array[view, rows.kept, columns.kept] = values[name][0, rows.within, columns.within]
+    arrays["means"] += (middle - origin).astype(np.float32)
     return Gaussians(
-        arrays["means"], arrays["quats"], arrays["scales"], arrays["opacities"], arrays["sh"],
-        cameras=tuple(cameras), origin=found.origin, extra_layers=found.extra_layers,
-    )  # fmt: skip
+        arrays["means"], arrays["quats"], arrays["scales"], arrays["opacities"], arrays["sh"], tuple(cameras), origin
+    )
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Rows or columns of a tile: those that are kept, those beside them with which they are worked on, and the former
+    among the latter.
+    """
+
+    kept: slice
+    worked_on: slice
+    within: slice
+
+
+def _spans(length: int, halo: int) -> list[_Span]:
+    """Tiles of about equal sides along an axis."""
+    count = -(-length // TILE_SIDE)
+    ends = [round(length * i / count) for i in range(count + 1)]
+    spans = []
+    for first, last in pairwise(ends):
+        worked_on = slice(max(first - halo, 0), min(last + halo, length))
+        within = slice(first - worked_on.start, last - worked_on.start)
+        spans.append(_Span(slice(first, last), worked_on, within))
+    return spans
 
 
 _SHAPES = {name: tuple(abs(n) for n in trailing) for name, trailing in FIELDS.items()}
@@ -148,9 +187,9 @@ _SHAPES = {name: tuple(abs(n) for n in trailing) for name, trailing in FIELDS.it
 
 
 def _fixed_inputs(
-    photos: NDArray, small_width: int, cameras: Sequence[Camera], view: int, middle: NDArray, near: float
+    photos: NDArray, cameras: Sequence[Camera], view: int, middle: NDArray, near: float
 ) -> dict[str, NDArray]:
-    """What all strips of a view are given: its columns, its pose, and the nearest other photos, four at most."""
+    """What all tiles of a view are given: its pose, and the nearest other photos, four at most."""
     own, count = cameras[view], len(cameras)
     distance = np.array([np.linalg.norm(camera.centre - own.centre) for camera in cameras])
     distance[view] = np.inf
@@ -158,11 +197,10 @@ def _fixed_inputs(
     baseline = max(float(distance[nearest].mean()), LEAST_BASELINE * near)
     c2w = np.eye(4)
     c2w[:3, :3], c2w[:3, 3] = own.rotation.T, own.centre - middle
-    width, others = photos.shape[3], [cameras[i] for i in nearest]
+    others = [cameras[i] for i in nearest]
     return {
-        "columns": _positions(width, small_width, 0, width),
         "c2w": as_input(c2w[None]),
-        "sources": photos[nearest],
+        "sources": photos[nearest] if len(nearest) > 1 else photos[nearest[0]][None],  # the latter is no copy
         "source_K": as_input([other.K_unit for other in others]),
         "rotation": as_input([other.rotation @ own.rotation.T for other in others]),
         "translation": as_input([other.rotation @ (own.centre - other.centre) for other in others]),
@@ -170,23 +208,27 @@ def _fixed_inputs(
     }
 
 
-def _strip_inputs(photo: NDArray, maps: NDArray, camera: Camera, above: int, below: int) -> dict[str, NDArray]:
-    """What the rows `above` to `below` of a view are given: they, their camera, and the small rows about them."""
+def _tile_inputs(photo: NDArray, maps: NDArray, camera: Camera, rows: slice, columns: slice) -> dict[str, NDArray]:
+    """What a tile of a view is given: its pixels, their camera, and the small pixels about them."""
     K = camera.K.copy()
-    K[1, 2] -= above
-    rows = _positions(camera.height, maps.shape[1], above, below)
-    first = max(int(rows[0]) - 2, 0)
+    K[0, 2] -= columns.start
+    K[1, 2] -= rows.start
+    small_rows, near_rows = _among_small(camera.height, maps.shape[1], rows)
+    small_columns, near_columns = _among_small(camera.width, maps.shape[2], columns)
     return {
-        "photo": np.ascontiguousarray(photo[None, :, above:below]),
-        "small": np.ascontiguousarray(maps[None, :, first : int(rows[-1]) + 3]),
-        "rows": rows - np.float32(first),
+        "photo": np.ascontiguousarray(photo[None, :, rows, columns]),
+        "small": np.ascontiguousarray(maps[None, :, near_rows, near_columns]),
+        "rows": small_rows,
+        "columns": small_columns,
         "K": as_input(K[None]),
     }
 
 
-def _positions(large: int, small: int, first: int, last: int) -> NDArray:
-    """Where centres `first` to `last` of `large` pixels lie among `small` ones, whose first is centred at 0."""
-    return as_input((np.arange(first, last) + 0.5) * (small / large) - 0.5)
+def _among_small(large: int, small: int, span: slice) -> tuple[NDArray, slice]:
+    """Where centres of a span of `large` pixels lie among the small ones about them, and which of `small` these are."""
+    places = (np.arange(span.start, span.stop) + 0.5) * (small / large) - 0.5
+    near = slice(max(int(places[0]) - 2, 0), int(places[-1]) + 3)
+    return as_input(places - near.start), near
 
 
 def _colours(gaussians: Gaussians) -> NDArray:
