@@ -19,7 +19,7 @@ from tinysplat.rasteriser import PinholeCamera
 from tinysplat.rasteriser import render as render_torch
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.sh import C0
-from tinysplat_runtime.render.gradient import MovableGaussians
+from tinysplat_runtime.render.gradient import MovableGaussians, Target
 from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
@@ -75,7 +75,7 @@ def found_gradient(
     field = MovableGaussians(gaussians, Crew(threads).map, dilation)
     gradient = np.zeros_like(field.values)
     near = field.shares(camera) if order == "near" else None
-    error = field.measure(camera, photo, gain=1.1, offset=-0.02, gradient=gradient, shares=near)
+    error = field.measure(Target(camera, photo, 1.1, -0.02), shares=near, gradient=gradient)
     return error, compact(field, field.values).astype(np.float64), compact(field, gradient)
 
 
@@ -237,8 +237,9 @@ def test_pictures_without_a_view_are_those_of_the_others() -> None:
         for layer in gaussians.layers
     ]  # fmt: skip
     others = MovableGaussians(replace(kept[0], extra_layers=tuple(kept[1:])), Crew(1).map)
-    assert field.measure(camera, photo, without=(1,)) == others.measure(camera, photo)
-    assert field.measure(camera, photo) != others.measure(camera, photo)
+    target = Target(camera, photo)
+    assert field.measure(target, without=(1,)) == others.measure(target)
+    assert field.measure(target) != others.measure(target)
 
 
 def test_what_is_wide_but_too_faint_to_show_is_not_drawn():

@@ -14,11 +14,10 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.refine.loop import Loop
-from tinysplat_runtime.refine.photos import Target
 from tinysplat_runtime.refine.settings import settings_for
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import DEFINITION, Renderer, between
-from tinysplat_runtime.render.gradient import MovableGaussians, PhotoError
+from tinysplat_runtime.render.gradient import MovableGaussians, PhotoError, Target
 from tinysplat_runtime.render.near import NearViews
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
@@ -113,7 +112,7 @@ def test_photos_are_drawn_as_if_from_between_and_by_depth_in_turns(case: tuple[t
     assert near is not None
     seen = []
 
-    def measure(camera: ts.Camera, photo: np.ndarray, **options) -> PhotoError:
+    def measure(target: Target, **options) -> PhotoError:
         seen.append(options["shares"])
         return PhotoError(1.0, 1.0, 0.0, 0.0, 1.0)
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from ..gaussian.sh import C0
 from ..render import between
-from ..render.gradient import Grid, MovableGaussians, PhotoError
+from ..render.gradient import Grid, MovableGaussians, PhotoError, Target
 from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from . import kernels
-from .photos import Target
 from .price import PlanePrice
 from .settings import LIMITS, Settings
 
@@ -65,11 +64,10 @@ class Loop:
         self._gradient[:] = 0
         self.errors = tuple(
             self.field.measure(
-                target.camera, target.photo, gain=gain, offset=offset, weight=area, gradient=self._gradient,
-                shares=self._front(view),
+                self._exposed(view, target), shares=self._front(view), gradient=self._gradient, weight=area
             )
-            for view, (target, (gain, offset)) in enumerate(zip(targets, self.exposures, strict=True))
-        )  # fmt: skip
+            for view, target in enumerate(targets)
+        )
         self._count += 1
         self._run(self._regularise, self.field.grids)
         self._run(self._correct, range(VALUES))
@@ -83,10 +81,7 @@ class Loop:
 
     def photo_psnr(self) -> float:
         """dB of the photos as they are, drawn from all Gaussians, near views first; the mean."""
-        errors = [
-            self.field.measure(target.camera, target.photo, shares=self.field.shares(target.camera))
-            for target in self._sizes[0]
-        ]
+        errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in self._sizes[0]]
         return float(np.mean([error.psnr for error in errors]))
 
     def check(self) -> float:
@@ -94,20 +89,18 @@ class Loop:
 
         The mean; 0 where they showed nothing of any.
         """
-        checks = enumerate(zip(self._checks, self.exposures, strict=True))
-        errors = [self._from_others(view, target, exposure) for view, (target, exposure) in checks]
+        errors = [self._from_others(view, self._exposed(view, target)) for view, target in enumerate(self._checks)]
         known = [error.psnr for error in errors if error.known]
         return float(np.mean(known)) if known else 0.0
 
-    def _from_others(
-        self, view: int, target: Target, exposure: tuple[float, float] = (1.0, 0.0), left: NDArray | None = None
-    ) -> PhotoError:
+    def _exposed(self, view: int, target: Target) -> Target:
+        """A photo of a view as the loop has found that it was exposed."""
+        gain, offset = self.exposures[view]
+        return replace(target, gain=gain, offset=offset)
+
+    def _from_others(self, view: int, target: Target, left: NDArray | None = None) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, near views first."""
-        gain, offset = exposure
-        shares = self.field.shares(target.camera, (view,))
-        return self.field.measure(
-            target.camera, target.photo, gain=gain, offset=offset, without=(view,), shares=shares, left=left
-        )
+        return self.field.measure(target, shares=self.field.shares(target.camera, (view,)), without=(view,), left=left)
 
     def _covered(self, view: int, target: Target) -> Target:
         """A photo, NaN where the Gaussians of the others leave much of what is behind them."""

@@ -5,13 +5,11 @@ Trust boundary: every view needs a photo of its own size and pose, whose values 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
+from ..render.gradient import Target
 from ..scene.cameras import Camera
 from ..scene.scenes import Frame, Scene
 
@@ -24,19 +22,6 @@ SAME_PIXEL = 0.5
 
 CLOSER = 2
 """Photos this many times as large are looked at too, where they are at hand: a scene is then good from closer."""
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """A photo at one size.
-
-    Attributes:
-        camera: where it was taken.
-        photo: (H, W, 3) float32 in [0, 1].
-    """
-
-    camera: Camera
-    photo: NDArray
 
 
 def matched(gaussians: Gaussians, scene: Scene) -> Scene:

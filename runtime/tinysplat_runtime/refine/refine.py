@@ -150,7 +150,7 @@ def _begin(
     settings = settings_for(len(gaussians.cameras))
     moving = MovableGaussians(gaussians, run_jobs)
     for view, target in enumerate(sizes[0]):
-        error = moving.measure(target.camera, target.photo, shares=moving.shares(target.camera))
+        error = moving.measure(target, shares=moving.shares(target.camera))
         if 1 - error.squared / float(((target.photo - target.photo.mean((0, 1))) ** 2).sum() + 1e-9) < SAME_PICTURE:
             stats.reason = f"photo {view} shows something else than they do"
             return None

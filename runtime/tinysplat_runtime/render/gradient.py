@@ -1,7 +1,7 @@
 """Gaussians that move: how well they draw a photo, and which way each of them would draw it better.
 
     field = MovableGaussians(gaussians, Crew(threads).map)
-    error = field.measure(camera, photo, gradient=gradient)     # adds to `gradient`, (6, rows)
+    error = field.measure(Target(camera, photo), gradient=gradient)     # adds to `gradient`, (6, rows)
     field.values[…] -= …; field.place()
 
 A Gaussian moves along the ray of its own pixel alone, and may grow, fade and change its colour of SH degree 0
@@ -34,6 +34,22 @@ from .renderer import NEAR_PLANE
 LEAST_OPACITY, LARGEST_OPACITY = 1e-9, 1 - 1e-6
 """Opacities outside are moved to these ends before their logit is taken: below 1/255 nothing is drawn, and where alpha
 is cut at 0.99 nothing changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A photo that is to be seen as gain · picture + offset, before a black background.
+
+    Attributes:
+        camera: where it was taken.
+        photo: (H, W, 3) float32 in [0, 1], of the camera's size; pixels whose red is NaN are left out.
+        gain, offset: how it was exposed.
+    """
+
+    camera: Camera
+    photo: NDArray
+    gain: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -193,29 +209,27 @@ class MovableGaussians:
         return replace(layers[0], extra_layers=tuple(layers[1:]), notes=start.notes)
 
     def measure(
-        self, camera: Camera, photo: NDArray, *, gain: float = 1.0, offset: float = 0.0, weight: float = 1.0,
-        gradient: NDArray | None = None, shares: NDArray | None = None, without: Collection[int] = (),
-        left: NDArray | None = None,
+        self, target: Target, *, shares: NDArray | None = None, without: Collection[int] = (),
+        gradient: NDArray | None = None, weight: float = 1.0, left: NDArray | None = None,
     ) -> PhotoError:  # fmt: skip
-        """Hold gain · picture + offset, before a black background, against a photo.
+        """Draw a photo's picture and hold it against the photo.
 
         Args:
-            camera: where it was taken.
-            photo: (H, W, 3) float32, of the camera's size; pixels whose red is NaN are left out.
-            gain, offset: how it was exposed.
-            weight: what a unit of |error| counts in `gradient`.
-            gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
+            target: the photo.
             shares: (V,) of their opacities that views' surfaces are drawn first with, None for none.
             without: views whose Gaussians are not drawn.
+            gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
+            weight: what a unit of |error| counts in `gradient`.
             left: (H, W) float32, filled with the transmittance of pixels, or None.
         """
+        camera, photo = target.camera, target.photo
         view = View.of(camera, self.origin, NEAR_PLANE)
         columns, rows = -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
         pieces = [piece for piece in self._pieces if piece.grid.view not in without]
         visible = self._run(lambda piece: self._project(piece, view, shares, columns, columns * rows), pieces)
         counts = np.stack([np.zeros(columns * rows, np.int64), *(part.counts for part in visible)])
         sums = np.zeros((columns * rows, SUMS))
-        exposure = (np.float32(gain), np.float32(offset), np.float32(weight))
+        exposure = (np.float32(target.gain), np.float32(target.offset), np.float32(weight))
         left = np.empty((0, 0), np.float32) if left is None else left
         for first, last in batches(counts.sum(axis=0)):
             listed = counts[1:, first:last]
