@@ -126,6 +126,23 @@ def test_photos_are_drawn_as_if_from_between_and_by_depth_in_turns(case: tuple[t
         np.testing.assert_allclose(shares, near.shares(between([start.cameras[0], start.cameras[other]], 3)[1]))
 
 
+def test_drawn_by_depth_a_photo_corrects_the_gaussians_of_others_alone(
+    case: tuple[ts.Gaussians, Scene, Scene],
+) -> None:
+    loop = begun(case[0], case[1].images())
+    loop.settings = replace(loop.settings, price=0.0, variation=0.0)
+
+    def measure(target: Target, gradient: np.ndarray, **options) -> PhotoError:
+        gradient += 1
+        return PhotoError(1.0, 1.0, 0.0, 0.0, 1.0)
+
+    loop.field.measure = measure  # type: ignore[method-assign, assignment]
+    for photos in (3, 2):  # that each Gaussian has a gradient from
+        loop.step()
+        for grid in loop.field.grids:
+            assert (loop._gradient[:, grid.rows] == photos).all()
+
+
 def test_results_are_the_same_on_any_number_of_threads(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
     start, photos, _ = case
     one, other = (ts.Runtime(threads=n).refine(start, photos, 3) for n in (1, 3))

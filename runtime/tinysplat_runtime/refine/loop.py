@@ -62,17 +62,25 @@ class Loop:
         targets = self._sizes[self._count % len(self._sizes)]
         area = self._sizes[0][0].photo.size / targets[0].photo.size
         self._gradient[:] = 0
-        self.errors = tuple(
-            self.field.measure(
-                self._exposed(view, target), shares=self._front(view), gradient=self._gradient, weight=area
-            )
-            for view, target in enumerate(targets)
-        )
+        self.errors = tuple(self._draw(view, target, area) for view, target in enumerate(targets))
         self._count += 1
         self._run(self._regularise, self.field.grids)
         self._run(self._correct, range(VALUES))
         self._expose()
         self.field.place()
+
+    def _draw(self, view: int, target: Target, area: float) -> PhotoError:
+        """What a photo lacks; what would mend it is added to the gradient.
+
+        Drawn by depth, a photo corrects the Gaussians of the others alone: its own show it from wherever on their rays
+        they are.
+        """
+        shares, own = self._front(view), [grid.rows for grid in self.field.grids if grid.view == view]
+        spared = [(rows, self._gradient[:, rows].copy()) for rows in own if shares is None and self.settings.spares_own]
+        error = self.field.measure(self._exposed(view, target), shares=shares, gradient=self._gradient, weight=area)
+        for rows, before in spared:
+            self._gradient[:, rows] = before
+        return error
 
     def show(self, values: NDArray) -> None:
         """Put the Gaussians where values (6, rows) say."""

@@ -144,7 +144,8 @@ def refine_line(rows: Sequence[Row]) -> str:
             continue
         before, after = (statistics.fmean(row.figures["psnr"] for row in by_time[given]) for given in (0, LINE_SECONDS))
         parts.append(f"{views} photos {decibels(before)} → {decibels(after)} dB")
-    return f"{LINE_SECONDS} s: {', '.join(parts)}" if parts else ""
+    scenes = {row.subject.partition(" ")[0] for row in rows if row.study == STUDY}
+    return f"{LINE_SECONDS} s, mean of {len(scenes)} scenes: {', '.join(parts)}" if parts else ""
 
 
 def curve_rows(run: Run) -> Iterator[Row]:
