@@ -76,7 +76,7 @@ class Loop:
         they are.
         """
         shares, own = self._front(view), [grid.rows for grid in self.field.grids if grid.view == view]
-        spared = [(rows, self._gradient[:, rows].copy()) for rows in own if shares is None and self.settings.spares_own]
+        spared = [(rows, self._gradient[:, rows].copy()) for rows in own if shares is None]
         error = self.field.measure(self._exposed(view, target), shares=shares, gradient=self._gradient, weight=area)
         for rows, before in spared:
             self._gradient[:, rows] = before

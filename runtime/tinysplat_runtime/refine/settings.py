@@ -19,7 +19,6 @@ class Settings:
         momentum, memory: Adam's β₁ and β₂.
         noise: Adam's ε: gradients much smaller than this, in |error| summed over a photo's pixels, change little, and
             so cost no bytes.
-        spares_own: whether photos that are drawn by depth correct the Gaussians of others alone.
         variation: weight of the total variation of changes of log depth, at 0 contrast.
         edge: how fast that weight falls with the photo's contrast, e^(−edge · |difference|).
         price: |error| that a bit of the file is worth.
@@ -38,7 +37,6 @@ class Settings:
     momentum: float = 0.8
     memory: float = 0.99
     noise: float = 2e-3
-    spares_own: bool = True
     variation: float = 0.05
     edge: float = 10.0
     price: float = 0.005
@@ -63,8 +61,7 @@ colours from −0.6 to 2.8. Values that begin outside stay where they are or mov
 
 
 FOR_TWO = Settings(
-    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, spares_own=False,
-    look_every=2, least_gain=0.015, patience=1, most_steps=4,
+    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, look_every=2, least_gain=0.015, patience=1, most_steps=4
 )  # fmt: skip
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 

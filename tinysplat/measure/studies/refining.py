@@ -35,7 +35,7 @@ SECONDS, QUICK_SECONDS = (0, 2, 5, 10, 20, 40), (0, 2)
 VIEWS = (3, 4, 6)
 
 CURVES = "refined curves"
-CURVE_QPS, QUICK_CURVE_QPS = (-6.0, 0.0, 7.0, 14.0, 22.0), (0.0, 12.0)
+CURVE_QPS, QUICK_CURVE_QPS = (-6.0, 2.0, 12.0, 22.0), (0.0, 12.0)
 CURVE_VIEWS = (4,)
 SIZES_KB = (20, 40, 80, 160, 300)
 """At which the two are compared."""
