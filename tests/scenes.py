@@ -129,6 +129,18 @@ def _smooth_pixels(cameras: list[Camera], degree: int, seed: int, origin: NDArra
     return Gaussians(means, quats, scales, rng.uniform(0.1, 1, grid), sh, tuple(cameras), origin)
 
 
+def make_free_gaussians(count: int, degree: int, rng: np.random.Generator, size: float = 1.0) -> Gaussians:
+    """Gaussians of no pixels: a lumpy shell of radius about `size` whose colours vary smoothly along it."""
+    towards = rng.normal(size=(count, 3))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    means = size * towards * (1 + 0.1 * np.sin(5 * towards).sum(axis=1, keepdims=True))
+    functions = (degree + 1) ** 2
+    mix = rng.normal(size=(3, functions, 3)) * np.exp(-np.sqrt(np.arange(functions)))[:, None]
+    sh = np.einsum("nc,cbk->nbk", np.sin(3 * towards), mix) + 0.05 * rng.normal(size=(count, functions, 3))
+    scales = 0.05 * np.exp(rng.normal(0, 0.7, (count, 3)))
+    return Gaussians(means, rng.normal(size=(count, 4)), scales, rng.uniform(0.02, 1, count), sh)
+
+
 def make_photo(height: int, width: int, seed: int = 0) -> NDArray:
     """(H, W, 3) uint8 with smooth colours and edges."""
     y, x = np.mgrid[0:height, 0:width] / max(height, width)

@@ -32,6 +32,7 @@ from .system.threads import Crew, available_cores
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
     from .codec.encoder import EncodeStats
+    from .codec.modes.mode import Job
     from .graphs.enlarge import Enlarger
     from .refine.stats import RefineStats
     from .scene.cameras import Camera
@@ -44,6 +45,9 @@ T = TypeVar("T")
 
 MAX_FILE_BYTES = 1 << 31
 """Largest `.tsplat` file that is read."""
+
+FREE_VIEWS = 4
+"""Views about Gaussians of no pixels that `target_psnr` is measured from."""
 
 TARGETS = ("target_size", "target_psnr", "lossless", "like")
 """Options of `compress` that say how planes are coded in place of Q_g."""
@@ -183,12 +187,14 @@ class Runtime:
         """Code Gaussians as a `.tsplat` file's bytes.
 
         Args:
-            gaussians: per pixel, with cameras; the file carries their notes.
+            gaussians: per pixel, with cameras; or belonging to no pixels, as of a trained or an edited scene, which
+                mode `free` codes: as one list, in an order of its own, without those of opacity under 1/255. The file
+                carries their notes.
             profile: one of `codec.profiles.PROFILES`.
             qp: Q_g; every quantiser step is multiplied by 2^(qp/6). None is 0, or what a target asks for.
             target_size: bytes of the file in place of `qp`: at most that many, and at least 97 % of it.
-            target_psnr: dB of decoded against raw renders, the mean over the input views, in place of `qp`: at least
-                that many, and at most 0.2 more.
+            target_psnr: dB of decoded against raw renders, the mean over the input views, or over four made up about
+                Gaussians of no pixels, in place of `qp`: at least that many, and at most 0.2 more.
             lossless: float16 planes, bit for bit (`codec.exact` has the guarantee); profile and qp play no part.
             like: a file's bytes, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay where
                 nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
@@ -198,7 +204,7 @@ class Runtime:
         Raises:
             FormatError: `like` is damaged.
             InputError: an option out of range, two options that contradict each other, a target that cannot be
-                reached, Gaussians of no pixels, or of other grids than `like`.
+                reached; with `lossless` or `like`, Gaussians of no pixels, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
         from .codec.encoder import EncodeStats
@@ -218,11 +224,25 @@ class Runtime:
         if lossless:
             stats.mode = "lossless"
             return MODES[stats.mode].encode(job)
+        if not gaussians.is_per_pixel:
+            stats.mode = "free"
+            return self._compress_free(job, target_size, target_psnr)
         if target_size is not None:
             return encode_to_size(job.encoder(), target_size)
         if target_psnr is not None:
             return encode_to_psnr(job.encoder(), target_psnr, self._fidelity(gaussians))
         return MODES[DEFAULT_MODE].encode(job)
+
+    def _compress_free(self, job: Job, target_size: int | None, target_psnr: float | None) -> bytes:
+        """`compress` of Gaussians that belong to no pixels."""
+        from .codec.free.search import code_to_psnr, code_to_size
+        from .codec.modes.free import encoder as free_encoder
+
+        if target_size is not None:
+            return code_to_size(free_encoder(job), target_size)
+        if target_psnr is not None:
+            return code_to_psnr(free_encoder(job), target_psnr, self._fidelity(job.gaussians))
+        return MODES["free"].encode(job)
 
     def encode(
         self,
@@ -273,18 +293,20 @@ class Runtime:
         return data if stats.mode == "photos" else planes
 
     def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
-        """PSNR of a file's render to that of `gaussians`, the mean over their views."""
+        """PSNR of a file's render to that of `gaussians`, the mean over their views or over some made up."""
         from .render import DEFINITION, Renderer
+        from .render.paths import ring
 
         # In numpy, so that no byte depends on whether numba is installed; as defined, so that none follows defaults.
         renderer = Renderer(gaussians, threads=self.threads, compiled=False, **DEFINITION)
-        raw = [renderer.render(camera) for camera in gaussians.cameras]
+        cameras = gaussians.cameras or ring(gaussians, FREE_VIEWS)
+        raw = [renderer.render(camera) for camera in cameras]
 
         def measure(data: bytes) -> float:
             decoded = Renderer(self.decompress(data), threads=self.threads, compiled=False, **DEFINITION)
             errors = [
                 float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
-                for camera, image in zip(gaussians.cameras, raw, strict=True)
+                for camera, image in zip(cameras, raw, strict=True)
             ]
             return float(np.mean([-10 * math.log10(max(error, 1e-12)) for error in errors]))
 

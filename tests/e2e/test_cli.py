@@ -403,7 +403,10 @@ def test_a_tsplat_file_goes_where_any_gaussian_file_goes(encoded, tmp_path):
     )
     error = ts.render(after, after.cameras[1]) - ts.render(before, before.cameras[1])
     assert -10 * np.log10(np.mean(error**2)) > 30
-    assert "no longer pixels" in fail("convert", turned, "-o", tmp_path / "x.tsplat", "--crop", "-9,-9,-9,9,9,9")
+    # What was cut is no longer pixels of views, and goes on as a list of points.
+    cut = tmp_path / "cut.tsplat"
+    succeed("convert", turned, "-o", cut, "--crop", "-9,-9,-9,9,9,9")
+    assert ts.inspect(cut.read_bytes())["mode"] == "free" and ts.load_gaussians(cut).count > 0
 
 
 def test_standard_input_and_output_stand_for_files(encoded, tmp_path):
@@ -507,7 +510,7 @@ def test_photos_that_memory_does_not_suffice_for_are_refused_with_a_size_that_fi
         (("encode", "{scene}", "-o", "x.ply"), "x.ply: '.ply', expected .tsplat; other formats: `tinysplat decode`"),
         (("encode", "https://example.invalid/scene", "-o", "x.tsplat"), "example.invalid/scene: a URL, expected"),
         (("encode", "{scene}", "-o", "x.tsplat", "--views", "0"), "--views: 1 photo, expected two or more"),
-        (("compress", "{points}", "-o", "x.tsplat"), "g.ply: a list of points, and .tsplat files hold pixels"),
+        (("compress", "{points}", "-o", "x.tsplat", "--lossless"), "g.ply: gaussians: belong to no pixels; expected"),
         (("view", "{scene}", "--html", "x.html"), "a folder, expected a file; `tinysplat encode` makes one of a scene"),
     ],
     ids=lambda value: value if isinstance(value, str) else None,

@@ -23,6 +23,7 @@ from tinysplat_runtime.container.extras import (
     PHOTOS,
     PHOTOS_FIXED,
 )
+from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_POINTS
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import StreamRef
 
@@ -62,6 +63,13 @@ class Seed:
             for channel in layer.channels:
                 kind = L.PLANES[channel.plane_class]
                 sections = [i for i, p in enumerate(parts) if p.kind == kind and p.index % L.PART == index]
+                pictures += [_place(parts, sections, stream) for stream in channel.streams]
+        if container.free is not None:
+            at = next(i for i, p in enumerate(parts) if p.kind == FREE_POINTS)
+            lengths = [len(stream) for stream in container.free.grid.streams]
+            pictures += [(at, sum(lengths[:n]), length) for n, length in enumerate(lengths)]
+            for channel in container.channels[0]:
+                sections = [i for i, p in enumerate(parts) if p.kind == L.PLANES[channel.plane_class]]
                 pictures += [_place(parts, sections, stream) for stream in channel.streams]
         return cls(data, tuple(parts), tuple(pictures))
 
@@ -195,8 +203,9 @@ def damage_pictures(seed: Seed, rng: Random) -> bytes:
     if not seed.pictures:  # exact planes: sections of their own
         return damage_section(seed, rng)
     parts = list(seed.parts)
-    if rng.random() < 0.25:
-        i = rng.choice([i for i, p in enumerate(parts) if p.kind == L.PARAMETER_SETS])
+    sets = [i for i, p in enumerate(parts) if p.kind == L.PARAMETER_SETS]
+    if rng.random() < 0.25 and sets:
+        i = rng.choice(sets)
         parts[i] = replace(parts[i], data=damage(parts[i].data, rng))
         return join(parts)
     for i, start, length in rng.sample(seed.pictures, min(rng.choice((1, 1, 3)), len(seed.pictures))):
@@ -208,6 +217,8 @@ def _with_picture(parts: list[Part], i: int, start: int, picture: bytes) -> Part
     """Section `i` with another picture of the same length; its checksum in the layer's records follows."""
     old = parts[i].data[start : start + len(picture)]
     table = (PHOTOS, 0) if parts[i].kind == PHOTO_PICTURES else (L.LAYER, parts[i].index % L.PART)
+    if any(p.kind == FREE for p in parts):
+        table = FREE, 0
     of = next(n for n, p in enumerate(parts) if (p.kind, p.index) == table)
     record, repaired = (L.STREAM.pack(len(old), crc32(data)) for data in (old, picture))
     parts[of] = replace(parts[of], data=parts[of].data.replace(record, repaired))
@@ -249,4 +260,5 @@ _FIELDS = {
     EXACT: _field_offsets(EXACT_FIXED),
     PHOTOS: _field_offsets(PHOTOS_FIXED),
     NETWORK: _field_offsets(NETWORK_FIXED),
+    FREE: _field_offsets(FREE_FIXED),
 }

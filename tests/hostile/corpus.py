@@ -16,6 +16,7 @@ from foreign import foreign_bytes
 from scenes import (
     colmap_texts,
     make_cameras,
+    make_free_gaussians,
     make_gaussians,
     make_photo,
     make_smooth_gaussians,
@@ -49,6 +50,14 @@ def tsplat_seeds() -> tuple[Seed, ...]:
     noted = make_smooth_gaussians(1, 5, 7, 0).with_notes(ts.Notes("metre", "Jörg Müller", "CC-BY-4.0", "20 steps"))
     files.append(runtime.compress(noted, "paper"))
     return tuple(Seed.of(data) for data in files)
+
+
+@lru_cache(maxsize=1)
+def free_seeds() -> tuple[Seed, ...]:
+    """Files of Gaussians of no pixels: one, some in one place, and a few hundred of SH degree 0 and 2."""
+    runtime, rng = ts.Runtime(threads=1), np.random.default_rng(5)
+    scenes = [(1, 0, 1.0), (9, 1, 0.0), (300, 0, 1.0), (200, 2, 1.0)]
+    return tuple(Seed.of(runtime.compress(make_free_gaussians(n, degree, rng, size))) for n, degree, size in scenes)
 
 
 @lru_cache(maxsize=1)

@@ -102,11 +102,19 @@ def _decode(rng: Random) -> None:
             raise BrokenPromiseError("a picture holds what is no colour")
 
 
+def _free(rng: Random) -> None:
+    data = damage_whole(rng.choice(corpus.free_seeds()), rng)
+    prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
+    lost: list[str] | None = [] if rng.random() < 0.2 else None
+    check_decoded(decode_gaussians(data, _store(), threads=1, limits=LIMITS, max_bytes=prefix, lost=lost))
+    json.dumps(inspect_bytes(data, LIMITS, is_prefix=prefix is not None or lost is not None), allow_nan=False)
+
+
 def check_decoded(gaussians: ts.Gaussians) -> None:
     """Raise unless the decoded Gaussians are what `Gaussians` promises, which the decoder does not check."""
     for n, layer in enumerate(gaussians.layers):
         lead = layer.opacities.shape
-        if lead != (len(layer.cameras), layer.cameras[0].height, layer.cameras[0].width):
+        if layer.cameras and lead != (len(layer.cameras), layer.cameras[0].height, layer.cameras[0].width):
             raise BrokenPromiseError(f"layer {n}: shape {lead}")
         for name in FIELDS:
             if not np.isfinite(getattr(layer, name)).all():
@@ -283,6 +291,7 @@ TARGETS: dict[str, Target] = {
         Target("container", _container, (FormatError,)),
         Target("info", _info, (FormatError,)),
         Target("decode", _decode, (FormatError,)),
+        Target("free", _free, (FormatError,)),
         Target("picture", _picture, (FormatError,)),
         Target("parameter_sets", _parameter_sets, (FormatError,)),
         _gaussian_file(".npz", damage_npz),

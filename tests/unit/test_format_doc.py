@@ -10,6 +10,7 @@ from golden_cases import DATA
 
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.extras import EXACT_FIXED, NETWORK_FIXED, PHOTOS_FIXED
+from tinysplat_runtime.container.free import FREE_FIXED
 from tinysplat_runtime.container.notes import NOTES_FIXED
 from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, GEOMETRY_CHANNELS, PLANE_CLASSES, PlaneClass
 
@@ -42,6 +43,7 @@ STRUCTURES = {
     "PHOT": PHOTOS_FIXED,
     "EXAC": EXACT_FIXED,
     "NOTE": NOTES_FIXED,
+    "FREE": FREE_FIXED,
 }
 """In the order of the page's tables."""
 

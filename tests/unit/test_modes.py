@@ -186,7 +186,10 @@ def test_a_hybrid_prefix_falls_back_to_the_photos(files, raw):
 def test_every_choice_is_a_mode_or_auto_and_files_name_theirs(files, raw):
     assert set(CHOICES) - {AUTO} <= set(MODES) and AUTO not in MODES
     assert all(name == mode.name for name, mode in MODES.items())
-    found = {read_container(data).mode for data in (*files.values(), RUNTIME.compress(raw, lossless=True))}
+    found = {
+        read_container(data).mode
+        for data in (*files.values(), RUNTIME.compress(raw, lossless=True), RUNTIME.compress(raw.flat()))
+    }
     assert found == set(MODES)
 
 

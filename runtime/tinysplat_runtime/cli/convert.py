@@ -67,16 +67,13 @@ def selected(args: Namespace, gaussians: Gaussians) -> Gaussians:
 def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
     """Write a Gaussian file, or with `--points` a point cloud; what the format cannot keep goes to standard error.
 
-    A .tsplat file takes Gaussians that are still pixels of views; see `_coded`.
+    For a .tsplat file see `_coded`.
     """
     if is_standard(path):
         _write_standard(args, path, gaussians)
     elif args.points:
         save_points(path, gaussians)
     elif path.lower().endswith(SUFFIX):
-        if not gaussians.is_per_pixel:
-            found = "Gaussians that are no longer pixels of views, which .tsplat files hold"
-            raise InputError(f"{found}; moving keeps them, cutting and joining do not", where=path)
         write_file(path, _coded(args, gaussians))
     else:
         bits = _sh_bits(args.sh_bits)
@@ -87,7 +84,8 @@ def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
 def _coded(args: Namespace, gaussians: Gaussians) -> bytes:
     """A .tsplat file's bytes: of the quality of the .tsplat file that the Gaussians came from, if it was one.
 
-    Moved as a whole they take its very pictures, which hold what cameras see; else its profile and Q_g.
+    Moved as a whole they take its very pictures, which hold what cameras see; else its profile and Q_g. Cut or joined
+    they are no longer pixels of views, and coded as such.
     """
     runtime, files = limited_runtime(args), getattr(args, "files", None) or [args.file]
     if len(files) > 1 or not files[0].lower().endswith(SUFFIX) or is_in_part(args):
@@ -95,10 +93,10 @@ def _coded(args: Namespace, gaussians: Gaussians) -> bytes:
     source = read_limited(files[0], MAX_FILE_BYTES)
     container = read_container(source, runtime.limits)
     if container.mode == "lossless":
-        return runtime.compress(gaussians, lossless=True)
+        return runtime.compress(gaussians, lossless=gaussians.is_per_pixel)
     turns = getattr(args, "rotate", None) and gaussians.degree > 0  # a basis of SH does not turn along
     enlarges = getattr(args, "scale", 1) != 1  # steps of depth do not grow along
-    if container.mode != "gaussians" or args.views is not None or turns or enlarges:
+    if container.mode != "gaussians" or not gaussians.is_per_pixel or args.views is not None or turns or enlarges:
         return runtime.compress(gaussians, container.profile, container.qp)
     return runtime.compress(gaussians, like=source)
 

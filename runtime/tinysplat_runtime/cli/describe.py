@@ -58,7 +58,7 @@ def info_text(file: str, described: dict[str, Any]) -> str:
     total = d["bytes"]
     lines = [
         f"{file}: {total} bytes, format {d['version']}, mode {d['mode']}, profile {d['profile']}, Q_g {d['qp']:g}",
-        f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d),
+        _views_text(d),
         *_network_lines(d),
         *(f"{name}: {text}" for name, text in d["notes"].items() if text),
         *([f"refined: {d['refined']}"] if d["refined"] else []),
@@ -68,9 +68,9 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),
         f"{'metadata':9} {d['metadata_bytes']:8}  {d['metadata_bytes'] / total:6.1%}",
         "",
-        "view         bytes",
+        *(["view         bytes"] if d["views"] else []),
         *(f"{view:<9} {n:8}" for view, n in enumerate(d["bytes_by_view"])),
-        "",
+        *([""] if d["views"] else []),
         "layer plane       coding    QP         step    bytes",
         *(_plane_text(plane) for plane in d["planes"]),
         "",
@@ -80,6 +80,12 @@ def info_text(file: str, described: dict[str, Any]) -> str:
     if d["left_out"]:
         lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in d["left_out"])]
     return "\n".join(lines)
+
+
+def _views_text(d: dict[str, Any]) -> str:
+    if not d["views"]:
+        return f"{d['gaussians']} Gaussians of SH degree {d['sh_degree']}, k = {d['k']}, that belong to no pixels"
+    return f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d)
 
 
 def _gaussians_text(d: dict[str, Any]) -> str:

@@ -131,9 +131,6 @@ def compress(args: Namespace) -> None:
     else:
         args.file = args.gaussians
         gaussians = load_any(args, Stopwatch())
-    if not gaussians.is_per_pixel:
-        found = "a list of points, and .tsplat files hold pixels of views"
-        raise InputError(f"{found}; --grid V,H,W and --cameras cameras.json say whose", where=args.gaussians)
     gaussians = noted(args, gaussians)
     runtime, stats, refinement = limited_runtime(args), EncodeStats(), RefineStats()
     try:
@@ -191,15 +188,22 @@ def _write(args: Namespace, coded: Coded) -> None:
     say(args, f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {coded.seconds:.2f} s")
     if stats.reason:
         say(args, f"mode {stats.mode}: {stats.reason}")
+    elif stats.mode == "free":
+        say(
+            args,
+            "mode free: Gaussians that belong to no pixels; --grid V,H,W and --cameras cameras.json say whose they are",
+        )
 
 
 def report(args: Namespace, coded: Coded) -> dict[str, Any]:
     """What `--report` writes."""
-    decoded = coded.runtime.decompress(coded.data, model=getattr(args, "model", None))
+    # Gaussians of no pixels come back in another order, and not all of them.
+    is_free = coded.stats.mode == "free"
+    decoded = None if is_free else coded.runtime.decompress(coded.data, model=getattr(args, "model", None))
     return {
         **file_report(inspect_bytes(coded.data), coded.stats.watch),
         "clipped": coded.stats.clipped,
-        "error_by_attribute": attribute_errors(coded.gaussians, decoded),
+        "error_by_attribute": attribute_errors(coded.gaussians, decoded) if decoded else {},
         "reason": coded.stats.reason,
         **({"refine": asdict(coded.refinement)} if args.refine else {}),
     }

@@ -226,12 +226,13 @@ def _compress(commands: Commands) -> None:
     parser = commands.add_parser(
         "compress",
         parents=[_common(), _written(), _coding(), _limits(), _prefix(), _notes(), _provider()],
-        help="Gaussians of any network to a .tsplat file",
+        help="Gaussians of any network, or of a trained scene, to a .tsplat file",
     )
     parser.add_argument(
         "gaussians",
         metavar="G",
-        help=".tsplat, .npz or .safetensors, or .ply with --grid and --cameras; - for standard input",
+        help=f".tsplat, {_GAUSSIAN_FILES}; a list of points belongs to no pixels unless --grid and"
+        " --cameras say to which; - for standard input",
     )
     parser.add_argument("--mode", choices=CHOICES, default=DEFAULT_MODE, help=argparse.SUPPRESS)
     parser.add_argument("--photos", metavar="SCENE", help="the photos that --refine holds the Gaussians against")

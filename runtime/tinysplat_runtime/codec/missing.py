@@ -30,8 +30,8 @@ def all_planes(container: Container) -> list[PlaneRef]:
     """Every picture that the metadata lists, in the order of the records."""
     return [
         PlaneRef(index, number, view)
-        for index, layer in enumerate(container.layers)
-        for number, channel in enumerate(layer.channels)
+        for index, channels in enumerate(container.channels)
+        for number, channel in enumerate(channels)
         for view in range(len(channel.streams))
     ]
 
@@ -41,7 +41,7 @@ def cut_off_planes(container: Container) -> frozenset[PlaneRef]:
     return frozenset(
         ref
         for ref in all_planes(container)
-        if not container.holds(ref.layer, container.layers[ref.layer].channels[ref.channel], ref.view)
+        if not container.holds(ref.layer, container.channels[ref.layer][ref.channel], ref.view)
     )
 
 
@@ -53,15 +53,17 @@ def damaged_planes(container: Container) -> frozenset[PlaneRef]:
 
 def _is_intact(container: Container, ref: PlaneRef) -> bool:
     try:
-        container.payload(ref.layer, container.layers[ref.layer].channels[ref.channel], ref.view)
+        container.payload(ref.layer, container.channels[ref.layer][ref.channel], ref.view)
     except FormatError:
         return False
     return True
 
 
 def plane_name(container: Container, ref: PlaneRef) -> str:
-    """For messages, for instance `layer 0 color2 view 1`."""
-    return f"layer {ref.layer} {container.layers[ref.layer].channels[ref.channel].name} view {ref.view}"
+    """For messages, for instance `layer 0 color2 view 1`; in mode free `color2`."""
+    if container.free is not None:
+        return container.channels[ref.layer][ref.channel].name
+    return f"layer {ref.layer} {container.channels[ref.layer][ref.channel].name} view {ref.view}"
 
 
 def stand_in_code(layer: LayerHeader, channel: int) -> int:

@@ -26,15 +26,13 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         gaussians, sh_degree, k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes,
         prefixes, left_out.
         In mode photos, what only the network knows (gaussians, sh_degree, k) is None; without photos, network and
-        photos are.
+        photos are; in mode free, height and width.
 
     Raises:
         FormatError: damaged, cut short, foreign, or beyond the limits.
     """
     container = read_container(data, limits, is_prefix=is_prefix)
-    first = container.layers[0] if container.layers else None
-    layers = container.exact or container.layers
-    camera = container.cameras[0]
+    camera = container.cameras[0] if container.cameras else None
     by_class, by_view = _bytes_by_class(container), _bytes_by_view(container)
     return {
         "version": ".".join(map(str, container.version)),
@@ -47,11 +45,9 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "profile": container.profile,
         "qp": container.qp,
         "views": len(container.cameras),
-        "height": camera.height,
-        "width": camera.width,
-        "gaussians": sum(layer.gaussians for layer in layers) if layers else None,
-        "sh_degree": layers[0].degree if layers else None,
-        "k": _k(first) if first else None,
+        "height": camera.height if camera else None,
+        "width": camera.width if camera else None,
+        **_sizes(container),
         "bytes": container.total_bytes,
         "bytes_by_class": by_class,
         "bytes_by_view": by_view,
@@ -59,11 +55,22 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "origin": container.origin.tolist(),
         "cameras": [{"K": c.K.tolist(), "c2w": c.c2w.tolist()} for c in container.cameras],
         "layers": [_layer(layer) for layer in container.layers],
-        "planes": [
-            _plane(index, channel) for index, layer in enumerate(container.layers) for channel in layer.channels
-        ],
+        "planes": [_plane(index, channel) for index, channels in enumerate(container.channels) for channel in channels],
         "prefixes": _prefixes(container),
         "left_out": [entry for index, layer in enumerate(container.layers) for entry in _left_out(index, layer)],
+    }
+
+
+def _sizes(container: Container) -> dict[str, Any]:
+    """Gaussians, degree and colour planes of the first layer, as far as the file says."""
+    if container.free is not None:
+        free = container.free
+        return {"gaussians": free.count, "sh_degree": free.degree, "k": free.basis.shape[1]}
+    layers = container.exact or container.layers
+    return {
+        "gaussians": sum(layer.gaussians for layer in layers) if layers else None,
+        "sh_degree": layers[0].degree if layers else None,
+        "k": _k(container.layers[0]) if container.layers else None,
     }
 
 
@@ -75,8 +82,8 @@ def _streams(container: Container) -> list[tuple[PlaneClass, int, int]]:
     """(class, view, bytes) of every picture."""
     return [
         (channel.plane_class, view, stream.length)
-        for layer in container.layers
-        for channel in layer.channels
+        for channels in container.channels
+        for channel in channels
         for view, stream in enumerate(channel.streams)
     ]
 
@@ -89,11 +96,15 @@ def _bytes_by_class(container: Container) -> dict[str, int]:
         totals["photos"] = len(container.photos.data)
     if container.exact:
         totals["exact"] = sum(len(layer.data) for layer in container.exact)
+    if container.free is not None:
+        totals["position"] = sum(map(len, container.free.grid.streams))
     return totals
 
 
 def _bytes_by_view(container: Container) -> list[int]:
     totals = [0] * len(container.cameras)
+    if not totals:
+        return totals
     for _, view, length in _streams(container):
         totals[view] += length
     for view, stream in enumerate(container.photos.streams if container.photos else ()):
@@ -153,9 +164,9 @@ def _prefixes(container: Container) -> list[dict[str, Any]]:
     ending: tuple[int, int] | None = None
     for section in container.plane_sections:
         layer, plane_class = section.index % PART, class_of[section.kind]
-        if layer >= len(container.layers):
+        if layer >= len(container.channels):
             continue
-        records = [c for c in container.layers[layer].channels if c.plane_class == plane_class and c.streams]
+        records = [c for c in container.channels[layer] if c.plane_class == plane_class and c.streams]
         first, left = counts.get((layer, plane_class), 0), section.length
         last = first
         while last < len(records) and left > 0:

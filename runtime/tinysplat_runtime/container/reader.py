@@ -27,6 +27,7 @@ from .extras import (
     read_exact_layers,
     read_photo_mode,
 )
+from .free import FREE, FREE_POINTS, read_free
 from .notes import MINOR, read_notes
 from .records import ChannelRecord, Container, ExactLayer, LayerHeader, Limits, PhotoHeader, StreamRef
 from .sections import Cursor, Section, only, read_table, require, verified
@@ -50,13 +51,16 @@ def read_container(data: bytes | memoryview, limits: Limits | None = None, *, is
     cursor = Cursor(scene)
     views, n_layers, qp, *origin, profile = cursor.unpack(L.SCENE_FIXED)
     cursor.finish()
+    require(math.isfinite(qp), scene, "Q_g is not finite")
+    require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
+    if FREE in {section.kind for section in sections}:
+        require(views == n_layers == 0, scene, f"{views} views and {n_layers} layers of Gaussians without pixels")
+        return _free_container(version, _ascii(profile, scene), qp, np.array(origin), sections, total, limits)
     require(1 <= views <= limits.max_views, scene, f"{views} views, accepted are 1 to {limits.max_views}")
     network, photos = read_photo_mode(sections, views)
     fewest = 1 if photos is None else 0
     accepted = f"{n_layers} layers, accepted are {fewest} to {limits.max_layers}"
     require(fewest <= n_layers <= limits.max_layers, scene, accepted)
-    require(math.isfinite(qp), scene, "Q_g is not finite")
-    require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
     poses = _read_cameras(only(sections, L.CAMERAS), views)
     exact = read_exact_layers(sections, n_layers, [c2w for _, c2w in poses], limits)
     layers, pixels, memory = [], 0, 0
@@ -75,7 +79,7 @@ def read_container(data: bytes | memoryview, limits: Limits | None = None, *, is
         layers.append(layer)
     height, width = _grid(exact or layers, photos, views, limits)
     cameras = tuple(Camera(K, c2w, width, height) for K, c2w in poses)
-    streams = {(c, i): _joined(sections, c, i, layer) for i, layer in enumerate(layers) for c in _coded(layer)}
+    streams = {(c, i): _joined(sections, c, i, layer.channels) for i, layer in enumerate(layers) for c in _coded(layer)}
     sets = {s.index: verified(s) for s in sections if s.kind == L.PARAMETER_SETS}
     for index, layer in enumerate(layers):
         if _coded(layer) and layer.parameter_set not in sets:
@@ -85,8 +89,22 @@ def read_container(data: bytes | memoryview, limits: Limits | None = None, *, is
     planes = tuple(s for s in sections if s.kind in _PLANE_KINDS)
     return Container(
         version, _ascii(profile, scene), qp, np.array(origin), cameras, tuple(layers), sets, streams, planes, total,
-        network, photos, exact, read_notes(sections),
+        network, photos, exact, notes=read_notes(sections),
     )  # fmt: skip
+
+
+def _free_container(
+    version: tuple[int, int], profile: str, qp: float, origin: NDArray, sections: list[Section], total: int,
+    limits: Limits,
+) -> Container:  # fmt: skip
+    """A file of mode free: one scene without cameras, whose pictures lie as those of a layer 0 do."""
+    scene = read_free(sections, limits)
+    records = [channel.record for channel in scene.channels if channel.record.streams]
+    streams = {(c, 0): _joined(sections, c, 0, records) for c in {record.plane_class for record in records}}
+    sets = {0: verified(only(sections, L.PARAMETER_SETS))} if records else {}
+    planes = tuple(s for s in sections if s.kind in _PLANE_KINDS)
+    notes = read_notes(sections)
+    return Container(version, profile, qp, origin, (), (), sets, streams, planes, total, free=scene, notes=notes)
 
 
 def _grid(
@@ -107,11 +125,13 @@ def _grid(
 
 
 _PLANE_KINDS = frozenset(L.PLANES.values())
-_MODE_KINDS = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES, EXACT, EXACT_PLANES})
+_MODE_KINDS = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES, EXACT, EXACT_PLANES, FREE, FREE_POINTS})
 _KNOWN = {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS, *MINOR, *_MODE_KINDS, *_PLANE_KINDS}
 
 
-def _joined(sections: list[Section], plane_class: PlaneClass, index: int, layer: LayerHeader) -> memoryview:
+def _joined(
+    sections: list[Section], plane_class: PlaneClass, index: int, channels: Sequence[ChannelRecord]
+) -> memoryview:
     """The pictures of a class, whose sections have the indices layer, layer + PART, layer + 2·PART, … in this order.
 
     Pictures have a CRC each, checked when they are decoded.
@@ -124,7 +144,7 @@ def _joined(sections: list[Section], plane_class: PlaneClass, index: int, layer:
     if [s.index // L.PART for s in parts] != list(range(len(parts))):
         raise FormatError("its parts are not each there once and in order", where=label)
     stated = sum(s.length for s in parts)
-    last = [c.streams[-1] for c in layer.channels if c.streams and c.plane_class == plane_class][-1]
+    last = [c.streams[-1] for c in channels if c.streams and c.plane_class == plane_class][-1]
     if last.offset + last.length != stated:
         raise FormatError(f"{stated} bytes, its pictures need {last.offset + last.length}", where=label)
     # A prefix ends in at most one section and holds nothing of those behind it, so that what is joined has no gap.

@@ -182,6 +182,79 @@ class LayerHeader:
 
 
 @dataclass(frozen=True)
+class PointGrid:
+    """Where positions can lie.
+
+    Attributes:
+        centre, radius: coordinates within `radius` of the centre are taken as they are, those beyond as logarithms.
+        cell: side of a cell of the contracted space, whose unit is the radius.
+        low: (3,) contracted coordinates of cell 0's middle.
+        levels: cells of each level of the octree from its root.
+        leaves, escapes: see `codec.free.octree`.
+        streams: the octree's bytes.
+    """
+
+    centre: NDArray
+    radius: float
+    cell: float
+    low: NDArray
+    levels: tuple[int, ...]
+    leaves: int
+    escapes: int
+    streams: tuple[bytes | memoryview, ...]
+
+
+@dataclass(frozen=True)
+class WeightClasses:
+    """An order of Gaussians by what they weigh, in classes.
+
+    Attributes:
+        first: what is subtracted from half the count of thresholds reached.
+        gains: by class, what a channel's decoded number is multiplied by.
+    """
+
+    first: int
+    gains: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class FreeChannel:
+    """A channel: `record` as in layers with one picture, and what is added behind the gain."""
+
+    record: ChannelRecord
+    centre: float
+
+
+@dataclass(frozen=True)
+class FreeScene:
+    """The metadata of a file of mode free.
+
+    Attributes:
+        count: Gaussians.
+        size_middle: logarithm of the size whose steps are those of the logarithm.
+        thresholds: of each determinant, rising.
+        orders: by one, two and all three determinants.
+        mean: (d,) float32, d = 3(degree + 1)².
+        basis: (d, k) float16.
+    """
+
+    count: int
+    degree: int
+    grid: PointGrid
+    size_middle: float
+    thresholds: tuple[NDArray, ...]
+    orders: tuple[WeightClasses, ...]
+    mean: NDArray
+    basis: NDArray
+    channels: tuple[FreeChannel, ...]
+
+    def channel(self, plane_class: PlaneClass, target: int) -> FreeChannel:
+        """One of the channels, each of which there is."""
+        wanted = plane_class, target
+        return next(c for c in self.channels if (c.record.plane_class, c.record.target) == wanted)
+
+
+@dataclass(frozen=True)
 class Container:
     """A parsed file.
 
@@ -194,6 +267,7 @@ class Container:
         plane_sections: the sections that hold pictures of planes, in the file's order.
         network: the network that the receiver runs on `photos`; both or neither.
         exact: layers of exact planes, in place of `layers`.
+        free: Gaussians that belong to no pixels, in place of `layers` and `cameras`.
         notes: what the scene's maker says about it, and how it was refined.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
     """
@@ -211,16 +285,26 @@ class Container:
     network: NetworkRef | None = None
     photos: PhotoHeader | None = None
     exact: tuple[ExactLayer, ...] = ()
+    free: FreeScene | None = None
     notes: Notes = NO_NOTES
 
     @property
     def mode(self) -> str:
         """`gaussians`; `photos`, which a network turns into them; `hybrid`, whose planes correct what it gives;
-        `lossless`.
+        `lossless`; `free`, whose Gaussians belong to no pixels.
         """
+        if self.free is not None:
+            return "free"
         if self.exact:
             return "lossless"
         return "gaussians" if self.photos is None else "hybrid" if self.layers else "photos"
+
+    @property
+    def channels(self) -> tuple[tuple[ChannelRecord, ...], ...]:
+        """The channel records of each layer; those of mode free as one."""
+        if self.free is not None:
+            return (tuple(channel.record for channel in self.free.channels),)
+        return tuple(layer.channels for layer in self.layers)
 
     def holds(self, layer: int, channel: ChannelRecord, view: int) -> bool:
         """Whether the bytes at hand reach to the end of one picture; always for a whole file."""

@@ -14,6 +14,7 @@ from ..gaussian.notes import NO_NOTES, Notes
 from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, LayerPlan, PlaneClass
 from ..scene.cameras import Camera
 from . import layout as L
+from .free import FREE, FREE_MINOR
 from .notes import MINOR, note_sections
 
 
@@ -70,7 +71,7 @@ def write_container(
     scene = L.SCENE_FIXED.pack(len(cameras), layer_count or len(layers), qp, *origin, profile.encode("ascii"))
     sections: list[tuple[bytes, int, bytes]] = [
         (L.SCENE, 0, scene),
-        (L.CAMERAS, 0, b"".join(_camera(camera) for camera in cameras)),
+        *([(L.CAMERAS, 0, b"".join(_camera(camera) for camera in cameras))] if cameras else []),
         *((kind, 0, data) for kind, data in note_sections(notes).items()),
     ]
     parameter_sets: list[bytes] = []
@@ -109,7 +110,7 @@ def _assemble(sections: Sequence[tuple[bytes, int, bytes]]) -> bytes:
         L.TABLE_ROW.pack(kind, 0 if kind in MINOR else L.REQUIRED, index, len(data), crc32(data))
         for kind, index, data in sections
     )
-    minor = max(MINOR.get(kind, L.MINOR) for kind, _, _ in sections)
+    minor = max({**MINOR, FREE: FREE_MINOR}.get(kind, L.MINOR) for kind, _, _ in sections)
     head = L.HEADER.pack(L.MAGIC, L.MAJOR, minor, len(sections), 0, 0)[:-4]
     head += crc32(head + table).to_bytes(4, "little")
     return b"".join((head, table, *(data for _, _, data in sections)))

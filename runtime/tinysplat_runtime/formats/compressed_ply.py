@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..gaussian.curve import morton_order
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..gaussian.sh import C0
 from .assembly import Points, cut_degree_note, far_note
 from .file_notes import ply_comments
-from .order import morton_order
 
 CHUNK = 256
 MAX_DEGREE = 3

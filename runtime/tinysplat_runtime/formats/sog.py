@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..gaussian.curve import morton_order
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..system.files import parsing, read_limited, write_atomically
 from .assembly import Points, cut_degree_note, far_note
-from .order import morton_order
 from .palette import codebook, nearest, palette
 
 META = "meta.json"

@@ -22,6 +22,10 @@ ORBIT_FLATNESS = 0.5
 """Vertical half axis over horizontal: a picture survives sideways motion better, its views lie side by side."""
 
 
+RING_SIDE = 384
+"""Pixels of the sides of `ring`'s views."""
+
+
 def between(cameras: Sequence[Camera], frames: int) -> list[Camera]:
     """Cameras evenly spaced along the path through all given ones, in their order.
 
@@ -90,6 +94,26 @@ def outside(gaussians: Gaussians) -> Camera:
     c2w = np.eye(4)
     c2w[:3, 3] = (low + high) / 2 - (0, 0, 1.5 * float(np.linalg.norm(high - low)) or 1.0)
     return Camera(np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]]), c2w, 800, 600)
+
+
+def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
+    """Views from all sides of Gaussians that have none, 384×384: about the y axis, in turns a little above and below.
+
+    The scene's bulk (`outside`) fills most of a view.
+    """
+    flat = gaussians.flat()
+    low, high = np.percentile(flat.means.astype(np.float64) + flat.origin, (5, 95), axis=0)
+    target, distance = (low + high) / 2, 1.2 * float(np.linalg.norm(high - low)) or 1.0
+    K = np.array([[RING_SIDE, 0, RING_SIDE / 2], [0, RING_SIDE, RING_SIDE / 2], [0, 0, 1]])
+    views = []
+    for number in range(frames):
+        turn, rise = 2 * math.pi * number / frames + 0.3, 0.25 * (-1) ** number
+        towards = np.array([math.sin(turn) * math.cos(rise), math.sin(rise), math.cos(turn) * math.cos(rise)])
+        c2w = np.eye(4)
+        c2w[:3, :3] = _looking_along(-towards, down=np.array([0.0, 1.0, 0.0]))
+        c2w[:3, 3] = target + distance * towards
+        views.append(Camera(K, c2w, RING_SIDE, RING_SIDE))
+    return views
 
 
 def _check(cameras: Sequence[Camera], frames: int) -> None:

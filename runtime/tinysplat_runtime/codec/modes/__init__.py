@@ -5,6 +5,7 @@
     hybrid      photos, and planes with the difference between what the network makes of the decoded photos and what it
                 made of the originals.
     lossless    planes as float16, bit for bit.
+    free        Gaussians of no pixels: what `compress` makes of a trained or an edited scene.
 
 docs/MODES.md has figures. Importing this package loads nothing, so that the command line can name modes.
 """

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from .mode import Mode
 
-_NAMES = ("gaussians", "photos", "hybrid", "lossless")
+_NAMES = ("gaussians", "photos", "hybrid", "lossless", "free")
 
 
 class _Modes(Mapping[str, Mode]):

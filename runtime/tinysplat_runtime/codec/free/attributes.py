@@ -1,0 +1,126 @@
+"""Gaussians of no pixels as channels, and back: the maps of docs/FORMAT.md, section 4, "Free Gaussians".
+
+All arithmetic is float64.
+
+A Gaussian's axes can be named in 24 ways that look alike. The longest comes first and the rotation is the smallest of
+the four that are left, so that scales and rotations repeat less of each other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...gaussian.gaussians import Gaussians
+from ...gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats, quats_to_matrices
+
+MAX_LOG = 69.0
+"""Bound of decoded logarithms."""
+
+LEAST_SCALE = 2e-30
+MAX_RATIO = 14.0
+"""Largest logarithm of a ratio of scales that is coded: beyond a million to one nothing thinner shows."""
+
+_KNEE = 2 * math.log(8)
+"""Distance from the middle size, in logarithms, between which steps follow the square root of a size."""
+
+_HALF_TURNS = np.eye(4)
+"""The identity, and half turns about the three axes: what a Gaussian does not change under."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Gaussians as the channels that are coded; N rows.
+
+    Attributes:
+        roots: (N,) √opacity.
+        sizes: (N,) logarithm of the geometric mean of the two larger scales.
+        lengths: (N,) logarithm of the largest over the second scale, ≥ 0.
+        thins: (N,) logarithm of the second over the smallest scale, ≥ 0.
+        turns: (N, 3) vector part of the rotation, whose scalar part is the largest and positive.
+        sh: (N, 3B) float32.
+    """
+
+    roots: NDArray
+    sizes: NDArray
+    lengths: NDArray
+    thins: NDArray
+    turns: NDArray
+    sh: NDArray
+
+
+def to_columns(gaussians: Gaussians) -> Columns:
+    """The channels of (N,) Gaussians."""
+    scales = np.maximum(gaussians.scales.astype(np.float64), LEAST_SCALE)
+    axes = np.argsort(-scales, axis=1, kind="stable")
+    logs = np.log(np.take_along_axis(scales, axes, axis=1))
+    return Columns(
+        roots=np.sqrt(gaussians.opacities.astype(np.float64)),
+        sizes=(logs[:, 0] + logs[:, 1]) / 2,
+        lengths=np.minimum(logs[:, 0] - logs[:, 1], MAX_RATIO),
+        thins=np.minimum(logs[:, 1] - logs[:, 2], MAX_RATIO),
+        turns=_turns(gaussians.quats, axes),
+        sh=gaussians.sh.reshape(len(axes), -1),
+    )
+
+
+def _turns(quats: NDArray, axes: NDArray) -> NDArray:
+    """Vector parts (N, 3) of the rotations whose first axis is `axes[:, 0]` of the given ones, and so on."""
+    length = np.abs(quats).max(axis=1, keepdims=True).astype(np.float64)
+    matrices = quats_to_matrices(normalize_quats(quats / length))
+    matrices = np.take_along_axis(matrices, axes[:, None, :], axis=2)
+    a, b, c = axes.T
+    matrices[:, :, 2] *= np.sign((b - a) * (c - a) * (c - b))[:, None]  # an odd order would mirror
+    turned = matrices_to_quats(matrices)
+    # Scalar parts of the four that look alike are the four components, but for their signs.
+    chosen = multiply_quats(turned, _HALF_TURNS[np.abs(turned).argmax(axis=1)])
+    return chosen[:, 1:] * np.where(chosen[:, :1] < 0, -1, 1)
+
+
+def from_columns(columns: Columns) -> dict[str, NDArray]:
+    """Quats, scales, opacities and sh, float32, of channels with whatever numbers decoding gave."""
+    lengths, thins = np.clip(columns.lengths, 0, MAX_LOG), np.clip(columns.thins, 0, MAX_LOG)
+    second = columns.sizes - lengths / 2
+    logs = np.stack([columns.sizes + lengths / 2, second, second - thins], axis=1)
+    scalar = np.sqrt(np.maximum(1 - np.square(columns.turns).sum(axis=1), 0))
+    quats = np.concatenate([scalar[:, None], columns.turns], axis=1)
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    fields = {
+        "quats": quats,
+        "scales": np.exp(np.clip(logs, -MAX_LOG, MAX_LOG)),
+        "opacities": np.square(np.clip(columns.roots, 0, 1)),
+        "sh": columns.sh.reshape(len(logs), -1, 3),
+    }
+    return {name: np.ascontiguousarray(array, np.float32) for name, array in fields.items()}
+
+
+def companded(sizes: NDArray, middle: float) -> NDArray:
+    """Sizes such that equal steps show alike: large Gaussians cover more, in proportion to the square root of a step.
+
+    Steps are those of the logarithm at `middle`, and up to 8 times finer or coarser.
+    """
+    x = sizes - middle
+    near = 2 * np.exp(np.clip(x, -_KNEE, _KNEE) / 2)
+    return near + np.minimum(x + _KNEE, 0) / 8 + np.maximum(x - _KNEE, 0) * 8
+
+
+def expanded(values: NDArray, middle: float) -> NDArray:
+    """Inverse of `companded`, of any numbers; within ±`MAX_LOG`."""
+    near = 2 * np.log(np.clip(values, 1 / 4, 16) / 2)
+    x = near + np.minimum(values - 1 / 4, 0) * 8 + np.maximum(values - 16, 0) / 8
+    return np.clip(x + middle, -MAX_LOG, MAX_LOG)
+
+
+def contracted(offsets: NDArray) -> NDArray:
+    """Coordinates, 1 where the scene's bulk ends: beyond that their logarithms."""
+    far = np.maximum(np.abs(offsets), 1)
+    return np.where(far > 1, np.sign(offsets) * (1 + np.log(far)), offsets)
+
+
+def uncontracted(values: NDArray) -> NDArray:
+    """Inverse of `contracted`."""
+    far = np.maximum(np.abs(values), 1)
+    return np.where(far > 1, np.sign(values) * np.exp(far - 1), values)

@@ -1,0 +1,245 @@
+"""Gaussians of no pixels to a file's bytes, as often as a search for a size or a quality wants.
+
+Positions go to a grid and into an octree, which sorts all else along a Morton curve. Then opacity, the size, and how
+long a Gaussian is are coded, in this order, each sorted by those before it (`orders`), and the others by all that they
+depend on. What is coded is decoded again at once, since the order of what follows depends on what a decoder will see.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...container.free import DETERMINING, MAX_LEVELS, free_sections, order_of
+from ...container.records import ChannelRecord, FreeChannel, FreeScene, PointGrid
+from ...container.writer import write_container
+from ...errors import InputError
+from ...gaussian.gaussians import FIELDS, Gaussians
+from ...gaussian.planes import PlaneClass
+from ...system.blas import product, symmetric_eigen
+from ..encoder import EncodeStats, check_qp
+from ..hevc import PlaneDecoder, encode_plane
+from ..profiles import EncoderSettings, Profile
+from ..quantise import choose_code_map, without_outliers
+from .attributes import Columns, companded, contracted, to_columns
+from .octree import encode_points, morton_keys
+from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
+from .planes import to_plane
+
+LEAST_OPACITY = 1 / 255
+"""Below it a Gaussian is not drawn by any renderer, and left out."""
+
+STEPS: Mapping[tuple[PlaneClass, int], float] = {
+    (PlaneClass.OPACITY, 0): 0.08,
+    (PlaneClass.SCALE, 0): 0.25,
+    (PlaneClass.SCALE, 1): 0.6,
+    (PlaneClass.SCALE, 2): 2.0,
+    **{(PlaneClass.ROTATION, target): 0.13 for target in range(3)},
+}
+"""Steps at Q_g = 0, such that all channels harm pictures alike; measured on trained scenes."""
+
+COLOUR_STEP = 0.35
+
+SPACING = 0.54
+"""Cell at Q_g = 0 times √N, in units of the scene's radius: the more Gaussians, the less each may be off."""
+
+MAX_CELL = 0.25
+
+FLAT_SHARE = 0.12
+"""Standard deviation, in steps, below which a channel is stored as a number."""
+
+BULK = (5, 95)
+"""Percentiles between which the scene's bulk lies, along each axis."""
+
+_SAMPLE = 1 << 17
+_ROWS = 1 << 16
+
+
+@dataclass(frozen=True)
+class _Coded:
+    channel: FreeChannel
+    payload: bytes | None
+    parameter_sets: bytes
+    values: NDArray
+    """(N,) float64 by the curve, as a decoder computes them."""
+
+
+class FreeEncoder:
+    """Codes one set of Gaussians at any Q_g."""
+
+    def __init__(self, gaussians: Gaussians, profile: Profile, *, threads: int, stats: EncodeStats) -> None:
+        """Leave out what no renderer shows.
+
+        Raises:
+            InputError: that is all of them.
+        """
+        flat = gaussians.flat()
+        self._gaussians = _selected(flat, np.flatnonzero(flat.opacities >= LEAST_OPACITY))
+        self.notes = gaussians.notes
+        self.profile, self._threads, self._stats = profile, threads, stats
+        # Order by weight leaves no blocks that have QPs of their own.
+        self._settings = replace(profile.encoder, block_qps=False)
+
+    def code(self, qp: float) -> bytes:
+        """The file at Q_g; InputError for one beyond ±60."""
+        check_qp(qp)
+        factor = 2 ** (qp / 6)
+        with self._stats.watch.stage("sort"):
+            grid, columns, count = self._points(factor)
+        with self._stats.watch.stage("x265"):
+            scene, coded = _code_columns(columns, grid, count, factor, self._settings, self._threads)
+        payloads = {
+            (c.channel.record.plane_class, c.channel.record.target): c.payload for c in coded if c.payload is not None
+        }
+        sets = {c.parameter_sets for c in coded if c.payload is not None}
+        with self._stats.watch.stage("write"):
+            sections = free_sections(scene, payloads, next(iter(sets), b""))
+            origin = self._gaussians.origin
+            return write_container([], (), origin, self.profile.name, qp, sections, notes=self.notes)
+
+    def _points(self, factor: float) -> tuple[PointGrid, Columns, int]:
+        """The positions, coded, and the channels of the Gaussians along the curve."""
+        means = self._gaussians.means.astype(np.float64)
+        grid, cells = _grid_of(means, factor)
+        keys = morton_keys(cells)
+        order = _settled_order(keys, self._gaussians)
+        points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
+        grid = replace(grid, levels=points.levels, leaves=points.leaves, escapes=points.escapes, streams=points.streams)
+        return grid, to_columns(_selected(self._gaussians, order)), len(order)
+
+
+def _selected(gaussians: Gaussians, rows: NDArray) -> Gaussians:
+    if not len(rows):
+        raise InputError(f"none of at least {LEAST_OPACITY:.4f}: there is nothing to show", where="opacities")
+    arrays = {name: getattr(gaussians, name)[rows] for name in FIELDS}
+    return Gaussians.unchecked(**arrays, origin=gaussians.origin)
+
+
+def _grid_of(means: NDArray, factor: float) -> tuple[PointGrid, NDArray]:
+    """The grid for (N, 3) positions, and their cells (N, 3)."""
+    low, high = np.percentile(means, BULK, axis=0)
+    centre = (low + high) / 2
+    reach = float(np.abs(means - centre).max())
+    # A bulk in one point must not make the rest infinitely far.
+    radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6 * reach) or 1.0
+    space = contracted((means - centre) / radius)
+    lowest = space.min(axis=0)
+    extent = float((space.max(axis=0) - lowest).max())
+    cell = min(SPACING * factor / math.sqrt(len(means)), MAX_CELL)
+    cell = max(cell, extent / ((1 << MAX_LEVELS) - 1))
+    cells = np.rint((space - lowest) / cell).clip(0, (1 << MAX_LEVELS) - 1)
+    return PointGrid(centre, radius, cell, lowest, (), 0, 0, ()), cells
+
+
+def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
+    """Along the curve; Gaussians of one cell by their numbers, so that the order they came in plays no part."""
+    order = np.argsort(keys, kind="stable")
+    ordered = keys[order]
+    is_same = ordered[1:] == ordered[:-1]
+    tied = np.flatnonzero(np.append(is_same, False) | np.append(False, is_same))
+    if len(tied):
+        rows = order[tied]
+        numbers = [getattr(gaussians, name)[rows].reshape(len(rows), -1) for name in reversed(FIELDS)]
+        order[tied] = rows[np.lexsort([*np.concatenate(numbers, axis=1).T, ordered[tied]])]
+    return order
+
+
+def _code_columns(
+    columns: Columns, grid: PointGrid, count: int, factor: float, settings: EncoderSettings, threads: int
+) -> tuple[FreeScene, list[_Coded]]:
+    """Channels in the order in which each one's order is known."""
+    steps = {channel: step * factor for channel, step in STEPS.items()}
+    middle = float(
+        np.float32(2 * np.log(np.exp(columns.sizes / 2 - columns.sizes.max() / 2).mean()) + columns.sizes.max())
+    )
+
+    def code(plane_class: PlaneClass, target: int, values: NDArray, order: Order) -> _Coded:
+        step = steps.get((plane_class, target), COLOUR_STEP * factor)
+        return _code_channel(plane_class, target, values, step, order, settings)
+
+    thresholds = (_root_thresholds(), _size_thresholds(columns.sizes, middle), _length_thresholds())
+    logs = np.log2(np.maximum(columns.roots, 1e-9)), columns.sizes / math.log(4), columns.lengths / math.log(4)
+    sources = columns.roots, companded(columns.sizes, middle), columns.lengths
+    orders, weights, coded, seen = [along_the_curve(count)], [], [], []
+    for number, (plane_class, target) in enumerate(DETERMINING):
+        coded.append(code(plane_class, target, sources[number], orders[number]))
+        seen.append(coded[-1].values)
+        counts = reached(seen, thresholds[: number + 1])
+        weights.append(choose_classes(counts, np.sum(logs[: number + 1], axis=0)))
+        orders.append(order_by(seen, thresholds, weights[-1]))
+    mean, basis, components = _colours(columns.sh, orders[2].gains, COLOUR_STEP * factor)
+    rest = [(PlaneClass.SCALE, 2, columns.thins)]
+    rest += [(PlaneClass.ROTATION, target, columns.turns[:, target]) for target in range(3)]
+    rest += [(PlaneClass.COLOR, target, values) for target, values in enumerate(components)]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        coded += pool.map(lambda job: code(job[0], job[1], job[2], orders[order_of(job[0], job[1])]), rest)
+    coded.sort(key=lambda c: (c.channel.record.plane_class, c.channel.record.target))
+    degree = math.isqrt(len(mean) // 3) - 1
+    channels = tuple(c.channel for c in coded)
+    return FreeScene(count, degree, grid, middle, thresholds, tuple(weights), mean, basis, channels), coded
+
+
+def _code_channel(
+    plane_class: PlaneClass, target: int, values: NDArray, step: float, order: Order, settings: EncoderSettings
+) -> _Coded:
+    """One channel: numbers over their gains, as a picture in their order."""
+    # Components of colour have no mean: it is stored for all coefficients.
+    centre = 0.0 if plane_class == PlaneClass.COLOR else float(np.float32(values.mean()))
+    numbers = ((values - centre) / order.gains).astype(np.float32)
+    low, high, mean = float(numbers.min()), float(numbers.max()), float(numbers.mean(dtype=np.float64))
+    if numbers.std(dtype=np.float64) <= FLAT_SHARE * step or not high > low:
+        record = ChannelRecord(plane_class, target, 0, 0.0, float(np.float32(mean)))
+        channel = FreeChannel(record, centre)
+        return _Coded(channel, None, b"", channel_values(channel, None, order))
+    low, high = without_outliers(numbers, low, high, step)
+    code_map = choose_code_map(low, high, mean, step)
+    codes, _ = code_map.quantise(to_plane(order.sorted(numbers)))
+    coded = encode_plane(codes, code_map.qp, settings)
+    decoded = np.empty_like(codes)
+    PlaneDecoder(coded.parameter_sets, *codes.shape).decode_into(coded.payload, decoded)
+    record = ChannelRecord(plane_class, target, code_map.qp, code_map.scale, code_map.offset)
+    channel = FreeChannel(record, centre)
+    return _Coded(channel, coded.payload, coded.parameter_sets, channel_values(channel, decoded, order))
+
+
+def _root_thresholds() -> NDArray:
+    """Half octaves of √opacity, from that of the least opacity that shows."""
+    return np.exp2(np.arange(-8, 1) / 2).astype(np.float32)
+
+
+def _size_thresholds(sizes: NDArray, middle: float) -> NDArray:
+    """Half octaves of the square root of sizes, between those of nearly all, as companded numbers."""
+    low, high = np.percentile(sizes, (0.5, 99.5)) / math.log(2)
+    at = np.arange(math.floor(low), math.ceil(high) + 1)[:128] * math.log(2)
+    return np.unique(companded(at, middle).astype(np.float32))
+
+
+def _length_thresholds() -> NDArray:
+    """Half octaves of the square root of length over width; none beyond √20, where errors stop growing."""
+    return (np.arange(1, 5) * math.log(2)).astype(np.float32)
+
+
+def _colours(sh: NDArray, gains: NDArray, step: float) -> tuple[NDArray, NDArray, list[NDArray]]:
+    """Mean (d,) float32, basis (d, k) float16, and k components (N,) of (N, d) coefficients.
+
+    Principal components under the weights that errors show with; as many as hold more than nothing at the step.
+    """
+    every = -(-len(sh) // _SAMPLE)
+    sample, weights = sh[::every].astype(np.float64), np.square(1 / gains[::every])
+    mean = (np.einsum("nd,n->d", sample, weights) / weights.sum()).astype(np.float32)
+    centred = sample - mean
+    moment = product((centred * weights[:, None]).T, centred) / len(sample)
+    values, vectors = symmetric_eigen(moment)
+    k = int((np.sqrt(np.maximum(values, 0)) > FLAT_SHARE * step).sum())
+    chosen = vectors[:, ::-1][:, :k]
+    signs = np.sign(chosen[np.abs(chosen).argmax(axis=0), np.arange(k)])
+    basis = (chosen * signs).astype(np.float16)
+    wide = basis.astype(np.float64)
+    projection = np.linalg.solve(product(wide.T, wide), wide.T).T if k else wide
+    parts = [product(sh[i : i + _ROWS] - mean.astype(np.float64), projection) for i in range(0, len(sh), _ROWS)]
+    return mean, basis, list(np.concatenate(parts).T)

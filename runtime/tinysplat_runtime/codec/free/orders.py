@@ -1,0 +1,95 @@
+"""Who comes where in a plane: along the curve, but Gaussians that weigh alike together.
+
+An error shows in proportion to how large and opaque its Gaussian is. Channels are coded with steps to match, by classes
+of that weight; a class stands in one piece, as a picture whose pixels each have a step of their own would be noise. The
+classes follow from channels that are decoded already, by comparisons of numbers that every decoder computes alike, and
+cost nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...container.records import FreeChannel, WeightClasses
+from .planes import from_plane
+
+
+@dataclass(frozen=True)
+class Order:
+    """Places and gains of N Gaussians.
+
+    Attributes:
+        rows: (N,) which Gaussian, by the curve, comes where.
+        gains: (N,) float64 by the curve.
+    """
+
+    rows: NDArray
+    gains: NDArray
+
+    def sorted(self, values: NDArray) -> NDArray:
+        """Numbers by the curve as a list in this order."""
+        return values[self.rows]
+
+    def restored(self, values: NDArray) -> NDArray:
+        """Inverse of `sorted`."""
+        out = np.empty_like(values)
+        out[self.rows] = values
+        return out
+
+
+def channel_values(channel: FreeChannel, codes: NDArray | None, order: Order) -> NDArray:
+    """(N,) float64 by the curve, of a picture of codes or of a constant.
+
+    The order of other channels hangs on these very numbers, so FORMAT.md fixes every rounding.
+    """
+    record = channel.record
+    if codes is None:
+        return record.offset * order.gains + channel.centre
+    restored = order.restored(from_plane(codes, len(order.rows))).astype(np.float64)
+    return (restored * record.scale + record.offset) * order.gains + channel.centre
+
+
+def along_the_curve(count: int) -> Order:
+    """The order of channels that no other says anything about."""
+    return Order(np.arange(count), np.ones(count))
+
+
+def reached(determinants: Sequence[NDArray], thresholds: Sequence[NDArray]) -> NDArray:
+    """(N,) how many thresholds, each of its determinant, the Gaussians reach."""
+    counts = [np.searchsorted(t, d, side="right") for d, t in zip(determinants, thresholds, strict=True)]
+    return np.stack(counts).sum(axis=0, dtype=np.int64)
+
+
+def classes_of(counts: NDArray, first: int, number: int) -> NDArray:
+    """(N,) class, 0 to number − 1, of Gaussians that reach so many thresholds."""
+    return np.clip((counts >> 1) - first, 0, number - 1)
+
+
+def order_by(determinants: Sequence[NDArray], thresholds: Sequence[NDArray], weights: WeightClasses) -> Order:
+    """The order by the first so many determinants."""
+    counts = reached(determinants, thresholds[: len(determinants)])
+    classes = classes_of(counts, weights.first, len(weights.gains))
+    return Order(np.argsort(classes, kind="stable"), np.array(weights.gains, np.float64)[classes])
+
+
+def choose_classes(counts: NDArray, logs: NDArray, most: int = 7) -> WeightClasses:
+    """Classes about the middle of what there is.
+
+    Args:
+        counts: (N,) thresholds reached, half an octave of weight apart.
+        logs: (N,) log2 of the weights, whose mean gets the gain 1.
+        most: classes; what weighs more or less than they span goes to the outer ones.
+    """
+    halves = counts >> 1
+    middle = int(np.rint(halves.mean()))
+    first = max(middle - most // 2, 0)
+    classes = classes_of(counts, first, most)
+    members = np.bincount(classes, minlength=most)
+    sums = np.bincount(classes, weights=logs - logs.mean(), minlength=most)
+    half = most / 2
+    gains = np.exp2(-np.clip(sums / np.maximum(members, 1), -half, half)).astype(np.float32)
+    return WeightClasses(first, tuple(gains.tolist()))

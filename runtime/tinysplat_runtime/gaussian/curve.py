@@ -1,0 +1,43 @@
+"""Lists of points in an order in which neighbours in space are neighbours in the list."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BITS = 21  # of each coordinate, 63 in all
+
+
+def morton_order(points: NDArray) -> NDArray:
+    """Indices (N,) that sort (N, 3) points along a Morton curve through their box; equal keys keep their order."""
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    cells = (points - low) / np.where(high > low, high - low, 1) * ((1 << _BITS) - 1)
+    key = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        key |= spread(cells[:, axis].astype(np.uint64)) << np.uint64(axis)
+    return np.argsort(key, kind="stable")
+
+
+_SPREADS = (
+    (32, 0x1F00000000FFFF),
+    (16, 0x1F0000FF0000FF),
+    (8, 0x100F00F00F00F00F),
+    (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)
+
+
+def spread(values: NDArray) -> NDArray:
+    """Bits of 21-bit numbers (uint64), each followed by two zeros."""
+    for shift, mask in _SPREADS:
+        values = (values | values << np.uint64(shift)) & np.uint64(mask)
+    return values
+
+
+def gathered(keys: NDArray) -> NDArray:
+    """Every third bit of numbers below 2⁶³ (uint64), from the lowest: the inverse of `spread`."""
+    values = keys & np.uint64(_SPREADS[-1][1])
+    masks = [mask for _, mask in _SPREADS[-2::-1]] + [(1 << _BITS) - 1]
+    for (shift, _), mask in zip(_SPREADS[::-1], masks, strict=True):
+        values = (values | values >> np.uint64(shift)) & np.uint64(mask)
+    return values

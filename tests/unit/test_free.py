@@ -1,0 +1,353 @@
+"""Mode free: Gaussians that belong to no pixels come back as they were, up to the steps they were coded with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import make_free_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.cli import main
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.free.attributes import (
+    companded,
+    contracted,
+    expanded,
+    from_columns,
+    to_columns,
+    uncontracted,
+)
+from tinysplat_runtime.codec.free.encoder import COLOUR_STEP, LEAST_OPACITY, SPACING, STEPS, FreeEncoder
+from tinysplat_runtime.codec.free.octree import cells_of, decode_points, encode_points, morton_keys
+from tinysplat_runtime.codec.free.planes import from_plane, plane_shape, to_plane
+from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.container import reader
+from tinysplat_runtime.container.free import FREE, FREE_POINTS
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.sections import read_table
+from tinysplat_runtime.errors import FormatError, InputError
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
+from tinysplat_runtime.render.paths import ring
+
+
+def cloud(count: int = 700, degree: int = 1, seed: int = 1) -> Gaussians:
+    return make_free_gaussians(count, degree, np.random.default_rng(seed))
+
+
+def coded(gaussians: Gaussians, qp: float = 0.0, profile: str = "balanced", threads: int = 1) -> bytes:
+    return ts.Runtime(threads=threads).compress(gaussians, profile, qp)
+
+
+def taken(gaussians: Gaussians, rows: NDArray) -> Gaussians:
+    return Gaussians(**{name: getattr(gaussians, name)[rows] for name in FIELDS}, origin=gaussians.origin)
+
+
+def partners(gaussians: Gaussians, decoded: Gaussians) -> Gaussians:
+    """The originals of decoded Gaussians, by the nearest position, each taken once."""
+    distances = np.linalg.norm(decoded.means[:, None] - gaussians.means[None], axis=-1)
+    nearest = distances.argmin(axis=1)
+    assert len(set(nearest.tolist())) == decoded.count
+    return taken(gaussians, nearest)
+
+
+def covariances(gaussians: Gaussians) -> NDArray:
+    quats = gaussians.quats.astype(np.float64)
+    axes = quats_to_matrices(quats / np.linalg.norm(quats, axis=1, keepdims=True))
+    return np.einsum("nij,nj,nkj->nik", axes, gaussians.scales.astype(np.float64) ** 2, axes)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3, 4])
+def test_every_attribute_comes_back_to_its_step(degree):
+    gaussians, qp = cloud(600, degree), -24.0
+    decoded = ts.decompress(coded(gaussians, qp))
+    original = partners(gaussians, decoded)
+    factor = 2 ** (qp / 6)
+    low, high = np.percentile(gaussians.means, (5, 95), axis=0)
+    cell = SPACING * factor / np.sqrt(gaussians.count) * np.linalg.norm(high - low) / 2
+    assert decoded.degree == degree and decoded.count == gaussians.count
+    # positions are rounded to cells, all the rest by a transform whose errors have about the step's spread
+    assert np.abs(decoded.means - original.means).max() <= cell / 2 * 1.001
+    roots = np.sqrt(decoded.opacities) - np.sqrt(original.opacities)
+    assert np.std(roots) < 0.45 * STEPS[PlaneClass.OPACITY, 0] * factor
+    logs = [np.log(np.sort(g.scales, axis=1)[:, ::-1].astype(np.float64)) for g in (decoded, original)]
+    assert np.abs(logs[0][:, :2] - logs[1][:, :2]).max() < 8 * STEPS[PlaneClass.SCALE, 1] * factor
+    assert np.median(np.abs(decoded.sh - original.sh)) < COLOUR_STEP * factor
+    covariance = [covariances(g) for g in (decoded, original)]
+    apart = np.linalg.norm(covariance[0] - covariance[1], axis=(1, 2)) / np.linalg.norm(covariance[1], axis=(1, 2))
+    assert np.median(apart) < 0.03 and apart.max() < 0.3
+
+
+def test_pictures_get_better_by_the_decibels_that_finer_steps_are_worth():
+    gaussians = cloud(3000, 2)
+    views = ring(gaussians, 3)
+    raw = [ts.render(gaussians, view, (96, 96)) for view in views]
+    sizes, psnrs = [], []
+    for qp in (0.0, -12.0, -24.0):
+        data = coded(gaussians, qp)
+        decoded = ts.decompress(data)
+        errors = [np.mean((ts.render(decoded, v, (96, 96)) - image) ** 2) for v, image in zip(views, raw, strict=True)]
+        sizes.append(len(data))
+        psnrs.append(float(-10 * np.log10(np.mean(errors))))
+    assert 33 < psnrs[0] < psnrs[1] - 8 < psnrs[2] - 16  # 12 dB at most, had coarse steps no dead zone
+    assert sizes[0] < sizes[1] < sizes[2] < gaussians.count * 30
+
+
+def test_bytes_depend_neither_on_the_order_of_gaussians_nor_on_threads():
+    gaussians = cloud(500, 1)
+    # some in one place, which positions alone do not sort
+    gaussians = replace(gaussians, means=np.where(np.arange(500)[:, None] < 50, gaussians.means[:1], gaussians.means))
+    shuffled = taken(gaussians, np.random.default_rng(0).permutation(500))
+    assert coded(gaussians) == coded(shuffled) == coded(shuffled, threads=3)
+    decoded = [ts.Runtime(threads=n).decompress(coded(gaussians)) for n in (1, 3)]
+    assert all((getattr(decoded[0], name) == getattr(decoded[1], name)).all() for name in FIELDS)
+
+
+def _extreme(case: str) -> Gaussians:
+    g = cloud(40, 1)
+    far = np.concatenate([g.means[:-1], 1e6 * g.means[-1:]])
+    needle = g.scales * np.array([1e5, 1, 1e-5])
+    return {
+        "one": taken(g, np.arange(1)),
+        "two": taken(g, np.arange(2)),
+        "all equal": taken(g, np.zeros(40, int)),
+        "all equal and one far": taken(replace(g, means=far), np.array([0] * 39 + [39])),
+        "a stray at a million": replace(g, means=far),
+        "needles": replace(g, scales=needle),
+        "flat": replace(g, scales=g.scales * np.array([1, 1, 0])),
+        "points": replace(g, scales=np.zeros_like(g.scales)),
+        "huge": replace(g, scales=g.scales * 1e20, means=g.means * 1e20),
+        "tiny": replace(g, scales=g.scales * 1e-20, means=g.means * 1e-20),
+        "opaque": replace(g, opacities=np.ones_like(g.opacities)),
+        "bright": replace(g, sh=g.sh * 1e6),
+        "no colour": replace(g, sh=np.zeros_like(g.sh)),
+        "wide range of sizes": replace(g, scales=g.scales * np.geomspace(1e-6, 1e6, 40)[:, None]),
+        "long quaternions": replace(g, quats=g.quats * 1e18),
+    }[case]
+
+
+EXTREMES = (
+    "one", "two", "all equal", "all equal and one far", "a stray at a million", "needles", "flat", "points", "huge",
+    "tiny", "opaque", "bright", "no colour", "wide range of sizes", "long quaternions",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("qp", [0.0, 60.0, -60.0])
+@pytest.mark.parametrize("case", EXTREMES)
+def test_extreme_gaussians_come_back_finite_and_near(case, qp):
+    gaussians = _extreme(case)
+    decoded = ts.decompress(coded(gaussians, qp))
+    checked = Gaussians(**{name: getattr(decoded, name) for name in FIELDS})  # finite and in range
+    assert checked.count == gaussians.count
+    if qp > 0:
+        return
+    size = float(np.abs(gaussians.means).max())
+    bulk = float(np.linalg.norm(np.ptp(np.percentile(gaussians.means, (5, 95), axis=0), axis=0))) / 2
+    moved = np.sort(gaussians.means, axis=0) - np.sort(checked.means, axis=0)
+    near = np.abs(np.sort(gaussians.means, axis=0)) <= max(bulk, 1e-6 * size)
+    assert np.abs(moved[near]).max(initial=0) <= max(0.1 * bulk, 1e-6 * size) and np.abs(moved).max() <= 0.2 * size
+    logs = [np.sort(np.log(np.maximum(g.scales.max(axis=1), 1e-25))) for g in (gaussians, checked)]
+    assert np.median(np.abs(logs[0] - logs[1])) < 0.5
+
+
+def test_gaussians_that_nothing_shows_are_left_out():
+    gaussians = cloud(60)
+    opacities = np.where(np.arange(60) < 20, 0.99 * LEAST_OPACITY, LEAST_OPACITY * 1.01).astype(np.float32)
+    assert ts.decompress(coded(replace(gaussians, opacities=opacities))).count == 40
+    with pytest.raises(InputError, match=r"opacities: none of at least 0\.0039"):
+        coded(replace(gaussians, opacities=np.zeros(60, np.float32)))
+
+
+def test_layers_of_no_cameras_origin_and_notes_are_kept():
+    gaussians = replace(cloud(50), origin=np.array([5e5, 4e6, 10.0])).with_notes(ts.Notes("metre", antialiased="yes"))
+    decoded = ts.decompress(coded(gaussians))
+    assert (decoded.origin == gaussians.origin).all() and decoded.cameras == ()
+    assert decoded.notes == gaussians.notes
+    assert ts.inspect(coded(gaussians))["version"] == "1.4"
+
+
+@pytest.mark.parametrize("profile", ["paper", "fast", "balanced", "max"])
+def test_every_profile_codes_them(profile):
+    gaussians = cloud(300)
+    data = coded(gaussians, profile=profile)
+    assert ts.inspect(data)["profile"] == profile and ts.decompress(data).count == 300
+
+
+def test_targets_are_met():
+    runtime, gaussians = ts.Runtime(threads=1), cloud(800, 1)
+    data = runtime.compress(gaussians, target_size=9000)
+    assert 0.97 * 9000 <= len(data) <= 9000
+    views = ring(gaussians, 4)
+    better = runtime.decompress(runtime.compress(gaussians, target_psnr=42.0))
+    errors = [
+        np.mean((ts.render(better, v, dilation="screen") - ts.render(gaussians, v, dilation="screen")) ** 2)
+        for v in views
+    ]
+    assert 41.7 < np.mean([-10 * np.log10(e) for e in errors]) < 42.5
+    with pytest.raises(InputError, match=r"target_size: 100 bytes; profile balanced has \d+ here as the nearest"):
+        runtime.compress(gaussians, target_size=100)
+    with pytest.raises(InputError, match="target_psnr: 119 dB; profile balanced reaches"):
+        runtime.compress(cloud(20), target_psnr=119)
+
+
+@pytest.mark.parametrize("options", [{"lossless": True}, {"like": b""}])
+def test_what_needs_pixels_is_refused(options):
+    if "like" in options:
+        options = {"like": coded(cloud(20))}
+    with pytest.raises(InputError, match=r"belong to no pixels|a file of mode free"):
+        ts.compress(cloud(20), **options)
+
+
+def test_qp_is_held_to_its_range():
+    with pytest.raises(InputError, match="qp: 61"):
+        coded(cloud(20), 61.0)
+
+
+def test_a_prefix_shows_what_is_there_and_says_when_that_is_too_little():
+    gaussians = cloud(3000, 1)
+    data, runtime = coded(gaussians), ts.Runtime(threads=1)
+    ends = [prefix["bytes"] for prefix in ts.inspect(data)["prefixes"]]
+    assert len(ends) == 3 and ends[-1] == len(data)
+    views = ring(gaussians, 2)
+    raw = [ts.render(gaussians, view, (64, 64)) for view in views]
+    errors = []
+    for end in ends:
+        decoded = runtime.decompress(data, max_bytes=end)
+        assert decoded.count == 3000
+        errors.append(sum(np.mean((ts.render(decoded, v, (64, 64)) - r) ** 2) for v, r in zip(views, raw, strict=True)))
+    assert errors[0] > errors[1] > errors[2]
+    with pytest.raises(FormatError, match="holds no intact picture of scale1, by which others are sorted"):
+        runtime.decompress(data, max_bytes=_end_of(data, "scale1") - 1)
+    with pytest.raises(FormatError, match="the metadata alone takes"):
+        runtime.decompress(data, max_bytes=300)
+
+
+def _end_of(data: bytes, name: str) -> int:
+    container = read_container(data)
+    assert container.free is not None
+    record = next(c.record for c in container.free.channels if c.record.name == name)
+    section = next(s for s in container.plane_sections if s.kind == record.plane_class.facts.section)
+    return section.end - section.length + record.streams[0].offset + record.streams[0].length
+
+
+def test_damage_costs_the_planes_that_it_hits():
+    gaussians, runtime = cloud(800, 1), ts.Runtime(threads=1)
+    data = bytearray(coded(gaussians))
+    data[_end_of(bytes(data), "rotation1") - 5] ^= 1
+    lost: list[str] = []
+    decoded = runtime.decompress(bytes(data), lost=lost)
+    assert lost == ["rotation1"] and decoded.count == 800
+    with pytest.raises(FormatError, match="plane rotation1, view 0: CRC differs"):
+        runtime.decompress(bytes(data))
+
+
+def test_readers_that_do_not_know_the_sections_refuse_the_file_in_a_line():
+    known = reader._KNOWN - {FREE, FREE_POINTS}
+    with pytest.raises(FormatError, match=r"section FREE\[0\]: unknown and required; a newer reader is needed"):
+        read_table(memoryview(coded(cloud(20))), known, reader._PLANE_KINDS, is_prefix=False)
+
+
+@pytest.mark.parametrize(("count", "side"), [(1, 1), (1, 0), (7, 1), (500, 4), (2000, 21), (9000, 3)])
+def test_octrees_give_back_sorted_cells(count, side):
+    cells = np.random.default_rng(count).integers(0, 1 << side, (count, 3)).astype(np.float64)
+    keys = np.sort(morton_keys(cells))
+    points = encode_points(keys, max(side, 1))
+    found = decode_points(points.streams, points.levels, points.leaves, points.escapes, count)
+    assert (found == keys).all()
+    # independent of Morton codes: the same cells, as often
+    assert sorted(map(tuple, cells_of(found).tolist())) == sorted(map(tuple, cells.tolist()))
+
+
+def test_octrees_cost_less_than_the_order_they_forget():
+    cells = np.random.default_rng(0).integers(0, 1 << 8, (20000, 3)).astype(np.float64)
+    points = encode_points(np.sort(morton_keys(cells)), 8)
+    bits = 8 * sum(map(len, points.streams)) / 20000
+    assert 24 - np.log2(20000) + 1.44 < bits < 1.12 * (24 - np.log2(20000) + 1.44)
+
+
+@pytest.mark.parametrize("count", [1, 255, 256, 257, 4096, 4097, 70000])
+def test_planes_hold_lists_and_keep_neighbours_together(count):
+    values = np.arange(count, dtype=np.int64)
+    plane = to_plane(values)
+    assert plane.shape == plane_shape(count) and (from_plane(plane, count) == values).all()
+    assert plane.size <= max(256, 4 * count) if count <= 4096 else plane.size < 1.3 * count + 64 * 64 * 18
+    if count > 4096:
+        aside = np.abs(np.diff(plane[:64, :64], axis=1))
+        assert np.median(aside) <= 3
+
+
+def test_maps_of_attributes_are_inverses():
+    sizes = np.linspace(-20, 20, 1001)
+    np.testing.assert_allclose(expanded(companded(sizes, 1.5), 1.5), sizes, atol=1e-9)
+    slopes = np.diff(companded(sizes, 1.5)) / np.diff(sizes)
+    assert 0.12 < slopes.min() < 0.13 and 7.9 < slopes.max() < 8.1 and (np.diff(slopes) > -1e-9).all()
+    offsets = np.concatenate([np.linspace(-3, 3, 101), [-1e9, 1e9]])
+    np.testing.assert_allclose(uncontracted(contracted(offsets)), offsets, rtol=1e-12)
+
+
+def test_turned_axes_show_the_same_gaussian_and_take_the_least_rotation():
+    gaussians = cloud(400)
+    columns = to_columns(gaussians)
+    again = Gaussians(means=gaussians.means, **from_columns(columns))
+    np.testing.assert_allclose(
+        covariances(again), covariances(gaussians), rtol=0, atol=1e-6 * covariances(gaussians).max()
+    )
+    assert (np.diff(again.scales, axis=1) <= 0).all()
+    # half a turn about an axis changes nothing, so that a scalar part below 1/2 is never needed
+    assert np.square(columns.turns).sum(axis=1).max() <= 0.75 + 1e-9
+
+
+def test_what_the_encoder_expects_is_what_the_decoder_sees():
+    """The order of planes hangs on numbers that both compute: one that rounded otherwise would shuffle colours."""
+    gaussians = cloud(2000, 1)
+    decoded = ts.decompress(coded(gaussians, -24))
+    original = partners(gaussians, decoded)
+    assert np.corrcoef(decoded.sh[:, 0, 0], original.sh[:, 0, 0])[0, 1] > 0.999
+    assert np.corrcoef(decoded.opacities, original.opacities)[0, 1] > 0.999
+
+
+def test_stages_are_timed():
+    stats = EncodeStats()
+    FreeEncoder(cloud(30), find_profile("fast"), threads=1, stats=stats).code(0)
+    assert set(stats.watch.seconds) == {"sort", "x265", "write"}
+
+
+def test_the_command_line_takes_a_trained_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("plyfile")
+    source, file = tmp_path / "scene.ply", tmp_path / "scene.tsplat"
+    ts.save_gaussians(source, cloud(900, 3))
+    report = tmp_path / "r.json"
+
+    def run(*words: object) -> str:
+        assert main([str(word) for word in words]) == 0
+        return capsys.readouterr().out
+
+    assert "mode free: Gaussians that belong to no pixels" in run("compress", source, "-o", file, "--report", report)
+    assert '"error_by_attribute": {}' in report.read_text()
+    said = run("info", file)
+    assert "mode free" in said and "900 Gaussians of SH degree 3" in said and "position" in said
+    assert run("decode", file, "-o", tmp_path / "back.ply") and ts.load_gaussians(tmp_path / "back.ply").count == 900
+    run("render", file, "-o", tmp_path / "p.png", "--size", "60x80")
+    run("view", file, "--html", tmp_path / "p.html")
+    run("convert", file, "-o", tmp_path / "again.tsplat", "--scale", "2")
+    assert ts.inspect((tmp_path / "again.tsplat").read_bytes())["mode"] == "free"
+    run("convert", source, "-o", tmp_path / "direct.tsplat")
+    assert (tmp_path / "direct.tsplat").read_bytes() == file.read_bytes()
+    run("compress", source, "-o", tmp_path / "small.tsplat", "--target-size", "15KB")
+    assert (tmp_path / "small.tsplat").stat().st_size <= 15000
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_file_with_nan_is_refused_by_the_name_of_its_array(name, tmp_path, capsys):
+    gaussians = cloud(10)
+    arrays = {field: getattr(gaussians, field).copy() for field in FIELDS}
+    arrays[name][3] = np.nan
+    np.savez(tmp_path / "g.npz", **arrays)
+    assert main(["compress", str(tmp_path / "g.npz"), "-o", str(tmp_path / "g.tsplat")]) == 2
+    said = capsys.readouterr().err
+    assert f"g.npz: {name}[3" in said and said.count("\n") == 1 and not (tmp_path / "g.tsplat").exists()
