@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from reference.rasteriser import render_reference
 
-from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import Renderer, render, renderer
 from tinysplat_runtime.render import compiled as compiled_code
-from tinysplat_runtime.render.prepare import prepare
-from tinysplat_runtime.render.project import Splats, View, project, projected
+from tinysplat_runtime.render.prepare import parts, prepare
+from tinysplat_runtime.render.project import Splats, View, may_show, project, projected
 from tinysplat_runtime.render.tiles import FRONT, WHOLE, Grid, bands, depth_order, find_pairs, runs
 from tinysplat_runtime.scene.cameras import Camera
 
@@ -392,3 +392,53 @@ def test_the_exponent_of_needles_of_any_length_is_that_of_float64(length):
         found = (alpha_x * dx + beta_x * dy) ** 2 + (gamma * dy) ** 2
         wanted = 0.5 * (t**2 / ((20 * length) ** 2 + 0.3) + s**2 / 0.3)
         assert found == pytest.approx(wanted, rel=1e-4, abs=1e-5)
+
+
+def _around(count, seed=0):
+    """A cloud on all sides of the origin, with Gaussians from points to several units."""
+    rng = np.random.default_rng(seed)
+    means = rng.normal(size=(count, 3)) * 4
+    scales = np.exp(rng.uniform(-7, 1, (count, 3)))
+    return cloud(count, means=means, scales=scales, quats=rng.normal(size=(count, 4)), opacities=rng.random(count))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nothing_that_shows_is_left_out_before_its_shape_is_known(seed):
+    rng, scene = np.random.default_rng(seed), _around(8000, seed)
+    K = [[rng.uniform(20, 300), rng.uniform(-5, 5), rng.uniform(-20, 90)], [0, rng.uniform(20, 300), 30], [0, 0, 1]]
+    view = View.of(Camera(K, np.eye(4), 80, 60), np.zeros(3), 0.01)
+    (part,) = parts(scene)
+    found = may_show(part, view)
+    (block,) = prepare(scene)
+    shows = np.flatnonzero(scene.opacities >= 1 / 255)
+    assert found[shows[projected(block, view).visible]].all()
+    np.testing.assert_array_equal(may_show(block, view), found[shows])
+    assert found.mean() < 0.8
+
+
+@pytest.mark.parametrize("order", ["near", "depth"])
+def test_pictures_do_not_depend_on_what_is_kept_from_frame_to_frame(order, monkeypatch):
+    views = tuple(pinhole(40, 60) for _ in range(2))
+    grid = cloud(2 * 40 * 60, scales=np.full((2 * 40 * 60, 3), 0.02))
+    arrays = {name: getattr(grid, name).reshape(2, 40, 60, *getattr(grid, name).shape[1:]) for name in FIELDS}
+    for scene in (_around(40_000), Gaussians(**arrays, cameras=views)):
+        kept = Renderer(scene, 2, order=order, compiled=False)
+        frames = [kept.render(pinhole(60, 80), outputs=OUTPUTS) for _ in range(2)]
+        frames.append(
+            Renderer(scene, 1, order=order, compiled=False, keep=False).render(pinhole(60, 80), outputs=OUTPUTS)
+        )
+        with monkeypatch.context() as patch:
+            patch.setattr(renderer, "KEPT_BYTES", 0)
+            frames.append(Renderer(scene, 2, order=order, compiled=False).render(pinhole(60, 80), outputs=OUTPUTS))
+        for name in OUTPUTS:
+            assert all(np.array_equal(frames[0][name], other[name]) for other in frames[1:])
+
+
+def test_one_picture_takes_memory_for_what_it_shows():
+    scene, most = _around(150_000), {}
+    for keep in (True, False):
+        tracemalloc.start()
+        Renderer(scene, 1, compiled=False, keep=keep).render(pinhole(60, 80))
+        most[keep] = tracemalloc.get_traced_memory()[1] / scene.count
+        tracemalloc.stop()
+    assert most[False] < 0.75 * most[True] and most[False] < 300

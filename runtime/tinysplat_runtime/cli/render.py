@@ -38,8 +38,10 @@ def render(args: Namespace) -> None:
     watch = Stopwatch()
     gaussians = load_any(args, watch)
     # Loading compiled code takes longer than drawing one picture without it.
-    compiled = None if suffix == ".mp4" else False
-    renderer = Renderer(gaussians, args.threads, dilation=args.dilation, order=args.order, compiled=compiled)
+    compiled, is_video = (None, True) if suffix == ".mp4" else (False, False)
+    renderer = Renderer(
+        gaussians, args.threads, dilation=args.dilation, order=args.order, compiled=compiled, keep=is_video
+    )
     if suffix == ".png":
         camera = _chosen_camera(args.camera, gaussians)
         with watch.stage("render"):

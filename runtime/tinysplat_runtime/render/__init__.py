@@ -4,8 +4,8 @@
     renderer = Renderer(gaussians)                         # many frames of the same Gaussians
     frames = [renderer.render(c) for c in between(cameras, 60)]
 
-What flows where: `prepare` (once per Gaussians) → `project` (3-D to 2-D, colours) → `tiles` (who covers which
-4×4 pixels, in depth order) → `composite` (front to back); or, where numba is installed, `prepare` → `compiled`.
+What flows where: `prepare` (blocks of Gaussians) → `project` (what shows, 3-D to 2-D, colours) → band by band `tiles`
+(who covers which 4×4 pixels, in depth order) → `composite` (front to back); or, with numba, `prepare` → `compiled`.
 `near` says what of near views is drawn before everything else.
 """
 

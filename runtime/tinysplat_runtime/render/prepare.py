@@ -6,7 +6,7 @@ floats. A block is sized so that its temporaries stay in a core's L2 cache while
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..scene.cameras import Camera
 
 BLOCK_SIZE = 16_384
 
@@ -54,6 +55,15 @@ class Block:
         """Number of Gaussians n."""
         return self.log_opacities.size
 
+    def compress(self, keep: NDArray) -> Block:
+        """The rows where `keep` (n,) bool is true."""
+        planes = ("means", "axes", "log_opacities", "sh")
+        own = None if self.own_pixels is None else self.own_pixels[keep]
+        return replace(
+            self, **{name: getattr(self, name).compress(keep, axis=-1) for name in planes}, quats=self.quats[keep],
+            scales=self.scales[keep], own_pixels=own,
+        )  # fmt: skip
+
     def without_planes(self) -> Block:
         """The same without `axes` and `sh`, which most of its memory goes to."""
         nothing = np.zeros((0, 3, 0), np.float32)
@@ -66,68 +76,79 @@ def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
     return np.ascontiguousarray(np.moveaxis(axes, 0, -1))
 
 
-def prepare(gaussians: Gaussians, *, by_view: bool = False) -> Iterator[Block]:
-    """Cut all layers of the Gaussians into blocks, in order; those that can never show are left out.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Up to `BLOCK_SIZE` Gaussians as they were given, of which a block can be made when it is wanted.
+
+    Attributes:
+        first: as `Block.first`, counted over all Gaussians.
+        view: as `Block.view`.
+        rows: their arrays by name, (n, …).
+        origin: (3,) float64, of the Gaussians.
+        photo: the view whose pixels they stand for; None where they are of no known photo.
+    """
+
+    first: int
+    view: int
+    rows: Mapping[str, NDArray]
+    origin: NDArray
+    photo: Camera | None
+
+    @property
+    def size(self) -> int:
+        """Number of Gaussians n."""
+        return self.rows["opacities"].size
+
+    def own_pixels(self) -> NDArray | None:
+        """As `Block.own_pixels`."""
+        return None if self.photo is None else own_pixels(self.rows["means"], self.origin, self.photo)
+
+    def block(self, keep: NDArray | None = None) -> Block:
+        """The Gaussians, or of them those where `keep` (n,) bool is true, without those that can never show."""
+        shows = self.rows["opacities"] >= ALPHA_MIN
+        keep = shows if keep is None else keep & shows
+        rows = self.rows if keep.all() else {name: array[keep] for name, array in self.rows.items()}
+        return Block(
+            first=self.first,
+            means=np.ascontiguousarray(rows["means"].T),
+            axes=principal_axes(rows["quats"], rows["scales"]),
+            log_opacities=np.log(rows["opacities"]),
+            sh=np.ascontiguousarray(np.moveaxis(rows["sh"], 0, -1)),
+            quats=rows["quats"],
+            scales=rows["scales"],
+            own_pixels=None if self.photo is None else own_pixels(rows["means"], self.origin, self.photo),
+            view=self.view,
+        )
+
+
+def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = True) -> Iterator[Part]:
+    """Cut all layers of the Gaussians into parts, in order.
 
     Args:
         gaussians: with cameras if `by_view`.
-        by_view: cut between views, too, and say of what photo's pixels the Gaussians are.
+        by_view: cut between views, too, and say what view's surface they are.
+        own_pixels: then say, too, of what photo's pixels they are.
     """
     first = 0
-    for view, rows in _view_rows(gaussians) if by_view else _rows(gaussians.layers):
-        shows = rows["opacities"] >= ALPHA_MIN
-        if not shows.all():
-            rows = {name: array[shows] for name, array in rows.items()}
-        if rows["opacities"].size:
-            block = _block(first, view, **rows)
+    for layer in gaussians.layers:
+        grids = enumerate(gaussians.cameras) if by_view else [(-1, None)]
+        for view, photo in grids:
+            arrays = {name: getattr(layer, name) if photo is None else getattr(layer, name)[view] for name in FIELDS}
+            count = arrays["opacities"].size
+            shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (layer.sh.shape[-2], 3)}
+            flat = {name: arrays[name].reshape(count, *shape) for name, shape in shapes.items()}
+            for start in range(0, count, BLOCK_SIZE):
+                rows = {name: array[start : start + BLOCK_SIZE] for name, array in flat.items()}
+                surface = view if layer is gaussians else -1
+                yield Part(first, surface, rows, gaussians.origin, photo if own_pixels else None)
+                first += rows["opacities"].size
+
+
+def prepare(gaussians: Gaussians, *, by_view: bool = False) -> Iterator[Block]:
+    """Blocks of all Gaussians but those that can never show; arguments as `parts` has them."""
+    first = 0
+    for part in parts(gaussians, by_view=by_view):
+        block = replace(part.block(), first=first)
+        if block.size:
             yield block
             first += block.size
-
-
-def _rows(layers: Iterable[Gaussians]) -> Iterator[tuple[int, dict[str, NDArray]]]:
-    """No view, and the arrays of up to `BLOCK_SIZE` Gaussians at a time."""
-    for layer in layers:
-        count, functions = layer.opacities.size, layer.sh.shape[-2]
-        rows = {
-            "means": layer.means.reshape(count, 3),
-            "quats": layer.quats.reshape(count, 4),
-            "scales": layer.scales.reshape(count, 3),
-            "opacities": layer.opacities.reshape(count),
-            "sh": layer.sh.reshape(count, functions, 3),
-        }
-        for start in range(0, count, BLOCK_SIZE):
-            yield -1, {name: array[start : start + BLOCK_SIZE] for name, array in rows.items()}
-
-
-def _view_rows(gaussians: Gaussians) -> Iterator[tuple[int, dict[str, NDArray]]]:
-    """The view whose surface they are, and the same arrays and `own_pixels`, of one view at a time."""
-    for layer in gaussians.layers:
-        for view, camera in enumerate(gaussians.cameras):
-            of_view = Gaussians.unchecked(**{name: getattr(layer, name)[view] for name in FIELDS})
-            for _, rows in _rows([of_view]):
-                pixels = own_pixels(rows["means"], gaussians.origin, camera)
-                yield view if layer is gaussians else -1, {**rows, "own_pixels": pixels}
-
-
-def _block(
-    first: int,
-    view: int,
-    *,
-    means: NDArray,
-    quats: NDArray,
-    scales: NDArray,
-    opacities: NDArray,
-    sh: NDArray,
-    own_pixels: NDArray | None = None,
-) -> Block:
-    return Block(
-        first=first,
-        means=np.ascontiguousarray(means.T),
-        axes=principal_axes(quats, scales),
-        log_opacities=np.log(opacities),
-        sh=np.ascontiguousarray(np.moveaxis(sh, 0, -1)),
-        quats=quats,
-        scales=scales,
-        own_pixels=own_pixels,
-        view=view,
-    )

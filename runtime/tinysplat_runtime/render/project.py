@@ -30,7 +30,7 @@ from ..gaussian.sh import C0, sh_degree, sh_terms
 from ..scene.cameras import Camera
 from ..system.blas import product
 from ..system.stopwatch import part
-from .prepare import ALPHA_MIN, Block, principal_axes
+from .prepare import ALPHA_MIN, Block, Part, principal_axes
 
 DILATION = 0.3
 """Variance in pixels² added to both axes of every splat, so that none falls between the pixels."""
@@ -56,6 +56,9 @@ MARGIN_PX = 1 / 64
 
 RECORD = 8
 """Floats in a row of `Splats.records`: numpy picks rows of 32 bytes two to three times as fast as rows of 36."""
+
+_FARTHEST = 1.001 * math.sqrt(2 * math.log(1 / ALPHA_MIN))
+"""Half extents of footprints are at most so many standard deviations, and a little against rounding."""
 
 # Columns of `Splats.records`
 X, Y, ALPHA_X, BETA_X, GAMMA, RED, GREEN, BLUE = range(RECORD)
@@ -98,7 +101,7 @@ class Splats:
         log_opacities: (2, N + 1) float32: of the splat as it is, and of its part that is drawn before all others. A
             splat's number in a list is its row, or for that part its row + N + 1.
         depths: (N + 1,) float32.
-        boxes: (3, N) int32: first and last row of the tiles of the footprint's bounding box, and how many columns.
+        boxes: (3, N) int16: first and last row of the tiles of the footprint's bounding box, and how many columns.
     """
 
     def __init__(self, count: int) -> None:
@@ -109,7 +112,7 @@ class Splats:
         self.log_opacities[:, -1] = -np.inf
         self.depths = np.empty(count + 1, np.float32)
         self.depths[-1] = 0
-        self.boxes = np.empty((3, count), np.int32)
+        self.boxes = np.empty((3, count), np.int16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +135,7 @@ class Projected:
     bounds: NDArray
 
 
-def project(block: Block, view: View, tile: tuple[int, int], splats: Splats, log_share: float = -math.inf) -> NDArray:
+def project(block: Block, view: View, tile: tuple[int, int], splats: Splats, log_share: float | None = None) -> NDArray:
     """Project a block into rows of `splats`, from the block's first on.
 
     Args:
@@ -140,24 +143,52 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats, log
         view: the camera.
         tile: (width, height) of a tile in pixels.
         splats: where to write.
-        log_share: logarithm of the share of their opacity that is drawn before all others.
+        log_share: logarithm of the share of their opacity that is drawn before all others; None where none are.
 
     Returns:
-        (m,) int64, the rows of visible splats, rising and in the block's order.
+        (m,) int32, the rows of visible splats, rising and in the block's order.
     """
     seen = projected(block, view)
     if seen is None or not seen.visible.size:
-        return np.zeros(0, np.int64)
+        return np.zeros(0, np.int32)
     keep: NDArray | slice = seen.visible if seen.visible.size < block.size else slice(None)
     rows = slice(block.first, block.first + seen.visible.size)
     splats.records[rows] = seen.planes[:, keep].T
     splats.log_opacities[0, rows] = seen.log_opacities[keep]
-    splats.log_opacities[1, rows] = seen.log_opacities[keep] + np.float32(log_share)
+    if log_share is not None:
+        splats.log_opacities[1, rows] = seen.log_opacities[keep] + np.float32(log_share)
     splats.depths[rows] = seen.depths[keep]
     left, right, top, bottom = seen.bounds[:, keep]
     splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]
     splats.boxes[2, rows] = right // tile[0] - left // tile[0] + 1
-    return np.arange(rows.start, rows.stop)
+    return np.arange(rows.start, rows.stop, dtype=np.int32)
+
+
+@np.errstate(all="ignore")
+def may_show(part: Block | Part, view: View) -> NDArray:
+    """(n,) bool, false where a Gaussian cannot reach the picture, whatever its orientation and opacity.
+
+    A row of J·W is nowhere longer than at the ends of the image's margin, so that a footprint's half extent is at most
+    √(2 ln 255) times the sum of that length by the largest scale and of the root of the dilation.
+    """
+    means, scales = (
+        (part.means, part.scales) if isinstance(part, Block) else (part.rows["means"].T, part.rows["scales"])
+    )
+    own = part.own_pixels if isinstance(part, Block) else part.own_pixels()
+    point = np.einsum("ij,jn->in", view.projection, means + view.offset[:, None])
+    depth = point[2]
+    largest = np.maximum(np.maximum(scales[:, 0], scales[:, 1]), scales[:, 2])
+    widened = depth if own is None else np.maximum(depth, own * view.camera.focal)
+    widened = math.sqrt(DILATION) * widened
+    shows = depth > view.near_plane
+    for axis, (size, low, high) in enumerate(
+        zip((view.camera.width, view.camera.height), *jacobian_limits(view), strict=True)
+    ):
+        rows = view.projection[axis] - np.array([[low], [high]]) * view.projection[2]
+        extent = _FARTHEST * (np.linalg.norm(rows, axis=1).max() * largest + widened)
+        middle = size / 2 - view.camera.K[axis, 2]
+        shows &= ~(np.abs(point[axis] - middle * depth) > (size / 2 + 1) * depth + extent)  # NaN stays
+    return shows
 
 
 @np.errstate(all="ignore")  # overflow is met by float64 and by LIMIT, NaN is looked for

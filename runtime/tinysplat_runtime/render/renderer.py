@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from numbers import Real
 from types import ModuleType
 from typing import Any
@@ -20,13 +19,13 @@ from ..system.stopwatch import part
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews, log_share
-from .prepare import Block, prepare
-from .project import Splats, View, project
+from .prepare import Block, Part, parts
+from .project import Splats, View, may_show, project
 from .tiles import FRONT, MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, WHOLE, Grid, bands, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
-DEFINITION = {"dilation": "screen", "order": "depth"}
+DEFINITION: dict[str, Any] = {"dilation": "screen", "order": "depth"}
 """Options that draw what 3DGS defines: for comparisons, and where bytes of files follow from a picture."""
 
 DILATIONS = ("own", "screen")
@@ -35,6 +34,9 @@ DILATIONS = ("own", "screen")
 ORDERS = ("near", "depth")
 """What covers what: near views all others, or what lies nearer."""
 
+KEPT_BYTES = 512 << 20
+"""Most that a renderer keeps from frame to frame of what does not depend on the camera."""
+
 NEAR_PLANE = 0.01
 """Scene units; nearer Gaussians are not drawn."""
 
@@ -42,9 +44,11 @@ NEAR_PLANE = 0.01
 class Renderer:
     """Renders one set of Gaussians from any number of cameras.
 
-    Holds what does not depend on the camera (planar coefficients, principal axes) and the buffers of a frame, about
-    290 bytes per Gaussian of SH degree 3, 340 compiled. Pictures do not depend on the number of threads, bit for bit.
-    Frames asked for from several threads at once are made one after the other.
+    Holds what does not depend on the camera (planar coefficients, principal axes), about 110 bytes per Gaussian of SH
+    degree 0 and 290 of degree 3, but no more than `KEPT_BYTES`; of more Gaussians it is made for every frame, block by
+    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds everything. Pictures do
+    not depend on the number of threads, bit for bit. Frames asked for from several threads at once are made one after
+    the other.
     """
 
     def __init__(
@@ -55,6 +59,7 @@ class Renderer:
         dilation: str = "own",
         order: str = "near",
         compiled: bool | None = None,
+        keep: bool = True,
     ) -> None:
         """Prepare to render all layers of `gaussians` together.
 
@@ -65,6 +70,7 @@ class Renderer:
             order: "near" or "depth", see `render`.
             compiled: whether frames are drawn by compiled code, which needs numba (`tinysplat[fast]`) and gives the
                 same pictures to 1e-5 except where rounding decides a threshold; None where numba is installed.
+            keep: whether there will be further frames, for which what does not depend on the camera is kept.
 
         Raises:
             InputError: `gaussians` are none, `threads` is no whole number above 0, `dilation` or `order` is neither of
@@ -79,10 +85,13 @@ class Renderer:
         _check_choice("dilation", dilation, DILATIONS)
         _check_choice("order", order, ORDERS)
         self._near = NearViews.of(gaussians) if order == "near" else None
-        blocks = _blocks(gaussians, by_view=self._near is not None, own_pixels=dilation == "own")
+        by_photo = bool(gaussians.cameras) and (self._near is not None or dilation == "own")
+        cut = tuple(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
+        blocks = (block for block in (part.block() for part in cut) if block.size)
         self._compiled = module.Rasteriser(blocks, self._run) if module else None
-        self._blocks = () if module else tuple(blocks)
-        self._splats = Splats(sum(block.size for block in self._blocks))
+        keeps = keep and gaussians.count * (56 + 4 * 3 * gaussians.sh.shape[-2]) <= KEPT_BYTES
+        self._parts: tuple[Part | Block, ...] = () if module else tuple(blocks) if keeps else cut
+        self._splats = Splats(0 if module else gaussians.count)
         self._local = threading.local()
         self._lock = threading.Lock()
 
@@ -123,13 +132,21 @@ class Renderer:
         shares = None if self._near is None else self._near.shares(view.camera)
         if self._compiled is not None:
             return self._compiled.draw(view, shares, with_depth)
-        splats, tile = self._splats, (TILE_WIDTH, TILE_HEIGHT)
+        splats = self._splats
+
+        def project_part(cut: Part | Block) -> NDArray:
+            seen = may_show(cut, view)
+            if isinstance(cut, Part):
+                block = cut.block(seen)
+            else:  # picking rows costs about as much as projecting a few more
+                block = cut.compress(seen) if 4 * np.count_nonzero(seen) < 3 * seen.size else cut
+            share = None if shares is None else log_share(shares, block.view)
+            return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, share)
+
         with part("projection"):
-            ids = self._run(
-                lambda block: project(block, view, tile, splats, log_share(shares, block.view)), self._blocks
-            )
+            ids = self._run(project_part, self._parts)
         with part("depth order"):
-            order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int64), *ids]))
+            order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int32), *ids]))
             boxes = splats.boxes.take(order, axis=1)
             pairs = int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64))
         kinds = (WHOLE,) if shares is None else (FRONT, WHOLE)
@@ -213,16 +230,8 @@ def render(
         InputError: an argument is not as described.
     """
     # Loading compiled code takes longer than drawing one picture without it.
-    renderer = Renderer(gaussians, threads, dilation=dilation, order=order, compiled=False)
+    renderer = Renderer(gaussians, threads, dilation=dilation, order=order, compiled=False, keep=False)
     return renderer.render(camera, size, outputs=outputs, background=background, near_plane=near_plane)
-
-
-def _blocks(gaussians: Gaussians, *, by_view: bool, own_pixels: bool) -> Iterator[Block]:
-    """Blocks that know no more of their photos than they are asked for."""
-    if not gaussians.cameras or not (by_view or own_pixels):
-        return prepare(gaussians)
-    blocks = prepare(gaussians, by_view=True)
-    return blocks if own_pixels else (replace(block, own_pixels=None) for block in blocks)
 
 
 def _check_choice(name: str, value: Any, accepted: tuple[str, ...]) -> None:

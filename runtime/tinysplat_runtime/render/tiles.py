@@ -104,10 +104,12 @@ def bands(width: int, height: int, pairs: int) -> list[tuple[int, Grid]]:
 
 
 def depth_order(depths: NDArray, ids: NDArray) -> NDArray:
-    """`ids` (R,) by depth, ties as they rise. Positive floats sort like their bits."""
-    keys = depths.take(ids).view(np.uint32).astype(np.uint64) << np.uint64(32) | ids.astype(np.uint64)
+    """`ids` (R,) int32 by depth, ties as they rise. Positive floats sort like their bits."""
+    keys = depths.take(ids).view(np.uint32).astype(np.uint64)
+    keys <<= np.uint64(32)
+    keys |= ids.astype(np.uint32)
     keys.sort()
-    return (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
+    return keys.astype(np.uint32).view(np.int32)  # the lower halves
 
 
 def runs(areas: NDArray, limit: int) -> Iterator[slice]:
@@ -127,7 +129,7 @@ def find_pairs(
 
     Args:
         splats: the frame's splats.
-        order: (R,) rows of the run's splats, nearest first.
+        order: (R,) int32 rows of the run's splats, nearest first.
         first_row: of the band's tiles.
         grid: the band's tiles.
         open_tiles: (tiles,) bool, which tiles still take splats; None for all.
@@ -148,7 +150,7 @@ def find_pairs(
     keys.sort()
     ends = np.searchsorted(keys, np.arange(1, grid.count + 1, dtype=np.uint64).astype(key_type) << key_type(bits))
     keys &= key_type((1 << int(bits)) - 1)
-    return _in_batches(splats, order.astype(np.int32).take(keys), ends, kinds)
+    return _in_batches(splats, order.take(keys), ends, kinds)
 
 
 def _in_batches(splats: Splats, ids: NDArray, ends: NDArray, kinds: Sequence[int]) -> Pairs:
