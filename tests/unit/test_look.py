@@ -132,6 +132,21 @@ def test_a_depth_range_that_is_far_off_is_told(tmp_path: Path, near: float, far:
     assert words in doubt
 
 
+@pytest.mark.parametrize("wrong", [0, 1])
+def test_two_photos_of_different_things_are_named(tmp_path: Path, wrong: int) -> None:
+    views = [camera(-0.15, 0.05), camera(0.15, -0.05)]
+    photos = [photo(view) for view in views]
+    photos[wrong] = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
+    (doubt,) = doubts(stored(tmp_path, views, photos))
+    assert doubt.startswith("photo 1 (0.png) and photo 2 (1.png) match hardly anywhere from near 1.5 to far 6")
+
+
+def test_a_range_that_begins_far_too_near_is_told_of_many_depths(scene: Scene) -> None:
+    """The two walls lie too far apart for a range to be wrong by how little of it they fill."""
+    (doubt,) = doubts(dataclasses.replace(scene, near=0.45))
+    assert doubt.startswith("near 0.45 and far 6 lie far about what photos show, most of it from 1.9")
+
+
 def test_the_depth_range_is_found_from_photos(scene: Scene) -> None:
     near, far = range_seen(scene.images(), scene.cameras)
     assert 0.5 * DEPTHS[0] < near < DEPTHS[0] and DEPTHS[1] < far < 3 * DEPTHS[1]

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render import Renderer
 from ..scene.cameras import Camera
-from ..scene.look import PLANES, UNSEEN, Look, look, look_at, thumbnail_size
+from ..scene.look import PLANES, UNSEEN, Look, agreed, look, look_at, nearest, thumbnail_size
 from ..scene.scenes import Scene
 
 LOW_DB = 20.0
@@ -35,9 +35,13 @@ the rest. On ten scenes of four and six photos: 0.03 to 0.14, and 0.1 to 0.25 wh
 HARDLY = 0.1
 """Share of pixels that tell their depth: of all photos less than this, and they match hardly anywhere."""
 
-NARROW = (0.12, 5.0)
-"""A range is far too wide where most pixels lie in less than this share of its inverse depths, and this many times as
-far away as near."""
+ALIKE = 0.25
+"""Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
+0.26 to 0.73; where one photo is another scene's, nine of ten have less."""
+
+EMPTY = 0.72
+"""A range is far too wide where most pixels lie beyond this share of its inverse depths: nothing is near `near`. On
+pairs of nine scenes they begin at 0.6 at most, with a tenth of near at 0.8 and more for nearly all."""
 
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
@@ -157,16 +161,24 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
     if np.ptp([camera.centre for camera in seen.cameras], axis=0).max() <= 1e-6 * near:
         return []  # no range would do from one place, which the network refuses in words of its own
     looks = seen.looks
-    if max(found.clear.mean() for found in looks) < HARDLY:
+    if not _match(seen, looks):
         looks = look(_even(seen.images), seen.cameras, seen.depths)
-    if max(found.clear.mean() for found in looks) < HARDLY:
-        return [f"photos match hardly anywhere from near {near:g} to far {far:g}: these, poses or photos are wrong"]
+    if not _match(seen, looks):
+        who = " and ".join(seen.names) if len(seen.names) == 2 else "photos"
+        return [f"{who} match hardly anywhere from near {near:g} to far {far:g}: these, poses or photos are wrong"]
     low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))
-    shown = seen.depths[round(low)], seen.depths[round(high)]
-    if high - low + 1 >= NARROW[0] * PLANES or shown[0] < NARROW[1] * near:
+    if low < EMPTY * (PLANES - 1):
         return []
+    shown = seen.depths[round(low)], seen.depths[round(high)]
     extent = f"{shown[0]:.3g} to {shown[1]:.3g}"
     return [f"near {near:g} and far {far:g} lie far about what photos show, most of it from {extent}"]
+
+
+def _match(seen: _Thumbnails, looks: Sequence[Look]) -> bool:
+    """Whether pixels tell their depth, and any photo most often the depth that the one nearest to it has, too."""
+    cameras = seen.cameras
+    alike = max(agreed(looks[v], cameras[v], looks[u], cameras[u]) for v, u in enumerate(nearest(cameras)))
+    return alike >= ALIKE and max(found.clear.mean() for found in looks) >= HARDLY
 
 
 def _inverse(camera: Camera) -> Camera:

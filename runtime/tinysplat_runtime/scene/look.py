@@ -6,7 +6,7 @@ shows there. Cameras that belong to the photos find one depth that fits nearly e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,7 @@ REACH = (1.2, 150.0)
 
 _MARGINS = (1.4, 2.0)  # near is divided by the first and far multiplied by the second: too wide costs less
 _PERCENTILES = (3, 90)
+_SAME = 1.5  # planes between two photos' depths of one place
 _CLEAR = 0.45  # the best depth's cost over the mean cost of all depths, below which a pixel tells its depth
 
 
@@ -73,18 +74,43 @@ def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[Lo
         cameras: two or more.
         depths: (P,) scene units, > 0.
     """
+    return [
+        look_at(images[v], camera, images[other], cameras[other], depths)
+        for v, (camera, other) in enumerate(zip(cameras, nearest(cameras), strict=True))
+    ]
+
+
+def nearest(cameras: Sequence[Camera]) -> list[int]:
+    """Index of the camera that stands nearest to each of two or more."""
     centres = np.stack([camera.centre for camera in cameras])
     apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
     np.fill_diagonal(apart, np.inf)
-    return [
-        look_at(images[v], camera, images[other], cameras[other], depths)
-        for v, (camera, other) in enumerate(zip(cameras, apart.argmin(axis=1), strict=True))
-    ]
+    return [int(other) for other in apart.argmin(axis=1)]
 
 
 def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> Look:
     """A photo (H, W, 3) compared with one other, both in [0, 1] and of their cameras' sizes, at depths (P,) > 0."""
     return Look(_costs(image, camera, other, its, depths), depths)
+
+
+def agreed(found: Look, camera: Camera, other: Look, its: Camera) -> float:
+    """Share of a photo's pixels in another's frame at whose best depth the other's own best depth lies, 0 to 1.
+
+    Photos of different things often find colours that fit, but not at the same places from both sides.
+
+    Args:
+        found, camera: of the photo.
+        other, its: of the other, looked at over the same depths.
+    """
+    inverse = 1 / found.depths
+    best = found.depths[found.costs.argmin(axis=0)]
+    (point,) = _points(camera, its, best.shape, best[None, :, :, None])
+    row, column, inside = _places(point, its)
+    step = abs(inverse[-1] - inverse[0]) / (len(inverse) - 1)
+    there = inverse[other.costs.argmin(axis=0)][row, column]
+    with np.errstate(divide="ignore"):
+        same = inside & (np.abs(1 / point[..., 2] - there) <= _SAME * step)
+    return float(same.sum() / max(inside.sum(), 1))
 
 
 def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float]:
@@ -133,19 +159,29 @@ def range_guessed(cameras: Sequence[Camera]) -> tuple[float, float]:
 def _costs(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> NDArray:
     """(P, H, W) distances of an image's colours to those of another where it shows a pixel at each depth."""
     height, width = image.shape[:2]
-    v, u = np.mgrid[0:height, 0:width] + 0.5
+    costs = np.empty((len(depths), height, width), np.float32)
+    for p, point in enumerate(_points(camera, its, (height, width), depths[:, None, None, None])):
+        row, column, inside = _places(point, its)
+        costs[p] = np.where(inside, np.abs(other[row, column] - image).mean(axis=-1), UNSEEN)
+    return _smoothed(costs)
+
+
+def _points(camera: Camera, its: Camera, size: tuple[int, int], depths: NDArray) -> Iterator[NDArray]:
+    """Where another camera has the pixels of one at each of depths (P, …): (H, W, 3) homogeneous, z last."""
+    v, u = np.mgrid[0 : size[0], 0 : size[1]] + 0.5
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ (camera.rotation.T @ np.linalg.inv(camera.K)).T  # (H, W, 3)
     turned = rays @ (its.K @ its.rotation).T
     shift = (camera.centre - its.centre) @ (its.K @ its.rotation).T
-    costs = np.empty((len(depths), height, width), np.float32)
-    for p, depth in enumerate(depths):
-        point = depth * turned + shift
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x, y = point[..., 0] / point[..., 2], point[..., 1] / point[..., 2]
-            inside = (point[..., 2] > 0) & (x >= 0) & (x < its.width) & (y >= 0) & (y < its.height)
-        column, row = (np.where(inside, at, 0).astype(np.int64) for at in (x, y))
-        costs[p] = np.where(inside, np.abs(other[row, column] - image).mean(axis=-1), UNSEEN)
-    return _smoothed(costs)
+    return (depth * turned + shift for depth in depths)
+
+
+def _places(point: NDArray, camera: Camera) -> tuple[NDArray, NDArray, NDArray]:
+    """Row, column and whether inside the frame, (H, W) each, of homogeneous points; 0 for those that are not."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = point[..., 0] / point[..., 2], point[..., 1] / point[..., 2]
+        inside = (point[..., 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+    row, column = (np.where(inside, at, 0).astype(np.int64) for at in (y, x))
+    return row, column, inside
 
 
 def _smoothed(costs: NDArray) -> NDArray:
