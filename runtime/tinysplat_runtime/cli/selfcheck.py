@@ -39,9 +39,10 @@ ALIKE = 0.25
 """Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
 0.26 to 0.73; where one photo is another scene's, nine of ten have less."""
 
-EMPTY = 0.72
-"""A range is far too wide where most pixels lie beyond this share of its inverse depths: nothing is near `near`. On
-pairs of nine scenes they begin at 0.6 at most, with a tenth of near at 0.8 and more for nearly all."""
+EMPTY = (0.72, 3.0)
+"""A range is far too wide where most pixels lie beyond this share of its inverse depths, and this many times as far
+away as near: nothing is near `near`. Pairs of nine scenes begin at 0.6 at most, with a tenth of near nearly all at 0.8
+and more; from the air some begin at 0.75, at 2.5 times near."""
 
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
@@ -167,9 +168,9 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
         who = " and ".join(seen.names) if len(seen.names) == 2 else "photos"
         return [f"{who} match hardly anywhere from near {near:g} to far {far:g}: these, poses or photos are wrong"]
     low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))
-    if low < EMPTY * (PLANES - 1):
-        return []
     shown = seen.depths[round(low)], seen.depths[round(high)]
+    if low < EMPTY[0] * (PLANES - 1) or shown[0] < EMPTY[1] * near:
+        return []
     extent = f"{shown[0]:.3g} to {shown[1]:.3g}"
     return [f"near {near:g} and far {far:g} lie far about what photos show, most of it from {extent}"]
 
