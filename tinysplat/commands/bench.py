@@ -27,6 +27,10 @@ HELP = "error against run time, report with plots"
 NEEDS = ("matplotlib", "scipy")
 
 DEFAULT_FOLDER = "bench_report"
+
+TAKE_PATHS = frozenset({"batch", "free"})
+"""Studies that read their INPUT themselves: it need not be scenes with cameras."""
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -103,9 +107,10 @@ def _run(args: Namespace) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder for the report", where=args.output)
     options = Options(**{one.name: getattr(args, one.name) for one in fields(Options)})
-    sources, lost = find_sources([] if "batch" in studies else inputs, near=args.near, far=args.far)
+    takes_paths = bool(TAKE_PATHS & set(studies))
+    sources, lost = find_sources([] if takes_paths else inputs, near=args.near, far=args.far)
     left_out = [str(entry) for entry in lost]
-    if inputs and not sources and "batch" not in studies:
+    if inputs and not sources and not takes_paths:
         raise InputError("; ".join(left_out) or "nothing to measure", where="bench")
     bench = Run(
         args.quick, Runtime(threads=args.threads), RowFile(folder / ROWS), folder, sources, [Path(p) for p in inputs],

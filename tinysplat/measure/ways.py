@@ -21,7 +21,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.spz import SH_BITS
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 
@@ -114,6 +115,28 @@ def file_way(name: str, suffix: str, refuses: Callable[[Case], str] = lambda _: 
     """A Gaussian file that the runtime reads and writes."""
     way = _way(name, tool, lambda g: _written(g, suffix), lambda data: _loaded(data, suffix))
     return replace(way, refuses=refuses)
+
+
+def free_way(name: str, settings: Sequence[float], runtime: Runtime) -> Way:
+    """Gaussians of no pixels in a `.tsplat` file, over Q_g."""
+    return own_way(name, settings, lambda case, qp: runtime.compress(case.gaussians, DEFAULT_PROFILE, qp), runtime)
+
+
+def spz_ways() -> list[Way]:
+    """SPZ of version 4 as `tinysplat convert` writes it, and with all bits of SH coefficients."""
+    version = 4
+    plain = _way(f"SPZ v{version}", "tinysplat", partial(_spz, version, SH_BITS), lambda data: _loaded(data, ".spz"))
+    finest = _way(
+        f"{plain.name}, SH of 8 bits", "tinysplat", partial(_spz, version, (8, 8)), lambda data: _loaded(data, ".spz")
+    )
+    return [plain, replace(finest, refuses=lambda case: "" if case.gaussians.degree else "it has no SH beyond colour")]
+
+
+def _spz(version: int, bits: tuple[int, int], gaussians: Gaussians) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "g.spz"
+        save_gaussians(path, gaussians, bits, version)
+        return path.read_bytes()
 
 
 def _way(name: str, tool: str, encode: Callable[[Gaussians], bytes], decode: Callable[[bytes], Gaussians]) -> Way:

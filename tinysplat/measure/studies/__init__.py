@@ -20,6 +20,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "reduction": ("coding.REDUCTION", "colour planes (k) and SH bands"),
     "peers": ("rate.PEERS", "other formats"),
     "formats": ("interchange.INTERCHANGE", "bytes and dB of one scene in every format of Gaussian files"),
+    "free": ("freed.FREE", "Gaussians of no pixels, a user's files or a made scene, in .tsplat and other formats"),
     "growth": ("growth.GROWTH", "seconds and memory by views, pixels, Gaussians"),
     "parts": ("speed.STAGES", "where the time goes"),
     "curves": ("rate.CURVES", "rate–distortion of profiles, modes and formats"),
