@@ -71,9 +71,12 @@ def text(report: dict[str, Any]) -> str:
 
 
 def _version(name: str, wrong: list[str]) -> str:
+    """Of the package of a module's name, or of another that brings it: onnxruntime's builds are called otherwise."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
+        for package in importlib.metadata.packages_distributions().get(name, ()):
+            return f"{importlib.metadata.version(package)}, of {package}"
         wrong.append(f"{name} is not installed; pip install tinysplat brings it")
         return "not installed"
 
