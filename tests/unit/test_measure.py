@@ -110,7 +110,8 @@ def test_bytes_at_passes_through_the_points_and_ends_with_them():
     assert bytes_at(REFERENCE, 34.9) is None and bytes_at(REFERENCE, 44.1) is None
     assert decibels_at(REFERENCE, 20_000) == pytest.approx(38)
     assert decibels_at(REFERENCE, 15_000) == pytest.approx(38 - 3 * math.log2(4 / 3), abs=1e-4)
-    assert decibels_at(REFERENCE, 9_999) is None and decibels_at(REFERENCE, 90_000) is None
+    assert decibels_at(REFERENCE, 9_999) is None and decibels_at(REFERENCE, 90_000) == 44
+    assert decibels_at([(30_000, 38.0), (60_000, 37.9)], 50_000) == 38  # a larger file that is worse
     for other in ([(1_000, 20.0), (2_000, 25.0)], REFERENCE[:1]):
         with pytest.raises(InputError, match="curve"):
             bd_rate(REFERENCE, other)

@@ -78,4 +78,4 @@ def test_curves_are_of_both_kinds_of_file_and_become_a_table_and_a_plot(
         for row, size, psnr in zip(rows, (100e3, 20e3, 160e3, 40e3), (27.0, 25.0, 28.0, 26.0), strict=True)
     ]
     found = cells(refining.curve_table(made))
-    assert found["40"] == ["1", "25.86", "26.00", "+0.14", "+0.14"] and {"20", "160"}.isdisjoint(found)
+    assert found["40"] == ["1", "25.86", "26.00", "+0.14", "+0.14"] and "20" not in found

@@ -37,11 +37,11 @@ def bytes_at(points: Iterable[Point], db: float) -> float | None:
 
 
 def decibels_at(points: Iterable[Point], size: float) -> float | None:
-    """dB that a curve reaches with so many bytes, between its points; None outside them."""
-    curve = _curve(points)[:, ::-1]
-    if len(curve) < 2 or not curve[0, 0] <= np.log(size) <= curve[-1, 0]:
+    """dB that a curve reaches with at most so many bytes; None below its smallest file."""
+    curve, wanted = _curve(points)[:, ::-1], np.log(size)
+    if not len(curve) or wanted < curve[0, 0]:
         return None
-    return float(_interpolated(curve)(np.log(size)))
+    return float(_interpolated(curve)(wanted) if wanted < curve[-1, 0] else curve[-1, 1])
 
 
 def bd_rate(

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.system.threads import Crew
 
@@ -29,6 +30,7 @@ from ..runner import Job, list_jobs
 from ..show.plots import Axis, Chart, Curve, Panel, save_grid
 from ..show.tables import decibels, format_table, kilobytes
 from ..study import Run, Study
+from ..subjects.cases import Case
 
 STUDY = "refine"
 SECONDS, QUICK_SECONDS = (0, 2, 5, 10, 20, 40), (0, 2)
@@ -84,22 +86,28 @@ def _window_rows(job: Job, run: Run) -> Iterator[Row]:
     next(Refining(case.gaussians, case.shots.scene, *given_to).advance(1, math.inf), None)  # compiles what it needs
     start = time.perf_counter()
     refining = Refining(case.gaussians, case.shots.scene, *given_to, stats)
-    spent = time.perf_counter() - start
+    spent, known = time.perf_counter() - start, dict[int, dict[str, float]]()
     for given in QUICK_SECONDS if run.quick else SECONDS:
         start = time.perf_counter()
         for _ in refining.advance(MAX_STEPS, start + given - spent):
             pass
         better = refining.result() if given else case.gaussians
         spent += time.perf_counter() - start if given else 0.0
-        data = run.runtime.compress(better, profile, drop_invalid=True)
-        drawings = {"psnr": Drawing(run.threads), "psnr_defined": run.drawing}
-        found = {name: photo_psnr(better, case.cameras, case.shots.targets.images, drawn)
-                 for name, drawn in drawings.items()}  # fmt: skip
-        figures = {**found, "bytes": len(data), "steps": stats.steps, "kept": stats.kept}
+        if stats.kept not in known:  # what longer budgets do not make better is measured already
+            known[stats.kept] = _figures(better, case, profile, run)
+        figures = {**known[stats.kept], "steps": stats.steps, "kept": stats.kept}
         setting = {"views": len(case.gaussians.cameras), "kind": job.window.kind, "model": job.model,
                    "profile": profile, "given": given}  # fmt: skip
         yield Row(STUDY, f"{job.source.name} {job.window}", f"{given} s", setting, figures,
                   {"seconds": spent if given else 0.0})  # fmt: skip
+
+
+def _figures(gaussians: Gaussians, case: Case, profile: str, run: Run) -> dict[str, float]:
+    """dB to held-out photos by either drawing, and bytes."""
+    assert case.shots is not None
+    drawings, photos = {"psnr": Drawing(run.threads), "psnr_defined": run.drawing}, case.shots.targets.images
+    found = {name: photo_psnr(gaussians, case.cameras, photos, drawn) for name, drawn in drawings.items()}
+    return {**found, "bytes": len(run.runtime.compress(gaussians, profile, drop_invalid=True))}
 
 
 def refine_table(rows: Sequence[Row]) -> str:
@@ -173,7 +181,7 @@ def _curve_rows(job: Job, run: Run) -> Iterator[Row]:
 
 
 def curve_table(rows: Sequence[Row]) -> str:
-    """A line per size: dB with and without refinement between the files' sizes, means over the windows with both."""
+    """A line per size: dB that files of at most that size reach without and with refinement, means over windows."""
     windows = [
         {way: [(row.figures["bytes"], row.figures["psnr"]) for row in same]
          for (way,), same in grouped(members, "way").items()}
