@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
-from . import kernels_blend, kernels_gradient, kernels_project
+from . import kernels_blend, kernels_chain, kernels_gradient, kernels_project
 from .compiled import Visible, Workspace, batches, redo_wide, view_numbers
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES
@@ -317,7 +317,7 @@ class MovableGaussians:
         def add(number: int) -> None:
             piece, part = pieces[number], visible[number]
             place = (piece.start, piece.geometry, piece.centre, self.values[:, piece.rows])
-            kernels_gradient.add_up(
+            kernels_chain.add_up(
                 self._records, part.ids, part.boxes, columns, tiles, starts[number], self._pairs, place, numbers,
                 gradient[:, piece.rows],
             )  # fmt: skip

@@ -222,22 +222,39 @@ def blend_splat(
     log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
     colour = splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
     tau = log_opacity - _LOG_ALPHA_MIN
-    left, right = max(int(splat[LEFT]) - first_column, 0), min(int(splat[RIGHT]) - first_column, columns - 1)
-    top, bottom = max(int(splat[TOP]), first_row), min(int(splat[BOTTOM]), first_row + rows - 1)
+    left, right, top, bottom = box(splat, first_row, first_column, rows, columns)
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         fall = gamma * dy * (gamma * dy)
         if reach > _ZERO:
             if fall > tau:
                 continue
-            middle, half = x - beta_x * dy * reach, math.sqrt(tau - fall) * reach + _MARGIN
-            left = int(max(np.ceil(middle - half - _HALF), _ZERO))
-            right = int(min(np.floor(middle + half - _HALF), _F(columns - 1)))
+            left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, columns)
         # Unsigned, as a signed index might be negative and count from the end, which no vector can.
         start = _I((row - first_row) * _ROW)
         for column in range(left, right + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             _blend_lanes(state, start + _I(column), across, alpha_x, log_opacity - fall, colour)
+
+
+@compiled
+def box(
+    splat: NDArray, first_row: Number, first_column: Number, rows: Number, columns: Number
+) -> tuple[Number, Number, Number, Number]:
+    """First and last column of a tile that a splat may reach, and first and last row of the picture."""
+    return (
+        max(int(splat[LEFT]) - first_column, 0),
+        min(int(splat[RIGHT]) - first_column, columns - 1),
+        max(int(splat[TOP]), first_row),
+        min(int(splat[BOTTOM]), first_row + rows - 1),
+    )
+
+
+@compiled
+def chord(middle: Number, half: Number, columns: Number) -> tuple[Number, Number]:
+    """First and last column of a tile whose centres lie within a chord, and a little around it."""
+    half += _MARGIN
+    return int(max(np.ceil(middle - half - _HALF), _ZERO)), int(min(np.floor(middle + half - _HALF), _F(columns - 1)))
 
 
 @compiled
