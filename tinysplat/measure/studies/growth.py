@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -35,7 +36,7 @@ from ..rows import Row, grouped
 from ..show.plots import Curve, Panel, save_grid
 from ..show.tables import duration, format_table, megabytes
 from ..study import Run, Study
-from ..subjects.made import made_gaussians, rolling_surface, view_between
+from ..subjects.made import cloud, cloud_camera, made_gaussians, rolling_surface, view_between
 from ..subjects.room import Motorcycle, Room
 
 DEGREE = 3
@@ -82,6 +83,10 @@ PHOTO_SIZES: tuple[Size, ...] = ((256, 256), (512, 512), (1024, 1024), (3024, 40
 QUICK_SIZES = 2
 """How many of them the short form has."""
 
+CLOUDS = (131_072, 1_000_000, 3_000_000, 7_000_000)
+CLOUD_PICTURES: tuple[Size, ...] = ((256, 256), (1080, 1920), (2160, 3840))
+"""Clouds drawn at the middle size, and the second of them at all."""
+
 QUICK, QUICK_SIDE = 3, 64
 """How many of an axis's points the short form has, and its views' side."""
 
@@ -111,6 +116,7 @@ def growth_rows(run: Run) -> Iterator[Row]:
         planes.append(Variant(f"{side}×{side}", partial(encode_plane, codes, 24, settings), setting={"x": side**2}))
     yield from measure("growth plane", "pixels", planes, run.effort)
     yield from _photo_rows(run)
+    yield from _cloud_rows(run)
     makers = {"network": _network, "encode": _encode, "decode": _decode, "render": _render, "frame": _frame}
     for task, make in makers.items():
         if task == "network" and not run.models:
@@ -170,6 +176,42 @@ def _photo_rows(run: Run) -> Iterator[Row]:
                 found.append(replace(row, costs={"seconds": sum(seconds.values()), "peak_bytes": peak}))
                 found += [replace(row, study=f"{row.study}: {at}", costs={"seconds": s}) for at, s in seconds.items()]
     yield from sorted(found, key=lambda row: row.study)
+
+
+def _cloud_rows(run: Run) -> Iterator[Row]:
+    """Rows `growth clouds, WAY` of one picture each in a process of its own, by Gaussians and by pixels."""
+    counts = CLOUDS[:QUICK_SIZES] if run.quick else CLOUDS
+    pictures = CLOUD_PICTURES[:QUICK_SIZES] if run.quick else CLOUD_PICTURES
+    drawn = [("Gaussians", count, count, CLOUD_PICTURES[1]) for count in counts]
+    drawn += [("pixels of the picture", size[0] * size[1], CLOUDS[1], size) for size in pictures]
+    is_compiled = Renderer(rolling_surface(2, 8, 8)).is_compiled
+    for way in ("numpy", "compiled") if is_compiled else ("numpy",):
+        for axis, x, count, (height, width) in drawn:
+            with tempfile.TemporaryDirectory() as folder:
+                row = Row(
+                    f"growth clouds, {way}", axis, f"{count} at {height}×{width}", {"x": x, "threads": run.threads}
+                )
+                try:
+                    peak = measure_peak(f"{__name__}.draw_cloud", folder, count, height, width, way, run.threads)
+                except (TinySplatError, subprocess.TimeoutExpired) as error:
+                    yield replace(row, note=str(error))
+                    continue
+                seconds = json.loads((Path(folder) / "seconds.json").read_text("utf-8"))
+            yield replace(row, costs={"seconds": seconds, "peak_bytes": peak.total})
+
+
+def draw_cloud(folder: str, count: str, height: str, width: str, way: str, threads: str) -> Callable[[], Any]:
+    """A task: one picture of a cloud, prepared for that one; seconds go to `seconds.json`."""
+    gaussians, camera = cloud(int(count)), cloud_camera(int(height), int(width))
+    settings: dict[str, Any] = {"threads": int(threads), "compiled": way == "compiled", "keep": False}
+    Renderer(cloud(100), **settings).render(camera, (16, 16))  # loads what is compiled
+
+    def run() -> None:
+        start = time.perf_counter()
+        Renderer(gaussians, **settings).render(camera)
+        (Path(folder) / "seconds.json").write_text(json.dumps(time.perf_counter() - start), "utf-8")
+
+    return run
 
 
 def _write_pair(folder: Path, size: Size) -> None:
@@ -282,7 +324,8 @@ def point_table(rows: Sequence[Row]) -> str:
     text = (
         "Network-like Gaussians of SH degree 3 and the default profile; frames are of a rolling surface. Two views"
         " unless views grow. Photos are the motorcycle pair, scaled; to a file and to a picture once, and by stages."
-        " Peak memory is that of a process of its own while it works, input and libraries included."
+        " Peak memory is that of a process of its own while it works, input and libraries included. Clouds"
+        " are one picture each, of 7 million Gaussians 420 MB already."
         " A dotted line on the plot is what proportion to the largest point would be."
     )
     return f"{text}\n\n{format_table(['', 'axis', 'points', 'seconds', 'peak memory'], lines)}"

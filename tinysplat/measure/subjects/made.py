@@ -157,6 +157,26 @@ def rolling_surface(views: int, height: int, width: int, degree: int = 3) -> Gau
     return Gaussians(points, quats, scales, rng.uniform(0.3, 0.95, lead), sh, tuple(cameras))
 
 
+def cloud(count: int) -> Gaussians:
+    """Points of a room and beyond it, as many deep however many there are; a third of them lies beside `cloud_camera`'s
+    picture. SH of degree 0, as the networks here have it."""
+    rng = np.random.default_rng(0)
+    z = rng.uniform(2, 12, count).astype(np.float32)
+    means = np.stack([*(rng.uniform(-1.3, 1.3, (2, count)).astype(np.float32) * z), z], axis=-1)
+    size = 0.016 * np.sqrt(1e6 / count) * np.exp(0.6 * rng.standard_normal((count, 3), np.float32))
+    opacities = 1 / (1 + np.exp(-1 - 2 * rng.standard_normal(count, np.float32)))
+    quats, sh = rng.standard_normal((count, 4), np.float32), rng.standard_normal((count, 1, 3), np.float32)
+    return Gaussians.unchecked(
+        means=means, quats=quats, scales=size.astype(np.float32), opacities=opacities.astype(np.float32), sh=sh
+    )
+
+
+def cloud_camera(height: int, width: int) -> Camera:
+    """At the origin of a `cloud`, a right angle wide."""
+    K = np.array([[width / 2, 0, width / 2], [0, width / 2, height / 2], [0, 0, 1]])
+    return Camera(K, np.eye(4), width, height)
+
+
 def view_between(gaussians: Gaussians) -> Camera:
     """Halfway between the first two cameras, where no Gaussian falls on a pixel's centre."""
     first, second = gaussians.cameras[0], gaussians.cameras[min(1, len(gaussians.cameras) - 1)]
