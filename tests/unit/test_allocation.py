@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import (
-    _class_steps,
     _components,
     class_step,
+    known_steps,
     prepare_layer,
     scene_steps,
     take_geometry,
@@ -27,7 +28,9 @@ from tinysplat_runtime.codec.depth_step.allocation import (
 )
 from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
 from tinysplat_runtime.codec.depth_step.probe import Probe, _select, _Stripe, _stripes
-from tinysplat_runtime.codec.profiles import ADAPTIVE
+from tinysplat_runtime.codec.encoder import SceneEncoder
+from tinysplat_runtime.codec.hevc import encode_plane
+from tinysplat_runtime.codec.profiles import ADAPTIVE, PROFILES
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import InputError
@@ -347,13 +350,12 @@ def test_coefficients_are_kept_whose_energy_shows_at_the_finest_step(store, qp):
 def test_steps_of_small_splats_by_hand(layers, sigma, hidden):
     """Scale's go with 1 / width and rotation's with its square, for mean deviations of 0.2 to 1 px."""
     layer = replace(layers[0], scale_mix=(layers[0].scale_mix[0], np.full(3, sigma)))
-    steps = _class_steps(layer, 1.5, 0.02, ADAPTIVE)
+    steps = known_steps(layer, 1, replace(ADAPTIVE, behind=1.5))
     width = hidden / ADAPTIVE.width
     gain = 1.5 * ADAPTIVE.gain
-    wanted = {c: gain / np.sqrt(s) for c, s in ADAPTIVE.sensitivity.items()}
+    wanted = {c: gain / np.sqrt(s) for c, s in ADAPTIVE.sensitivity.items() if c != PlaneClass.OPACITY}
     wanted[PlaneClass.SCALE] /= width
     wanted[PlaneClass.ROTATION] /= width**2
-    wanted[PlaneClass.OPACITY] = 1.5 * 0.02
     assert steps == pytest.approx(wanted)
 
 
@@ -388,3 +390,28 @@ def test_bytes_do_not_depend_on_threads():
     gaussians = make_smooth_gaussians(2, 40, 48, degree=1, layers=2)
     one, two = (Runtime(threads=n).compress(gaussians) for n in (1, 2))
     assert one == two
+
+
+def test_planes_that_need_no_look_are_coded_before_it_and_each_but_once(store, monkeypatch):
+    """And the file is the one of a plan that is made first."""
+    scene = make_smooth_gaussians(2, 40, 48, degree=1, layers=2)
+    events: list[str] = []
+    coded = Event()
+
+    def coder(codes, qp, settings, offsets):
+        events.append("plane")
+        coded.set()
+        return encode_plane(codes, qp, settings, offsets)
+
+    def looked(*arguments):
+        assert coded.wait(60), "no plane was given to the coder before the look"
+        events.append("look")
+        return scene_steps(*arguments)
+
+    monkeypatch.setattr("tinysplat_runtime.codec.planning.scene_steps", looked)
+    encoder = SceneEncoder(scene, PROFILES["balanced"], store, threads=1, plane_coder=coder)
+    data = encoder.encode(0)
+    planes = sum(len(c.streams) for layer in read_container(data).layers for c in layer.channels)
+    assert events.count("plane") == planes
+    assert events[0] == "plane" and events.count("look") == 1
+    assert data == encoder.code(encoder.plan(0), 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from PIL import Image
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.selfcheck import doubts, own_psnr
+from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.look import range_guessed, range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
@@ -179,3 +181,23 @@ def test_own_psnr_is_that_of_the_render_to_photos() -> None:
     pictures = np.stack([ts.render(gaussians, view) for view in gaussians.cameras])
     assert own_psnr(gaussians, pictures, None) == pytest.approx(120)
     assert own_psnr(gaussians, pictures + 0.1, None) == pytest.approx(20, abs=1e-3)
+
+
+def test_of_large_photos_a_band_across_the_middle_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+    from scenes import make_smooth_gaussians
+
+    from tinysplat_runtime.cli import selfcheck
+
+    gaussians = make_smooth_gaussians(2, 240, 64, degree=0, layers=2)
+    pictures = np.stack([ts.render(gaussians, view) for view in gaussians.cameras])
+    pictures[:, :100] = pictures[:, 140:] = 0
+    monkeypatch.setattr(selfcheck, "OWN_PIXELS", 40 * 64)
+    drawn = []
+
+    def renderer(given: ts.Gaussians, **options: Any) -> Renderer:
+        drawn.append(given.opacities.shape)
+        return Renderer(given, **options)
+
+    monkeypatch.setattr(selfcheck, "Renderer", renderer)
+    assert own_psnr(gaussians, pictures, None) > 45  # but for what the nearest rows left out add to the band's ends
+    assert len(drawn) == 2 and all(rows < 200 for _, rows, _ in drawn)

@@ -196,8 +196,17 @@ def find_task(dotted: str) -> Callable[..., Callable[[], Any]]:
     return getattr(importlib.import_module(module), name)
 
 
-def _high_water_mark() -> int:
-    """On Linux `VmHWM` of /proc/self/status: `ru_maxrss` would start at the parent's size, which exec hands down."""
+def reset_high_water_mark() -> None:
+    """From here on, `high_water_mark` says what is resident from here on; on Linux, elsewhere nothing happens."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def high_water_mark() -> int:
+    """Peak resident memory of this process, bytes.
+
+    On Linux `VmHWM` of /proc/self/status: `ru_maxrss` would start at the parent's size, which exec hands down.
+    """
     with contextlib.suppress(OSError):
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM"):
@@ -208,11 +217,10 @@ def _high_water_mark() -> int:
 def _child(task: str, *arguments: str) -> None:
     """Do one task in this process and print its `Peak` as JSON."""
     work = find_task(task)(*arguments)
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")  # sets the mark back to what is resident now
-    before = _high_water_mark()
+    reset_high_water_mark()
+    before = high_water_mark()
     work()
-    print(json.dumps({"total": _high_water_mark(), "before": before}))
+    print(json.dumps({"total": high_water_mark(), "before": before}))
 
 
 if __name__ == "__main__":

@@ -45,7 +45,8 @@ class Coded:
 
     Attributes:
         runtime: that coded.
-        gaussians: what went in.
+        gaussians: what went in, where a report is to be made of it: of large photos they take gigabytes.
+        raw_bytes: of their arrays.
         data: the file's bytes.
         stats, refinement: what was measured on the way.
         scene: the photos, where there were some.
@@ -53,7 +54,8 @@ class Coded:
     """
 
     runtime: Runtime
-    gaussians: Gaussians
+    gaussians: Gaussians | None
+    raw_bytes: int
     data: bytes
     stats: EncodeStats
     refinement: RefineStats
@@ -112,7 +114,8 @@ def encoded(args: Namespace, runtime: Runtime) -> Coded:
             scene, args.model or DEFAULT_MODEL, args.profile, args.qp, mode=args.mode, gaussians=gaussians,
             stats=stats, **_coding_options(args),
         )  # fmt: skip
-    return Coded(runtime, gaussians, data, stats, refinement, scene, tuple(found))
+    kept = gaussians if args.report else None
+    return Coded(runtime, kept, _raw_bytes(gaussians), data, stats, refinement, scene, tuple(found))
 
 
 def compress(args: Namespace) -> None:
@@ -138,7 +141,7 @@ def compress(args: Namespace) -> None:
             gaussians = _refined(args, runtime, gaussians, load_scene(args.photos), stats.watch, refinement)
         with working("coding", quiet=args.quiet):
             data = runtime.compress(gaussians, args.profile, args.qp, stats=stats, **_coding_options(args))
-        _write(args, Coded(runtime, gaussians, data, stats, refinement))
+        _write(args, Coded(runtime, gaussians, _raw_bytes(gaussians), data, stats, refinement))
     except TinySplatError as error:
         raise error.within(args.gaussians) from None
 
@@ -184,8 +187,8 @@ def _write(args: Namespace, coded: Coded) -> None:
         write_file(args.output, data)
     if args.report:
         write_json(args.report, report(args, coded))
-    raw = sum(getattr(layer, name).nbytes for layer in coded.gaussians.layers for name in FIELDS)
-    say(args, f"{args.output}: {len(data)} bytes, 1/{raw / len(data):.0f} of the raw Gaussians, {coded.seconds:.2f} s")
+    share = coded.raw_bytes / len(data)
+    say(args, f"{args.output}: {len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s")
     if stats.reason:
         say(args, f"mode {stats.mode}: {stats.reason}")
     elif stats.mode == "free":
@@ -195,8 +198,13 @@ def _write(args: Namespace, coded: Coded) -> None:
         )
 
 
+def _raw_bytes(gaussians: Gaussians) -> int:
+    return sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
+
+
 def report(args: Namespace, coded: Coded) -> dict[str, Any]:
     """What `--report` writes."""
+    assert coded.gaussians is not None
     # Gaussians of no pixels come back in another order, and not all of them.
     is_free = coded.stats.mode == "free"
     decoded = None if is_free else coded.runtime.decompress(coded.data, model=getattr(args, "model", None))

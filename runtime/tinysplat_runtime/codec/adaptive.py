@@ -10,7 +10,7 @@ the step lets through. What each gains: docs/CODEC.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,6 +37,9 @@ _WORTH_TWO_PICTURES = 0.5
 """Depth is coded twice when the step wanted is below this share of the finest that 12 bits have. Two pictures cost a
 tenth more than one of the same step would: nearer to it, the bytes buy more in other classes."""
 
+
+MEASURED = (PlaneClass.DEPTH, PlaneClass.OPACITY)
+"""Classes whose steps follow from a look at the scene."""
 
 _LEAST_WIDTH, _LARGEST_WIDTH = 0.2, 1.0
 """Mean standard deviations in pixels between which the steps of scale and rotation follow them."""
@@ -140,52 +143,83 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
         depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
         opacities = [layer.planes[PlaneClass.OPACITY][:, 0] for layer in layers]
         opacity = measured_opacity_step(probe, opacities, opacity, settings.opacity_damage)
-    factors = [1.0, *[settings.behind] * (len(layers) - 1)]
     return [
-        {PlaneClass.DEPTH: depth, **_class_steps(layer, factor, opacity, settings)}
-        for layer, factor in zip(layers, factors, strict=True)
+        {
+            **known_steps(layer, index, settings),
+            PlaneClass.DEPTH: depth,
+            PlaneClass.OPACITY: opacity * _factor(index, settings),
+        }
+        for index, layer in enumerate(layers)
     ]
 
 
-def _class_steps(layer: AdaptiveLayer, factor: float, opacity: float, settings: AdaptiveSettings) -> Steps:
-    """Steps of all classes but depth. Of a small splat, the rasteriser's dilation hides size and turn."""
+def _factor(index: int, settings: AdaptiveSettings) -> float:
+    """Of the steps of a layer, but for depth's."""
+    return settings.behind if index else 1.0
+
+
+def known_steps(layer: AdaptiveLayer, index: int, settings: AdaptiveSettings) -> Steps:
+    """Steps at Q_g = 0 of the classes for which nothing is measured, of the layer of that index.
+
+    Of a small splat, the rasteriser's dilation hides size and turn.
+    """
     width = min(max(float(layer.scale_mix[1].mean()), _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
     hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}
-    steps = {c: class_step(settings, c) * hidden.get(c, 1.0) for c in settings.sensitivity}
-    return {c: step * factor for c, step in (steps | {PlaneClass.OPACITY: opacity}).items()}
+    return {
+        c: class_step(settings, c) * hidden.get(c, 1.0) * _factor(index, settings)
+        for c in settings.sensitivity
+        if c not in MEASURED
+    }
 
 
-def adaptive_plan(layer: AdaptiveLayer, steps: Steps, settings: AdaptiveSettings, qp: float) -> LayerPlan:
-    """Channels and maps of a layer at Q_g = `qp`, given its steps at 0."""
-    inverse = layer.planes[PlaneClass.DEPTH]
-    depth_step = steps[PlaneClass.DEPTH] * 2 ** (qp / 6)
-    finest = hevc_step(0) * (float(inverse.max()) - float(inverse.min())) / MAX_CODE
-    is_too_fine = depth_step < _WORTH_TWO_PICTURES * finest
-    color_step = steps[PlaneClass.COLOR] * 2 ** (qp / 6)
-    reduction = _truncated(layer, _components(layer.energies, color_step, settings))
-    channels = []
-    for plane_class in CODING_ORDER:
-        values = layer.planes[plane_class]
-        step = steps[plane_class] * 2 ** (qp / 6)
-        if plane_class == PlaneClass.DEPTH and is_too_fine:
-            step *= COARSE_DEPTH
-        count = reduction.k if plane_class == PlaneClass.COLOR else values.shape[1]
-        for target in range(count):
-            channel = values[:, target]
-            # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
-            index = target + 1 if plane_class == PlaneClass.ROTATION else target
-            window = (float(channel.min()), float(channel.max()))
-            offsets = layer.depth_offsets if plane_class == PlaneClass.DEPTH else None
-            channels.append(Channel(plane_class, index, channel, step, window, offsets, settings.flat_share))
+def known_channels(layer: AdaptiveLayer, index: int, settings: AdaptiveSettings, qp: float) -> list[Channel]:
+    """Channels at Q_g = `qp` of the classes for which nothing is measured."""
+    scale = 2 ** (qp / 6)
+    steps = {c: step * scale for c, step in known_steps(layer, index, settings).items()}
+    return [
+        channel
+        for plane_class in CODING_ORDER
+        if plane_class in steps
+        for channel in _channels(layer, plane_class, steps[plane_class], settings)
+    ]
+
+
+def _channels(
+    layer: AdaptiveLayer, plane_class: PlaneClass, step: float, settings: AdaptiveSettings
+) -> Iterator[Channel]:
+    planes = layer.planes[plane_class]
+    count = planes.shape[1]
+    if plane_class == PlaneClass.COLOR:
+        count = min(_components(layer.energies, step, settings), count)
+    for target in range(count):
+        values = planes[:, target]
+        # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
+        index = target + 1 if plane_class == PlaneClass.ROTATION else target
+        window = (float(values.min()), float(values.max()))
+        offsets = layer.depth_offsets if plane_class == PlaneClass.DEPTH else None
+        yield Channel(plane_class, index, values, step, window, offsets, settings.flat_share)
+
+
+def adaptive_plan(
+    layer: AdaptiveLayer, steps: Steps, known: Sequence[Channel], settings: AdaptiveSettings, qp: float
+) -> LayerPlan:
+    """Channels and maps of a layer at Q_g = `qp`, given its steps at 0 and `known_channels`."""
+    scale = 2 ** (qp / 6)
+    (depth,) = _channels(layer, PlaneClass.DEPTH, steps[PlaneClass.DEPTH] * scale, settings)
+    finest = hevc_step(0) * (depth.window[1] - depth.window[0]) / MAX_CODE
+    is_too_fine = depth.step < _WORTH_TWO_PICTURES * finest
+    coded = replace(depth, step=depth.step * COARSE_DEPTH) if is_too_fine else depth
+    opacity = _channels(layer, PlaneClass.OPACITY, steps[PlaneClass.OPACITY] * scale, settings)
+    color_step = steps[PlaneClass.COLOR] * scale
     return LayerPlan(
-        tuple(channels),
+        tuple(sorted([coded, *opacity, *known], key=lambda channel: CODING_ORDER.index(channel.plane_class))),
         layer.layer.degree,
-        (-1 / float(inverse.min()), -1 / float(inverse.max())),
+        (-1 / depth.window[0], -1 / depth.window[1]),
         inverse_depth=True,
-        refine_depth=depth_step if is_too_fine else None,
+        refine_depth=depth.step if is_too_fine else None,
         reference_quats=layer.reference_quats.astype(np.float32),
         scale_mix=layer.scale_mix,
-        reduction=reduction,
+        reduction=_truncated(layer, _components(layer.energies, color_step, settings)),
     )
 
 

@@ -108,7 +108,7 @@ def encode_gaussians(
     encoder = SceneEncoder(
         gaussians, profile, store, threads=threads, drop_invalid=drop_invalid, stats=stats, plane_coder=plane_coder
     )
-    return encoder.code(encoder.plan(qp), qp)
+    return encoder.encode(qp)
 
 
 def check_qp(qp: float) -> None:
@@ -164,10 +164,21 @@ class SceneEncoder:
 
     def code(self, plans: Sequence[LayerPlan], qp: float) -> bytes:
         """The file of such plans; `qp` is what its header says."""
+        return self._file(lambda begin: plans, qp)
+
+    def encode(self, qp: float) -> bytes:
+        """What `code(plan(qp), qp)` gives, sooner: planes are coded while the planner looks at others."""
+        check_qp(qp)
+        return self._file(lambda begin: self._planner.plan(qp, begin), qp)
+
+    def _file(self, planned: Callable[[Callable[[Channel], object]], Sequence[LayerPlan]], qp: float) -> bytes:
         self.stats.clipped.clear()
-        pairs = zip(self.gaussians.layers, plans, strict=True)
-        with ThreadPoolExecutor(max_workers=self.threads) as pool:
-            coded = [_code_layer(layer, plan, self._coder, pool, self.stats) for layer, plan in pairs]
+        with _Coding(self._coder, self.threads, self.stats) as coding:
+            pairs = list(zip(self.gaussians.layers, planned(coding.begin), strict=True))
+            for _, plan in pairs:
+                for channel in plan.channels:
+                    coding.begin(channel)
+            coded = [coding.finish(layer, plan) for layer, plan in pairs]
         with self.stats.watch.stage("write"):
             cameras, origin = self.gaussians.cameras, self.gaussians.origin
             notes = self.gaussians.notes
@@ -227,50 +238,70 @@ def map_channel(channel: Channel) -> MappedChannel:
     return MappedChannel(channel, choose_code_map(low, high, mean, channel.step), window=(low, high))
 
 
-def _code_layer(
-    layer: Gaussians, plan: LayerPlan, coder: _OnceEach, pool: ThreadPoolExecutor, stats: EncodeStats
-) -> CodedLayer:
-    # Planes go to the coder as they are ready, so that the next one is looked at while they are coded; depth first:
-    # where it is coded twice, the second time waits for the first.
-    jobs = []
-    for channel in plan.channels:
-        with stats.watch.stage("quantise"):
-            mapped = map_channel(channel)
-        jobs.append((mapped, _submit(mapped, coder, pool)))
-    with stats.watch.stage("x265"):
-        if plan.refine_depth is not None and jobs[0][1]:
-            refinement = _refine(jobs[0][0], [f.result()[0] for f in jobs[0][1]], plan.refine_depth, pool)
-            jobs.insert(1, (refinement, _submit(refinement, coder, pool)))
-        planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
-    for mapped, coded in planes:
-        if mapped.code_map is not None:
-            label = mapped.channel.plane_class.label
-            stats.clipped[label] = stats.clipped.get(label, 0) + sum(clipped for _, clipped in coded)
-    sets = {plane.parameter_sets for _, coded in planes for plane, _ in coded}
-    assert len(sets) <= 1, "parameter sets differ among planes of one size"
-    height, width = layer.opacities.shape[1:]
-    return CodedLayer(
-        height,
-        width,
-        layer.degree,
-        plan,
-        tuple(_coded_channel(mapped, [plane for plane, _ in coded]) for mapped, coded in planes),
-        next(iter(sets), b""),
-        layer.cameras,
-    )
+_Jobs: TypeAlias = list[Future[tuple[CodedPlane, int]]]
+"""Each view's plane, and how many of its values were clipped."""
 
 
-def _submit(mapped: MappedChannel, coder: _OnceEach, pool: ThreadPoolExecutor) -> list[Future[tuple[CodedPlane, int]]]:
-    """Each view's plane, and how many of its values were clipped; codes are made, and let go, where they are coded."""
-    code_map, offsets = mapped.code_map, mapped.channel.offsets
-    if code_map is None:
-        return []
+class _Coding:
+    """Channels on their way through the coder, several planes at a time; to be used in a `with` statement."""
 
-    def code(view: int) -> tuple[CodedPlane, int]:
-        codes, clipped = mapped.codes(view)
-        return coder(codes, code_map.qp, None if offsets is None else offsets[view]), clipped
+    def __init__(self, coder: _OnceEach, threads: int, stats: EncodeStats) -> None:
+        self._coder, self._stats = coder, stats
+        self._pool = ThreadPoolExecutor(max_workers=threads)
+        self._begun: dict[int, tuple[MappedChannel, _Jobs]] = {}
 
-    return [pool.submit(code, view) for view in range(len(mapped.channel.values))]
+    def __enter__(self) -> _Coding:
+        return self
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=error is not None)
+
+    def begin(self, channel: Channel) -> tuple[MappedChannel, _Jobs]:
+        """Give a channel to the coder, unless it has it; NumericError for values beyond what can be coded."""
+        if id(channel) not in self._begun:
+            with self._stats.watch.stage("quantise"):
+                mapped = map_channel(channel)
+            self._begun[id(channel)] = mapped, self._submit(mapped)
+        return self._begun[id(channel)]
+
+    def _submit(self, mapped: MappedChannel) -> _Jobs:
+        """Codes are made, and let go, where they are coded."""
+        code_map, offsets = mapped.code_map, mapped.channel.offsets
+        if code_map is None:
+            return []
+
+        def code(view: int) -> tuple[CodedPlane, int]:
+            codes, clipped = mapped.codes(view)
+            return self._coder(codes, code_map.qp, None if offsets is None else offsets[view]), clipped
+
+        return [self._pool.submit(code, view) for view in range(len(mapped.channel.values))]
+
+    def finish(self, layer: Gaussians, plan: LayerPlan) -> CodedLayer:
+        """A layer, once all its channels have been begun and are coded."""
+        jobs = [self.begin(channel) for channel in plan.channels]
+        with self._stats.watch.stage("x265"):
+            if plan.refine_depth is not None and jobs[0][1]:
+                depth = [future.result()[0] for future in jobs[0][1]]
+                refinement = _refine(jobs[0][0], depth, plan.refine_depth, self._pool)
+                jobs.insert(1, (refinement, self._submit(refinement)))
+            planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
+        for mapped, coded in planes:
+            if mapped.code_map is not None:
+                label = mapped.channel.plane_class.label
+                clipped = self._stats.clipped
+                clipped[label] = clipped.get(label, 0) + sum(count for _, count in coded)
+        sets = {plane.parameter_sets for _, coded in planes for plane, _ in coded}
+        assert len(sets) <= 1, "parameter sets differ among planes of one size"
+        height, width = layer.opacities.shape[1:]
+        return CodedLayer(
+            height,
+            width,
+            layer.degree,
+            plan,
+            tuple(_coded_channel(mapped, [plane for plane, _ in coded]) for mapped, coded in planes),
+            next(iter(sets), b""),
+            layer.cameras,
+        )
 
 
 def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor) -> MappedChannel:

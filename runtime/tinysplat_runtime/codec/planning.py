@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import LayerPlan
+from ..gaussian.planes import Channel, LayerPlan
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
-from .adaptive import AdaptiveLayer, LayerGeometry, adaptive_plan, prepare_layer, scene_steps, take_geometry
+from .adaptive import (
+    AdaptiveLayer,
+    LayerGeometry,
+    adaptive_plan,
+    known_channels,
+    prepare_layer,
+    scene_steps,
+    take_geometry,
+)
 from .analysis import ProjectedLayer
 from .depth_step.allocation import Steps
 from .paper import paper_colors, paper_plan
@@ -37,11 +46,14 @@ class ProjectedScene:
     watch: Stopwatch
 
 
+Ready: TypeAlias = Callable[[Channel], object]
+
+
 class Planner(Protocol):
     """Says how a scene is coded."""
 
-    def plan(self, qp: float) -> list[LayerPlan]:
-        """How to code each layer at Q_g = `qp`."""
+    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
+        """How to code each layer at Q_g = `qp`; `ready` is given channels that are known before the others."""
 
 
 class PaperPlanner:
@@ -50,7 +62,7 @@ class PaperPlanner:
     def __init__(self, scene: ProjectedScene, settings: PaperSettings) -> None:
         self._scene, self._settings = scene, settings
 
-    def plan(self, qp: float) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`."""
         pairs = zip(self._scene.layers, self._scene.projected, strict=True)
         return [self._layer_plan(layer, projected, qp) for layer, projected in pairs]
@@ -76,18 +88,22 @@ class AdaptivePlanner:
         self._prepared: list[AdaptiveLayer] | None = None
         self._steps: list[Steps] | None = None
 
-    def plan(self, qp: float) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`."""
         watch = self._scene.watch
         with watch.stage("vabr"):
             if self._prepared is None:
                 self._prepared = _prepare(self._scene, self._geometry, self._settings, 0.0)
             prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._geometry, self._settings, qp)
+        known = [known_channels(layer, index, self._settings, qp) for index, layer in enumerate(prepared)]
+        if ready is not None:
+            for channel in itertools.chain(*known):
+                ready(channel)
         with watch.stage("quantise"):
             if self._steps is None:
                 self._steps = scene_steps(self._prepared, self._settings, self._scene.threads)
-            pairs = zip(prepared, self._steps, strict=True)
-            return [adaptive_plan(layer, steps, self._settings, qp) for layer, steps in pairs]
+            layers = zip(prepared, self._steps, known, strict=True)
+            return [adaptive_plan(layer, steps, channels, self._settings, qp) for layer, steps, channels in layers]
 
 
 class ResidualPlanner:
@@ -98,7 +114,7 @@ class ResidualPlanner:
         self._scene, self._settings, self._prediction = scene, settings, prediction
         self._steps: list[Steps] | None = None
 
-    def plan(self, qp: float) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
         """How to code each layer's difference at Q_g = `qp`."""
         scene, settings = self._scene, self._settings
         with scene.watch.stage("vabr"):

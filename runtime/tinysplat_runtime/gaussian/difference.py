@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from .gaussians import FIELDS, Gaussians
+
+_AT_A_TIME = 1 << 18
 
 
 def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[str, float]]:
@@ -25,14 +30,26 @@ def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[
     Raises:
         InputError: layers or shapes differ.
     """
-    errors: dict[str, list[NDArray]] = {name: [] for name in FIELDS}
+    found = {name: [0.0, 0.0, 0] for name in FIELDS}  # sum of squares, largest, count
     for a, b in layer_pairs(original, decoded):
         for name in FIELDS:
-            x, y = getattr(a, name).astype(np.float64), getattr(b, name).astype(np.float64)
-            if name == "means":
-                y = y + (b.origin - a.origin)
-            errors[name].append(_angles(x, y) if name == "quats" else _padded_difference(x, y))
-    return {name: spread(parts) for name, parts in errors.items()}
+            x, y = (getattr(layer, name) for layer in (a, b))
+            pairs = (array.reshape(-1, *array.shape[a.opacities.ndim :]) for array in (x, y))
+            shift = b.origin - a.origin if name == "means" else np.zeros(())
+            for error in _differences(*pairs, shift, _angles if name == "quats" else _padded_difference):
+                total, largest, count = found[name]
+                found[name] = [total + float(np.square(error).sum()), max(largest, float(np.abs(error).max())),
+                               count + error.size]  # fmt: skip
+    return {name: {"rmse": math.sqrt(total / count), "max": largest} for name, (total, largest, count) in found.items()}
+
+
+def _differences(
+    x: NDArray, y: NDArray, shift: NDArray, difference: Callable[[NDArray, NDArray], NDArray]
+) -> Iterator[NDArray]:
+    """Of arrays (N, …), so many at a time that float64 takes little memory."""
+    for first in range(0, len(x), _AT_A_TIME):
+        block = slice(first, first + _AT_A_TIME)
+        yield difference(x[block].astype(np.float64), y[block].astype(np.float64) + shift)
 
 
 def layer_pairs(original: Gaussians, decoded: Gaussians) -> list[tuple[Gaussians, Gaussians]]:

@@ -11,7 +11,8 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
-from ..clock import Variant, measure, measure_peak
+from ..clock import Variant, high_water_mark, measure, measure_peak, reset_high_water_mark
 from ..curves import Fit
 from ..rows import Row, grouped
 from ..show.plots import Curve, Panel, save_grid
@@ -42,6 +43,8 @@ from ..subjects.room import Motorcycle, Room
 DEGREE = 3
 PLANE_SIDES = (16, 32, 64, 128, 256)
 _TASKS = "tinysplat.measure.tasks"
+STAGES_FILE = "stages.json"
+
 
 Size = tuple[int, int]
 Work = tuple[Callable[[], Any], Callable[[Path], int]]
@@ -172,9 +175,11 @@ def _photo_rows(run: Run) -> Iterator[Row]:
                 except (TinySplatError, subprocess.TimeoutExpired) as error:
                     found.append(replace(row, note=str(error)))
                     break
-                seconds = json.loads((folder / "seconds.json").read_text("utf-8"))
-                found.append(replace(row, costs={"seconds": sum(seconds.values()), "peak_bytes": peak}))
-                found += [replace(row, study=f"{row.study}: {at}", costs={"seconds": s}) for at, s in seconds.items()]
+                stages = json.loads((folder / STAGES_FILE).read_text("utf-8"))
+                peak = max(peak, *(costs.get("peak_bytes", 0) for costs in stages.values()))
+                seconds = sum(costs["seconds"] for costs in stages.values())
+                found.append(replace(row, costs={"seconds": seconds, "peak_bytes": peak}))
+                found += [replace(row, study=f"{row.study}: {at}", costs=costs) for at, costs in stages.items()]
     yield from sorted(found, key=lambda row: row.study)
 
 
@@ -224,13 +229,32 @@ def _write_pair(folder: Path, size: Size) -> None:
     (folder / CAMERAS_FILE).write_text(json.dumps({"near": shots.near, "far": shots.far, "frames": frames}), "utf-8")
 
 
+@dataclass
+class _Weighed(Stopwatch):
+    """Also notes the peak memory of every stage, in bytes; what is resident outside of stages is in none."""
+
+    peaks: dict[str, int] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time and weigh the block under `name`."""
+        reset_high_water_mark()
+        try:
+            with super().stage(name):
+                yield
+        finally:
+            self.peaks[name] = max(self.peaks.get(name, 0), high_water_mark())
+
+
 def encode_photos(folder: str, threads: str) -> Callable[[], Any]:
-    """A task: the pair in a folder to a file there; stages go to `seconds.json`."""
-    scene, runtime, stats = load_scene(folder), Runtime(threads=int(threads)), EncodeStats()
+    """A task: the pair in a folder to a file there; seconds and peak memory of stages go to `STAGES_FILE`."""
+    watch = _Weighed()
+    scene, runtime, stats = load_scene(folder), Runtime(threads=int(threads)), EncodeStats(watch=watch)
 
     def run() -> None:
         (Path(folder) / "f.tsplat").write_bytes(runtime.encode(scene, stats=stats))
-        (Path(folder) / "seconds.json").write_text(json.dumps(stats.watch.seconds), "utf-8")
+        stages = {name: {"seconds": s, "peak_bytes": watch.peaks[name]} for name, s in watch.seconds.items()}
+        (Path(folder) / STAGES_FILE).write_text(json.dumps(stages), "utf-8")
 
     return run
 
@@ -245,7 +269,8 @@ def render_photos(folder: str, threads: str) -> Callable[[], Any]:
             image = Renderer(gaussians, int(threads), compiled=False).render(gaussians.cameras[0])
         with watch.stage("write"):
             write_png(Path(folder) / "picture.png", image)
-        (Path(folder) / "seconds.json").write_text(json.dumps(watch.seconds), "utf-8")
+        stages = {name: {"seconds": s} for name, s in watch.seconds.items()}
+        (Path(folder) / STAGES_FILE).write_text(json.dumps(stages), "utf-8")
 
     return run
 

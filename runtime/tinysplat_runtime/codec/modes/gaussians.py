@@ -12,7 +12,7 @@ from .mode import Job, Mode
 def encode(job: Job) -> bytes:
     """The file at the job's Q_g; errors of `SceneEncoder`."""
     encoder = job.encoder()
-    return encoder.code(encoder.plan(job.qp), job.qp)
+    return encoder.encode(job.qp)
 
 
 def decode(file: OpenFile) -> Gaussians:

@@ -49,7 +49,7 @@ def encode(job: Job) -> bytes:
         job.gaussians, profile, job.store, threads=job.threads, stats=job.stats, plane_coder=job.plane_coder,
         planner=partial(ResidualPlanner, settings=settings, prediction=prediction), sections=sections,
     )  # fmt: skip
-    return encoder.code(encoder.plan(job.qp), job.qp)
+    return encoder.encode(job.qp)
 
 
 def decode(file: OpenFile) -> Gaussians:
