@@ -66,6 +66,16 @@ def test_the_codec_is_held_against_the_libraries_alone(rows: list[Row]) -> None:
         assert found and all(row.setting["baseline"] == library and row.costs["ratio"] > 0 for row in found)
 
 
+def test_stages_of_large_photos_are_weighed(rows: list[Row]) -> None:
+    peaks = {
+        (row.study, row.way): row.costs.get("peak_bytes") for row in rows if row.study.startswith("growth photos, e")
+    }
+    whole = {way: peak for (study, way), peak in peaks.items() if study == "growth photos, encode"}
+    assert whole and all(peak > 50e6 for peak in peaks.values())
+    assert all(peak <= whole[way] for (_, way), peak in peaks.items())
+    assert any(study.endswith(": x265") for study, _ in peaks)
+
+
 def test_transforms_agree_with_float64(rows: list[Row]) -> None:
     for study in ("analysis_vpt", "analysis_moment", "analysis_project", "synthesis"):
         assert max(row.figures["max_relative_error"] for row in rows if row.study == study) < 1e-3, study

@@ -494,12 +494,17 @@ def test_photos_that_memory_does_not_suffice_for_are_refused_with_a_size_that_fi
         checks.check_memory(large.resized(round(height * 1.1), round(width * 1.1)))
     runtime = ts.Runtime()
     enlarger = runtime.enlarger(large)
-    monkeypatch.setattr(checks, "available_bytes", lambda: 6_000_000_000)
+    monkeypatch.setattr(checks, "available_bytes", lambda: 2_400_000_000)
     checks.check_memory(large, enlarger)  # 12 million pixels in all, of which networks are given small copies
     assert runtime.enlarger(large, whole=True) is None
-    monkeypatch.setattr(checks, "available_bytes", lambda: 3_000_000_000)
-    with pytest.raises(ts.InputError, match="--size"):
-        checks.check_memory(large, enlarger)
+    for free in (2_000_000_000, 1_100_000_000):
+        monkeypatch.setattr(checks, "available_bytes", lambda free=free: free)
+        with pytest.raises(ts.InputError, match="--size") as caught:
+            checks.check_memory(large, enlarger)
+        height, width = map(int, re.search(r"--size (\d+)x(\d+)", str(caught.value)).groups())
+        checks.check_memory(large.resized(height, width), enlarger)
+        with pytest.raises(ts.InputError):
+            checks.check_memory(large.resized(round(height * 1.1), round(width * 1.1)), enlarger)
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,18 @@ from ..graphs.enlarge import LARGE_PIXELS, Enlarger
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
 
-BYTES_PER_PIXEL, BYTES_AT_ALL = 1300, 250_000_000
-"""Most memory that a network and coding take, per pixel of all photos and besides: edge and sweep as measured."""
+BYTES_AT_ALL = 250_000_000
+"""Memory that libraries and graphs take, whatever the photos."""
 
-LARGE_BYTES_PER_PIXEL = 280
-"""The same of large photos, whose small copies alone a network is given: photos 24, Gaussians 56, planning 169."""
+BYTES_PER_PIXEL = 1300
+"""Most that a network and coding take besides, per pixel of all photos: edge and sweep as measured."""
+
+LARGE_BYTES_PER_PIXEL = 147
+"""The same of large photos, whose small copies alone a network is given: photos and Gaussians 77 while these are made,
+Gaussians and planes 120 while they are coded; as measured on two photos of 12 megapixels."""
+
+PHOTO_BYTES_PER_PIXEL = 12
+"""Of photos while a network runs on their small copies."""
 
 MEMORY_SHARE = 0.9
 """Of the memory that is free, at most so much is planned with."""
@@ -61,18 +68,31 @@ def check_memory(scene: Scene, enlarger: Enlarger | None = None) -> None:
 
     `enlarger` is what the runtime has for large photos of that scene, if it has.
     """
-    camera, free = scene.frames[0].camera, available_bytes()
-    views = len(scene.frames)
+    camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
     pixels = views * camera.width * camera.height
-    at_all, per_pixel = BYTES_AT_ALL, BYTES_PER_PIXEL
-    if enlarger is not None:
-        at_all, per_pixel = at_all + views * enlarger.pixels * BYTES_PER_PIXEL, LARGE_BYTES_PER_PIXEL
-    needed = at_all + per_pixel * pixels
+    needed = _needed(pixels, views, enlarger)
     if free is None or needed <= MEMORY_SHARE * free:
         return
-    fits = max(MEMORY_SHARE * free - at_all, 0) / per_pixel
+    fits = _fitting(pixels, views, enlarger, MEMORY_SHARE * free)
     share = (fits / pixels) ** 0.5
     size = f"{int(camera.height * share)}x{int(camera.width * share)}"
     found = f"{views} photos of {camera.width}x{camera.height} take about {needed / 1e9:.1f} GB"
     advice = f"--size {size} would fit" if share * min(camera.height, camera.width) >= 64 else "free some first"
     raise InputError(f"{found}, {free / 1e9:.1f} GB are free; {advice}", where=str(scene.path))
+
+
+def _needed(pixels: float, views: int, enlarger: Enlarger | None) -> float:
+    """Bytes that so many pixels of all photos take."""
+    if enlarger is None or pixels <= views * LARGE_PIXELS:
+        return BYTES_AT_ALL + BYTES_PER_PIXEL * pixels
+    network = BYTES_PER_PIXEL * views * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels
+    return BYTES_AT_ALL + max(network, LARGE_BYTES_PER_PIXEL * pixels)
+
+
+def _fitting(pixels: float, views: int, enlarger: Enlarger | None, free: float) -> float:
+    """How many pixels of all photos, fewer than `pixels`, take so many bytes at most."""
+    low, high = 0.0, pixels
+    for _ in range(40):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _needed(middle, views, enlarger) <= free else (low, middle)
+    return low

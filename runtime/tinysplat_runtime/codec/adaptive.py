@@ -212,7 +212,7 @@ def adaptive_plan(
     opacity = _channels(layer, PlaneClass.OPACITY, steps[PlaneClass.OPACITY] * scale, settings)
     color_step = steps[PlaneClass.COLOR] * scale
     return LayerPlan(
-        tuple(sorted([coded, *opacity, *known], key=lambda channel: CODING_ORDER.index(channel.plane_class))),
+        tuple(sorted([coded, *opacity, *known], key=lambda channel: channel.plane_class)),
         layer.layer.degree,
         (-1 / depth.window[0], -1 / depth.window[1]),
         inverse_depth=True,

@@ -33,14 +33,18 @@ def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[
     found = {name: [0.0, 0.0, 0] for name in FIELDS}  # sum of squares, largest, count
     for a, b in layer_pairs(original, decoded):
         for name in FIELDS:
-            x, y = (getattr(layer, name) for layer in (a, b))
-            pairs = (array.reshape(-1, *array.shape[a.opacities.ndim :]) for array in (x, y))
+            x, y = (_rows(layer, name) for layer in (a, b))
             shift = b.origin - a.origin if name == "means" else np.zeros(())
-            for error in _differences(*pairs, shift, _angles if name == "quats" else _padded_difference):
+            for error in _differences(x, y, shift, _angles if name == "quats" else _padded_difference):
                 total, largest, count = found[name]
                 found[name] = [total + float(np.square(error).sum()), max(largest, float(np.abs(error).max())),
                                count + error.size]  # fmt: skip
     return {name: {"rmse": math.sqrt(total / count), "max": largest} for name, (total, largest, count) in found.items()}
+
+
+def _rows(layer: Gaussians, name: str) -> NDArray:
+    array = getattr(layer, name)
+    return array.reshape(layer.opacities.size, *array.shape[layer.opacities.ndim :])
 
 
 def _differences(
