@@ -414,6 +414,7 @@ def test_nothing_that_shows_is_left_out_before_its_shape_is_known(seed):
     assert found[shows[projected(block, view).visible]].all()
     np.testing.assert_array_equal(may_show(block, view), found[shows])
     assert found.mean() < 0.8
+    np.testing.assert_array_equal(may_show(part, view, 16), found[::16])
 
 
 @pytest.mark.parametrize("order", ["near", "depth"])

@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def normalize_quats(quats: NDArray) -> NDArray:
-    """Scale quaternions (…, 4) to unit length, safely for denormal and huge ones; zero stays zero."""
-    largest = np.abs(quats).max(axis=-1, keepdims=True)
+def normalize_quats(quats: NDArray, axis: int = -1) -> NDArray:
+    """Scale quaternions (…, 4) to unit length, safely for denormal and huge ones; zero stays zero.
+
+    `axis` is where the four components lie, if not last.
+    """
+    largest = np.abs(quats).max(axis=axis, keepdims=True)
     scaled = np.divide(quats, largest, out=np.zeros_like(quats), where=largest > 0)
-    norm = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    norm = np.linalg.norm(scaled, axis=axis, keepdims=True)
     return np.divide(scaled, norm, out=np.zeros_like(scaled), where=norm > 0)
 
 
@@ -54,14 +57,18 @@ def conjugate_quats(quats: NDArray) -> NDArray:
     return quats * np.array([1, -1, -1, -1], quats.dtype)
 
 
-def quats_to_matrices(quats: NDArray) -> NDArray:
-    """Rotation matrices (…, 3, 3) of unit quaternions (…, 4)."""
-    w, x, y, z = (quats[..., i] for i in range(4))
-    rows = [
+def rotation_entries(w: NDArray, x: NDArray, y: NDArray, z: NDArray) -> list[list[NDArray]]:
+    """Rows of entries of the rotation matrices of unit quaternions, given by components of one shape."""
+    return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
+
+
+def quats_to_matrices(quats: NDArray) -> NDArray:
+    """Rotation matrices (…, 3, 3) of unit quaternions (…, 4)."""
+    rows = rotation_entries(*(quats[..., i] for i in range(4)))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import FIELDS, Gaussians
-from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..gaussian.quaternions import normalize_quats, rotation_entries
 from ..scene.cameras import Camera
 
 BLOCK_SIZE = 16_384
@@ -72,8 +72,13 @@ class Block:
 
 def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
     """R(q)·diag(s) as (3, 3, n) planes of the inputs' dtype; Σ = axes·axesᵀ (Kerbl et al. 2023, eq. 6)."""
-    axes = quats_to_matrices(normalize_quats(quats)) * scales[:, None, :]
-    return np.ascontiguousarray(np.moveaxis(axes, 0, -1))
+    rows = rotation_entries(*normalize_quats(np.ascontiguousarray(quats.T), axis=0))
+    lengths = np.ascontiguousarray(scales.T)
+    axes = np.empty((3, *lengths.shape), lengths.dtype)
+    for row, entries in zip(axes, rows, strict=True):
+        for out, entry, length in zip(row, entries, lengths, strict=True):
+            np.multiply(entry, length, out=out)
+    return axes
 
 
 @dataclass(frozen=True, eq=False)

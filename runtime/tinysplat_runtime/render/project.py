@@ -165,8 +165,9 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats, log
 
 
 @np.errstate(all="ignore")
-def may_show(part: Block | Part, view: View) -> NDArray:
-    """(n,) bool, false where a Gaussian cannot reach the picture, whatever its orientation and opacity.
+def may_show(part: Block | Part, view: View, every: int = 1) -> NDArray:
+    """(n,) bool, false where a Gaussian cannot reach the picture, whatever its orientation and opacity; of one in
+    `every` alone, (ceil(n / every),).
 
     A row of J·W is nowhere longer than at the ends of the image's margin, so that a footprint's half extent is at most
     √(2 ln 255) times the sum of that length by the largest scale and of the root of the dilation.
@@ -175,6 +176,7 @@ def may_show(part: Block | Part, view: View) -> NDArray:
         (part.means, part.scales) if isinstance(part, Block) else (part.rows["means"].T, part.rows["scales"])
     )
     own = part.own_pixels if isinstance(part, Block) else part.own_pixels()
+    means, scales, own = means[:, ::every], scales[::every], None if own is None else own[::every]
     point = np.einsum("ij,jn->in", view.projection, means + view.offset[:, None])
     depth = point[2]
     largest = np.maximum(np.maximum(scales[:, 0], scales[:, 1]), scales[:, 2])
