@@ -13,8 +13,7 @@ class RefineStats:
         steps: how many were taken.
         kept: after how many of them the result was the best; 0 where it is the start.
         looks: (step, dB) of the photos, each drawn from the Gaussians of the others.
-        before, after: dB of the photos at the start and at the end, drawn from all Gaussians, the mean of both
-            orders of drawing.
+        before, after: dB of the photos at the start and at the end, drawn from all Gaussians.
         reason: why the start is returned; empty where it is not.
     """
 
