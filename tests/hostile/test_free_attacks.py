@@ -178,6 +178,7 @@ def _raw(stream: bytes) -> bytes:
 def _tree() -> tuple[octree.CodedPoints, int]:
     cells = np.random.default_rng(1).integers(0, 16, (300, 3)).astype(np.float64)
     cells[:270] = cells[0]  # so many in one place that their number does not fit a byte
+    cells[270:272] = cells[272]
     return encode_points(np.sort(morton_keys(cells)), 4), 300
 
 
@@ -190,8 +191,22 @@ def _replaced(number: int, change: Callable[[bytes], bytes]) -> Callable[[octree
     return attack
 
 
+def _with_empty_cell(stream: bytes) -> bytes:
+    """The last cell's parts in the one before it, which is of the same level."""
+    raw = _raw(stream)
+    parts = sum(byte.bit_count() for byte in raw[-2:])
+    return _packed(raw[:-2] + bytes([0, (1 << parts) - 1]))
+
+
+def _more_points(further: bytes) -> bytes:
+    """One point less in some leaf."""
+    at = next(i for i, number in enumerate(further) if 0 < number < octree.ESCAPE)
+    return further[:at] + bytes([further[at] - 1]) + further[at + 1 :]
+
+
 ATTACKS: dict[str, Callable[[octree.CodedPoints], octree.CodedPoints]] = {
     "no LZMA": _replaced(3, lambda _: b"\xff\xff\xff"),
+    "no chunk of LZMA2": _replaced(3, lambda _: b"\x03\x00"),
     "nothing": _replaced(3, lambda _: b""),
     "cut": _replaced(3, lambda data: data[:-3]),
     "more behind": _replaced(3, lambda data: data + b"\0"),
@@ -200,6 +215,21 @@ ATTACKS: dict[str, Callable[[octree.CodedPoints], octree.CodedPoints]] = {
     "a byte less": _replaced(3, lambda data: _packed(_raw(data)[:-1])),
     "an empty cell": _replaced(3, lambda data: _packed(b"\0" + _raw(data)[1:])),
     "another part": _replaced(3, lambda data: _packed(bytes([_raw(data)[0] ^ 0xFF or 1]) + _raw(data)[1:])),
+    "an empty cell made up for": _replaced(0, _with_empty_cell),
+    "a byte in another stream": lambda p: replace(
+        p,
+        streams=(
+            _packed(_raw(p.streams[0]) + b"\1"),
+            *p.streams[1:3],
+            _packed(_raw(p.streams[3])[:-1]),
+            *p.streams[4:],
+        ),
+    ),
+    "more leaves, made up for": lambda p: replace(
+        p,
+        leaves=p.leaves + 1,
+        streams=(*p.streams[:4], _packed(b"\0" + _more_points(_raw(p.streams[4]))), p.streams[5]),
+    ),
     "a stream moved": lambda p: replace(p, streams=(p.streams[3], *p.streams[1:3], p.streams[0], *p.streams[4:])),
     "further points": _replaced(4, lambda data: _packed(bytes([3]) + _raw(data)[1:])),
     "escapes for none": _replaced(4, lambda data: _packed(b"\xff" * len(_raw(data)))),

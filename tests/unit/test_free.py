@@ -14,6 +14,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.free.attributes import (
+    Columns,
     companded,
     contracted,
     expanded,
@@ -21,7 +22,7 @@ from tinysplat_runtime.codec.free.attributes import (
     to_columns,
     uncontracted,
 )
-from tinysplat_runtime.codec.free.encoder import COLOUR_STEP, LEAST_OPACITY, SPACING, STEPS, FreeEncoder
+from tinysplat_runtime.codec.free.encoder import COLOUR_STEP, LEAST_OPACITY, SPACING, STEPS, FreeEncoder, _grid_of
 from tinysplat_runtime.codec.free.octree import cells_of, decode_points, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import from_plane, plane_shape, to_plane
 from tinysplat_runtime.codec.profiles import find_profile
@@ -118,6 +119,7 @@ def _extreme(case: str) -> Gaussians:
         "all equal": taken(g, np.zeros(40, int)),
         "all equal and one far": taken(replace(g, means=far), np.array([0] * 39 + [39])),
         "a stray at a million": replace(g, means=far),
+        "a bulk in next to nothing": replace(g, means=np.where(np.arange(40)[:, None] < 39, 1e-36 * g.means, 1e6)),
         "needles": replace(g, scales=needle),
         "flat": replace(g, scales=g.scales * np.array([1, 1, 0])),
         "points": replace(g, scales=np.zeros_like(g.scales)),
@@ -132,7 +134,8 @@ def _extreme(case: str) -> Gaussians:
 
 
 EXTREMES = (
-    "one", "two", "all equal", "all equal and one far", "a stray at a million", "needles", "flat", "points", "huge",
+    "one", "two", "all equal", "all equal and one far", "a stray at a million", "a bulk in next to nothing", "needles",
+    "flat", "points", "huge",
     "tiny", "opaque", "bright", "no colour", "wide range of sizes", "long quaternions",
 )  # fmt: skip
 
@@ -288,6 +291,26 @@ def test_maps_of_attributes_are_inverses():
     assert 0.12 < slopes.min() < 0.13 and 7.9 < slopes.max() < 8.1 and (np.diff(slopes) > -1e-9).all()
     offsets = np.concatenate([np.linspace(-3, 3, 101), [-1e9, 1e9]])
     np.testing.assert_allclose(uncontracted(contracted(offsets)), offsets, rtol=1e-12)
+
+
+def test_whatever_channels_decode_to_comes_to_valid_gaussians():
+    rng = np.random.default_rng(0)
+    wild = rng.choice([-1e20, -300.0, -1.0, 0.0, 0.5, 2.0, 300.0, 1e20], (400, 10))
+    columns = Columns(*wild[:, :4].T, turns=wild[:, 4:7], sh=rng.normal(size=(400, 12)))
+    with np.errstate(all="raise", under="ignore"):
+        fields = from_columns(replace(columns, sizes=expanded(columns.sizes, 0.0)))
+    made = Gaussians(means=np.zeros((400, 3)), **fields)
+    assert (np.diff(made.scales, axis=1) <= 0).all()
+    np.testing.assert_allclose(np.linalg.norm(made.quats, axis=1), 1, rtol=1e-6)
+
+
+def test_grids_finer_than_the_octree_is_deep_become_coarser():
+    means = np.concatenate([cloud(50).means, [[1e6, 0, 0]]]).astype(np.float64)
+    grid, cells = _grid_of(means, 1e-6)
+    assert cells.max() == (1 << 21) - 1 and cells.min() == 0
+    back = grid.centre + grid.radius * uncontracted(grid.low + cells * grid.cell)
+    np.testing.assert_allclose(back[:-1], means[:-1], atol=1e-4)
+    np.testing.assert_allclose(back[-1], means[-1], rtol=1e-4, atol=1e-4)
 
 
 def test_turned_axes_show_the_same_gaussian_and_take_the_least_rotation():

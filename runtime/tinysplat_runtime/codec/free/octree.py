@@ -101,8 +101,6 @@ def decode_points(
     taken = [0] * GROUPS
     nodes, group = np.zeros(1, np.uint64), np.full(1, GROUPS - 1)
     for depth, size in enumerate(levels):
-        if len(nodes) != size:
-            raise FormatError(f"level {depth} has {len(nodes)} cells, announced are {size}", where="positions")
         occupied = np.zeros(size, np.uint8)
         for number in range(GROUPS):
             is_mine = group == number
