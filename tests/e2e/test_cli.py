@@ -505,6 +505,11 @@ def test_photos_that_memory_does_not_suffice_for_are_refused_with_a_size_that_fi
         checks.check_memory(large.resized(height, width), enlarger)
         with pytest.raises(ts.InputError):
             checks.check_memory(large.resized(round(height * 1.1), round(width * 1.1)), enlarger)
+    monkeypatch.setattr(checks, "available_bytes", lambda: 8_000_000_000)
+    checks.check_memory(large, mode="photos")  # 460 bytes a pixel
+    for options in ({"mode": "hybrid"}, {"refined": True}):
+        with pytest.raises(ts.InputError, match="--size"):
+            checks.check_memory(large, **options)
 
 
 @pytest.mark.parametrize(

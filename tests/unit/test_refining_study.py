@@ -55,7 +55,9 @@ def test_rows_become_a_table_a_plot_and_a_line(rows: list, tmp_path: Path) -> No
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(refining, "LINE_SECONDS", 2)
         before, after = (f"{row.figures['psnr']:.2f}" for row in renamed[:2])
-        assert refining.refine_line(renamed).startswith(f"2 s, mean of 1 scenes: 3 photos {before} → {after} dB, 4 photos ")
+        assert refining.refine_line(renamed).startswith(
+            f"2 s, mean of 1 scenes: 3 photos {before} → {after} dB, 4 photos "
+        )
 
 
 def test_curves_are_of_both_kinds_of_file_and_become_a_table_and_a_plot(

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections.abc import Callable
 
 from ..api import DEFAULT_MODEL, check_targets
 from ..codec.encoder import check_qp
+from ..codec.modes import DEFAULT_MODE
 from ..codec.modes.choice import check_options
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger
@@ -16,8 +18,15 @@ from ..system.memory import available_bytes
 BYTES_AT_ALL = 250_000_000
 """Memory that libraries and graphs take, whatever the photos."""
 
-BYTES_PER_PIXEL = 1300
-"""Most that a network and coding take besides, per pixel of all photos: edge and sweep as measured."""
+NETWORK_BYTES = (350, -240)
+"""What a network takes besides, per pixel of all photos: so much for each view, and this. `edge` as measured at 512×512
+with 2 views 335, 4 views 1,124 and 6 views 1,807, at 1024×1024 with 2 views 478; `sweep` 510 with 2."""
+
+HYBRID_BYTES_PER_PIXEL = 460
+"""What mode hybrid adds: two sets of Gaussians, their planes, and what these lack."""
+
+REFINED_BYTES_PER_PIXEL = 1350
+"""What refinement takes of every pixel, however large the photos; of six views as measured."""
 
 LARGE_BYTES_PER_PIXEL = 147
 """The same of large photos, whose small copies alone a network is given: photos and Gaussians 77 while these are made,
@@ -63,36 +72,44 @@ def sized(args: Namespace, scene: Scene) -> Scene:
     return scene.resized(*size)
 
 
-def check_memory(scene: Scene, enlarger: Enlarger | None = None) -> None:
+def check_memory(
+    scene: Scene, enlarger: Enlarger | None = None, *, mode: str = DEFAULT_MODE, refined: bool = False
+) -> None:
     """Refuse photos that take more memory than is free, with a size that would fit.
 
-    `enlarger` is what the runtime has for large photos of that scene, if it has.
+    Args:
+        scene: the photos.
+        enlarger: what the runtime has for large photos of that scene, if it has.
+        mode: of the file.
+        refined: whether Gaussians are to be refined.
     """
     camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
+
+    def needed(pixels: float) -> float:
+        """Bytes that so many pixels of all photos take."""
+        network = NETWORK_BYTES[0] * views + NETWORK_BYTES[1]
+        taken = [REFINED_BYTES_PER_PIXEL * pixels if refined else 0.0]
+        if enlarger is None or pixels <= views * LARGE_PIXELS:
+            taken.append((network + HYBRID_BYTES_PER_PIXEL * (mode == "hybrid")) * pixels)
+        else:
+            taken.append(network * views * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels)
+            taken.append(LARGE_BYTES_PER_PIXEL * pixels)
+        return BYTES_AT_ALL + max(taken)
+
     pixels = views * camera.width * camera.height
-    needed = _needed(pixels, views, enlarger)
-    if free is None or needed <= MEMORY_SHARE * free:
+    if free is None or needed(pixels) <= MEMORY_SHARE * free:
         return
-    fits = _fitting(pixels, views, enlarger, MEMORY_SHARE * free)
-    share = (fits / pixels) ** 0.5
+    share = (_largest(needed, pixels, MEMORY_SHARE * free) / pixels) ** 0.5
     size = f"{int(camera.height * share)}x{int(camera.width * share)}"
-    found = f"{views} photos of {camera.width}x{camera.height} take about {needed / 1e9:.1f} GB"
+    found = f"{views} photos of {camera.width}x{camera.height} take about {needed(pixels) / 1e9:.1f} GB"
     advice = f"--size {size} would fit" if share * min(camera.height, camera.width) >= 64 else "free some first"
     raise InputError(f"{found}, {free / 1e9:.1f} GB are free; {advice}", where=str(scene.path))
 
 
-def _needed(pixels: float, views: int, enlarger: Enlarger | None) -> float:
-    """Bytes that so many pixels of all photos take."""
-    if enlarger is None or pixels <= views * LARGE_PIXELS:
-        return BYTES_AT_ALL + BYTES_PER_PIXEL * pixels
-    network = BYTES_PER_PIXEL * views * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels
-    return BYTES_AT_ALL + max(network, LARGE_BYTES_PER_PIXEL * pixels)
-
-
-def _fitting(pixels: float, views: int, enlarger: Enlarger | None, free: float) -> float:
-    """How many pixels of all photos, fewer than `pixels`, take so many bytes at most."""
-    low, high = 0.0, pixels
+def _largest(needed: Callable[[float], float], most: float, free: float) -> float:
+    """How many pixels, of `most`, take no more than is free."""
+    low, high = 0.0, float(most)
     for _ in range(40):
         middle = (low + high) / 2
-        low, high = (middle, high) if _needed(middle, views, enlarger) <= free else (low, middle)
+        low, high = (middle, high) if needed(middle) <= free else (low, middle)
     return low

@@ -98,8 +98,7 @@ def encoded(args: Namespace, runtime: Runtime) -> Coded:
     """What the options of `encode` make of a scene; nothing is written but `--save-gaussians`."""
     scene = prepared(args, named_scene(args))
     model, whole = args.model or DEFAULT_MODEL, args.mode != DEFAULT_MODE
-    # Refinement takes about as much for every pixel as a network does.
-    check_memory(scene, None if args.refine else runtime.enlarger(scene, model, whole=whole))
+    check_memory(scene, runtime.enlarger(scene, model, whole=whole), mode=args.mode, refined=bool(args.refine))
     found = [] if args.quiet else doubts(scene)
     for doubt in found:
         print(f"{scene.path}: warning: {doubt}", file=sys.stderr)
