@@ -299,3 +299,15 @@ def test_measuring_names_nothing_private_of_the_runtime_and_replaces_nothing_in_
 
 def is_private(name: str) -> bool:
     return name.startswith("_") and not name.startswith("__")
+
+
+def test_a_picture_of_a_file_loads_neither_encoder_nor_formats_nor_layouts(tmp_path: Path) -> None:
+    file = ROOT / "tests" / "golden" / "data" / "tiny_paper.tsplat"
+    words = ["render", str(file), "-o", str(tmp_path / "p.png"), "-q"]
+    code = f"import sys; from tinysplat_runtime.cli import main; main({words!r}); print(*sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    loaded = {name.removeprefix("tinysplat_runtime.") for name in done.stdout.split()}
+    assert {"codec.decoder", "render.renderer"} <= loaded and (tmp_path / "p.png").is_file()
+    idle = ("codec.encoder", "codec.rate", "codec.depth_step", "formats", "graphs.enlarge", "scene.intake", "numba")
+    assert not [name for name in loaded if name.startswith(idle)]
