@@ -11,6 +11,7 @@ from tiny_runs import cells, rows_of, tiny_run
 
 from tinysplat.measure.studies import refining
 from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,9 @@ def test_rows_become_a_table_a_plot_and_a_line(rows: list, tmp_path: Path) -> No
 def test_curves_are_of_both_kinds_of_file_and_become_a_table_and_a_plot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    darker = lambda _, gaussians, scene, **options: replace(gaussians, sh=gaussians.sh - 0.5, extra_layers=())  # noqa: E731
+    def darker(_: Runtime, gaussians: Gaussians, scene: object, **options: object) -> Gaussians:
+        return replace(gaussians, sh=gaussians.sh - 0.5, extra_layers=())
+
     monkeypatch.setattr(Runtime, "refine", darker)
     windows = [{"kind": "multi", "context": [0, 1, 3, 4], "target": [2]}]
     run = tiny_run(tmp_path, write_eval_scene(tmp_path / "plane", windows, frames=5), qps=(0.0, 24.0))
