@@ -30,7 +30,20 @@ from ..clock import Figures, Variant, measure, plural
 from ..metrics import depth_errors
 from ..pictures import Drawing, photo_psnr
 from ..rows import Row
-from ..show.tables import BYTES, TO_PHOTO, Column, View, decibels, percent, small
+from ..show.tables import (
+    BYTES,
+    TO_PHOTO,
+    Cell,
+    Column,
+    Listing,
+    View,
+    decibels,
+    duration,
+    mean,
+    percent,
+    said,
+    small,
+)
 from ..study import Run, Study
 from ..subjects.cases import Photos, Shots, Source, Window, contract_inputs
 from ..subjects.made import made_gaussians
@@ -329,18 +342,33 @@ def _relative_errors(truth: Tensors, found: Tensors) -> Figures:
     return {"max_abs_error": max(absolute), "max_relative_error": max(relative), "rms_relative_error": max(square)}
 
 
-TRANSFORMS = Study.of(
+def _of_way(beginning: str, cell: Cell) -> Cell:
+    """What a cell says of the first row whose way begins so."""
+    return lambda rows: cell([row for row in rows if row.way.startswith(beginning)][:1])
+
+
+_ERROR = "max_relative_error"
+_TRANSFORMS = View(
+    "transforms",
     "Transforms",
-    transform_rows,
-    View(
-        "transforms",
-        "Transforms",
-        "The codec's graphs. Errors against float64, relative to an output's largest magnitude.",
-        (
-            Column("max_relative_error", "largest, relative", small),
-            Column("rms_relative_error", "RMS, relative", small),
-            Column("max_abs_error", "largest, absolute", small),
-        ),
-        costs=("max_relative_error",),
+    "The codec's graphs. Errors against float64, relative to an output's largest magnitude.",
+    (
+        Column(_ERROR, "largest, relative", small),
+        Column("rms_relative_error", "RMS, relative", small),
+        Column("max_abs_error", "largest, absolute", small),
     ),
+    costs=(_ERROR,),
 )
+_IN_SHORT = Listing(
+    "transforms",
+    {
+        "graph": said("subject"),
+        "onnxruntime": _of_way("onnxruntime", mean("seconds", duration, "costs")),
+        "error": _of_way("onnxruntime", mean(_ERROR, small)),
+        "torch": _of_way("torch", mean("seconds", duration, "costs")),
+        "its error": _of_way("torch", mean(_ERROR, small)),
+        "float64": _of_way("numpy", mean("seconds", duration, "costs")),
+    },
+    by=("subject",),
+)
+TRANSFORMS = Study("Transforms", transform_rows, {"transforms": _TRANSFORMS, "transforms in short": _IN_SHORT})
