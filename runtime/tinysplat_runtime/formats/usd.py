@@ -95,7 +95,7 @@ def _read(path: Path, max_bytes: int) -> dict[str, NDArray]:
         try:
             done = subprocess.run(
                 command, capture_output=True, text=True, errors="replace", timeout=_SECONDS, check=False,
-                env={**os.environ, "PYTHONPATH": modules},
+                env={**os.environ, "PYTHONPATH": modules, "PXR_WORK_THREAD_LIMIT": "1"},  # threads take address space
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             raise InputError(f"not read within {_SECONDS} seconds") from None
