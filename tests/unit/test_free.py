@@ -22,7 +22,7 @@ from tinysplat_runtime.codec.free.attributes import (
     to_columns,
     uncontracted,
 )
-from tinysplat_runtime.codec.free.encoder import COLOUR_STEP, LEAST_OPACITY, SPACING, STEPS, FreeEncoder, _grid_of
+from tinysplat_runtime.codec.free.encoder import COLOUR_STEPS, LEAST_OPACITY, SPACING, STEPS, FreeEncoder, _grid_of
 from tinysplat_runtime.codec.free.octree import cells_of, decode_points, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import from_plane, plane_shape, to_plane
 from tinysplat_runtime.codec.profiles import find_profile
@@ -78,7 +78,7 @@ def test_every_attribute_comes_back_to_its_step(degree):
     assert np.std(roots) < 0.45 * STEPS[PlaneClass.OPACITY, 0] * factor
     logs = [np.log(np.sort(g.scales, axis=1)[:, ::-1].astype(np.float64)) for g in (decoded, original)]
     assert np.abs(logs[0][:, :2] - logs[1][:, :2]).max() < 8 * STEPS[PlaneClass.SCALE, 1] * factor
-    assert np.median(np.abs(decoded.sh - original.sh)) < COLOUR_STEP * factor
+    assert np.median(np.abs(decoded.sh - original.sh)) < COLOUR_STEPS[0] * factor
     covariance = [covariances(g) for g in (decoded, original)]
     apart = np.linalg.norm(covariance[0] - covariance[1], axis=(1, 2)) / np.linalg.norm(covariance[1], axis=(1, 2))
     assert np.median(apart) < 0.03 and apart.max() < 0.3

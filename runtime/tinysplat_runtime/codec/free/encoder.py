@@ -44,7 +44,10 @@ STEPS: Mapping[tuple[PlaneClass, int], float] = {
 """Steps at Q_g = 0, such that a byte gains about as much in every channel. Scenes differ: the thickness of discs hardly
 shows, that of needles and of networks' Gaussians does."""
 
-COLOUR_STEP = 0.33
+COLOUR_STEPS = (0.33, 0.165, 0.165)
+"""Of the components of colour in their order; those behind have the first one's. The second and third mostly hold hue,
+which varies little: a step that rounds it away tints whole surfaces, and neighbours' errors do not cancel.
+"""
 
 SPACING = 0.5
 """Cell at Q_g = 0 times √N, in units of the scene's radius: the more Gaussians, the less each may be off."""
@@ -160,7 +163,7 @@ def _code_columns(
     )
 
     def code(plane_class: PlaneClass, target: int, values: NDArray, order: Order) -> _Coded:
-        step = steps.get((plane_class, target), COLOUR_STEP * factor)
+        step = steps[plane_class, target] if (plane_class, target) in steps else _colour_step(target) * factor
         return _code_channel(plane_class, target, values, step, order, settings)
 
     thresholds = (_root_thresholds(), _size_thresholds(columns.sizes, middle), _length_thresholds())
@@ -173,7 +176,7 @@ def _code_columns(
         counts = reached(seen, thresholds[: number + 1])
         weights.append(choose_classes(counts, np.sum(logs[: number + 1], axis=0)))
         orders.append(order_by(seen, thresholds, weights[-1]))
-    mean, basis, components = _colours(columns.sh, orders[2].gains, COLOUR_STEP * factor)
+    mean, basis, components = _colours(columns.sh, orders[2].gains, factor)
     rest = [(PlaneClass.SCALE, 2, columns.thins)]
     rest += [(PlaneClass.ROTATION, target, columns.turns[:, target]) for target in range(3)]
     rest += [(PlaneClass.COLOR, target, values) for target, values in enumerate(components)]
@@ -225,10 +228,14 @@ def _length_thresholds() -> NDArray:
     return (np.arange(1, 5) * math.log(2)).astype(np.float32)
 
 
-def _colours(sh: NDArray, gains: NDArray, step: float) -> tuple[NDArray, NDArray, list[NDArray]]:
+def _colour_step(component: int) -> float:
+    return COLOUR_STEPS[component] if component < len(COLOUR_STEPS) else COLOUR_STEPS[0]
+
+
+def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArray, list[NDArray]]:
     """Mean (d,) float32, basis (d, k) float16, and k components (N,) of (N, d) coefficients.
 
-    Principal components under the weights that errors show with; as many as hold more than nothing at the step.
+    Principal components under the weights that errors show with; as many as hold more than nothing at their steps.
     """
     every = -(-len(sh) // _SAMPLE)
     sample, weights = sh[::every].astype(np.float64), np.square(1 / gains[::every])
@@ -236,7 +243,8 @@ def _colours(sh: NDArray, gains: NDArray, step: float) -> tuple[NDArray, NDArray
     centred = sample - mean
     moment = product((centred * weights[:, None]).T, centred) / len(sample)
     values, vectors = symmetric_eigen(moment)
-    k = int((np.sqrt(np.maximum(values, 0)) > FLAT_SHARE * step).sum())
+    least = FLAT_SHARE * factor * np.array([_colour_step(n) for n in range(len(values))])
+    k = int((np.sqrt(np.maximum(values[::-1], 0)) > least).sum())
     chosen = vectors[:, ::-1][:, :k]
     signs = np.sign(chosen[np.abs(chosen).argmax(axis=0), np.arange(k)])
     basis = (chosen * signs).astype(np.float16)
