@@ -21,7 +21,7 @@ from ..curves import bytes_at
 from ..pictures import Drawing, Pictures
 from ..rows import Row
 from ..show.plots import Axis, Chart
-from ..show.tables import Listing, decibels, kilobytes, mean, said
+from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.cases import Case
 from ..subjects.made import made_gaussians
@@ -30,9 +30,6 @@ from ..ways import Way, file_way, free_way, spz_ways
 VIEWS, QUICK_VIEWS = 6, 2
 QPS, QUICK_QPS = (-24.0, -18.0, -12.0, -6.0, -3.0, 0.0, 3.0, 6.0, 9.0), (-6.0, 0.0, 6.0)
 _ROOM_VIEWS, _DEGREE = 2, 3
-
-USUAL_QP = 6.0
-"""Of ours, what a table in short shows: up to this far from 0."""
 
 OURS = f"`{SUFFIX}`"
 
@@ -90,32 +87,49 @@ def _each(rows: Sequence[Row]) -> str:
 
 
 def _setting(rows: Sequence[Row]) -> str:
-    return f"{rows[0].setting['qp']:g}" if rows[0].way == OURS else "–"
+    return f"{rows[0].setting['qp']:g}" if rows[0].way == OURS else ABSENT
 
 
 def _share(rows: Sequence[Row]) -> str:
     """What ours takes at the same dB, between its own points."""
     figures = rows[0].figures
-    return f"{figures['bytes_ours'] / figures['bytes']:.0%}" if "bytes_ours" in figures else "–"
+    return f"{figures['bytes_ours'] / figures['bytes']:.0%}" if "bytes_ours" in figures else ABSENT
 
 
-def _is_usual(row: Row) -> bool:
-    return row.way != OURS or abs(row.setting["qp"]) <= USUAL_QP
+def _in_short(way: str, qp: float | None = None) -> Cell:
+    """KB and dB of a way's first row, or of that at Q_g, and what ours takes for as many dB."""
+
+    def cell(rows: Sequence[Row]) -> str:
+        chosen = [row for row in rows if row.way == way and qp in (None, row.setting["qp"])][:1]
+        if not chosen:
+            return ABSENT
+        size, level, share = mean("bytes", kilobytes)(chosen), _DB(chosen), _share(chosen)
+        return f"{size} KB, {level} dB" + (f" (ours {share})" if share != ABSENT else "")
+
+    return cell
 
 
+_DB = mean("psnr_decoded_raw", decibels)
 _POINTS = Listing(
     "free",
     {
         "format": said("way"), "Q_g": _setting, "KB": mean("bytes", kilobytes), "bytes a Gaussian": _each,
-        "dB to its source": mean("psnr_decoded_raw", decibels), "ours at that dB": _share,
+        "dB to its source": _DB, "ours at that dB": _share,
     },
     sections="subject",
+)  # fmt: skip
+
+_SCENES = Listing(
+    "free",
+    {"Gaussians": said("subject"), f"{OURS}, Q_g 0": _in_short(OURS, 0.0), f"{OURS}, Q_g 6": _in_short(OURS, 6.0),
+     **{name: _in_short(name) for name in ("SPZ v4", "SOG", "compressed PLY")}},
+    by=("subject",),
 )  # fmt: skip
 
 FREE = Study(
     "Gaussians of no pixels",
     free_rows,
-    {"free": _POINTS, "free in short": replace(_POINTS, wanted=_is_usual)},
+    {"free": _POINTS, "free in short": _SCENES},
     {"free": Chart("free", "Gaussians of no pixels: bytes against dB to their source, by format",
                    Axis("bytes", "KB", unit=1e-3), Axis("psnr_decoded_raw", "dB, decoded to raw", most=MOST_DB),
                    panel="subject")},
