@@ -91,6 +91,15 @@ def nested_table(rows: Sequence[Row]) -> str:
     return format_table(["scene", *(f"nearest {count} photos, dB" for count in NESTED)], lines)
 
 
+def nested_summary(rows: Sequence[Row]) -> str:
+    """A line per group: means over scenes."""
+    lines = []
+    for identity, members in groups_of([row for row in rows if row.study == STUDY and "nested" in row.figures]):
+        found = mean_of_scenes(members)["nested"]
+        lines.append([f"windows of {identity['views']}", *(decibels(found.get(str(count))) for count in NESTED)])
+    return format_table(["", *(f"nearest {count}, dB" for count in NESTED)], lines) if lines else ""
+
+
 def refined_table(rows: Sequence[Row]) -> str:
     """dB at held-out photos before and after refinement, by scene; empty where nothing was refined."""
     rows = [row for row in rows if "refined" in row.figures]
@@ -190,6 +199,7 @@ QUALITY = Study(
         "quality": lambda rows: _tables(rows, lambda members: group_table(members, _has_lpips(members))),
         "zoom summary": zoom_summary,
         "zoom": lambda rows: _tables(rows, zoom_table),
+        "nested summary": nested_summary,
         "nested": lambda rows: _tables(rows, nested_table),
         "refined summary": refined_summary,
         "refined": lambda rows: _tables(rows, refined_table),
