@@ -155,13 +155,13 @@ def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch)
     for name, taken in (("edge", True), ("sweep", False)):
         graph, session = exact_graph(scene)
         monkeypatch.setitem(runtime.store._graphs, name, graph)
-        monkeypatch.setattr(api, "LARGE_PIXELS", 100 * 100)
+        monkeypatch.setattr(enlarge, "LARGE_PIXELS", 100 * 100)
         monkeypatch.setattr(Enlarger, "of", classmethod(lambda cls, g: cls(g, ("edge",), 48 * 60, 16)))
         assert runtime.predict(Photos(), name).opacities.shape == scene.depth.shape  # type: ignore[arg-type]
         assert (session.size == (48, 60)) == taken
         runtime.predict(Photos(), name, whole=True)  # type: ignore[arg-type]
         assert session.size == (120, 152)
-        monkeypatch.setattr(api, "LARGE_PIXELS", 120 * 150)
+        monkeypatch.setattr(enlarge, "LARGE_PIXELS", 120 * 150)
         runtime.predict(Photos(), name)  # type: ignore[arg-type]
         assert session.size == (120, 152)
 
