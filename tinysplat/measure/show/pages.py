@@ -86,7 +86,7 @@ def _draw_overview(path: Path, rows: Sequence[Row]) -> bool:
     panels = [
         replace(chart.panels(rows)[0], title=chart.title)
         for chart in charts
-        if chart.x.key == "seconds" and chart.panels(rows)
+        if chart.x.key == "seconds" and chart.curve and chart.panels(rows)  # labels of single points would overlap
     ]
     if panels:
         save_grid(path, "Error against run time", [panels[i : i + 3] for i in range(0, len(panels), 3)][:2])
