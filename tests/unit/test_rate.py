@@ -13,7 +13,7 @@ from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.codec.quantise import choose_code_map
-from tinysplat_runtime.codec.rate import ChannelModel, _next_qp, _slope, _solve, encode_to_psnr, encode_to_size
+from tinysplat_runtime.codec.rate import ChannelModel, _slope, _solve, encode_to_psnr, encode_to_size, next_qp
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
 from tinysplat_runtime.render import DEFINITION, renderer
@@ -180,12 +180,12 @@ def test_the_slope_is_that_of_the_two_latest_files_within_a_factor_of_two():
 
 
 def test_the_next_file_lies_between_its_neighbours_or_along_the_slope():
-    assert _next_qp([(2.0, 40.0)], 37.0, 0.5) == pytest.approx(8.0)
-    assert _next_qp([(2.0, 40.0), (4.0, 39.0)], 38.0, 0.5) == pytest.approx(6.0)
-    assert _next_qp([(2.0, 36.0)], 37.0, 0.5) == pytest.approx(0.0)
-    assert _next_qp([(0.0, 42.0), (2.0, 40.0), (8.0, 34.0), (6.0, 37.0)], 39.0, 0.5) == pytest.approx(2 + 4 / 3)
-    assert _next_qp([(2.0, 40.0), (6.0, 30.0)], 39.99, 0.5) == pytest.approx(2.4)  # not at the very end
-    assert _next_qp([(2.0, 40.0), (6.0, 30.0)], 30.01, 0.5) == pytest.approx(5.6)
+    assert next_qp([(2.0, 40.0)], 37.0, 0.5) == pytest.approx(8.0)
+    assert next_qp([(2.0, 40.0), (4.0, 39.0)], 38.0, 0.5) == pytest.approx(6.0)
+    assert next_qp([(2.0, 36.0)], 37.0, 0.5) == pytest.approx(0.0)
+    assert next_qp([(0.0, 42.0), (2.0, 40.0), (8.0, 34.0), (6.0, 37.0)], 39.0, 0.5) == pytest.approx(2 + 4 / 3)
+    assert next_qp([(2.0, 40.0), (6.0, 30.0)], 39.99, 0.5) == pytest.approx(2.4)  # not at the very end
+    assert next_qp([(2.0, 40.0), (6.0, 30.0)], 30.01, 0.5) == pytest.approx(5.6)
 
 
 def test_a_falling_function_s_zero_is_found_or_the_nearer_end():

@@ -106,7 +106,7 @@ def encode_to_psnr(encoder: SceneEncoder, target: float, measure: Callable[[byte
         nearest = min(nearest, found, key=lambda db: abs(db - target))
         seen.append((qp, found))
         slope = _slope(seen, slope)
-        following = min(max(_next_qp(seen, aim, slope), -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
+        following = min(max(next_qp(seen, aim, slope), -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
         if following == qp:
             break
         # Once near, steps alone change: what else follows from Q_g (components kept, depth layers) could jump.
@@ -125,8 +125,15 @@ def _slope(seen: Sequence[tuple[float, float]], before: float) -> float:
     return min(max(found, _DB_PER_QP / 2), _DB_PER_QP * 2)
 
 
-def _next_qp(seen: Sequence[tuple[float, float]], aim: float, slope: float) -> float:
-    """Where to look next: between the nearest files on either side, or along the slope where all lie on one."""
+def next_qp(seen: Sequence[tuple[float, float]], aim: float, slope: float) -> float:
+    """Where to look next, of a score that falls with Q_g: between the nearest files on either side, or along the slope
+    where all lie on one.
+
+    Args:
+        seen: Q_g and score of files, latest last.
+        aim: score wanted.
+        slope: lost per Q_g.
+    """
     above = [(qp, db) for qp, db in seen if db >= aim]
     below = [(qp, db) for qp, db in seen if db < aim]
     if not above or not below:

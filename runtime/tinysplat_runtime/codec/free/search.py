@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ...errors import InputError
 from ..encoder import MAX_GLOBAL_QP
-from ..rate import PSNR_TOLERANCE, SIZE_TOLERANCE
+from ..rate import PSNR_TOLERANCE, SIZE_TOLERANCE, next_qp
 from .encoder import FreeEncoder
 
 _TRIALS = 14
@@ -39,8 +39,7 @@ def _seek(
 ) -> tuple[bytes, bool]:
     """A file whose score, which falls with Q_g by about `slope`, lies from low to high; else the nearest one tried."""
     aim, qp = (low + high) / 2, 0.0
-    above: tuple[float, float] | None = None
-    below: tuple[float, float] | None = None
+    seen: list[tuple[float, float]] = []
     best, nearest = b"", math.inf
     for _ in range(_TRIALS):
         data = code(qp)
@@ -49,16 +48,8 @@ def _seek(
             return data, True
         if abs(found - aim) < nearest:
             best, nearest = data, abs(found - aim)
-        if found > aim:
-            above = qp, found
-        else:
-            below = qp, found
-        if above and below:
-            share = (above[1] - aim) / (above[1] - below[1])
-            following = above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
-        else:
-            following = qp + (found - aim) / slope
-        following = min(max(following, -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
+        seen.append((qp, found))
+        following = min(max(next_qp(seen, aim, slope), -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
         if following == qp:
             break
         qp = following
