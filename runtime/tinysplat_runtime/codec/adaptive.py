@@ -210,7 +210,7 @@ def adaptive_plan(
     is_too_fine = depth.step < _WORTH_TWO_PICTURES * finest
     coded = replace(depth, step=depth.step * COARSE_DEPTH) if is_too_fine else depth
     opacity = _channels(layer, PlaneClass.OPACITY, steps[PlaneClass.OPACITY] * scale, settings)
-    color_step = steps[PlaneClass.COLOR] * scale
+    components = sum(channel.plane_class == PlaneClass.COLOR for channel in known)
     return LayerPlan(
         tuple(sorted([coded, *opacity, *known], key=lambda channel: channel.plane_class)),
         layer.layer.degree,
@@ -219,7 +219,7 @@ def adaptive_plan(
         refine_depth=depth.step if is_too_fine else None,
         reference_quats=layer.reference_quats.astype(np.float32),
         scale_mix=layer.scale_mix,
-        reduction=_truncated(layer, _components(layer.energies, color_step, settings)),
+        reduction=_truncated(layer, components),
     )
 
 

@@ -121,7 +121,7 @@ class Part:
             sh=np.ascontiguousarray(np.moveaxis(rows["sh"], 0, -1)),
             quats=rows["quats"],
             scales=rows["scales"],
-            own_pixels=None if self.photo is None else own_pixels(rows["means"], self.origin, self.photo),
+            own_pixels=replace(self, rows=rows).own_pixels(),
             view=self.view,
         )
 
