@@ -42,68 +42,17 @@ COMPARISONS = ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt", "Lt_Gt", "Gt_Lt", "LtE_Gt
 OTHERS = ("AddNot", "NumberReplacer", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceFalseWithTrue",
           "ReplaceTrueWithFalse", "ReplaceUnaryOperator_USub_UAdd", "ZeroIterationForLoop")  # fmt: skip
 
-NEAREST: dict[str, str] = {
-    "container/bounds.py": "bounds container",
-    "container/extras.py": "bounds container lossless",
-    "container/layout.py": "container bounds",
-    "container/reader.py": "bounds container progressive",
-    "container/records.py": "bounds container progressive",
-    "container/sections.py": "bounds container progressive",
-    "container/writer.py": "bounds container progressive",
-    "codec/adaptive.py": "attribute_errors allocation seen",
-    "codec/analysis.py": "analysis attribute_errors conditioning",
-    "codec/basis.py": "basis attribute_errors",
-    "codec/encoder.py": "quantise attribute_errors modes allocation",
-    "codec/exact.py": "lossless attribute_errors",
-    "codec/layers.py": "progressive partial attribute_errors",
-    "codec/missing.py": "partial progressive",
-    "codec/modes/hybrid.py": "modes attribute_errors",
-    "codec/modes/lossless.py": "lossless attribute_errors",
-    "codec/modes/photos.py": "modes",
-    "codec/one_colour.py": "seen",
-    "codec/paper.py": "attribute_errors",
-    "codec/photos.py": "modes",
-    "codec/planning.py": "attribute_errors allocation",
-    "codec/quantise.py": "quantise attribute_errors",
-    "codec/rate.py": "rate",
-    "codec/recode.py": "like recycling",
-    "codec/residual.py": "lossless modes attribute_errors",
-    "codec/synthesis.py": "synthesis attribute_errors",
-    "codec/depth_step/allocation.py": "allocation",
-    "codec/depth_step/blocks.py": "blocks allocation",
-    "codec/depth_step/contrast.py": "contrast",
-    "codec/depth_step/probe.py": "allocation",
-    "gaussian/editing.py": "editing",
-    "gaussian/footprints.py": "footprints render_dilation",
-    "gaussian/quaternions.py": "algebra",
-    "gaussian/sh.py": "algebra",
-    "render/composite.py": "render_definition render_near render_extremes",
-    "render/near.py": "render_near",
-    "render/paths.py": "render_paths",
-    "render/prepare.py": "render_definition render_dilation render_extremes",
-    "render/project.py": "render_definition render_dilation render_extremes",
-    "render/tiles.py": "render_definition render_extremes",
-    "scene/cameras.py": "cameras scenes",
-    "scene/lenses.py": "intake",
-    "scene/look.py": "look",
-    "scene/viewchoice.py": "viewchoice",
-    "scene/intake/colmap.py": "intake",
-    "scene/intake/colmap_binary.py": "intake",
-    "scene/intake/depths.py": "intake",
-    "scene/intake/llff.py": "intake",
-    "scene/intake/nerfstudio.py": "intake",
-    "scene/intake/realestate.py": "intake",
-    "formats/compressed_ply.py": "compressed_ply",
-    "formats/gltf_reader.py": "gltf",
-    "formats/palette.py": "sog",
-    "formats/ply.py": "ply interchange",
-    "formats/sog.py": "sog",
-    "formats/splat.py": "splat",
-    "formats/spz.py": "spz",
-    "formats/spz_streams.py": "spz",
-    "system/blas.py": "blas",
-}
-"""The modules that are tried, and the files of tests/unit that are nearest to each."""
+
+def nearest_tests(module: str) -> list[str]:
+    """The tests of a module of the runtime, `room/module.py`: the file of its name first, then the rest of its room."""
+    room, own = Path("tests", Path(module).parts[0]), Path(module).stem
+    return [*(str(path) for path in sorted(room.glob(f"test_{own}.py"))), str(room)]
+
+
+def modules() -> list[str]:
+    """The modules that are tried: those of every room that has tests."""
+    found = (path.relative_to(RUNTIME) for path in sorted((ROOT / RUNTIME).rglob("*.py")))
+    return [str(path) for path in found if (ROOT / "tests" / path.parts[0]).is_dir() and path.stem != "__init__"]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -152,8 +101,8 @@ def _operators() -> list[str]:
 
 def _sample(rooms: tuple[str, ...], count: int) -> list[WorkItem]:
     """The first `count` mutants by hash, of the rooms asked for."""
-    modules = [module for module in NEAREST if not rooms or module.startswith(rooms)]
-    items = [item for module in modules for item in _mutants(module)]
+    chosen = [module for module in modules() if not rooms or module.startswith(rooms)]
+    items = [item for module in chosen for item in _mutants(module)]
     return sorted(items, key=lambda item: sha256(item.job_id.encode()).digest())[:count]
 
 
@@ -182,7 +131,7 @@ def _place(mutation: MutationSpec) -> str:
 
 
 def _command(mutation: MutationSpec) -> str:
-    tests = [f"tests/unit/test_{name}.py" for name in NEAREST[_module(mutation)].split()]
+    tests = nearest_tests(_module(mutation))
     return shlex.join([sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests])
 
 

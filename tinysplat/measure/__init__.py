@@ -6,5 +6,5 @@
     on top     studies/, one question each; none imports another
 
 Networks, rasteriser, reference, export and runtime never import this package, and it uses no private name of theirs
-(`tests/unit/test_import_rules.py`).
+(`tests/project/test_import_rules.py`).
 """

@@ -1,5 +1,5 @@
 """How much do the transforms lose to rounding, at the ends? Errors of plain float32, of what ships, and of float64,
-against 50 digits of mpmath, each row with the bound that it must keep (`tests/unit/test_conditioning.py`). Error
+against 50 digits of mpmath, each row with the bound that it must keep (`tests/measure/test_conditioning.py`). Error
 against run time is the study `transforms`.
 """
 
