@@ -63,7 +63,19 @@ CONSTANT, INTRA = 0, 1
 STREAM = struct.Struct("<II")
 """Length and CRC-32 of one picture's slice; per view, behind a channel coded INTRA."""
 
+UNITS = b"UNIT"
+VIEW = b"VIEW"
+"""Sections of a file whose views are units: the order of a view's pictures, and each view."""
 
-MAX_SECTIONS = 4096
+UNITS_FIXED = struct.Struct("<HH")
+"""pictures of a view, reserved (0)."""
+
+UNIT_PICTURE = struct.Struct("<BB")
+"""layer and record of a picture, in the order in which a view's pictures stand."""
+
+VIEW_HEAD = struct.Struct("<I")
+"""CRC-32 of the head behind it: by layer INTRINSICS and REFERENCE_QUAT as its flags say, then by picture STREAM."""
+
+MAX_SECTIONS = 8192
 MAX_SIDE = 1 << 16
 MAX_CHANNELS = 256
