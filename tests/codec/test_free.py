@@ -158,6 +158,54 @@ def test_extreme_gaussians_come_back_finite_and_near(case, qp):
     assert np.median(np.abs(logs[0] - logs[1])) < 0.5
 
 
+def _with(name: str, number: float, factor: float = 1.0) -> Gaussians:
+    """A cloud whose sixth Gaussian has one number of this size, and all others that factor."""
+    gaussians = cloud(300)
+    array = getattr(gaussians, name) * np.float32(factor)
+    array.reshape(300, -1)[5, 0] = number
+    return replace(gaussians, **{name: array})
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "factor"),
+    [("means", 1e29, 1e29), ("means", 1e28, 1), ("means", 2e30, 1), ("scales", 2e30, 1), ("scales", 1e30, 2e30),
+     ("sh", 2e30, 1), ("sh", 1e30, 1e30), ("sh", -3e38, 1)],
+)  # fmt: skip
+def test_what_no_reader_would_take_is_refused_by_its_name(name, number, factor):
+    with pytest.raises(InputError, match=rf"^{name}: (positions can decode to more|numbers of up to .*1e\+30)"):
+        coded(_with(name, number, factor))
+
+
+@pytest.mark.parametrize("number", [1e6, -1e25, 9e29])
+@pytest.mark.parametrize("qp", [0.0, 30.0, -30.0])
+def test_one_number_beyond_all_others_does_not_spoil_them(number, qp):
+    def error(gaussians):
+        decoded = ts.decompress(coded(gaussians, qp))
+        distances = np.linalg.norm(decoded.means[:, None] - gaussians.means[None], axis=-1)
+        return np.median(np.abs(decoded.sh - gaussians.sh[distances.argmin(axis=1)]))
+
+    assert error(_with("sh", number)) <= 1.3 * error(cloud(300))
+
+
+def test_so_many_equal_gaussians_that_no_byte_pays_for_them_are_refused():
+    many = taken(cloud(2), np.zeros(300_000, int))
+    with pytest.raises(InputError, match=r"qp: 300000 Gaussians come to \d+ bytes, which stand for 256 each at most"):
+        coded(many)
+
+
+def test_limits_of_what_is_coded():
+    """Cells no wider than a quarter of the bulk, however few or coarse; at most seven classes; e^69 and no more."""
+    few = cloud(30)
+    grid, cells = _grid_of(few.means.astype(np.float64), 100.0)
+    assert grid.cell == 0.25 and len(np.unique(cells, axis=0)) > 8
+    scene = read_container(coded(cloud(700))).free
+    assert scene is not None and all(len(order.gains) == 7 for order in scene.orders)
+    assert expanded(np.array([1e9, -1e9]), 0.0).tolist() == [69, -69]
+    ones = np.ones(1)
+    wild = Columns(ones, 1e3 * ones, 1e3 * ones, 1e3 * ones, np.zeros((1, 3)), np.zeros((1, 3)))
+    np.testing.assert_allclose(from_columns(wild)["scales"][0], np.exp([69.0, 69.0, 69.0]), rtol=1e-6)
+
+
 def test_gaussians_that_nothing_shows_are_left_out():
     gaussians = cloud(60)
     opacities = np.where(np.arange(60) < 20, 0.99 * LEAST_OPACITY, LEAST_OPACITY * 1.01).astype(np.float32)

@@ -126,6 +126,23 @@ def test_orders_without_gains_and_thresholds_that_fall_are_refused(seed: Seed) -
         read_container(changed(seed, FREE, no_gains))
 
 
+@pytest.mark.parametrize(("number", "found"), [(32, ""), (33, "33 gains, at most 32")])
+def test_an_order_has_at_most_32_gains(seed: Seed, number: int, found: str) -> None:
+    at = _places(seed)["orders"]
+
+    def gains(data: bytearray) -> None:
+        (count,) = np.frombuffer(data, "<u2", 1, at + 2)
+        more = np.ones(number - int(count), "<f4").tobytes()
+        data[at + 2 : at + 4] = np.array(number, "<u2").tobytes()
+        data[at + 4 : at + 4] = more
+
+    if not found:
+        assert read_container(changed(seed, FREE, gains)).free is not None
+        return
+    with pytest.raises(FormatError, match=found):
+        read_container(changed(seed, FREE, gains))
+
+
 def test_views_and_layers_have_no_place_beside_them(seed: Seed) -> None:
     for at in (0, 2):
         with pytest.raises(FormatError, match="of Gaussians without pixels"):
@@ -145,6 +162,27 @@ def test_numbers_that_are_in_range_each_but_overflow_together_are_refused(seed: 
 def test_altered_positions_are_refused_by_their_checksum(seed: Seed) -> None:
     with pytest.raises(FormatError, match="stream 0 of the positions was altered"):
         read_container(changed(seed, b"FREP", lambda data: data.__setitem__(3, data[3] ^ 1)))
+
+
+def test_bytes_behind_the_streams_of_positions_are_refused(seed: Seed) -> None:
+    with pytest.raises(FormatError, match=r"\d+ bytes of positions, \d+ announced"):
+        read_container(changed(seed, b"FREP", lambda data: data.append(0)))
+
+
+@pytest.mark.parametrize(("count", "is_paid"), [(1, True), (256, True), (257, False), (9000, False)])
+def test_a_byte_of_a_file_stands_for_256_gaussians_at_most(count: int, is_paid: bool, seed: Seed) -> None:
+    """Equal Gaussians in one place take next to no bytes, but memory as any others do."""
+    at = sum(len(part.data) for part in seed.parts)
+    data = changed(seed, FREE, field(0, "<u4", count * at))
+    found = "points, announced" if is_paid else f"the file's bytes stand for {256 * at} at most"
+    with pytest.raises(FormatError, match=found):
+        ts.decompress(data)
+
+
+def test_memory_is_counted_as_the_page_has_it() -> None:
+    """By hand: 4·(11 + d) of Gaussians, 2·(7 + k) of codes, 8·(16 + k) of numbers, 64 of the octree."""
+    assert decoding_bytes(1000, 0, 0) == 1000 * (4 * 14 + 2 * 7 + 8 * 16 + 64)
+    assert decoding_bytes(10, 3, 20) == 10 * (4 * 59 + 2 * 27 + 8 * 36 + 64)
 
 
 def test_a_file_cut_at_any_byte_is_refused(seed: Seed) -> None:

@@ -38,6 +38,10 @@ MAX_CLASSES = 32
 MAX_EXPONENT = 69.0
 """Largest logarithm of a scale, and of a contracted coordinate: e⁶⁹ is 9e29."""
 
+MAX_PER_BYTE = 256
+"""Gaussians that a byte of a file may stand for, so that memory is paid for. Coded ones take a byte and more at any
+useful quality; only equal ones in one place could take next to none."""
+
 COUNT = struct.Struct("<H")
 CENTRE = struct.Struct("<f")
 
@@ -103,6 +107,8 @@ def read_free(sections: Sequence[Section], limits: Limits) -> FreeScene:
     cursor.require(
         1 <= count <= limits.max_pixels, f"{count} Gaussians, accepted are 1 to {limits.max_pixels} (--max-pixels)"
     )
+    paid = MAX_PER_BYTE * sum(len(section.data) for section in sections)
+    cursor.require(count <= paid, f"{count} Gaussians, the file's bytes stand for {paid} at most")
     cursor.require(k <= d, f"k = {k}, accepted are 0 to {d}")
     cursor.require(1 <= n_levels <= MAX_LEVELS, f"{n_levels} levels, accepted are 1 to {MAX_LEVELS}")
     cursor.require(n_channels == 7 + k, f"{n_channels} channels, expected {7 + k}")
@@ -121,7 +127,8 @@ def read_free(sections: Sequence[Section], limits: Limits) -> FreeScene:
     channels = _read_channels(cursor, n_channels, k)
     cursor.finish()
     scene = FreeScene(count, degree, grid, numbers[8], thresholds, orders, mean, basis, channels)
-    _check_ranges(scene, cursor)
+    found = range_fault(scene)
+    cursor.require(found is None, found[1] if found else "")
     return scene
 
 
@@ -136,11 +143,8 @@ def _read_grid(
 ) -> PointGrid:
     *centre, radius, cell, low_x, low_y, low_z = numbers
     low = np.array([low_x, low_y, low_z])
-    cursor.require(all(abs(x) <= MAX_DECODED for x in centre), f"centre {centre}, at most {MAX_DECODED:g} accepted")
-    cursor.require(0 < radius < MAX_DECODED and 0 < cell <= 1, f"radius {radius:g} or cell {cell:g} out of range")
-    reach = float(np.abs(low).max()) + cell * (1 << n_levels)
-    largest = radius * math.exp(min(reach, MAX_EXPONENT)) + max(map(abs, centre))
-    cursor.require(reach <= MAX_EXPONENT and largest <= MAX_DECODED, "positions can decode to more than 1e30")
+    found = _grid_fault(np.array(centre), radius, cell, low, n_levels)
+    cursor.require(not found, found)
     levels = np.frombuffer(cursor.take(4 * n_levels), "<u4").astype(np.int64)
     chain = np.array([*levels, leaves])
     fits = levels[0] == 1 and bool((np.diff(chain) >= 0).all()) and bool((chain[1:] <= 8 * chain[:-1]).all())
@@ -197,23 +201,40 @@ def _read_channels(cursor: Cursor, count: int, k: int) -> tuple[FreeChannel, ...
     return tuple(channels)
 
 
-def _check_ranges(scene: FreeScene, cursor: Cursor) -> None:
-    """Refuse a scene whose codes can decode to numbers that float32 does not hold."""
+def range_fault(scene: FreeScene) -> tuple[str, str] | None:
+    """Which attribute could decode, by some codes, to what float32 does not hold, and to what; None if none could."""
+    grid = scene.grid
+    if found := _grid_fault(grid.centre, grid.radius, grid.cell, grid.low, len(grid.levels)):
+        return "means", found
+    if not abs(scene.size_middle) <= MAX_EXPONENT:
+        return "scales", f"the middle size is e^{scene.size_middle:g}, accepted are e^±{MAX_EXPONENT:g}"
+    if not (np.isfinite(scene.mean).all() and np.isfinite(scene.basis).all()):
+        return "sh", "a number of mean or basis is not finite"
     reach = {(c.record.plane_class, c.record.target): _reach(scene, c) for c in scene.channels}
-    finite = abs(scene.size_middle) <= MAX_EXPONENT and bool(
-        np.isfinite(scene.mean).all() and np.isfinite(scene.basis).all()
-    )
-    cursor.require(finite, "a number is not finite")
     colours = np.array([reach[PlaneClass.COLOR, target] for target in range(scene.basis.shape[1])])
     sh = np.abs(scene.mean.astype(np.float64)) + np.abs(scene.basis.astype(np.float64)) @ colours
-    values = {
-        "sh": (float(sh.max()), MAX_DECODED),
-        "rotations": (max(reach[PlaneClass.ROTATION, target] for target in range(3)), 1e15),
-        "opacities": (reach[PlaneClass.OPACITY, 0], MAX_DECODED),
-        **{f"scales {target}": (reach[PlaneClass.SCALE, target], MAX_DECODED) for target in range(3)},
-    }
-    for name, (value, bound) in values.items():
-        cursor.require(value <= bound, f"{name} can decode to {value:.3g}, accepted is at most {bound:g}")
+    values = [
+        ("sh", "sh", float(sh.max()), MAX_DECODED),
+        ("quats", "rotations", max(reach[PlaneClass.ROTATION, target] for target in range(3)), 1e15),
+        ("opacities", "opacities", reach[PlaneClass.OPACITY, 0], MAX_DECODED),
+        *(("scales", f"scales {target}", reach[PlaneClass.SCALE, target], MAX_DECODED) for target in range(3)),
+    ]
+    for attribute, name, value, bound in values:
+        if not value <= bound:
+            return attribute, f"{name} can decode to {value:.3g}, accepted is at most {bound:g}"
+    return None
+
+
+def _grid_fault(centre: NDArray, radius: float, cell: float, low: NDArray, levels: int) -> str:
+    """What is wrong with a grid's numbers, or nothing."""
+    if not (np.abs(centre) <= MAX_DECODED).all():
+        return f"centre {centre.tolist()}, at most {MAX_DECODED:g} accepted"
+    if not (0 < radius < MAX_DECODED and 0 < cell <= 1):
+        return f"radius {radius:g} or cell {cell:g} out of range"
+    reach = float(np.abs(low).max()) + cell * (1 << levels)
+    if not (reach <= MAX_EXPONENT and radius * math.exp(reach) + float(np.abs(centre).max()) <= MAX_DECODED):
+        return "positions can decode to more than 1e30"
+    return ""
 
 
 def _reach(scene: FreeScene, channel: FreeChannel) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import DETERMINING, MAX_LEVELS, free_sections, order_of
+from ...container.free import DETERMINING, MAX_LEVELS, MAX_PER_BYTE, free_sections, order_of, range_fault
 from ...container.records import ChannelRecord, FreeChannel, FreeScene, PointGrid
 from ...container.writer import write_container
 from ...errors import InputError
@@ -54,6 +54,13 @@ SPACING = 0.5
 
 MAX_CELL = 0.25
 
+MAX_VALUE = 1e30
+"""Largest number of a mean, a scale or an SH coefficient that is looked at: as large as a decoded one may be."""
+
+BRIGHTEST = 32.0
+"""SH coefficients are cut at so many times the spread of all but a hundredth of them, or at this number if that is
+more: what few exceed it would be white anyway, and take the first principal components from all others."""
+
 FLAT_SHARE = 0.12
 """Standard deviation, in steps, below which a channel is stored as a number."""
 
@@ -80,9 +87,10 @@ class FreeEncoder:
         """Leave out what no renderer shows.
 
         Raises:
-            InputError: that is all of them.
+            InputError: that is all of them; or numbers beyond what a file can hold.
         """
         flat = gaussians.flat()
+        _check_values(flat)
         self._gaussians = _selected(flat, np.flatnonzero(flat.opacities >= LEAST_OPACITY))
         self.notes = gaussians.notes
         self.profile, self._threads, self._stats = profile, threads, stats
@@ -90,13 +98,21 @@ class FreeEncoder:
         self._settings = replace(profile.encoder, block_qps=False)
 
     def code(self, qp: float) -> bytes:
-        """The file at Q_g; InputError for one beyond ±60."""
+        """The file at Q_g.
+
+        Raises:
+            InputError: Q_g is beyond ±60, or a reader would refuse the file: numbers too large for it, or so many equal
+                Gaussians that its bytes do not pay for them.
+        """
         check_qp(qp)
         factor = 2 ** (qp / 6)
         with self._stats.watch.stage("sort"):
             grid, columns, count = self._points(factor)
         with self._stats.watch.stage("x265"):
             scene, coded = _code_columns(columns, grid, count, factor, self._settings, self._threads)
+        fault = range_fault(scene)
+        if fault is not None:
+            raise InputError(fault[1], where=fault[0])
         payloads = {
             (c.channel.record.plane_class, c.channel.record.target): c.payload for c in coded if c.payload is not None
         }
@@ -104,7 +120,11 @@ class FreeEncoder:
         with self._stats.watch.stage("write"):
             sections = free_sections(scene, payloads, next(iter(sets), b""))
             origin = self._gaussians.origin
-            return write_container([], (), origin, self.profile.name, qp, sections, notes=self.notes)
+            data = write_container([], (), origin, self.profile.name, qp, sections, notes=self.notes)
+        if count > MAX_PER_BYTE * len(data):
+            found = f"{count} Gaussians come to {len(data)} bytes, which stand for {MAX_PER_BYTE} each at most"
+            raise InputError(found, where="qp")
+        return data
 
     def _points(self, factor: float) -> tuple[PointGrid, Columns, int]:
         """The positions, coded, and the channels of the Gaussians along the curve."""
@@ -115,6 +135,13 @@ class FreeEncoder:
         points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
         grid = replace(grid, levels=points.levels, leaves=points.leaves, escapes=points.escapes, streams=points.streams)
         return grid, to_columns(_selected(self._gaussians, order)), len(order)
+
+
+def _check_values(gaussians: Gaussians) -> None:
+    for name in ("means", "scales", "sh"):
+        largest = float(np.abs(getattr(gaussians, name)).max())
+        if largest > MAX_VALUE:
+            raise InputError(f"numbers of up to {largest:.3g}, accepted is at most {MAX_VALUE:g}", where=name)
 
 
 def _selected(gaussians: Gaussians, rows: NDArray) -> Gaussians:
@@ -196,11 +223,13 @@ def _code_channel(
     centre = 0.0 if plane_class == PlaneClass.COLOR else float(np.float32(values.mean()))
     numbers = ((values - centre) / order.gains).astype(np.float32)
     low, high, mean = float(numbers.min()), float(numbers.max()), float(numbers.mean(dtype=np.float64))
-    if numbers.std(dtype=np.float64) <= FLAT_SHARE * step or not high > low:
+    is_flat = numbers.std(dtype=np.float64) <= FLAT_SHARE * step or not high > low
+    if not is_flat:
+        low, high = without_outliers(numbers, low, high, step)
+    if is_flat or not high > low:  # a range far from zero can vanish in rounding
         record = ChannelRecord(plane_class, target, 0, 0.0, float(np.float32(mean)))
         channel = FreeChannel(record, centre)
         return _Coded(channel, None, b"", channel_values(channel, None, order))
-    low, high = without_outliers(numbers, low, high, step)
     code_map = choose_code_map(low, high, mean, step)
     codes, _ = code_map.quantise(to_plane(order.sorted(numbers)))
     coded = encode_plane(codes, code_map.qp, settings)
@@ -239,6 +268,10 @@ def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArr
     """
     every = -(-len(sh) // _SAMPLE)
     sample, weights = sh[::every].astype(np.float64), np.square(1 / gains[::every])
+    middle = np.median(sample, axis=0)
+    most = BRIGHTEST * np.maximum(np.percentile(np.abs(sample - middle), 99, axis=0), 1)
+    low, high = middle - most, middle + most
+    sample = sample.clip(low, high)
     mean = (np.einsum("nd,n->d", sample, weights) / weights.sum()).astype(np.float32)
     centred = sample - mean
     moment = product((centred * weights[:, None]).T, centred) / len(sample)
@@ -250,5 +283,8 @@ def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArr
     basis = (chosen * signs).astype(np.float16)
     wide = basis.astype(np.float64)
     projection = np.linalg.solve(product(wide.T, wide), wide.T).T if k else wide
-    parts = [product(sh[i : i + _ROWS] - mean.astype(np.float64), projection) for i in range(0, len(sh), _ROWS)]
+    parts = [
+        product(sh[i : i + _ROWS].clip(low, high) - mean.astype(np.float64), projection)
+        for i in range(0, len(sh), _ROWS)
+    ]
     return mean, basis, list(np.concatenate(parts).T)
