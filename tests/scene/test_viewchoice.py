@@ -7,7 +7,8 @@ import pytest
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.viewchoice import _best_addition, _pair_values, _points, _sees, choose_views
+from tinysplat_runtime.scene.frusta import points_seen, sees
+from tinysplat_runtime.scene.viewchoice import _best_addition, _pair_values, choose_views
 
 K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
 
@@ -64,7 +65,7 @@ def test_photos_of_one_place_are_refused() -> None:
 
 def test_points_lie_in_the_middle_of_a_picture_s_cells_on_planes_of_even_inverse_depth() -> None:
     camera = camera_at(0.7, turn=0.4)
-    local = (_points(camera, 2.0, 6.0) - camera.centre) @ camera.c2w[:3, :3]
+    local = (points_seen(camera, 2.0, 6.0) - camera.centre) @ camera.c2w[:3, :3]
     assert sorted(set(np.round(local[:, 2], 9))) == [2.0, 3.0, 6.0]
     for z in (2.0, 3.0, 6.0):
         u, v = (local[np.isclose(local[:, 2], z), :2] * 100 / z + [64, 48]).T
@@ -82,16 +83,16 @@ def test_a_camera_sees_its_picture_from_half_of_near_to_twice_far() -> None:
     seen = [point(0.1, 0.1, 3), point(127.9, 95.9, 3), point(64, 48, 1.01), point(64, 48, 11.9)]
     unseen = [point(-0.1, 48, 3), point(128.1, 48, 3), point(64, -0.1, 3), point(64, 96.1, 3), point(64, 48, 0.99),
               point(64, 48, 12.1), point(64, 48, -3)]  # fmt: skip
-    assert _sees(camera, np.array(seen), 2.0, 6.0).all()
-    assert not _sees(camera, np.array(unseen), 2.0, 6.0).any()
+    assert sees(camera, np.array(seen), 2.0, 6.0).all()
+    assert not sees(camera, np.array(unseen), 2.0, 6.0).any()
 
 
 def test_pairs_are_worth_what_their_rays_angles_are() -> None:
     """Nothing at 0.1 and 35 degrees, everything from 3 to 10, straight lines between."""
     cameras = [camera_at(0.0), camera_at(0.05), camera_at(0.3, -0.05), camera_at(2.0, -0.5)]
-    points = np.concatenate([_points(camera, 2.0, 6.0) for camera in cameras])
+    points = np.concatenate([points_seen(camera, 2.0, 6.0) for camera in cameras])
     found = _pair_values(cameras, 2.0, 6.0)
-    seen = [_sees(camera, points, 2.0, 6.0) for camera in cameras]
+    seen = [sees(camera, points, 2.0, 6.0) for camera in cameras]
     for i, j in np.ndindex(4, 4):
         a, b = points - cameras[i].centre, points - cameras[j].centre
         angles = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .cameras import Camera
+from .frusta import points_seen, sees
 
 GOOD_ANGLES = (3.0, 10.0)
 """Degrees between two rays to a point: baselines of 5 % to 17 % of the depth, where photos still look alike."""
@@ -24,9 +25,6 @@ MIN_ANGLE, MAX_ANGLE = 0.1, 35.0
 
 MAX_CANDIDATES = 64
 """More photos than these are thinned evenly in capture order first."""
-
-_GRID = (4, 3)  # columns and rows of points in each picture
-_DEPTHS = 3
 
 
 def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int) -> list[int]:
@@ -75,10 +73,10 @@ def _best_addition(values: NDArray, reached: NDArray, chosen: list[int], room: i
 
 def _pair_values(cameras: Sequence[Camera], near: float, far: float) -> NDArray:
     """(C, C, P) float32: what each pair is worth at each point, 0 where one of them does not see it."""
-    points = np.concatenate([_points(camera, near, far) for camera in cameras])  # (P, 3)
+    points = np.concatenate([points_seen(camera, near, far) for camera in cameras])  # (P, 3)
     rays = np.stack([points - camera.centre for camera in cameras])  # (C, P, 3)
     rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), 1e-30)
-    seen = np.stack([_sees(camera, points, near, far) for camera in cameras])  # (C, P)
+    seen = np.stack([sees(camera, points, near, far) for camera in cameras])  # (C, P)
     values = np.zeros((len(cameras), len(cameras), len(points)), np.float32)
     low, high = GOOD_ANGLES
     for i, (ray, visible) in enumerate(zip(rays, seen, strict=True)):
@@ -87,22 +85,3 @@ def _pair_values(cameras: Sequence[Camera], near: float, far: float) -> NDArray:
         worth = np.minimum(rise, fall).clip(0, 1)
         values[i] = worth * (seen & visible)
     return values
-
-
-def _points(camera: Camera, near: float, far: float) -> NDArray:
-    """(P, 3) world points on a few planes of even inverse depth through the picture."""
-    columns, rows = _GRID
-    u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
-    pixels = np.stack([u.ravel() * camera.width, v.ravel() * camera.height, np.ones(u.size)], axis=1)
-    rays = pixels @ np.linalg.inv(camera.K).T @ camera.rotation  # (P, 3), z = 1 in the camera
-    depths = 1 / np.linspace(1 / near, 1 / far, _DEPTHS)
-    return (camera.centre + rays * depths[:, None, None]).reshape(-1, 3)
-
-
-def _sees(camera: Camera, points: NDArray, near: float, far: float) -> NDArray:
-    """(P,) whether a point lies in the picture, and not far nearer or farther than the scene does."""
-    local = (points - camera.centre) @ camera.rotation.T
-    z = local[:, 2]
-    pixels = local @ camera.K.T
-    inside = ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:] * (camera.width, camera.height))).all(axis=1)
-    return inside & (z > near / 2) & (z < 2 * far)

@@ -1,0 +1,110 @@
+"""Groups become one scene: every view from the group that keeps it, whatever origins the groups have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import make_gaussians
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.graphs.predict import FAR_FROM_ORIGIN, Limits
+from tinysplat_runtime.graphs.walk import capture_groups, predict_groups
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.neighbours import Group
+from tinysplat_runtime.scene.scenes import Frame, Scene
+
+NEAR, FAR = 1.5, 8.0
+GROUPS = [Group((0, 1, 3), (0, 1)), Group((1, 2, 3), (2, 3))]
+
+
+def scene_of(count: int, *, spacing: float = 0.2, shift: float = 0.0) -> Scene:
+    """A row of cameras, without photos."""
+    frames = []
+    for v in range(count):
+        c2w = np.eye(4)
+        c2w[0, 3] = shift + spacing * v
+        frames.append(Frame(Camera([[12, 0, 6], [0, 12, 4], [0, 0, 1]], c2w, 12, 8), Path(f"{v}.png")))
+    return Scene(Path("capture"), tuple(frames), NEAR, FAR)
+
+
+def marked(scene: Scene, origin: np.ndarray | None = None) -> Gaussians:
+    """Gaussians of two layers, each view of whose means is its camera's x."""
+    made = make_gaussians(len(scene.frames), 8, 12, layers=2, seed=len(scene.frames))
+    origin = np.zeros(3) if origin is None else origin
+
+    def layer(one: Gaussians) -> Gaussians:
+        means = np.stack([np.full(one.means.shape[1:], c.centre[0] - origin[0]) for c in scene.cameras])
+        return replace(one, means=means, cameras=one.cameras, extra_layers=(), origin=origin)
+
+    behind = tuple(layer(one).with_cameras(one.cameras) for one in made.extra_layers)
+    return replace(layer(made), cameras=tuple(scene.cameras), extra_layers=behind)
+
+
+def counting(told: list[int]) -> Callable[[Iterable[Any], int, Callable[[], str]], Iterator[Any]]:
+    def show(items: Iterable[Any], total: int, note: Callable[[], str]) -> Iterator[Any]:
+        for item in items:
+            told.append(total)
+            yield item
+
+    return show
+
+
+def test_each_view_comes_from_the_group_that_keeps_it() -> None:
+    scene, made, told = scene_of(4), list[Gaussians](), list[int]()
+
+    def predict(part: Scene) -> Gaussians:
+        made.append(marked(part))
+        return made[-1]
+
+    joined = predict_groups(scene, GROUPS, predict, counting(told))
+    assert told == [4, 4, 4, 4] and len(made) == 2
+    assert joined.cameras == tuple(scene.cameras) and len(joined.layers) == 2
+    for n, layer in enumerate(joined.layers):
+        for view, (group, place) in enumerate([(0, 0), (0, 1), (1, 1), (1, 2)]):
+            for name in FIELDS:
+                np.testing.assert_array_equal(getattr(layer, name)[view], getattr(made[group].layers[n], name)[place])
+            assert layer.cameras[view] is made[group].layers[n].cameras[place]
+    Gaussians(**vars(joined))  # which checks
+
+
+def test_groups_far_away_get_one_origin() -> None:
+    shift = 10 * FAR_FROM_ORIGIN * NEAR
+    scene = scene_of(4, shift=shift)
+    joined = predict_groups(scene, GROUPS, lambda part: marked(part, part.cameras[0].centre), counting([]))
+    np.testing.assert_allclose(joined.origin, [shift + 0.3, 0, 0])
+    found = joined.means[:, 0, 0, 0] + joined.origin[0]
+    np.testing.assert_allclose(found, [camera.centre[0] for camera in scene.cameras], atol=1e-5)
+
+
+def test_what_a_network_takes_at_once_is_one_group() -> None:
+    scene = scene_of(6)
+    (group,) = capture_groups(scene, Limits())
+    assert group.views == group.kept == tuple(range(6))
+    asked: list[Scene] = []
+
+    def predict(part: Scene) -> Gaussians:
+        asked.append(part)
+        return marked(part)
+
+    predict_groups(scene, [group], predict, counting([]))
+    assert asked[0] is scene
+
+
+@pytest.mark.parametrize("limits", [Limits(), Limits(2, 2), Limits(3, 3)])
+def test_more_are_groups_of_what_it_takes(limits: Limits) -> None:
+    groups = capture_groups(scene_of(9), limits)
+    assert sorted(v for group in groups for v in group.kept) == list(range(9))
+    assert all(limits.min_views <= len(group.views) <= min(limits.max_views, 4) for group in groups)
+
+
+def test_a_photo_without_partners_is_named() -> None:
+    scene = scene_of(8)
+    away = replace(scene.frames[3], camera=scene_of(1, shift=900).cameras[0])
+    with pytest.raises(InputError, match=r"photo 3 shows nothing that others do from another place; leave out"):
+        capture_groups(replace(scene, frames=(*scene.frames[:3], away, *scene.frames[4:])), Limits())

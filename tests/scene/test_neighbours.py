@@ -1,0 +1,123 @@
+"""Groups of neighbours: every photo kept once, beside partners about as near as there are, of its own place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.neighbours import COMMON, GROUP, LEAST_BASELINE, SUITS, Neighbours, grouped, view_places
+
+NEAR, FAR = 2.0, 6.0
+DEPTH = 3.0  # their harmonic mean
+K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
+
+
+def camera_at(x: float, y: float = 0.0, turn: float = 0.0) -> Camera:
+    """At (x, y, 0), turned by `turn` radians about y."""
+    c2w = np.eye(4)
+    c2w[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+    c2w[:2, 3] = x, y
+    return Camera(K, c2w, 128, 96)
+
+
+def found(cameras: list[Camera]) -> Neighbours:
+    return Neighbours.of(cameras, NEAR, FAR)
+
+
+def scattered(count: int, seed: int = 0) -> list[Camera]:
+    """On a wall of 4 by 4 units, looking about."""
+    rng = np.random.default_rng(seed)
+    return [camera_at(*rng.uniform(-2, 2, 2), turn=rng.uniform(-0.4, 0.4)) for _ in range(count)]
+
+
+def test_distance_counts_places_and_directions_alike() -> None:
+    places = view_places([camera_at(0), camera_at(0.3), camera_at(0, turn=0.1)], NEAR, FAR)
+    assert np.linalg.norm(places[0] - places[1]) == pytest.approx(0.3 / DEPTH)
+    assert np.linalg.norm(places[0] - places[2]) == pytest.approx(2 * np.sin(0.05))
+
+
+def test_partners_are_the_nearest_by_brute_force() -> None:
+    cameras = scattered(40)
+    places = view_places(cameras, NEAR, FAR)
+    for v, partners in enumerate(found(cameras).partners):
+        distance = np.linalg.norm(places - places[v], axis=1)
+        nearest = [int(u) for u in np.argsort(distance) if u != v][:12]
+        assert [u for u in nearest if u in partners] == list(partners)
+        assert partners[0] == nearest[0]
+
+
+@pytest.mark.parametrize(("count", "size"), [(7, 4), (24, 4), (25, 3), (60, 4), (24, 2)])
+def test_every_photo_is_kept_once_in_a_group_that_suits_it(count: int, size: int) -> None:
+    neighbours = found(scattered(count))
+    groups = grouped(neighbours, size)
+    assert sorted(v for group in groups for v in group.kept) == list(range(count))
+    assert groups == sorted(groups, key=lambda group: group.kept)
+    for group in groups:
+        assert 2 <= len(group.views) <= size and set(group.kept) <= set(group.views)
+        for v in group.kept:
+            assert neighbours.cost(v, group.views) <= SUITS * neighbours.cost(v, neighbours.own_group(v, size)) + 1e-12
+
+
+def test_groups_are_far_fewer_than_photos() -> None:
+    assert len(grouped(found(scattered(96)))) <= 40
+
+
+def test_a_photo_is_kept_where_its_partners_are_nearest() -> None:
+    neighbours = found(scattered(30))
+    groups = grouped(neighbours)
+    for group in groups:
+        for v in group.kept:
+            others = [neighbours.cost(v, other.views) for other in groups if v in other.views]
+            assert neighbours.cost(v, group.views) == min(others)
+
+
+def test_groups_depend_on_no_unit_and_no_order() -> None:
+    cameras = scattered(20)
+    tenfold = np.array([[1, 1, 1, 10]] * 3 + [[1, 1, 1, 1]])
+    larger = [Camera(c.K, tenfold * c.c2w, c.width, c.height) for c in cameras]
+    assert grouped(Neighbours.of(larger, 10 * NEAR, 10 * FAR)) == grouped(found(cameras))
+    order = np.random.default_rng(1).permutation(20)
+    shuffled = grouped(found([cameras[i] for i in order]))
+    assert {tuple(sorted(order[list(group.views)])) for group in shuffled} == {
+        group.views for group in grouped(found(cameras))
+    }
+
+
+def test_places_that_show_nothing_of_each_other_share_no_group() -> None:
+    here = [camera_at(0.2 * i) for i in range(5)]
+    there = [camera_at(0.2 * i, turn=np.pi) for i in range(3)]
+    neighbours = found([*here, *there])
+    assert neighbours.parts() == [[0, 1, 2, 3, 4], [5, 6, 7]]
+    for group in grouped(neighbours):
+        assert set(group.views) <= {0, 1, 2, 3, 4} or set(group.views) <= {5, 6, 7}
+
+
+def test_a_photo_of_another_place_is_in_no_group() -> None:
+    neighbours = found([*(camera_at(0.2 * i) for i in range(5)), camera_at(500.0)])
+    assert neighbours.parts() == [[0, 1, 2, 3, 4], [5]]
+    assert all(5 not in group.views for group in grouped(neighbours))
+
+
+def test_photos_from_one_place_are_no_partners() -> None:
+    twins = [camera_at(x, turn=turn) for x in (0.0, 0.3, 0.6, 0.9) for turn in (0.0, 0.01)]
+    neighbours = found([*twins, camera_at(0.3 + 0.5 * LEAST_BASELINE * DEPTH)])
+    for group in grouped(neighbours):
+        apart = neighbours.places[list(group.views), :3]
+        distance = np.linalg.norm(apart[:, None] - apart, axis=-1)[np.triu_indices(len(apart), 1)]
+        assert distance.min() >= LEAST_BASELINE
+    only_turned = found([camera_at(0.0, turn=0.05 * i) for i in range(8)])
+    assert not any(only_turned.partners) and grouped(only_turned) == []
+
+
+def test_too_small_a_group_is_none() -> None:
+    neighbours = found([camera_at(0), camera_at(0.2), camera_at(500), camera_at(500.2), camera_at(500.4)])
+    assert [group.views for group in grouped(neighbours, GROUP, 3)] == [(2, 3, 4)]
+    assert [group.views for group in grouped(neighbours)] == [(0, 1), (2, 3, 4)]
+
+
+def test_hundreds_of_photos_take_no_square_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = [camera_at(0.1 * i) for i in range(300)]
+    whole = found(cameras).partners
+    monkeypatch.setattr("tinysplat_runtime.scene.neighbours._ROWS", 7)
+    assert found(cameras).partners == whole and COMMON > 0
