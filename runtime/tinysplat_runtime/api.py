@@ -192,9 +192,9 @@ class Runtime:
                 carries their notes.
             profile: one of `codec.profiles.PROFILES`.
             qp: Q_g; every quantiser step is multiplied by 2^(qp/6). None is 0, or what a target asks for.
-            target_size: bytes of the file in place of `qp`: at most that many, and at least 97 % of it.
+            target_size: bytes of the file in place of `qp`: the largest file found of at most as many.
             target_psnr: dB of decoded against raw renders, the mean over the input views, or over four made up about
-                Gaussians of no pixels, in place of `qp`: at least that many, and at most 0.2 more.
+                Gaussians of no pixels, in place of `qp`: the smallest file found that has as many.
             lossless: float16 planes, bit for bit (`codec.exact` has the guarantee); profile and qp play no part.
             like: a file's bytes, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay where
                 nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians
+from scenes import make_free_gaussians, make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.codec.adaptive import depth_fineness, with_depth_pictures
 from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.codec.quantise import choose_code_map
-from tinysplat_runtime.codec.rate import ChannelModel, _slope, _solve, encode_to_psnr, encode_to_size, next_qp
+from tinysplat_runtime.codec.rate import ChannelModel, _slope, _solve, encode_to_psnr, encode_to_size, next_qp, tries
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
 from tinysplat_runtime.render import DEFINITION, renderer
@@ -89,10 +91,13 @@ def test_targets_out_of_reach_name_the_nearest(gaussians):
         RUNTIME.compress(small, target_size=200)
     nearest = int(re.findall(r"(\d+) at least", str(error.value))[0])
     assert len(RUNTIME.compress(small, qp=60)) == nearest
-    with pytest.raises(InputError, match=r"100000000 bytes; .* to \d+ at most"):
-        RUNTIME.compress(small, target_size=10**8)
-    with pytest.raises(InputError, match=r"target_psnr: 110 dB; .* reaches [\d.]+ dB"):
+    with pytest.raises(InputError, match=r"target_psnr: 110 dB; .* reaches [\d.]+ dB here at most"):
         RUNTIME.compress(small, target_psnr=110)
+
+
+def test_a_target_size_beyond_the_finest_steps_gives_the_finest_file():
+    small = make_smooth_gaussians(1, 16, 16, degree=0)
+    assert len(RUNTIME.compress(small, target_size=10**8)) >= len(RUNTIME.compress(small, qp=-60))
 
 
 @pytest.mark.parametrize(
@@ -138,7 +143,7 @@ class _Scripted:
         return []
 
     def code(self, plans, qp):
-        return repr(qp).encode()
+        return f"{qp!r:<{round(100 * (70 - qp))}}".encode()
 
 
 def test_the_search_aims_a_tenth_of_a_decibel_above_the_target():
@@ -155,28 +160,85 @@ def test_files_within_a_fifth_of_a_decibel_above_the_target_are_taken_and_others
         assert (float(found) == 0) == is_taken
 
 
-def test_a_search_without_end_stops_after_14_files_and_names_the_nearest():
+def test_where_the_curve_has_a_step_the_smallest_file_beyond_the_target_is_taken():
     seen = []
 
     def measure(data: bytes) -> float:
         seen.append(float(data))
         return 39.0 if float(data) < 1 else 37.5  # a step in the curve, with the target inside
 
-    with pytest.raises(InputError, match=r"target_psnr: 38 dB; .* reaches 37\.50 dB"):
+    data = encode_to_psnr(_Scripted(), 38.0, measure)
+    assert float(data) == max(qp for qp in seen if qp < 1) > 0.8
+    assert len(seen) <= 14
+
+
+def test_a_curve_that_stays_below_the_target_is_followed_to_its_end_and_told():
+    seen = []
+
+    def measure(data: bytes) -> float:
+        seen.append(float(data))
+        return min(36 - 0.6 * float(data), 37.5)
+
+    with pytest.raises(InputError, match=r"target_psnr: 38 dB; .* reaches 37\.50 dB here at most"):
         encode_to_psnr(_Scripted(), 38.0, measure)
-    assert len(seen) == 14
+    assert min(seen) == -60
+
+
+def test_a_file_that_contradicts_earlier_ones_replaces_them():
+    """New plans at Q_g 5 make the curve jump by 2 dB: the search goes on from what they give."""
+    seen: list[float] = []
+
+    def score(data: bytes) -> float:
+        seen.append(float(data))
+        return 40 - 0.6 * float(data) + (2 if len(seen) > 2 else 0)
+
+    files = list(tries(lambda qp: repr(qp).encode(), score, 34.0, 34.05, 1.2))
+    assert 34 <= files[-1].score <= 34.05
+    assert files[-1].qp == pytest.approx((42 - 34.025) / 0.6, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("side", "degree", "layers", "seed"), [(16, 0, 1, 1), (16, 4, 2, 2), (32, 4, 1, 4), (64, 0, 1, 6)]
+)
+def test_no_target_is_refused_that_can_be_exceeded_and_bytes_grow_with_dB(side, degree, layers, seed):
+    scene = make_smooth_gaussians(2, side, side, degree=degree, layers=layers, seed=seed)
+    targets = range(34, 42, 2) if side > 16 else range(34, 42)
+    files = [RUNTIME.compress(scene, target_psnr=db) for db in targets]
+    for db, data in zip(targets, files, strict=True):
+        assert _psnr(scene, ts.decompress(data)) >= db - 1e-3
+    sizes = [len(data) for data in files]
+    assert all(finer >= 0.97 * coarser for coarser, finer in itertools.pairwise(sizes))
+
+
+@pytest.mark.parametrize(("degree", "seed"), [(0, 3), (3, 5)])
+def test_free_gaussians_meet_every_target_below_their_best(degree, seed):
+    scene = make_free_gaussians(200, degree, np.random.default_rng(seed))
+    files = [RUNTIME.compress(scene, target_psnr=db) for db in (30, 36)]
+    assert sorted(map(len, files)) == list(map(len, files))
+    assert len(RUNTIME.compress(scene, target_size=len(files[1]))) <= len(files[1])
+
+
+def test_depth_in_one_picture_or_two_has_the_same_step():
+    encoder = SceneEncoder(make_smooth_gaussians(2, 16, 16), PROFILES["balanced"], RUNTIME.store, threads=1)
+    for qp in (-24, 12):
+        (plan,) = encoder.plan(qp)
+        one, two = with_depth_pictures(plan, 1), with_depth_pictures(plan, 2)
+        assert depth_fineness(one) == depth_fineness(two) == depth_fineness(plan)
+        assert (one.refine_depth is None, two.refine_depth) == (True, one.channels[0].step)
+        assert two.channels[0].step == 2 * one.channels[0].step
+        assert with_depth_pictures(two, 1) == one
 
 
 def test_the_slope_is_that_of_the_two_latest_files_within_a_factor_of_two():
     """dB lost per Q_g, typically 0.6."""
-    assert _slope([(0, 40)], 0.7) == 0.7
-    assert _slope([(9, 99), (2, 40), (5, 37.6)], 0.7) == pytest.approx(0.8)
-    assert _slope([(5, 37.6), (2, 40)], 0.7) == pytest.approx(0.8)
-    assert _slope([(2, 40), (2.09, 30)], 0.7) == 0.7  # too near to tell
-    assert _slope([(2, 40), (2.11, 39.9)], 0.7) == pytest.approx(0.1 / 0.11)
-    assert _slope([(2, 40), (3, 39.9)], 0.7) == pytest.approx(0.3)
-    assert _slope([(2, 40), (3, 41)], 0.7) == pytest.approx(0.3)
-    assert _slope([(2, 40), (3, 38)], 0.7) == pytest.approx(1.2)
+    assert _slope([(0, 40)], 0.7, 0.6) == 0.7
+    assert _slope([(9, 99), (2, 40), (5, 37.6)], 0.7, 0.6) == pytest.approx(0.8)
+    assert _slope([(5, 37.6), (2, 40)], 0.7, 0.6) == pytest.approx(0.8)
+    assert _slope([(2, 40), (2.09, 30)], 0.7, 0.6) == 0.7  # too near to tell
+    assert _slope([(2, 40), (2.11, 39.9)], 0.7, 0.6) == pytest.approx(0.1 / 0.11)
+    assert _slope([(2, 40), (3, 39.9)], 0.7, 0.6) == pytest.approx(0.3)
+    assert _slope([(2, 40), (3, 41)], 0.7, 0.6) == pytest.approx(0.3)
+    assert _slope([(2, 40), (3, 38)], 0.7, 0.6) == pytest.approx(1.2)
 
 
 def test_the_next_file_lies_between_its_neighbours_or_along_the_slope():

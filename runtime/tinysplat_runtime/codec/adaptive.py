@@ -206,21 +206,45 @@ def adaptive_plan(
     """Channels and maps of a layer at Q_g = `qp`, given its steps at 0 and `known_channels`."""
     scale = 2 ** (qp / 6)
     (depth,) = _channels(layer, PlaneClass.DEPTH, steps[PlaneClass.DEPTH] * scale, settings)
-    finest = hevc_step(0) * (depth.window[1] - depth.window[0]) / MAX_CODE
-    is_too_fine = depth.step < _WORTH_TWO_PICTURES * finest
-    coded = replace(depth, step=depth.step * COARSE_DEPTH) if is_too_fine else depth
     opacity = _channels(layer, PlaneClass.OPACITY, steps[PlaneClass.OPACITY] * scale, settings)
     components = sum(channel.plane_class == PlaneClass.COLOR for channel in known)
-    return LayerPlan(
-        tuple(sorted([coded, *opacity, *known], key=lambda channel: channel.plane_class)),
+    plan = LayerPlan(
+        tuple(sorted([depth, *opacity, *known], key=lambda channel: channel.plane_class)),
         layer.layer.degree,
         (-1 / depth.window[0], -1 / depth.window[1]),
         inverse_depth=True,
-        refine_depth=depth.step if is_too_fine else None,
         reference_quats=layer.reference_quats.astype(np.float32),
         scale_mix=layer.scale_mix,
         reduction=_truncated(layer, components),
     )
+    return with_depth_pictures(plan, 2 if _fineness(depth) < _WORTH_TWO_PICTURES else 1)
+
+
+def _fineness(depth: Channel) -> float:
+    """The step of depth in the finest that codes of 12 bits have."""
+    low, high = depth.window
+    return depth.step * MAX_CODE / (hevc_step(0) * (high - low)) if high > low else math.inf
+
+
+def _depth_channel(plan: LayerPlan) -> Channel:
+    """The plan's depth, with the step that its pictures come to together."""
+    (depth,) = (channel for channel in plan.channels if channel.plane_class == PlaneClass.DEPTH)
+    return depth if plan.refine_depth is None else replace(depth, step=plan.refine_depth)
+
+
+def depth_fineness(plan: LayerPlan) -> float | None:
+    """The step wanted of depth in the finest that codes of 12 bits have; None of plans that have but one picture."""
+    return _fineness(_depth_channel(plan)) if plan.inverse_depth else None
+
+
+def with_depth_pictures(plan: LayerPlan, count: int) -> LayerPlan:
+    """The plan with depth of the same step in one picture or in two; as it is where that is no choice."""
+    if not plan.inverse_depth:
+        return plan
+    depth = _depth_channel(plan)
+    coded = replace(depth, step=depth.step * COARSE_DEPTH) if count == 2 else depth
+    channels = tuple(coded if channel.plane_class == PlaneClass.DEPTH else channel for channel in plan.channels)
+    return replace(plan, channels=channels, refine_depth=depth.step if count == 2 else None)
 
 
 def _components(energies: NDArray, step: float, settings: AdaptiveSettings) -> int:

@@ -8,8 +8,8 @@ searched, and in which order, follows from bytes and pictures only, never from t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -19,24 +19,31 @@ from ..container.reader import read_container
 from ..container.writer import CodedChannel, CodedLayer, write_container
 from ..errors import InputError
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
+from .adaptive import depth_fineness, with_depth_pictures
 from .depth_step.blocks import DEAD_ZONE, SIDE, dct
 from .encoder import MAX_GLOBAL_QP, SceneEncoder, is_flat
 from .quantise import choose_code_map
 
 SIZE_TOLERANCE = 0.03
-"""A file of a target size is at most this share smaller, and never larger."""
+"""A file of a target size is at most this share smaller where steps allow it, and never larger."""
 
 PSNR_TOLERANCE = 0.2
-"""A file of a target PSNR has at least that many dB, and at most this many more."""
+"""A file of a target PSNR has at least that many dB, and at most this many more where steps allow it."""
 
 _AIM = 1 - SIZE_TOLERANCE / 2
 _ROUNDS = 8
 _LARGEST_SHIFT = 3.0
 """Most that a fine step moves a channel's QP: beyond it, more channels are moved instead."""
 
-_PSNR_TRIALS, _PSNR_PLANS = 14, 3
+_TRIALS, _OTHER_TRIALS, _PSNR_PLANS = 14, 6, 3
 _SAME_STEPS = 1.5
-"""Farther than this from the Q_g that plans are of, in one of the first trials, new plans are made."""
+"""Farther than this from the Q_g that plans are of, and not too often, new plans are made."""
+
+_TOO_FINE, _FINE_ENOUGH = 0.15, 1.0
+"""Steps of depth, in the finest that 12 bits have, between which one picture and two are both tried."""
+
+_LEAST_STEP = 0.02
+"""Of Q_g, within which no second file is coded."""
 
 _DB_PER_QP = 0.6
 """Typical fall of the PSNR, for the first guess."""
@@ -59,14 +66,14 @@ _BITS_PER_COEFFICIENT, _BITS_PER_OCTAVE, _BITS_PER_BLOCK = 3.0, 1.05, 0.9
 
 
 def encode_to_size(encoder: SceneEncoder, target: int) -> bytes:
-    """A file of at most `target` bytes and at least 97 % of it.
+    """The largest file found of at most `target` bytes: 97 % of it or more, unless the finest steps give less.
 
     Args:
         encoder: the scene.
         target: bytes, > 0.
 
     Raises:
-        InputError: no such file exists; says the nearest size that does.
+        InputError: the coarsest steps give more; says how much.
     """
     plans, qp = _plan_for(encoder, target * _AIM)
     data = encoder.code(plans, qp)
@@ -78,13 +85,19 @@ def encode_to_size(encoder: SceneEncoder, target: int) -> bytes:
         qp = min(max(qp + shift, -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
         data = encoder.code(plans, qp)
         best = _better(best, data, target)
-    if _fits(best, target):
+    best = best or _better(b"", encoder.encode(MAX_GLOBAL_QP), target)
+    if best:
         return best
-    raise _unreachable(encoder, target, best)
+    smallest = len(encoder.encode(MAX_GLOBAL_QP))
+    message = f"{target} bytes; profile {encoder.profile.name} codes this scene to {smallest} at least"
+    raise InputError(message, where="target_size")
 
 
 def encode_to_psnr(encoder: SceneEncoder, target: float, measure: Callable[[bytes], float]) -> bytes:
-    """A file of at least `target` dB and at most 0.2 more.
+    """The smallest file found of at least `target` dB, mostly of at most 0.2 more.
+
+    Whether depth is coded in one picture or in two changes dB by steps, so that near the border between them both are
+    tried: asking for more dB hardly ever gives fewer bytes then.
 
     Args:
         encoder: the scene.
@@ -92,37 +105,116 @@ def encode_to_psnr(encoder: SceneEncoder, target: float, measure: Callable[[byte
         measure: the PSNR of a file.
 
     Raises:
-        InputError: no such file exists; says the nearest PSNR that does.
+        InputError: no file has as many; says the most that one has.
     """
-    qp, aim, slope = 0.0, target + PSNR_TOLERANCE / 2, _DB_PER_QP
-    plans, planned = encoder.plan(qp), qp
-    seen: list[tuple[float, float]] = []  # Q_g and dB of files of the present plans, latest last
-    nearest = math.inf
-    for trial in range(_PSNR_TRIALS):
-        data = encoder.code([_scaled(plan, qp - planned) for plan in plans], qp)
-        found = measure(data)
-        if target <= found <= target + PSNR_TOLERANCE:
-            return data
-        nearest = min(nearest, found, key=lambda db: abs(db - target))
+    steps = _Steps(encoder)
+    found = list(tries(steps.code, measure, target, target + PSNR_TOLERANCE, _DB_PER_QP))
+    met = [file for file in found if file.score >= target]
+    if not met:
+        most = max(file.score for file in found)
+        message = f"{target:g} dB; profile {encoder.profile.name} reaches {most:.2f} dB here at most"
+        raise InputError(message, where="target_psnr")
+    best = min(met, key=lambda file: len(file.data))
+    pictures = _other_pictures(steps.plans(best.qp))
+    if pictures is not None:
+        code = _Steps(encoder, pictures).code
+        others = tries(code, measure, target, target + PSNR_TOLERANCE, _DB_PER_QP, start=best.qp, count=_OTHER_TRIALS)
+        met += [file for file in others if file.score >= target]
+    return min(met, key=lambda file: len(file.data)).data
+
+
+@dataclass(frozen=True)
+class Try:
+    """A file that a search coded.
+
+    Attributes:
+        qp: its Q_g.
+        data: its bytes.
+        score: what is searched by, which falls with Q_g.
+    """
+
+    qp: float
+    data: bytes
+    score: float
+
+
+def tries(
+    code: Callable[[float], bytes],
+    score: Callable[[bytes], float],
+    low: float,
+    high: float,
+    slope: float,
+    *,
+    start: float = 0.0,
+    count: int = _TRIALS,
+) -> Iterator[Try]:
+    """Files on the way to a score from `low` to `high`; the last one has it, or there is nowhere left to look.
+
+    Args:
+        code: the file of a Q_g.
+        score: of a file; falls with Q_g, by about `slope` at first.
+        low, high: what is wanted.
+        start: the first Q_g.
+        count: files at most.
+    """
+    qp, aim, falls = start, (low + high) / 2, slope
+    seen: list[tuple[float, float]] = []
+    for _ in range(count):
+        data = code(qp)
+        found = score(data)
+        yield Try(qp, data, found)
+        if low <= found <= high:
+            return
+        # Where new plans made the curve jump, what contradicts the latest file is of the old ones.
+        seen = [(q, s) for q, s in seen if (q - qp) * (s - found) <= 0]
         seen.append((qp, found))
-        slope = _slope(seen, slope)
-        following = min(max(next_qp(seen, aim, slope), -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
-        if following == qp:
-            break
-        # Once near, steps alone change: what else follows from Q_g (components kept, depth layers) could jump.
-        if abs(following - planned) > _SAME_STEPS and trial < _PSNR_PLANS:
-            plans, planned, seen = encoder.plan(following), following, []
+        falls = _slope(seen, falls, slope)
+        following = min(max(next_qp(seen, aim, falls), -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
+        if any(abs(following - qp) < _LEAST_STEP for qp, _ in seen):
+            return
         qp = following
-    message = f"{target:g} dB; profile {encoder.profile.name} reaches {nearest:.2f} dB here as the nearest"
-    raise InputError(message, where="target_psnr")
 
 
-def _slope(seen: Sequence[tuple[float, float]], before: float) -> float:
-    """dB lost per Q_g: between the two latest files, if they are far enough apart to tell, else what it was before."""
+class _Steps:
+    """Files of one scene at many Q_g, whose plans are made anew only where Q_g has moved.
+
+    Once near, steps alone change: what else follows from Q_g (components kept, the SH degree) could jump.
+    """
+
+    def __init__(self, encoder: SceneEncoder, depth_pictures: int | None = None) -> None:
+        self._encoder, self._pictures = encoder, depth_pictures
+        self._plans: list[LayerPlan] = []
+        self._planned, self._times = math.inf, 0
+
+    def code(self, qp: float) -> bytes:
+        """The file of Q_g = `qp`."""
+        return self._encoder.code(self.plans(qp), qp)
+
+    def plans(self, qp: float) -> list[LayerPlan]:
+        """How that file's layers are coded."""
+        if abs(qp - self._planned) > _SAME_STEPS and self._times < _PSNR_PLANS:
+            plans = self._encoder.plan(qp)
+            if self._pictures is not None:
+                plans = [with_depth_pictures(plan, self._pictures) for plan in plans]
+            self._plans, self._planned, self._times = plans, qp, self._times + 1
+        return [_scaled(plan, qp - self._planned) for plan in self._plans]
+
+
+def _other_pictures(plans: Sequence[LayerPlan]) -> int | None:
+    """How many pictures of depth are worth a try in place of those planned; None where these are clearly right."""
+    for plan in plans:
+        fineness = depth_fineness(plan)
+        if fineness is not None and _TOO_FINE < fineness < _FINE_ENOUGH:
+            return 1 if plan.refine_depth is not None else 2
+    return None
+
+
+def _slope(seen: Sequence[tuple[float, float]], before: float, typical: float) -> float:
+    """Score lost per Q_g: between the two latest files, if they are far enough apart to tell, else what it was."""
     if len(seen) < 2 or abs(seen[-1][0] - seen[-2][0]) < _LEAST_APART:
         return before
     found = (seen[-2][1] - seen[-1][1]) / (seen[-1][0] - seen[-2][0])
-    return min(max(found, _DB_PER_QP / 2), _DB_PER_QP * 2)
+    return min(max(found, typical / 2), typical * 2)
 
 
 def next_qp(seen: Sequence[tuple[float, float]], aim: float, slope: float) -> float:
@@ -134,10 +226,11 @@ def next_qp(seen: Sequence[tuple[float, float]], aim: float, slope: float) -> fl
         aim: score wanted.
         slope: lost per Q_g.
     """
-    above = [(qp, db) for qp, db in seen if db >= aim]
-    below = [(qp, db) for qp, db in seen if db < aim]
+    above = [(qp, score) for qp, score in seen if score >= aim]
+    below = [(qp, score) for qp, score in seen if score < aim]
     if not above or not below:
-        return seen[-1][0] + (seen[-1][1] - aim) / slope
+        # Ever farther, so that a curve that levels off is soon followed to its end.
+        return seen[-1][0] + (seen[-1][1] - aim) / slope * 2 ** max(len(seen) - 2, 0)
     low, high = max(above), min(below)
     share = (low[1] - aim) / (low[1] - high[1])
     # Away from the ends, so that a curve that is no line still shortens the bracket before long.
@@ -330,15 +423,3 @@ def _fits(data: bytes, target: int) -> bool:
 def _better(best: bytes, data: bytes, target: int) -> bytes:
     """The larger one of those that are within the target."""
     return data if len(best) < len(data) <= target else best
-
-
-def _unreachable(encoder: SceneEncoder, target: int, best: bytes) -> InputError:
-    smallest, largest = (len(encoder.code(encoder.plan(qp), qp)) for qp in (MAX_GLOBAL_QP, -MAX_GLOBAL_QP))
-    name = encoder.profile.name
-    if target < smallest:
-        message = f"{target} bytes; profile {name} codes this scene to {smallest} at least"
-    elif largest < target:
-        message = f"{target} bytes; profile {name} codes this scene to {largest} at most"
-    else:
-        message = f"{target} bytes; profile {name} has {len(best)} here as the nearest below it"
-    return InputError(message, where="target_size")
