@@ -14,7 +14,7 @@ from torch import nn
 
 from tinysplat.measure import lpips as lpips_module
 from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
-from tinysplat.measure.metrics import depth_errors, plane_errors, psnr, ssim
+from tinysplat.measure.metrics import depth_errors, pixel_errors, plane_errors, psnr, ssim
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.quaternions import multiply_quats
@@ -152,6 +152,27 @@ def test_plane_errors_tell_depth_from_offset():
     assert errors["depth"]["rmse"] == pytest.approx(0.1 * 3, rel=0.1)
     assert errors["offset"]["max"] < 1e-3 and errors["scale"]["max"] < 1e-4
     assert errors["rotation"]["max"] == errors["opacity"]["max"] == 0
+
+
+def test_plane_errors_call_a_quaternion_and_its_opposite_one_rotation():
+    """Those at a right angle to the view's dominant rotation come out with either sign."""
+    original = make_smooth_gaussians()
+    quats = np.broadcast_to(np.array([1, 0, 0, 0], np.float32), original.quats.shape).copy()
+    quats[:, :3, :3] = 0.001, 1, 0, 0
+    other = quats.copy()
+    other[:, :3, :3] = -0.001, 1, 0, 0
+    errors = plane_errors(_with_quats(original, quats), _with_quats(original, other), GraphStore())
+    assert 0.001 < errors["rotation"]["max"] < 0.01
+
+
+def test_the_largest_error_of_a_pixel_is_that_of_its_worst_channel():
+    truth = np.zeros((2, 2, 3))
+    image = truth.copy()
+    image[0, 0, 1], image[1, 1] = 0.3, (0.1, -0.2, 0.1)
+    errors = pixel_errors(image, truth)
+    assert errors["max_error"] == pytest.approx(0.3)
+    assert errors["median_error"] == pytest.approx(0.1)  # of 0, 0, 0.2 and 0.3
+    assert errors["share_above_1e-4"] == 0.5
 
 
 def test_plane_errors_need_cameras():

@@ -168,16 +168,27 @@ def model_fingerprint(model: str) -> str:
 @lru_cache(maxsize=1)
 def code_fingerprint() -> str:
     """Hash of the code, graphs and libraries that figures depend on; how they are shown is not among it."""
+    graphs = [
+        f"{name} {artifact.sha256}" for name, artifact in sorted(load_manifest().items()) if artifact.role != "network"
+    ]
+    packages = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "onnxruntime", "av")]
+    return fingerprint(code_files(), graphs + packages)
+
+
+def code_files() -> list[Path]:
+    """The modules that figures depend on."""
     runtime, here = Path(str(tinysplat_runtime.__file__)).parent, Path(__file__).parent
     measuring = [path for path in here.rglob("*.py") if path.parent.name != "show"]
+    return sorted([*runtime.rglob("*.py"), *here.parent.glob("datasets/*.py"), *measuring])
+
+
+def fingerprint(files: Iterable[Path], words: Iterable[str]) -> str:
+    """Hash of files, their names and contents, and of words."""
     found = hashlib.sha256()
-    for path in sorted([*runtime.rglob("*.py"), *here.parent.glob("datasets/*.py"), *measuring]):
+    for path in files:
         found.update(path.name.encode() + path.read_bytes())
-    for name, artifact in sorted(load_manifest().items()):
-        if artifact.role != "network":
-            found.update(f"{name} {artifact.sha256}".encode())
-    for package in ("numpy", "onnxruntime", "av"):
-        found.update(f"{package} {importlib.metadata.version(package)}".encode())
+    for word in words:
+        found.update(word.encode())
     return found.hexdigest()[:_HASH_LENGTH]
 
 
