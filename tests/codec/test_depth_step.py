@@ -411,7 +411,7 @@ def test_planes_that_need_no_look_are_coded_before_it_and_each_but_once(store, m
     monkeypatch.setattr("tinysplat_runtime.codec.planning.scene_steps", looked)
     encoder = SceneEncoder(scene, PROFILES["balanced"], store, threads=1, plane_coder=coder)
     data = encoder.encode(0)
-    planes = sum(len(c.streams) for layer in read_container(data).layers for c in layer.channels)
+    planes = sum(len(c.streams) for layer in read_container(data).body.layers for c in layer.channels)
     assert events.count("plane") == planes
     assert events[0] == "plane" and events.count("look") == 1
     assert data == encoder.code(encoder.plan(0), 0)

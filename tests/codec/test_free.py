@@ -198,7 +198,7 @@ def test_limits_of_what_is_coded():
     few = cloud(30)
     grid, cells = _grid_of(few.means.astype(np.float64), 100.0)
     assert grid.cell == 0.25 and len(np.unique(cells, axis=0)) > 8
-    scene = read_container(coded(cloud(700))).free
+    scene = read_container(coded(cloud(700))).body.scene
     assert scene is not None and all(len(order.gains) == 7 for order in scene.orders)
     assert expanded(np.array([1e9, -1e9]), 0.0).tolist() == [69, -69]
     ones = np.ones(1)
@@ -280,9 +280,9 @@ def test_a_prefix_shows_what_is_there_and_says_when_that_is_too_little():
 
 def _end_of(data: bytes, name: str) -> int:
     container = read_container(data)
-    assert container.free is not None
-    record = next(c.record for c in container.free.channels if c.record.name == name)
-    section = next(s for s in container.plane_sections if s.kind == record.plane_class.facts.section)
+    assert container.body.scene is not None
+    record = next(c.record for c in container.body.scene.channels if c.record.name == name)
+    section = next(s for s in container.pictures.sections if s.kind == record.plane_class.facts.section)
     return section.end - section.length + record.streams[0].offset + record.streams[0].length
 
 

@@ -32,7 +32,9 @@ def _flip(data: bytes, position: int) -> bytes:
 def _position(seed: Seed, plane_class: PlaneClass, view: int) -> int:
     """A byte in the middle of the first picture of a class, in the file."""
     container = read_container(seed.data)
-    stream = next(c for c in container.layers[0].channels if c.plane_class == plane_class and c.streams).streams[view]
+    stream = next(c for c in container.body.layers[0].channels if c.plane_class == plane_class and c.streams).streams[
+        view
+    ]
     before = sum(len(p.data) for p in seed.parts[: _section(seed, plane_class)])
     header = L.HEADER.size + len(seed.parts) * L.TABLE_ROW.size
     return header + before + stream.offset + stream.length // 2
@@ -90,7 +92,7 @@ def test_any_flipped_byte_is_recovered_from_or_refused_and_never_passes_unnotice
 
 
 def test_a_cut_file_gives_what_it_holds_and_names_every_missing_plane(seed: Seed) -> None:
-    planes = sum(len(c.streams) for layer in read_container(seed.data).layers for c in layer.channels)
+    planes = sum(len(c.streams) for layer in read_container(seed.data).body.layers for c in layer.channels)
     lengths = range(len(seed.data) // 3, len(seed.data), len(seed.data) // 20)
     missing = []
     for length in lengths:

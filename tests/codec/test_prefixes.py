@@ -10,8 +10,9 @@ from sections import file_of, sections_of
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.missing import stand_in_code
 from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.layers import CodedChannel, CodedLayer
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_container
+from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
@@ -71,8 +72,8 @@ def test_every_prefix_decodes_to_finite_gaussians_or_is_a_format_error(data):
 
 
 def test_a_view_without_depth_is_hidden_and_the_other_is_not(data):
-    depth = next(c for c in read_container(data).layers[0].channels)
-    start = read_container(data).plane_sections[0].end - sum(stream.length for stream in depth.streams)
+    depth = next(c for c in read_container(data).body.layers[0].channels)
+    start = read_container(data).pictures.sections[0].end - sum(stream.length for stream in depth.streams)
     decoded = ts.decompress(data, max_bytes=start + depth.streams[0].length)
     assert decoded.opacities[0].min() > 0
     assert (decoded.opacities[1] == 0).all()
@@ -102,7 +103,7 @@ def test_an_absent_refinement_stands_for_the_code_that_adds_least():
                (PlaneClass.OPACITY, 1e-3, -0.7)]  # fmt: skip
     channels = tuple(CodedChannel(c, 0, 20, scale, offset, (b"any",)) for c, scale, offset in records)
     layer = CodedLayer(16, 16, 0, LayerPlan((), 0, (1.0, 2.0)), channels, b"sets", (camera,))
-    header = read_container(write_container([layer], [camera], np.zeros(3), "paper", 0.0)).layers[0]
+    header = read_container(write_container([layer], [camera], np.zeros(3), "paper", 0.0)).body.layers[0]
     assert [stand_in_code(header, i) for i in range(5)] == [2048, 700, 0, 4095, 2048]
 
 
@@ -113,7 +114,7 @@ def test_a_cut_file_is_a_format_error_unless_a_prefix_is_asked_for(data):
 
 
 def test_a_prefix_within_the_metadata_says_what_the_metadata_takes(data):
-    section = read_container(data).plane_sections[0]
+    section = read_container(data).pictures.sections[0]
     end = section.end - section.length
     with pytest.raises(FormatError, match=str(end)):
         ts.decompress(data, max_bytes=end - 1)

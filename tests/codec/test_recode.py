@@ -11,9 +11,9 @@ from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.layout import PARAMETER_SETS, SCENE
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import DEFINITION, render
@@ -27,9 +27,9 @@ def psnr(decoded: Gaussians, raw: Gaussians) -> float:
 
 
 def payloads(container: Container) -> dict[tuple[str, int], bytes]:
-    layer = container.layers[0]
+    layer = container.body.layers[0]
     return {
-        (f"{channel.name} {n}", view): bytes(container.payload(0, channel, view))
+        (f"{channel.name} {n}", view): bytes(container.pictures.payload(0, channel, view))
         for n, channel in enumerate(layer.channels)
         for view in range(len(channel.streams))
     }
@@ -65,7 +65,7 @@ def test_an_edit_changes_the_pictures_of_its_views_and_classes_alone() -> None:
 @pytest.mark.parametrize("profile", ["paper", "balanced"])
 def test_depth_limits_reach_as_far_as_what_is_new(profile: str) -> None:
     data = ts.compress(make_smooth_gaussians(2, 24, 32, 0), profile)
-    before = read_container(data).layers[0].depth_limits
+    before = read_container(data).body.layers[0].depth_limits
     decoded = ts.decompress(data)
     for factor, place in ((0.4, (0, 3, 4)), (2.5, (1, 9, 20))):
         centre = decoded.cameras[place[0]].centre - decoded.origin
@@ -76,11 +76,11 @@ def test_depth_limits_reach_as_far_as_what_is_new(profile: str) -> None:
     ]
     low, high = np.min(depths), np.max(depths)
     assert low < 0.7 * before[0] and high > 1.4 * before[1]
-    after = read_container(ts.compress(decoded, like=data)).layers[0].depth_limits
+    after = read_container(ts.compress(decoded, like=data)).body.layers[0].depth_limits
     np.testing.assert_allclose(after, (low, high), rtol=1e-5)
     unmoved = ts.decompress(data)
     unmoved.opacities[0, 0] = 0
-    assert read_container(ts.compress(unmoved, like=data)).layers[0].depth_limits == before
+    assert read_container(ts.compress(unmoved, like=data)).body.layers[0].depth_limits == before
 
 
 def test_a_moved_scene_keeps_its_pictures() -> None:
@@ -104,7 +104,7 @@ def test_another_scene_is_coded_with_the_steps_and_maps_of_the_file() -> None:
     data = ts.compress(first)
     stats = EncodeStats()
     like = ts.Runtime(threads=1).compress(other, like=data, stats=stats)
-    a, b = (read_container(one).layers[0] for one in (data, like))
+    a, b = (read_container(one).body.layers[0] for one in (data, like))
     steps = [[(c.name, c.qp, c.scale) for c in layer.channels] for layer in (a, b)]
     assert steps[0] == steps[1]
     np.testing.assert_array_equal(a.basis, b.basis)

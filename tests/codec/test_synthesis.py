@@ -11,8 +11,8 @@ import tinysplat_runtime as ts
 from tests.scenes import make_smooth_gaussians
 from tinysplat_runtime.codec import synthesis
 from tinysplat_runtime.codec.synthesis import LayerSynthesis, coded_channels
+from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Container
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.graphs.inference import GraphStore
 
@@ -27,7 +27,7 @@ def container() -> Container:
 
 def synthesise(container: Container, *, halves: bool) -> Gaussians:
     """Gaussians of made-up codes of the container's layer."""
-    layer = container.layers[0]
+    layer = container.body.layers[0]
     rng = np.random.default_rng(0)
     result = LayerSynthesis(layer, container.origin, STORE, None)
     for view in range(VIEWS):
@@ -45,7 +45,7 @@ def synthesise(container: Container, *, halves: bool) -> Gaussians:
 
 def with_principal_row(container: Container, row: float) -> Container:
     """The same file seen by cameras of another principal point."""
-    layer = container.layers[0]
+    layer = container.body.layers[0]
     cameras = []
     for camera in layer.cameras:
         K = camera.K.copy()
@@ -80,7 +80,7 @@ def test_strips_change_nothing_but_the_rounding_of_the_principal_point(
 
 
 def test_coded_channels_are_each_there_once_in_the_files_order(container: Container) -> None:
-    layer = container.layers[0]
+    layer = container.body.layers[0]
     geometry, colors = coded_channels(layer)
     assert sorted(geometry + colors) == [i for i, channel in enumerate(layer.channels) if channel.streams]
     assert all(layer.channels[i].name.startswith("color") for i in colors)

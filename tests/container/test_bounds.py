@@ -14,10 +14,13 @@ import pytest
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.bounds import MAX_DECODED, decoding_bytes
+from tinysplat_runtime.container.layers import CodedChannel, CodedLayer
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import ChannelRecord, Container, Limits, StreamRef
-from tinysplat_runtime.container.writer import CodedChannel, CodedLayer, write_container
+from tinysplat_runtime.container.records import ChannelRecord, Limits, StreamRef
+from tinysplat_runtime.container.sections import NewSection
+from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
 from tinysplat_runtime.scene.cameras import Camera
@@ -46,7 +49,7 @@ def _read(**options: object) -> Container:
 
 def test_records_of_one_target_add_up():
     depth = PlaneClass.DEPTH
-    assert len(_read(records=[(depth, 0, 0.4e30), (depth, 0, -0.5e30)]).layers[0].channels) == 2
+    assert len(_read(records=[(depth, 0, 0.4e30), (depth, 0, -0.5e30)]).body.layers[0].channels) == 2
     with pytest.raises(FormatError, match=r"depth can decode to 1\.6e\+30"):
         _read(records=[(depth, 0, 0.8e30), (depth, 0, -0.8e30)])
 
@@ -96,7 +99,7 @@ def test_rotations_whose_squares_leave_float32_are_refused():
 
 def test_the_memory_of_decoding_by_hand():
     """Of 6 Gaussians of degree 2: 11 + 27 numbers and the 11 of geometry twice in 4 bytes, codes in 2 and in 4."""
-    layer = _read().layers[0]
+    layer = _read().body.layers[0]
     picture = ChannelRecord(PlaneClass.DEPTH, 0, 4, 1.0, 0.0, (StreamRef(0, 1, 0),))
     constant = ChannelRecord(PlaneClass.OPACITY, 0, 4, 1.0, 0.0)
     for channels, codes in (((), 2), ((picture, constant), 3), ((picture, constant, picture), 4)):
@@ -106,7 +109,7 @@ def test_the_memory_of_decoding_by_hand():
 
 def test_limits_are_the_most_that_is_accepted():
     data = _file()
-    memory = decoding_bytes(read_container(data).layers[0])
+    memory = decoding_bytes(read_container(data).body.layers[0])
     assert read_container(data, Limits(max_pixels=6, max_memory_bytes=memory, max_views=1, max_layers=1))
     for limits, words in (
         (Limits(max_pixels=5), "6 Gaussians"), (Limits(max_memory_bytes=memory - 1), "bytes to decode"),
@@ -187,7 +190,7 @@ _OVER, _INFINITE, _NAN = np.float32(1.01e30), np.inf, np.nan
 )  # fmt: skip
 def test_every_number_of_a_layer_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
     """docs/FORMAT.md, section LAYR, either side of each of its bounds."""
-    assert read_container(_with_header(**accepted)).layers
+    assert read_container(_with_header(**accepted)).body.layers
     with pytest.raises(FormatError, match=words):
         read_container(_with_header(**refused))
 
@@ -213,11 +216,11 @@ def test_the_basis_counts_each_component_by_its_largest_coefficient():
         read(-1e29, 2.1e29)
 
 
-def test_a_file_has_up_to_4096_sections():
+def test_a_file_has_up_to_8192_sections():
     sections = sections_of(_file())
-    extra = [[b"XTRA", 0, 0, b""]] * (4096 - len(sections))
-    assert read_container(file_of([*sections, *extra])).layers
-    with pytest.raises(FormatError, match="4097 sections"):
+    extra = [[b"XTRA", 0, 0, b""]] * (8192 - len(sections))
+    assert read_container(file_of([*sections, *extra])).body.layers
+    with pytest.raises(FormatError, match="8193 sections"):
         read_container(file_of([*sections, *extra, extra[0]]))
 
 
@@ -230,10 +233,10 @@ def _with_photos(
     values = {"format": 0, "qp": 20, "sets": 7, "length": 3, **fields}
     photos = struct.pack("<2I4B", *size, values["format"], values["qp"], values["sets"], 0)
     extras = [
-        (b"NETW", 0, struct.pack("<32s64s2d", bytes(32), network, *depths)),
-        (b"PHOT", 0, photos + struct.pack("<2I", values["length"], 0)),
-        (b"HEVC", 7, b"sets"),
-        (b"PICS", 0, b"abc"),
+        NewSection(b"NETW", 0, struct.pack("<32s64s2d", bytes(32), network, *depths)),
+        NewSection(b"PHOT", 0, photos + struct.pack("<2I", values["length"], 0)),
+        NewSection(b"HEVC", 7, b"sets"),
+        NewSection(b"PICS", 0, b"abc"),
     ]
     layers = [CodedLayer(2, 3, 0, LayerPlan((), 0, (1.0, 2.0)), (), b"", (camera,))] if layer else []
     return write_container(layers, [camera], np.zeros(3), "fast", 0.0, extras)
@@ -268,7 +271,7 @@ def test_every_number_of_photos_is_accepted_to_its_bound_and_no_further(accepted
 
 def test_photos_count_as_pixels():
     data = _with_photos((5, 7), layer=False)
-    assert read_container(data, Limits(max_pixels=35)).photos.height == 5
+    assert read_container(data, Limits(max_pixels=35)).body.photos.height == 5
     with pytest.raises(FormatError, match="35 pixels of photos"):
         read_container(data, Limits(max_pixels=34))
 
@@ -282,8 +285,8 @@ def _with_exact(
     lengths = lengths or [1] * (12 + 3 * (degree + 1) ** 2)
     fixed = struct.pack("<2IB3x2f32x5d", *size, degree, *depths, 100, 100, 0, 0, 0)
     table = b"".join(struct.pack("<2I", length, 0) for length in lengths)
-    extras = [(b"EXAC", n, fixed + table + tail) for n in range(layers)]
-    extras += [(b"EXAP", n, bytes(12 + 3 * (degree + 1) ** 2)) for n in range(layers)]
+    extras = [NewSection(b"EXAC", n, fixed + table + tail) for n in range(layers)]
+    extras += [NewSection(b"EXAP", n, bytes(12 + 3 * (degree + 1) ** 2)) for n in range(layers)]
     return write_container([], [camera], np.zeros(3), "max", 0.0, extras, layer_count=layers)
 
 
@@ -310,7 +313,7 @@ def test_every_number_of_exact_planes_is_accepted_to_its_bound_and_no_further(ac
 def test_exact_planes_count_as_gaussians_and_as_memory():
     """Two layers of 6 Gaussians with 15 planes, 12 bytes a number: as float16, float64 and float32 at a time."""
     data = _with_exact(layers=2)
-    assert len(read_container(data, Limits(max_pixels=12, max_memory_bytes=2 * 6 * 15 * 12)).exact) == 2
+    assert len(read_container(data, Limits(max_pixels=12, max_memory_bytes=2 * 6 * 15 * 12)).body.layers) == 2
     for limits in (Limits(max_pixels=11), Limits(max_memory_bytes=2 * 6 * 15 * 12 - 1)):
         with pytest.raises(FormatError, match=r"EXAC\[1\]: 12 Gaussians, 2160 bytes to decode"):
             read_container(data, limits)
@@ -332,7 +335,7 @@ def _with_records(records: Sequence[Record], order: Sequence[int]) -> bytes:
 def test_channels_stand_by_rising_class_and_each_once():
     records = [(PlaneClass.DEPTH, 0, 1.5), (PlaneClass.OPACITY, 0, 0.5), (PlaneClass.OFFSET, 0, 0.0),
                (PlaneClass.OFFSET, 1, 0.0)]  # fmt: skip
-    kept = read_container(_with_records(records, [0, 1, 2, 3])).layers[0].channels
+    kept = read_container(_with_records(records, [0, 1, 2, 3])).body.layers[0].channels
     assert [(c.plane_class, c.target) for c in kept] == [record[:2] for record in records]
     assert read_container(_with_records(records, [0, 0, 1, 2, 3]))  # depth's refinement is a second record
     with pytest.raises(FormatError, match="out of order"):

@@ -9,9 +9,10 @@ import pytest
 from golden_cases import DATA
 
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.extras import EXACT_FIXED, NETWORK_FIXED, PHOTOS_FIXED
+from tinysplat_runtime.container.exact import EXACT_FIXED
 from tinysplat_runtime.container.free import FREE_FIXED
 from tinysplat_runtime.container.notes import NOTES_FIXED
+from tinysplat_runtime.container.photos import NETWORK_FIXED, PHOTOS_FIXED
 from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, GEOMETRY_CHANNELS, PLANE_CLASSES, PlaneClass
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")

@@ -14,8 +14,8 @@ from PIL import Image
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Container
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
@@ -96,8 +96,8 @@ def test_a_moved_coded_scene_keeps_pixels_cameras_and_the_quality_it_had(
         return after
 
     def pictures(container: Container) -> list[bytes]:
-        channels = container.layers[0].channels
-        return [bytes(container.payload(0, c, view)) for c in channels for view in range(len(c.streams))]
+        channels = container.body.layers[0].channels
+        return [bytes(container.pictures.payload(0, c, view)) for c in channels for view in range(len(c.streams))]
 
     assert pictures(moved_by("--translate", "-1,0,2")) == pictures(before)
     turned = moved_by("--rotate", "x,180")

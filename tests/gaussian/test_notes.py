@@ -26,7 +26,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS
 NOTES = ts.Notes("metre", 'Jörg "J" Müller, cropped \\ here', "CC-BY-4.0")
 
 
-ADDED_BYTES = sum(L.TABLE_ROW.size + len(data) for data in note_sections(NOTES).values())
+ADDED_BYTES = sum(L.TABLE_ROW.size + len(section.data) for section in note_sections(NOTES))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_notes_change_nothing_else(gaussians: ts.Gaussians, coded: bytes) -> Non
 
 def test_golden_files_have_none_and_stay_as_they_are() -> None:
     data = (DATA / "tiny_paper.tsplat").read_bytes()
-    assert not ts.decompress(data).notes and note_sections(ts.Notes()) == {}
+    assert not ts.decompress(data).notes and note_sections(ts.Notes()) == []
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".safetensors", ".ply"])

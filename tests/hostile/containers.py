@@ -8,22 +8,26 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from random import Random
 from zlib import crc32
 
 from sections import sections_of
 
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.extras import (
-    EXACT,
-    EXACT_FIXED,
+from tinysplat_runtime.container.body import Container
+from tinysplat_runtime.container.exact import EXACT, EXACT_FIXED
+from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_POINTS
+from tinysplat_runtime.container.photos import (
     NETWORK,
     NETWORK_FIXED,
     PHOTO_PICTURES,
     PHOTOS,
     PHOTOS_FIXED,
+    Hybrid,
+    Photos,
 )
-from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_POINTS
+from tinysplat_runtime.container.points import Points
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import StreamRef
 
@@ -56,22 +60,25 @@ class Seed:
         """Take a file apart."""
         parts, container = split(data), read_container(data)
         pictures = []
-        if container.photos is not None:
-            sections = [i for i, p in enumerate(parts) if p.kind == PHOTO_PICTURES]
-            pictures += [_place(parts, sections, stream) for stream in container.photos.streams]
-        for index, layer in enumerate(container.layers):
-            for channel in layer.channels:
+        for kind, streams in ((PHOTO_PICTURES, _photo_streams(container)), (FREE_POINTS, _point_streams(container))):
+            pictures += [_place(parts, [i for i, p in enumerate(parts) if p.kind == kind], s) for s in streams]
+        for index, channels in enumerate(container.pictures.channels):
+            for channel in channels:
                 kind = L.PLANES[channel.plane_class]
                 sections = [i for i, p in enumerate(parts) if p.kind == kind and p.index % L.PART == index]
                 pictures += [_place(parts, sections, stream) for stream in channel.streams]
-        if container.free is not None:
-            at = next(i for i, p in enumerate(parts) if p.kind == FREE_POINTS)
-            lengths = [len(stream) for stream in container.free.grid.streams]
-            pictures += [(at, sum(lengths[:n]), length) for n, length in enumerate(lengths)]
-            for channel in container.channels[0]:
-                sections = [i for i, p in enumerate(parts) if p.kind == L.PLANES[channel.plane_class]]
-                pictures += [_place(parts, sections, stream) for stream in channel.streams]
         return cls(data, tuple(parts), tuple(pictures))
+
+
+def _photo_streams(container: Container) -> Sequence[StreamRef]:
+    body = container.body.photos if isinstance(container.body, Hybrid) else container.body
+    return body.photos.streams if isinstance(body, Photos) else ()
+
+
+def _point_streams(container: Container) -> Sequence[StreamRef]:
+    streams = container.body.scene.grid.streams if isinstance(container.body, Points) else ()
+    ends = accumulate(map(len, streams), initial=0)
+    return [StreamRef(end, len(stream), 0) for end, stream in zip(ends, streams, strict=False)]
 
 
 def _place(parts: Sequence[Part], sections: Sequence[int], stream: StreamRef) -> tuple[int, int, int]:

@@ -115,7 +115,7 @@ def test_no_number_of_the_metadata_may_be_nan_or_infinite(seed: Seed, value: flo
 def test_reference_rotations_scale_mixes_bases_and_channels_may_not_hold_nan(seed: Seed) -> None:
     size = len(next(p for p in seed.parts if p.kind == L.LAYER).data)
     channel_from = size - sum(
-        L.CHANNEL.size + L.STREAM.size * len(c.streams) for c in read_container(seed.data).layers[0].channels
+        L.CHANNEL.size + L.STREAM.size * len(c.streams) for c in read_container(seed.data).body.layers[0].channels
     )
     for at in (*range(L.LAYER_FIXED.size, channel_from - 3, 4), channel_from + 4, channel_from + 8):
         with pytest.raises(FormatError):
@@ -133,7 +133,7 @@ def test_reference_rotations_scale_mixes_bases_and_channels_may_not_hold_nan(see
 def test_values_that_are_in_range_each_but_overflow_together_are_refused(
     fine: Seed, plane_class: PlaneClass, change: Callable[[ChannelRecord], ChannelRecord], names: str
 ) -> None:
-    channel = next(c for c in read_container(fine.data).layers[0].channels if c.plane_class == plane_class)
+    channel = next(c for c in read_container(fine.data).body.layers[0].channels if c.plane_class == plane_class)
 
     def write(data: bytearray) -> None:
         head = L.CHANNEL.pack(plane_class, channel.target, L.INTRA, channel.qp, channel.scale, channel.offset)
@@ -229,7 +229,7 @@ def test_streams_of_another_size_depth_or_chroma_than_the_header_says_are_refuse
 
 def test_more_pictures_than_memory_allows_are_refused_before_any_is_decoded(seed: Seed) -> None:
     """The codes of 256 depth channels would outweigh the Gaussians ten times."""
-    layer = read_container(seed.data).layers[0]
+    layer = read_container(seed.data).body.layers[0]
     many = replace(layer, channels=tuple(layer.channels[:1]) * 256)
     assert decoding_bytes(many) > 256 * 2 * layer.gaussians
     with pytest.raises(FormatError, match="max-memory"):
@@ -254,7 +254,7 @@ def test_decoding_takes_at_most_twice_the_memory_that_the_limit_counts(tmp_path:
     g = make_smooth_gaussians(1, 400, 400, 0)
     seed = Seed.of(ts.compress(g, "fast"))
     layer = next(p for p in seed.parts if p.kind == L.LAYER)
-    channels = read_container(seed.data).layers[0].channels
+    channels = read_container(seed.data).body.layers[0].channels
     record = L.CHANNEL.size + L.STREAM.size
     head = len(layer.data) - sum(L.CHANNEL.size + L.STREAM.size * len(c.streams) for c in channels)
     repeated = layer.data[head : head + record] * (depth_channels - 1)
@@ -269,7 +269,7 @@ def test_decoding_takes_at_most_twice_the_memory_that_the_limit_counts(tmp_path:
     (tmp_path / "small").write_bytes(corpus.tsplat_seeds()[0].data)
     command = [sys.executable, "-c", _PEAK, str(tmp_path / "small"), str(tmp_path / "large")]
     grown = int(subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout)
-    assert grown <= 2 * decoding_bytes(read_container(join(parts)).layers[0])
+    assert grown <= 2 * decoding_bytes(read_container(join(parts)).body.layers[0])
 
 
 # ---- the command line ------------------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ def test_every_idea_undone_is_a_file_close_to_the_gaussians(name, gaussians, run
 
 def test_what_is_undone_is_not_in_the_file(gaussians, runtime):
     def header(name):
-        return read_container(ideas.encode_changed(gaussians, 0.0, runtime, ideas.CHANGES[name])).layers[0]
+        return read_container(ideas.encode_changed(gaussians, 0.0, runtime, ideas.CHANGES[name])).body.layers[0]
 
     assert not header("depth as z").inverse_depth
     assert header("ŝ without PCA").scale_mix is None

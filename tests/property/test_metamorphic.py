@@ -141,7 +141,7 @@ def _coded_again(data: bytes, settings: EncoderSettings) -> bytes:
     seed, container = Seed.of(data), read_container(data)
     parts, at = list(seed.parts), iter(seed.pictures)
     sections: dict[int, list[tuple[int, bytes]]] = {}
-    for index, layer in enumerate(container.layers):
+    for index, layer in enumerate(container.body.layers):
         decoder = PlaneDecoder(container.parameter_sets[layer.parameter_set], layer.height, layer.width)
         records = []
         for channel in layer.channels:
@@ -151,7 +151,7 @@ def _coded_again(data: bytes, settings: EncoderSettings) -> bytes:
             )
             for view in range(len(channel.streams)):
                 codes = np.empty((layer.height, layer.width), np.uint16)
-                decoder.decode_into(container.payload(index, channel, view), codes)
+                decoder.decode_into(container.pictures.payload(index, channel, view), codes)
                 payload = encode_plane(codes, channel.qp, settings).payload
                 section, offset, _ = next(at)
                 sections.setdefault(section, []).append((offset, payload))

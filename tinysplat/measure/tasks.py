@@ -26,6 +26,7 @@ from tinysplat_runtime import Gaussians, Runtime, load_gaussians, load_scene
 from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.container.planes import Planes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.system.stopwatch import watched_parts
@@ -174,12 +175,13 @@ class Stream:
 def file_streams(data: bytes) -> list[Stream]:
     """All pictures of a `.tsplat` file."""
     container = read_container(data)
+    assert isinstance(container.body, Planes), "only planes are pictures that libavcodec alone can decode"
     return [
         Stream(
             container.parameter_sets[layer.parameter_set],
-            _START_CODE + bytes(container.payload(index, channel, view)),
+            _START_CODE + bytes(container.pictures.payload(index, channel, view)),
         )
-        for index, layer in enumerate(container.layers)
+        for index, layer in enumerate(container.body.layers)
         for channel in layer.channels
         for view in range(len(channel.streams))
     ]

@@ -8,7 +8,7 @@ from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch, part
 from .layers import OpenFile
-from .missing import cut_off_planes, damaged_planes, plane_name
+from .missing import cut_off_planes, damaged_planes
 from .modes.registry import MODES
 
 
@@ -51,6 +51,6 @@ def decode_gaussians(
             container = read_container(memoryview(data)[:max_bytes], limits, is_prefix=is_prefix)
         missing = cut_off_planes(container) if lost is None else damaged_planes(container)
         if lost is not None:
-            lost += [plane_name(container, ref) for ref in sorted(missing)]
+            lost += [container.body.picture_name(*ref) for ref in sorted(missing)]
     opened = OpenFile(container, missing, store, threads, model, watch)
-    return MODES[container.mode].decode(opened).with_notes(container.notes)
+    return MODES[container.mode].decode(opened, container.body).with_notes(container.notes)

@@ -11,9 +11,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.layers import CodedChannel, CodedLayer
 from ..container.reader import read_container
 from ..container.records import Limits
-from ..container.writer import CodedChannel, CodedLayer, write_container
+from ..container.sections import NewSection
+from ..container.writer import write_container
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
@@ -133,7 +135,7 @@ class SceneEncoder:
         stats: EncodeStats | None = None,
         plane_coder: PlaneCoder | None = None,
         planner: Callable[[ProjectedScene], Planner] | None = None,
-        sections: Sequence[tuple[bytes, int, bytes]] = (),
+        sections: Sequence[NewSection] = (),
     ) -> None:
         """Check and project the scene; arguments and errors are those of `encode_gaussians`.
 

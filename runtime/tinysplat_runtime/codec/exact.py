@@ -18,7 +18,7 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.records import ExactLayer
+from ..container.exact import ExactLayer
 from ..errors import FormatError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY_CHANNELS, PlaneClass

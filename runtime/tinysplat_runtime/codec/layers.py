@@ -11,7 +11,10 @@ from threading import Lock, local
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.records import ChannelRecord, Container, LayerHeader
+from ..container.body import Container
+from ..container.layers import LayerHeader
+from ..container.planes import Planes
+from ..container.records import ChannelRecord
 from ..errors import FormatError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.inference import GraphStore
@@ -46,7 +49,7 @@ class OpenFile:
     watch: Stopwatch
 
 
-def decode_layers(file: OpenFile, base: Base | None = None) -> Gaussians:
+def decode_layers(file: OpenFile, planes: Planes, base: Base | None = None) -> Gaussians:
     """All layers of coded planes, on top of a base where there is one.
 
     Without a base, views whose depth is missing are hidden.
@@ -54,12 +57,12 @@ def decode_layers(file: OpenFile, base: Base | None = None) -> Gaussians:
     container, watch = file.container, file.watch
     layers = []
     crew = Crew(file.threads)
-    for index, header in enumerate(container.layers):
+    for index, header in enumerate(planes.layers):
         with watch.stage("synthesis"):
             below = base(index, header) if base else None
             with part("metadata"):
                 synthesis = LayerSynthesis(header, container.origin, file.store, below)
-        _decode_layer(_Pictures(container, index), synthesis, crew, file.missing, watch)
+        _decode_layer(_Pictures(container, header, index), synthesis, crew, file.missing, watch)
         with watch.stage("synthesis"):
             layers.append(synthesis.gaussians())
         if base is None:
@@ -79,17 +82,14 @@ class _Pictures:
     """The pictures of layer `index` of a container, and a libavcodec context of each thread's own to decode them."""
 
     container: Container
+    layer: LayerHeader
     index: int
     own: local = field(default_factory=local)
-
-    @property
-    def layer(self) -> LayerHeader:
-        return self.container.layers[self.index]
 
     def decode(self, channel: ChannelRecord, view: int, out: NDArray) -> None:
         """Decode one picture into `out` (H, W) uint16."""
         with part("CRC"):
-            payload = self.container.payload(self.index, channel, view)
+            payload = self.container.pictures.payload(self.index, channel, view)
         if not hasattr(self.own, "decoder"):
             parameter_sets = self.container.parameter_sets[self.layer.parameter_set]
             self.own.decoder = PlaneDecoder(parameter_sets, self.layer.height, self.layer.width)

@@ -11,8 +11,10 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import NamedTuple
 
+from ..container.body import Container
+from ..container.layers import LayerHeader
 from ..container.layout import PLANES
-from ..container.records import Container, LayerHeader
+from ..container.planes import Planes
 from ..errors import FormatError
 from ..gaussian.planes import MAX_CODE, PlaneClass
 from .quantise import MID_CODE
@@ -30,7 +32,7 @@ def all_planes(container: Container) -> list[PlaneRef]:
     """Every picture that the metadata lists, in the order of the records."""
     return [
         PlaneRef(index, number, view)
-        for index, channels in enumerate(container.channels)
+        for index, channels in enumerate(container.pictures.channels)
         for number, channel in enumerate(channels)
         for view in range(len(channel.streams))
     ]
@@ -38,10 +40,11 @@ def all_planes(container: Container) -> list[PlaneRef]:
 
 def cut_off_planes(container: Container) -> frozenset[PlaneRef]:
     """The pictures that a prefix of the file does not hold to their end; none of a whole file."""
+    pictures = container.pictures
     return frozenset(
         ref
         for ref in all_planes(container)
-        if not container.holds(ref.layer, container.channels[ref.layer][ref.channel], ref.view)
+        if not pictures.holds(ref.layer, pictures.channels[ref.layer][ref.channel], ref.view)
     )
 
 
@@ -52,18 +55,12 @@ def damaged_planes(container: Container) -> frozenset[PlaneRef]:
 
 
 def _is_intact(container: Container, ref: PlaneRef) -> bool:
+    pictures = container.pictures
     try:
-        container.payload(ref.layer, container.channels[ref.layer][ref.channel], ref.view)
+        pictures.payload(ref.layer, pictures.channels[ref.layer][ref.channel], ref.view)
     except FormatError:
         return False
     return True
-
-
-def plane_name(container: Container, ref: PlaneRef) -> str:
-    """For messages, for instance `layer 0 color2 view 1`; in mode free `color2`."""
-    if container.free is not None:
-        return container.channels[ref.layer][ref.channel].name
-    return f"layer {ref.layer} {container.channels[ref.layer][ref.channel].name} view {ref.view}"
 
 
 def stand_in_code(layer: LayerHeader, channel: int) -> int:
@@ -86,8 +83,8 @@ def hidden_views(layer: LayerHeader, index: int, absent: Collection[PlaneRef]) -
     return [] if first is None else [view for view in range(len(layer.cameras)) if (index, first, view) in absent]
 
 
-def first_picture_end(container: Container) -> int:
+def first_picture_end(planes: Planes) -> int:
     """Bytes of the smallest prefix that holds a depth picture of layer 0, which must have one."""
-    section = next(s for s in container.plane_sections if (s.kind, s.index) == (PLANES[PlaneClass.DEPTH], 0))
-    record = next(c for c in container.layers[0].channels if c.plane_class == PlaneClass.DEPTH and c.streams)
+    section = next(s for s in planes.pictures.sections if (s.kind, s.index) == (PLANES[PlaneClass.DEPTH], 0))
+    record = next(c for c in planes.layers[0].channels if c.plane_class == PlaneClass.DEPTH and c.streams)
     return section.end - section.length + record.streams[0].length

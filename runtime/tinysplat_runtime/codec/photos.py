@@ -14,8 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.extras import PHOTO_SIDE_MULTIPLE, CodedPhotos
-from ..container.records import PhotoHeader
+from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
 from ..system.blas import product

@@ -15,8 +15,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.layers import CodedChannel, CodedLayer
 from ..container.reader import read_container
-from ..container.writer import CodedChannel, CodedLayer, write_container
+from ..container.writer import write_container
 from ..errors import InputError
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from .adaptive import depth_fineness, with_depth_pictures
@@ -394,8 +395,8 @@ def _fewest_moved(models: Sequence[ChannelModel], found: Sequence[int], wanted: 
 def _bytes_by_channel(plans: Sequence[LayerPlan], data: bytes) -> list[int]:
     """Bytes of the pictures of every channel of the plans, a depth's two records together."""
     totals: dict[tuple[int, int, int], int] = {}
-    for index, layer in enumerate(read_container(data).layers):
-        for record in layer.channels:
+    for index, channels in enumerate(read_container(data).pictures.channels):
+        for record in channels:
             key = index, record.plane_class, record.target
             totals[key] = totals.get(key, 0) + sum(stream.length for stream in record.streams)
     return [totals[i, c.plane_class, c.target] for i, plan in enumerate(plans) for c in plan.channels]

@@ -15,9 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.body import Container
+from ..container.layers import CodedChannel, CodedLayer, LayerHeader
+from ..container.planes import Planes
 from ..container.reader import read_container
-from ..container.records import ChannelRecord, Container, LayerHeader, Limits
-from ..container.writer import CodedChannel, CodedLayer, write_container
+from ..container.records import ChannelRecord, Limits
+from ..container.writer import write_container
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
@@ -89,39 +92,39 @@ def encode_like(
     with stats.watch.stage("parse"):
         try:
             container = read_container(file, limits)
-            profile = _checked(gaussians, container)
+            layers, profile = _checked(gaussians, container)
             earlier = decode_gaussians(file, store, threads=threads, limits=limits)
         except FormatError as error:
             raise error.within(_WHERE) from None
-    layers = []
+    coded = []
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        for index in range(len(container.layers)):
+        for index, layer in enumerate(layers):
             pair = gaussians.layers[index], earlier.layers[index]
-            coder = _LayerCoder(container, index, profile.encoder, pool, stats)
-            layers.append(coder.code(*_targets(store, container.layers[index], *pair, profile, drop_invalid, stats)))
+            coder = _LayerCoder(container, layer, index, profile.encoder, pool, stats)
+            coded.append(coder.code(*_targets(store, layer, *pair, profile, drop_invalid, stats)))
     with stats.watch.stage("write"):
         cameras, notes = gaussians.cameras, gaussians.notes
-        data = write_container(layers, cameras, gaussians.origin, profile.name, container.qp, notes=notes)
+        data = write_container(coded, cameras, gaussians.origin, profile.name, container.qp, notes=notes)
         check_readable(data)
     return data
 
 
-def _checked(gaussians: Gaussians, container: Container) -> Profile:
-    """The file's profile; InputError unless the file can serve as the scene's model."""
-    if container.mode != "gaussians":
+def _checked(gaussians: Gaussians, container: Container) -> tuple[tuple[LayerHeader, ...], Profile]:
+    """The file's layers and profile; InputError unless the file can serve as the scene's model."""
+    if not isinstance(container.body, Planes):
         raise InputError(f"a file of mode {container.mode}, expected gaussians", where=_WHERE)
     if not gaussians.is_per_pixel:
         raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
     found = [layer.opacities.shape for layer in gaussians.layers]
-    wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.layers]
+    wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.body.layers]
     if found != wanted:
         raise InputError(f"grids {_grids(found)}, those of the file are {_grids(wanted)}", where="gaussians")
-    for index, layer in enumerate(container.layers):
+    for index, layer in enumerate(container.body.layers):
         for channel in layer.channels:
             if channel.streams and not channel.scale > _LEAST_SCALE:
                 found_scale = f"plane {channel.name} of layer {index} has {channel.scale:g} units per code"
                 raise InputError(f"{found_scale}, expected more than {_LEAST_SCALE:g}", where=_WHERE)
-    return find_profile(container.profile)
+    return container.body.layers, find_profile(container.profile)
 
 
 def _grids(shapes: Sequence[tuple[int, ...]]) -> str:
@@ -222,9 +225,10 @@ class _LayerCoder:
     """Codes the channels of one layer, keeping the file's pictures where they still say what is wanted."""
 
     def __init__(
-        self, container: Container, index: int, settings: EncoderSettings, pool: ThreadPoolExecutor, stats: EncodeStats
-    ) -> None:
-        self._container, self._index, self._header = container, index, container.layers[index]
+        self, container: Container, layer: LayerHeader, index: int, settings: EncoderSettings,
+        pool: ThreadPoolExecutor, stats: EncodeStats,
+    ) -> None:  # fmt: skip
+        self._container, self._index, self._header = container, index, layer
         self._settings, self._pool, self._stats = settings, pool, stats
         self._sets = container.parameter_sets.get(self._header.parameter_set, b"")
 
@@ -276,7 +280,7 @@ class _LayerCoder:
         self, record: ChannelRecord, codes: NDArray, same: NDArray, view: int
     ) -> tuple[bytes, NDArray, bytes | None]:
         """A picture's slice, what it decodes to, and its parameter sets where it was coded anew."""
-        earlier = bytes(self._container.payload(self._index, record, view))
+        earlier = bytes(self._container.pictures.payload(self._index, record, view))
         decoded = self._decoded(self._file_sets, earlier, codes)
         if same.all():
             return earlier, decoded, None

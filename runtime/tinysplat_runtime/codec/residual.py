@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.records import LayerHeader
+from ..container.layers import LayerHeader
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import CODING_ORDER, GEOMETRY, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.records import LayerHeader
+from ..container.layers import LayerMaps
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 from ..gaussian.quaternions import matrices_to_quats, multiply_quats
@@ -27,7 +27,7 @@ class LayerSynthesis:
     """The Gaussians of one layer in the making; views and halves may come in any order, on any threads."""
 
     def __init__(
-        self, layer: LayerHeader, origin: NDArray, store: GraphStore, base: tuple[NDArray, NDArray] | None
+        self, layer: LayerMaps, origin: NDArray, store: GraphStore, base: tuple[NDArray, NDArray] | None
     ) -> None:
         """Fold the layer's numbers into matrices; `base` is what the codes are added to: geometry planes
         (V, 11, H, W) and SH coefficients.
@@ -110,7 +110,7 @@ class LayerSynthesis:
         return Gaussians.unchecked(**self._geometry, sh=sh, cameras=self._layer.cameras, origin=self._origin)
 
 
-def coded_channels(layer: LayerHeader) -> tuple[list[int], list[int]]:
+def coded_channels(layer: LayerMaps) -> tuple[list[int], list[int]]:
     """Which of the layer's channels have pictures, by index: those of geometry, and of colour. The graph's planes stand
     in this order.
 
@@ -121,7 +121,7 @@ def coded_channels(layer: LayerHeader) -> tuple[list[int], list[int]]:
     return [index for index in coded if index not in colors], colors
 
 
-def _geometry_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
+def _geometry_mix(layer: LayerMaps, coded: list[int]) -> NDArray:
     """(11, P + 1) float64: geometry channels = mix · codes, the last code being 1."""
     mix = np.zeros((GEOMETRY_CHANNELS, len(coded) + 1))
     for index, channel in enumerate(layer.channels):
@@ -139,7 +139,7 @@ def _geometry_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
     return mix
 
 
-def _colour_mix(layer: LayerHeader, coded: list[int]) -> NDArray:
+def _colour_mix(layer: LayerMaps, coded: list[int]) -> NDArray:
     """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1."""
     # Without VABR the colour planes are the three coefficients of degree 0 themselves.
     inverse = np.eye(3) if layer.basis is None else layer.basis.astype(np.float64)  # (d, k)

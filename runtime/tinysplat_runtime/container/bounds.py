@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError
 from ..gaussian.planes import CODING_ORDER, GEOMETRY_CHANNELS, MAX_CODE, MAX_DECODED, PlaneClass
-from .records import LayerHeader
+from .layers import LayerHeader
 
 MIN_DEPTH = 1e-30
 """Least depth: its inverse is a decoded number too."""

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from ..gaussian.planes import MAX_CODE, MAX_DECODED, MAX_QP, PlaneClass
 from ..gaussian.sh import MAX_SH_DEGREE
-from .layout import CHANNEL, CONSTANT, INTRA, PLANES, STREAM
+from .layout import CHANNEL, CONSTANT, INTRA, PARAMETER_SETS, PLANES, STREAM
 from .records import ChannelRecord, FreeChannel, FreeScene, Limits, PointGrid, StreamRef, WeightClasses
-from .sections import Cursor, Section, only
+from .sections import Cursor, NewSection, Section, only
 
 FREE = b"FREE"
 FREE_POINTS = b"FREP"
@@ -63,7 +63,7 @@ def order_of(plane_class: PlaneClass, target: int) -> int:
 
 def free_sections(
     scene: FreeScene, payloads: Mapping[tuple[PlaneClass, int], bytes], parameter_sets: bytes
-) -> list[tuple[bytes, int, bytes]]:
+) -> list[NewSection]:
     """The sections of a scene: metadata, positions, and pictures such that a prefix shows as much as it can."""
     grid, k = scene.grid, scene.basis.shape[1]
     fixed = FREE_FIXED.pack(
@@ -84,11 +84,14 @@ def free_sections(
         parts.append(CENTRE.pack(channel.centre))
         if payload is not None:
             parts.append(STREAM.pack(len(payload), crc32(payload)))
-    sections = [(FREE, 0, b"".join(parts)), (FREE_POINTS, 0, b"".join(map(bytes, grid.streams)))]
+    sections = [
+        NewSection(FREE, 0, b"".join(parts), FREE_MINOR),
+        NewSection(FREE_POINTS, 0, b"".join(map(bytes, grid.streams))),
+    ]
     if parameter_sets:
-        sections.append((b"HEVC", 0, parameter_sets))
+        sections.append(NewSection(PARAMETER_SETS, 0, parameter_sets))
     return sections + [
-        (PLANES[plane_class], 0, data)
+        NewSection(PLANES[plane_class], 0, data)
         for plane_class in (PlaneClass.OPACITY, PlaneClass.SCALE, PlaneClass.COLOR, PlaneClass.ROTATION)
         if (data := b"".join(p for (c, _), p in sorted(payloads.items()) if c == plane_class))
     ]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ..errors import FormatError, InputError
 from ..gaussian.notes import MAX_BYTES, NO_NOTES, Notes
-from .sections import Cursor, Section, only
+from .sections import Cursor, NewSection, Section, only
 
 NOTES = b"NOTE"
 REFINED = b"REFI"
@@ -25,12 +25,13 @@ MINOR = {NOTES: 1, REFINED: 2, ANTIALIASED: 3}
 """Minor version of a file with such a section, which readers that do not know it may skip."""
 
 
-def note_sections(notes: Notes) -> dict[bytes, bytes]:
+def note_sections(notes: Notes) -> list[NewSection]:
     """The sections that there is something to say in."""
     texts = [getattr(notes, name).encode() for name in NOTE_NAMES]
-    sections = {NOTES: NOTES_FIXED.pack(*map(len, texts)) + b"".join(texts)} if any(texts) else {}
+    found = {NOTES: NOTES_FIXED.pack(*map(len, texts)) + b"".join(texts)} if any(texts) else {}
     single = {kind: getattr(notes, name).encode() for kind, name in TEXTS.items()}
-    return sections | {kind: text for kind, text in single.items() if text}
+    found |= {kind: text for kind, text in single.items() if text}
+    return [NewSection(kind, 0, data, MINOR[kind], is_required=False) for kind, data in found.items()]
 
 
 def read_notes(sections: Sequence[Section]) -> Notes:

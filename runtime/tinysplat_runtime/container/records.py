@@ -1,20 +1,17 @@
-"""What a parsed file is: the records that `reader` fills, `bounds` checks and all code behind the trust boundary uses;
-and `Limits`, what it may ask for.
-"""
+"""What bodies are made of: references to coded pictures and channels, and `Limits`, what a file may ask for."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from zlib import crc32
 
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..gaussian.notes import NO_NOTES, Notes
 from ..gaussian.planes import PlaneClass
-from ..scene.cameras import Camera
-from .sections import Section
+from .layout import STREAM
+from .sections import Cursor, Section
 
 
 @dataclass(frozen=True)
@@ -42,6 +39,13 @@ class StreamRef:
     length: int
     crc: int
 
+    def checked(self, data: memoryview, where: str) -> memoryview:
+        """The picture's slice of `data`; FormatError with `where` if its CRC differs."""
+        found = data[self.offset : self.offset + self.length]
+        if crc32(found) != self.crc:
+            raise FormatError("CRC differs: the bytes were altered", where=where)
+        return found
+
 
 @dataclass(frozen=True)
 class ChannelRecord:
@@ -68,117 +72,44 @@ class ChannelRecord:
 
 
 @dataclass(frozen=True)
-class NetworkRef:
-    """Which network a file needs, and the depth range that it is run with.
+class Pictures:
+    """The pictures of planes that a file holds.
 
     Attributes:
-        name: for messages, and to find the file.
-        sha256: of the ONNX file, hexadecimal; the network that is run must have it.
-        near, far: depths in scene units.
+        channels: the channel records of each layer; those of mode free as one layer's.
+        data: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
+        sections: the sections that hold them, in the file's order.
     """
 
-    name: str
-    sha256: str
-    near: float
-    far: float
+    channels: tuple[tuple[ChannelRecord, ...], ...] = ()
+    data: Mapping[tuple[PlaneClass, int], memoryview] = field(default_factory=dict)
+    sections: tuple[Section, ...] = ()
+
+    def holds(self, layer: int, channel: ChannelRecord, view: int) -> bool:
+        """Whether the bytes at hand reach to the end of one picture; always for a whole file."""
+        stream = channel.streams[view]
+        return stream.offset + stream.length <= len(self.data[channel.plane_class, layer])
+
+    def payload(self, layer: int, channel: ChannelRecord, view: int) -> memoryview:
+        """One picture's slice, its CRC checked.
+
+        Raises:
+            FormatError: the bytes are not those that were written.
+        """
+        stream = channel.streams[view]
+        return stream.checked(self.data[channel.plane_class, layer], f"plane {channel.name}, view {view}")
 
 
-@dataclass(frozen=True)
-class PhotoHeader:
-    """Photos of a file: their size, and where their pictures lie in `data`."""
-
-    height: int
-    width: int
-    qp: int
-    parameter_set: int
-    streams: tuple[StreamRef, ...]
-    data: memoryview
-
-    def payload(self, view: int) -> memoryview:
-        """One photo's slice; FormatError if its CRC differs."""
-        stream = self.streams[view]
-        data = self.data[stream.offset : stream.offset + stream.length]
-        if crc32(data) != stream.crc:
-            raise FormatError("CRC differs: the bytes were altered", where=f"photo {view}")
-        return data
-
-
-def exact_plane_count(degree: int) -> int:
-    """Planes of a view: 12 of geometry, and all SH coefficients."""
-    return 12 + 3 * (degree + 1) ** 2
-
-
-@dataclass(frozen=True)
-class ExactLayer:
-    """A layer of exact planes of a file: its grid, and where its planes lie in `data`, views outermost."""
-
-    cameras: tuple[Camera, ...]
-    degree: int
-    depth_limits: tuple[float, float]
-    sha256: bytes
-    streams: tuple[StreamRef, ...]
-    data: memoryview
-
-    @property
-    def height(self) -> int:
-        """Rows of the grid."""
-        return self.cameras[0].height
-
-    @property
-    def width(self) -> int:
-        """Columns of the grid."""
-        return self.cameras[0].width
-
-    @property
-    def planes(self) -> int:
-        """Planes of a view."""
-        return exact_plane_count(self.degree)
-
-    @property
-    def gaussians(self) -> int:
-        """Gaussians of the layer."""
-        return len(self.cameras) * self.height * self.width
-
-    def payload(self, number: int) -> memoryview:
-        """One plane's bytes; FormatError if its CRC differs."""
-        stream = self.streams[number]
-        data = self.data[stream.offset : stream.offset + stream.length]
-        if crc32(data) != stream.crc:
-            raise FormatError("CRC differs: the bytes were altered", where=f"exact plane {number}")
-        return data
-
-
-@dataclass(frozen=True)
-class LayerHeader:
-    """A layer's metadata; see `LayerPlan` for what the maps mean.
-
-    Attributes:
-        cameras: one per view, with the layer's own grid and intrinsics.
-        reference_quats: (V, 4) float32 or None.
-        scale_mix: ((3, 3), (3,)) float32 or None.
-        basis: (d, k) float16, or None where colour planes are degree-0 coefficients.
-        parameter_set: index of its pictures' parameter sets.
-    """
-
-    height: int
-    width: int
-    degree: int
-    source_degree: int
-    depth_limits: tuple[float, float]
-    energy_lost: float
-    condition: float
-    inverse_depth: bool
-    cameras: tuple[Camera, ...]
-    reference_quats: NDArray | None
-    scale_mix: tuple[NDArray, NDArray] | None
-    basis: NDArray | None
-    parameter_set: int
-    channels: tuple[ChannelRecord, ...]
-
-    @property
-    def gaussians(self) -> int:
-        """Gaussians of the layer."""
-        return len(self.cameras) * self.height * self.width
+def read_streams(cursor: Cursor, count: int, data: memoryview) -> tuple[StreamRef, ...]:
+    """The table at a section's end: `count` lengths, which add up to that of `data`, with CRCs."""
+    streams, end = [], 0
+    for _ in range(count):
+        length, crc = cursor.unpack(STREAM)
+        streams.append(StreamRef(end, length, crc))
+        end += length
+    cursor.finish()
+    cursor.require(end == len(data), f"{len(data)} bytes behind it, {end} announced")
+    return tuple(streams)
 
 
 @dataclass(frozen=True)
@@ -252,73 +183,3 @@ class FreeScene:
         """One of the channels, each of which there is."""
         wanted = plane_class, target
         return next(c for c in self.channels if (c.record.plane_class, c.record.target) == wanted)
-
-
-@dataclass(frozen=True)
-class Container:
-    """A parsed file.
-
-    Attributes:
-        cameras: one per view.
-        origin: (3,) float64.
-        layers: metadata, the network's per-pixel layer first.
-        parameter_sets: HEVC parameter sets by index.
-        streams: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
-        plane_sections: the sections that hold pictures of planes, in the file's order.
-        network: the network that the receiver runs on `photos`; both or neither.
-        exact: layers of exact planes, in place of `layers`.
-        free: Gaussians that belong to no pixels, in place of `layers` and `cameras`.
-        notes: what the scene's maker says about it, and how it was refined.
-        total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
-    """
-
-    version: tuple[int, int]
-    profile: str
-    qp: float
-    origin: NDArray
-    cameras: tuple[Camera, ...]
-    layers: tuple[LayerHeader, ...]
-    parameter_sets: Mapping[int, bytes]
-    streams: Mapping[tuple[PlaneClass, int], memoryview]
-    plane_sections: tuple[Section, ...]
-    total_bytes: int
-    network: NetworkRef | None = None
-    photos: PhotoHeader | None = None
-    exact: tuple[ExactLayer, ...] = ()
-    free: FreeScene | None = None
-    notes: Notes = NO_NOTES
-
-    @property
-    def mode(self) -> str:
-        """`gaussians`; `photos`, which a network turns into them; `hybrid`, whose planes correct what it gives;
-        `lossless`; `free`, whose Gaussians belong to no pixels.
-        """
-        if self.free is not None:
-            return "free"
-        if self.exact:
-            return "lossless"
-        return "gaussians" if self.photos is None else "hybrid" if self.layers else "photos"
-
-    @property
-    def channels(self) -> tuple[tuple[ChannelRecord, ...], ...]:
-        """The channel records of each layer; those of mode free as one."""
-        if self.free is not None:
-            return (tuple(channel.record for channel in self.free.channels),)
-        return tuple(layer.channels for layer in self.layers)
-
-    def holds(self, layer: int, channel: ChannelRecord, view: int) -> bool:
-        """Whether the bytes at hand reach to the end of one picture; always for a whole file."""
-        stream = channel.streams[view]
-        return stream.offset + stream.length <= len(self.streams[channel.plane_class, layer])
-
-    def payload(self, layer: int, channel: ChannelRecord, view: int) -> memoryview:
-        """One picture's slice, its CRC checked.
-
-        Raises:
-            FormatError: the bytes are not those that were written.
-        """
-        stream = channel.streams[view]
-        data = self.streams[channel.plane_class, layer][stream.offset : stream.offset + stream.length]
-        if crc32(data) != stream.crc:
-            raise FormatError("CRC differs: the bytes were altered", where=f"plane {channel.name}, view {view}")
-        return data

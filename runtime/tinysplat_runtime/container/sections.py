@@ -15,6 +15,22 @@ from . import layout as L
 
 
 @dataclass(frozen=True)
+class NewSection:
+    """A section to be written.
+
+    Attributes:
+        minor: the first version of the format that has it.
+        is_required: a reader that does not know it must refuse the file.
+    """
+
+    kind: bytes
+    index: int
+    data: bytes
+    minor: int = L.MINOR
+    is_required: bool = True
+
+
+@dataclass(frozen=True)
 class Section:
     """One row of the table and its bytes.
 
@@ -76,7 +92,7 @@ def read_table(
         is_prefix: accept a file that ends before its table says.
 
     Returns:
-        Version, bytes of the whole file, and the known sections.
+        Version, bytes of the whole file, and the known sections, the CRC of each checked but of `planes`.
     """
     if bytes(view[: len(L.MAGIC)]) != L.MAGIC:
         raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
@@ -109,24 +125,19 @@ def read_table(
         raise FormatError(
             f"the first {len(view)} bytes hold no picture; the metadata alone takes {metadata_end}", where="file"
         )
+    for section in sections:
+        if section.kind not in planes and crc32(section.data) != section.crc:
+            raise FormatError("CRC differs: the bytes were altered", where=section.label)
     return (major, minor), end, sections
 
 
 def only(sections: Sequence[Section], kind: bytes, index: int = 0) -> Section:
-    """The one section of a type and index, its CRC checked."""
+    """The one section of a type and index; FormatError if it is missing or there more than once."""
     found = [s for s in sections if s.kind == kind and s.index == index]
     if len(found) != 1:
         label = f"section {kind.decode('ascii')}[{index}]"
         raise FormatError("missing" if not found else f"stands {len(found)} times, expected once", where=label)
-    verified(found[0])
     return found[0]
-
-
-def verified(section: Section) -> bytes:
-    """A section's bytes; FormatError if their CRC differs."""
-    if crc32(section.data) != section.crc:
-        raise FormatError("CRC differs: the bytes were altered", where=section.label)
-    return bytes(section.data)
 
 
 def require(condition: bool, section: Section, message: str) -> None:

@@ -8,8 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from ...container.body import Container
 from ...container.free import DETERMINING, order_of
-from ...container.records import Container, FreeChannel, FreeScene, PointGrid
+from ...container.records import FreeChannel, FreeScene, PointGrid
 from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import PlaneClass
@@ -24,19 +25,18 @@ from .planes import plane_shape
 _ROWS = 1 << 16
 
 
-def decode_free(container: Container, missing: Collection[PlaneRef], threads: int) -> Gaussians:
+def decode_free(container: Container, scene: FreeScene, missing: Collection[PlaneRef], threads: int) -> Gaussians:
     """The Gaussians of a file.
 
     Args:
         container: of mode free.
+        scene: what its body says.
         missing: pictures that are not at hand: every Gaussian gets what their channels are centred on.
         threads: pictures decoded at a time.
 
     Raises:
         FormatError: damaged; or a picture is missing that the order of others depends on.
     """
-    scene = container.free
-    assert scene is not None
     keys = decode_points(scene.grid.streams, scene.grid.levels, scene.grid.leaves, scene.grid.escapes, scene.count)
     means = _means(scene.grid, keys)
     absent = {scene.channels[ref.channel].record.name for ref in missing}
@@ -80,7 +80,7 @@ def _values(container: Container, channel: FreeChannel, order: Order) -> NDArray
     if not record.streams:
         return channel_values(channel, None, order)
     codes = np.empty(plane_shape(len(order.rows)), np.uint16)
-    PlaneDecoder(container.parameter_sets[0], *codes.shape).decode_into(container.payload(0, record, 0), codes)
+    PlaneDecoder(container.parameter_sets[0], *codes.shape).decode_into(container.pictures.payload(0, record, 0), codes)
     return channel_values(channel, codes, order)
 
 

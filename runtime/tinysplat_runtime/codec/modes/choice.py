@@ -6,7 +6,7 @@ gaussians. Hybrid files are for who asks for them: they are never the smallest.
 
 from __future__ import annotations
 
-from ...container.records import NetworkRef
+from ...container.photos import NetworkRef
 from ...errors import InputError
 from ...graphs.artifacts import load_manifest
 from . import CHOICES, DEFAULT_MODE

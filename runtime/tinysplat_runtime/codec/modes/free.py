@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ...container.points import Points
 from ...gaussian.gaussians import Gaussians
 from ..free.decoder import decode_free
 from ..layers import OpenFile
@@ -25,10 +26,10 @@ def encoder(job: Job) -> FreeEncoder:
     return FreeEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
 
 
-def decode(file: OpenFile) -> Gaussians:
+def decode(file: OpenFile, body: Points) -> Gaussians:
     """The file's Gaussians, as one list; FormatError where what sorts them is not at hand."""
     with file.watch.stage("libavcodec"):
-        return decode_free(file.container, file.missing, file.threads)
+        return decode_free(file.container, body.scene, file.missing, file.threads)
 
 
 FREE = Mode("free", encode, decode)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...container.planes import Planes
 from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
 from ..layers import OpenFile, decode_layers
@@ -15,13 +16,13 @@ def encode(job: Job) -> bytes:
     return encoder.encode(job.qp)
 
 
-def decode(file: OpenFile) -> Gaussians:
+def decode(file: OpenFile, body: Planes) -> Gaussians:
     """The file's Gaussians; FormatError where no depth picture of the first layer is at hand."""
-    first = file.container.layers[0]
+    first = body.layers[0]
     if file.missing and len(hidden_views(first, 0, file.missing)) == len(first.cameras):
-        end = first_picture_end(file.container)
+        end = first_picture_end(body)
         raise FormatError(f"holds no intact depth picture; the first of them ends at byte {end}", where="file")
-    return decode_layers(file)
+    return decode_layers(file, body)
 
 
 GAUSSIANS = Mode("gaussians", encode, decode)

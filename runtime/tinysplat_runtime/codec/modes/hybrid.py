@@ -8,12 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 from numpy.typing import NDArray
 
-from ...container.reader import read_container
-from ...container.records import LayerHeader
-from ...container.writer import write_container
+from ...container.layers import LayerHeader
+from ...container.photos import Hybrid
 from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
 from ...graphs.inference import GraphStore
@@ -36,13 +34,10 @@ def encode(job: Job) -> bytes:
     """
     settings, network = hybrid_settings(job.profile), photo_mode.photos_of(job).network
     sections, photos = photo_mode.coded_photos(job)
-    # The photos are read back from a file, so that the encoder sees exactly what the decoder will.
-    container = read_container(write_container([], job.gaussians.cameras, np.zeros(3), "", job.qp, sections))
-    assert container.photos is not None
-    images = decode_photos(container.photos, photos.parameter_sets, job.threads)
+    images = decode_photos(photos.header(), photos.parameter_sets, job.threads)  # what the decoder will see
     with job.stats.watch.stage("network"):
         graph = job.store.network_by_hash(network.name, network.sha256, photo_mode.photos_of(job).model)
-        prediction = predict(images, container.cameras, network.near, network.far, graph)
+        prediction = predict(images, job.gaussians.cameras, network.near, network.far, graph)
     # Residuals have no QPs by block, and so no need of coding trees as small as blocks.
     profile = replace(job.profile, encoder=replace(job.profile.encoder, block_qps=False))
     encoder = SceneEncoder(
@@ -52,9 +47,9 @@ def encode(job: Job) -> bytes:
     return encoder.encode(job.qp)
 
 
-def decode(file: OpenFile) -> Gaussians:
+def decode(file: OpenFile, body: Hybrid) -> Gaussians:
     """The network's Gaussians, corrected; a file cut behind its photos gives them as they are."""
-    return decode_layers(file, partial(_base, photo_mode.decode(file), file.store))
+    return decode_layers(file, body.planes, partial(_base, photo_mode.decode(file, body.photos), file.store))
 
 
 def _base(prediction: Gaussians, store: GraphStore, index: int, layer: LayerHeader) -> tuple[NDArray, NDArray]:

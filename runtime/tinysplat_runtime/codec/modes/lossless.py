@@ -8,8 +8,9 @@ from hashlib import sha256
 
 import numpy as np
 
-from ...container.extras import CodedExact, exact_sections
-from ...container.records import ExactLayer, LayerHeader
+from ...container.exact import CodedExact, Exact, ExactLayer, exact_sections
+from ...container.layers import LayerMaps
+from ...container.sections import NewSection
 from ...container.writer import write_container
 from ...errors import FormatError, InputError
 from ...gaussian.gaussians import FIELDS, Gaussians
@@ -30,7 +31,7 @@ def encode(job: Job) -> bytes:
     gaussians = job.gaussians
     if not gaussians.is_per_pixel:
         raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
-    sections: list[tuple[bytes, int, bytes]] = []
+    sections: list[NewSection] = []
     with job.stats.watch.stage("zlib"):
         for index, layer in enumerate(gaussians.layers):
             planes, limits = exact_planes(job.store, layer, job.drop_invalid, f"layer {index}")
@@ -43,10 +44,10 @@ def encode(job: Job) -> bytes:
         return write_container([], cameras, origin, "lossless", 0.0, sections, layer_count=count, notes=notes)
 
 
-def decode(file: OpenFile) -> Gaussians:
+def decode(file: OpenFile, body: Exact) -> Gaussians:
     """The file's Gaussians; FormatError where they are not those that were written."""
     crew = Crew(file.threads)
-    layers = [_decode_layer(file, exact, f"layer {n}", crew) for n, exact in enumerate(file.container.exact)]
+    layers = [_decode_layer(file, exact, f"layer {n}", crew) for n, exact in enumerate(body.layers)]
     return stacked(layers, file.container)
 
 
@@ -55,12 +56,9 @@ def _decode_layer(file: OpenFile, exact: ExactLayer, where: str, crew: Crew) -> 
     with file.watch.stage("zlib"):
         geometry, sh = decode_exact(exact, file.threads)
     # A layer without channels: all that it is stands in the base.
-    header = LayerHeader(
-        exact.height, exact.width, 0, exact.degree, exact.depth_limits, 0.0, 1.0, True, exact.cameras, None, None,
-        None, 0, (),
-    )  # fmt: skip
+    maps = LayerMaps(cameras=exact.cameras, depth_limits=exact.depth_limits)
     with file.watch.stage("synthesis"):
-        synthesis = LayerSynthesis(header, origin, file.store, (geometry, sh[..., :1, :]))
+        synthesis = LayerSynthesis(maps, origin, file.store, (geometry, sh[..., :1, :]))
         no_codes = np.ones((1, exact.height, exact.width), np.uint16)
         for half in (partial(synthesis.run, geometry=no_codes), partial(synthesis.run, colors=no_codes)):
             crew.map(half, range(len(exact.cameras)))

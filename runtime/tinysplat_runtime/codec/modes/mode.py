@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from numpy.typing import NDArray
 
-from ...container.records import NetworkRef
+from ...container.body import Body
+from ...container.photos import NetworkRef
 from ...gaussian.gaussians import Gaussians
 from ...graphs.inference import GraphStore
 from ..layers import OpenFile
@@ -76,16 +77,19 @@ class Job:
         )  # fmt: skip
 
 
+BodyKind = TypeVar("BodyKind", bound=Body)
+
+
 @dataclass(frozen=True)
-class Mode:
-    """What a file can carry.
+class Mode(Generic[BodyKind]):
+    """What a file can carry; `container/bodies.py` has the body of the same mode, which reads and describes itself.
 
     Attributes:
-        name: as users and `Container.mode` say.
+        name: as users say; its body's `mode`.
         encode: a job to the file's bytes; InputError and NumericError for what cannot be coded.
-        decode: an opened file of this mode to its Gaussians; FormatError where it is damaged.
+        decode: an opened file and its body to its Gaussians; FormatError where it is damaged.
     """
 
     name: str
     encode: Callable[[Job], bytes]
-    decode: Callable[[OpenFile], Gaussians]
+    decode: Callable[[OpenFile, BodyKind], Gaussians]

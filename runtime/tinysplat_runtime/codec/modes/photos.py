@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...container.extras import CodedPhotos, network_section, photo_sections
+from ...container.photos import CodedPhotos, Photos, network_section, photo_sections
+from ...container.sections import NewSection
 from ...container.writer import write_container
 from ...gaussian.gaussians import Gaussians
 from ...graphs.predict import predict
@@ -22,7 +23,7 @@ def encode(job: Job) -> bytes:
         return write_container([], cameras, np.zeros(3), job.profile.name, job.qp, sections, notes=notes)
 
 
-def decode(file: OpenFile) -> Gaussians:
+def decode(file: OpenFile, body: Photos) -> Gaussians:
     """What the network that the file names makes of its photos.
 
     Raises:
@@ -30,8 +31,7 @@ def decode(file: OpenFile) -> Gaussians:
         ModelError: the network is not at hand.
     """
     container, watch = file.container, file.watch
-    photos, network = container.photos, container.network
-    assert photos is not None and network is not None
+    photos, network = body.photos, body.network
     with watch.stage("libavcodec"):
         images = decode_photos(photos, container.parameter_sets[photos.parameter_set], file.threads)
     with watch.stage("network"):
@@ -39,7 +39,7 @@ def decode(file: OpenFile) -> Gaussians:
         return predict(images, container.cameras, network.near, network.far, graph)
 
 
-def coded_photos(job: Job) -> tuple[tuple[tuple[bytes, int, bytes], ...], CodedPhotos]:
+def coded_photos(job: Job) -> tuple[tuple[NewSection, ...], CodedPhotos]:
     """The sections of a job's photos and network, and the photos in them."""
     scene = photos_of(job)
     check_qp(job.qp)

@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Mapping
+from typing import Any
 
+from ...container.bodies import BODIES
 from .mode import Mode
 
-_NAMES = ("gaussians", "photos", "hybrid", "lossless", "free")
 
+class _Modes(Mapping[str, Mode[Any]]):
+    """A mode of that name for every body, loaded when it is asked for: who decodes planes needs neither network nor
+    encoder.
+    """
 
-class _Modes(Mapping[str, Mode]):
-    """A mode is loaded when it is asked for: who decodes planes needs neither network nor encoder."""
-
-    def __getitem__(self, name: str) -> Mode:
-        if name not in _NAMES:
+    def __getitem__(self, name: str) -> Mode[Any]:
+        if name not in list(self):
             raise KeyError(name)
-        mode: Mode = getattr(importlib.import_module(f".{name}", __package__), name.upper())
+        mode: Mode[Any] = getattr(importlib.import_module(f".{name}", __package__), name.upper())
         return mode
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_NAMES)
+        return (body.mode for body in BODIES)
 
     def __len__(self) -> int:
-        return len(_NAMES)
+        return len(BODIES)
 
 
-MODES: Mapping[str, Mode] = _Modes()
+MODES: Mapping[str, Mode[Any]] = _Modes()

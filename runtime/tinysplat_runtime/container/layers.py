@@ -1,0 +1,238 @@
+"""A layer of coded planes: what its metadata says, read from section LAYR and written to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussian.planes import CODING_ORDER, GEOMETRY, MAX_QP, LayerPlan, PlaneClass
+from ..gaussian.sh import MAX_SH_DEGREE
+from ..scene.cameras import Camera
+from . import layout as L
+from .body import calibration, camera_in
+from .records import ChannelRecord, StreamRef
+from .sections import Cursor, Section, require
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayerMaps:
+    """How the channels of a layer become Gaussians; see `LayerPlan` for what the maps mean.
+
+    Attributes:
+        cameras: one per view, with the layer's own grid and intrinsics.
+        depth_limits: least and largest z.
+        inverse_depth: the depth channel holds −1/z.
+        reference_quats: (V, 4) float32 or None.
+        scale_mix: ((3, 3), (3,)) float32 or None.
+        basis: (d, k) float16, or None where colour planes are degree-0 coefficients.
+        channels: the channels that are coded.
+    """
+
+    cameras: tuple[Camera, ...]
+    depth_limits: tuple[float, float]
+    inverse_depth: bool = True
+    reference_quats: NDArray | None = None
+    scale_mix: tuple[NDArray, NDArray] | None = None
+    basis: NDArray | None = None
+    channels: tuple[ChannelRecord, ...] = ()
+
+    @property
+    def height(self) -> int:
+        """Rows of the grid."""
+        return self.cameras[0].height
+
+    @property
+    def width(self) -> int:
+        """Columns of the grid."""
+        return self.cameras[0].width
+
+    @property
+    def gaussians(self) -> int:
+        """Gaussians of the layer."""
+        return len(self.cameras) * self.height * self.width
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayerHeader(LayerMaps):
+    """A layer's metadata.
+
+    Attributes:
+        degree: SH degree stored.
+        source_degree: SH degree before any was left out.
+        energy_lost: share of weighted colour energy that the basis leaves out.
+        condition: condition number of VABR's weighting.
+        parameter_set: index of its pictures' parameter sets.
+    """
+
+    degree: int
+    source_degree: int
+    energy_lost: float
+    condition: float
+    parameter_set: int
+
+    @property
+    def k(self) -> int:
+        """Columns of the basis, 0 without one."""
+        return 0 if self.basis is None else self.basis.shape[1]
+
+
+@dataclass(frozen=True)
+class CodedChannel:
+    """A channel ready for the file: one payload per view, or none for a constant."""
+
+    plane_class: PlaneClass
+    target: int
+    qp: int
+    scale: float
+    offset: float
+    payloads: tuple[bytes, ...] = ()
+
+
+@dataclass(frozen=True)
+class CodedLayer:
+    """A layer ready for the file.
+
+    Attributes:
+        height, width: its grid.
+        source_degree: SH degree before any was left out.
+        plan: how planes map back to attributes.
+        channels: coded channels, grouped by class in any order.
+        parameter_sets: HEVC parameter sets of all its pictures; empty if every channel is constant.
+        cameras: its own, written for layers behind the first.
+    """
+
+    height: int
+    width: int
+    source_degree: int
+    plan: LayerPlan
+    channels: tuple[CodedChannel, ...]
+    parameter_sets: bytes
+    cameras: tuple[Camera, ...]
+
+
+def intrinsics(K: NDArray) -> tuple[float, ...]:
+    """The numbers of K (3, 3) in the order that files have them in."""
+    return K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]
+
+
+def layer_section(layer: CodedLayer, index: int, parameter_set: int) -> bytes:
+    """The bytes of section LAYR of layer `index`."""
+    plan, reduction = layer.plan, layer.plan.reduction
+    flags = (
+        L.INVERSE_DEPTH * plan.inverse_depth
+        | L.RELATIVE_ROTATION * (plan.reference_quats is not None)
+        | L.SCALE_MIX * (plan.scale_mix is not None)
+        | L.BASIS * (reduction is not None)
+        | L.OWN_INTRINSICS * (index > 0)
+    )
+    k, lost, condition = (reduction.k, reduction.energy_lost, reduction.condition) if reduction else (0, 0.0, 1.0)
+    parts = [
+        L.LAYER_FIXED.pack(
+            layer.height, layer.width, plan.degree, layer.source_degree, flags, parameter_set, len(layer.channels), k,
+            *plan.depth_limits, lost, condition,
+        )
+    ]  # fmt: skip
+    if index > 0:
+        parts += [L.INTRINSICS.pack(*intrinsics(camera.K)) for camera in layer.cameras]
+    if plan.reference_quats is not None:
+        parts += [L.REFERENCE_QUAT.pack(*quat) for quat in plan.reference_quats]
+    if plan.scale_mix is not None:
+        parts.append(L.SCALE_MIX_FIELDS.pack(*plan.scale_mix[0].ravel(), *plan.scale_mix[1]))
+    if reduction is not None:
+        parts.append(np.ascontiguousarray(reduction.inverse, "<f2").tobytes())
+    # Records stand in the order of the streams, so that offsets are running sums.
+    for channel in sorted(layer.channels, key=lambda c: c.plane_class):
+        coding = L.INTRA if channel.payloads else L.CONSTANT
+        parts.append(
+            L.CHANNEL.pack(channel.plane_class, channel.target, coding, channel.qp, channel.scale, channel.offset)
+        )
+        parts += [L.STREAM.pack(len(payload), crc32(payload)) for payload in channel.payloads]
+    return b"".join(parts)
+
+
+def read_layer(section: Section, poses: Sequence[tuple[NDArray, NDArray]]) -> LayerHeader:
+    """Parse and check a section LAYR of a file whose views have such K and c2w."""
+    cursor = Cursor(section)
+    height, width, degree, source_degree, flags, sets, n_channels, k, *numbers = cursor.unpack(L.LAYER_FIXED)
+    z_min, z_max, lost, condition = numbers
+    require(
+        1 <= height <= L.MAX_SIDE and 1 <= width <= L.MAX_SIDE,
+        section,
+        f"grid {width}x{height}, sides are 1 to {L.MAX_SIDE}",
+    )
+    require(
+        degree <= source_degree <= MAX_SH_DEGREE, section, f"SH degree {degree} of {source_degree}, accepted are 0 to 4"
+    )
+    require(
+        0 < z_min <= z_max < math.inf, section, f"depth limits {z_min:g} to {z_max:g}, expected positive and ordered"
+    )
+    require(math.isfinite(lost) and 0 < condition < math.inf, section, "a number is out of range")
+    require(flags < 32, section, f"unknown flags {flags:#x}")
+    require(n_channels <= L.MAX_CHANNELS, section, f"{n_channels} channels, at most {L.MAX_CHANNELS}")
+    own = [cursor.unpack(L.INTRINSICS) for _ in poses] if flags & L.OWN_INTRINSICS else None
+    quats = mix = basis = None
+    if flags & L.RELATIVE_ROTATION:
+        quats = np.array([cursor.unpack(L.REFERENCE_QUAT) for _ in poses], np.float32)
+        require(
+            bool((np.abs(np.linalg.norm(quats.astype(np.float64), axis=1) - 1) < 1e-3).all()),
+            section,
+            "a reference quaternion is not of length 1",
+        )
+    if flags & L.SCALE_MIX:
+        values = np.array(cursor.unpack(L.SCALE_MIX_FIELDS), np.float32)
+        mix = (values[:9].reshape(3, 3), values[9:])
+        require(bool(np.isfinite(values).all()), section, "the scale mix is not finite")
+    d = 3 * (degree + 1) ** 2
+    if flags & L.BASIS:
+        require(1 <= k <= d, section, f"k = {k}, accepted are 1 to {d}")
+        basis = np.frombuffer(cursor.take(d * k * 2), "<f2").reshape(d, k)
+        require(bool(np.isfinite(basis).all()), section, "the basis is not finite")
+    else:
+        require(degree == 0 and k == 0, section, f"degree {degree} without a basis")
+    targets = {**{c: s.stop - s.start for c, s in GEOMETRY.items()}, PlaneClass.COLOR: k or 3}
+    channels = _read_channels(cursor, n_channels, targets, len(poses))
+    cursor.finish()
+    cameras = [
+        camera_in(section, view, calibration(*own[view]) if own else K, c2w, width, height)
+        for view, (K, c2w) in enumerate(poses)
+    ]
+    return LayerHeader(
+        cameras=tuple(cameras), depth_limits=(z_min, z_max), inverse_depth=bool(flags & L.INVERSE_DEPTH),
+        reference_quats=quats, scale_mix=mix, basis=basis, channels=channels, degree=degree,
+        source_degree=source_degree, energy_lost=lost, condition=condition, parameter_set=sets,
+    )  # fmt: skip
+
+
+def _read_channels(
+    cursor: Cursor, count: int, targets: Mapping[PlaneClass, int], views: int
+) -> tuple[ChannelRecord, ...]:
+    section = cursor.section
+    ends = dict.fromkeys(CODING_ORDER, 0)
+    channels: list[ChannelRecord] = []
+    for _ in range(count):
+        number, target, coding, qp, scale, offset = cursor.unpack(L.CHANNEL)
+        require(number in CODING_ORDER, section, f"plane class {number}, known are 0 to {CODING_ORDER[-1]:d}")
+        plane_class = PlaneClass(number)
+        require(target < targets[plane_class], section, f"{plane_class.label} has no channel {target}")
+        require(coding in (L.CONSTANT, L.INTRA), section, f"coding {coding} is unknown")
+        require(qp <= MAX_QP, section, f"QP {qp}, accepted are 0 to {MAX_QP}")
+        require(
+            abs(scale) < 1e30 and abs(offset) < 1e30,
+            section,
+            f"{plane_class.label}{target}: scale or offset out of range",
+        )
+        require(not channels or plane_class >= channels[-1].plane_class, section, "channels are out of order")
+        is_first = all((plane_class, target) != (c.plane_class, c.target) for c in channels)
+        require(is_first or plane_class == PlaneClass.DEPTH, section, f"{plane_class.label}{target} stands twice")
+        streams = []
+        for _ in range(views if coding == L.INTRA else 0):
+            length, crc = cursor.unpack(L.STREAM)
+            streams.append(StreamRef(ends[plane_class], length, crc))
+            ends[plane_class] += length
+        channels.append(ChannelRecord(plane_class, target, qp, scale, offset, tuple(streams)))
+    return tuple(channels)

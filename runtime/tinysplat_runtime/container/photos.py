@@ -1,0 +1,200 @@
+"""Bodies `Photos` and `Hybrid`: a network and the photos that it runs on, alone or with layers that correct it.
+
+Layout: docs/FORMAT.md, sections NETW and PHOT. Reading checks every number and length, as reader.py does.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection
+from dataclasses import asdict, dataclass, replace
+from itertools import accumulate
+from typing import ClassVar
+from zlib import crc32
+
+from ..errors import FormatError
+from ..gaussian.planes import MAX_QP
+from . import layout as L
+from .body import Body, Description, Opened, Piece
+from .planes import Planes
+from .records import StreamRef, read_streams
+from .sections import Cursor, NewSection
+
+NETWORK = b"NETW"
+PHOTOS = b"PHOT"
+PHOTO_PICTURES = b"PICS"
+
+NETWORK_FIXED = struct.Struct("<32s64sdd")
+"""sha256 of the ONNX file, its name (ASCII, zero-padded), near, far in scene units."""
+
+PHOTOS_FIXED = struct.Struct("<IIBBBB")
+"""height, width, format, QP, parameter-set index, reserved (0); then per view a STREAM."""
+
+YCC_420_10 = 0
+"""Format: BT.709 YCbCr of full range, 4:2:0, 10 bits."""
+
+PHOTO_SIDE_MULTIPLE = 16
+PHOTO_PARAMETER_SET = 255
+"""Index of the HEVC section that the writer gives to photos; layers count from 0."""
+
+
+_MAX_DEPTH = 1e30
+
+
+@dataclass(frozen=True)
+class NetworkRef:
+    """Which network a file needs, and the depth range that it is run with.
+
+    Attributes:
+        name: for messages, and to find the file.
+        sha256: of the ONNX file, hexadecimal; the network that is run must have it.
+        near, far: depths in scene units.
+    """
+
+    name: str
+    sha256: str
+    near: float
+    far: float
+
+
+@dataclass(frozen=True)
+class PhotoHeader:
+    """Photos of a file: their size, and where their pictures lie in `data`."""
+
+    height: int
+    width: int
+    qp: int
+    parameter_set: int
+    streams: tuple[StreamRef, ...]
+    data: memoryview
+
+    def payload(self, view: int) -> memoryview:
+        """One photo's slice; FormatError if its CRC differs."""
+        return self.streams[view].checked(self.data, f"photo {view}")
+
+
+@dataclass(frozen=True)
+class CodedPhotos:
+    """Photos ready for the file: parameter sets with start codes, and one slice NAL unit each."""
+
+    height: int
+    width: int
+    qp: int
+    parameter_sets: bytes
+    payloads: tuple[bytes, ...]
+
+    def header(self) -> PhotoHeader:
+        """The photos as a reader finds them."""
+        ends = accumulate(map(len, self.payloads), initial=0)
+        streams = tuple(StreamRef(end, len(p), crc32(p)) for end, p in zip(ends, self.payloads, strict=False))
+        data = memoryview(b"".join(self.payloads))
+        return PhotoHeader(self.height, self.width, self.qp, PHOTO_PARAMETER_SET, streams, data)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Photos(Body):
+    """Photos, and the network that the receiver runs on them."""
+
+    mode: ClassVar[str] = "photos"
+    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, L.PARAMETER_SETS, NETWORK, PHOTOS, PHOTO_PICTURES})
+    signs: ClassVar[frozenset[bytes]] = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES})
+
+    network: NetworkRef
+    photos: PhotoHeader
+
+    @classmethod
+    def is_told_by(cls, kinds: Collection[bytes], layer_count: int) -> bool:
+        """With layers, the same sections are of mode hybrid."""
+        return super().is_told_by(kinds, layer_count) and layer_count == 0
+
+    @classmethod
+    def read(cls, file: Opened) -> Photos:
+        """Parse and check the sections NETW, PHOT and PICS."""
+        file.check_counts(fewest_layers=0)
+        network = _read_network(Cursor(file.only(NETWORK)))
+        pictures = file.only(PHOTO_PICTURES)
+        photos = _read_photos(Cursor(file.only(PHOTOS)), file.views, pictures.data)
+        pixels = file.views * photos.height * photos.width
+        if pixels > file.limits.max_pixels:
+            found = f"{pixels} pixels of photos, the limit is {file.limits.max_pixels} (--max-pixels)"
+            raise FormatError(found, where="section PHOT[0]")
+        file.require_parameter_set(photos.parameter_set, "section PHOT[0]")
+        return cls(cameras=file.cameras(photos.height, photos.width), network=network, photos=photos)
+
+    def describe(self) -> Description:
+        """Network and photos; what only the network knows is left open."""
+        photos = self.photos
+        size = {"height": photos.height, "width": photos.width, "qp": photos.qp}
+        lengths = [stream.length for stream in photos.streams]
+        return Description(
+            network=asdict(self.network),
+            photos={**size, "bytes": len(photos.data), "bytes_by_view": lengths},
+            pieces=tuple(Piece("photos", view, length) for view, length in enumerate(lengths)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hybrid(Body):
+    """Photos and their network, and layers whose planes correct what it gives."""
+
+    mode: ClassVar[str] = "hybrid"
+    kinds: ClassVar[frozenset[bytes]] = Photos.kinds | Planes.kinds
+    signs: ClassVar[frozenset[bytes]] = Photos.signs
+
+    photos: Photos
+    planes: Planes
+
+    @classmethod
+    def read(cls, file: Opened) -> Hybrid:
+        """Parse and check the sections of both, whose grids must agree."""
+        photos, planes = Photos.read(file), Planes.read(file)
+        found, wanted = photos.photos, planes.layers[0]
+        if (found.height, found.width) != (wanted.height, wanted.width):
+            size = f"{found.width}x{found.height}, layer 0 is {wanted.width}x{wanted.height}"
+            raise FormatError(size, where="section PHOT[0]")
+        return cls(cameras=planes.cameras, pictures=planes.pictures, photos=photos, planes=planes)
+
+    def describe(self) -> Description:
+        """What both say."""
+        photos = self.photos.describe()
+        return replace(self.planes.describe(), network=photos.network, photos=photos.photos, pieces=photos.pieces)
+
+
+def network_section(network: NetworkRef) -> NewSection:
+    """The section that names a network; a longer name is cut."""
+    name = network.name.encode("ascii", "replace")[:64]
+    data = NETWORK_FIXED.pack(bytes.fromhex(network.sha256), name, network.near, network.far)
+    return NewSection(NETWORK, 0, data)
+
+
+def photo_sections(photos: CodedPhotos) -> list[NewSection]:
+    """The sections of coded photos."""
+    fixed = PHOTOS_FIXED.pack(photos.height, photos.width, YCC_420_10, photos.qp, PHOTO_PARAMETER_SET, 0)
+    table = b"".join(L.STREAM.pack(len(payload), crc32(payload)) for payload in photos.payloads)
+    return [
+        NewSection(PHOTOS, 0, fixed + table),
+        NewSection(L.PARAMETER_SETS, PHOTO_PARAMETER_SET, photos.parameter_sets),
+        NewSection(PHOTO_PICTURES, 0, b"".join(photos.payloads)),
+    ]
+
+
+def _read_network(cursor: Cursor) -> NetworkRef:
+    """Parse and check a NETW section."""
+    digest, raw_name, near, far = cursor.unpack(NETWORK_FIXED)
+    cursor.finish()
+    name = raw_name.rstrip(b"\0")
+    cursor.require(name.isascii() and name.decode("latin-1").isprintable(), "the network's name is not printable ASCII")
+    depths = f"near {near:g} and far {far:g}, expected {1 / _MAX_DEPTH:g} < near < far < {_MAX_DEPTH:g}"
+    cursor.require(1 / _MAX_DEPTH < near < far < _MAX_DEPTH, depths)
+    return NetworkRef(name.decode("ascii"), digest.hex(), near, far)
+
+
+def _read_photos(cursor: Cursor, views: int, data: memoryview) -> PhotoHeader:
+    """Parse and check a PHOT section; `data` are the bytes of the pictures."""
+    height, width, pixel_format, qp, parameter_set, _ = cursor.unpack(PHOTOS_FIXED)
+    sides = f"photos of {width}x{height}, sides are 1 to {L.MAX_SIDE}"
+    cursor.require(1 <= height <= L.MAX_SIDE and 1 <= width <= L.MAX_SIDE, sides)
+    cursor.require(pixel_format == YCC_420_10, f"photo format {pixel_format} is unknown")
+    cursor.require(qp <= MAX_QP, f"QP {qp}, accepted are 0 to {MAX_QP}")
+    streams = read_streams(cursor, views, data)
+    return PhotoHeader(height, width, qp, parameter_set, streams, data)

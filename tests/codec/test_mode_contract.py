@@ -1,0 +1,217 @@
+"""What every mode promises of its files: they come back, are told as theirs, and nothing else is taken for them.
+
+One of the modes is made here: `Toy`, whose body and codec are all that it takes (ARCHITECTURE.md, "I add a mode").
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from dataclasses import dataclass
+from types import ModuleType
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians, write_scene
+from sections import file_of, sections_of
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.layers import OpenFile
+from tinysplat_runtime.codec.modes import registry
+from tinysplat_runtime.codec.modes.mode import Job, Mode, PhotoScene
+from tinysplat_runtime.codec.profiles import PROFILES
+from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.bodies import BODIES
+from tinysplat_runtime.container.body import Body, Description, Opened, Piece
+from tinysplat_runtime.container.planes import PLANE_KINDS
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.sections import Cursor, NewSection
+from tinysplat_runtime.container.writer import write_container
+from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+
+RUNTIME = ts.Runtime(threads=1)
+
+# ---- a mode in full: the body of container/toy.py and the mode of codec/modes/toy.py ---------------------------------
+
+TOY_POINTS = b"TOYP"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Toy(Body):
+    """Grey balls of one size: their centres as float16."""
+
+    mode: ClassVar[str] = "toy"
+    kinds: ClassVar[frozenset[bytes]] = frozenset({TOY_POINTS})
+    signs: ClassVar[frozenset[bytes]] = kinds
+
+    means: np.ndarray
+
+    @classmethod
+    def read(cls, file: Opened) -> Toy:
+        cursor = Cursor(file.only(TOY_POINTS))
+        (count,) = cursor.unpack(struct.Struct("<I"))
+        means = np.frombuffer(cursor.take(6 * count), "<f2").reshape(count, 3)
+        cursor.finish()
+        cursor.require(bool(np.isfinite(means).all()), "a centre is not finite")
+        return cls(means=means)
+
+    def describe(self) -> Description:
+        return Description(gaussians=len(self.means), sh_degree=0, pieces=(Piece("position", None, self.means.nbytes),))
+
+
+def encode_toy(job: Job) -> bytes:
+    means = job.gaussians.flat().means.astype("<f2")
+    sections = [NewSection(TOY_POINTS, 0, struct.pack("<I", len(means)) + means.tobytes())]
+    return write_container([], (), np.zeros(3), "toy", job.qp, sections, notes=job.gaussians.notes)
+
+
+def decode_toy(file: OpenFile, body: Toy) -> ts.Gaussians:
+    count = len(body.means)
+    ones = np.ones((count, 4), np.float32)
+    return ts.Gaussians(body.means.astype(np.float32), ones / 2, ones[:, :3] / 9, ones[:, 0], ones[:, None, :3])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def toy():
+    """The registry line, and the module that it finds."""
+    BODIES.insert(0, Toy)
+    module = ModuleType(f"{registry.__package__}.toy")
+    module.TOY = Mode("toy", encode_toy, decode_toy)
+    sys.modules[module.__name__] = module
+    yield
+    del sys.modules[module.__name__]
+    BODIES.remove(Toy)
+
+
+# ---- the contract ---------------------------------------------------------------------------------------------------
+
+NAMES = ["gaussians", "photos", "hybrid", "lossless", "free", "toy"]
+NOTES = ts.Notes(attribution="somebody")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> dict[str, bytes]:
+    scene = ts.load_scene(write_scene(tmp_path_factory.mktemp("photos") / "scene", views=2, height=24, width=40))
+    store = RUNTIME.store
+    predicted = RUNTIME.predict(scene, "sweep").with_notes(NOTES)
+    smooth = make_smooth_gaussians(2, 20, 24, degree=1, layers=2).with_notes(NOTES)
+    made = {"lossless": smooth, "free": smooth.flat(), "toy": smooth}
+    photos = PhotoScene.of(scene, "sweep", store)
+    return {
+        name: registry.MODES[name].encode(
+            Job(made.get(name, predicted), PROFILES["fast"], 6.0, store, 1, EncodeStats(), photos=photos)
+        )
+        for name in NAMES
+    }
+
+
+def test_every_mode_is_here(files):
+    assert set(registry.MODES) == set(files) == {body.mode for body in BODIES}
+    assert all(registry.MODES[name].name == name for name in files)
+    with pytest.raises(KeyError):
+        registry.MODES["film"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_come_back_as_finite_gaussians_of_their_mode_with_their_notes(files, name):
+    decoded, again = RUNTIME.decompress(files[name]), RUNTIME.decompress(files[name])
+    assert read_container(files[name]).mode == name
+    assert decoded.notes.attribution == "somebody"
+    for layer, same in zip(decoded.layers, again.layers, strict=True):
+        for field in FIELDS:
+            assert np.isfinite(getattr(layer, field)).all()
+            np.testing.assert_array_equal(getattr(layer, field), getattr(same, field))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_info_agrees_with_what_decodes_and_its_bytes_add_up(files, name):
+    data, decoded = files[name], RUNTIME.decompress(files[name])
+    described = ts.inspect(data)
+    assert described["mode"] == name and described["bytes"] == len(data)
+    assert described["notes"]["attribution"] == "somebody" and described["qp"] in (0.0, 6.0)
+    assert described["views"] == len(decoded.cameras) == len(described["cameras"])
+    if described["gaussians"] is not None:
+        assert (described["gaussians"], described["sh_degree"]) == (decoded.count, decoded.degree)
+    coded = sum(described["bytes_by_class"].values())
+    assert 0 < coded == described["bytes"] - described["metadata_bytes"]
+    assert not described["views"] or sum(described["bytes_by_view"]) == coded
+    planes = sum(plane["bytes"] for plane in described["planes"])
+    assert (described["prefixes"][-1]["bytes"] == len(data)) if planes else not described["prefixes"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_prefix_shows_something_or_says_what_it_lacks_in_one_line(files, name):
+    data = files[name]
+    described = ts.inspect(data)
+    pictures = sum(plane["bytes"] for plane in described["planes"])
+    shown = []
+    for length in [*range(1, len(data), len(data) // 23), len(data)]:
+        try:
+            decoded = RUNTIME.decompress(data, max_bytes=length)
+        except FormatError as error:
+            assert "\n" not in str(error) and not shown
+            continue
+        shown.append(length)
+        assert all(np.isfinite(getattr(decoded, field)).all() for field in FIELDS)
+    assert shown[-1] == len(data) and shown[0] >= len(data) - pictures
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_truncated_and_no_longer_file_is_taken_for_whole(files, name):
+    data = files[name]
+    for length in [*range(0, len(data), max(len(data) // 101, 1)), len(data) - 1]:
+        with pytest.raises(FormatError):
+            read_container(data[:length])
+    with pytest.raises(FormatError, match="1 bytes behind the last section"):
+        read_container(data + b"\0")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_flipped_byte_anywhere_is_refused(files, name):
+    """By the reader, or by whoever takes the picture that it is in."""
+    data = bytearray(files[name])
+    for at in range(3, len(data), max(len(data) // 211, 1)):
+        data[at] ^= 0x20
+        with pytest.raises(FormatError):
+            container = read_container(bytes(data))
+            for layer, channels in enumerate(container.pictures.channels):
+                for channel in channels:
+                    for view in range(len(channel.streams)):
+                        container.pictures.payload(layer, channel, view)
+            RUNTIME.decompress(bytes(data))
+        data[at] ^= 0x20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_section_is_needed_once(files, name):
+    """But for those that are optional; parameter sets may be of no use."""
+    sections = sections_of(files[name])
+    for at, section in enumerate(sections):
+        if section[1] & L.REQUIRED:
+            with pytest.raises(FormatError):
+                read_container(file_of(sections[:at] + sections[at + 1 :]))
+            if section[0] != L.PARAMETER_SETS:
+                with pytest.raises(FormatError):
+                    read_container(file_of([*sections, section]))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_sections_of_another_mode_are_refused_whatever_their_crc(files, name):
+    """A section that decoding would never look at could say anything."""
+    sections = sections_of(files[name])
+    own = {section[0] for section in sections}
+    allowed = type(read_container(files[name]).body).kinds
+    for other in NAMES:
+        for section in sections_of(files[other]):
+            if section[0] in own or not section[1] & L.REQUIRED:
+                continue
+            with pytest.raises(FormatError):
+                read_container(file_of([*sections, section]))
+            broken = bytearray(file_of([*sections, [*section[:3], section[3] + b"!"]]))
+            broken[-1] ^= 1
+            with pytest.raises(FormatError, match="CRC differs" if section[0] not in PLANE_KINDS else "."):
+                read_container(bytes(broken))
+    assert own <= allowed | {L.SCENE, b"NOTE"}
