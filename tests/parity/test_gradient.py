@@ -21,6 +21,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
 from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
+from tinysplat_runtime.render.near import Shares
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
 
@@ -130,6 +131,16 @@ def test_gradients_are_finite_differences_of_the_float64_reference(name: str, or
     assert (np.abs(found).max(axis=1) > 0.01).all() or name == "opaque"
 
 
+def test_gradients_of_a_capture_are_those_of_what_its_near_views_draw() -> None:
+    made = make_gaussians(8, 5, 6, degree=0, layers=2, seed=5)
+    layers = [dressed(layer) for layer in made.layers]
+    capture = replace(layers[0], extra_layers=tuple(layers[1:]))
+    found = assert_is_gradient(capture, side_camera(), order="near")
+    drawn = shares(capture, side_camera())[1] > 0
+    assert 0 < drawn.sum() < drawn.size
+    assert (found[:, ~drawn] == 0).all() and (np.abs(found[:, drawn]).max(axis=1) > 0.01).all()
+
+
 def test_gradients_of_what_stands_behind_a_camera_or_beyond_its_picture_are_zero_or_right() -> None:
     gaussians, c2w = scene(size=3), np.eye(4)
     c2w[:3, 3] = 0.4, 0.3, 4.0  # in the middle of the scene: some behind, some beside, some far off the axis
@@ -207,7 +218,7 @@ def test_gradients_are_those_of_the_torch_rasteriser(order: str) -> None:
     opacities = torch.sigmoid(leaf[LOGIT])
     image, _ = render_torch(*splats[:3], opacities, *splats[3:])
     if order == "near":
-        share = torch.tensor(shares(gaussians, camera), dtype=torch.float32)
+        share = torch.tensor(shares(gaussians, camera)[0], dtype=torch.float32)
         front, left = render_torch(*splats[:3], share * opacities, *splats[3:])
         image = front + left[..., None] * image
     (1.1 * image - 0.02 - torch.tensor(photo)).abs().sum().backward()
@@ -238,7 +249,8 @@ def test_pictures_without_a_view_are_those_of_the_others() -> None:
     ]  # fmt: skip
     others = MovableGaussians(replace(kept[0], extra_layers=tuple(kept[1:])), Crew(1).map)
     target = Target(camera, photo)
-    assert field.measure(target, without=(1,)) == others.measure(target)
+    by_depth = Shares.by_depth(np.array([1.0, 0, 1]))
+    assert field.measure(target, shares=by_depth) == others.measure(target)
     assert field.measure(target) != others.measure(target)
 
 

@@ -64,8 +64,8 @@ def own_pixels(gaussians: Gaussians) -> NDArray:
     return np.concatenate(sizes)
 
 
-def shares(gaussians: Gaussians, camera: Camera) -> NDArray:
-    """(N,) the share of its opacity that each Gaussian is drawn first with."""
+def shares(gaussians: Gaussians, camera: Camera) -> tuple[NDArray, NDArray]:
+    """(N,) each: the share of its opacity that each Gaussian is drawn first with, and then."""
     photos = gaussians.cameras
     z = [
         (gaussians.means[v].astype(np.float64) + gaussians.origin - photo.c2w[:3, 3]) @ photo.c2w[:3, 2]
@@ -75,11 +75,16 @@ def shares(gaussians: Gaussians, camera: Camera) -> NDArray:
     distance = [
         math.hypot(*((camera.c2w - photo.c2w)[:3, 3] / depth), *(camera.c2w - photo.c2w)[:3, 2]) for photo in photos
     ]
-    nearest, second = sorted(distance)[:2]
-    of_view = [min(max((1.5 * second - d) / (1.5 * second - nearest), 0), 1) ** 2 for d in distance]
-    _, height, width = gaussians.opacities.shape
-    behind = sum(layer.opacities.size for layer in gaussians.extra_layers)
-    return np.append(np.repeat(of_view, height * width), np.zeros(behind))
+    by_distance = sorted(distance)
+    reach = 1.5 * by_distance[1] if len(photos) <= 6 else by_distance[4]
+    of_view = np.array([min(max((reach - d) / (reach - by_distance[0]), 0), 1) for d in distance])
+    first = [np.repeat(of_view**2 * (n == 0), layer[0].size) for n, layer in _opacities(gaussians)]
+    then = of_view if len(photos) > 6 else np.ones(len(photos))
+    return np.concatenate(first), np.concatenate([np.repeat(then, layer[0].size) for _, layer in _opacities(gaussians)])
+
+
+def _opacities(gaussians: Gaussians) -> list[tuple[int, NDArray]]:
+    return [(n, layer.opacities) for n, layer in enumerate(gaussians.layers)]
 
 
 def render_reference(
@@ -89,9 +94,9 @@ def render_reference(
     near_plane: float = 0.01,
     dilation: str = "screen",
     order: str = "depth",
-    share: NDArray | None = None,
+    share: tuple[NDArray, NDArray] | None = None,
 ) -> dict[str, NDArray]:
-    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` (N,) in place of
+    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` in place of
     `shares`.
     """
     flat = gaussians.flat()
@@ -108,7 +113,7 @@ def render_reference(
     drawn = [(i, 1.0) for i in by_depth]
     if order == "near":
         share = shares(gaussians, camera) if share is None else share
-        drawn = [(i, share[i]) for i in by_depth] + drawn
+        drawn = [(i, of[i]) for of in share for i in by_depth]
     for i, of_opacity in drawn:
         z = points[i, 2]
         if z <= near_plane:

@@ -1,17 +1,24 @@
-"""Near views first: whose surface covers whose, and that nothing jumps on the way from one to the other."""
+"""Near views first: whose surface covers whose, that nothing jumps on the way from one to the other, and that of a
+capture only what is near is drawn."""
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from reference.rasteriser import render_reference
 from scenes import make_cameras, make_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between, render
+from tinysplat_runtime.render import renderer as renderer_module
 from tinysplat_runtime.render.near import NearViews
+from tinysplat_runtime.render.prepare import Part
 from tinysplat_runtime.scene.cameras import Camera
 
 C0 = 0.28209479177387814
@@ -63,7 +70,7 @@ def test_gaussians_of_no_view_and_of_one_are_drawn_by_depth():
 def test_shares_are_1_for_the_nearest_view_and_reach_0_before_the_third():
     views = NearViews.of(make_gaussians(4, 8, 12))
     path = between(make_cameras(4, 8, 12), 61)
-    shares = np.stack([views.shares(camera) for camera in path])
+    shares = np.stack([views.shares(camera).front for camera in path])
     assert (shares.max(axis=1) == 1).all() and shares.min() == 0
     assert (np.count_nonzero(shares > 0, axis=1) <= 3).all()
     np.testing.assert_allclose(shares[30], shares[30][::-1], atol=1e-9)  # in the middle of the row
@@ -73,7 +80,7 @@ def test_shares_move_by_no_more_than_the_camera_does():
     views = NearViews.of(make_gaussians(4, 8, 12))
     cameras = make_cameras(4, 8, 12)
     coarse, fine = (
-        np.abs(np.diff([views.shares(camera) for camera in between(cameras, frames)], axis=0)).max()
+        np.abs(np.diff([views.shares(camera).front for camera in between(cameras, frames)], axis=0)).max()
         for frames in (151, 1501)
     )
     assert fine < coarse / 5
@@ -84,14 +91,14 @@ def test_a_camera_that_turns_to_another_view_s_subject_counts_as_near_it():
     a, b = make_cameras(2, 8, 12)
     turned = a.c2w.copy()
     turned[:3, :3] = b.c2w[:3, :3]
-    towards, straight = (views.shares(Camera(a.K, c2w, 12, 8)) for c2w in (turned, a.c2w))
+    towards, straight = (views.shares(Camera(a.K, c2w, 12, 8)).front for c2w in (turned, a.c2w))
     assert towards[1] > straight[1]
 
 
 def test_views_at_one_place_are_drawn_first_where_the_camera_is():
     gaussians = make_gaussians(2, 8, 12)
     same = gaussians.with_cameras([gaussians.cameras[0]] * 2)
-    np.testing.assert_array_equal(NearViews.of(same).shares(same.cameras[0]), [1, 1])
+    np.testing.assert_array_equal(NearViews.of(same).shares(same.cameras[0]).front, [1, 1])
 
 
 @pytest.mark.parametrize(("option", "value"), [("order", "far"), ("dilation", 0.3)])
@@ -117,10 +124,135 @@ def test_shares_by_hand():
     views = NearViews(np.array(places), np.tile([0.0, 0, 1], (3, 1)), 2.0)
     camera = Camera([[10.0, 0, 4], [0, 10, 4], [0, 0, 1]], np.eye(4), 8, 8)
     wanted = [1, ((0.75 - 0.5) / 0.45) ** 2, ((0.75 - 0.6) / 0.45) ** 2]
-    np.testing.assert_allclose(views.shares(camera), wanted, atol=1e-12)
+    np.testing.assert_allclose(views.shares(camera).front, wanted, atol=1e-12)
     aside = replace(views, directions=np.array([[0, 0, 1.0], [0, 0.6, 0.8], [0, 0, 1]]))
     distance = np.hypot(0.5, np.sqrt(0.6**2 + 0.2**2))  # of the second, which looks elsewhere
     reach = 1.5 * 0.6
     assert distance < reach
     wanted = [1, ((reach - distance) / (reach - 0.3)) ** 2, ((reach - 0.6) / (reach - 0.3)) ** 2]
-    np.testing.assert_allclose(aside.shares(camera), wanted, atol=1e-12)
+    np.testing.assert_allclose(aside.shares(camera).front, wanted, atol=1e-12)
+
+
+def row(distances, directions=None, depth=2.0):
+    """Views along x, at these distances in depths from a camera at the origin, which is returned too."""
+    centres = np.zeros((len(distances), 3))
+    centres[:, 0] = depth * np.array(distances)
+    directions = np.tile([0.0, 0, 1], (len(distances), 1)) if directions is None else np.array(directions)
+    return NearViews(centres, directions, depth), Camera([[10.0, 0, 4], [0, 10, 4], [0, 0, 1]], np.eye(4), 8, 8)
+
+
+def test_shares_of_a_capture_by_hand():
+    views, camera = row([0.9, 0.1, -0.2, 0.4, -0.5, 0.7, 3.0, -4.0])
+    shares = views.shares(camera)
+    wanted = np.array([0, 1, 5 / 6, 3 / 6, 2 / 6, 0, 0, 0])  # R = 0.7, of what is left to it from 0.1 on
+    np.testing.assert_allclose(shares.whole, wanted, atol=1e-12)
+    np.testing.assert_allclose(shares.front, wanted**2, atol=1e-12)
+    kept = views.shares(camera, without=[1]).whole  # seven are left: R = 0.9, from 0.2 on
+    np.testing.assert_allclose(kept, [0, 0, 1, 5 / 7, 4 / 7, 2 / 7, 0, 0], atol=1e-12)
+    few = views.shares(camera, without=[0, 6])
+    np.testing.assert_array_equal(few.whole, [0, 1, 1, 1, 1, 1, 0, 1])  # six are no capture
+    np.testing.assert_allclose(few.front, [0, 1, 0.25, 0, 0, 0, 0, 0], atol=1e-12)
+    alone = views.shares(camera, without=range(7))
+    np.testing.assert_array_equal([alone.front, alone.whole], [np.zeros(8), np.eye(8)[7]])
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.3])
+def test_cameras_at_one_place_are_told_apart_by_where_they_look(apart):
+    """A tripod's, from its place and from beside it."""
+    angles = 0.2 * np.arange(9)
+    views, camera = row([apart] * 9, np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1))
+    shares = views.shares(camera)
+    assert shares.whole[0] == 1 and (np.diff(shares.whole[:5]) < 0).all()
+    assert np.count_nonzero(shares.whole) == 4 and np.isfinite(shares.front).all()
+
+
+def test_a_photo_given_many_times_counts_once():
+    once, camera = row([0.1, -0.2, 0.4, -0.5, 0.7, 3.0, -4.0])
+    again, _ = row([0.1] * 6 + [-0.2] * 3 + [0.4, -0.5, 0.7, 3.0, -4.0])
+    places = [0, 6, 9, 10, 11, 12, 13]
+    np.testing.assert_array_equal(again.shares(camera).whole[places], once.shares(camera).whole)
+    assert np.count_nonzero(again.shares(camera).whole) == 4
+    assert again.shares(camera, without=[0]).whole[1] == 1
+    same, camera = row([0.1] * 8)
+    np.testing.assert_array_equal(same.shares(camera).whole, np.eye(8)[0])
+    two, camera = row([0.1] * 5 + [0.12] * 5)  # two places are no capture
+    np.testing.assert_array_equal(np.flatnonzero(two.shares(camera).whole), [0, 5])
+    assert two.shares(camera).whole[5] == 1
+
+
+@given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=8, max_size=8, unique=True), st.integers(0, 1000))
+def test_shares_of_a_capture_are_continuous(places, seed):
+    """From a camera to one a little beside it, no share changes by more than distances do against what R leaves."""
+    views = NearViews(np.array(places), np.tile([0.0, 0, 1], (8, 1)), 1.0)
+    start, towards = np.random.default_rng(seed).uniform(-1, 1, (2, 3))
+    c2w = np.eye(4)
+    c2w[:3, 3] = start
+    shares, room = [], []
+    for step in (0, 1e-6):
+        c2w[:3, 3] = start + step * towards
+        shares.append(views.shares(Camera(np.eye(3), c2w, 8, 8)).whole)
+        distances = np.sort(np.linalg.norm(views.centres - c2w[:3, 3], axis=1))
+        room.append(distances[4] - distances[0])
+    assert np.abs(shares[1] - shares[0]).max() <= 4e-6 / min(room) + 1e-12
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("dilation", ["own", "screen"])
+def test_a_capture_is_drawn_as_it_is_defined(compiled, dilation):
+    scene, cameras = make_gaussians(8, 6, 7, layers=2), make_cameras(8, 6, 7)
+    renderer = Renderer(scene, 2, compiled=compiled, dilation=dilation)
+    for camera in between([cameras[1], cameras[6]], 3):
+        found = renderer.render(camera, (12, 14), outputs=("rgb", "depth", "alpha"))
+        wanted = render_reference(scene, camera.resized(12, 14), dilation=dilation, order="near")
+        for name, atol in (("rgb", 2e-5), ("alpha", 2e-5), ("depth", 2e-4)):
+            np.testing.assert_allclose(found[name], np.clip(wanted[name], 0, None), atol=atol)
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("keep", [True, False], ids=["kept", "made anew"])
+def test_views_beyond_the_near_ones_are_not_read(compiled, keep, monkeypatch):
+    scene, cameras = make_gaussians(12, 6, 7, layers=2), make_cameras(12, 6, 7)
+    asked = set()
+    block, shows = Part.block, renderer_module.may_show
+    monkeypatch.setattr(Part, "block", lambda self, *rest: asked.add(self.view) or block(self, *rest))
+    monkeypatch.setattr(renderer_module, "may_show", lambda cut, *rest: asked.add(cut.view) or shows(cut, *rest))
+    monkeypatch.setattr(renderer_module, "KEPT_BYTES", 1 << 20 if keep else 0)
+    renderer = Renderer(scene, 2, compiled=compiled)
+    assert not asked
+    drawn = [set(np.flatnonzero(NearViews.of(scene).shares(camera).whole)) for camera in cameras[::3]]
+    for camera, near in zip(cameras[::3], drawn, strict=True):
+        renderer.render(camera)
+        assert asked <= near if compiled else asked == near  # compiled, what it has it does not ask for
+        asked.clear()
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
+def test_what_a_renderer_kept_of_other_places_changes_no_picture(compiled, monkeypatch):
+    scene, path = make_gaussians(12, 6, 7, layers=2), between(make_cameras(12, 6, 7), 25)
+    kept = Renderer(scene, 1, compiled=compiled)
+    wanted = [kept.render(camera) for camera in path]
+    monkeypatch.setattr(renderer_module, "BLOCK_SIZE", 1 << 40)  # places for the views of one frame alone
+    walking = Renderer(scene, 2, compiled=compiled)
+    for camera, image in zip([*path, *path[::-1]], [*wanted, *wanted[::-1]], strict=True):
+        np.testing.assert_array_equal(walking.render(camera), image)
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("views", [2, 8])
+def test_gaussians_none_of_which_can_show_are_drawn_as_nothing(compiled, views):
+    scene = make_gaussians(views, 6, 7)
+    clear = replace(scene, opacities=np.full_like(scene.opacities, 1e-3))
+    found = Renderer(clear, 1, compiled=compiled).render(scene.cameras[0], outputs=("rgb", "alpha"))
+    assert not found["rgb"].any() and not found["alpha"].any()
+
+
+def test_a_frame_of_a_capture_takes_memory_for_the_near_views_alone():
+    sizes = []
+    for views in (8, 40):
+        scene, camera = make_gaussians(views, 24, 32, degree=0), make_cameras(views, 24, 32)[0]
+        renderer = Renderer(scene, 1, compiled=False)
+        tracemalloc.start()
+        renderer.render(camera)
+        sizes.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert sizes[1] < 1.1 * sizes[0]

@@ -12,6 +12,7 @@ from ..gaussian.sh import C0
 from ..render import between
 from ..render.gradient import Grid, MovableGaussians, PhotoError, Target
 from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
+from ..render.near import Shares
 from . import kernels
 from .price import PlanePrice
 from .settings import LIMITS, Settings
@@ -76,7 +77,7 @@ class Loop:
         they are.
         """
         shares, own = self._front(view), [grid.rows for grid in self.field.grids if grid.view == view]
-        spared = [(rows, self._gradient[:, rows].copy()) for rows in own if shares is None]
+        spared = [(rows, self._gradient[:, rows].copy()) for rows in own if not shares.has_front]
         error = self.field.measure(self._exposed(view, target), shares=shares, gradient=self._gradient, weight=area)
         for rows, before in spared:
             self._gradient[:, rows] = before
@@ -108,7 +109,7 @@ class Loop:
 
     def _from_others(self, view: int, target: Target, left: NDArray | None = None) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, near views first."""
-        return self.field.measure(target, shares=self.field.shares(target.camera, (view,)), without=(view,), left=left)
+        return self.field.measure(target, shares=self.field.shares(target.camera, (view,)), left=left)
 
     def _covered(self, view: int, target: Target) -> Target:
         """A photo, NaN where the Gaussians of the others leave much of what is behind them."""
@@ -116,21 +117,23 @@ class Loop:
         self._from_others(view, target, left=left)
         return replace(target, photo=np.where(left[..., None] > COVERED, np.float32(np.nan), target.photo))
 
-    def _seen_between(self, view: int) -> list[NDArray]:
-        """(V,) each: the shares that views are drawn in front with halfway to each of a view's nearest neighbours."""
+    def _seen_between(self, view: int) -> list[Shares]:
+        """What is drawn halfway to each of a view's nearest neighbours."""
         cameras = [target.camera for target in self._sizes[0]]
         away = [float(np.linalg.norm(camera.centre - cameras[view].centre)) for camera in cameras]
         others = sorted((other for other in range(len(cameras)) if other != view), key=lambda other: away[other])
         halfway = [between([cameras[view], cameras[other]], 3)[1] for other in others[:NEIGHBOURS]]
-        return [shares for camera in halfway if (shares := self.field.shares(camera)) is not None]
+        return [self.field.shares(camera) for camera in halfway]
 
-    def _front(self, view: int) -> NDArray | None:
-        """What of each view a photo is drawn in front with: nothing, or what is where nobody stood, by turns.
+    def _front(self, view: int) -> Shares:
+        """What of each view a photo is drawn with: by depth, or what is in front where nobody stood, by turns.
 
         From its own place a photo's own surfaces would hide what is wrong with all others.
         """
         turn, is_by_depth = divmod(self._count // len(self._sizes), 2)
-        return None if is_by_depth else self._fronts[view][turn % len(self._fronts[view])]
+        if is_by_depth:
+            return Shares.by_depth(self.field.shares(self._sizes[0][view].camera).whole)
+        return self._fronts[view][turn % len(self._fronts[view])]
 
     def _regularise(self, grid: Grid) -> None:
         shape = (VALUES, grid.height, grid.width)

@@ -10,8 +10,9 @@ Only the loops in `kernels_project.py` and `kernels_blend.py` need numba; `Rende
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +22,8 @@ from ..system.stopwatch import part
 from . import kernels_blend, kernels_project
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from .kernels_project import BOTTOM, CHUNK, GAMMA, GEOMETRY, LAST, LEFT, LOG_OPACITY, REACH, RECORD, RIGHT, TOP
-from .near import log_share
-from .prepare import Block
+from .near import Shares
+from .prepare import Block, Part, Shelf
 from .project import View, footprint_exponent, jacobian_limits, pixels_between, wide_shapes
 from .tiles import WIDE_MARGIN
 
@@ -101,29 +102,31 @@ class Rasteriser:
     stays where it is: turning, zooming and other sizes leave the directions that SH depend on alone.
     """
 
-    def __init__(self, blocks: Iterable[Block], run_jobs: Callable) -> None:
-        """Pack blocks one at a time, so that they need not all exist in both orders; `run_jobs` maps over a list."""
-        self._packed = list(_pack(blocks))
-        rows = self._packed[-1].rows.stop if self._packed else 0
+    def __init__(self, parts: Sequence[Part], places: int, run_jobs: Callable) -> None:
+        """Parts are packed when a frame needs them, and kept while there are places; `run_jobs` maps over a list."""
+        longest = CHUNK * max(-(-part.size // CHUNK) for part in parts)
+        self._shelf = Shelf(lambda number, place: _packed(parts[number].block(), place * longest), places)
+        rows = places * longest
         self._records = np.empty((rows, RECORD), np.float32)
         self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
         self._place = np.full(3, np.nan)
         self._run = run_jobs
         self._local = threading.local()
 
-    def draw(self, view: View, shares: NDArray | None, with_depth: bool) -> Canvas:
-        """Draw a frame; `shares` (V,) of their opacities that views' surfaces are drawn first with, None for none."""
+    def draw(self, drawn: Sequence[int], view: View, shares: Shares | None, with_depth: bool) -> Canvas:
+        """Draw a frame of some parts; without `shares` as they are, by depth."""
         height, width = view.camera.height, view.camera.width
         canvas = Canvas(height, width, with_depth)
         columns, count = -(-width // TILE_WIDTH), -(-width // TILE_WIDTH) * -(-height // TILE_HEIGHT)
         if not np.array_equal(view.offset, self._place):
             self._place = view.offset
-            for packed in self._packed:
+            for packed in self._shelf:
                 packed.is_coloured[:] = 0
-        visible = self._run(lambda packed: self._project(packed, view, shares, columns, count), self._packed)
+        visible = self._run(lambda packed: self._project(packed, view, shares, columns, count), self._shelf.take(drawn))
         counts = np.stack([np.zeros(count, np.int64), *(shown.counts for shown in visible)])  # (blocks + 1, tiles)
         for first, last in batches(counts.sum(axis=0)):
-            self._composite(visible, counts[1:, first:last], (first, last), columns, canvas, shares is not None)
+            has_front = shares is not None and shares.has_front
+            self._composite(visible, counts[1:, first:last], (first, last), columns, canvas, has_front)
         return canvas
 
     def _workspace(self) -> Workspace:
@@ -131,18 +134,20 @@ class Rasteriser:
             self._local.workspace = Workspace()
         return self._local.workspace
 
-    def _project(self, packed: _Packed, view: View, shares: NDArray | None, columns: int, count: int) -> Visible:
+    def _project(self, packed: _Packed, view: View, shares: Shares | None, columns: int, count: int) -> Visible:
         """Fill a block's records, and list what of them is visible."""
         records, work = self._records[packed.rows], self._workspace()
-        numbers = view_numbers(view)
+        block = packed.block
+        whole, front = (0.0, -math.inf) if shares is None else shares.of(block.view, block.is_surface)
+        numbers = view_numbers(view, whole)
         with part("projection and colours"):
             is_wide = kernels_project.project(
                 packed.geometry, packed.sh, packed.is_coloured, numbers, work.chunk, records
             )
         if is_wide:
-            redo_wide(packed.block, view, records)
+            redo_wide(block.fainter(whole), view, records)
         if shares is not None:
-            records[:, LAST] = log_share(shares, packed.block.view)
+            records[:, LAST] = front
         ids, boxes, counts = self._ids[packed.rows], self._boxes[packed.rows], np.zeros(count, np.int64)
         with part("listing what is visible"):
             shown = kernels_blend.list_visible(records, packed.first, columns, ids, boxes, counts)
@@ -182,32 +187,30 @@ class Rasteriser:
             self._run(blend, np.argsort(np.diff(bounds))[::-1].tolist())
 
 
-def _pack(blocks: Iterable[Block]) -> Iterator[_Packed]:
-    first = 0
-    for block in blocks:
-        chunks, functions = -(-block.size // CHUNK), block.sh.shape[0]
-        planes = np.zeros((GEOMETRY, chunks * CHUNK), np.float32)
-        planes[12] = -np.inf
-        planes[:3, : block.size] = block.means
-        planes[3:12, : block.size] = block.axes.reshape(9, -1)
-        planes[12, : block.size] = block.log_opacities
-        if block.own_pixels is not None:
-            planes[13, : block.size] = block.own_pixels
-        sh = np.zeros((3 * functions, chunks * CHUNK), np.float32)
-        sh[:, : block.size] = block.sh.reshape(3 * functions, -1)
-        geometry, sh = (_by_chunk(planes, chunks) for planes in (planes, sh))
-        yield _Packed(block.without_planes(), first, geometry.ravel(), sh, np.zeros(chunks, np.uint8))
-        first += chunks * CHUNK
+def _packed(block: Block, first: int) -> _Packed:
+    chunks, functions = -(-block.size // CHUNK), block.sh.shape[0]
+    planes = np.zeros((GEOMETRY, chunks * CHUNK), np.float32)
+    planes[12] = -np.inf
+    planes[:3, : block.size] = block.means
+    planes[3:12, : block.size] = block.axes.reshape(9, -1)
+    planes[12, : block.size] = block.log_opacities
+    if block.own_pixels is not None:
+        planes[13, : block.size] = block.own_pixels
+    sh = np.zeros((3 * functions, chunks * CHUNK), np.float32)
+    sh[:, : block.size] = block.sh.reshape(3 * functions, -1)
+    geometry, sh = (_by_chunk(planes, chunks) for planes in (planes, sh))
+    return _Packed(block.without_planes(), first, geometry.ravel(), sh, np.zeros(chunks, np.uint8))
 
 
 def _by_chunk(planes: NDArray, chunks: int) -> NDArray:
     """(planes, chunks·128) to (chunks, planes·128)."""
-    return np.ascontiguousarray(planes.reshape(len(planes), chunks, CHUNK).swapaxes(0, 1)).reshape(chunks, -1)
+    by_chunk = np.ascontiguousarray(planes.reshape(len(planes), chunks, CHUNK).swapaxes(0, 1))
+    return by_chunk.reshape(chunks, len(planes) * CHUNK)
 
 
-def view_numbers(view: View) -> NDArray:
-    """(22,) float64: a view as `kernels_project.project` takes it."""
-    rest = [view.near_plane, view.camera.width, view.camera.height, view.camera.focal]
+def view_numbers(view: View, log_share: float = 0.0) -> NDArray:
+    """(23,) float64: a view, and the share of opacities that is drawn, as `kernels_project.project` takes them."""
+    rest = [view.near_plane, view.camera.width, view.camera.height, view.camera.focal, log_share]
     principal = view.camera.K[:2, 2]
     return np.concatenate([view.offset, principal, *jacobian_limits(view), view.projection.ravel(), rest])
 

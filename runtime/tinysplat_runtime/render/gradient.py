@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from .compiled import Visible, Workspace, batches, redo_wide, view_numbers
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES
 from .kernels_project import CHUNK, GEOMETRY, LAST, RECORD
-from .near import NearViews, log_share
+from .near import NearViews, Shares
 from .prepare import ALPHA_MIN, BLOCK_SIZE, Block, principal_axes
 from .project import View
 from .renderer import NEAR_PLANE
@@ -209,15 +209,14 @@ class MovableGaussians:
         return replace(layers[0], extra_layers=tuple(layers[1:]), notes=start.notes)
 
     def measure(
-        self, target: Target, *, shares: NDArray | None = None, without: Collection[int] = (),
-        gradient: NDArray | None = None, weight: float = 1.0, left: NDArray | None = None,
+        self, target: Target, *, shares: Shares | None = None, gradient: NDArray | None = None, weight: float = 1.0,
+        left: NDArray | None = None,
     ) -> PhotoError:  # fmt: skip
         """Draw a photo's picture and hold it against the photo.
 
         Args:
             target: the photo.
-            shares: (V,) of their opacities that views' surfaces are drawn first with, None for none.
-            without: views whose Gaussians are not drawn.
+            shares: what of each view is drawn; without them, all of every view by depth.
             gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
             weight: what a unit of |error| counts in `gradient`.
             left: (H, W) float32, filled with the transmittance of pixels, or None.
@@ -225,7 +224,7 @@ class MovableGaussians:
         camera, photo = target.camera, target.photo
         view = View.of(camera, self.origin, NEAR_PLANE)
         columns, rows = -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
-        pieces = [piece for piece in self._pieces if piece.grid.view not in without]
+        pieces = [piece for piece in self._pieces if shares is None or shares.whole[piece.grid.view] > 0]
         visible = self._run(lambda piece: self._project(piece, view, shares, columns, columns * rows), pieces)
         counts = np.stack([np.zeros(columns * rows, np.int64), *(part.counts for part in visible)])
         sums = np.zeros((columns * rows, SUMS))
@@ -233,37 +232,29 @@ class MovableGaussians:
         left = np.empty((0, 0), np.float32) if left is None else left
         for first, last in batches(counts.sum(axis=0)):
             listed = counts[1:, first:last]
-            passes = shares is not None, gradient is not None
+            passes = shares is not None and shares.has_front, gradient is not None
             starts = self._measure(visible, listed, (first, last), columns, (photo, left), exposure, sums, passes)
             if gradient is not None:
                 self._add_up(pieces, visible, starts, (first, last), columns, view, gradient)
         return PhotoError(*sums.sum(axis=0).tolist())
 
-    def shares(self, camera: Camera, without: Collection[int] = ()) -> NDArray | None:
-        """(V,) float64 as `NearViews.shares` of the views that are drawn; None where those are fewer than two."""
-        if self._near is None:
-            return None
-        shares = np.zeros(len(self._near.centres))
-        kept = [view for view in range(shares.size) if view not in without]
-        near = self._near.only(kept)
-        if near is None:
-            return None
-        shares[kept] = near.shares(camera)
-        return shares
+    def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
+        """What a camera's picture is drawn with, of all views but some."""
+        return Shares.by_depth(np.ones(1)) if self._near is None else self._near.shares(camera, without)
 
     def _workspace(self) -> Workspace:
         if not hasattr(self._local, "workspace"):
             self._local.workspace = Workspace()
         return self._local.workspace
 
-    def _project(self, piece: _Piece, view: View, shares: NDArray | None, columns: int, count: int) -> Visible:
-        records, numbers = self._records[piece.rows], view_numbers(view)
+    def _project(self, piece: _Piece, view: View, shares: Shares | None, columns: int, count: int) -> Visible:
+        whole, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
+        records, numbers = self._records[piece.rows], view_numbers(view, whole)
         uncoloured = np.zeros(len(piece.base), np.uint8)
         work = self._workspace().chunk
         if kernels_project.project(piece.geometry.ravel(), piece.sh, uncoloured, numbers, work, records):
-            redo_wide(self._block(piece), view, records)
-        if shares is not None:
-            records[:, LAST] = log_share(shares, piece.grid.view if piece.grid.layer == 0 else -1)
+            redo_wide(self._block(piece).fainter(whole), view, records)
+        records[:, LAST] = front
         ids, boxes, counts = self._ids[piece.rows], self._boxes[piece.rows], np.zeros(count, np.int64)
         shown = kernels_blend.list_visible(records, piece.start, columns, ids, boxes, counts)
         return Visible(ids[:shown], boxes[:shown], counts)
@@ -274,7 +265,7 @@ class MovableGaussians:
         log_depth, log_size = self.values[: LOG_SIZE + 1, piece.rows][:, : len(piece.quats)]
         nothing = np.zeros((0, 3, 0), np.float32)
         scales = piece.scales * np.exp(log_depth + log_size)[:, None]
-        return Block(piece.start, planes[:3], nothing, planes[12], nothing, piece.quats, scales, planes[13])
+        return Block(planes[:3], nothing, planes[12], nothing, piece.quats, scales, planes[13])
 
     def _measure(
         self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int,

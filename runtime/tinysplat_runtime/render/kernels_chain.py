@@ -33,7 +33,7 @@ def add_up(
         ends: (tiles,) int64, where each list began; moved on.
         pairs: (pairs, 9) float32.
         place_of: first row of the block, its geometry (chunks, 14, 128), the own camera's centre (3,), and its values.
-        view: (22,) float64, as `kernels_project.project` takes it.
+        view: (23,) float64, as `kernels_project.project` takes it.
         gradient: (6, rows) float32 of the block, added to.
     """
     first, geometry, centre, values = place_of

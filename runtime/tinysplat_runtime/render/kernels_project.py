@@ -32,9 +32,9 @@ and then how much is drawn in front (`kernels_blend.composite_tile`)."""
 GEOMETRY = 14
 """Planes of a chunk: means (3), principal axes (9, row by row), log opacity, own pixel (0 for none)."""
 
-VIEW = 22
+VIEW = 23
 """Numbers of a view: offset (3), principal point (2), the Jacobian's lower (2) and upper limits (2), projection (9),
-near plane, width, height, focal length."""
+near plane, width, height, focal length, logarithm of the share of their opacity that Gaussians are drawn with."""
 
 CHORD_PX = 16
 """Footprints at least this wide are cut to their chord in every row; narrower ones save nothing by it."""
@@ -73,7 +73,7 @@ def project(
         geometry: (chunks·14·128,) float32.
         sh: (chunks, 3 S·128) float32.
         is_coloured: (chunks,) uint8, whether the records hold the colours already; brought up to date.
-        view: (22,) float64.
+        view: (23,) float64.
         work: (`SCRATCH`,) float32.
         records: (chunks·128, 16) float32, written.
 
@@ -85,7 +85,7 @@ def project(
         start = _I(chunk) * _I(GEOMETRY * CHUNK)
         out = records[chunk * CHUNK : (chunk + 1) * CHUNK]
         _shapes(geometry, start, view, work)
-        _fade(geometry, start, work)
+        _fade(geometry, start, _F(view[22]), work)
         shown, is_wide = _bounds(geometry, start, view, work)
         wide += is_wide
         if is_coloured[chunk]:
@@ -150,11 +150,11 @@ def _shapes(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> N
 
 
 @compiled
-def _fade(geometry: NDArray, start: Number, work: NDArray) -> None:
+def _fade(geometry: NDArray, start: Number, log_share: Number, work: NDArray) -> None:
     """Opacities, from the shares of their squares that `_shapes` leaves in their place; no vector has a logarithm."""
     for lane in range(CHUNK):
         i = _I(lane)
-        share, log_opacity = work[i + P[LOG_OPACITY]], geometry[start + i + P[12]]
+        share, log_opacity = work[i + P[LOG_OPACITY]], geometry[start + i + P[12]] + log_share
         work[i + P[LOG_OPACITY]] = log_opacity + _HALF * math.log(share) if share < _ONE else log_opacity
 
 

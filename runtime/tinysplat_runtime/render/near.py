@@ -1,29 +1,38 @@
-"""Near views first: how much of each view's surface covers everything else, from where a picture is taken.
+"""Near views first: how much of each view covers everything else, from where a picture is taken, and which are drawn.
 
 Photos agree about a scene only so far. From a place between two of them, their surfaces are the best there are, and
 those of photos taken farther away stand a little before or behind them. Drawn by depth alone every further photo
 therefore costs quality: what is wrong in it covers what is right. So the surfaces (layer 0) of near views are drawn
-first, with a share w of their opacity, and then all Gaussians, which show where the first left transmittance.
+first, with a share of their opacity, and then all Gaussians, which show where the first left transmittance.
 
 The distance of view v from a camera counts places and directions alike,
 
     d_v² = |c − c_v|² / D² + |a − a_v|²,
 
 c the centres, a the viewing directions (unit vectors), D the views' depth, the harmonic mean of z over layer 0 in their
-own frames. With d₁ the least of these distances and R = 1.5 times the second least,
+own frames. With d₁ the least of these distances and R a distance that depends on how many views there are,
 
-    w_v = clamp((R − d_v) / (R − d₁), 0, 1)²:
+    w_v = clamp((R − d_v) / (R − d₁), 0, 1):
 
-1 for the nearest view, less for the second the farther it is, and 0 beyond R. It is continuous in the camera's place
-and direction, and smooth where a view comes in, so that nothing pops along a path. (Squared, as a surface of many
-Gaussians that overlap covers more than its share: with w = 0.2 each, six of them cover 0.7.)
+1 for the nearest view, less for the others the farther they are, and 0 beyond R. It is continuous in the camera's place
+and direction, so that nothing pops along a path.
+
+- Of up to `FEW` views, R is 1.5 times the second least distance, and Gaussians of all views are drawn behind, as they
+  are: where one of them sees nothing, any other may.
+- Of more, a capture, R is the fifth least distance, and what is drawn behind has its opacity times w_v: the four
+  nearest views alone are drawn, whose errors are small from here, and no other is even looked at. Of views at one place
+  that look one way, which no camera can tell apart, the first counts alone.
+
+Surfaces are drawn in front with w_v² of their opacity, as a surface of many Gaussians that overlap covers more than its
+share: with 0.2 each, six of them cover 0.7.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +42,42 @@ from ..scene.cameras import Camera
 
 REACH = 1.5
 """Of the second nearest view's distance, where shares reach 0: at 1, two views that swap places there would pop."""
+
+FEW = 6
+"""Views of which all are drawn, from wherever."""
+
+DRAWN = 4
+"""Views of a capture that a picture is drawn from; fewer leave holes, more bring surfaces that are wrong from here."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """What of each view's opacity a picture is drawn with.
+
+    Attributes:
+        front: (V,) float64 in [0, 1], of its surface, before everything else; nowhere more than
+        whole: (V,) float64 in [0, 1], of all its Gaussians.
+    """
+
+    front: NDArray
+    whole: NDArray
+
+    @classmethod
+    def by_depth(cls, whole: NDArray) -> Shares:
+        """Nothing before everything else."""
+        return cls(np.zeros(len(whole)), whole)
+
+    @property
+    def has_front(self) -> bool:
+        """Whether anything is drawn before everything else."""
+        return bool(self.front.any())
+
+    def of(self, view: int, is_surface: bool) -> tuple[float, float]:
+        """Logarithms: of the share that a view's Gaussians are drawn with, and of what part of it comes first; −∞ for
+        nothing.
+        """
+        whole, front = float(self.whole[view]), float(self.front[view]) if is_surface else 0.0
+        return (math.log(whole) if whole > 0 else -math.inf), (math.log(front / whole) if front > 0 else -math.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,28 +102,51 @@ class NearViews:
             return None
         centres = np.stack([camera.centre for camera in cameras])
         directions = np.stack([camera.rotation[2] for camera in cameras])
-        z = np.einsum("vhwc,vc->vhw", gaussians.means, directions)
-        z += ((gaussians.origin - centres) * directions).sum(axis=1)[:, None, None]
-        seen = z[z > 0]
-        return cls(centres, directions, seen.size / float((1 / seen).sum()) if seen.size else 1.0)
+        count, inverse = 0, 0.0
+        for means, centre, direction in zip(gaussians.means, gaussians.origin - centres, directions, strict=True):
+            z = (means @ direction) + centre @ direction
+            count, inverse = count + np.count_nonzero(z > 0), inverse + float((1 / z[z > 0]).sum())
+        return cls(centres, directions, count / inverse if count else 1.0)
 
-    def only(self, views: Sequence[int]) -> NearViews | None:
-        """Some of them; None where that is fewer than two."""
-        chosen = list(views)
-        return NearViews(self.centres[chosen], self.directions[chosen], self.depth) if len(chosen) > 1 else None
+    @property
+    def most(self) -> int:
+        """How many views a picture is drawn from at most."""
+        return min(len(self.centres), FEW)
 
-    def shares(self, camera: Camera) -> NDArray:
-        """(V,) float64: the share of its opacity that each view's surface is drawn first with."""
-        places = np.square(self.centres - camera.centre).sum(axis=1) / self.depth**2
-        distances = np.sqrt(places + np.square(self.directions - camera.rotation[2]).sum(axis=1))
-        nearest, second = np.sort(distances)[:2]
-        reach = REACH * second
-        if reach <= nearest:  # both are where the camera is
-            return (distances <= nearest).astype(np.float64)
-        return np.square(((reach - distances) / (reach - nearest)).clip(0, 1))
+    def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
+        """What a camera's picture is drawn with, of all views but some; where one alone is left, all is by depth."""
+        left = np.setdiff1d(np.arange(len(self.centres)), list(without))
+        front, whole = np.zeros((2, len(self.centres)))
+        if left.size < 2:
+            whole[left] = 1
+        else:
+            front[left], whole[left] = self._of_some(camera, left)
+        return Shares(front, whole)
+
+    def _of_some(self, camera: Camera, views: NDArray) -> tuple[NDArray, NDArray]:
+        """`Shares` of (n,) views alone."""
+        places = np.square(self.centres[views] - camera.centre).sum(axis=1) / self.depth**2
+        distances = np.sqrt(places + np.square(self.directions[views] - camera.rotation[2]).sum(axis=1))
+        front, whole = np.zeros((2, views.size))
+        counted = np.arange(views.size) if views.size <= FEW else np.unique(self._poses[views], return_index=True)[1]
+        near = counted[np.lexsort((counted, distances[counted]))]
+        if near.size <= FEW:
+            whole[near] = 1
+            front[near] = np.square(_ramp(distances[near], REACH * distances[near[min(1, near.size - 1)]]))
+        else:
+            whole[near[:DRAWN]] = _ramp(distances[near[:DRAWN]], distances[near[DRAWN]])
+            front = np.square(whole)
+        return front, whole
+
+    @cached_property
+    def _poses(self) -> NDArray:
+        """(V,) the number of each view's place and direction among all that there are."""
+        poses = np.concatenate([self.centres, self.directions], axis=1)
+        return np.unique(poses, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def log_share(shares: NDArray | None, view: int) -> float:
-    """Logarithm of a view's share, −∞ where nothing of it is drawn first."""
-    share = 0 if shares is None or view < 0 else float(shares[view])
-    return math.log(share) if share > 0 else -math.inf
+def _ramp(distances: NDArray, reach: float) -> NDArray:
+    """Of rising distances: from 1 at the first to 0 at `reach`; where these are one, 1 there and 0 beyond."""
+    if reach <= distances[0]:
+        return (distances <= reach).astype(np.float64)
+    return ((reach - distances) / (reach - distances[0])).clip(0, 1)

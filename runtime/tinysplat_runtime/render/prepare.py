@@ -6,8 +6,9 @@ floats. A block is sized so that its temporaries stay in a core's L2 cache while
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,6 @@ class Block:
     """Up to `BLOCK_SIZE` Gaussians, planar.
 
     Attributes:
-        first: index of the first row in the renderer's buffers.
         means: (3, n) float32, relative to the Gaussians' origin.
         axes: (3, 3, n) float32, R(q)·diag(s): axes[:, k] is the k-th principal axis, one standard deviation long.
         log_opacities: (n,) float32.
@@ -37,10 +37,10 @@ class Block:
         scales: (n, 3) float32 as given, for the few rows that need `axes` in float64.
         own_pixels: (n,) float32, how wide a pixel of the photo that each stands for is at its depth: z / f of its own
             view, scene units; 0 where it lies behind that view. None where they are of no known photo.
-        view: the view whose surface (layer 0) they are; −1 where they are not one view's, or of another layer.
+        view: the view that they are of; −1 where they are of none, or of several.
+        is_surface: whether they are of layer 0.
     """
 
-    first: int
     means: NDArray
     axes: NDArray
     log_opacities: NDArray
@@ -49,6 +49,7 @@ class Block:
     scales: NDArray
     own_pixels: NDArray | None = None
     view: int = -1
+    is_surface: bool = True
 
     @property
     def size(self) -> int:
@@ -64,10 +65,39 @@ class Block:
             scales=self.scales[keep], own_pixels=own,
         )  # fmt: skip
 
+    def fainter(self, log_share: float) -> Block:
+        """The same with a share of their opacity."""
+        return replace(self, log_opacities=self.log_opacities + np.float32(log_share))
+
     def without_planes(self) -> Block:
         """The same without `axes` and `sh`, which most of its memory goes to."""
         nothing = np.zeros((0, 3, 0), np.float32)
         return replace(self, axes=nothing, sh=nothing)
+
+
+class Shelf:
+    """What was made of numbered parts for a frame and may serve the next: no more than it has places for, the ones that
+    were wanted last.
+    """
+
+    def __init__(self, make: Callable[[int, int], Any], places: int) -> None:
+        """`make(part, place)` makes one; a place has one at a time."""
+        self._make, self._free = make, list(range(places))[::-1]
+        self._made: dict[int, tuple[int, Any]] = {}  # by part, those wanted last behind
+
+    def take(self, wanted: Sequence[int]) -> list[Any]:
+        """What is made of some parts, no more than there are places."""
+        for part in wanted:
+            if part in self._made:
+                self._made[part] = self._made.pop(part)
+        for part in wanted:
+            if part not in self._made:
+                place = self._free.pop() if self._free else self._made.pop(next(iter(self._made)))[0]
+                self._made[part] = place, self._make(part, place)
+        return [self._made[part][1] for part in wanted]
+
+    def __iter__(self) -> Iterator[Any]:
+        return (made for _, made in self._made.values())
 
 
 def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
@@ -86,15 +116,14 @@ class Part:
     """Up to `BLOCK_SIZE` Gaussians as they were given, of which a block can be made when it is wanted.
 
     Attributes:
-        first: as `Block.first`, counted over all Gaussians.
-        view: as `Block.view`.
+        view, is_surface: as `Block` has them.
         rows: their arrays by name, (n, …).
         origin: (3,) float64, of the Gaussians.
         photo: the view whose pixels they stand for; None where they are of no known photo.
     """
 
-    first: int
     view: int
+    is_surface: bool
     rows: Mapping[str, NDArray]
     origin: NDArray
     photo: Camera | None
@@ -114,7 +143,6 @@ class Part:
         keep = shows if keep is None else keep & shows
         rows = self.rows if keep.all() else {name: array[keep] for name, array in self.rows.items()}
         return Block(
-            first=self.first,
             means=np.ascontiguousarray(rows["means"].T),
             axes=principal_axes(rows["quats"], rows["scales"]),
             log_opacities=np.log(rows["opacities"]),
@@ -123,6 +151,7 @@ class Part:
             scales=rows["scales"],
             own_pixels=replace(self, rows=rows).own_pixels(),
             view=self.view,
+            is_surface=self.is_surface,
         )
 
 
@@ -131,10 +160,9 @@ def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = Tru
 
     Args:
         gaussians: with cameras if `by_view`.
-        by_view: cut between views, too, and say what view's surface they are.
+        by_view: cut between views, too, and say what view they are of.
         own_pixels: then say, too, of what photo's pixels they are.
     """
-    first = 0
     for layer in gaussians.layers:
         grids = enumerate(gaussians.cameras) if by_view else [(-1, None)]
         for view, photo in grids:
@@ -144,16 +172,9 @@ def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = Tru
             flat = {name: arrays[name].reshape(count, *shape) for name, shape in shapes.items()}
             for start in range(0, count, BLOCK_SIZE):
                 rows = {name: array[start : start + BLOCK_SIZE] for name, array in flat.items()}
-                surface = view if layer is gaussians else -1
-                yield Part(first, surface, rows, gaussians.origin, photo if own_pixels else None)
-                first += rows["opacities"].size
+                yield Part(view, layer is gaussians, rows, gaussians.origin, photo if own_pixels else None)
 
 
 def prepare(gaussians: Gaussians, *, by_view: bool = False) -> Iterator[Block]:
     """Blocks of all Gaussians but those that can never show; arguments as `parts` has them."""
-    first = 0
-    for part in parts(gaussians, by_view=by_view):
-        block = replace(part.block(), first=first)
-        if block.size:
-            yield block
-            first += block.size
+    return (block for part in parts(gaussians, by_view=by_view) if (block := part.block()).size)

@@ -135,15 +135,18 @@ class Projected:
     bounds: NDArray
 
 
-def project(block: Block, view: View, tile: tuple[int, int], splats: Splats, log_share: float | None = None) -> NDArray:
-    """Project a block into rows of `splats`, from the block's first on.
+def project(
+    block: Block, view: View, tile: tuple[int, int], splats: Splats, *, first: int = 0, log_front: float | None = None
+) -> NDArray:
+    """Project a block into rows of `splats`.
 
     Args:
         block: the Gaussians.
         view: the camera.
         tile: (width, height) of a tile in pixels.
         splats: where to write.
-        log_share: logarithm of the share of their opacity that is drawn before all others; None where none are.
+        first: the first of these rows.
+        log_front: logarithm of the share of their opacity that is drawn before all others; None where none are.
 
     Returns:
         (m,) int32, the rows of visible splats, rising and in the block's order.
@@ -152,11 +155,11 @@ def project(block: Block, view: View, tile: tuple[int, int], splats: Splats, log
     if seen is None or not seen.visible.size:
         return np.zeros(0, np.int32)
     keep: NDArray | slice = seen.visible if seen.visible.size < block.size else slice(None)
-    rows = slice(block.first, block.first + seen.visible.size)
+    rows = slice(first, first + seen.visible.size)
     splats.records[rows] = seen.planes[:, keep].T
     splats.log_opacities[0, rows] = seen.log_opacities[keep]
-    if log_share is not None:
-        splats.log_opacities[1, rows] = seen.log_opacities[keep] + np.float32(log_share)
+    if log_front is not None:
+        splats.log_opacities[1, rows] = seen.log_opacities[keep] + np.float32(log_front)
     splats.depths[rows] = seen.depths[keep]
     left, right, top, bottom = seen.bounds[:, keep]
     splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]

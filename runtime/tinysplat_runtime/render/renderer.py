@@ -18,8 +18,8 @@ from ..scene.cameras import Camera
 from ..system.stopwatch import part
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
-from .near import NearViews, log_share
-from .prepare import Block, Part, parts
+from .near import NearViews
+from .prepare import BLOCK_SIZE, Block, Part, Shelf, parts
 from .project import Splats, View, may_show, project
 from .tiles import FRONT, MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, WHOLE, Grid, bands, depth_order, find_pairs, runs
 
@@ -35,7 +35,7 @@ ORDERS = ("near", "depth")
 """What covers what: near views all others, or what lies nearer."""
 
 KEPT_BYTES = 512 << 20
-"""Most that a renderer keeps from frame to frame of what does not depend on the camera."""
+"""Most that a renderer keeps from frame to frame of what does not depend on the camera, beyond what one frame needs."""
 
 SAMPLE = 16
 """Of so many Gaussians of a block one is looked at, whether leaving out what does not show is worth while."""
@@ -49,9 +49,10 @@ class Renderer:
 
     Holds what does not depend on the camera (planar coefficients, principal axes), about 110 bytes per Gaussian of SH
     degree 0 and 290 of degree 3, but no more than `KEPT_BYTES`; of more Gaussians it is made for every frame, block by
-    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds everything. Pictures do
-    not depend on the number of threads, bit for bit. Frames asked for from several threads at once are made one after
-    the other.
+    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds what a frame needs. Of a
+    capture, more than `near.FEW` views, that is the views that a frame is drawn from, and of those before as much as
+    `KEPT_BYTES` hold. Pictures do not depend on the number of threads, bit for bit. Frames asked for from several
+    threads at once are made one after the other.
     """
 
     def __init__(
@@ -89,12 +90,14 @@ class Renderer:
         _check_choice("order", order, ORDERS)
         self._near = NearViews.of(gaussians) if order == "near" else None
         by_photo = bool(gaussians.cameras) and (self._near is not None or dilation == "own")
-        cut = tuple(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
-        blocks = (block for block in (part.block() for part in cut) if block.size)
-        self._compiled = module.Rasteriser(blocks, self._run) if module else None
-        keeps = keep and gaussians.count * (56 + 4 * 3 * gaussians.sh.shape[-2]) <= KEPT_BYTES
-        self._parts: tuple[Part | Block, ...] = () if module else tuple(blocks) if keeps else cut
-        self._splats = Splats(0 if module else gaussians.count)
+        self._parts = cut = tuple(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
+        row_bytes = (180 if module else 56) + 4 * 3 * gaussians.sh.shape[-2]
+        needed = len(cut) if self._near is None else self._near.most * len(cut) // len(gaussians.cameras)
+        places = min(len(cut), max(needed, KEPT_BYTES // (row_bytes * BLOCK_SIZE)))
+        self._compiled = module.Rasteriser(cut, places, self._run) if module else None
+        keeps = keep and not module and sum(part.size for part in cut[:needed]) * row_bytes <= KEPT_BYTES
+        self._shelf = Shelf(lambda number, _: cut[number].block(), places) if keeps else None
+        self._splats = Splats(0)
         self._local = threading.local()
         self._lock = threading.Lock()
 
@@ -133,25 +136,37 @@ class Renderer:
 
     def _draw(self, view: View, with_depth: bool) -> Any:
         shares = None if self._near is None else self._near.shares(view.camera)
+        drawn = [n for n, cut in enumerate(self._parts) if shares is None or shares.whole[cut.view] > 0]
         if self._compiled is not None:
-            return self._compiled.draw(view, shares, with_depth)
+            return self._compiled.draw(drawn, view, shares, with_depth)
+        cuts: list[Part | Block] = self._shelf.take(drawn) if self._shelf else [self._parts[n] for n in drawn]
+        ends = np.cumsum([cut.size for cut in cuts])
+        if self._splats.count < ends[-1]:
+            self._splats = Splats(int(ends[-1]))
         splats = self._splats
 
-        def project_part(cut: Part | Block) -> NDArray:
+        def project_part(piece: tuple[Part | Block, int]) -> NDArray:
+            cut, end = piece
+            first = end - cut.size
+            if not cut.size:
+                return np.zeros(0, np.int32)
             if isinstance(cut, Part):
                 block = cut.block(may_show(cut, view))
             else:  # picking rows costs about as much as projecting a few more
                 block = cut.compress(may_show(cut, view)) if may_show(cut, view, SAMPLE).mean() < 0.75 else cut
-            share = None if shares is None else log_share(shares, block.view)
-            return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, share)
+            front = None
+            if shares is not None:
+                whole, front = shares.of(block.view, block.is_surface)
+                block = block if whole == 0 else block.fainter(whole)
+            return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, log_front=front)
 
         with part("projection"):
-            ids = self._run(project_part, self._parts)
+            ids = self._run(project_part, list(zip(cuts, ends.tolist(), strict=True)))
         with part("depth order"):
             order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int32), *ids]))
             boxes = splats.boxes.take(order, axis=1)
             pairs = int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64))
-        kinds = (WHOLE,) if shares is None else (FRONT, WHOLE)
+        kinds = (WHOLE,) if shares is None or not shares.has_front else (FRONT, WHOLE)
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
 
         def draw_band(place: tuple[int, Grid]) -> None:
@@ -219,8 +234,8 @@ def render(
         near_plane: scene units.
         dilation: "own" widens a splat by the photo's pixel that it stands for, so that surfaces stay closed from
             however near, and from afar hide no more than they should; "screen" by 0.3 px² of the picture's.
-        order: "near" draws the surfaces of near views before everything else (`near.py` says how much of which),
-            "depth" all Gaussians by depth.
+        order: "near" draws the surfaces of near views before everything else, and of more than six views the nearest
+            four alone (`near.py` says how much of which); "depth" all Gaussians by depth.
         threads: how many to use, None for one per available core; the picture is the same, bit for bit.
 
     Returns:
