@@ -8,12 +8,14 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
+import io
 import os
 import re
 import signal
 import sys
 import threading
 import warnings
+from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
@@ -26,9 +28,17 @@ _MODULES = {"encode": "encode", "compress": "encode", "convert": "convert", "ren
 
 _NEGATIVES = re.compile(r"-[0-9.][-+0-9.eE]*(,[-+0-9.eE]+)*")
 
+_IMPORT_LOCKS = "<frozen importlib._bootstrap>"
+"""Code that Python runs as a callback now and then: an exception there is printed and lost."""
+
+_AGAIN_S = 0.01
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # no terminal's encoding ends a command
     with _interrupts() as noticed:
         try:
             return _run(_with_negatives(list(sys.argv[1:] if argv is None else argv)))
@@ -42,12 +52,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """Interrupts that came while the block ran; each raises KeyboardInterrupt as it always does."""
+    """Interrupts that came while the block ran; each raises KeyboardInterrupt as soon as that is not lost."""
     noticed: list[int] = []
 
     def notice(number: int, frame: FrameType | None) -> None:
         noticed.append(number)
-        signal.default_int_handler(number, frame)
+        if frame is None or frame.f_code.co_filename != _IMPORT_LOCKS:
+            signal.default_int_handler(number, frame)
+        again = threading.Timer(_AGAIN_S, interrupt_main)
+        again.daemon = True
+        again.start()
 
     is_ours = threading.current_thread() is threading.main_thread()
     if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -100,9 +114,13 @@ def _fail(message: str) -> int:
 
 
 def _end_like_interrupts() -> None:
-    """SIGTERM, which service managers send, ends as Ctrl-C does; again once libraries that take it have loaded."""
+    """SIGTERM, which service managers send, ends as Ctrl-C does, and ends where a shell's `&` has Ctrl-C ignored.
+
+    Again once libraries that take it have loaded.
+    """
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
+        interrupt = signal.getsignal(signal.SIGINT)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL if interrupt is signal.SIG_IGN else interrupt)
 
 
 def _run(arguments: list[str]) -> int:

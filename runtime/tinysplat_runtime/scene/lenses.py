@@ -6,6 +6,8 @@ pycolmap (extra `poses`) as `colmap image_undistorter` does: the largest picture
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +23,8 @@ PINHOLES = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3}
 """Models without distortion, and how many parameters they have."""
 
 INSTALL = 'pip install "tinysplat[poses]"'
+
+_SIGNALS_TAKEN = ("SIGTERM", "SIGABRT", "SIGSEGV", "SIGILL", "SIGFPE", "SIGBUS")
 
 
 @dataclass(frozen=True)
@@ -130,14 +134,28 @@ def opencv_lens(focal: Sequence[float], centre: Sequence[float], distortion: Seq
     return Lens("PINHOLE", base, width, height)
 
 
+def load_pycolmap() -> Any:
+    """The package pycolmap, silent, and the process's signals as they were: it has them end in a dump of its stacks.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    import pycolmap
+
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value  # what goes wrong comes as an exception
+    if threading.current_thread() is threading.main_thread():
+        for name in _SIGNALS_TAKEN:
+            if number := getattr(signal, name, None):
+                signal.signal(number, signal.getsignal(number))  # what Python knows, which saw none of it
+    return pycolmap
+
+
 def _pycolmap(model: str) -> Any:
     try:
-        import pycolmap
+        return load_pycolmap()
     except ImportError:
         found = f"a {model} camera has lens distortion"
         raise InputError(f"{found}; {INSTALL} to undistort, or undistort the photos first") from None
-    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value  # what goes wrong comes as an exception
-    return pycolmap
 
 
 def _first_line(error: Exception) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...system.bounds import bound_process
+from ..lenses import load_pycolmap
 
 MEMORY_BASE, MEMORY_PER_BYTE = 1 << 29, 64
 """Bytes beyond those of the process at its start; an observation of 24 bytes takes 100 in memory."""
@@ -71,10 +72,9 @@ def bound_resources(bytes_of_model: int) -> None:
 def main(folder: str) -> int:
     """Read and write; returns the exit status."""
     try:
-        import pycolmap
+        pycolmap = load_pycolmap()
     except ImportError:
         return 3
-    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     bound_resources(sum(file.stat().st_size for file in Path(folder).iterdir() if file.is_file()))
     try:
         arrays: dict[str, Any] = model_arrays(pycolmap.Reconstruction(folder))
