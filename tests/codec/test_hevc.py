@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -136,3 +138,22 @@ def test_rectangles_cover_every_block_but_the_zeros_once(offsets):
         assert value != 0 and (found[rows, columns] == 0).all()
         found[rows, columns] = value
     np.testing.assert_array_equal(found, offsets)
+
+
+@pytest.mark.parametrize("free_mb", [4, 40, 90])
+def test_memory_that_libx265_would_end_the_process_without_is_an_error(free_mb: int) -> None:
+    """In a process that may take hardly more addresses than it has."""
+    code = f"""
+import resource
+import numpy as np
+from tinysplat_runtime.codec.hevc import EncoderSettings, encode_plane
+codes = np.zeros((64, 64), np.uint16)
+held = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (held + {free_mb}_000_000, resource.RLIM_INFINITY))
+try:
+    encode_plane(codes, 20, EncoderSettings("fast"))
+except MemoryError:
+    print("not enough")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "not enough\n"), done.stderr
