@@ -1,6 +1,9 @@
 """Gaussians that are made: photos and depth dressed as a network's output, so that the codec meets realistic
 statistics without a checkpoint, and a rolling surface for the rasteriser.
 
+All is made in float64 and rounded at the end: sines, exponentials and matrix products differ in their last bits with a
+processor's vector instructions, which the float32 that comes out does not show.
+
 Dressed are per-pixel Gaussians whose attributes follow the picture as MVSplat's planes do, up to SH degree 4. Shares of
 smooth field, picture and fine noise are set by eye, and by the sizes and dB that the paper's configuration reaches.
 """
@@ -85,7 +88,8 @@ class _Fields:
     """Random fields (H, W) of unit variance that resemble a network's planes of one picture."""
 
     def __init__(self, image: NDArray, depth: NDArray, rng: np.random.Generator) -> None:
-        grey = image @ np.array([0.3, 0.59, 0.11], np.float32)
+        image = np.asarray(image, np.float64)
+        grey = image @ np.array([0.3, 0.59, 0.11])
         maps = [grey, blur(grey, 2), blur(grey, 5), *np.gradient(blur(grey, 1)), image[..., 0] - grey, 1 / depth]
         self._features = np.stack([np.tanh(_standard(m)) for m in maps], axis=-1)
         self._rng = rng
@@ -163,8 +167,8 @@ def cloud(count: int) -> Gaussians:
     rng = np.random.default_rng(0)
     z = rng.uniform(2, 12, count).astype(np.float32)
     means = np.stack([*(rng.uniform(-1.3, 1.3, (2, count)).astype(np.float32) * z), z], axis=-1)
-    size = 0.016 * np.sqrt(1e6 / count) * np.exp(0.6 * rng.standard_normal((count, 3), np.float32))
-    opacities = 1 / (1 + np.exp(-1 - 2 * rng.standard_normal(count, np.float32)))
+    size = 0.016 * np.sqrt(1e6 / count) * np.exp(0.6 * np.float64(rng.standard_normal((count, 3), np.float32)))
+    opacities = 1 / (1 + np.exp(-1 - 2 * np.float64(rng.standard_normal(count, np.float32))))
     quats, sh = rng.standard_normal((count, 4), np.float32), rng.standard_normal((count, 1, 3), np.float32)
     return Gaussians.unchecked(
         means=means, quats=quats, scales=size.astype(np.float32), opacities=opacities.astype(np.float32), sh=sh
