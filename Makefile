@@ -5,7 +5,7 @@ DEMO_VENV := .venv-demo
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo dev test test-slow test-ranges fuzz mutants lint format export docs golden clean
+.PHONY: help demo dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -17,13 +17,16 @@ dev: $(VENV)/.installed  ## the development environment
 
 test: $(VENV)/.installed  ## the tests, on all cores (under 15 minutes on 2); says first how many it leaves to test-slow
 	@$(VENV)/bin/python -m pytest -q --collect-only -m slow | tail -n 1 | sed 's/^/left to make test-slow: /'
-	$(VENV)/bin/python -m pytest -q -m "not slow" -n auto --dist loadfile
+	TINYSPLAT_ALL_EXTRAS=1 $(VENV)/bin/python -m pytest -q -m "not slow" -n auto --dist loadfile
 
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
 	$(VENV)/bin/python -m pytest -q -m slow
 
 test-ranges: $(VENV)/.installed  ## the runtime at the oldest and newest versions of what it depends on (needs the network)
 	$(VENV)/bin/python .ci/ranges.py
+
+test-machines: $(VENV)/.installed  ## the tests as other machines run them: BLAS kernels, vector instructions, cores, no numba
+	$(VENV)/bin/python .ci/machines.py
 
 fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files, about 40 minutes of one core
 	PYTHONPATH=tests $(VENV)/bin/python -m hostile.campaign
