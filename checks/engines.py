@@ -33,7 +33,7 @@ from playwright.sync_api import Page, sync_playwright
 from viewer import FLAGS
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli.parser import OWN_VARIANCE
+from tinysplat_runtime.gaussian import OWN_VARIANCE
 from tinysplat_runtime.gaussian.editing import similarity
 from tinysplat_runtime.gaussian.footprints import widened
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices

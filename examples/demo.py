@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -16,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli.describe import info_text
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
@@ -85,7 +85,7 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
     height, width = gaussians.opacities.shape[1:]
     name = f"motorcycle_{width}x{height}_{profile}"
     (out / f"{name}.tsplat").write_bytes(data)
-    print(f"\n{info_text(f'{name}.tsplat', ts.inspect(data))}\n")
+    subprocess.run([sys.executable, "-m", "tinysplat_runtime", "info", out / f"{name}.tsplat"], check=True)
 
     decoded = runtime.decompress(data, watch=watch)
     raw_renderer, renderer = Renderer(gaussians), Renderer(decoded)

@@ -27,6 +27,7 @@ _MODULE_OF = {
     "NumericError": "errors",
     "Runtime": "api",
     "Scene": "scene.scenes",
+    "SceneWarning": "errors",
     "TinySplatError": "errors",
     "compress": "api",
     "decompress": "api",
@@ -50,6 +51,7 @@ __all__ = [
     "NumericError",
     "Runtime",
     "Scene",
+    "SceneWarning",
     "TinySplatError",
     "compress",
     "decompress",
@@ -76,7 +78,7 @@ if TYPE_CHECKING:
         render,
         save_gaussians,
     )
-    from .errors import FormatError, InputError, ModelError, NumericError, TinySplatError
+    from .errors import FormatError, InputError, ModelError, NumericError, SceneWarning, TinySplatError
     from .gaussian.gaussians import Gaussians
     from .gaussian.notes import Notes
     from .scene.cameras import Camera

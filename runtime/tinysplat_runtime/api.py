@@ -6,51 +6,40 @@ process, with default settings.
 
 from __future__ import annotations
 
-import math
 import os
+import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
-import numpy as np
-
 from .codec.decoder import decode_gaussians
-from .codec.modes import AUTO, DEFAULT_MODE
-from .codec.modes.registry import MODES
-from .codec.profiles import DEFAULT_PROFILE, find_profile
+from .codec.profiles import DEFAULT_PROFILE
 from .container.layout import SUFFIX
 from .container.records import Limits
-from .errors import InputError, TinySplatError
+from .errors import InputError, SceneWarning, TinySplatError
 from .gaussian.gaussians import Gaussians
 from .graphs.inference import GraphStore
 from .graphs.providers import CPU, Provider
+from .recipe.request import DEFAULT_MODEL, MAX_FILE_BYTES
 from .system.files import StrPath, read_limited, write_atomically
 from .system.stopwatch import Stopwatch
-from .system.threads import Crew, available_cores
+from .system.threads import available_cores
 
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from .codec.encoder import EncodeStats
-    from .codec.modes.mode import Job
     from .graphs.enlarge import Enlarger
+    from .recipe.request import CodingOptions, SceneOptions
     from .refine.stats import RefineStats
     from .scene.cameras import Camera
     from .scene.scenes import Scene
 
-DEFAULT_MODEL = "edge"
-
 P = ParamSpec("P")
 T = TypeVar("T")
-
-MAX_FILE_BYTES = 1 << 31
-"""Largest `.tsplat` file that is read."""
-
-FREE_VIEWS = 4
-"""Views about Gaussians of no pixels that `target_psnr` is measured from."""
-
-TARGETS = ("target_size", "target_psnr", "lossless", "like")
-"""Options of `compress` that say how planes are coded in place of Q_g."""
 
 
 class Runtime:
@@ -105,32 +94,19 @@ class Runtime:
             ModelError: no such network, or one that breaks its contract.
             NumericError: the network's output is not finite.
         """
-        from .graphs.enlarge import predict_large
-        from .graphs.predict import predict as run_network
+        from .recipe import stages
 
-        watch = watch or Stopwatch()
-        near, far = scene.depth_range()
-        images = [scene.images()]
-        graph = self.store.network(model)
-        with watch.stage("network"):
-            enlarger = self.enlarger(scene, model, whole=whole)
-            if enlarger is not None:
-                return predict_large(images.pop(), scene.cameras, near, far, graph, enlarger)
-            return run_network(images.pop(), scene.cameras, near, far, graph)
+        _check_is_scene(scene)
+        return stages.predict(scene, model, self, whole=whole, watch=watch)
 
     def enlarger(self, scene: Scene, model: str = DEFAULT_MODEL, *, whole: bool = False) -> Enlarger | None:
         """What brings to all pixels of the scene's photos what the network finds on small copies of them.
 
         Arguments and errors are those of `predict`; None where it runs the network on the photos as they are.
         """
-        from .graphs.enlarge import LARGE_PIXELS, Enlarger
+        from .recipe import stages
 
-        camera = scene.cameras[0]
-        if whole or camera.width * camera.height <= LARGE_PIXELS:
-            return None
-        graph = self.store.enlarger()
-        found = Enlarger.of(graph) if graph is not None else None
-        return found if found is not None and self.store.shipped_network(model) in found.networks else None
+        return stages.enlarger_of(scene, model, self, whole=whole)
 
     def refine(
         self,
@@ -162,27 +138,21 @@ class Runtime:
         Raises:
             InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.
         """
-        try:
-            from .refine.refine import refine as run
-        except ImportError as error:
-            raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
-        return run(
-            gaussians, scene, steps=steps, seconds=seconds, profile=find_profile(profile), qp=float(qp or 0),
-            run_jobs=Crew(self.threads).map, stats=stats, show=show,
-        )  # fmt: skip
+        from .recipe import stages
+        from .recipe.request import Coding
+        from .recipe.words import Refinement
+
+        budget = None if steps is None and seconds is None else Refinement(steps, seconds)
+        return stages.refine(gaussians, scene, budget, Coding(profile, qp), self, stats=stats, show=show)
 
     def compress(
         self,
         gaussians: Gaussians,
-        profile: str = DEFAULT_PROFILE,
+        profile: str | None = None,
         qp: float | None = None,
         *,
-        target_size: int | None = None,
-        target_psnr: float | None = None,
-        lossless: bool = False,
-        like: bytes | None = None,
-        drop_invalid: bool = False,
         stats: EncodeStats | None = None,
+        **options: Unpack[CodingOptions],
     ) -> bytes:
         """Code Gaussians as a `.tsplat` file's bytes.
 
@@ -190,127 +160,62 @@ class Runtime:
             gaussians: per pixel, with cameras; or belonging to no pixels, as of a trained or an edited scene, which
                 mode `free` codes: as one list, in an order of its own, without those of opacity under 1/255. The file
                 carries their notes.
-            profile: one of `codec.profiles.PROFILES`.
-            qp: Q_g; every quantiser step is multiplied by 2^(qp/6). None is 0, or what a target asks for.
-            target_size: bytes of the file in place of `qp`: the largest file found of at most as many.
-            target_psnr: dB of decoded against raw renders, the mean over the input views, or over four made up about
-                Gaussians of no pixels, in place of `qp`: the smallest file found that has as many.
-            lossless: float16 planes, bit for bit (`codec.exact` has the guarantee); profile and qp play no part.
-            like: a file's bytes, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay where
-                nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
-            drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
+            profile: see `recipe.request.Coding`.
+            qp: see there.
             stats: filled with what coding measured.
+            **options: `target_size`, `target_psnr`, `lossless`, `like`, `drop_invalid`; see there.
 
         Raises:
             FormatError: `like` is damaged.
-            InputError: an option out of range, two options that contradict each other, a target that cannot be
-                reached; with `lossless` or `like`, Gaussians of no pixels, or of other grids than `like`.
+            InputError: an option of a wrong type or out of range, two options that contradict each other, a target that
+                cannot be reached; with `lossless` or `like`, Gaussians of no pixels, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
-        from .codec.encoder import EncodeStats
-        from .codec.modes.mode import Job
-        from .codec.rate import encode_to_psnr, encode_to_size
-        from .codec.recode import encode_like
+        from .recipe.request import coding_of
+        from .recipe.stages import code
 
-        check_targets(qp=qp, target_size=target_size, target_psnr=target_psnr, lossless=lossless or None, like=like)
-        stats = stats or EncodeStats()
-        if like is not None:
-            limits, threads = self.limits, self.threads
-            return encode_like(
-                gaussians, like, self.store, threads=threads, limits=limits, drop_invalid=drop_invalid, stats=stats
-            )
-        coding = find_profile(DEFAULT_PROFILE if lossless else profile)
-        job = Job(gaussians, coding, float(qp or 0), self.store, self.threads, stats, drop_invalid)
-        if lossless:
-            stats.mode = "lossless"
-            return MODES[stats.mode].encode(job)
-        if not gaussians.is_per_pixel:
-            stats.mode = "free"
-            return self._compress_free(job, target_size, target_psnr)
-        if target_size is not None:
-            return encode_to_size(job.encoder(), target_size)
-        if target_psnr is not None:
-            return encode_to_psnr(job.encoder(), target_psnr, self._fidelity(gaussians))
-        return MODES[DEFAULT_MODE].encode(job)
-
-    def _compress_free(self, job: Job, target_size: int | None, target_psnr: float | None) -> bytes:
-        """`compress` of Gaussians that belong to no pixels."""
-        from .codec.free.search import code_to_psnr, code_to_size
-        from .codec.modes.free import encoder as free_encoder
-
-        if target_size is not None:
-            return code_to_size(free_encoder(job), target_size)
-        if target_psnr is not None:
-            return code_to_psnr(free_encoder(job), target_psnr, self._fidelity(job.gaussians))
-        return MODES["free"].encode(job)
+        _check_are_gaussians(gaussians)
+        return code(gaussians, coding_of(profile=profile, qp=qp, **options), self, stats=stats)
 
     def encode(
         self,
-        scene: Scene,
+        scene: Scene | StrPath | Sequence[StrPath],
         model: str = DEFAULT_MODEL,
-        profile: str = DEFAULT_PROFILE,
+        profile: str | None = None,
         qp: float | None = None,
         *,
-        mode: str = DEFAULT_MODE,
         gaussians: Gaussians | None = None,
         stats: EncodeStats | None = None,
-        **options: Any,
+        **options: Unpack[SceneOptions],
     ) -> bytes:
-        """Photos to a `.tsplat` file's bytes.
+        """Photos to a `.tsplat` file's bytes: the very bytes that `tinysplat encode` writes of the same options.
+
+        Of more than six photos two are chosen, a depth range that the scene lacks is found, photos of more than about
+        640×480 pixels are scaled to that, and what is likely wrong with the scene is a `SceneWarning`.
 
         Args:
-            scene: see `predict`.
+            scene: a `Scene`, the path of one, or what else `recipe.request.EncodeRequest` takes.
             model: see `predict`.
             profile: see `compress`.
             qp: see `compress`.
-            **options: see `compress`.
-            mode: what the file carries: gaussians, photos, hybrid or auto (`modes` says what they are).
-            gaussians: what `predict` made of the scene, if that is at hand; the file carries their notes.
+            gaussians: what `predict` made of the scene, if that is at hand: nothing is then chosen, found, scaled or
+                looked at, and the file carries their notes.
             stats: filled with what coding measured, the mode, and why `auto` came to it.
+            **options: by the names of the command's: `views`, `size`, `near`, `far`, `mode`, `refine`, those of
+                `compress` and others; see `recipe.request`.
 
         Raises:
-            InputError: an unknown mode, one that contradicts a target, and what `predict` and `compress` refuse.
+            InputError: an option of a wrong type or out of range, two options that contradict each other, a scene that
+                memory does not suffice for, and what `predict` and `compress` refuse.
             ModelError, NumericError: as `predict` and `compress`.
         """
-        from .codec.encoder import EncodeStats
-        from .codec.modes.choice import check_options, choose
-        from .codec.modes.mode import Job, PhotoScene
+        from .recipe.encode import Listener, encode, encode_predicted
+        from .recipe.request import EncodeRequest
 
-        stats = stats or EncodeStats()
-        check_options(mode, has_target=any(options.get(name) for name in TARGETS))
-        gaussians = gaussians or self.predict(scene, model, whole=mode != DEFAULT_MODE, watch=stats.watch)
-        network_seconds = stats.watch.seconds.get("network", 0.0)
-        if mode == DEFAULT_MODE:
-            return self.compress(gaussians, profile, qp, stats=stats, **options)
-        photos, coding = PhotoScene.of(scene, model, self.store), find_profile(profile)
-        job = Job(gaussians, coding, float(qp or 0), self.store, self.threads, stats, photos=photos)
-        stats.mode = mode
-        if mode != AUTO:
-            return MODES[mode].encode(job)
-        data = MODES["photos"].encode(job)
-        planes = self.compress(gaussians, profile, qp, stats=stats, **options)
-        stats.mode, stats.reason = choose(planes, data, photos.network, network_seconds)
-        return data if stats.mode == "photos" else planes
-
-    def _fidelity(self, gaussians: Gaussians) -> Callable[[bytes], float]:
-        """PSNR of a file's render to that of `gaussians`, the mean over their views or over some made up."""
-        from .render import DEFINITION, Renderer
-        from .render.paths import ring
-
-        # In numpy, so that no byte depends on whether numba is installed; as defined, so that none follows defaults.
-        renderer = Renderer(gaussians, threads=self.threads, compiled=False, **DEFINITION)
-        cameras = gaussians.cameras or ring(gaussians, FREE_VIEWS)
-        raw = [renderer.render(camera) for camera in cameras]
-
-        def measure(data: bytes) -> float:
-            decoded = Renderer(self.decompress(data), threads=self.threads, compiled=False, **DEFINITION)
-            errors = [
-                float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
-                for camera, image in zip(cameras, raw, strict=True)
-            ]
-            return float(np.mean([-10 * math.log10(max(error, 1e-12)) for error in errors]))
-
-        return measure
+        request = EncodeRequest.of(scene, model=model, profile=profile, qp=qp, **options)
+        if gaussians is not None:
+            return encode_predicted(request, gaussians, self, stats=stats)
+        return encode(request, self, Listener(doubt=_warn), stats=stats).data
 
     def decompress(
         self,
@@ -357,16 +262,25 @@ class Runtime:
         return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
 
 
-def check_targets(**options: Any) -> None:
-    """InputError where options of `compress` contradict each other or lie out of range."""
-    given = [name for name, value in options.items() if value is not None]
-    if len(given) > 1:
-        raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
-    size, psnr = options["target_size"], options["target_psnr"]
-    if size is not None and size < 1:
-        raise InputError(f"{size} bytes, expected 1 or more", where="target_size")
-    if psnr is not None and not 0 < psnr < 120:
-        raise InputError(f"{psnr:g} dB, expected more than 0 and less than 120", where="target_psnr")
+def _warn(scene: Scene, text: str) -> None:
+    """A doubt as a warning of the line outside this package that asked."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(__package__):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(f"{scene.path}: {text}", SceneWarning, stacklevel=level)
+
+
+def _check_is_scene(value: object) -> None:
+    from .scene.scenes import Scene
+
+    if not isinstance(value, Scene):
+        raise InputError(f"a {type(value).__name__}, expected a Scene, which `load_scene` reads", where="scene")
+
+
+def _check_are_gaussians(value: object) -> None:
+    if not isinstance(value, Gaussians):
+        raise InputError(f"a {type(value).__name__}, expected Gaussians, of `predict` or `load_gaussians`",
+                         where="gaussians")  # fmt: skip
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,8 @@
 
 A message is one line: where (file, field, index), what was found, what would be accepted.
 The command line turns any of them into that line and exit status 2.
+
+A `SceneWarning` is no error: the line says what is likely wrong with photos or cameras that can be used all the same.
 """
 
 from __future__ import annotations
@@ -48,3 +50,7 @@ class ModelError(TinySplatError):
 
 class NumericError(TinySplatError):
     """Values that the transform at hand cannot represent."""
+
+
+class SceneWarning(UserWarning):
+    """Photos, cameras or depths of a scene do not seem to belong together; it is coded all the same."""

@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 import time
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,11 +21,12 @@ from scenes import write_scene
 import tinysplat_runtime as ts
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import run_processes, run_ray
-from tinysplat.batch.jobs import Job, Options, encode, is_done, read_manifest
+from tinysplat.batch.jobs import OPTIONS, Job, encode, is_done, read_manifest
 from tinysplat.batch.run import run_batch
 from tinysplat.batch.storage import local_folder, read, write
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.recipe.request import EncodeRequest
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
@@ -43,7 +43,7 @@ def silent(record: dict[str, Any]) -> None:
 
 
 def jobs_named(folder: Path, *names: str) -> list[Job]:
-    return [Job(name, f"/scenes/{name}", str(folder / f"{name}.txt")) for name in names]
+    return [Job(name, EncodeRequest(f"/scenes/{name}"), str(folder / f"{name}.txt")) for name in names]
 
 
 NAMES = ("a", "b", "killer", "c", "flaky", "d", "bad", "poison", "e", "f")
@@ -190,7 +190,7 @@ def test_a_scene_without_windows_fails_alone(measured: Path, scenes: Path, tmp_p
 
 def test_urls_are_read_and_written_through_fsspec(scenes: Path) -> None:
     fsspec.filesystem("memory").put(str(scenes / "s0") + "/", "/in/s0/", recursive=True)
-    job = Job("s0", "memory://in/s0", "memory://out/s0.tsplat", Options())
+    job = Job("s0", EncodeRequest("memory://in/s0"), "memory://out/s0.tsplat")
     record = {**encode(job), "status": "done", "fingerprint": job.fingerprint}
     assert is_done(job, record)
     data = read("memory://out/s0.tsplat")
@@ -205,13 +205,13 @@ def test_urls_are_read_and_written_through_fsspec(scenes: Path) -> None:
 
 
 def test_every_option_changes_the_fingerprint() -> None:
-    (plain,) = read_manifest("/a", "out", Options())
+    (plain,) = read_manifest("/a", "out", {})
     others = ['{"scene": "/a", "qp": 1}', '{"scene": "/a", "views": [0, 1]}', "/b/a", '{"scene": "/a", "size": [8, 8]}']
     others += ['{"scene": "/a", "refine": "5"}', '{"scene": "/a", "refine": "5s"}']
-    prints = {read_manifest(text, "out", Options())[0].fingerprint for text in others}
+    prints = {read_manifest(text, "out", {})[0].fingerprint for text in others}
     assert len(prints | {plain.fingerprint}) == 7
     with pytest.raises(InputError, match="line 1: refine: 'soon', expected steps such as 20 or seconds such as 10s"):
-        read_manifest('{"scene": "/a", "refine": "soon"}', "out", Options())
+        read_manifest('{"scene": "/a", "refine": "soon"}', "out", {})
 
 
 def test_a_batch_codes_what_refinement_made_of_a_scene(
@@ -219,17 +219,20 @@ def test_a_batch_codes_what_refinement_made_of_a_scene(
 ) -> None:
     asked = []
 
-    def refine(self: ts.Runtime, gaussians: ts.Gaussians, scene: ts.Scene, steps: int | None, **options: Any) -> Any:
-        asked.append((len(scene.frames), steps, {n: options[n] for n in ("seconds", "profile", "qp")}))
+    def refine(gaussians: ts.Gaussians, *_: object, **options: Any) -> ts.Gaussians:
+        asked.append(
+            {name: options[name] for name in ("steps", "seconds", "qp")} | {"profile": options["profile"].name}
+        )
         return gaussians.with_notes(ts.Notes(refined="seen"))
 
-    monkeypatch.setattr(ts.Runtime, "refine", refine)
+    monkeypatch.setattr("tinysplat_runtime.refine.refine.refine", refine)
     for words in ("", "7", "2.5s"):
-        encode(Job("s0", str(scenes / "s0"), str(tmp_path / f"{words}.tsplat"), Options(refine=words, qp=3)))
+        request = EncodeRequest.of(str(scenes / "s0"), refine=words or None, qp=3)
+        encode(Job("s0", request, str(tmp_path / f"{words}.tsplat")))
     refined = [ts.inspect((tmp_path / f"{words}.tsplat").read_bytes())["refined"] for words in ("", "7", "2.5s")]
     assert refined == [None, "seen", "seen"]
     coding = {"profile": "balanced", "qp": 3}
-    assert asked == [(2, 7, {"seconds": None, **coding}), (2, None, {"seconds": 2.5, **coding})]
+    assert asked == [{"steps": 7, "seconds": None, **coding}, {"steps": None, "seconds": 2.5, **coding}]
 
 
 # ---- bounds, lines and what is known after an interrupt -----------------------------------------------------------
@@ -280,7 +283,7 @@ def test_a_batch_has_the_options_of_encode() -> None:
     options = {action.dest for action in commands.choices["encode"]._actions if action.option_strings}
     elsewhere = {"help", "quiet", "threads", "output", "force"}
     of_stereo_pairs = {"focal", "baseline"}
-    assert options - elsewhere - of_stereo_pairs <= {field.name for field in fields(Options)}
+    assert options - elsewhere - of_stereo_pairs <= OPTIONS
 
 
 def test_a_scene_is_coded_as_encode_codes_it(tmp_path: Path) -> None:

@@ -471,7 +471,7 @@ def test_options_are_looked_at_before_the_network_runs(scene, tmp_path):
 
 
 def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(tmp_path):
-    from tinysplat_runtime.cli.checks import LARGE_PIXELS, fitting_size
+    from tinysplat_runtime.recipe.prepare import LARGE_PIXELS, fitting_size
 
     folder = write_scene(tmp_path / "large", views=2, height=1920, width=1080)
     height, width = fitting_size(ts.load_scene(folder))
@@ -482,34 +482,34 @@ def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(
 
 
 def test_photos_that_memory_does_not_suffice_for_are_refused_with_a_size_that_fits(scene, monkeypatch):
-    from tinysplat_runtime.cli import checks
+    from tinysplat_runtime.recipe import memory
 
     large = ts.load_scene(scene).resized(2000, 3000)
-    monkeypatch.setattr(checks, "available_bytes", lambda: 4_000_000_000)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 4_000_000_000)
     with pytest.raises(ts.InputError, match="--size") as caught:
-        checks.check_memory(large)
+        memory.check_memory(large)
     height, width = map(int, re.search(r"--size (\d+)x(\d+)", str(caught.value)).groups())
-    checks.check_memory(large.resized(height, width))
+    memory.check_memory(large.resized(height, width))
     with pytest.raises(ts.InputError):
-        checks.check_memory(large.resized(round(height * 1.1), round(width * 1.1)))
+        memory.check_memory(large.resized(round(height * 1.1), round(width * 1.1)))
     runtime = ts.Runtime()
     enlarger = runtime.enlarger(large)
-    monkeypatch.setattr(checks, "available_bytes", lambda: 2_400_000_000)
-    checks.check_memory(large, enlarger)  # 12 million pixels in all, of which networks are given small copies
+    monkeypatch.setattr(memory, "available_bytes", lambda: 2_400_000_000)
+    memory.check_memory(large, enlarger)  # 12 million pixels in all, of which networks are given small copies
     assert runtime.enlarger(large, whole=True) is None
     for free in (2_000_000_000, 1_100_000_000):
-        monkeypatch.setattr(checks, "available_bytes", lambda free=free: free)
+        monkeypatch.setattr(memory, "available_bytes", lambda free=free: free)
         with pytest.raises(ts.InputError, match="--size") as caught:
-            checks.check_memory(large, enlarger)
+            memory.check_memory(large, enlarger)
         height, width = map(int, re.search(r"--size (\d+)x(\d+)", str(caught.value)).groups())
-        checks.check_memory(large.resized(height, width), enlarger)
+        memory.check_memory(large.resized(height, width), enlarger)
         with pytest.raises(ts.InputError):
-            checks.check_memory(large.resized(round(height * 1.1), round(width * 1.1)), enlarger)
-    monkeypatch.setattr(checks, "available_bytes", lambda: 8_000_000_000)
-    checks.check_memory(large, mode="photos")  # 460 bytes a pixel
+            memory.check_memory(large.resized(round(height * 1.1), round(width * 1.1)), enlarger)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 8_000_000_000)
+    memory.check_memory(large, mode="photos")  # 460 bytes a pixel
     for options in ({"mode": "hybrid"}, {"refined": True}):
         with pytest.raises(ts.InputError, match="--size"):
-            checks.check_memory(large, **options)
+            memory.check_memory(large, **options)
 
 
 @pytest.mark.parametrize(

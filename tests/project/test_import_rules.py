@@ -186,6 +186,10 @@ def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) 
         ("render", {"gaussian", "scene", "system"}),
         ("codec", {"container", "gaussian", "graphs", "render", "scene", "system"}),
         ("refine", {"codec", "container", "gaussian", "graphs", "render", "scene", "system"}),
+        (
+            "recipe",
+            {"codec", "container", "gaussian", "graphs", "refine", "render", "scene", "system"},
+        ),
         ("page", {"codec", "container", "gaussian", "graphs", "render", "scene", "system"}),
     ],
 )
@@ -199,6 +203,33 @@ def test_rooms_of_the_runtime_lean_on_those_below_them(room: str, leans_on: set[
     if room == "container":
         paths = sources(RUNTIME / room)
         assert paths and "av" not in {package for path in paths for package, _, _ in imports(path)}
+
+
+COMMANDS = ("runtime/tinysplat_runtime/cli/", "tinysplat/commands/")
+OUTSIDE = ("docs/", "tests/", ".venv/")
+"""Pages about commands, and tests, name what they are about."""
+
+
+def test_only_commands_know_of_the_command_line() -> None:
+    """What a command does is below it, so that Python, batches and studies have it without arguments of argparse."""
+    breaks = []
+    for path in sources(ROOT):
+        name = path.relative_to(ROOT).as_posix()
+        if name.startswith((*COMMANDS, *OUTSIDE)):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                names = [f"{node.module or ''}.{alias.name}" for alias in node.names]
+                names = [f".{found}" if node.level else found for found in names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            else:
+                continue
+            if any("cli" in found.split(".") for found in names):
+                breaks.append(f"{name}:{node.lineno} imports the command line")
+            if not name.startswith(("export/", "checks/")) and any(found.endswith("Namespace") for found in names):
+                breaks.append(f"{name}:{node.lineno} takes arguments of argparse")
+    assert [one for one in breaks if "__main__" not in one] == []
 
 
 def test_architecture_names_files_that_exist() -> None:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli.selfcheck import doubts, own_psnr
+from tinysplat_runtime.recipe.doubts import doubts
+from tinysplat_runtime.recipe.own import own_psnr
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.look import range_guessed, range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene
@@ -186,18 +187,18 @@ def test_own_psnr_is_that_of_the_render_to_photos() -> None:
 def test_of_large_photos_a_band_across_the_middle_tells(monkeypatch: pytest.MonkeyPatch) -> None:
     from scenes import make_smooth_gaussians
 
-    from tinysplat_runtime.cli import selfcheck
+    from tinysplat_runtime.recipe import own
 
     gaussians = make_smooth_gaussians(2, 240, 64, degree=0, layers=2)
     pictures = np.stack([ts.render(gaussians, view) for view in gaussians.cameras])
     pictures[:, :100] = pictures[:, 140:] = 0
-    monkeypatch.setattr(selfcheck, "OWN_PIXELS", 40 * 64)
+    monkeypatch.setattr(own, "OWN_PIXELS", 40 * 64)
     drawn = []
 
     def renderer(given: ts.Gaussians, **options: Any) -> Renderer:
         drawn.append(given.opacities.shape)
         return Renderer(given, **options)
 
-    monkeypatch.setattr(selfcheck, "Renderer", renderer)
+    monkeypatch.setattr(own, "Renderer", renderer)
     assert own_psnr(gaussians, pictures, None) > 45  # but for what the nearest rows left out add to the band's ends
     assert len(drawn) == 2 and all(rows < 200 for _, rows, _ in drawn)

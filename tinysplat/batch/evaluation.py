@@ -43,13 +43,14 @@ def evaluate(job: Job, threads: int = 1) -> dict[str, Any]:
     except ImportError as error:
         install = 'pip install "tinysplat[cluster,eval]" brings it'
         raise InputError(f"needs the package '{error.name}'; {install}", where="--evaluate") from None
-    options = job.options
-    if isinstance(options.size, str):
-        raise InputError(f"'{options.size}', expected HEIGHTxWIDTH to measure at", where="--size")
+    request = job.request
+    if isinstance(request.size, str):
+        raise InputError(f"'{request.size}', expected HEIGHTxWIDTH to measure at", where="--size")
     with local_folder(job.scene) as folder, tempfile.TemporaryDirectory(prefix="tinysplat-") as results:
-        sources, left_out = find_sources([folder], near=options.near, far=options.far)
-        plan = Plan(sources, (options.model,), options.size or DEFAULT_SIZE)
-        work, store = Quality((Coding(options.profile, options.qp),), Path(results)), RowFile(Path(results, ROWS))
+        sources, left_out = find_sources([folder], near=request.near, far=request.far)
+        plan = Plan(sources, (request.model,), request.size or DEFAULT_SIZE)
+        coding = Coding(request.coding.planes.name, request.coding.step_qp)
+        work, store = Quality((coding,), Path(results)), RowFile(Path(results, ROWS))
         outcome = run_jobs(plan, work, store, threads=threads, runtime=worker_runtime(threads))
     left_out = [*left_out, *outcome.left_out]
     if not outcome.rows:

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
 import json
 import os
 import tempfile
 import time
-from argparse import ArgumentTypeError, Namespace
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
-from tinysplat_runtime.cli.arguments import AutoViews, Budget, budget, byte_count, size_or_full, views
-from tinysplat_runtime.cli.encode import check_encoding, encoded, report
-from tinysplat_runtime.cli.files import providers
-from tinysplat_runtime.cli.selfcheck import doubts
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.codec.modes import DEFAULT_MODE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.formats.table import save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.providers import providers_of
+from tinysplat_runtime.recipe.encode import Listener
+from tinysplat_runtime.recipe.encode import encode as encode_photos
+from tinysplat_runtime.recipe.report import encode_report
+from tinysplat_runtime.recipe.request import RATE, EncodeOptions, EncodeRequest, rates_of
+from tinysplat_runtime.recipe.types import check_types
+from tinysplat_runtime.recipe.words import AutoViews
+from tinysplat_runtime.scene.scenes import Scene
 
 from .storage import join, local_folder, read, write
 
@@ -30,58 +35,31 @@ SUFFIXES = {"encode": ".tsplat", "evaluate": ".json"}
 """What can be done with a scene, and how the name of its output ends."""
 
 
+OPTIONS = {*EncodeOptions.__annotations__, "auto", "provider", "report", "save_gaussians"} - {"focal", "baseline"}
+"""What a manifest's entry may say of its scene; `auto` is how many views to choose."""
+
+TAKEN_BACK = ("like", "poses", "refine")
+"""Options that an empty text takes back."""
+
+PLACES = ("like", "poses")
+"""Options that are paths or URLs."""
+
+
 @dataclass(frozen=True)
-class Options:
-    """How every scene of a batch is coded; a manifest's entry may set any of them for its scene.
+class Keep:
+    """What a batch has besides the request of a scene.
 
     Attributes:
-        views: indices, or None to choose `auto` of them.
-        auto: how many views to choose where `views` is None; 0 takes all of up to six, or else two.
-        size: (height, width) to resize photos to, `full`, or None for what `encode` takes.
-        near, far: depth range over the scene's own, or None.
-        model: network.
-        profile: of the codec.
-        qp: Q_g.
-        mode: what files carry.
-        target_size, target_psnr: bytes, or dB, in place of `qp`; None for neither.
-        lossless: float16 planes bit for bit.
-        refine: steps (`20`) or seconds (`10s`) of refinement before coding; empty for none.
-        like: a file to code like, path or URL; empty for none.
-        drop_invalid: make Gaussians at or behind their camera transparent.
-        unit, attribution, licence: notes that the file carries; None for the scene's own.
         provider: onnxruntime's, or None.
-        poses: of a video's frames, path or URL; empty where the scene is no video.
-        first_number: what `poses` count from.
         report, save_gaussians: also write NAME.json, NAME.npz.
     """
 
-    views: tuple[int, ...] | None = None
-    auto: int = 0
-    size: tuple[int, int] | str | None = None
-    near: float | None = None
-    far: float | None = None
-    model: str = DEFAULT_MODEL
-    profile: str = "balanced"
-    qp: float = 0.0
-    mode: str = "gaussians"
-    target_size: int | None = None
-    target_psnr: float | None = None
-    lossless: bool = False
-    refine: str = ""
-    like: str = ""
-    drop_invalid: bool = False
-    unit: str | None = None
-    attribution: str | None = None
-    licence: str | None = None
     provider: str | None = None
-    poses: str = ""
-    first_number: int = 0
     report: bool = False
     save_gaussians: bool = False
 
-
-BEFORE = {"views", "auto", "size", "near", "far", "model", "profile", "qp"}
-"""Options whose values have always been part of a fingerprint."""
+    def __post_init__(self) -> None:
+        check_types(self)
 
 
 @dataclass(frozen=True)
@@ -90,27 +68,55 @@ class Job:
 
     Attributes:
         name: of the output, unique in its batch.
-        scene: path or URL.
+        request: what `encode` is asked for; its scene, poses and like are paths or URLs.
         output: path or URL of the file.
-        options: how.
+        keep: what else.
         task: one of SUFFIXES.
     """
 
     name: str
-    scene: str
+    request: EncodeRequest
     output: str
-    options: Options = field(default_factory=Options)
+    keep: Keep = Keep()
     task: str = "encode"
 
     @property
+    def scene(self) -> str:
+        """Path or URL."""
+        return str(self.request.scene)
+
+    @property
     def fingerprint(self) -> str:
-        """Changes with the task, the scene's place and every option."""
-        options = dataclasses.asdict(self.options)
-        for later in set(options) - BEFORE:
-            if options[later] == getattr(Options(), later):
-                del options[later]  # as it was before there was such an option: what was done then is not done again
-        text = json.dumps([self.task, self.scene, options], sort_keys=True)
+        """Changes with the task, the scene's place and every option that is not left at its default."""
+        text = json.dumps([self.task, self.scene, self._options()], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def _options(self) -> dict[str, Any]:
+        """By the names of a manifest: the first as they are, others where they say something, so that what was done
+        before there was an option is not done again."""
+        request, coding = self.request, self.request.coding
+        is_auto = isinstance(request.views, AutoViews)
+        always = {
+            "views": None if is_auto else request.views,
+            "auto": request.views.count if isinstance(request.views, AutoViews) else 0,
+            "size": request.size,
+            "near": request.near,
+            "far": request.far,
+            "model": request.model,
+            "profile": coding.planes.name,
+            "qp": 0.0 if coding.qp is None else coding.qp,
+        }
+        rest = {
+            **{name: getattr(coding, name) for name in ("target_size", "target_psnr", "lossless", "like")},
+            "drop_invalid": coding.drop_invalid,
+            "mode": None if coding.mode == DEFAULT_MODE else coding.mode,
+            "refine": str(request.refinement or ""),
+            "poses": request.poses,
+            "first_number": request.first_number,
+            **request.notes.given(),
+            **asdict(self.keep),
+        }
+        return {**always, **{name: value for name, value in rest.items() if value}}
 
 
 def encode(job: Job, threads: int = 1) -> dict[str, Any]:
@@ -125,59 +131,45 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
         OSError: storage failed; another attempt may not.
     """
     start = time.perf_counter()
-    options = job.options
+    place, keep = job.output.removesuffix(SUFFIXES["encode"]), job.keep
+
+    def save(gaussians: Gaussians) -> None:
+        path = Path(folder, "g.npz")
+        save_gaussians(path, gaussians)
+        write(f"{place}.npz", path.read_bytes())
+
     with contextlib.ExitStack() as stack:
-        args = encode_arguments(job, threads, lambda place: stack.enter_context(local_folder(place)))
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tinysplat-"))
-        args.save_gaussians = str(Path(folder) / "g.npz") if options.save_gaussians else None
-        check_encoding(args)
-        coded = encoded(args, worker_runtime(threads, args.provider))
-        found = doubts(coded.photos)
-        place = job.output.removesuffix(SUFFIXES["encode"])
-        if args.save_gaussians:
-            write(f"{place}.npz", Path(args.save_gaussians).read_bytes())
-        if options.report:
-            write(f"{place}.json", json.dumps(report(args, coded), indent=2).encode())
+        request = _local(job.request, lambda one: stack.enter_context(local_folder(one)))
+        runtime = worker_runtime(threads, keep.provider)
+        listener = Listener(doubt=_nobody, predicted=save if keep.save_gaussians else None)
+        coded = encode_photos(request, runtime, listener, keep=keep.report)
+        if keep.report:
+            report = encode_report(coded, runtime, model=request.model, refined=request.refinement is not None)
+            write(f"{place}.json", json.dumps(report, indent=2).encode())
     write(job.output, coded.data)
     return {
         "bytes": len(coded.data),
         "sha256": hashlib.sha256(coded.data).hexdigest(),
-        **({"warning": "; ".join(found)} if found else {}),
+        **({"warning": "; ".join(coded.doubts)} if coded.doubts else {}),
         "seconds": round(time.perf_counter() - start, 3),
         "worker": os.getpid(),
     }
 
 
-def encode_arguments(job: Job, threads: int, local: Callable[[str], str]) -> Namespace:
-    """A job as the arguments of `tinysplat encode`, so that both do the same.
-
-    Args:
-        job: which.
-        threads: of each stage.
-        local: gives a place's path on this machine.
-    """
-    options = job.options
-    chosen = list(options.views) if options.views is not None else AutoViews(options.auto) if options.auto else None
-    targets = (options.target_size, options.target_psnr, options.lossless or None, options.like or None)
-    given = {
-        **dataclasses.asdict(options),
-        "scene": [local(job.scene)],
-        "views": chosen,
-        "qp": None if any(targets) else options.qp,
-        "profile": None if options.lossless or options.like else options.profile,
-        "refine": refinement(options.refine) if options.refine else None,
-        "like": local(options.like) if options.like else None,
-        "poses": local(options.poses) if options.poses else None,
-    }
-    return Namespace(**given, focal=None, baseline=None, threads=threads, quiet=True, output=job.output)
+def _nobody(scene: Scene, text: str) -> None:
+    """Doubts are looked for, and go into the record."""
 
 
-def refinement(text: str) -> Budget:
-    """What an option `refine` asks for; InputError where it is neither steps nor seconds."""
-    try:
-        return budget(str(text))
-    except ArgumentTypeError as error:
-        raise InputError(str(error), where="refine") from None
+def _local(request: EncodeRequest, local: Callable[[str], str]) -> EncodeRequest:
+    """A request of paths and URLs as one of this machine's paths."""
+    like, poses = request.coding.like, request.poses
+    return replace(
+        request,
+        scene=local(str(request.scene)),
+        poses=local(str(poses)) if poses else None,
+        coding=replace(request.coding, like=local(str(like)) if like else None),
+    )
 
 
 def is_done(job: Job, record: dict[str, Any] | None) -> bool:
@@ -196,11 +188,14 @@ def is_done(job: Job, record: dict[str, Any] | None) -> bool:
     return True
 
 
-def read_manifest(text: str, folder: str, defaults: Options, base: str = "", task: str = "encode") -> list[Job]:
+def read_manifest(
+    text: str, folder: str, defaults: Mapping[str, Any], base: str = "", task: str = "encode"
+) -> list[Job]:
     """Jobs of a manifest: a scene per line, or per line a JSON object.
 
-    An object has `scene`, optionally `name`, and any of the options. Empty lines and lines that start with # are
-    ignored. Relative paths count from `base`.
+    An object has `scene`, optionally `name`, and any of the options: those of `encode` but for a stereo pair's, and
+    those of `Keep`, which replace `defaults`. Empty lines and lines that start with # are ignored. Relative paths count
+    from `base`.
 
     Raises:
         InputError: names the line at fault.
@@ -224,7 +219,7 @@ def read_manifest(text: str, folder: str, defaults: Options, base: str = "", tas
     return jobs
 
 
-def _job(line: str, folder: str, defaults: Options, base: str, task: str) -> Job:
+def _job(line: str, folder: str, defaults: Mapping[str, Any], base: str, task: str) -> Job:
     entry: Any = {"scene": line}
     if line.startswith("{"):
         try:
@@ -237,17 +232,29 @@ def _job(line: str, folder: str, defaults: Options, base: str, task: str) -> Job
     name = entry.pop("name", PurePosixPath(scene.rstrip("/")).name)
     if not isinstance(name, str) or not name or PurePosixPath(name).name != name or name.startswith("."):
         raise InputError(f"'{str(name)[:60]}', expected a plain file name", where="name")
-    unknown = sorted(set(entry) - {f.name for f in dataclasses.fields(Options)})
+    unknown = sorted(set(entry) - OPTIONS)
     if unknown:
         raise InputError(f"unknown {', '.join(unknown)[:80]}, expected options of `tinysplat batch`")
-    values: dict[str, Any] = {}
-    for key, value in entry.items():
-        values |= _option(key, value)
-    for key in ("like", "poses"):
-        if values.get(key):
-            values[key] = _placed(values[key], base)
-    output = join(folder, name + SUFFIXES[task])
-    return Job(name, _placed(scene, base), output, dataclasses.replace(defaults, **values), task)
+    return _asked(name, _placed(scene, base), {**entry, **_places(entry, base)}, defaults, folder, task)
+
+
+def _asked(name: str, scene: str, entry: dict[str, Any], defaults: Mapping[str, Any], folder: str, task: str) -> Job:
+    """A job of an entry's options, each of which replaces the batch's, and those that it contradicts."""
+    if entry.get("auto"):
+        entry["views"] = f"auto:{entry['auto']}"
+    entry = {
+        name: None if name in TAKEN_BACK and value == "" else value for name, value in entry.items() if name != "auto"
+    }
+    rate = rates_of(entry)
+    dropped = {*(RATE if rate else ()), *(("profile",) if {"lossless", "like"} & set(rate) else ())}
+    values = {**{name: value for name, value in defaults.items() if name not in dropped}, **entry}
+    keep = {one.name: values.pop(one.name) for one in fields(Keep) if one.name in values}
+    return Job(name, EncodeRequest.of(scene, **values), join(folder, name + SUFFIXES[task]), Keep(**keep), task)
+
+
+def _places(entry: Mapping[str, Any], base: str) -> dict[str, str]:
+    """The paths of an entry, counted from `base`."""
+    return {name: _placed(entry[name], base) for name in PLACES if isinstance(entry.get(name), str) and entry[name]}
 
 
 def _placed(place: str, base: str) -> str:
@@ -255,35 +262,7 @@ def _placed(place: str, base: str) -> str:
     return place if "://" in place or place.startswith("/") or not base else join(base, place)
 
 
-WORDS: dict[str, Callable[[str], Any]] = {
-    "views": views,
-    "size": size_or_full,
-    "target_size": byte_count,
-    "refine": budget,
-}
-"""Options that may be written as on a command line."""
-
-
-def _option(key: str, value: Any) -> dict[str, Any]:
-    """An entry's option as fields of `Options`: as JSON has it, or in the command line's words."""
-    if isinstance(value, str) and key in WORDS:
-        try:
-            read = WORDS[key](value)
-        except ArgumentTypeError as error:
-            raise InputError(str(error), where=key) from None
-        if isinstance(read, AutoViews):
-            return {"views": None, "auto": read.count}
-        return {key: value if key == "refine" else tuple(read) if isinstance(read, list) else read}
-    if key == "refine" and value:
-        refinement(value)
-    if key in ("views", "size") and value is not None:
-        if not isinstance(value, list) or not all(type(item) is int for item in value):
-            raise InputError(f"{str(value)[:40]}, expected a list of whole numbers", where=key)
-        return {key: tuple(value)}
-    return {key: value}
-
-
 @lru_cache(maxsize=1)
 def worker_runtime(threads: int, provider: str | None = None) -> Runtime:
     """This process's runtime, which keeps graphs from job to job."""
-    return Runtime(threads=threads, providers=providers(provider))
+    return Runtime(threads=threads, providers=providers_of(provider))

@@ -6,20 +6,17 @@ import json
 import sys
 from argparse import ArgumentParser, Namespace
 from collections import deque
-from dataclasses import fields
 from functools import partial
 from typing import Any
 
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import run_processes, run_ray
 from tinysplat.batch.evaluation import evaluate
-from tinysplat.batch.jobs import Options, encode, read_manifest, refinement
+from tinysplat.batch.jobs import OPTIONS, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
-from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.cli.arguments import AutoViews, byte_count, count, positive, size_or_full, views
-from tinysplat_runtime.codec.modes import CHOICES, DEFAULT_MODE
-from tinysplat_runtime.codec.profiles import PROFILES
+from tinysplat_runtime.cli.arguments import byte_count, count, positive
+from tinysplat_runtime.cli.options import add_coding, add_notes, add_photos, add_provider, given
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
@@ -45,38 +42,12 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--max-memory", type=byte_count, metavar="SIZE", help="of a worker, such as 4GB; default: any")
     parser.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
     parser.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
-    parser.add_argument(
-        "--mode", choices=CHOICES, default=DEFAULT_MODE, help=f"what files carry; default {DEFAULT_MODE}"
-    )
-    parser.add_argument("--target-size", type=byte_count, metavar="SIZE", help="of each file, in place of --qp")
-    parser.add_argument("--target-psnr", type=float, metavar="DB", help="decoded against raw, in place of --qp")
-    parser.add_argument("--lossless", action="store_true", help="float16 planes bit for bit")
-    parser.add_argument("--like", default="", metavar="F.tsplat", help="with the profile, steps and maps of this file")
-    parser.add_argument(
-        "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
-    )
+    add_coding(parser)
+    add_photos(parser)
+    add_notes(parser)
+    add_provider(parser)
     parser.add_argument("--report", action="store_true", help="also write DIR/NAME.json, as encode --report does")
     parser.add_argument("--save-gaussians", action="store_true", help="also write DIR/NAME.npz of the network")
-    parser.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the files")
-    parser.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the files")
-    parser.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the files")
-    parser.add_argument(
-        "--provider", metavar="NAME[:KEY=VALUE,…]", help="onnxruntime's execution provider before the CPU's"
-    )
-    parser.add_argument("--poses", default="", metavar="POSES", help="of videos' frames; see encode")
-    parser.add_argument("--first-number", type=int, choices=(0, 1), default=0, help="what POSES count from; default 0")
-    parser.add_argument("--views", type=views, metavar="I,J|auto[:N]",
-                        help="views of every scene; default: all of up to 6, or else auto")  # fmt: skip
-    parser.add_argument("--size", type=size_or_full, metavar="HxW|full",
-                        help="scale photos to cover this; default: full, but at most about 640x480 pixels")  # fmt: skip
-    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth, over the scenes' own")
-    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth, over the scenes' own")
-    parser.add_argument("--model", default=DEFAULT_MODEL, metavar="NAME|FILE.onnx", help="network")
-    parser.add_argument("--profile", choices=PROFILES, default="balanced", help="default: balanced")
-    parser.add_argument(
-        "--qp", type=float, default=0.0, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0"
-    )
-    parser.add_argument("--refine", default="", metavar="STEPS|10s", help="refine every scene first; see encode")
 
 
 def run(args: Namespace) -> int:
@@ -85,17 +56,12 @@ def run(args: Namespace) -> int:
         raise InputError("an address is for --engine ray", where="--address")
     if args.evaluate and args.views is not None:
         raise InputError("--evaluate takes the views of each scene's eval_index.json", where="--views")
-    if args.refine:
-        if args.evaluate:
-            raise InputError("refines what is coded, and --evaluate measures networks as they are", where="--refine")
-        refinement(args.refine)
-    data = read(args.manifest)
-    if data is None:
-        raise InputError("no such file", where=args.manifest)
+    if args.refine and args.evaluate:
+        raise InputError("refines what is coded, and --evaluate measures networks as they are", where="--refine")
     base = args.manifest.rpartition("/")[0] or "."
     try:
         task = "evaluate" if args.evaluate else "encode"
-        jobs = read_manifest(data.decode("utf-8", "replace"), args.output, _options(args), base, task)
+        jobs = read_manifest(_manifest(args.manifest), args.output, given(args, OPTIONS), base, task)
     except InputError as error:
         raise error.within(args.manifest) from None
     said: deque[str] = deque(maxlen=1)
@@ -115,12 +81,18 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _options(args: Namespace) -> Options:
-    """How every scene is coded."""
-    asked = args.views
-    chosen = {"auto": asked.count} if isinstance(asked, AutoViews) else {"views": asked and tuple(asked)}
-    names = {f.name for f in fields(Options)} - {"views", "auto"}
-    return Options(**chosen, **{name: getattr(args, name) for name in names})
+def _manifest(place: str) -> str:
+    """A manifest's text; InputError where it is none."""
+    data = read(place)
+    if data is None:
+        raise InputError("no such file")
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"byte {error.start} is not UTF-8, expected text with a scene per line") from None
+    if "\0" in text:
+        raise InputError(f"byte {data.index(0)} is 0, expected text with a scene per line")
+    return text
 
 
 def _say(args: Namespace, said: deque[str], record: dict[str, Any]) -> None:

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cli.arguments import Budget
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import write_png
@@ -85,7 +85,7 @@ class Quality:
     pictures: bool = False
     zooms: tuple[float, ...] = ()
     nested: bool = False
-    refine: Budget | None = None
+    refine: Refinement | None = None
     draw: tuple[tuple[str, str], ...] = ()
     study: str = "quality"
 
@@ -191,7 +191,7 @@ class Prepared:
 
 
 def _refined(
-    case: Case, budget: Budget, coding: Coding, runtime: Runtime, drawing: Drawing
+    case: Case, budget: Refinement, coding: Coding, runtime: Runtime, drawing: Drawing
 ) -> tuple[Case, dict[str, Any]]:
     """The case with its Gaussians corrected, and how far that went: `psnr_before` is that of the network's own."""
     if case.shots is None or case.shots.scene is None:

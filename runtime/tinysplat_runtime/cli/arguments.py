@@ -7,60 +7,32 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import TypeVar
+
+from ..errors import InputError
+from ..recipe import words
+
+T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class AutoViews:
-    """Views chosen by coverage and baseline.
+def _word(read: Callable[[str], T]) -> Callable[[str], T]:
+    """What manifests have too, as argparse takes it."""
 
-    Attributes:
-        count: how many.
-    """
+    def parse(text: str) -> T:
+        try:
+            return read(text)
+        except InputError as error:
+            raise argparse.ArgumentTypeError(error.message) from None
 
-    count: int = 2
-
-
-@dataclass(frozen=True)
-class Budget:
-    """For how many steps, or for how many seconds; one of them is None."""
-
-    steps: int | None = None
-    seconds: float | None = None
+    return parse
 
 
-def budget(text: str) -> Budget:
-    """`20` to steps, `10s` to seconds."""
-    if text.isdigit() and int(text) > 0:
-        return Budget(steps=int(text))
-    try:
-        seconds = float(text.removesuffix("s")) if text.endswith("s") else 0.0
-    except ValueError:
-        seconds = 0.0
-    if not 0 < seconds < float("inf"):
-        raise argparse.ArgumentTypeError(f"'{text}', expected steps such as 20 or seconds such as 10s")
-    return Budget(seconds=seconds)
-
-
-def size(text: str) -> tuple[int, int]:
-    """`256x384` to (height, width)."""
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
-        raise argparse.ArgumentTypeError(f"'{text}', expected HEIGHTxWIDTH such as 256x384")
-    return int(parts[0]), int(parts[1])
-
-
-def size_or_full(text: str) -> tuple[int, int] | str:
-    """`256x384` to (height, width), or the word `full`."""
-    return text if text == "full" else size(text)
-
-
-def indices(text: str) -> list[int]:
-    """`0,4` to [0, 4]."""
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}', expected indices such as 0,4") from None
+indices = _word(words.indices)
+views = _word(words.views)
+size = _word(words.size)
+size_or_full = _word(words.size_or_full)
+byte_count = _word(words.byte_count)
+budget = _word(words.refinement)
 
 
 def port(text: str) -> int:
@@ -96,34 +68,8 @@ def numbers(length: int) -> Callable[[str], tuple[float, ...]]:
     return parse
 
 
-def views(text: str) -> list[int] | AutoViews:
-    """`0,4` to [0, 4]; `auto` or `auto:3` to how many views to choose."""
-    word, _, count = text.partition(":")
-    if word != "auto":
-        return indices(text)
-    if count and not (count.isdigit() and int(count) >= 2):
-        raise argparse.ArgumentTypeError(f"'{text}', expected auto or auto:N with N of 2 or more")
-    return AutoViews(int(count)) if count else AutoViews()
-
-
 def count(text: str) -> int:
     """A whole number, 1 or more."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}', expected a whole number of 1 or more")
     return int(text)
-
-
-_BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
-
-
-def byte_count(text: str) -> int:
-    """`100KB`, `1.5 MiB` or `4096` to bytes; KB is 1000."""
-    number = text.rstrip("BbKkMmGgIi ")
-    unit = text[len(number) :].strip().lower()
-    try:
-        value = float(number) * _BYTES[unit]
-    except (KeyError, ValueError):
-        value = 0.0
-    if not 1 <= value < 1 << 40:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a size such as 100KB, 1.5MB or 4096")
-    return int(value)

@@ -9,6 +9,8 @@ from ..container.inspection import inspect_bytes
 from ..container.layout import SUFFIX
 from ..errors import InputError, TinySplatError
 from ..graphs.artifacts import load_manifest
+from ..graphs.providers import providers_of
+from ..recipe.report import file_report
 from ..system.stopwatch import Stopwatch
 from .convert import selected, write
 from .describe import describe_gaussians, gaussians_text, info_text
@@ -18,12 +20,11 @@ from .files import (
     is_in_part,
     limited_runtime,
     noted,
-    providers,
     read_file,
     say,
 )
 from .outputs import STANDARD
-from .reports import file_report, write_json
+from .reports import write_json
 
 
 def decode(args: Namespace) -> None:
@@ -58,7 +59,7 @@ def doctor(args: Namespace) -> None:
     """What is installed, and what is wrong with it; InputError where something is."""
     from .doctor import examine, text  # the standard library's packaging and mail
 
-    report = examine(providers(args.provider) if args.provider else None)
+    report = examine(providers_of(args.provider) if args.provider else None)
     print(json.dumps(report, indent=2) if args.json else text(report))
     if report["wrong"]:
         raise InputError(f"{len(report['wrong'])} things are wrong, the first: {report['wrong'][0]}", where="doctor")

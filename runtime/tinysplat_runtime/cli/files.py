@@ -14,7 +14,7 @@ from ..container.notes import NOTE_NAMES
 from ..container.records import Limits
 from ..errors import InputError, TinySplatError
 from ..gaussian.gaussians import Gaussians
-from ..graphs.providers import CPU, Provider, parse_provider
+from ..graphs.providers import providers_of
 from ..system.files import read_limited, write_atomically
 from ..system.stopwatch import Stopwatch
 from .outputs import STANDARD, is_standard
@@ -31,19 +31,9 @@ def is_in_part(args: Namespace) -> bool:
     return args.max_bytes is not None or bool(args.partial)
 
 
-def providers(named: str | None) -> tuple[Provider, ...]:
-    """What `--provider` names, and the CPU behind it; InputError names the option."""
-    if not named:
-        return (CPU,)
-    try:
-        return (parse_provider(named), CPU)
-    except InputError as error:
-        raise InputError(error.message, where=f"--{error.where}") from None
-
-
 def limited_runtime(args: Namespace) -> Runtime:
     """A runtime with the options that commands share."""
-    return Runtime(threads=args.threads, providers=providers(args.provider), limits=file_limits(args))
+    return Runtime(threads=args.threads, providers=providers_of(args.provider), limits=file_limits(args))
 
 
 def decompress_named(runtime: Runtime, data: bytes, args: Namespace, watch: Stopwatch) -> Gaussians:

@@ -11,12 +11,11 @@ from collections.abc import Callable
 from typing import NoReturn, TypeAlias
 
 from .. import __version__
-from ..codec.modes import CHOICES, DEFAULT_MODE
+from ..codec.modes import CHOICES
 from ..errors import InputError
-from .arguments import budget, byte_count, count, indices, numbers, port, positive, size, size_or_full, views
-
-OWN_VARIANCE = 0.16
-"""Own pixels² that `--dilate` widens Gaussians by: the best of 0.04 to 0.3 at twice the coded size."""
+from ..gaussian import OWN_VARIANCE
+from .arguments import byte_count, count, indices, numbers, port, positive, size
+from .options import add_coding, add_notes, add_photos, add_provider
 
 _GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another Gaussian file (docs/FORMATS.md)"
 
@@ -57,37 +56,9 @@ def _written() -> _Parser:
 
 
 def _coding() -> _Parser:
-    from ..codec.profiles import DEFAULT_PROFILE, PROFILES
-
     coding = _Parser(add_help=False)
     coding.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
-    coding.add_argument("--profile", choices=PROFILES, help=f"default: {DEFAULT_PROFILE}")
-    rate = coding.add_mutually_exclusive_group()
-    rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
-    rate.add_argument(
-        "--target-size",
-        type=byte_count,
-        metavar="SIZE",
-        help="100KB, 1.5MB or bytes; met within 3 %% from below",
-    )
-    rate.add_argument(
-        "--target-psnr",
-        type=float,
-        metavar="DB",
-        help="decoded against raw at the input views; met within 0.2 dB",
-    )
-    rate.add_argument("--lossless", action="store_true", help="float16 planes bit for bit, for archiving")
-    rate.add_argument(
-        "--like", metavar="F.tsplat",
-        help="with the profile, steps and maps of this file, and its own pictures where nothing changed",
-    )  # fmt: skip
-    coding.add_argument(
-        "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
-    )
-    coding.add_argument(
-        "--refine", type=budget, metavar="STEPS|10s",
-        help="correct the Gaussians until they show their photos better, for so many steps or seconds (needs numba)",
-    )  # fmt: skip
+    add_coding(coding)
     coding.add_argument("--report", metavar="R.json", help="write bytes, seconds, memory and errors as JSON")
     return coding
 
@@ -131,18 +102,13 @@ def _selection() -> _Parser:
 
 def _notes() -> _Parser:
     notes = _Parser(add_help=False)
-    notes.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the file")
-    notes.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the file")
-    notes.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the file")
+    add_notes(notes)
     return notes
 
 
 def _provider() -> _Parser:
     provider = _Parser(add_help=False)
-    provider.add_argument(
-        "--provider", metavar="NAME[:KEY=VALUE,…]",
-        help="onnxruntime's execution provider, such as CUDA, before the CPU's; `tinysplat doctor` lists them",
-    )  # fmt: skip
+    add_provider(provider)
     return provider
 
 
@@ -189,36 +155,9 @@ def _encode(commands: Commands) -> None:
         help="folder with cameras.json, transforms.json, transforms_train.json, poses_bounds.npy or COLMAP's sparse/;"
         " a RealEstate10K .txt; two stereo photos; a video with --poses",
     )  # fmt: skip
-    parser.add_argument(
-        "--views", type=views, metavar="I,J|auto[:N]",
-        help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all of up to 6,"
-        " or else auto",
-    )  # fmt: skip
+    add_photos(parser)
     parser.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
     parser.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
-    parser.add_argument(
-        "--poses", metavar="POSES",
-        help="of a video's frames: RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model",
-    )  # fmt: skip
-    parser.add_argument(
-        "--first-number", type=int, choices=(0, 1), default=0,
-        help="what POSES count from in names such as frame_00012.png; default 0",
-    )  # fmt: skip
-    parser.add_argument(
-        "--model", default=None, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
-    )
-    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over the scene's own")
-    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over the scene's own")
-    parser.add_argument(
-        "--size", type=size_or_full, metavar="HxW|full",
-        help="scale photos to cover this and crop their centre; default: full, but at most about 640x480 pixels",
-    )  # fmt: skip
-    parser.add_argument(
-        "--mode",
-        choices=CHOICES,
-        default=DEFAULT_MODE,
-        help=f"what the file carries; default {DEFAULT_MODE}, any receiver's",
-    )
     parser.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
 
 
@@ -234,7 +173,7 @@ def _compress(commands: Commands) -> None:
         help=f".tsplat, {_GAUSSIAN_FILES}; a list of points belongs to no pixels unless --grid and"
         " --cameras say to which; - for standard input",
     )
-    parser.add_argument("--mode", choices=CHOICES, default=DEFAULT_MODE, help=argparse.SUPPRESS)
+    parser.add_argument("--mode", choices=CHOICES, help=argparse.SUPPRESS)
     parser.add_argument("--photos", metavar="SCENE", help="the photos that --refine holds the Gaussians against")
     parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")

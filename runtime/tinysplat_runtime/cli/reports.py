@@ -9,6 +9,7 @@ from typing import Any
 
 from ..container.inspection import inspect_bytes
 from ..gaussian.gaussians import Gaussians
+from ..recipe.report import file_report
 from ..system.files import read_limited, write_atomically
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 from .files import (
@@ -16,21 +17,6 @@ from .files import (
     file_limits,
     is_in_part,
 )
-
-
-def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
-    """A .tsplat file as `inspect_bytes` describes it, with the seconds of each stage and this process's peak memory."""
-    keys = (
-        "mode", "bytes", "bytes_by_class", "metadata_bytes", "views", "height", "width", "gaussians", "sh_degree", "k",
-    )  # fmt: skip
-    return {
-        **{key: described[key] for key in keys},
-        "error_by_attribute": {},
-        "clipped": {},
-        "seconds": watch.seconds,
-        "peak_rss_bytes": peak_rss_bytes(),
-        "left_out": described["left_out"],
-    }
 
 
 def render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:

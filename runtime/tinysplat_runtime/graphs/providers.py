@@ -44,6 +44,16 @@ def parse_provider(text: str) -> tuple[str, dict[str, str]]:
     return name, options
 
 
+def providers_of(text: str | None) -> tuple[Provider, ...]:
+    """What `--provider` names, and the CPU behind it; InputError names the option."""
+    if not text:
+        return (CPU,)
+    try:
+        return (parse_provider(text), CPU)
+    except InputError as error:
+        raise InputError(error.message, where=f"--{error.where}") from None
+
+
 def known_providers(library: Any) -> list[str]:
     """Names of what this onnxruntime has, and of what installed plug-in packages bring; loads no plug-in."""
     return list(dict.fromkeys([*library.get_available_providers(), *_plugins()]))

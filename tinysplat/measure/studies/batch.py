@@ -15,9 +15,10 @@ from functools import partial
 from pathlib import Path
 
 from tinysplat.batch.engines import Outcome, run_processes, run_ray
-from tinysplat.batch.jobs import Job, Options, encode, is_done, read_manifest
+from tinysplat.batch.jobs import Job, encode, is_done, read_manifest
 from tinysplat.batch.run import Engine, run_batch
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.recipe.words import AutoViews
 
 from ..rows import Row
 from ..show.tables import format_table
@@ -33,7 +34,7 @@ def batch_rows(run: Run) -> Iterator[Row]:
     if len(run.paths) != 1 or not run.paths[0].is_file():
         raise InputError("needs a manifest, a scene a line, as its one INPUT", where="batch")
     manifest = run.paths[0]
-    options = Options(views=None, auto=next(iter(run.options.views), 2), size=run.options.size or (256, 256))
+    options = {"views": AutoViews(next(iter(run.options.views), 2)), "size": run.options.size or (256, 256)}
     with tempfile.TemporaryDirectory() as folder:
         jobs = read_manifest(manifest.read_text(), folder, options, str(manifest.parent))
         for name in ("processes",) if run.quick else ENGINES:

@@ -1,4 +1,4 @@
-"""Which mode a user gets: `auto`, and options that do not go together.
+"""Which mode a user gets of `auto`.
 
 `auto` takes photos where every installation has the network, it is quick, and the file comes out smaller; else
 gaussians. Hybrid files are for who asks for them: they are never the smallest.
@@ -7,9 +7,7 @@ gaussians. Hybrid files are for who asks for them: they are never the smallest.
 from __future__ import annotations
 
 from ...container.photos import NetworkRef
-from ...errors import InputError
 from ...graphs.artifacts import load_manifest
-from . import CHOICES, DEFAULT_MODE
 
 AUTO_SECONDS = 2.0
 """`auto` takes photos only if the network runs within this time here: what decoding would take on a like machine."""
@@ -26,11 +24,3 @@ def choose(planes: bytes, photos: bytes, network: NetworkRef, network_seconds: f
     if len(photos) >= len(planes):
         return "gaussians", f"the smaller file ({sizes})"
     return "photos", f"{sizes}; every installation has '{network.name}', which took {network_seconds:.1f} s here"
-
-
-def check_options(mode: str, *, has_target: bool) -> None:
-    """InputError for a mode that there is not, or one that a target contradicts."""
-    if mode not in CHOICES:
-        raise InputError(f"'{mode}', accepted are {', '.join(CHOICES)}", where="mode")
-    if has_target and mode != DEFAULT_MODE:
-        raise InputError(f"'{mode}' with a target, lossless or like, which only gaussians can be given", where="mode")

@@ -1,8 +1,7 @@
-"""Whether photos, cameras and depths belong together: a look before the network runs, the render beside them after."""
+"""Whether photos, cameras and depths belong together: a look before the network runs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,14 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..gaussian.gaussians import FIELDS, Gaussians
-from ..render import Renderer
 from ..scene.cameras import Camera
 from ..scene.look import PLANES, UNSEEN, Look, agreed, look, look_at, nearest, thumbnail_size
 from ..scene.scenes import Scene
-
-LOW_DB = 20.0
-"""Renders that differ more than this from their own photos point to something wrong with what was given."""
 
 SUSPICIOUS = 0.08
 """Cost of a look from which on other readings of the cameras are tried; real scenes lie at 0.03 to 0.13."""
@@ -45,49 +39,6 @@ away as near: nothing is near `near`. Pairs of nine scenes begin at 0.6 at most,
 and more; from the air some begin at 0.75, at 2.5 times near."""
 
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
-
-
-OWN_PIXELS = 1 << 20
-"""Pixels of a photo that are drawn at most: a band across its middle; 12 million would take minutes and gigabytes."""
-
-_SAMPLED = 16
-"""Every so many-th row and column tell which rows of pixels a band is drawn with."""
-
-
-def own_psnr(gaussians: Gaussians, images: NDArray, threads: int | None) -> float:
-    """PSNR in dB of Gaussians' render at their own views to photos (V, H, W, 3), the mean over the views."""
-    height, width = images.shape[1:3]
-    rows = min(max(OWN_PIXELS // width, 1), height)
-    first = (height - rows) // 2
-    whole = Renderer(gaussians, threads=threads, compiled=False) if rows == height else None
-    errors = []
-    for camera, image in zip(gaussians.cameras, images, strict=True):
-        band = _rows_of(camera, slice(first, first + rows))
-        renderer = whole or Renderer(_about(gaussians, band), threads=threads, compiled=False)
-        errors.append(float(np.mean((renderer.render(band) - image[first : first + rows]) ** 2, dtype=np.float64)))
-    return float(np.mean([-10 * math.log10(max(error, 1e-12)) for error in errors]))
-
-
-def _rows_of(camera: Camera, rows: slice) -> Camera:
-    K = camera.K.copy()
-    K[1, 2] -= rows.start
-    return Camera(K, camera.c2w, camera.width, rows.stop - rows.start)
-
-
-def _about(gaussians: Gaussians, band: Camera) -> Gaussians:
-    """The rows of pixels whose Gaussians lie in a band or near it; all of further layers."""
-    points = gaussians.means[:, ::_SAMPLED, ::_SAMPLED] + (gaussians.origin - band.centre)
-    y, z = np.moveaxis(points @ band.rotation[1:].T, -1, 0)
-    v = band.K[1, 1] * y / np.maximum(z, 1e-12) + band.K[1, 2]
-    margin = band.height / 4
-    reached = np.flatnonzero(((z > 0) & (v > -margin) & (v < band.height + margin)).any(axis=(0, 2)))
-    if not reached.size:
-        return gaussians
-    last = min((int(reached[-1]) + 2) * _SAMPLED, gaussians.opacities.shape[1])
-    rows = slice(max(int(reached[0]) - 1, 0) * _SAMPLED, last)
-    arrays = {name: np.ascontiguousarray(getattr(gaussians, name)[:, rows]) for name in FIELDS}
-    cameras = tuple(_rows_of(camera, rows) for camera in gaussians.cameras)
-    return Gaussians.unchecked(**{**vars(gaussians), **arrays, "cameras": cameras})
 
 
 @dataclass(frozen=True, eq=False)

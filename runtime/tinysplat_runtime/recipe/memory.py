@@ -1,15 +1,10 @@
-"""What is looked at before a command's long work begins: its options, and memory. Its outputs: `outputs`."""
+"""Whether photos fit in the memory that is free, before a network runs."""
 
 from __future__ import annotations
 
-import sys
-from argparse import Namespace
 from collections.abc import Callable
 
-from ..api import DEFAULT_MODEL, check_targets
-from ..codec.encoder import check_qp
 from ..codec.modes import DEFAULT_MODE
-from ..codec.modes.choice import check_options
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger
 from ..scene.scenes import Scene
@@ -37,39 +32,6 @@ PHOTO_BYTES_PER_PIXEL = 12
 
 MEMORY_SHARE = 0.9
 """Of the memory that is free, at most so much is planned with."""
-
-
-def check_coding(args: Namespace) -> None:
-    """Refuse options of coding that contradict each other or lie out of range, before a network runs."""
-    check_targets(
-        qp=args.qp, target_size=args.target_size, target_psnr=args.target_psnr, lossless=args.lossless or None,
-        like=args.like,
-    )  # fmt: skip
-    check_qp(args.qp or 0)
-    targets = (args.target_size, args.target_psnr, args.lossless, args.like)
-    check_options(args.mode, has_target=any(targets))
-
-
-def fitting_size(scene: Scene) -> tuple[int, int] | None:
-    """(height, width) to which photos larger than LARGE_PIXELS are scaled; None where they are not."""
-    camera = scene.frames[0].camera
-    share = (LARGE_PIXELS / (camera.width * camera.height)) ** 0.5
-    return (round(camera.height * share), round(camera.width * share)) if share < 1 else None
-
-
-def sized(args: Namespace, scene: Scene) -> Scene:
-    """The scene at the size that `--size` says, or at one that networks are good for."""
-    if args.size == "full":
-        return scene
-    size = args.size or fitting_size(scene)
-    if size is None:
-        return scene
-    if not args.size and not args.quiet:
-        camera = scene.frames[0].camera
-        found = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
-        advice = f"which {args.model or DEFAULT_MODEL} is good for; --size full takes all of them"
-        print(f"{scene.path}: {found}, {advice}", file=sys.stderr)
-    return scene.resized(*size)
 
 
 def check_memory(

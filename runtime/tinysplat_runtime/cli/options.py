@@ -1,0 +1,122 @@
+"""The options of `encode`, `compress` and `batch` as argparse knows them, and the request that they make.
+
+What an option may be and what it is by default stands in `recipe.request`: here they have words and help. One that is
+not given stays None, or False.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+from ..codec.modes import CHOICES, DEFAULT_MODE
+from ..codec.profiles import DEFAULT_PROFILE, PROFILES
+from ..errors import InputError
+from ..recipe.request import Coding, CodingOptions, EncodeOptions, EncodeRequest
+from .arguments import budget, byte_count, size_or_full, views
+
+
+def add_coding(parser: argparse.ArgumentParser) -> None:
+    """How planes are coded."""
+    parser.add_argument("--profile", choices=PROFILES, help=f"default: {DEFAULT_PROFILE}")
+    rate = parser.add_mutually_exclusive_group()
+    rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
+    rate.add_argument(
+        "--target-size",
+        type=byte_count,
+        metavar="SIZE",
+        help="100KB, 1.5MB or bytes; met within 3 %% from below",
+    )
+    rate.add_argument(
+        "--target-psnr",
+        type=float,
+        metavar="DB",
+        help="decoded against raw at the input views; met within 0.2 dB",
+    )
+    rate.add_argument("--lossless", action="store_true", help="float16 planes bit for bit, for archiving")
+    rate.add_argument(
+        "--like", metavar="F.tsplat",
+        help="with the profile, steps and maps of this file, and its own pictures where nothing changed",
+    )  # fmt: skip
+    parser.add_argument(
+        "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
+    )
+    parser.add_argument(
+        "--refine", type=budget, metavar="STEPS|10s",
+        help="correct the Gaussians until they show their photos better, for so many steps or seconds (needs numba)",
+    )  # fmt: skip
+
+
+def add_photos(parser: argparse.ArgumentParser) -> None:
+    """Which photos, how large, and what a network and a file make of them."""
+    parser.add_argument(
+        "--views", type=views, metavar="I,J|auto[:N]",
+        help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all of up to 6,"
+        " or else auto",
+    )  # fmt: skip
+    parser.add_argument(
+        "--poses", metavar="POSES",
+        help="of a video's frames: RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model",
+    )  # fmt: skip
+    parser.add_argument(
+        "--first-number",
+        type=int,
+        choices=(0, 1),
+        help="what POSES count from in names such as frame_00012.png; default 0",
+    )
+    parser.add_argument("--model", metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them")
+    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over the scene's own")
+    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over the scene's own")
+    parser.add_argument(
+        "--size", type=size_or_full, metavar="HxW|full",
+        help="scale photos to cover this and crop their centre; default: full, but at most about 640x480 pixels",
+    )  # fmt: skip
+    parser.add_argument(
+        "--mode", choices=CHOICES, help=f"what the file carries; default {DEFAULT_MODE}, any receiver's"
+    )
+
+
+def add_notes(parser: argparse.ArgumentParser) -> None:
+    """What a file says of itself."""
+    parser.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the file")
+    parser.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the file")
+    parser.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the file")
+
+
+def add_provider(parser: argparse.ArgumentParser) -> None:
+    """What runs graphs."""
+    parser.add_argument(
+        "--provider", metavar="NAME[:KEY=VALUE,…]",
+        help="onnxruntime's execution provider, such as CUDA, before the CPU's; `tinysplat doctor` lists them",
+    )  # fmt: skip
+
+
+def given(args: argparse.Namespace, names: Any = EncodeOptions.__annotations__) -> dict[str, Any]:
+    """The options of `encode` that a command line gives, by name."""
+    found = {name: getattr(args, name, None) for name in names}
+    return {name: value for name, value in found.items() if value is not None and value is not False}
+
+
+def coding_of(args: argparse.Namespace) -> Coding:
+    """How `compress` is to code; InputError names the option at fault."""
+    with _named():
+        return Coding(**given(args, ("profile", "qp", "mode", *CodingOptions.__annotations__)))
+
+
+def request_of(args: argparse.Namespace) -> EncodeRequest:
+    """What `encode` is to do; InputError names the option at fault."""
+    with _named():
+        return EncodeRequest.of(args.scene, **given(args))
+
+
+@contextlib.contextmanager
+def _named() -> Iterator[None]:
+    """Fields of a request as the options that they came from."""
+    try:
+        yield
+    except InputError as error:
+        if error.where in EncodeOptions.__annotations__:
+            raise InputError(error.message, where=f"--{error.where.replace('_', '-')}") from None
+        raise

@@ -1,0 +1,134 @@
+"""Photos to a file: the steps in order, the same whoever asks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+
+from ..codec.encoder import EncodeStats
+from ..codec.modes import DEFAULT_MODE
+from ..codec.modes.mode import PhotoScene
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..refine.stats import RefineStats
+from ..scene.scenes import Scene
+from .doubts import doubts
+from .memory import check_memory
+from .prepare import named_scene, prepared
+from .request import EncodeRequest
+from .stages import Show, Tools, code, enlarger_of, predict, refine
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Who is told what goes on.
+
+    Attributes:
+        notice: gets a line for each thing that was found rather than given.
+        doubt: gets the scene and a line for each thing that is likely wrong with it; None to look for none.
+        working: gives what is entered while the named step is at work.
+        predicted: gets the network's Gaussians.
+        refining: passes on the steps of refinement.
+        refined: gets what refinement did.
+    """
+
+    notice: Callable[[str], object] = str
+    doubt: Callable[[Scene, str], object] | None = None
+    working: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
+    predicted: Callable[[Gaussians], object] | None = None
+    refining: Show | None = None
+    refined: Callable[[RefineStats], object] | None = None
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """What came of a request.
+
+    Attributes:
+        data: the file's bytes.
+        gaussians: what was coded, where they were to be kept: of large photos they take gigabytes.
+        raw_bytes: of their arrays.
+        stats: what coding measured, the seconds of all steps among it.
+        refinement: what refinement did.
+        scene: the photos as the network had them, where there were some.
+        doubts: what is likely wrong with the scene, a line each.
+    """
+
+    data: bytes
+    gaussians: Gaussians | None
+    raw_bytes: int
+    stats: EncodeStats
+    refinement: RefineStats
+    scene: Scene | None = None
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Of all steps."""
+        return sum(self.stats.watch.seconds.values())
+
+    @property
+    def photos(self) -> Scene:
+        """The scene of Gaussians that came from photos."""
+        assert self.scene is not None
+        return self.scene
+
+
+def encode(
+    request: EncodeRequest, tools: Tools, listener: Listener | None = None,
+    *, stats: EncodeStats | None = None, keep: bool = False,
+) -> Encoded:  # fmt: skip
+    """Photos to a `.tsplat` file's bytes.
+
+    Args:
+        request: which photos, and how.
+        tools: to do it with, such as a `Runtime`.
+        listener: who is told what goes on; None for nobody.
+        stats: filled with what coding measured.
+        keep: hand on the Gaussians too.
+
+    Raises:
+        InputError: the scene or an option cannot be used, or memory does not suffice.
+        ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
+    """
+    listener, stats, refined, coding = listener or Listener(), stats or EncodeStats(), RefineStats(), request.coding
+    coding = replace(coding, like=coding.example())
+    scene, model, whole = prepared(request, listener.notice), request.model, coding.mode != DEFAULT_MODE
+    enlarger = enlarger_of(scene, model, tools, whole=whole)
+    check_memory(scene, enlarger, mode=coding.mode, refined=request.refinement is not None)
+    found = []
+    if listener.doubt is not None:
+        found = doubts(scene)
+        for text in found:
+            listener.doubt(scene, text)
+    with listener.working("network"):
+        gaussians = predict(scene, model, tools, whole=whole, watch=stats.watch)
+    gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes.given()))
+    if listener.predicted:
+        listener.predicted(gaussians)
+    if request.refinement:
+        with stats.watch.stage("refine"):
+            gaussians = refine(
+                gaussians, scene, request.refinement, coding, tools, stats=refined, show=listener.refining
+            )
+        if listener.refined:
+            listener.refined(refined)
+    with listener.working("coding"):
+        photos = PhotoScene.of(scene, model, tools.store) if whole else None
+        data = code(gaussians, coding, tools, photos=photos, stats=stats)
+    size = raw_bytes(gaussians)
+    return Encoded(data, gaussians if keep else None, size, stats, refined, scene, tuple(found))
+
+
+def encode_predicted(
+    request: EncodeRequest, gaussians: Gaussians, tools: Tools, *, stats: EncodeStats | None = None
+) -> bytes:
+    """The last step alone, of a scene that Gaussians were predicted of as it stands; see `encode`."""
+    scene, has_photos = named_scene(request), request.coding.mode != DEFAULT_MODE
+    photos = PhotoScene.of(scene, request.model, tools.store) if has_photos else None
+    return code(gaussians, request.coding, tools, photos=photos, stats=stats)
+
+
+def raw_bytes(gaussians: Gaussians) -> int:
+    """Of the arrays of all layers."""
+    return sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)

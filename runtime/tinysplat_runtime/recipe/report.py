@@ -1,0 +1,54 @@
+"""What is said of a file that was made or read: bytes, seconds, memory and errors."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from ..codec.decoder import decode_gaussians
+from ..container.inspection import inspect_bytes
+from ..gaussian.difference import attribute_errors
+from ..gaussian.gaussians import Gaussians
+from ..system.stopwatch import Stopwatch, peak_rss_bytes
+from .encode import Encoded
+from .stages import Tools
+
+
+def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
+    """A .tsplat file as `inspect_bytes` describes it, with the seconds of each stage and this process's peak memory."""
+    keys = (
+        "mode", "bytes", "bytes_by_class", "metadata_bytes", "views", "height", "width", "gaussians", "sh_degree", "k",
+    )  # fmt: skip
+    return {
+        **{key: described[key] for key in keys},
+        "error_by_attribute": {},
+        "clipped": {},
+        "seconds": watch.seconds,
+        "peak_rss_bytes": peak_rss_bytes(),
+        "left_out": described["left_out"],
+    }
+
+
+def encode_report(coded: Encoded, tools: Tools, *, model: str | None, refined: bool) -> dict[str, Any]:
+    """The report of `encode` and `compress`: the file's, and the error of each attribute.
+
+    Args:
+        coded: what came of coding, its Gaussians kept.
+        tools: that coded.
+        model: the network, for files of photos.
+        refined: whether Gaussians were to be refined.
+    """
+    assert coded.gaussians is not None
+    # Gaussians of no pixels come back in another order, and not all of them.
+    decoded = None if coded.stats.mode == "free" else _decoded(coded.data, tools, model)
+    return {
+        **file_report(inspect_bytes(coded.data), coded.stats.watch),
+        "clipped": coded.stats.clipped,
+        "error_by_attribute": attribute_errors(coded.gaussians, decoded) if decoded else {},
+        "reason": coded.stats.reason,
+        **({"refine": asdict(coded.refinement)} if refined else {}),
+    }
+
+
+def _decoded(data: bytes, tools: Tools, model: str | None) -> Gaussians:
+    return decode_gaussians(data, tools.store, threads=tools.threads, limits=tools.limits, model=model)

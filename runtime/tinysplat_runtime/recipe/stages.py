@@ -1,0 +1,186 @@
+"""The steps from photos to bytes, a function each: network, refinement, coding.
+
+Each is given `Tools`, which a `Runtime` is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..codec.decoder import decode_gaussians
+from ..codec.encoder import EncodeStats
+from ..codec.modes import AUTO, DEFAULT_MODE
+from ..codec.modes.choice import choose
+from ..codec.modes.mode import Job, PhotoScene
+from ..codec.modes.registry import MODES
+from ..codec.rate import encode_to_psnr, encode_to_size
+from ..codec.recode import encode_like
+from ..container.records import Limits
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
+from ..graphs.inference import GraphStore
+from ..graphs.predict import predict as run_network
+from ..render import DEFINITION, Renderer
+from ..render.paths import ring
+from ..scene.scenes import Scene
+from ..system.stopwatch import Stopwatch
+from ..system.threads import Crew
+from .request import Coding
+from .words import Refinement
+
+if TYPE_CHECKING:
+    from ..refine.stats import RefineStats
+
+Show = Callable[..., Iterator[int]]
+"""Passes on the steps of refinement; see `refine.refine.refine`."""
+
+FREE_VIEWS = 4
+"""Views about Gaussians of no pixels that `target_psnr` is measured from."""
+
+
+class Tools(Protocol):
+    """What every step works with.
+
+    Attributes:
+        store: opens graphs.
+        threads: of each step; no result depends on them.
+        limits: what a file may ask for when it is decoded.
+    """
+
+    store: GraphStore
+    threads: int
+    limits: Limits
+
+
+def predict(
+    scene: Scene, model: str, tools: Tools, *, whole: bool = False, watch: Stopwatch | None = None
+) -> Gaussians:
+    """Gaussians of all views of a scene; see `Runtime.predict`."""
+    watch = watch or Stopwatch()
+    near, far = scene.depth_range()
+    images = [scene.images()]
+    graph = tools.store.network(model)
+    with watch.stage("network"):
+        enlarger = enlarger_of(scene, model, tools, whole=whole)
+        if enlarger is not None:
+            return predict_large(images.pop(), scene.cameras, near, far, graph, enlarger)
+        return run_network(images.pop(), scene.cameras, near, far, graph)
+
+
+def enlarger_of(scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> Enlarger | None:
+    """See `Runtime.enlarger`."""
+    camera = scene.cameras[0]
+    if whole or camera.width * camera.height <= LARGE_PIXELS:
+        return None
+    graph = tools.store.enlarger()
+    found = Enlarger.of(graph) if graph is not None else None
+    return found if found is not None and tools.store.shipped_network(model) in found.networks else None
+
+
+def refine(
+    gaussians: Gaussians, scene: Scene, refinement: Refinement | None, coding: Coding, tools: Tools,
+    *, stats: RefineStats | None = None, show: Show | None = None,
+) -> Gaussians:  # fmt: skip
+    """Gaussians that show their photos better; see `Runtime.refine`, whose default for None this has."""
+    try:
+        from ..refine.refine import refine as run
+    except ImportError as error:
+        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
+    steps, seconds = (refinement.steps, refinement.seconds) if refinement else (None, None)
+    return run(
+        gaussians, scene, steps=steps, seconds=seconds, profile=coding.planes, qp=coding.step_qp,
+        run_jobs=Crew(tools.threads).map, stats=stats, show=show,
+    )  # fmt: skip
+
+
+def code(
+    gaussians: Gaussians, coding: Coding, tools: Tools,
+    *, photos: PhotoScene | None = None, stats: EncodeStats | None = None,
+) -> bytes:  # fmt: skip
+    """Gaussians as a `.tsplat` file's bytes.
+
+    Args:
+        gaussians: see `Runtime.compress`.
+        coding: how.
+        tools: to do it with.
+        photos: what a network made them of; files of other modes than gaussians carry them.
+        stats: filled with what was measured, the mode, and why `auto` came to it.
+
+    Raises:
+        InputError: as `Runtime.compress`, and a mode that needs photos where there are none.
+        FormatError, NumericError: as `Runtime.compress`.
+    """
+    stats = stats or EncodeStats()
+    if coding.mode == DEFAULT_MODE:
+        return _planes(gaussians, coding, tools, stats)
+    if photos is None:
+        raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
+    seconds = stats.watch.seconds.get("network", 0.0)
+    job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, photos=photos)
+    stats.mode = coding.mode
+    if coding.mode != AUTO:
+        return MODES[coding.mode].encode(job)
+    data = MODES["photos"].encode(job)
+    planes = _planes(gaussians, coding, tools, stats)
+    stats.mode, stats.reason = choose(planes, data, photos.network, seconds)
+    return data if stats.mode == "photos" else planes
+
+
+def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeStats) -> bytes:
+    """The file of mode gaussians, or in its place lossless where asked for, or free where there are no pixels."""
+    like = coding.example()
+    if like is not None:
+        return encode_like(
+            gaussians, like, tools.store, threads=tools.threads, limits=tools.limits,
+            drop_invalid=coding.drop_invalid, stats=stats,
+        )  # fmt: skip
+    job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, coding.drop_invalid)
+    mode = "lossless" if coding.lossless else DEFAULT_MODE if gaussians.is_per_pixel else "free"
+    stats.mode = stats.mode if mode == DEFAULT_MODE else mode
+    if coding.target_size is not None:
+        return _to_size(job, coding.target_size)
+    if coding.target_psnr is not None:
+        return _to_psnr(job, coding.target_psnr, _fidelity(gaussians, tools))
+    return MODES[mode].encode(job)
+
+
+def _to_size(job: Job, target: int) -> bytes:
+    if job.gaussians.is_per_pixel:
+        return encode_to_size(job.encoder(), target)
+    from ..codec.free.search import code_to_size
+    from ..codec.modes.free import encoder
+
+    return code_to_size(encoder(job), target)
+
+
+def _to_psnr(job: Job, target: float, fidelity: Callable[[bytes], float]) -> bytes:
+    if job.gaussians.is_per_pixel:
+        return encode_to_psnr(job.encoder(), target, fidelity)
+    from ..codec.free.search import code_to_psnr
+    from ..codec.modes.free import encoder
+
+    return code_to_psnr(encoder(job), target, fidelity)
+
+
+def _fidelity(gaussians: Gaussians, tools: Tools) -> Callable[[bytes], float]:
+    """PSNR of a file's render to that of `gaussians`, the mean over their views or over some made up."""
+    # In numpy, so that no byte depends on whether numba is installed; as defined, so that none follows defaults.
+    renderer = Renderer(gaussians, threads=tools.threads, compiled=False, **DEFINITION)
+    cameras = gaussians.cameras or ring(gaussians, FREE_VIEWS)
+    raw = [renderer.render(camera) for camera in cameras]
+
+    def measure(data: bytes) -> float:
+        again = decode_gaussians(data, tools.store, threads=tools.threads, limits=tools.limits)
+        decoded = Renderer(again, threads=tools.threads, compiled=False, **DEFINITION)
+        errors = [
+            float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
+            for camera, image in zip(cameras, raw, strict=True)
+        ]
+        return float(np.mean([-10 * math.log10(max(error, 1e-12)) for error in errors]))
+
+    return measure

@@ -1,0 +1,103 @@
+"""Values as people write them, on a command line or in a manifest: each function takes a word and returns its value.
+
+Raises:
+    InputError: of a word that stands for none; says what is expected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import InputError
+from .types import check_types
+
+_BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
+
+
+@dataclass(frozen=True)
+class AutoViews:
+    """Views chosen by coverage and baseline.
+
+    Attributes:
+        count: how many.
+    """
+
+    count: int = 2
+
+    def __post_init__(self) -> None:
+        check_types(self)
+        if self.count < 2:
+            raise InputError(f"{self.count}, expected 2 or more", where="views")
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """For how many steps, or for how many seconds, Gaussians are corrected; one of them is None."""
+
+    steps: int | None = None
+    seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        check_types(self)
+        if (self.steps is None) == (self.seconds is None):
+            raise InputError("expected steps or seconds, and one of them", where="refine")
+
+    def __str__(self) -> str:
+        return f"{self.seconds:g}s" if self.steps is None else str(self.steps)
+
+
+def indices(text: str) -> tuple[int, ...]:
+    """`0,4` to (0, 4)."""
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"'{text}', expected indices such as 0,4") from None
+
+
+def views(text: str) -> tuple[int, ...] | AutoViews:
+    """`0,4` to (0, 4); `auto` or `auto:3` to how many views to choose."""
+    word, _, count = text.partition(":")
+    if word != "auto":
+        return indices(text)
+    if count and not (count.isdigit() and int(count) >= 2):
+        raise InputError(f"'{text}', expected auto or auto:N with N of 2 or more")
+    return AutoViews(int(count)) if count else AutoViews()
+
+
+def size(text: str) -> tuple[int, int]:
+    """`256x384` to (height, width)."""
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
+        raise InputError(f"'{text}', expected HEIGHTxWIDTH such as 256x384")
+    return int(parts[0]), int(parts[1])
+
+
+def size_or_full(text: str) -> tuple[int, int] | str:
+    """`256x384` to (height, width), or the word `full`."""
+    return text if text == "full" else size(text)
+
+
+def byte_count(text: str) -> int:
+    """`100KB`, `1.5 MiB` or `4096` to bytes; KB is 1000."""
+    number = text.rstrip("BbKkMmGgIi ")
+    unit = text[len(number) :].strip().lower()
+    try:
+        value = float(number) * _BYTES[unit]
+    except (KeyError, ValueError):
+        value = 0.0
+    if not 1 <= value < 1 << 40:
+        raise InputError(f"'{text}', expected a size such as 100KB, 1.5MB or 4096")
+    return int(value)
+
+
+def refinement(text: str) -> Refinement:
+    """`20` to steps, `10s` to seconds."""
+    if text.isdigit() and int(text) > 0:
+        return Refinement(steps=int(text))
+    try:
+        seconds = float(text.removesuffix("s")) if text.endswith("s") else 0.0
+    except ValueError:
+        seconds = 0.0
+    if not 0 < seconds < float("inf"):
+        raise InputError(f"'{text}', expected steps such as 20 or seconds such as 10s")
+    return Refinement(seconds=seconds)
