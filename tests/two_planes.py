@@ -41,12 +41,12 @@ def row_of_cameras(views: int, height: int, width: int, spacing: float = 0.2) ->
     return tuple(cameras)
 
 
-def trace(views: int, height: int, width: int, spacing: float = 0.2) -> TracedScene:
-    """Render the scene with `SUBPIXELS`² rays per pixel."""
+def trace(views: int, height: int, width: int, spacing: float = 0.2, subpixels: int = SUBPIXELS) -> TracedScene:
+    """Render the scene with `subpixels`² rays per pixel."""
     cameras = row_of_cameras(views, height, width, spacing)
     images, depths = [], []
     for camera in cameras:
-        centres = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
+        centres = (np.arange(subpixels) + 0.5) / subpixels
         shots = [_shoot(camera, dx, dy)[0] for dy in centres for dx in centres]
         images.append(np.mean(shots, axis=0))
         depths.append(_shoot(camera, 0.5, 0.5)[1])

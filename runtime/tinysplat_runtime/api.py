@@ -239,9 +239,10 @@ class Runtime:
 
         Raises:
             FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture.
-            InputError: `max_bytes` is below 1.
+            InputError: `data` is no bytes, or `max_bytes` is below 1.
             ModelError: the file carries photos, and the network that it names is not at hand.
         """
+        _check_are_bytes(data)
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
         return decode_gaussians(
@@ -275,6 +276,12 @@ def _check_is_scene(value: object) -> None:
 
     if not isinstance(value, Scene):
         raise InputError(f"a {type(value).__name__}, expected a Scene, which `load_scene` reads", where="scene")
+
+
+def _check_are_bytes(value: object) -> None:
+    if not isinstance(value, bytes | bytearray | memoryview):
+        found = f"a {type(value).__name__}, expected bytes of a .tsplat file"
+        raise InputError(f"{found}; `load_gaussians` reads one by its path", where="data")
 
 
 def _check_are_gaussians(value: object) -> None:
@@ -348,4 +355,5 @@ def inspect(data: bytes) -> dict[str, Any]:
     """What a file holds, without decoding planes; see `tinysplat_runtime.container.inspection.inspect_bytes`."""
     from .container.inspection import inspect_bytes
 
+    _check_are_bytes(data)
     return inspect_bytes(data)

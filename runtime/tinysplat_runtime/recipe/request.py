@@ -169,7 +169,7 @@ class EncodeRequest:
             raise InputError(f"{self.first_number}, expected 0 or 1", where="first_number")
         if self.refinement and self.coding.mode in ("photos", "auto"):
             only = f"with --mode {self.coding.mode}, whose files carry no Gaussians that were refined"
-            raise InputError(only, where="--refine")
+            raise InputError(only, where="refine")
 
     @classmethod
     def of(cls, scene: Scene | StrPath | Sequence[StrPath], **options: Unpack[EncodeOptions]) -> EncodeRequest:

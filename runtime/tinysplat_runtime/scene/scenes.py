@@ -104,6 +104,11 @@ class Scene:
         if self.near is not None and self.far is not None and not self.near < self.far:
             raise InputError(f"near {self.near:g} and far {self.far:g}, expected near < far", where=str(self.path))
 
+    def __repr__(self) -> str:
+        camera = self.frames[0].camera
+        depths = "".join(f", {name} {getattr(self, name):g}" for name in ("near", "far") if getattr(self, name))
+        return f"Scene({str(self.path)!r}: {len(self.frames)} views of {camera.width}x{camera.height}{depths})"
+
     @property
     def name(self) -> str:
         """The folder's own name."""
@@ -118,9 +123,16 @@ class Scene:
         """The scene of some frames, in the order given.
 
         Raises:
-            InputError: an index is out of range, negative or given twice, or there is none.
+            InputError: an index is no whole number, out of range, negative or given twice, or there is none.
         """
-        chosen = [operator.index(i) for i in indices]
+        if isinstance(indices, str | bytes) or not isinstance(indices, Iterable):
+            raise InputError(f"a {type(indices).__name__}, expected a list of whole numbers", where="views")
+        chosen = []
+        for i in indices:
+            try:
+                chosen.append(operator.index(i))
+            except TypeError:
+                raise InputError(f"{str(i)[:40]}, expected a whole number", where="views") from None
         for position, i in enumerate(chosen):
             if not 0 <= i < len(self.frames):
                 last = len(self.frames) - 1

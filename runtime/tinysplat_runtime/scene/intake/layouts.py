@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,6 +39,8 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
     Raises:
         InputError: names the file and the field at fault.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"a {type(path).__name__}, expected a path", where="scene")
     if "://" in str(path):
         raise InputError(
             "a URL, expected a file or folder on this machine (`tinysplat batch` takes URLs)", where=str(path)

@@ -1,0 +1,148 @@
+"""One task, three doors: the command, Python and a batch make the very same file of the same options."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians, scene_document, write_scene
+from two_planes import trace
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.cli import main
+from tinysplat_runtime.recipe import memory
+from tinysplat_runtime.recipe.encode import Listener, encode
+from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.scene.images import write_png
+
+VIEWS, HEIGHT, WIDTH = 7, 500, 660
+RUNTIME = ts.Runtime(threads=2)
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Seven photos larger than networks are given, and cameras that state no depths."""
+    folder = tmp_path_factory.mktemp("many")
+    traced = trace(VIEWS, HEIGHT, WIDTH, spacing=0.12, subpixels=1)
+    (folder / "images").mkdir()
+    for i, image in enumerate(traced.images):
+        write_png(folder / "images" / f"{i:04}.png", image)
+    document = scene_document(traced.cameras)
+    del document["near"], document["far"]
+    (folder / "cameras.json").write_text(json.dumps(document))
+    return folder
+
+
+def commanded(folder: Path, target: Path, *words: str) -> bytes:
+    assert main(["encode", str(folder), "-o", str(target), *words]) == 0
+    return target.read_bytes()
+
+
+def test_python_gives_the_very_bytes_of_the_command(
+    many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = commanded(many, tmp_path / "a.tsplat", "--model", "sweep", "--profile", "fast", "--licence", "CC0-1.0")
+    said = capsys.readouterr().err
+    assert f" of {VIEWS}; --views chooses others" in said
+    assert "scaled to" in said and "from what the photos agree about" in said
+    options = {"model": "sweep", "profile": "fast", "licence": "CC0-1.0"}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        files = [ts.encode(many, **options), ts.encode(ts.load_scene(many), **options)]
+    assert files == [data, data]
+    doubted = [line.replace(": warning: ", ": ") for line in said.splitlines() if ": warning: " in line]
+    assert [str(one.message) for one in caught if one.category is ts.SceneWarning] == 2 * doubted
+    described = ts.inspect(data)
+    assert described["views"] == 2 and described["height"] * described["width"] <= 640 * 480
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        (("--views", "0,3", "--size", "48x64", "--near", "2", "--far", "9"),
+         {"views": [0, 3], "size": (48, 64), "near": 2, "far": 9.0}),
+        (("--views", "auto:3", "--size", "48x64", "--target-size", "9KB"),
+         {"views": "auto:3", "size": "48x64", "target_size": "9KB"}),
+        (("--size", "48x64", "--mode", "photos", "--qp", "3"), {"size": [48, 64], "mode": "photos", "qp": 3}),
+        (("--size", "48x64", "--lossless", "--unit", "metre"), {"size": [48, 64], "lossless": True, "unit": "metre"}),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)  # fmt: skip
+def test_every_option_says_the_same_at_both_doors(many: Path, tmp_path: Path, words, options) -> None:
+    data = commanded(many, tmp_path / "a.tsplat", "-q", "--model", "sweep", *words)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ts.SceneWarning)
+        assert ts.encode(str(many), "sweep", **options) == data
+
+
+def test_a_file_to_be_like_may_be_a_path_or_bytes(many: Path, tmp_path: Path) -> None:
+    scene = ts.load_scene(many, near=2, far=12).views([0, 3]).resized(48, 64)
+    first = RUNTIME.encode(scene, "sweep", "fast", 6)
+    (tmp_path / "first.tsplat").write_bytes(first)
+    again = RUNTIME.encode(scene, "sweep", like=tmp_path / "first.tsplat")
+    assert again == RUNTIME.encode(scene, "sweep", like=first)
+    assert (ts.inspect(again)["profile"], ts.inspect(again)["qp"]) == ("fast", 6)
+
+
+def test_doubts_are_warnings_of_the_line_that_asked(tmp_path: Path) -> None:
+    scene = ts.load_scene(write_scene(tmp_path / "noise", views=2, height=48, width=64))
+    with pytest.warns(ts.SceneWarning, match="match hardly anywhere") as caught:
+        ts.encode(scene, "sweep")
+    assert caught[0].filename == __file__ and str(caught[0].message).startswith(f"{scene.path}: ")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        RUNTIME.encode(scene, "sweep", gaussians=RUNTIME.predict(scene, "sweep"))
+
+
+def test_python_refuses_what_memory_does_not_suffice_for(many: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available_bytes", lambda: 300_000_000)
+    with pytest.raises(ts.InputError, match="GB are free"):
+        ts.encode(many, "sweep")
+
+
+def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) -> None:
+    scene = ts.load_scene(write_scene(tmp_path / "noise", views=2, height=32, width=48))
+    told: list[str] = []
+    listener = Listener(
+        doubt=lambda scene, text: told.append(text[:5]),
+        working=lambda label: told.append(label) or warnings.catch_warnings(),  # any context
+        predicted=lambda gaussians: told.append(str(gaussians.opacities.shape)),
+    )
+    coded = encode(EncodeRequest(scene, model="sweep"), RUNTIME, listener, keep=True)
+    assert told[-3:] == ["network", "(2, 32, 48)", "coding"] and len(told) == 3 + len(coded.doubts) > 3
+    assert coded.gaussians is not None and coded.raw_bytes > len(coded.data) and coded.seconds > 0
+    assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None
+
+
+def test_gaussians_alone_have_no_photos_to_carry() -> None:
+    from tinysplat_runtime.recipe.request import Coding
+    from tinysplat_runtime.recipe.stages import code
+
+    with pytest.raises(ts.InputError, match="needs photos"):
+        code(make_smooth_gaussians(2, 8, 8, 0), Coding(mode="photos"), RUNTIME)
+
+
+def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> None:
+    scene = ts.load_scene(many)
+    for call, named in (
+        (lambda: ts.predict("desk"), "scene: a str, expected a Scene"),
+        (lambda: ts.encode(3), "scene: 3, expected a Scene, a path or a list of them"),
+        (lambda: ts.encode(b"desk"), "scene: a bytes, expected a Scene, a path"),
+        (lambda: ts.encode([scene]), "expected a Scene, a path or a list of them"),
+        (lambda: ts.compress("desk"), "gaussians: a str, expected Gaussians"),
+        (lambda: ts.decompress("f.tsplat"), "data: a str, expected bytes"),
+        (lambda: ts.decompress(7), "data: a int, expected bytes"),
+        (lambda: ts.load_scene(b"desk"), "scene: a bytes, expected a path"),
+        (lambda: ts.load_scene(None), "scene: a NoneType, expected a path"),
+        (lambda: scene.views(3), "views: a int, expected a list of whole numbers"),
+        (lambda: scene.views("03"), "views: a str, expected a list of whole numbers"),
+        (lambda: scene.views([0.5, 1]), "views: 0.5, expected a whole number"),
+    ):
+        with pytest.raises(ts.InputError, match=named):
+            call()
+    assert len(scene.views(np.array([0, 2])).frames) == 2 and ts.inspect is not None
+    shown = repr(scene)
+    assert "\n" not in shown and len(shown) < 200 and f"{VIEWS} views of {WIDTH}x{HEIGHT}" in shown
