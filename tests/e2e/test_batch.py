@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import os
 import subprocess
@@ -225,7 +226,7 @@ def test_a_batch_codes_what_refinement_made_of_a_scene(
         )
         return gaussians.with_notes(ts.Notes(refined="seen"))
 
-    monkeypatch.setattr("tinysplat_runtime.refine.refine.refine", refine)
+    monkeypatch.setattr(importlib.import_module("tinysplat_runtime.refine.refine"), "refine", refine)
     for words in ("", "7", "2.5s"):
         request = EncodeRequest.of(str(scenes / "s0"), refine=words or None, qp=3)
         encode(Job("s0", request, str(tmp_path / f"{words}.tsplat")))
