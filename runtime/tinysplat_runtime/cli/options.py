@@ -118,5 +118,6 @@ def _named() -> Iterator[None]:
         yield
     except InputError as error:
         if error.where in EncodeOptions.__annotations__:
-            raise InputError(error.message, where=f"--{error.where.replace('_', '-')}") from None
+            message = error.message.replace("given with ", "given with --", 1)
+            raise InputError(message, where=f"--{error.where.replace('_', '-')}") from None
         raise
