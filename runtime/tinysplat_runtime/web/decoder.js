@@ -1,0 +1,271 @@
+/** Files to Gaussians: which pictures are at hand, and what each mode does with them. */
+import { crew } from "./crew.js";
+import { checkCrc, held, picture } from "./container.js";
+import { TsplatError, require } from "./errors.js";
+import { decodeExact } from "./exact.js";
+import { decodeFree, listShape } from "./free.js";
+import { channelName } from "./layers.js";
+import { checkPrediction, codedSide, photoPixels, predictedBase } from "./photos.js";
+import { Synthesis, hidingRecord, newArrays, standInCode } from "./synthesis.js";
+
+/** @typedef {import("./cameras.js").Camera} Camera */
+/** @typedef {import("./container.js").Container} Container */
+/** @typedef {import("./layers.js").Channel} Channel */
+/** @typedef {import("./photos.js").Prediction} Prediction */
+/** @typedef {import("./synthesis.js").Arrays} Arrays */
+
+const PLANE_BITS = 12;
+const PHOTO_BITS = 10;
+
+/**
+ * What a network is asked for.
+ *
+ * @typedef {object} NetworkRequest
+ * @property {Float32Array[]} photos RGB in [0, 1], pixel by pixel
+ * @property {number} width of every photo
+ * @property {number} height
+ * @property {Camera[]} cameras
+ * @property {number} near
+ * @property {number} far
+ * @property {string} name of the network
+ * @property {string} sha256 of its ONNX file
+ */
+
+/** @typedef {{ views: number, height: number, width: number, count: number, offset: number, degree: number, cameras: Camera[] }} LayerShape */
+
+/** @typedef {Arrays & { origin: ArrayLike<number>, cameras: Camera[], layers: LayerShape[], missing: string[] }} Decoded */
+
+/** Decodes a container's pictures, each once. */
+export class Pictures {
+  /**
+   * @param {Container} file
+   * @param {AbortSignal} signal
+   * @param {boolean} recovers whether a picture whose CRC differs counts as absent
+   * @param {Map<string, Uint16Array>} [known] pictures that were decoded before, and take what is decoded
+   */
+  constructor(file, signal, recovers, known) {
+    this.file = file;
+    this.signal = signal;
+    this.recovers = recovers;
+    this.known = known;
+    /** Names of the pictures that are not at hand. @type {string[]} */
+    this.missing = [];
+    /** Called with every picture that is decoded. @type {((name: string) => void) | undefined} */
+    this.tell = undefined;
+  }
+
+  /**
+   * A picture's bytes, their CRC checked; undefined where they are not at hand.
+   *
+   * @param {Uint8Array | undefined} data
+   * @param {import("./layers.js").Stream} stream
+   * @param {string} name
+   */
+  checked(data, stream, name) {
+    try {
+      if (data) {
+        checkCrc(data, stream, name);
+        return data;
+      }
+    } catch (error) {
+      if (!this.recovers) throw error;
+    }
+    this.missing.push(name);
+    return undefined;
+  }
+
+  /**
+   * Codes of a picture of a plane; undefined where it is absent.
+   *
+   * @param {number} layer
+   * @param {number} record
+   * @param {number} view
+   * @param {{ height: number, width: number }} size
+   * @param {number} set
+   * @returns {Promise<Uint16Array | undefined>}
+   */
+  async plane(layer, record, view, { height, width }, set) {
+    const { file } = this;
+    const channel = (file.free ? file.free.channels : file.layers[layer].channels)[record];
+    const name = file.free ? channelName(channel) : `layer ${layer} ${channelName(channel)} view ${view}`;
+    const before = this.known?.get(name);
+    if (before) return before;
+    const data = this.checked(picture(file, layer, channel, view), channel.streams[view], name);
+    if (!data) return undefined;
+    const [planes] = await crew.run(
+      {
+        sets: /** @type {Uint8Array} */ (file.sets.get(set)), data, width, height,
+        codedWidth: Math.max(16, 8 * Math.ceil(width / 8)), codedHeight: Math.max(16, 8 * Math.ceil(height / 8)),
+        chroma: 0, bits: PLANE_BITS, where: name,
+      },
+      this.signal,
+    );
+    this.known?.set(name, planes);
+    this.tell?.(name);
+    return planes;
+  }
+
+  /**
+   * A photo's pixels.
+   *
+   * @param {number} view
+   */
+  async photo(view) {
+    const { sets, photos } = this.file;
+    if (!photos) throw new TsplatError("no photos", "file");
+    const { height, width, streams, data, set } = photos;
+    const bytes = held(data, streams[view]);
+    const where = `photo ${view}`;
+    if (!bytes) throw new TsplatError("cut short", where);
+    checkCrc(bytes, streams[view], where);
+    const planes = await crew.run(
+      {
+        sets: /** @type {Uint8Array} */ (sets.get(set)), data: bytes, width, height, codedWidth: codedSide(width),
+        codedHeight: codedSide(height), chroma: 1, bits: PHOTO_BITS, where,
+      },
+      this.signal,
+    );
+    return photoPixels(planes, height, width);
+  }
+}
+
+/**
+ * Decode a file.
+ *
+ * @param {Pictures} pictures
+ * @param {((request: NetworkRequest) => Promise<Prediction>) | undefined} network
+ * @param {() => Promise<void>} pause between pieces of work
+ * @returns {Promise<Decoded>}
+ */
+export async function decodeFile(pictures, network, pause) {
+  const { file } = pictures;
+  if (file.mode === "free") return decodePoints(pictures);
+  if (file.mode === "lossless") return decodeLossless(file, pause);
+  if (file.mode === "gaussians") {
+    requireDepth(pictures);
+    return decodeLayers(pictures, undefined);
+  }
+  const prediction = await predicted(pictures, network);
+  return file.mode === "photos" ? joinedPrediction(file, prediction) : decodeLayers(pictures, prediction);
+}
+
+/** @param {Pictures} pictures @returns {Promise<Decoded>} */
+async function decodePoints(pictures) {
+  const { file } = pictures;
+  const { free } = file;
+  if (!free) throw new TsplatError("no points", "file");
+  const { count, degree } = free;
+  const out = newArrays(count, degree);
+  const shape = listShape(count);
+  await decodeFree(free, (index) => pictures.plane(0, index, 0, shape, 0), out);
+  const layer = { views: 0, height: 0, width: 0, count, offset: 0, degree, cameras: [] };
+  return { ...out, origin: file.origin, cameras: [], layers: [layer], missing: pictures.missing };
+}
+
+/**
+ * Shapes of layers, one behind the other, and arrays for all of them.
+ *
+ * @param {{ height: number, width: number, degree: number, cameras: Camera[] }[]} layers
+ */
+function shapesOf(layers) {
+  /** @type {LayerShape[]} */
+  const shapes = [];
+  let offset = 0;
+  for (const { height, width, degree, cameras } of layers) {
+    const count = cameras.length * height * width;
+    shapes.push({ views: cameras.length, height, width, count, offset, degree, cameras });
+    offset += count;
+  }
+  return { shapes, out: newArrays(offset, Math.max(...layers.map((layer) => layer.degree))) };
+}
+
+/** @param {Container} file @param {() => Promise<void>} pause @returns {Promise<Decoded>} */
+async function decodeLossless(file, pause) {
+  const { shapes, out } = shapesOf(file.exact);
+  for (let i = 0; i < shapes.length; i++) await decodeExact(file.exact[i], i, file.origin, out, shapes[i].offset, pause);
+  return { ...out, origin: file.origin, cameras: file.cameras, layers: shapes, missing: [] };
+}
+
+/** Refuse a file none of whose views of layer 0 has its depth. @param {Pictures} pictures */
+function requireDepth(pictures) {
+  const { file, recovers } = pictures;
+  const [layer] = file.layers;
+  const index = hidingRecord(layer);
+  const channel = layer.channels[index];
+  if (index < 0 || channel.streams.length === 0) return;
+  const isThere = channel.streams.some((stream, view) => {
+    const data = picture(file, 0, channel, view);
+    if (!data) return false;
+    try {
+      checkCrc(data, stream, "");
+    } catch {
+      return !recovers;
+    }
+    return true;
+  });
+  require(isThere, "holds no intact depth picture", "file");
+}
+
+/**
+ * @param {Pictures} pictures
+ * @param {Prediction | undefined} prediction
+ * @returns {Promise<Decoded>}
+ */
+async function decodeLayers(pictures, prediction) {
+  const { file } = pictures;
+  const { shapes, out } = shapesOf(file.layers);
+  const views = file.layers.flatMap((layer, index) => {
+    const below = prediction?.layers[index];
+    const isSame = below?.height === layer.height && below.width === layer.width;
+    require(!prediction || isSame, "the network gives another grid", `LAYR[${index}]`);
+    const synthesis = new Synthesis(layer, file.origin, out, shapes[index].offset);
+    const hiding = prediction ? -1 : hidingRecord(layer);
+    return layer.cameras.map(async (_, view) => {
+      const codes = await Promise.all(
+        layer.channels.map(async (channel, record) => {
+          if (!channel.streams.length) return undefined;
+          return (await pictures.plane(index, record, view, layer, layer.set)) ?? standInCode(layer, record);
+        }),
+      );
+      const base = below && prediction ? predictedBase(below, view, prediction.origin) : undefined;
+      synthesis.run(view, codes, base);
+      if (hiding >= 0 && typeof codes[hiding] === "number") synthesis.hide(view);
+    });
+  });
+  await Promise.all(views);
+  return { ...out, origin: file.origin, cameras: file.cameras, layers: shapes, missing: pictures.missing };
+}
+
+/**
+ * What the network makes of a file's photos.
+ *
+ * @param {Pictures} pictures
+ * @param {((request: NetworkRequest) => Promise<Prediction>) | undefined} network
+ */
+async function predicted(pictures, network) {
+  const { file } = pictures;
+  if (!file.network || !file.photos) throw new TsplatError("no photos", "file");
+  if (!network) throw new TsplatError(`needs the network ${file.network.name}, and none was given`, "NETW[0]");
+  const photos = await Promise.all(file.photos.streams.map((_, view) => pictures.photo(view)));
+  const { height, width } = file.photos;
+  const prediction = await network({ photos, width, height, cameras: file.cameras, ...file.network });
+  pictures.signal.throwIfAborted();
+  checkPrediction(prediction, file.cameras.length);
+  return prediction;
+}
+
+/** @param {Container} file @param {Prediction} prediction @returns {Decoded} */
+function joinedPrediction(file, prediction) {
+  const { shapes, out } = shapesOf(prediction.layers);
+  const stride = 3 * (out.degree + 1) ** 2;
+  prediction.layers.forEach((layer, i) => {
+    const { offset, count } = shapes[i];
+    out.means.set(layer.means, 3 * offset);
+    out.quats.set(layer.quats, 4 * offset);
+    out.scales.set(layer.scales, 3 * offset);
+    out.opacities.set(layer.opacities, offset);
+    const own = 3 * (layer.degree + 1) ** 2;
+    for (let g = 0; g < count; g++) out.sh.set(layer.sh.subarray(g * own, (g + 1) * own), (offset + g) * stride);
+  });
+  return { ...out, origin: prediction.origin, cameras: file.cameras, layers: shapes, missing: [] };
+}

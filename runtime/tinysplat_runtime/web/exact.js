@@ -1,0 +1,122 @@
+/** Mode lossless: docs/FORMAT.md, "Exact planes". */
+import { checkCrc, exactPlanes, held } from "./container.js";
+import { widened } from "./cursor.js";
+import { TsplatError, require } from "./errors.js";
+import { inflate } from "./inflate.js";
+import { sha256 } from "./sha256.js";
+import { Synthesis } from "./synthesis.js";
+
+/** @typedef {import("./container.js").ExactLayer} ExactLayer */
+/** @typedef {import("./layers.js").Layer} Layer */
+
+/** Planes of geometry: −1/z in two parts, then offset, scale, rotation and opacity. */
+const GEOMETRY = 12;
+
+/** Numbers of all halves. */
+let halves = new Float32Array(0);
+
+/**
+ * The samples of one plane, as bits of halves.
+ *
+ * @param {Uint8Array} bytes its zlib stream
+ * @param {number} height
+ * @param {number} width
+ * @param {string} where
+ */
+export function unpackPlane(bytes, height, width, where) {
+  const count = height * width;
+  const raw = inflate(bytes, 2 * count, where);
+  const samples = new Uint16Array(count);
+  for (let y = 0, at = 0; y < height; y++) {
+    for (let x = 0; x < width; x++, at++) {
+      const folded = raw[at] | (raw[count + at] << 8);
+      const rest = (folded >> 1) ^ -(folded & 1);
+      samples[at] = neighbourhood(samples, at, x, y, width) + rest;
+    }
+  }
+  for (let i = 0; i < count; i++) samples[i] = samples[i] >= 0x8000 ? samples[i] - 0x8000 : ~samples[i];
+  return samples;
+}
+
+/**
+ * The middle one of left, above and left + above − corner (ITU-T T.87, A.4.1).
+ *
+ * @param {Uint16Array} samples
+ * @param {number} at
+ * @param {number} x
+ * @param {number} y
+ * @param {number} width
+ */
+function neighbourhood(samples, at, x, y, width) {
+  if (x === 0 && y === 0) return 0;
+  if (y === 0) return samples[at - 1];
+  if (x === 0) return samples[at - width];
+  const [left, above] = [samples[at - 1], samples[at - width]];
+  const [low, high] = left < above ? [left, above] : [above, left];
+  const sum = left + above - samples[at - width - 1];
+  return sum < low ? low : sum > high ? high : sum;
+}
+
+/**
+ * A layer's Gaussians.
+ *
+ * @param {ExactLayer} exact
+ * @param {number} index of the layer
+ * @param {Float64Array} origin
+ * @param {import("./synthesis.js").Arrays} out
+ * @param {number} first Gaussian of the layer
+ * @param {() => Promise<void>} breathe between planes
+ */
+export async function decodeExact(exact, index, origin, out, first, breathe) {
+  const { height, width, cameras, streams, data, degree } = exact;
+  const pixels = height * width;
+  const count = exactPlanes(degree);
+  const planes = new Uint16Array(streams.length * pixels);
+  for (let number = 0; number < streams.length; number++) {
+    const where = `EXAP[${index}] plane ${number % count}, view ${Math.floor(number / count)}`;
+    const bytes = held(data, streams[number]);
+    if (!bytes) throw new TsplatError("cut short", where);
+    checkCrc(bytes, streams[number], where);
+    planes.set(unpackPlane(bytes, height, width, where), number * pixels);
+    await breathe();
+  }
+  const digest = sha256(littleEndian(planes));
+  require(digest.every((byte, i) => byte === exact.sha256[i]), "SHA-256 of the planes differs", `EXAP[${index}]`);
+  require(planes.every((bits) => (bits & 0x7c00) !== 0x7c00), "holds NaN or infinity", `EXAP[${index}]`);
+  if (!halves.length) halves = Float32Array.from({ length: 65536 }, (_, bits) => widened(bits));
+  /** @type {Layer} */
+  const layer = {
+    height, width, degree: 0, isInverse: true, set: 0, k: 0, zMin: exact.zMin, zMax: exact.zMax, cameras,
+    references: undefined, mix: undefined, basis: undefined, channels: [],
+  };
+  const synthesis = new Synthesis(layer, origin, out, first);
+  const coefficients = count - GEOMETRY;
+  const stride = 3 * (out.degree + 1) ** 2;
+  for (let view = 0; view < cameras.length; view++) {
+    /** @param {number} plane */
+    const numbers = (plane) => {
+      const start = (view * count + plane) * pixels;
+      return Float64Array.from(planes.subarray(start, start + pixels), (bits) => halves[bits]);
+    };
+    const [coarse, fine] = [numbers(0), numbers(1)];
+    const rest = Array.from({ length: GEOMETRY - 2 }, (_, i) => numbers(i + 2));
+    const base = { channels: [coarse.map((value, i) => value + fine[i]), ...rest], sh: new Float32Array(0), coefficients: 0 };
+    synthesis.run(view, [], base);
+    for (let i = 0; i < coefficients; i++) {
+      const plane = numbers(GEOMETRY + i);
+      const to = (first + view * pixels) * stride + i;
+      for (let pixel = 0; pixel < pixels; pixel++) out.sh[to + pixel * stride] = plane[pixel];
+    }
+    await breathe();
+  }
+  const end = first + cameras.length * pixels;
+  const isFinite = [out.means.subarray(3 * first, 3 * end), out.scales.subarray(3 * first, 3 * end)];
+  require(isFinite.every((array) => array.every(Number.isFinite)), "decodes to numbers beyond float32", `EXAC[${index}]`);
+}
+
+/** @param {Uint16Array} numbers */
+function littleEndian(numbers) {
+  const bytes = new Uint8Array(numbers.buffer);
+  if (new Uint8Array(Uint16Array.of(1).buffer)[0] === 1) return bytes;
+  return bytes.map((_, i) => bytes[i ^ 1]);
+}

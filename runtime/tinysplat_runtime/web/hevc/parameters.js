@@ -1,0 +1,301 @@
+/**
+ * Sequence and picture parameter sets and slice headers: Rec. ITU-T H.265, clauses 7.3.2.2, 7.3.2.3, 7.3.6.1 and E.2.1.
+ *
+ * The pictures of a `.tsplat` use a part of HEVC alone (FORMAT.md, section 3). What is outside of it is refused here, so
+ * that the rest of the decoder need not know of it.
+ */
+import { require } from "../errors.js";
+import { BitReader, unescaped } from "./bits.js";
+
+const SPS_TYPE = 33;
+const PPS_TYPE = 34;
+const SLICE_TYPE_I = 2;
+
+/**
+ * @typedef {object} Sps
+ * @property {number} chroma 0: luma alone, 1: 4:2:0
+ * @property {number} width of the coded picture
+ * @property {number} height of the coded picture
+ * @property {number} left samples cropped by the conformance window
+ * @property {number} right
+ * @property {number} top
+ * @property {number} bottom
+ * @property {number} bits of a sample
+ * @property {number} log2MinCb
+ * @property {number} log2Ctb
+ * @property {number} log2MinTb
+ * @property {number} log2MaxTb
+ * @property {number} maxDepth max_transform_hierarchy_depth_intra
+ * @property {boolean} sao
+ * @property {boolean} strongSmoothing
+ */
+
+/**
+ * @typedef {object} Pps
+ * @property {number} extraBits num_extra_slice_header_bits
+ * @property {boolean} outputFlag output_flag_present_flag
+ * @property {boolean} signHiding
+ * @property {number} initQp init_qp_minus26 + 26
+ * @property {boolean} qpDelta cu_qp_delta_enabled_flag
+ * @property {number} qpDepth diff_cu_qp_delta_depth
+ * @property {number} cbOffset
+ * @property {number} crOffset
+ * @property {boolean} sliceChromaOffsets
+ * @property {boolean} acrossSlices
+ * @property {boolean} deblockOverride
+ * @property {boolean} deblockDisabled
+ * @property {number} betaOffset in steps of QP: twice pps_beta_offset_div2
+ * @property {number} tcOffset
+ * @property {boolean} headerExtension
+ */
+
+/**
+ * @typedef {object} Slice
+ * @property {number} qp SliceQpY
+ * @property {boolean} saoLuma
+ * @property {boolean} saoChroma
+ * @property {number} cbOffset pps and slice together
+ * @property {number} crOffset
+ * @property {boolean} deblock
+ * @property {number} betaOffset
+ * @property {number} tcOffset
+ * @property {Uint8Array} data the slice's CABAC bytes
+ */
+
+/**
+ * @param {BitReader} reader
+ * @param {string} what
+ */
+function refused(reader, what) {
+  require(!reader.flag(), `${what} is no part of HEVC as FORMAT.md has it`, "picture", reader.at >> 3);
+}
+
+/**
+ * NAL units behind start codes (B.2), by type; of several with one type the last.
+ *
+ * @param {Uint8Array} bytes
+ */
+function nalUnits(bytes) {
+  /** @type {Map<number, Uint8Array>} */
+  const units = new Map();
+  let start = -1;
+  for (let i = 0; i <= bytes.length; i++) {
+    const isStart = i + 2 < bytes.length && bytes[i] === 0 && bytes[i + 1] === 0 && bytes[i + 2] === 1;
+    if (!isStart && i < bytes.length) continue;
+    if (start >= 0) {
+      let end = i;
+      while (end > start && bytes[end - 1] === 0) end--; // trailing zeros belong to the next start code
+      require(end >= start + 3, "an empty NAL unit among the parameter sets", "HEVC", start);
+      const type = (bytes[start] >> 1) & 63;
+      require(!units.has(type), `two parameter sets of type ${type}`, "HEVC", start);
+      units.set(type, bytes.subarray(start, end));
+    }
+    start = i + 3;
+    i += 2;
+  }
+  return units;
+}
+
+/**
+ * profile_tier_level(1, maxSubLayersMinus1), of which nothing is needed (7.3.3).
+ *
+ * @param {BitReader} reader
+ * @param {number} subLayers beyond the first
+ */
+function skipProfile(reader, subLayers) {
+  reader.skip(96);
+  const present = [];
+  for (let i = 0; i < subLayers; i++) present.push(reader.bits(2));
+  if (subLayers > 0) reader.skip(2 * (8 - subLayers));
+  for (const flags of present) reader.skip((flags & 2 ? 88 : 0) + (flags & 1 ? 8 : 0));
+}
+
+/**
+ * vui_parameters(), of which nothing is needed (E.2.1).
+ *
+ * @param {BitReader} reader
+ */
+function skipVui(reader) {
+  if (reader.flag() && reader.bits(8) === 255) reader.skip(32); // aspect ratio
+  if (reader.flag()) reader.skip(1); // overscan
+  if (reader.flag()) {
+    reader.skip(4);
+    if (reader.flag()) reader.skip(24);
+  }
+  if (reader.flag()) {
+    reader.ue();
+    reader.ue();
+  }
+  reader.skip(3);
+  if (reader.flag()) for (let i = 0; i < 4; i++) reader.ue();
+  if (reader.flag()) {
+    reader.skip(64);
+    if (reader.flag()) reader.ue();
+    refused(reader, "vui_hrd_parameters");
+  }
+  if (reader.flag()) {
+    reader.skip(3);
+    for (let i = 0; i < 5; i++) reader.ue();
+  }
+}
+
+/**
+ * seq_parameter_set_rbsp() (7.3.2.2.1).
+ *
+ * @param {Uint8Array} unit
+ * @returns {Sps}
+ */
+function readSps(unit) {
+  const reader = new BitReader(unescaped(unit).subarray(2));
+  reader.skip(4);
+  const subLayers = reader.bits(3);
+  reader.skip(1);
+  skipProfile(reader, subLayers);
+  reader.ue(15);
+  const chroma = reader.ue(3);
+  require(chroma <= 1, `chroma_format_idc ${chroma}, accepted are 0 and 1`, "HEVC");
+  const width = reader.ue(1 << 17);
+  const height = reader.ue(1 << 17);
+  const window = [0, 0, 0, 0];
+  if (reader.flag()) for (let i = 0; i < 4; i++) window[i] = reader.ue(1 << 16) << chroma;
+  const bits = 8 + reader.ue(8);
+  const chromaBits = 8 + reader.ue(8);
+  require(bits === chromaBits || chroma === 0, `${bits} bits of luma and ${chromaBits} of chroma`, "HEVC");
+  const log2Poc = reader.ue(12);
+  for (let i = reader.flag() ? 0 : subLayers; i <= subLayers; i++) for (let j = 0; j < 3; j++) reader.ue();
+  const log2MinCb = 3 + reader.ue(3);
+  const log2Ctb = log2MinCb + reader.ue(3);
+  const log2MinTb = 2 + reader.ue(3);
+  const log2MaxTb = log2MinTb + reader.ue(3);
+  const fits = log2Ctb >= 4 && log2Ctb <= 6 && log2MinTb < log2MinCb && log2MaxTb <= Math.min(log2Ctb, 5);
+  require(fits, "block sizes of HEVC are out of range", "HEVC", reader.at >> 3);
+  const isWhole = (width | height) % (1 << log2MinCb) === 0 && width > 0 && height > 0;
+  require(isWhole, `a coded picture of ${width}x${height}`, "HEVC");
+  reader.ue(4);
+  const maxDepth = reader.ue(log2Ctb - log2MinTb);
+  refused(reader, "scaling_list_enabled_flag");
+  reader.skip(1);
+  const sao = reader.flag() === 1;
+  refused(reader, "pcm_enabled_flag");
+  require(reader.ue(64) === 0, "short-term reference pictures are no part of HEVC as FORMAT.md has it", "HEVC");
+  if (reader.flag()) {
+    const count = reader.ue(32);
+    reader.skip(count * (log2Poc + 4 + 1));
+  }
+  reader.skip(1);
+  const strongSmoothing = reader.flag() === 1;
+  if (reader.flag()) skipVui(reader);
+  if (reader.flag()) require(reader.bits(8) === 0, "extensions of the sequence parameter set", "HEVC");
+  const [left, right, top, bottom] = window;
+  return {
+    chroma, width, height, left, right, top, bottom, bits, log2MinCb, log2Ctb, log2MinTb, log2MaxTb, maxDepth, sao,
+    strongSmoothing,
+  };
+}
+
+/**
+ * pic_parameter_set_rbsp() (7.3.2.3.1).
+ *
+ * @param {Uint8Array} unit
+ * @returns {Pps}
+ */
+function readPps(unit) {
+  const reader = new BitReader(unescaped(unit).subarray(2));
+  reader.ue(63);
+  reader.ue(15);
+  refused(reader, "dependent_slice_segments_enabled_flag");
+  const outputFlag = reader.flag() === 1;
+  const extraBits = reader.bits(3);
+  const signHiding = reader.flag() === 1;
+  reader.skip(1);
+  reader.ue(14);
+  reader.ue(14);
+  const initQp = 26 + reader.se(26 + 24);
+  reader.skip(1);
+  refused(reader, "transform_skip_enabled_flag");
+  const qpDelta = reader.flag() === 1;
+  const qpDepth = qpDelta ? reader.ue(3) : 0;
+  const cbOffset = reader.se(12);
+  const crOffset = reader.se(12);
+  const sliceChromaOffsets = reader.flag() === 1;
+  reader.skip(2);
+  refused(reader, "transquant_bypass_enabled_flag");
+  refused(reader, "tiles_enabled_flag");
+  refused(reader, "entropy_coding_sync_enabled_flag");
+  const acrossSlices = reader.flag() === 1;
+  let [deblockOverride, deblockDisabled, betaOffset, tcOffset] = [false, false, 0, 0];
+  if (reader.flag()) {
+    deblockOverride = reader.flag() === 1;
+    deblockDisabled = reader.flag() === 1;
+    if (!deblockDisabled) {
+      betaOffset = 2 * reader.se(6);
+      tcOffset = 2 * reader.se(6);
+    }
+  }
+  refused(reader, "pps_scaling_list_data_present_flag");
+  reader.skip(1);
+  reader.ue(4);
+  const headerExtension = reader.flag() === 1;
+  if (reader.flag()) require(reader.bits(8) === 0, "extensions of the picture parameter set", "HEVC");
+  return {
+    extraBits, outputFlag, signHiding, initQp, qpDelta, qpDepth, cbOffset, crOffset, sliceChromaOffsets, acrossSlices,
+    deblockOverride, deblockDisabled, betaOffset, tcOffset, headerExtension,
+  };
+}
+
+/**
+ * The parameter sets of a section `HEVC`.
+ *
+ * @param {Uint8Array} bytes with start codes
+ */
+export function readParameterSets(bytes) {
+  const units = nalUnits(bytes);
+  const [sps, pps] = [units.get(SPS_TYPE), units.get(PPS_TYPE)];
+  require(sps !== undefined && pps !== undefined, "a sequence or picture parameter set is missing", "HEVC");
+  return { sps: readSps(sps), pps: readPps(pps) };
+}
+
+/**
+ * slice_segment_header() of an IDR picture of one I slice, and where its data begin (7.3.6.1).
+ *
+ * @param {Uint8Array} unit a NAL unit without start code
+ * @param {Sps} sps
+ * @param {Pps} pps
+ * @returns {Slice}
+ */
+export function readSlice(unit, sps, pps) {
+  const type = (unit[0] >> 1) & 63;
+  require(unit.length > 2 && (type === 19 || type === 20) && unit[0] < 128, "not a single HEVC intra slice", "picture");
+  const bytes = unescaped(unit).subarray(2);
+  const reader = new BitReader(bytes);
+  require(reader.flag() === 1, "a slice that is not its picture's first", "picture");
+  reader.skip(1);
+  reader.ue(63);
+  reader.skip(pps.extraBits);
+  require(reader.ue(2) === SLICE_TYPE_I, "a slice that is not intra", "picture");
+  if (pps.outputFlag) reader.skip(1);
+  const saoLuma = sps.sao && reader.flag() === 1;
+  const saoChroma = sps.sao && sps.chroma > 0 && reader.flag() === 1;
+  const qpOffset = 6 * (sps.bits - 8);
+  const qp = pps.initQp + reader.se(51 + qpOffset);
+  require(qp >= -qpOffset && qp <= 51, `QP ${qp} of a slice`, "picture");
+  let [cbOffset, crOffset] = [pps.cbOffset, pps.crOffset];
+  if (pps.sliceChromaOffsets) {
+    cbOffset += reader.se(12);
+    crOffset += reader.se(12);
+    require(Math.abs(cbOffset) <= 12 && Math.abs(crOffset) <= 12, "QP offsets of chroma", "picture");
+  }
+  let { deblockDisabled, betaOffset, tcOffset } = pps;
+  if (pps.deblockOverride && reader.flag()) {
+    deblockDisabled = reader.flag() === 1;
+    if (!deblockDisabled) {
+      betaOffset = 2 * reader.se(6);
+      tcOffset = 2 * reader.se(6);
+    }
+  }
+  if (pps.acrossSlices && (saoLuma || saoChroma || !deblockDisabled)) reader.skip(1);
+  if (pps.headerExtension) reader.skip(8 * reader.ue(256));
+  require(reader.flag() === 1, "a slice header does not end as it should", "picture", reader.at >> 3);
+  const data = bytes.subarray((reader.at + 7) >> 3);
+  return { qp, saoLuma, saoChroma, cbOffset, crOffset, deblock: !deblockDisabled, betaOffset, tcOffset, data };
+}

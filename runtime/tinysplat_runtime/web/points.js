@@ -1,0 +1,201 @@
+/** Metadata of mode free, checked: docs/FORMAT.md, FREE. */
+import { MAX_CODE, MAX_DECODED, MAX_ROTATION, requireBound } from "./bounds.js";
+import { crc32 } from "./cursor.js";
+import { COLOR, OPACITY, ROTATION, SCALE, channelName, readRecord } from "./layers.js";
+import { cursor } from "./sections.js";
+
+/** @typedef {import("./cursor.js").Cursor} Cursor */
+/** @typedef {import("./layers.js").Channel} Channel */
+/** @typedef {import("./sections.js").Section} Section */
+
+const MAX_LEVELS = 21;
+const STREAMS = 6;
+const MAX_THRESHOLDS = 255;
+const MAX_CLASSES = 32;
+/** Largest logarithm of a scale, and of a contracted coordinate. */
+export const MAX_LOG = 69;
+
+/** Channels by which others are sorted, in this order. */
+export const DETERMINING = ["opacity0", "scale0", "scale1"];
+
+/** @typedef {Channel & { centre: number }} FreeChannel */
+
+/**
+ * @typedef {object} FreeScene
+ * @property {number} count
+ * @property {number} degree
+ * @property {number[]} levels cells of each level of the octree
+ * @property {number} leaves
+ * @property {number} escapes
+ * @property {Float64Array} centre
+ * @property {number} radius
+ * @property {number} cell
+ * @property {Float64Array} low
+ * @property {number} middle m of the sizes
+ * @property {Uint8Array[]} streams of FREP
+ * @property {Float64Array[]} thresholds of each determinant
+ * @property {{ first: number, gains: Float64Array }[]} orders
+ * @property {Float64Array} mean of the SH coefficients
+ * @property {Float64Array} basis d × k row by row
+ * @property {number} k
+ * @property {FreeChannel[]} channels
+ */
+
+/**
+ * How many determinants a channel's order follows.
+ *
+ * @param {Channel} channel
+ */
+export function orderOf(channel) {
+  if (channel.planeClass === ROTATION) return 3;
+  if (channel.planeClass === OPACITY) return 0;
+  return channel.planeClass === SCALE && channel.target === 0 ? 1 : 2;
+}
+
+/**
+ * @param {Section} section FREE
+ * @param {Section} points FREP
+ * @param {{ maxPixels: number, maxMemory: number }} limits
+ * @returns {FreeScene}
+ */
+export function readFree(section, points, limits) {
+  const fields = cursor(section);
+  const [count, degree, levelCount] = [fields.u32(), fields.u8(), fields.u8()];
+  const [channelCount, k] = [fields.u16(), fields.u16()];
+  fields.take(6);
+  const [leaves, escapes] = [fields.u32(), fields.u32()];
+  const [centre, [radius, cell], low] = [fields.numbers("f64", 3), fields.numbers("f64", 2), fields.numbers("f64", 3)];
+  const middle = fields.f32();
+  const d = 3 * (degree + 1) ** 2;
+  fields.require(degree <= 4, `SH degree ${degree}, accepted are 0 to 4`);
+  fields.require(count >= 1 && count <= limits.maxPixels, `${count} Gaussians, the limit is ${limits.maxPixels}`);
+  fields.require(k <= d, `k = ${k}, accepted are 0 to ${d}`);
+  fields.require(levelCount >= 1 && levelCount <= MAX_LEVELS, `${levelCount} levels, accepted are 1 to ${MAX_LEVELS}`);
+  fields.require(channelCount === 7 + k, `${channelCount} channels, expected ${7 + k}`);
+  const memory = count * (4 * (11 + d) + 2 * (7 + k) + 8 * (16 + k) + 64);
+  fields.require(memory <= limits.maxMemory, `${memory} bytes to decode, the limit is ${limits.maxMemory}`);
+  checkGrid(fields, centre, radius, cell, low, levelCount);
+  const levels = Array.from({ length: levelCount }, () => fields.u32());
+  const chain = [...levels, leaves];
+  const grows = levels.every((size, i) => chain[i + 1] >= size && chain[i + 1] <= 8 * size);
+  fields.require(levels[0] === 1 && grows, "the octree's levels do not grow as an octree's do");
+  fields.require(leaves <= count && escapes <= leaves, `${leaves} leaves and ${escapes} escapes for ${count} Gaussians`);
+  const streams = readPointStreams(fields, points);
+  const thresholds = DETERMINING.map(() => readFloats(fields, MAX_THRESHOLDS));
+  const isRising = thresholds.every((values) => values.every((value, i) => i === 0 || value > values[i - 1]));
+  fields.require(isRising, "thresholds do not rise");
+  const orders = DETERMINING.map(() => {
+    const [first, gains] = [fields.u16(), readFloats(fields, MAX_CLASSES)];
+    fields.require(gains.length > 0, "an order without gains");
+    return { first, gains };
+  });
+  const mean = fields.numbers("f32", d);
+  const basis = fields.numbers("f16", d * k);
+  const channels = readFreeChannels(fields, k);
+  fields.finish();
+  const scene = {
+    count, degree, levels, leaves, escapes, centre, radius, cell, low, middle, streams, thresholds, orders, mean, basis,
+    k, channels,
+  };
+  checkFreeRanges(fields, scene);
+  return scene;
+}
+
+/**
+ * @param {Cursor} fields
+ * @param {Float64Array} centre
+ * @param {number} radius
+ * @param {number} cell
+ * @param {Float64Array} low
+ * @param {number} levels
+ */
+function checkGrid(fields, centre, radius, cell, low, levels) {
+  for (const x of centre) fields.require(Math.abs(x) <= MAX_DECODED, `a centre at ${x}`);
+  fields.require(radius > 0 && radius < MAX_DECODED && cell > 0 && cell <= 1, `radius ${radius} or cell ${cell}`);
+  const reach = Math.max(...low.map(Math.abs)) + cell * 2 ** levels;
+  const largest = radius * Math.exp(Math.min(reach, MAX_LOG)) + Math.max(...centre.map(Math.abs));
+  fields.require(reach <= MAX_LOG && largest <= MAX_DECODED, "positions can decode to more than 1e30");
+}
+
+/**
+ * @param {Cursor} fields
+ * @param {Section} points
+ */
+function readPointStreams(fields, points) {
+  const streams = [];
+  let end = 0;
+  for (let i = 0; i < STREAMS; i++) {
+    const [length, crc] = [fields.u32(), fields.u32()];
+    const data = points.data.subarray(end, end + length);
+    fields.require(data.length === length && crc32(data) === crc, `stream ${i} of the positions was altered`);
+    streams.push(data);
+    end += length;
+  }
+  fields.require(end === points.data.length, `${points.data.length} bytes of positions, ${end} announced`);
+  return streams;
+}
+
+/**
+ * @param {Cursor} fields
+ * @param {number} most
+ */
+function readFloats(fields, most) {
+  const count = fields.u16();
+  fields.require(count <= most, `${count} numbers, at most ${most}`);
+  const values = fields.numbers("f32", count);
+  fields.require(values.every((value) => Math.abs(value) < MAX_DECODED), "a number is out of range");
+  return values;
+}
+
+/**
+ * @param {Cursor} fields
+ * @param {number} k
+ */
+function readFreeChannels(fields, k) {
+  const wanted = [[COLOR, k], [OPACITY, 1], [SCALE, 3], [ROTATION, 3]];
+  /** @type {FreeChannel[]} */
+  const channels = [];
+  for (const [planeClass, targets] of wanted) {
+    let end = 0;
+    for (let target = 0; target < targets; target++) {
+      const { coding, ...record } = readRecord(fields);
+      const channel = { ...record, centre: fields.f32() };
+      const isExpected = channel.planeClass === planeClass && channel.target === target;
+      fields.require(isExpected, `class ${channel.planeClass}, channel ${channel.target} where others belong`);
+      fields.require(Math.abs(channel.centre) < MAX_DECODED, `${channelName(channel)}: centre out of range`);
+      if (coding) {
+        const [length, crc] = [fields.u32(), fields.u32()];
+        channel.streams.push({ offset: end, length, crc });
+        end += length;
+      }
+      channels.push(channel);
+    }
+  }
+  return channels;
+}
+
+/**
+ * @param {Cursor} fields
+ * @param {FreeScene} scene
+ */
+function checkFreeRanges(fields, scene) {
+  const { mean, basis, k, orders, channels, middle } = scene;
+  fields.require(Math.abs(middle) <= MAX_LOG, `size_middle ${middle}`);
+  fields.require(mean.every(Number.isFinite) && basis.every(Number.isFinite), "a number is not finite");
+  const reach = channels.map((channel) => {
+    const order = orderOf(channel);
+    const gain = order ? Math.max(...orders[order - 1].gains.map(Math.abs)) : 1;
+    const coded = Math.abs(channel.offset) + (channel.streams.length ? MAX_CODE * Math.abs(channel.scale) : 0);
+    return gain * coded + Math.abs(channel.centre);
+  });
+  channels.forEach((channel, i) => {
+    if (channel.planeClass === COLOR) return;
+    const bound = channel.planeClass === ROTATION ? MAX_ROTATION : MAX_DECODED;
+    requireBound(reach[i], bound, channelName(channel), fields.section);
+  });
+  mean.forEach((value, row) => {
+    let sum = Math.abs(value);
+    for (let i = 0; i < k; i++) sum += Math.abs(basis[row * k + i]) * reach[i];
+    requireBound(sum, MAX_DECODED, "sh", fields.section);
+  });
+}

@@ -1,0 +1,271 @@
+/**
+ * Reads `.tsplat` files, as docs/FORMAT.md has them.
+ *
+ *     const scene = await decode(await (await fetch("scene.tsplat")).arrayBuffer());
+ *
+ * No dependency, no WebAssembly. Works in pages, workers, node and deno.
+ */
+import { LIMITS, readContainer } from "./container.js";
+import { breathe, crew, processors, serve } from "./crew.js";
+import { Pictures, decodeFile } from "./decoder.js";
+import { TsplatError } from "./errors.js";
+import { channelName } from "./layers.js";
+import { label, metadataBytes } from "./sections.js";
+
+export { TsplatError };
+
+/** @typedef {import("./container.js").Container} Container */
+
+/**
+ * @typedef {object} Options
+ * @property {number} [maxBytes] decode from so many first bytes alone; FORMAT.md, "Prefixes"
+ * @property {AbortSignal} [signal]
+ * @property {number} [threads] workers that decode pictures; 0 for none
+ * @property {Partial<import("./container.js").Limits>} [limits] what is accepted before memory is taken
+ * @property {boolean} [recover] decode what is intact of a damaged file
+ * @property {(request: import("./decoder.js").NetworkRequest) => Promise<import("./photos.js").Prediction>} [network]
+ *   runs the network of a file of photos
+ * @property {(name: string) => void} [onPicture] is told every picture once it is decoded
+ */
+
+/** @typedef {import("./decoder.js").Decoded & { notes: Record<string, string>, mode: string, bytes: number }} Scene */
+
+/** @param {ArrayBuffer | ArrayBufferView} bytes */
+function bytesOf(bytes) {
+  if (ArrayBuffer.isView(bytes)) return new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  return new Uint8Array(bytes);
+}
+
+/**
+ * Decode a file.
+ *
+ * @param {ArrayBuffer | ArrayBufferView} bytes the whole file, or with `maxBytes` its first ones
+ * @param {Options} [options]
+ * @returns {Promise<Scene>}
+ */
+export async function decode(bytes, options = {}) {
+  const { maxBytes, recover = false } = options;
+  const data = bytesOf(bytes).subarray(0, maxBytes);
+  const file = readContainer(data, { ...LIMITS, ...options.limits }, maxBytes !== undefined || recover);
+  return decodeContainer(file, options, undefined);
+}
+
+/**
+ * @param {Container} file
+ * @param {Options} options
+ * @param {Map<string, Uint16Array> | undefined} known
+ * @returns {Promise<Scene>}
+ */
+async function decodeContainer(file, options, known) {
+  options.signal?.throwIfAborted();
+  const failed = new AbortController();
+  const signal = options.signal ? anySignal(options.signal, failed.signal) : failed.signal;
+  crew.prepare(options.threads ?? processors(), options.threads === 0 ? 0 : file.total);
+  const pictures = new Pictures(file, signal, options.recover ?? false, known);
+  pictures.tell = options.onPicture;
+  const pause = async () => {
+    await breathe();
+    signal.throwIfAborted();
+  };
+  try {
+    const decoded = await decodeFile(pictures, options.network, pause);
+    signal.throwIfAborted();
+    return { ...decoded, notes: file.notes, mode: file.mode, bytes: file.total };
+  } catch (error) {
+    failed.abort(error); // what is still queued is not decoded
+    throw error;
+  }
+}
+
+/** @param {AbortSignal} outer @param {AbortSignal} inner */
+function anySignal(outer, inner) {
+  const both = new AbortController();
+  for (const signal of [outer, inner]) {
+    if (signal.aborted) both.abort(signal.reason);
+    signal.addEventListener("abort", () => both.abort(signal.reason), { once: true, signal: both.signal });
+  }
+  return both.signal;
+}
+
+/**
+ * Where a file's picture gets better: ends of its passes, in bytes from its beginning.
+ *
+ * @param {Container} file
+ */
+function stepsOf(file) {
+  /** Passes of a class's first part and of the others: FORMAT.md, section 1. @type {Record<string, number[]>} */
+  const passes = { DEPT: [0, 2], COLO: [0, 3], OPAC: [1, 1], SCAL: [1, 1], ROTA: [2, 2], OFFS: [2, 2] };
+  const steps = [];
+  let ending = "";
+  for (const { type, index, start, length } of file.sections) {
+    const pass = passes[type]?.[index < 256 ? 0 : 1];
+    if (pass === undefined) continue;
+    if (`${pass} ${index % 256}` === ending) steps.pop();
+    steps.push(start + length);
+    ending = `${pass} ${index % 256}`;
+  }
+  return steps.length ? steps : [file.total];
+}
+
+/**
+ * Decode a file while it arrives: a scene whenever the picture has got better since the last one was taken, and at last
+ * that of the whole file. No picture is decoded twice.
+ *
+ * @param {AsyncIterable<Uint8Array> | ReadableStream<Uint8Array>} chunks
+ * @param {Options} [options]
+ * @returns {AsyncGenerator<Scene & { received: number }>}
+ */
+export async function* decodeStream(chunks, options = {}) {
+  const limits = { ...LIMITS, ...options.limits };
+  const arriving = new Arriving(chunks, limits.maxMemory);
+  /** @type {Map<string, Uint16Array>} */
+  const known = new Map();
+  /** @type {number[] | undefined} */
+  let steps;
+  let shown = 0;
+  try {
+    for (;;) {
+      options.signal?.throwIfAborted();
+      const bytes = arriving.bytes();
+      if (arriving.isWhole) {
+        const file = readContainer(bytes, limits, options.recover ?? false);
+        yield { ...(await decodeContainer(file, options, known)), received: bytes.length };
+        return;
+      }
+      const needed = metadataBytes(bytes);
+      if (needed !== undefined && needed <= bytes.length) {
+        steps ??= stepsOf(readContainer(bytes, limits, true));
+        const reached = steps.filter((step) => step <= bytes.length).at(-1) ?? 0;
+        if (reached > shown && reached < steps[steps.length - 1]) {
+          shown = reached;
+          const scene = await prefix(readContainer(bytes.subarray(0, reached), limits, true), options, known);
+          if (scene) yield { ...scene, received: bytes.length };
+          continue;
+        }
+      }
+      await arriving.more(bytes.length);
+    }
+  } finally {
+    arriving.stop();
+  }
+}
+
+/**
+ * A prefix's scene; undefined where it does not hold one yet.
+ *
+ * @param {Container} file
+ * @param {Options} options
+ * @param {Map<string, Uint16Array>} known
+ */
+async function prefix(file, options, known) {
+  if (file.mode !== "gaussians" && file.mode !== "free") return undefined;
+  try {
+    return await decodeContainer(file, options, known);
+  } catch (error) {
+    if (error instanceof TsplatError && error.section === "file") return undefined; // too short for any picture
+    throw error;
+  }
+}
+
+/** Bytes as they come in, read on as fast as they do. */
+class Arriving {
+  /**
+   * @param {AsyncIterable<Uint8Array> | ReadableStream<Uint8Array>} chunks
+   * @param {number} most bytes
+   */
+  constructor(chunks, most) {
+    this.most = most;
+    this.held = new Uint8Array(1 << 16);
+    this.length = 0;
+    this.isWhole = false;
+    this.isStopped = false;
+    /** @type {unknown} */
+    this.failure = undefined;
+    /** @type {(() => void) | undefined} */
+    this.wake = undefined;
+    void this.read("getReader" in chunks ? iterated(chunks) : chunks);
+  }
+
+  /** @param {AsyncIterable<Uint8Array>} chunks */
+  async read(chunks) {
+    try {
+      for await (const chunk of chunks) {
+        if (this.isStopped) return;
+        const end = this.length + chunk.length;
+        if (end > this.most) throw new TsplatError(`more than ${this.most} bytes`, "file");
+        if (end > this.held.length) {
+          const grown = new Uint8Array(Math.max(end, 2 * this.held.length));
+          grown.set(this.bytes());
+          this.held = grown;
+        }
+        this.held.set(chunk, this.length);
+        this.length = end;
+        this.wake?.();
+      }
+      this.isWhole = true;
+    } catch (error) {
+      this.failure = error ?? new Error("the stream failed");
+    }
+    this.wake?.();
+  }
+
+  bytes() {
+    return this.held.subarray(0, this.length);
+  }
+
+  /**
+   * Wait until there are more bytes than so many, or all.
+   *
+   * @param {number} length
+   */
+  async more(length) {
+    while (this.length === length && !this.isWhole && !this.failure) {
+      await new Promise((resolve) => (this.wake = () => resolve(undefined)));
+    }
+    if (this.failure) throw this.failure;
+  }
+
+  stop() {
+    this.isStopped = true;
+  }
+}
+
+/** @param {ReadableStream<Uint8Array>} stream */
+async function* iterated(stream) {
+  const reader = stream.getReader();
+  try {
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) return;
+      yield value;
+    }
+  } finally {
+    void reader.cancel().catch(() => undefined);
+  }
+}
+
+/**
+ * What a file holds, from its metadata alone.
+ *
+ * @param {ArrayBuffer | ArrayBufferView} bytes the file, or its first ones with all metadata
+ * @param {Partial<import("./container.js").Limits>} [limits]
+ */
+export function inspect(bytes, limits = {}) {
+  const file = readContainer(bytesOf(bytes), { ...LIMITS, ...limits }, true);
+  const { version, mode, profile, qp, total, origin, cameras, notes, network, free } = file;
+  const grids = file.exact.length ? file.exact : file.layers;
+  const layers = grids.map(({ height, width, degree }) => ({ views: cameras.length, height, width, degree }));
+  const counted = layers.reduce((sum, layer) => sum + layer.views * layer.height * layer.width, 0);
+  const channels = (free ? [free.channels] : file.layers.map((layer) => layer.channels)).map((records) =>
+    records.map((channel) => ({ name: channelName(channel), bytes: channel.streams.map(({ length }) => length) })),
+  );
+  return {
+    version: version.join("."), mode, profile, qp, bytes: total, origin, cameras, notes, network, layers, channels,
+    count: free ? free.count : grids.length ? counted : undefined,
+    degree: free ? free.degree : Math.max(0, ...layers.map((layer) => layer.degree)),
+    sections: file.sections.map((section) => ({ name: label(section), offset: section.start, bytes: section.length })),
+    steps: stepsOf(file),
+  };
+}
+
+serve();

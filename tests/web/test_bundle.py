@@ -1,0 +1,47 @@
+"""The modules as one text: what a page carries, and what the package ships."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from golden_cases import DATA
+from web.node import node
+
+import tinysplat_runtime
+from tinysplat_runtime.web import bundled
+
+FOLDER = Path(tinysplat_runtime.__file__).parent / "web"
+
+
+def test_names_at_the_top_of_modules_are_unique() -> None:
+    pattern = re.compile(r"^(?:export )?(?:async )?(?:function\*?|const|class|let) (\w+)", re.MULTILINE)
+    modules = [path for path in FOLDER.rglob("*.js") if "adapters" not in path.parts]
+    names = Counter(name for path in modules for name in pattern.findall(path.read_text("utf-8")))
+    assert len(names) > 150
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+@pytest.mark.parametrize("entry", ["bundle", "modules"])
+def test_the_bundle_decodes_as_the_modules_do(entry: str, tmp_path: Path) -> None:
+    text = bundled()
+    assert "import {" not in text
+    assert text.count("export ") == 4  # decode, decodeStream, inspect, TsplatError
+    (tmp_path / "tsplat.js").write_text(text)
+    module = tmp_path / "tsplat.js" if entry == "bundle" else FOLDER / "tsplat.js"
+    script = tmp_path / "run.mjs"
+    script.write_text(
+        f"import {{ decode, inspect }} from {module.as_uri()!r};\n"
+        "import { readFileSync } from 'node:fs';\n"
+        f"const scene = await decode(readFileSync({str(DATA / 'tiny_paper.tsplat')!r}));\n"
+        "console.log(scene.count, scene.means[4].toFixed(5), inspect(readFileSync(process.argv[2])).mode);\n"
+    )
+    done = subprocess.run(
+        [node(), str(script), str(DATA / "free_balanced.tsplat")], capture_output=True, text=True, check=True
+    )
+    count, mean, mode = done.stdout.split()
+    assert (count, mode) == ("35", "free")
+    assert abs(float(mean)) > 0

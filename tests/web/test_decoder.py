@@ -1,0 +1,125 @@
+"""tsplat.js against `decompress`, file by file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from golden_cases import DATA
+from hostile import corpus
+from numpy.typing import NDArray
+from scenes import make_free_gaussians, make_smooth_gaussians
+from web.node import Decoder
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+
+BOUNDS = {"means": 1e-6, "quats": 1e-6, "scales": 1e-5, "opacities": 1e-6, "sh": 1e-6}
+"""Of an array's largest value: onnxruntime's float32 beside doubles."""
+
+
+def differences(found: dict[str, NDArray], wanted: ts.Gaussians, whole: ts.Gaussians) -> dict[str, float]:
+    """Largest difference of each array, as a share of its largest value in the whole file."""
+    flat, whole = wanted.flat(), whole.flat()
+    assert np.array_equal(found["origin"], wanted.origin)
+    for name in FIELDS:
+        assert found[name].shape == getattr(flat, name).shape
+    return {
+        name: float(np.abs(found[name] - getattr(flat, name)).max() / np.abs(getattr(whole, name)).max())
+        for name in FIELDS
+    }
+
+
+def check(found: dict[str, NDArray], wanted: ts.Gaussians, whole: ts.Gaussians | None = None) -> None:
+    """Fail where an array is farther from the runtime's than `BOUNDS`; of a part of a file, `whole` is all of it."""
+    assert {n: d for n, d in differences(found, wanted, whole or wanted).items() if not d <= BOUNDS[n]} == {}
+    cameras = [[c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], c.K[0, 1], *c.c2w.ravel()] for c in wanted.cameras]
+    assert np.array_equal(found["cameras"], np.reshape(cameras, (-1, 21)))
+
+
+@pytest.fixture(scope="module")
+def runtime() -> ts.Runtime:
+    """The runtime, on one thread."""
+    return ts.Runtime(threads=1)
+
+
+MADE: dict[str, Callable[[ts.Runtime], bytes]] = {
+    "degree4": lambda run: run.compress(make_smooth_gaussians(1, 20, 28, 4), "paper"),
+    "own_k": lambda run: run.compress(make_smooth_gaussians(2, 32, 40, 2, layers=2), "fast"),
+    "max": lambda run: run.compress(make_smooth_gaussians(2, 40, 24, 1), "max", 6),
+    "free": lambda run: run.compress(make_free_gaussians(5000, 2, np.random.default_rng(1))),
+    "lossless": lambda run: run.compress(make_smooth_gaussians(2, 9, 31, 3, layers=2), lossless=True),
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_files_of_every_mode_decode_as_in_python(decoder: Decoder, runtime: ts.Runtime, name: str) -> None:
+    data = MADE[name](runtime)
+    said, found = decoder(data)
+    assert "error" not in said
+    check(found, runtime.decompress(data))
+
+
+@pytest.mark.parametrize("path", sorted(DATA.glob("*.tsplat")), ids=lambda path: path.stem)
+def test_golden_files(decoder: Decoder, runtime: ts.Runtime, path: Path) -> None:
+    check(decoder(path.read_bytes())[1], runtime.decompress(path.read_bytes()))
+
+
+def test_every_prefix_decodes_as_in_python_or_is_refused_as_there(decoder: Decoder, runtime: ts.Runtime) -> None:
+    data = (DATA / "degree1_balanced.tsplat").read_bytes()
+    whole, refused = runtime.decompress(data), 0
+    for length in range(900, len(data) + 400, 700):
+        said, found = decoder(data, maxBytes=length)
+        try:
+            wanted = runtime.decompress(data, max_bytes=length)
+        except ts.FormatError:
+            assert said["error"] == "TsplatError"
+            refused += 1
+            continue
+        check(found, wanted, whole)
+    assert 0 < refused < 10
+
+
+def test_prefixes_of_free_files(decoder: Decoder, runtime: ts.Runtime) -> None:
+    data = (DATA / "free_balanced.tsplat").read_bytes()
+    whole = runtime.decompress(data)
+    for length in range(1000, len(data), 300):
+        said, found = decoder(data, maxBytes=length)
+        try:
+            wanted = runtime.decompress(data, max_bytes=length)
+        except ts.FormatError:
+            assert said["error"] == "TsplatError"
+        else:
+            check(found, wanted, whole)
+
+
+def test_notes_come_along(decoder: Decoder) -> None:
+    said, _ = decoder(corpus.tsplat_seeds()[-1].data)
+    wanted = {"unit": "metre", "attribution": "Jörg Müller", "licence": "CC-BY-4.0", "refined": "20 steps"}
+    assert said["notes"] == wanted
+
+
+def test_a_damaged_picture_is_refused_or_recovered_as_in_python(decoder: Decoder, runtime: ts.Runtime) -> None:
+    data = bytearray((DATA / "degree1_balanced.tsplat").read_bytes())
+    data[-20] ^= 1
+    said, _ = decoder(bytes(data))
+    assert (said["error"], said["section"].split()[0]) == ("TsplatError", "layer")
+    lost: list[str] = []
+    wanted = runtime.decompress(bytes(data), lost=lost)
+    said, found = decoder(bytes(data), recover=True)
+    check(found, wanted, runtime.decompress((DATA / "degree1_balanced.tsplat").read_bytes()))
+    assert said["missing"] == lost
+
+
+def test_workers_give_what_one_thread_gives(decoder: Decoder, runtime: ts.Runtime) -> None:
+    data = runtime.compress(make_smooth_gaussians(2, 96, 96, 1), "fast", -6)
+    assert len(data) > 1 << 15  # fewer bytes are not worth workers
+    alone, several = decoder(data)[1], decoder(data, threads=2)[1]
+    assert all(np.array_equal(alone[name], several[name]) for name in alone)
+
+
+def test_photos_without_a_network_are_refused(decoder: Decoder) -> None:
+    said, _ = decoder(corpus.photo_file_seeds()[0].data)
+    assert (said["error"], said["section"]) == ("TsplatError", "NETW[0]")
