@@ -5,7 +5,7 @@ DEMO_VENV := .venv-demo
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden clean
+.PHONY: help demo dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -60,6 +60,10 @@ docs/assets/iframe-worker-shim.js:  # MIT, by npm: search in pages opened from d
 
 golden: $(VENV)/.installed  ## rewrite the golden files; a reviewed decision, with its reason in the changelog
 	$(VENV)/bin/python tests/golden/regenerate.py
+
+release: $(VENV)/.installed  ## dist/: wheel and sdist, equal in two builds, bill of materials, checksums
+	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[release]"
+	$(VENV)/bin/python .ci/release.py
 
 $(VENV)/.installed: pyproject.toml
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
