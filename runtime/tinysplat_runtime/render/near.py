@@ -105,7 +105,7 @@ class NearViews:
         count, inverse = 0, 0.0
         for means, centre, direction in zip(gaussians.means, gaussians.origin - centres, directions, strict=True):
             z = (means @ direction) + centre @ direction
-            count, inverse = count + np.count_nonzero(z > 0), inverse + float((1 / z[z > 0]).sum())
+            count, inverse = count + int(np.count_nonzero(z > 0)), inverse + float((1 / z[z > 0]).sum())
         return cls(centres, directions, count / inverse if count else 1.0)
 
     @property
