@@ -11,7 +11,6 @@ A Gaussian moves along the ray of its own pixel alone, and may grow, fade and ch
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -21,11 +20,12 @@ from numpy.typing import NDArray
 from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
-from . import kernels_blend, kernels_chain, kernels_gradient, kernels_project
-from .compiled import Visible, Workspace, batches, redo_wide, view_numbers
-from .kernels_blend import TILE_HEIGHT, TILE_WIDTH
-from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES
-from .kernels_project import CHUNK, GEOMETRY, LAST, RECORD
+from . import kernels_chain, kernels_gradient
+from .kernels_blend import Extent, Listed, Scratch, Visible
+from .kernels_chain import Moved
+from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES, Exposure, Sought
+from .kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
+from .lists import Chunks, SplatBuffers, TileLists, view_numbers
 from .near import NearViews, Shares
 from .prepare import ALPHA_MIN, BLOCK_SIZE, Block, principal_axes
 from .project import View
@@ -145,10 +145,8 @@ class MovableGaussians:
             for piece in self._cut(gaussians.layers[grid.layer], grid, gaussians.cameras[grid.view])
         ]
         rows = self.values.shape[1]
-        self._records = np.empty((rows, RECORD), np.float32)
-        self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
+        self._buffers, self._run = SplatBuffers(rows, run_jobs), run_jobs
         self._pairs = np.empty((0, PAIR), np.float32)
-        self._run, self._local = run_jobs, threading.local()
         self.place()
 
     def _cut(self, layer: Gaussians, grid: Grid, photo: Camera) -> Iterator[_Piece]:
@@ -221,43 +219,41 @@ class MovableGaussians:
             weight: what a unit of |error| counts in `gradient`.
             left: (H, W) float32, filled with the transmittance of pixels, or None.
         """
-        camera, photo = target.camera, target.photo
-        view = View.of(camera, self.origin, NEAR_PLANE)
-        columns, rows = -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
+        view, buffers = View.of(target.camera, self.origin, NEAR_PLANE), self._buffers
         pieces = [piece for piece in self._pieces if shares is None or shares.whole[piece.grid.view] > 0]
-        visible = self._run(lambda piece: self._project(piece, view, shares, columns, columns * rows), pieces)
-        counts = np.stack([np.zeros(columns * rows, np.int64), *(part.counts for part in visible)])
-        sums = np.zeros((columns * rows, SUMS))
-        exposure = (np.float32(target.gain), np.float32(target.offset), np.float32(weight))
-        left = np.empty((0, 0), np.float32) if left is None else left
-        for first, last in batches(counts.sum(axis=0)):
-            listed = counts[1:, first:last]
-            passes = shares is not None and shares.has_front, gradient is not None
-            starts = self._measure(visible, listed, (first, last), columns, (photo, left), exposure, sums, passes)
+        visible = self._run(lambda piece: self._project(piece, view, shares), pieces)
+        exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
+        sought = Sought(target.photo, exposure, np.empty((0, 0), np.float32) if left is None else left)
+        has_front = shares is not None and shares.has_front
+        sums = np.zeros((visible[0].counts.size, SUMS))
+
+        def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
+            kernels_gradient.measure_tile(
+                buffers.records, lists.rows, listed, extent, scratch, sought, has_front, sums[tile], pairs
+            )
+
+        for lists in buffers.lists(visible, view):
+            pairs = self._pairs[:0] if gradient is None else self._room(lists.rows.size)
+            buffers.work_on(lists, view, measure)
             if gradient is not None:
-                self._add_up(pieces, visible, starts, (first, last), columns, view, gradient)
+                self._add_up(pieces, visible, lists, view, gradient)
         return PhotoError(*sums.sum(axis=0).tolist())
 
     def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
         """What a camera's picture is drawn with, of all views but some."""
         return Shares.by_depth(np.ones(1)) if self._near is None else self._near.shares(camera, without)
 
-    def _workspace(self) -> Workspace:
-        if not hasattr(self._local, "workspace"):
-            self._local.workspace = Workspace()
-        return self._local.workspace
+    def _room(self, pairs: int) -> NDArray:
+        """Sums for at least so many pairs."""
+        if len(self._pairs) < pairs:
+            self._pairs = np.empty((int(pairs * 1.1), PAIR), np.float32)
+        return self._pairs
 
-    def _project(self, piece: _Piece, view: View, shares: Shares | None, columns: int, count: int) -> Visible:
-        whole, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
-        records, numbers = self._records[piece.rows], view_numbers(view, whole)
+    def _project(self, piece: _Piece, view: View, shares: Shares | None) -> Visible:
+        share, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
         uncoloured = np.zeros(len(piece.base), np.uint8)
-        work = self._workspace().chunk
-        if kernels_project.project(piece.geometry.ravel(), piece.sh, uncoloured, numbers, work, records):
-            redo_wide(self._block(piece).fainter(whole), view, records)
-        records[:, LAST] = front
-        ids, boxes, counts = self._ids[piece.rows], self._boxes[piece.rows], np.zeros(count, np.int64)
-        shown = kernels_blend.list_visible(records, piece.start, columns, ids, boxes, counts)
-        return Visible(ids[:shown], boxes[:shown], counts)
+        chunks = Chunks(piece.start, piece.geometry.ravel(), piece.sh, uncoloured, lambda: self._block(piece))
+        return self._buffers.project(chunks, view, share, front)
 
     def _block(self, piece: _Piece) -> Block:
         """A piece as it stands, for the code that works in float64."""
@@ -265,51 +261,18 @@ class MovableGaussians:
         log_depth, log_size = self.values[: LOG_SIZE + 1, piece.rows][:, : len(piece.quats)]
         nothing = np.zeros((0, 3, 0), np.float32)
         scales = piece.scales * np.exp(log_depth + log_size)[:, None]
-        return Block(planes[:3], nothing, planes[12], nothing, piece.quats, scales, planes[13])
-
-    def _measure(
-        self, visible: list[Visible], counts: NDArray, tiles: tuple[int, int], columns: int,
-        pictures: tuple[NDArray, NDArray], exposure: tuple, sums: NDArray, passes: tuple[bool, bool],
-    ) -> NDArray:  # fmt: skip
-        """Draw some tiles; `counts` (pieces, tiles) of their splats. Returns where each piece's lists begin."""
-        (photo, left), (has_front, with_gradient) = pictures, passes
-        ends = np.cumsum(counts.T).reshape(-1, len(visible))
-        bounds = np.append(0, ends[:, -1])
-        starts = np.ascontiguousarray((ends - counts.T).T)
-        keys, scratch = np.empty((2, bounds[-1]), np.uint64)
-        rows = np.empty(bounds[-1], np.int32)
-        if with_gradient and len(self._pairs) < bounds[-1]:
-            self._pairs = np.empty((int(bounds[-1] * 1.1), PAIR), np.float32)
-        self._run(
-            lambda part: kernels_gradient.list_pairs(
-                self._records, part[0].ids, part[0].boxes, columns, tiles, part[1], keys, rows
-            ),
-            list(zip(visible, starts.copy(), strict=True)),
-        )
-
-        def measure(tile: int) -> None:
-            work, part = self._workspace(), slice(bounds[tile], bounds[tile + 1])
-            row, column = divmod(tiles[0] + tile, columns)
-            kernels_gradient.measure_tile(
-                self._records, rows, keys[part], scratch[part], (row * TILE_HEIGHT, column * TILE_WIDTH),
-                (work.state, work.near, work.histogram), photo, exposure, self._pairs, sums[tiles[0] + tile],
-                left, has_front, with_gradient,
-            )  # fmt: skip
-
-        self._run(measure, np.argsort(np.diff(bounds), kind="stable")[::-1].tolist())
-        return starts
+        return Block(planes[MEAN : MEAN + 3], nothing, planes[OPACITY], nothing, piece.quats, scales, planes[OWN_PIXEL])
 
     def _add_up(
-        self, pieces: list[_Piece], visible: list[Visible], starts: NDArray, tiles: tuple[int, int], columns: int,
-        view: View, gradient: NDArray,
-    ) -> None:  # fmt: skip
+        self, pieces: list[_Piece], visible: list[Visible], lists: TileLists, view: View, gradient: NDArray
+    ) -> None:
         numbers = view_numbers(view)
 
         def add(number: int) -> None:
-            piece, part = pieces[number], visible[number]
-            place = (piece.start, piece.geometry, piece.centre, self.values[:, piece.rows])
+            piece = pieces[number]
             kernels_chain.add_up(
-                self._records, part.ids, part.boxes, columns, tiles, starts[number], self._pairs, place, numbers,
+                self._buffers.records, visible[number], lists.tiles, lists.starts[number], self._pairs,
+                Moved(piece.start, piece.geometry, piece.centre, self.values[:, piece.rows]), numbers,
                 gradient[:, piece.rows],
             )  # fmt: skip
 

@@ -8,6 +8,7 @@ core's L2 cache likes.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,24 +62,74 @@ DIGITS = 4096
 """Most buckets of a pass of the radix sort."""
 
 
+class Visible(NamedTuple):
+    """What of a block a frame shows.
+
+    Attributes:
+        ids: (m,) int32 rows of records.
+        boxes: (m, 4) int16 their first and last column and row of tiles.
+        counts: (tiles,) int64 how many by tile.
+    """
+
+    ids: NDArray
+    boxes: NDArray
+    counts: NDArray
+
+
+class Tiles(NamedTuple):
+    """Some tiles of a picture, one after the other: the first, the one behind the last, and how many are in a row."""
+
+    first: int
+    stop: int
+    columns: int
+
+
+class Listed(NamedTuple):
+    """A tile's list, as from `list_by_tile`, which sorting changes, and scratch as long."""
+
+    keys: NDArray
+    scratch: NDArray
+
+
+class Extent(NamedTuple):
+    """A tile's first row and column of pixels, and how many of each it has within the picture."""
+
+    row: int
+    column: int
+    rows: int
+    columns: int
+
+
+class Scratch(NamedTuple):
+    """A thread's: (`STATE`,) and (`AHEAD`, 16) float32, (`DIGITS`,) int64."""
+
+    state: NDArray
+    near: NDArray
+    histogram: NDArray
+
+
+class Picture(NamedTuple):
+    """(H, W, 3), (H, W) and (H, W) float32; depth is (0, 0) where none is gathered."""
+
+    colour: NDArray
+    left: NDArray
+    depth: NDArray
+
+
 @compiled
-def list_visible(
-    records: NDArray, first: Number, columns: Number, ids: NDArray, boxes: NDArray, counts: NDArray
-) -> Number:
+def list_visible(records: NDArray, first: Number, columns: Number, found: Visible) -> Number:
     """List the visible splats of a block and count them by tile.
 
     Args:
         records: (n, 16), of the block.
         first: row of its first record.
         columns: tiles in a row of tiles.
-        ids: (n,) int32, filled with rows of visible splats.
-        boxes: (n, 4) int16, filled with their first and last column and row of tiles.
-        counts: (tiles,) int64, filled with splats by tile.
+        found: filled; as long as the block.
 
     Returns:
         How many are visible.
     """
-    shown = 0
+    shown, ids, boxes, counts = 0, found.ids, found.boxes, found.counts
     counts[:] = 0
     for row in range(len(records)):
         if records[row, RIGHT] >= _ZERO:
@@ -94,34 +145,39 @@ def list_visible(
 
 
 @compiled
-def list_by_tile(
-    records: NDArray,
-    ids: NDArray,
-    boxes: NDArray,
-    columns: Number,
-    tiles: tuple[Number, Number],
-    ends: NDArray,
-    out: NDArray,
-) -> None:
+def rows_of(reached: NDArray, tiles: Tiles) -> tuple[Number, Number]:
+    """First row in which a splat, `reached` (4,) its box, has some of `tiles`, and the one behind the last."""
+    return max(reached[2], tiles.first // tiles.columns), min(reached[3], (tiles.stop - 1) // tiles.columns) + 1
+
+
+@compiled
+def tiles_of(reached: NDArray, tiles: Tiles, row: Number) -> tuple[Number, Number]:
+    """The same within a row: number of the first tile, and of the one behind the last."""
+    start = row * tiles.columns
+    return max(start + reached[0], tiles.first), min(start + reached[1] + 1, tiles.stop)
+
+
+@compiled
+def list_by_tile(records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, keys: NDArray, rows: NDArray) -> None:
     """Append a block's splats to the lists of some tiles.
 
     Args:
         records: (N, 16), of all blocks.
-        ids, boxes: the visible splats, as from `list_visible`.
-        columns: tiles in a row of tiles.
-        tiles: first, and the one behind the last.
-        ends: (tiles,) int64, where each list goes on in `out`; moved on.
-        out: uint64: bits of the depth, which rise as depths do, above the row of the record.
+        seen: the block's.
+        tiles: which.
+        ends: (tiles,) int64, where each list goes on; moved on.
+        keys: uint64: bits of the depth, which rise as depths do, above the pair's place.
+        rows: (pairs,) int32, the record of every place.
     """
-    for entry in range(ids.size):
-        left, right, top, bottom = boxes[entry, 0], boxes[entry, 1], boxes[entry, 2], boxes[entry, 3]
-        row = ids[entry]
-        key = (_I(_F(records[row, DEPTH]).view(np.uint32)) << _I(32)) | _I(row)
-        for tile_row in range(max(top, tiles[0] // columns), min(bottom, (tiles[1] - 1) // columns) + 1):
-            start = tile_row * columns
-            for tile in range(max(start + left, tiles[0]), min(start + right + 1, tiles[1])):
-                out[ends[tile - tiles[0]]] = key
-                ends[tile - tiles[0]] += 1
+    for entry in range(seen.ids.size):
+        reached, row = seen.boxes[entry], seen.ids[entry]
+        depth = _I(_F(records[row, DEPTH]).view(np.uint32)) << _I(32)
+        for tile_row in range(*rows_of(reached, tiles)):
+            for tile in range(*tiles_of(reached, tiles, tile_row)):
+                pair = ends[tile - tiles.first]
+                keys[pair] = depth | _I(pair)
+                rows[pair] = row
+                ends[tile - tiles.first] += 1
 
 
 @compiled
@@ -152,55 +208,66 @@ def sort_by_depth(keys: NDArray, scratch: NDArray, histogram: NDArray) -> NDArra
 
 @compiled
 def composite_tile(
-    records: NDArray,
-    keys: NDArray,
-    scratch: NDArray,
-    corner: tuple[Number, Number],
-    workspace: tuple[NDArray, NDArray, NDArray],
-    canvas: tuple[NDArray, NDArray, NDArray],
-    has_front: bool,
+    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, picture: Picture, has_front: bool
 ) -> None:
-    """Blend a tile's splats into the picture.
+    """Blend a tile's splats into the picture, where the tile lies; arguments as `blend_tile` has them."""
+    state = work.state
+    blend_tile(records, rows, listed, extent, work, has_front)
+    for line in range(extent.rows):
+        row = extent.row + line
+        for lane in range(extent.columns):
+            at, column = line * _ROW + lane, extent.column + lane
+            picture.left[row, column] = abs(state[at])
+            for channel in range(3):
+                picture.colour[row, column, channel] = state[at + (1 + channel) * _STRIDE]
+            if picture.depth.size:
+                picture.depth[row, column] = state[at + 4 * _STRIDE]
+
+
+@compiled
+def blend_tile(
+    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, has_front: bool
+) -> tuple[NDArray, tuple[Number, Number]]:
+    """Blend a tile's splats in its state.
 
     Args:
         records: (N, 16) float32.
-        keys: the tile's list, as from `list_by_tile`; changed.
-        scratch: as long.
-        corner: row and column of the tile's first pixel.
-        workspace: (`STATE`,) and (`AHEAD`, 16) float32, (`DIGITS`,) int64.
-        canvas: (H, W, 3) and (H, W) float32, (H, W) too or (0, 0): colour, transmittance and depth, written where the
-            tile lies.
+        rows: (pairs,) int32, the record of every pair.
+        listed: the tile's list.
+        extent: where it lies.
+        work: the thread's.
         has_front: whether splats are blended twice: with a share of their opacity, whose logarithm is the last number
             of their records, and after all of those as they are.
+
+    Returns:
+        The sorted list, and how many of it were looked at as a share, and as a whole.
     """
-    state, near, histogram = workspace
-    colour, transmittance, depth = canvas
-    row, column = corner
-    rows, columns = min(TILE_HEIGHT, len(colour) - row), min(TILE_WIDTH, colour.shape[1] - column)
+    state, near = work.state, work.near
     state[:] = 0
-    for line in range(rows):
-        state[line * _ROW : line * _ROW + columns] = 1
-    keys = sort_by_depth(keys, scratch, histogram)
+    for line in range(extent.rows):
+        state[line * _ROW : line * _ROW + extent.columns] = 1
+    keys = sort_by_depth(listed.keys, listed.scratch, work.histogram)
+    drawn = 0, 0
     for is_whole in range(1 - has_front, 2):
-        for start in range(0, keys.size, AHEAD):
-            if start and not is_open(state):
-                break
-            count = 0
-            for key in keys[start : start + AHEAD]:
-                near[count] = records[key & _I(0xFFFFFFFF)]
-                if not is_whole:
-                    near[count, LOG_OPACITY] += near[count, LAST]
-                count += near[count, LOG_OPACITY] >= _LOG_ALPHA_MIN
-            for entry in range(count):
-                blend_splat(near[entry], row, column, rows, columns, state)
-    for line in range(rows):
-        for lane in range(columns):
-            at = line * _ROW + lane
-            transmittance[row + line, column + lane] = abs(state[at])
-            for channel in range(3):
-                colour[row + line, column + lane, channel] = state[at + (1 + channel) * _STRIDE]
-            if depth.size:
-                depth[row + line, column + lane] = state[at + 4 * _STRIDE]
+        count = 0
+        while count < keys.size and (count == 0 or is_open(state)):
+            end = min(count + AHEAD, keys.size)
+            bring_near(records, rows, keys[count:end], is_whole, near)
+            for entry in range(end - count):
+                if near[entry, LOG_OPACITY] >= _LOG_ALPHA_MIN:
+                    blend_splat(near[entry], extent, state)
+            count = end
+        drawn = (drawn[0], count) if is_whole else (count, 0)
+    return keys, drawn
+
+
+@compiled
+def bring_near(records: NDArray, rows: NDArray, keys: NDArray, is_whole: Number, near: NDArray) -> None:
+    """Copy what is to be blended next, with the share of its opacity that is drawn in front or its whole."""
+    for entry in range(keys.size):
+        near[entry] = records[rows[keys[entry] & _I(0xFFFFFFFF)]]
+        if not is_whole:
+            near[entry, LOG_OPACITY] += near[entry, LAST]
 
 
 @compiled
@@ -214,39 +281,35 @@ def is_open(state: NDArray) -> bool:
 
 
 @compiled
-def blend_splat(
-    splat: NDArray, first_row: Number, first_column: Number, rows: Number, columns: Number, state: NDArray
-) -> None:
+def blend_splat(splat: NDArray, extent: Extent, state: NDArray) -> None:
     """Blend one splat into a tile."""
-    x, y, alpha_x, beta_x, gamma = splat[X] - _F(first_column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
+    x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
     colour = splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
     tau = log_opacity - _LOG_ALPHA_MIN
-    left, right, top, bottom = box(splat, first_row, first_column, rows, columns)
+    left, right, top, bottom = box(splat, extent)
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         fall = gamma * dy * (gamma * dy)
         if reach > _ZERO:
             if fall > tau:
                 continue
-            left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, columns)
+            left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, extent.columns)
         # Unsigned, as a signed index might be negative and count from the end, which no vector can.
-        start = _I((row - first_row) * _ROW)
+        start = _I((row - extent.row) * _ROW)
         for column in range(left, right + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             _blend_lanes(state, start + _I(column), across, alpha_x, log_opacity - fall, colour)
 
 
 @compiled
-def box(
-    splat: NDArray, first_row: Number, first_column: Number, rows: Number, columns: Number
-) -> tuple[Number, Number, Number, Number]:
+def box(splat: NDArray, extent: Extent) -> tuple[Number, Number, Number, Number]:
     """First and last column of a tile that a splat may reach, and first and last row of the picture."""
     return (
-        max(int(splat[LEFT]) - first_column, 0),
-        min(int(splat[RIGHT]) - first_column, columns - 1),
-        max(int(splat[TOP]), first_row),
-        min(int(splat[BOTTOM]), first_row + rows - 1),
+        max(int(splat[LEFT]) - extent.column, 0),
+        min(int(splat[RIGHT]) - extent.column, extent.columns - 1),
+        max(int(splat[TOP]), extent.row),
+        min(int(splat[BOTTOM]), extent.row + extent.rows - 1),
     )
 
 

@@ -9,7 +9,7 @@ place of 5 ms for 131,072 Gaussians). Scratch stays in a core's L1 cache from st
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -32,9 +32,39 @@ and then how much is drawn in front (`kernels_blend.composite_tile`)."""
 GEOMETRY = 14
 """Planes of a chunk: means (3), principal axes (9, row by row), log opacity, own pixel (0 for none)."""
 
-VIEW = 23
-"""Numbers of a view: offset (3), principal point (2), the Jacobian's lower (2) and upper limits (2), projection (9),
-near plane, width, height, focal length, logarithm of the share of their opacity that Gaussians are drawn with."""
+MEAN, AXES, OPACITY, OWN_PIXEL = 0, 3, 12, 13
+"""Where in `GEOMETRY` they begin."""
+
+Three = tuple[float, float, float]
+
+
+class ViewNumbers(NamedTuple):
+    """A view as float64 numbers; see `project.View`.
+
+    Attributes:
+        offset: what means need to be relative to the camera's centre.
+        principal: pixel of the principal point.
+        least, greatest: the Jacobian's limits, pixels from the principal point.
+        right, down, ahead: rows of the projection.
+        near_plane: scene units.
+        width, height: pixels.
+        focal: length, pixels.
+        log_share: logarithm of the share of their opacity that Gaussians are drawn with.
+    """
+
+    offset: Three
+    principal: tuple[float, float]
+    least: tuple[float, float]
+    greatest: tuple[float, float]
+    right: Three
+    down: Three
+    ahead: Three
+    near_plane: float
+    width: float
+    height: float
+    focal: float
+    log_share: float
+
 
 CHORD_PX = 16
 """Footprints at least this wide are cut to their chord in every row; narrower ones save nothing by it."""
@@ -65,7 +95,7 @@ SCRATCH = CHUNK * len(P)
 
 @compiled
 def project(
-    geometry: NDArray, sh: NDArray, is_coloured: NDArray, view: NDArray, work: NDArray, records: NDArray
+    geometry: NDArray, sh: NDArray, is_coloured: NDArray, view: ViewNumbers, work: NDArray, records: NDArray
 ) -> Number:
     """Project a block into its records.
 
@@ -73,7 +103,7 @@ def project(
         geometry: (chunks·14·128,) float32.
         sh: (chunks, 3 S·128) float32.
         is_coloured: (chunks,) uint8, whether the records hold the colours already; brought up to date.
-        view: (23,) float64.
+        view: where the picture is taken.
         work: (`SCRATCH`,) float32.
         records: (chunks·128, 16) float32, written.
 
@@ -85,7 +115,7 @@ def project(
         start = _I(chunk) * _I(GEOMETRY * CHUNK)
         out = records[chunk * CHUNK : (chunk + 1) * CHUNK]
         _shapes(geometry, start, view, work)
-        _fade(geometry, start, _F(view[22]), work)
+        _fade(geometry, start, _F(view.log_share), work)
         shown, is_wide = _bounds(geometry, start, view, work)
         wide += is_wide
         if is_coloured[chunk]:
@@ -103,14 +133,12 @@ def project(
 
 
 @compiled
-def _shapes(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> None:
+def _shapes(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) -> None:
     """Pixel, factors of the exponent, extents and depth (−1 before the near plane), and the square of the share of its
     opacity that is left; see `project.py`."""
-    ox, oy, oz, cx, cy, min_u, min_v, max_u, max_v = (
-        view[0], view[1], view[2], view[3], view[4], view[5], view[6], view[7], view[8]
-    )  # fmt: skip
-    p00, p01, p02, p10, p11, p12 = view[9], view[10], view[11], view[12], view[13], view[14]
-    p20, p21, p22, near, focal = view[15], view[16], view[17], view[18], view[21]
+    (ox, oy, oz), (cx, cy), near, focal = view.offset, view.principal, view.near_plane, view.focal
+    (min_u, min_v), (max_u, max_v) = view.least, view.greatest
+    (p00, p01, p02), (p10, p11, p12), (p20, p21, p22) = view.right, view.down, view.ahead
     for lane in range(CHUNK):
         i = _I(lane)
         at = start + i
@@ -123,14 +151,14 @@ def _shapes(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> N
         u, v, s = _F(_clipped(u, min_u, max_u)), _F(_clipped(v, min_v, max_v)), _F(1 / depth)
         j0, j1, j2 = (_F(p00) - u * _F(p20)) * s, (_F(p01) - u * _F(p21)) * s, (_F(p02) - u * _F(p22)) * s
         k0, k1, k2 = (_F(p10) - v * _F(p20)) * s, (_F(p11) - v * _F(p21)) * s, (_F(p12) - v * _F(p22)) * s
-        a0, a1, a2 = geometry[at + P[3]], geometry[at + P[4]], geometry[at + P[5]]
-        b0, b1, b2 = geometry[at + P[6]], geometry[at + P[7]], geometry[at + P[8]]
-        c0, c1, c2 = geometry[at + P[9]], geometry[at + P[10]], geometry[at + P[11]]
+        a0, a1, a2 = geometry[at + P[AXES]], geometry[at + P[AXES + 1]], geometry[at + P[AXES + 2]]
+        b0, b1, b2 = geometry[at + P[AXES + 3]], geometry[at + P[AXES + 4]], geometry[at + P[AXES + 5]]
+        c0, c1, c2 = geometry[at + P[AXES + 6]], geometry[at + P[AXES + 7]], geometry[at + P[AXES + 8]]
         m0, m1, m2 = j0 * a0 + j1 * b0 + j2 * c0, j0 * a1 + j1 * b1 + j2 * c1, j0 * a2 + j1 * b2 + j2 * c2
         n0, n1, n2 = k0 * a0 + k1 * b0 + k2 * c0, k0 * a1 + k1 * b1 + k2 * c1, k0 * a2 + k1 * b2 + k2 * c2
-        own_pixel = _clipped(geometry[at + P[13]] * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
+        own_pixel = _clipped(geometry[at + P[OWN_PIXEL]] * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
         own = _DILATION * own_pixel * own_pixel
-        own = own if geometry[at + P[13]] > _F(0) else _DILATION
+        own = own if geometry[at + P[OWN_PIXEL]] > _F(0) else _DILATION
         width, height = m0 * m0 + m1 * m1 + m2 * m2, n0 * n0 + n1 * n1 + n2 * n2
         b, across = m0 * n0 + m1 * n1 + m2 * n2, width - height
         d0, d1, d2 = m0 * n1 - n0 * m1, m1 * n2 - n1 * m2, m2 * n0 - n2 * m0
@@ -154,7 +182,7 @@ def _fade(geometry: NDArray, start: Number, log_share: Number, work: NDArray) ->
     """Opacities, from the shares of their squares that `_shapes` leaves in their place; no vector has a logarithm."""
     for lane in range(CHUNK):
         i = _I(lane)
-        share, log_opacity = work[i + P[LOG_OPACITY]], geometry[start + i + P[12]] + log_share
+        share, log_opacity = work[i + P[LOG_OPACITY]], geometry[start + i + P[OPACITY]] + log_share
         work[i + P[LOG_OPACITY]] = log_opacity + _HALF * math.log(share) if share < _ONE else log_opacity
 
 
@@ -166,9 +194,9 @@ def _clipped(value: Number, low: Number, high: Number) -> Number:
 
 
 @compiled
-def _bounds(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> tuple[Number, Number]:
+def _bounds(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) -> tuple[Number, Number]:
     """Columns and rows of pixels that footprints may reach; counts of those that show and of those too wide."""
-    width, height = _F(view[19]), _F(view[20])
+    width, height = _F(view.width), _F(view.height)
     shown, wide = 0, 0
     for lane in range(CHUNK):
         i = _I(lane)
@@ -196,9 +224,9 @@ def _bounds(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> t
 
 
 @compiled
-def _directions(geometry: NDArray, start: Number, view: NDArray, work: NDArray) -> None:
+def _directions(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) -> None:
     """Unit vectors from the camera centre to the means."""
-    ox, oy, oz = view[0], view[1], view[2]
+    ox, oy, oz = view.offset
     for lane in range(CHUNK):
         i = _I(lane)
         at = start + i

@@ -1,0 +1,197 @@
+"""Which splats reach which tile, for loops that are compiled: what drawing and gradients share.
+
+Blocks of Gaussians are projected and listed by the tiles of pixels that they reach, each for itself; then tiles are
+worked on, each for itself. Threads share both.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..system.stopwatch import part
+from . import kernels_blend, kernels_project
+from .kernels_blend import TILE_HEIGHT, TILE_WIDTH, Extent, Listed, Scratch, Tiles, Visible
+from .kernels_project import BOTTOM, GAMMA, LAST, LEFT, LOG_OPACITY, REACH, RECORD, RIGHT, TOP, ViewNumbers
+from .prepare import Block
+from .project import View, footprint_exponent, jacobian_limits, pixels_between, wide_shapes
+from .tiles import WIDE_MARGIN
+
+MAX_KEYS = 4_000_000
+"""Most (tile, splat) pairs listed at a time, 20 bytes each, unless a single tile has more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chunks:
+    """A block as `kernels_project.project` takes it.
+
+    Attributes:
+        first: row of its first record.
+        geometry: (chunks·14·128,) float32. Rows that fill the last chunk up have no opacity, which keeps them out of
+            every picture.
+        sh: (chunks, 3 S·128) float32.
+        is_coloured: (chunks,) uint8, which chunks' records hold colours as seen from the present place.
+        block: makes the Gaussians, without `axes` and `sh`.
+    """
+
+    first: int
+    geometry: NDArray
+    sh: NDArray
+    is_coloured: NDArray
+    block: Callable[[], Block]
+
+
+@dataclass(frozen=True, eq=False)
+class TileLists:
+    """The lists of some tiles.
+
+    Attributes:
+        tiles: which.
+        bounds: (tiles + 1,) int64 where each list begins.
+        starts: (blocks, tiles) int64 where each block's part of it begins.
+        keys, rows: as `kernels_blend.list_by_tile` writes them.
+    """
+
+    tiles: Tiles
+    bounds: NDArray
+    starts: NDArray
+    keys: NDArray
+    rows: NDArray
+
+
+class SplatBuffers:
+    """Records of splats, and what threads need in order to work on them.
+
+    Attributes:
+        records: (rows, 16) float32.
+    """
+
+    def __init__(self, rows: int, run_jobs: Callable) -> None:
+        """`run_jobs` maps a function over a list, on any number of threads."""
+        self.records = np.empty((rows, RECORD), np.float32)
+        self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
+        self._run, self._local = run_jobs, threading.local()
+
+    def project(self, chunks: Chunks, view: View, log_share: float, log_front: float) -> Visible:
+        """Fill a block's records, and list what of them is visible.
+
+        Args:
+            chunks: the block.
+            view: the camera.
+            log_share: logarithm of the share of their opacity that its Gaussians are drawn with.
+            log_front: logarithm of what part of that is drawn before everything else.
+        """
+        own = slice(chunks.first, chunks.first + kernels_project.CHUNK * len(chunks.sh))
+        records = self.records[own]
+        with part("projection and colours"):
+            numbers = view_numbers(view, log_share)
+            is_wide = kernels_project.project(
+                chunks.geometry, chunks.sh, chunks.is_coloured, numbers, self._workspace().chunk, records
+            )
+        if is_wide:
+            _redo_wide(chunks.block().fainter(log_share), view, records)
+        records[:, LAST] = log_front
+        grid = _grid(view)
+        found = Visible(self._ids[own], self._boxes[own], np.zeros(grid.stop, np.int64))
+        with part("listing what is visible"):
+            shown = kernels_blend.list_visible(records, chunks.first, grid.columns, found)
+        return Visible(found.ids[:shown], found.boxes[:shown], found.counts)
+
+    def lists(self, visible: Sequence[Visible], view: View) -> Iterator[TileLists]:
+        """Lists of a few tiles after the other; a tile's list holds its splats block by block."""
+        grid = _grid(view)
+        counts = np.stack([seen.counts for seen in visible])  # (blocks, tiles)
+        for first, stop in _batches(counts.sum(axis=0)):
+            here, tiles = counts[:, first:stop], Tiles(first, stop, grid.columns)
+            ends = np.cumsum(here.T).reshape(-1, len(visible))
+            bounds, starts = np.append(0, ends[:, -1]), np.ascontiguousarray((ends - here.T).T)
+            found = TileLists(tiles, bounds, starts, np.empty(bounds[-1], np.uint64), np.empty(bounds[-1], np.int32))
+
+            def list_block(block: tuple[Visible, NDArray], found: TileLists = found) -> None:
+                kernels_blend.list_by_tile(self.records, block[0], found.tiles, block[1], found.keys, found.rows)
+
+            with part("lists by tile"):
+                self._run(list_block, list(zip(visible, starts.copy(), strict=True)))
+            yield found
+
+    def work_on(self, lists: TileLists, view: View, work: Callable[[int, Listed, Extent, Scratch], None]) -> None:
+        """Call `work` with every tile's number, list, place and the thread's scratch."""
+        scratch = np.empty_like(lists.keys)
+        height, width = view.camera.height, view.camera.width
+
+        def one(number: int) -> None:
+            own = slice(lists.bounds[number], lists.bounds[number + 1])
+            tile_row, tile_column = divmod(lists.tiles.first + number, lists.tiles.columns)
+            row, column = tile_row * TILE_HEIGHT, tile_column * TILE_WIDTH
+            extent = Extent(row, column, min(TILE_HEIGHT, height - row), min(TILE_WIDTH, width - column))
+            work(lists.tiles.first + number, Listed(lists.keys[own], scratch[own]), extent, self._workspace().tile)
+
+        # the longest first, so that threads end together
+        self._run(one, np.argsort(np.diff(lists.bounds))[::-1].tolist())
+
+    def _workspace(self) -> _Workspace:
+        if not hasattr(self._local, "workspace"):
+            self._local.workspace = _Workspace()
+        workspace: _Workspace = self._local.workspace
+        return workspace
+
+
+class _Workspace:
+    """Scratch arrays of one thread."""
+
+    def __init__(self) -> None:
+        self.chunk = np.empty(kernels_project.SCRATCH, np.float32)
+        self.tile = Scratch(
+            np.empty(kernels_blend.STATE, np.float32),
+            np.empty((kernels_blend.AHEAD, RECORD), np.float32),
+            np.empty(kernels_blend.DIGITS, np.int64),
+        )
+
+
+def view_numbers(view: View, log_share: float = 0.0) -> ViewNumbers:
+    """A view, and the share of opacities that is drawn, as `kernels_project.project` takes them."""
+    camera, limits = view.camera, jacobian_limits(view)
+    vectors = [view.offset, camera.K[:2, 2], *limits, *view.projection]
+    numbers: list[Any] = [tuple(map(float, vector)) for vector in vectors]
+    numbers += map(float, (view.near_plane, camera.width, camera.height, camera.focal, log_share))
+    return ViewNumbers(*numbers)
+
+
+def _grid(view: View) -> Tiles:
+    """All tiles of a picture."""
+    columns = -(-view.camera.width // TILE_WIDTH)
+    return Tiles(0, columns * -(-view.camera.height // TILE_HEIGHT), columns)
+
+
+def _batches(counts: NDArray) -> Iterator[tuple[int, int]]:
+    """Ranges of tiles that have at most `MAX_KEYS` splats together, or a single tile."""
+    ends = np.cumsum(counts)
+    first = 0
+    while first < counts.size:
+        before = ends[first - 1] if first else 0
+        last = max(int(np.searchsorted(ends, before + MAX_KEYS, side="right")), first + 1)
+        yield first, last
+        first = last
+
+
+def _redo_wide(block: Block, view: View, records: NDArray) -> None:
+    """Do what float32 is too narrow for in float64, by the code of the numpy path."""
+    rows = np.flatnonzero(records[: block.size, LAST])
+    planes, half, log_opacities = wide_shapes(block, view, rows)
+    tau = footprint_exponent(log_opacities)
+    shows = np.isfinite(planes).all(axis=0) & (tau >= 0)  # below, edges are NaN, and no number of a tile
+    with np.errstate(all="ignore"):
+        edges = []
+        for centre, extent, size in zip(planes[:2], half, (view.camera.width, view.camera.height), strict=True):
+            edges.append(pixels_between(centre - extent * np.sqrt(tau), centre + extent * np.sqrt(tau), size))
+            shows &= edges[-1][0] <= edges[-1][1]
+        reach = np.sqrt(tau + np.float32(WIDE_MARGIN)) / planes[GAMMA]
+        top, bottom = pixels_between(planes[1] - reach, planes[1] + reach, view.camera.height)
+    records[rows, : GAMMA + 1], records[rows, LOG_OPACITY] = planes.T, log_opacities
+    records[rows, LEFT], records[rows, TOP], records[rows, BOTTOM], records[rows, REACH] = 0, top, bottom, 0
+    records[rows, RIGHT] = np.where(shows & (top <= bottom), view.camera.width - 1, -1)
