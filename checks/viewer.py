@@ -51,7 +51,7 @@ TURN = """async () => {
   const sorted = async () => { while (!page.splats.isSorted) await new Promise((done) => setTimeout(done)); };
   let frames = 0;
   for (; performance.now() - start < 5000; frames++) {
-    page.camera.swing(scene.up, 0.02 * Math.sin(frames / 5), 0, page.camera.target);
+    page.camera.swing(page.scene.up, 0.02 * Math.sin(frames / 5), 0, page.camera.target);
     page.move();
     await sorted();
     page.splats.draw(page.camera, page.drawing());

@@ -54,8 +54,20 @@ def make_page(args: Namespace) -> Page:
     summary += f"; {who}" if who else ""
     classes = {**described["bytes_by_class"], "metadata": described["metadata_bytes"]} if described else {}
     return build_page(
-        gaussians, cameras, title=Path(args.file).name, summary=summary, bytes_by_class=classes, photos=photos
+        gaussians,
+        cameras,
+        title=Path(args.file).stem,
+        caption=_caption(len(gaussians.cameras), described),
+        summary=summary,
+        bytes_by_class=classes,
+        photos=photos,
     )
+
+
+def _caption(views: int, described: dict[str, Any]) -> str:
+    photos = f"{views} photos" if views > 1 else "1 photo" if views else ""
+    size = f"{described['bytes'] / 1000:.0f} KB" if described else ""
+    return " · ".join(filter(None, (photos, size)))
 
 
 def serve(page: Page, port_number: int, *, quiet: bool, browser: bool) -> None:

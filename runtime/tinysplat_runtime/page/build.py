@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..render.near import NearViews
 from ..render.paths import outside
 from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
 from ..scene.images import jpeg_bytes
+from .bundle import bundle
 from .columns import OTHER_LAYERS, Cloud, pack
 
 DEPTH = 4.0
@@ -32,7 +32,11 @@ DEPTH = 4.0
 KNEE = DEPTH / 16
 """Within this distance of the page's origin a mean's step is constant."""
 
-SCRIPTS = ("splats.js", "unpack.js", "controls.js", "page.js")
+HELP = (
+    "Drag to look around, two fingers or the right button to slide, wheel or pinch to come closer. Keys: arrows, plus, "
+    "minus, Home to return. A double click leads back. Going anywhere: W A S D Q E walk, and a double click says where "
+    "to turn about."
+)
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,7 @@ def build_page(
     cameras: Sequence[Camera],
     *,
     title: str,
+    caption: str = "",
     summary: str = "",
     bytes_by_class: Mapping[str, int] | None = None,
     photos: Mapping[int, NDArray] | None = None,
@@ -73,7 +78,8 @@ def build_page(
         gaussians: any; all layers are shown.
         cameras: input views; without any the page has no views to choose from and opens in front of the scene.
         title: heading, plain text.
-        summary: a line under it, plain text.
+        caption: a few words beside it, plain text.
+        summary: a line among the details, plain text.
         bytes_by_class: what a .tsplat file spends on what; shown when there is any.
         photos: (H, W, 3) in [0, 1] or uint8, by index into `cameras`.
     """
@@ -84,27 +90,24 @@ def build_page(
     seen = depths[(depths > 0) & (flat.opacities > 0.1)]
     scale = DEPTH / float(np.median(seen)) if seen.size else 1.0
     described, data = pack(Cloud(flat, means * scale, scale, KNEE, *_seen_by_own(gaussians, scale)))
-    nearest, farthest = scale * np.percentile(seen, (2, 98)) if seen.size else (1.0, 10.0)
     up = -np.mean([camera.rotation[1] for camera in views], axis=0)
-    near = NearViews.of(gaussians) if any(name == "view" for name, _ in described["columns"]) else None
     scene = {
         **described,
+        "caption": caption,
         "summary": summary,
         "bytes": dict(bytes_by_class or {}),
         "hasCameras": bool(cameras),
         "views": [_view(camera, centre, scale, (photos or {}).get(i)) for i, camera in enumerate(views)],
         "up": (up / max(float(np.linalg.norm(up)), 1e-9)).tolist(),
         "reach": DEPTH,
-        "viewDepth": near.depth * scale if near else 0,  # without it no view covers others
         "nearPlane": NEAR_PLANE * scale,
-        "nearest": float(nearest),
-        "farthest": float(max(farthest, 1.01 * nearest)),
     }
     fields = {
         "title": html.escape(title),
         "style": _text("style.css"),
         "scene": json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element
-        "scripts": "\n".join(map(_text, SCRIPTS)),
+        "help": html.escape(HELP),
+        "scripts": bundle("page.js", _text),
     }
     return Page(Template(_text("page.html")), fields, data)
 

@@ -1,76 +1,23 @@
-// The camera and what moves it: mouse, touch and keys. OpenCV axes: x right, y down, z forward.
-"use strict";
-
-const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-
-function turned(v, axis, angle) { // Rodrigues; the axis has length 1
-  const c = Math.cos(angle), s = Math.sin(angle), along = dot(v, axis) * (1 - c), side = cross(axis, v);
-  return [0, 1, 2].map((i) => v[i] * c + side[i] * s + axis[i] * along);
-}
-
-class Camera {
-  // view: {K: [fx, skew, fy, cx, cy], width, height, rotation: rows right, down, forward; position}
-  constructor(view, reach) { this.set(view, reach); }
-
-  set(view, reach) {
-    Object.assign(this, { K: view.K, width: view.width, height: view.height, reach });
-    this.rotation = view.rotation.map((row) => [...row]);
-    this.position = [...view.position];
-    this.zoom = 1;
-  }
-
-  // What a picture of another size shows: the view's own picture as large as fits, and more around it.
-  fitted(width, height) {
-    const scale = Math.min(width / this.width, height / this.height) * this.zoom;
-    const [fx, skew, fy, cx, cy] = this.K.map((value) => value * scale), [x, y, z] = this.rotation;
-    const principal = [width / 2 + cx - (scale * this.width) / 2, height / 2 + cy - (scale * this.height) / 2];
-    const projection = [...add(x.map((v) => v * fx), y, skew), ...y.map((v) => v * fy), ...z];
-    return { principal, focals: [fx, fy], focal: Math.sqrt(fx * fy), projection };
-  }
-
-  get target() { return add(this.position, this.rotation[2], this.reach); }
-
-  turn(axis, angle, about) {
-    this.rotation = this.rotation.map((row) => turned(row, axis, angle));
-    if (about) this.position = add(about, turned(add(this.position, about, -1), axis, angle));
-  }
-
-  // Turns by angles about the upright and the camera's own horizontal; about a point, or on the spot.
-  swing(up, across, down, about) {
-    this.turn(up, across, about);
-    const height = Math.acos(Math.max(-1, Math.min(1, dot(this.rotation[2], up))));
-    const least = 0.05, angle = Math.max(least - height, Math.min(Math.PI - least - height, down));
-    this.turn(cross(this.rotation[2], up).map((v, _, c) => v / (Math.hypot(...c) || 1)), -angle, about);
-  }
-
-  shift(right, down, forward) {
-    const [x, y, z] = this.rotation;
-    this.position = add(add(add(this.position, x, right), y, down), z, forward);
-  }
-
-  // Nearer to the target, by a factor.
-  approach(factor) {
-    const target = this.target;
-    this.reach *= factor;
-    this.position = add(target, this.rotation[2], -this.reach);
-  }
-}
+// Mouse, touch and keys, told to a mover (movers.js).
 
 const KEYS = { // right, down, forward, turn, tilt
   KeyA: [-1, 0, 0, 0, 0], KeyD: [1, 0, 0, 0, 0], KeyQ: [0, 1, 0, 0, 0], KeyE: [0, -1, 0, 0, 0],
   KeyW: [0, 0, 1, 0, 0], KeyS: [0, 0, -1, 0, 0], ArrowLeft: [0, 0, 0, -1, 0], ArrowRight: [0, 0, 0, 1, 0],
-  ArrowUp: [0, 0, 0, 0, -1], ArrowDown: [0, 0, 0, 0, 1],
+  ArrowUp: [0, 0, 0, 0, -1], ArrowDown: [0, 0, 0, 0, 1], Equal: [0, 0, 1, 0, 0], NumpadAdd: [0, 0, 1, 0, 0],
+  Minus: [0, 0, -1, 0, 0], NumpadSubtract: [0, 0, -1, 0, 0],
 };
+const BACK = new Set(["Home", "Escape", "Digit0"]);
+const NOTCH = 1000; // pixels of a wheel to a factor of e
+const TAP_PX = 24, TAP_MS = 350; // between two taps that are one
 
-// Moves `camera` by what the user does on `canvas`; `moved` is called after each change, `picked` with a point clicked twice.
-class Controls {
-  constructor(canvas, camera, up, { moved, picked }) {
-    Object.assign(this, { canvas, camera, up, moved, picked, flies: false, fingers: new Map(), held: new Set() });
+export class Controls {
+  // mover(): who moves now. point(x, y): what shows at a pixel. moved() after each change, back() when asked to return,
+  // picked(x, y) on a double click, touched() before the first movement.
+  constructor(canvas, { mover, point, moved, back, picked, touched }) {
+    Object.assign(this, { canvas, mover, point, moved, back, picked, touched, fingers: new Map(), held: new Set(), anchor: null, tap: null });
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.fingers.delete(event.pointerId));
+    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.#up(event));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("dblclick", (event) => this.picked(event.offsetX, event.offsetY));
@@ -82,9 +29,26 @@ class Controls {
   get isMoving() { return this.held.size > 0 || this.fingers.size > 0; }
 
   #down(event) {
+    this.touched();
     this.canvas.setPointerCapture(event.pointerId);
     this.canvas.focus({ preventScroll: true });
     this.fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    this.pressed = { x: event.clientX, y: event.clientY, at: event.timeStamp };
+    this.anchor = null;
+  }
+
+  #up(event) {
+    this.fingers.delete(event.pointerId);
+    this.anchor = null;
+    if (event.pointerType === "touch" && event.type === "pointerup") this.#tapped(event);
+    this.moved(); // the spring
+  }
+
+  #tapped({ clientX, clientY, timeStamp, offsetX, offsetY }) { // browsers do not tell of double taps where panning is off
+    const isTap = timeStamp - this.pressed.at < TAP_MS && Math.hypot(clientX - this.pressed.x, clientY - this.pressed.y) < TAP_PX;
+    const isSecond = isTap && this.tap && timeStamp - this.tap.at < TAP_MS && Math.hypot(clientX - this.tap.x, clientY - this.tap.y) < TAP_PX;
+    this.tap = isTap && !isSecond ? { x: clientX, y: clientY, at: timeStamp } : null;
+    if (isSecond) this.picked(offsetX, offsetY);
   }
 
   #move(event) {
@@ -92,45 +56,43 @@ class Controls {
     if (!before) return;
     const now = [event.clientX, event.clientY], other = [...this.fingers].find(([id]) => id !== event.pointerId)?.[1];
     this.fingers.set(event.pointerId, now);
-    const [dx, dy] = [now[0] - before[0], now[1] - before[1]], { camera } = this;
+    const [dx, dy] = [now[0] - before[0], now[1] - before[1]], mover = this.mover();
     if (other) { // two fingers: slide with their middle, approach with their distance
-      this.#slide(dx / 2, dy / 2);
+      mover.slide(dx / 2, dy / 2);
       const apart = (finger) => Math.hypot(finger[0] - other[0], finger[1] - other[1]) || 1;
-      this.#near(apart(before) / apart(now));
+      this.#near(apart(now) / apart(before), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
     } else if (event.buttons & 2 || event.buttons & 4 || event.shiftKey) {
-      this.#slide(dx, dy);
-    } else if (this.flies) {
-      camera.swing(this.up, -dx / this.#focal, -dy / this.#focal);
+      mover.slide(dx, dy);
     } else {
-      camera.swing(this.up, (-4 * dx) / this.canvas.clientWidth, (4 * dy) / this.canvas.clientHeight, camera.target);
+      mover.turn(dx, dy);
     }
     this.moved();
   }
 
-  get #focal() { return this.camera.fitted(this.canvas.clientWidth, this.canvas.clientHeight).focal; }
-
-  #slide(dx, dy) {
-    const share = this.camera.reach / this.#focal;
-    this.camera.shift(-dx * share, -dy * share, 0);
-  }
-
-  #near(factor) {
-    if (this.flies) this.camera.shift(0, 0, (1 - factor) * this.camera.reach);
-    else this.camera.approach(factor);
+  // Towards what showed at a pixel when the gesture began.
+  #near(factor, x, y) {
+    if (!this.anchor || Math.hypot(x - this.anchor.x, y - this.anchor.y) > TAP_PX) this.anchor = { x, y, point: this.point(x, y) };
+    this.mover().near(factor, x, y, this.anchor.point);
   }
 
   #wheel(event) {
     event.preventDefault();
+    this.touched();
     const pixels = event.deltaY * [1, 16, 100][event.deltaMode];
-    this.#near(Math.exp(Math.max(-0.5, Math.min(0.5, pixels / 500))));
+    if (event.timeStamp - (this.wheeled ?? 0) > 500) this.anchor = null;
+    this.wheeled = event.timeStamp;
+    this.#near(Math.exp(-Math.max(-0.25, Math.min(0.25, pixels / NOTCH))), event.offsetX, event.offsetY);
     this.moved();
   }
 
   #key(event) {
-    if (!(event.code in KEYS) || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (BACK.has(event.code)) this.back();
+    if (!(event.code in KEYS)) return;
     event.preventDefault();
+    this.touched();
     this.held.add(event.code);
-    this.fast = event.shiftKey;
+    this.isFast = event.shiftKey;
     this.moved();
   }
 
@@ -139,9 +101,7 @@ class Controls {
     if (!this.held.size) return;
     const sum = [0, 0, 0, 0, 0];
     for (const code of this.held) KEYS[code].forEach((value, i) => { sum[i] += value; });
-    const way = seconds * this.camera.reach * (this.fast ? 1.5 : 0.4), angle = seconds * (this.fast ? 1.8 : 0.6);
-    this.camera.shift(sum[0] * way, sum[1] * way, sum[2] * way);
-    this.camera.swing(this.up, sum[3] * angle, sum[4] * -angle);
+    this.mover().keys(sum, seconds, this.isFast);
     this.moved();
   }
 }

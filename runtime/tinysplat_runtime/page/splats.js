@@ -3,74 +3,59 @@
 // records, and the records are drawn as triangles, front to back, into half floats whose alpha is what still shines through.
 // Now and then pixels that nothing shines through any more are closed by depth, so that what lies behind costs nothing.
 // Nothing is instanced: hardware and software alike take far longer over many instances of a few vertices.
-"use strict";
+import { ARITHMETIC } from "./arithmetic.js";
+import { sorting } from "./near.js";
 
 const TEXTURE_WIDTH = 4096;
-const MAX_VIEWS = 64;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's share of its opacity
+export const BEHIND = 8; // rows and columns of colours behind the picture
+const FEW_VIEWS = 6, DRAWN_VIEWS = 4; // so many are drawn at once of more than so many (near.js)
 const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
 
 const PROJECT = `#version 300 es
 precision highp float; precision highp int; precision highp usampler2D;
 uniform usampler2D order;             // indices of Gaussians, nearest first
 uniform usampler2D geometry, colours; // two texels a Gaussian; one texel an SH function
+uniform sampler2D shares;             // by view: of opacity, that its surface is drawn first with, and that all is drawn with
 uniform uint count;
 uniform mat3 projection;              // K R without the principal point
 uniform vec3 eye;                     // camera centre
 uniform vec2 principal, size;         // pixels
 uniform float nearPlane, leastOpacity;
 uniform float focal;                  // pixels, to measure own pixels with; 0 for dilation by the screen's
-uniform float shares[${MAX_VIEWS}];   // of opacity, that views' surfaces are drawn first with
+uniform bool fades;                   // whether what lies beyond the pictures' edges is drawn fainter
 uniform vec2 logSteps;                // of lengths' codes: steps to a doubling, and what was added
 uniform int functions, stored;        // SH functions to use, and at hand
 uniform vec3 depths;                  // 1/nearest, 1/farthest, and whether they are drawn in place of colours
 layout(location = 0) out uvec4 shape; // centre in clip coordinates, and the longer half axis, where the exponent is 1
 layout(location = 1) out uvec4 paint; // length of the shorter half axis, colour in half floats, logarithm of opacity
 uint index;
-const float DILATION = 0.3, MARGIN = 0.15, LEAST_OWN_PIXEL = 0.125;
-
+const float MARGIN = 0.15;
+${ARITHMETIC}
 uvec4 texel(usampler2D source, uint at) {
   return texelFetch(source, ivec2(at % ${TEXTURE_WIDTH}u, at / ${TEXTURE_WIDTH}u), 0);
 }
 
 float length16(uint code) { return code == 0u ? 0.0 : exp2(float(code) / logSteps.x - logSteps.y); }
 
-mat3 axesOf(vec4 q, vec3 s) { // R(q) diag(s); its columns are the principal axes
-  q = normalize(q);
-  float w = q.x, x = q.y, y = q.z, z = q.w;
-  return mat3(
-    s.x * vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
-    s.y * vec3(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
-    s.z * vec3(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)));
-}
-
 vec3 sh(uint n) {
   uvec2 code = texel(colours, index * uint(stored) + n).xy;
   return vec3(unpackHalf2x16(code.x), unpackHalf2x16(code.y).x);
 }
 
-vec3 seen(vec3 d) { // the colour along the unit vector d, tinysplat_runtime's sh.py
-  float x = d.x, y = d.y, z = d.z, xx = x * x, yy = y * y, zz = z * z;
-  vec3 c = 0.5 + 0.28209479177387814 * sh(0u);
+vec3 seen(vec3 d) { // the colour along the unit vector d
+  float x = d.x, y = d.y, z = d.z;
+  vec3 c = 0.5 + Y0() * sh(0u);
   if (functions < 4) return c;
-  c += 0.4886025119029199 * (z * sh(2u) - y * sh(1u) - x * sh(3u));
+  c += Y1(y) * sh(1u) + Y2(z) * sh(2u) + Y3(x) * sh(3u);
   if (functions < 9) return c;
-  c += 1.0925484305920792 * (x * y * sh(4u) - y * z * sh(5u) - x * z * sh(7u))
-    + 0.31539156525252005 * (2.0 * zz - xx - yy) * sh(6u) + 0.5462742152960396 * (xx - yy) * sh(8u);
+  c += Y4(x, y) * sh(4u) + Y5(y, z) * sh(5u) + Y6(x, y, z) * sh(6u) + Y7(x, z) * sh(7u) + Y8(x, y) * sh(8u);
   if (functions < 16) return c;
-  c += -0.5900435899266435 * (y * (3.0 * xx - yy) * sh(9u) + x * (xx - 3.0 * yy) * sh(15u))
-    + 2.890611442640554 * x * y * z * sh(10u)
-    - 0.4570457994644658 * (4.0 * zz - xx - yy) * (y * sh(11u) + x * sh(13u))
-    + 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * sh(12u)
-    + 1.445305721320277 * z * (xx - yy) * sh(14u);
+  c += Y9(x, y) * sh(9u) + Y10(x, y, z) * sh(10u) + Y11(x, y, z) * sh(11u) + Y12(x, y, z) * sh(12u)
+    + Y13(x, y, z) * sh(13u) + Y14(x, y, z) * sh(14u) + Y15(x, y) * sh(15u);
   if (functions < 25) return c;
-  return c + 2.5033429417967046 * x * y * (xx - yy) * sh(16u)
-    - 1.7701307697799304 * z * (y * (3.0 * xx - yy) * sh(17u) + x * (xx - 3.0 * yy) * sh(23u))
-    + 0.9461746957575601 * x * y * (7.0 * zz - 1.0) * sh(18u)
-    - 0.6690465435572892 * z * (7.0 * zz - 3.0) * (y * sh(19u) + x * sh(21u))
-    + 0.10578554691520431 * (zz * (35.0 * zz - 30.0) + 3.0) * sh(20u)
-    + 0.47308734787878004 * (xx - yy) * (7.0 * zz - 1.0) * sh(22u)
-    + 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)) * sh(24u);
+  return c + Y16(x, y) * sh(16u) + Y17(x, y, z) * sh(17u) + Y18(x, y, z) * sh(18u) + Y19(y, z) * sh(19u)
+    + Y20(z) * sh(20u) + Y21(x, z) * sh(21u) + Y22(x, y, z) * sh(22u) + Y23(x, y, z) * sh(23u) + Y24(x, y) * sh(24u);
 }
 
 vec3 ramp(float t) { // from near, bright, to far, dark
@@ -93,31 +78,28 @@ void main() {
   vec2 centred = point.xy / point.z;
   vec2 clamped = clamp(centred, -MARGIN * size - principal, (1.0 + MARGIN) * size - principal);
   mat3 rows = transpose(projection);
-  mat3 axes = axesOf(
-    vec4(unpackSnorm2x16(second.x), unpackSnorm2x16(second.y)),
-    vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu)));
-  vec3 m1 = ((rows[0] - clamped.x * rows[2]) / point.z) * axes;
-  vec3 m2 = ((rows[1] - clamped.y * rows[2]) / point.z) * axes;
-  vec3 area = cross(m1, m2);
-  float own = focal * length16(second.w >> 16) / point.z; // its photo's pixel on the screen, 0 where it has none
-  float wide = own > 0.0 ? max(own, LEAST_OWN_PIXEL) : 1.0, wanted = DILATION * wide * wide;
-  float a = dot(m1, m1), b = dot(m1, m2), c = dot(m2, m2), sum = a + c;
-  float least = dot(area, area) / max(0.5 * (sum + length(vec2(a - c, 2.0 * b))), 1e-12); // its own variance across
-  float dilation = max(wanted - least, DILATION);
-  a += dilation;
-  c += dilation;
-  float det = dot(area, area) + dilation * (sum + dilation);
-  if (wide < 1.0) opacity *= sqrt((dot(area, area) + wanted * (sum + wanted)) / det); // wider, but no more opaque
-  if (isCopy) opacity *= shares[(first.w >> 8) & 0xffu];
-  float reach = log(255.0 * opacity); // the exponent at which the footprint ends
+  vec4 q = vec4(unpackSnorm2x16(second.x), unpackSnorm2x16(second.y));
+  vec3 s = vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu));
+  vec3 m1 = across(jacobian(rows[0], rows[2], clamped.x, point.z), q, s);
+  vec3 m2 = across(jacobian(rows[1], rows[2], clamped.y, point.z), q, s);
+  vec3 area = cross3(m1, m2);
+  float a = dot3(m1, m1), b = dot3(m1, m2), c = dot3(m2, m2), det = dot3(area, area);
+  vec2 wider = widening(a, b, c, det, focal * length16(second.w >> 16) / point.z);
+  det += wider.x * (a + c + wider.x);
+  a += wider.x;
+  c += wider.x;
+  opacity *= wider.y;
+  uint view = (first.w >> 8) & 0xffffu;
+  vec2 share = texelFetch(shares, ivec2(view, 0), 0).xy;
+  opacity *= isCopy ? share.x : view == 0u ? 1.0 : share.y;
+  if (fades) opacity *= float(first.w >> 24) / 255.0;
+  float reach = log(opacity / LEAST_ALPHA); // the exponent at which the footprint ends
   vec2 pixel = centred + principal, extent = sqrt(2.0 * reach * vec2(a, c));
   if (reach <= 0.0 || any(lessThan(pixel + extent, vec2(0.0))) || any(greaterThan(pixel - extent, size))) return;
-  float half_ = 0.5 * (a - c), root = sqrt(half_ * half_ + b * b), large = 0.5 * (a + c) + root;
-  vec2 along = a >= c ? vec2(half_ + root, b) : vec2(b, root - half_);
-  along = root > 0.0 ? normalize(along) : vec2(1.0, 0.0);
-  shape = floatBitsToUint(vec4(pixel / size * vec2(2.0, -2.0) + vec2(-1.0, 1.0), sqrt(2.0 * large) * along));
+  vec3 axes = halfAxes(a, b, c, det);
+  shape = floatBitsToUint(vec4(pixel / size * vec2(2.0, -2.0) + vec2(-1.0, 1.0), axes.xy));
   vec3 shown = depths.z > 0.0 ? ramp((1.0 / point.z - depths.y) / (depths.x - depths.y)) : max(seen(normalize(ray)), 0.0);
-  paint = uvec4(floatBitsToUint(sqrt(2.0 * det / large)), packHalf2x16(shown.xy), packHalf2x16(vec2(shown.z, 0.0)),
+  paint = uvec4(floatBitsToUint(axes.z), packHalf2x16(shown.xy), packHalf2x16(vec2(shown.z, 0.0)),
     floatBitsToUint(log(opacity)));
 }`;
 
@@ -162,10 +144,20 @@ void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 -
 
 const SHOW = `#version 300 es
 precision highp float;
-uniform sampler2D picture;
+uniform sampler2D picture, behind; // behind: a few texels of colour that shine through where nothing is known
 uniform vec2 share; // of the picture's texels to those of the canvas
+uniform vec2 dim;   // what is left of the picture's light, and of that behind it
 out vec4 result;
-void main() { result = vec4(clamp(texture(picture, gl_FragCoord.xy * share).rgb, 0.0, 1.0), 1.0); }`;
+void main() {
+  vec2 place = gl_FragCoord.xy * share;
+  vec4 seen = texture(picture, place);
+  vec3 soft = vec3(0.0);
+  if (dim.y > 0.0) { // smooth between texels too
+    vec2 at = place * ${BEHIND}.0 - 0.5, whole = floor(at), part = at - whole;
+    soft = dim.y * texture(behind, (whole + part * part * (3.0 - 2.0 * part) + 0.5) / ${BEHIND}.0).rgb;
+  }
+  result = vec4(mix(soft, clamp(seen.rgb, 0.0, 1.0) + seen.a * soft, dim.x), 1.0);
+}`;
 
 const LINES = `#version 300 es
 precision highp float;
@@ -184,39 +176,14 @@ precision mediump float;
 out vec4 result;
 void main() { result = vec4(1.0, 0.7, 0.33, 1.0); }`;
 
-// Runs in a worker: copies of the Gaussians whose view has a share, with COPY set, as they are drawn over all others; then
-// indices of all in front of a camera; both nearest first, equal depths in their order.
-function sorter() {
-  let means, views, keys, order, other;
-  const counts = new Uint32Array(65536);
-  function pass(from, to, n, shift) {
-    counts.fill(0);
-    for (let i = 0; i < n; i++) counts[(keys[from[i]] >>> shift) & 65535]++;
-    let sum = 0;
-    for (let b = 0; b < 65536; b++) { const count = counts[b]; counts[b] = sum; sum += count; }
-    for (let i = 0; i < n; i++) to[counts[(keys[from[i]] >>> shift) & 65535]++] = from[i];
-  }
+function work() { // in a worker: orders Gaussians
+  let order;
   onmessage = ({ data }) => {
-    if (data.means) {
-      ({ means, views } = data);
-      const n = means.length / 3;
-      [keys, order, other] = [new Uint32Array(n), new Uint32Array(n), new Uint32Array(n)];
-      return;
+    if (data.means) order = sorting(data.means, data.parts);
+    else {
+      const sorted = order(data.plane, data.nearPlane, data.shares);
+      postMessage({ sorted, id: data.id }, [sorted.buffer]);
     }
-    const [x, y, z, t] = data.plane, depths = new Float32Array(keys.buffer);
-    let n = 0;
-    for (let i = 0; i < keys.length; i++) {
-      depths[i] = x * means[3 * i] + y * means[3 * i + 1] + z * means[3 * i + 2] + t;
-      if (depths[i] > data.nearPlane) order[n++] = i;
-    }
-    pass(order, other, n, 0); // bits of positive floats rise as they do
-    pass(other, order, n, 16);
-    let copies = 0;
-    for (let i = 0; i < n; i++) if (data.shares[views[order[i]]] > 0) other[copies++] = (order[i] | 0x80000000) >>> 0;
-    const sorted = new Uint32Array(n + copies);
-    sorted.set(other.subarray(0, copies));
-    sorted.set(order.subarray(0, n), copies);
-    postMessage({ sorted, id: data.id }, [sorted.buffer]);
   };
 }
 
@@ -261,6 +228,22 @@ function fill(gl, data, words, format) {
   if (rest.length) put(rows, rest.length / words, 1, rest);
 }
 
+function floatTexture(gl, width) { // two floats a texel, one row
+  const texture = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RG32F, width, 1);
+  return texture;
+}
+
+// How many places an order may need: copies and all; of a capture those of the views that are drawn at once.
+function mostDrawn({ count, parts, viewCount }) {
+  if (viewCount <= FEW_VIEWS) return 2 * count;
+  const sizes = new Float64Array(viewCount);
+  for (const { view, from, to } of parts) sizes[view] += to - from;
+  return 2 * sizes.sort().subarray(-DRAWN_VIEWS).reduce((sum, n) => sum + n, 0);
+}
+
 function bindTextures(gl, uniforms, textures) {
   Object.entries(textures).forEach(([name, texture], unit) => {
     gl.activeTexture(gl.TEXTURE0 + unit);
@@ -269,21 +252,23 @@ function bindTextures(gl, uniforms, textures) {
   });
 }
 
-class Splats {
-  // cloud: what unpack.js makes of the page's data. onSorted is called when a new order is at hand.
+export class Splats {
+  // cloud: see cloud.js. onSorted is called when a new order is at hand.
   constructor(canvas, cloud, onSorted) {
     const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("this browser has no WebGL2");
     this.gl = gl;
     this.cloud = cloud;
     this.isHalf = Boolean(gl.getExtension("EXT_color_buffer_half_float") || gl.getExtension("EXT_color_buffer_float"));
-    const { count, functions } = cloud;
+    const { count, functions } = cloud, most = (this.most = mostDrawn(cloud));
     this.textures = {
-      order: dataTexture(gl, 2 * count, 1),
+      order: dataTexture(gl, most, 1),
       geometry: dataTexture(gl, 2 * count, 4, cloud.geometry),
       colours: dataTexture(gl, functions * count, 2, cloud.colours),
     };
-    this.records = { shapes: dataTexture(gl, 2 * count, 4), paints: dataTexture(gl, 2 * count, 4) };
+    this.records = { shapes: dataTexture(gl, most, 4), paints: dataTexture(gl, most, 4) };
+    this.shares = floatTexture(gl, cloud.viewCount + 1);
+    this.behind = null;
     this.recordFrame = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
     const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
@@ -297,21 +282,23 @@ class Splats {
     this.empty = gl.createVertexArray();
     this.target = { texture: gl.createTexture(), frame: gl.createFramebuffer(), width: 0, height: 0 };
     this.closed = { depth: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
-    this.sortedCount = 0;
+    this.sortedCount = -1; // none yet
     this.#startSorter(onSorted);
   }
 
   #startSorter(onSorted) {
     const { gl } = this;
-    this.worker = new Worker(URL.createObjectURL(new Blob([`"use strict";(${sorter})()`], { type: "text/javascript" })));
-    this.worker.postMessage({ means: this.cloud.means, views: this.cloud.views });
+    const text = `"use strict";const sorting=${sorting};(${work})()`, address = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
+    this.worker = new Worker(address);
+    this.worker.postMessage({ means: this.cloud.means, parts: this.cloud.parts });
     this.asked = this.answered = 0;
     this.worker.onmessage = ({ data }) => {
       this.answered = data.id;
-      this.sortedCount = data.sorted.length;
+      const sorted = data.sorted.subarray(0, this.most);
+      this.sortedCount = sorted.length;
       gl.activeTexture(gl.TEXTURE0);
       gl.bindTexture(gl.TEXTURE_2D, this.textures.order);
-      fill(gl, data.sorted, 1, gl.RED_INTEGER);
+      fill(gl, sorted, 1, gl.RED_INTEGER);
       onSorted();
     };
   }
@@ -319,7 +306,7 @@ class Splats {
   // Whether the last order asked for is at hand.
   get isSorted() { return this.answered === this.asked; }
 
-  // Asks for the order seen from a camera (see Camera in controls.js), views' shares (MAX_VIEWS) among it.
+  // Asks for the order seen from a camera (see camera.js), by views' shares (near.js).
   sort(camera, nearPlane, shares) {
     const [x, y, z] = camera.rotation[2], [px, py, pz] = camera.position;
     this.worker.postMessage({ plane: [x, y, z, -(x * px + y * py + z * pz)], nearPlane, shares, id: ++this.asked });
@@ -347,8 +334,9 @@ class Splats {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.useProgram(this.show.made);
-    bindTextures(gl, this.show.uniforms, { picture: this.target.texture });
+    bindTextures(gl, this.show.uniforms, { picture: this.target.texture, behind: this.behind });
     gl.uniform2f(this.show.uniforms.share, 1 / canvas.width, 1 / canvas.height);
+    gl.uniform2f(this.show.uniforms.dim, options.light ?? 1, this.behind ? options.lightBehind ?? 0 : 0);
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (options.lines) this.#drawLines(camera, options.lines);
@@ -385,7 +373,8 @@ class Splats {
   #projectAll(view, eye, width, height, options) {
     const { gl } = this, { uniforms } = this.project;
     gl.useProgram(this.project.made);
-    bindTextures(gl, uniforms, this.textures);
+    this.#fillShares(options.shares);
+    bindTextures(gl, uniforms, { ...this.textures, shares: this.shares });
     gl.uniform1ui(uniforms.count, this.sortedCount);
     gl.uniformMatrix3fv(uniforms.projection, true, view.projection);
     gl.uniform3fv(uniforms.eye, eye);
@@ -394,7 +383,7 @@ class Splats {
     gl.uniform1f(uniforms.nearPlane, options.nearPlane);
     gl.uniform2fv(uniforms.logSteps, this.cloud.logSteps);
     gl.uniform1f(uniforms.focal, options.ownPixels ? view.focal : 0);
-    gl.uniform1fv(uniforms["shares[0]"], options.shares);
+    gl.uniform1i(uniforms.fades, options.fades ? 1 : 0);
     gl.uniform1f(uniforms.leastOpacity, options.leastOpacity);
     gl.uniform1i(uniforms.functions, (options.degree + 1) ** 2);
     gl.uniform1i(uniforms.stored, this.cloud.functions);
@@ -403,6 +392,31 @@ class Splats {
     gl.viewport(0, 0, TEXTURE_WIDTH, Math.ceil(this.sortedCount / TEXTURE_WIDTH));
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  #fillShares({ front, all }) {
+    const { gl } = this, both = new Float32Array(2 * (front.length + 1));
+    front.forEach((share, v) => both.set([share, all[v]], 2 * v + 2));
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.shares);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, front.length + 1, 1, gl.RG, gl.FLOAT, both);
+  }
+
+  // Colours (BEHIND, BEHIND, RGB in [0, 1]; rows upwards) that shine through where nothing is known.
+  setBehind(colours) {
+    const { gl } = this, texels = new Uint8Array(4 * BEHIND * BEHIND).map((_, i) => (i % 4 < 3 ? 255 * colours[3 * (i >> 2) + (i % 4)] : 255));
+    this.behind ??= gl.createTexture();
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.behind);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, BEHIND, BEHIND, 0, gl.RGBA, gl.UNSIGNED_BYTE, texels);
+    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+  }
+
+  // Gives back what the page holds of these Gaussians, before others take their place.
+  release() {
+    this.worker.terminate();
+    for (const texture of [...Object.values(this.textures), ...Object.values(this.records), this.shares, this.behind, this.target.texture]) this.gl.deleteTexture(texture);
   }
 
   #resize(width, height) {

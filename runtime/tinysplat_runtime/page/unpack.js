@@ -1,5 +1,4 @@
 // The page's data back to what splats.js draws: columns.py has how they were packed.
-"use strict";
 
 // A column of n whole numbers: zigzag differences along the rows, byte planes, low bytes first.
 function readColumn(data, at, n, bytes) {
@@ -23,17 +22,6 @@ function readColumns(data, count, described) {
   if (at !== data.length) throw new Error("the page's data are cut short");
   return columns;
 }
-
-const HALF_BITS = new Uint32Array(1), HALF_VALUE = new Float32Array(HALF_BITS.buffer);
-
-function half(value) { // bits of the nearest half float
-  HALF_VALUE[0] = Math.max(-65504, Math.min(65504, value));
-  const bits = HALF_BITS[0], sign = (bits >>> 16) & 0x8000, exponent = (bits >>> 23) & 255;
-  if (exponent < 113) return sign | Math.round(Math.abs(HALF_VALUE[0]) * 16777216);
-  return sign | (((bits & 0x7fffffff) - 0x38000000 + 0x1000) >>> 13);
-}
-
-const snorm = (value) => Math.round(value * 32767) & 0xffff;
 
 // The three smaller parts of a quaternion, in units of 1/steps, and which one was left out: all four (wxyz).
 function quatOf(columns, i, steps, out) {
@@ -67,32 +55,10 @@ function meansOf(columns, count, scene) {
 
 const OTHER_LAYERS = 64; // added to the views of Gaussians that are no surface of a photo
 
-// The code of how wide the pixel is, at the Gaussian's depth, that it stands for in its view; 0 without views.
-function ownPixel(columns, i, scene) {
-  if (!columns.view) return 0;
-  const { K: [fx, , fy] } = scene.views[columns.view[i] % OTHER_LAYERS], [steps, lowest] = scene.logSteps;
-  return Math.round((columns.depth[i] / scene.depthSteps - Math.log2(fx * fy) / 2 + lowest) * steps);
-}
-
-function geometryOf(columns, count, scene, means, views) {
-  const words = new Uint32Array(8 * count), floats = new Float32Array(words.buffer), quat = [0, 0, 0, 0];
-  for (let i = 0; i < count; i++) {
-    const at = 8 * i;
-    for (let k = 0; k < 3; k++) floats[at + k] = means[3 * i + k];
-    words[at + 3] = columns.opacity[i] | (views[i] << 8);
-    quatOf(columns, i, scene.quatSteps, quat);
-    words[at + 4] = snorm(quat[0]) | (snorm(quat[1]) << 16);
-    words[at + 5] = snorm(quat[2]) | (snorm(quat[3]) << 16);
-    words[at + 6] = columns.scale_0[i] | (columns.scale_1[i] << 16);
-    words[at + 7] = columns.scale_2[i] | (ownPixel(columns, i, scene) << 16);
-  }
-  return words;
-}
-
 // SH coefficients from components: mean + Σ component·step·basis, or the components themselves without a basis.
 function coloursOf(columns, count, scene) {
-  const { mean, basis, step } = scene.sh, width = mean.length, functions = width / 3, rank = basis ? basis.length : width;
-  const words = new Uint32Array(2 * functions * count), values = new Float64Array(width);
+  const { mean, basis, step } = scene.sh, width = mean.length, rank = basis ? basis.length : width;
+  const sh = new Float32Array(width * count), values = new Float64Array(width);
   const parts = Array.from({ length: rank }, (_, r) => columns[`sh_${r}`]);
   for (let i = 0; i < count; i++) {
     values.set(mean);
@@ -101,22 +67,26 @@ function coloursOf(columns, count, scene) {
       if (!basis) values[r] += part;
       else if (part) for (let k = 0, row = basis[r]; k < width; k++) values[k] += part * row[k];
     }
-    for (let b = 0, at = 2 * functions * i; b < functions; b++, at += 2) {
-      words[at] = half(values[3 * b]) | (half(values[3 * b + 1]) << 16);
-      words[at + 1] = half(values[3 * b + 2]);
-    }
+    sh.set(values, width * i);
   }
-  return words;
+  return sh;
 }
 
-async function unpack(scene, compressed) {
+export async function unpack(scene, compressed) {
   const stream = new Blob([compressed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const columns = readColumns(new Uint8Array(await new Response(stream).arrayBuffer()), scene.count, scene.columns);
-  const means = meansOf(columns, scene.count, scene);
-  const views = columns.view ? Uint8Array.from(columns.view) : new Uint8Array(scene.count).fill(OTHER_LAYERS);
-  const geometry = geometryOf(columns, scene.count, scene, means, views);
+  const { count } = scene, [steps, lowest] = scene.logSteps, parts = [], quats = new Float32Array(4 * count), quat = [0, 0, 0, 0];
+  const scales = new Float32Array(3 * count);
+  for (let i = 0; i < count; i++) {
+    const owner = columns.view ? columns.view[i] : -1;
+    if (parts.at(-1)?.owner !== owner) parts.push({ owner, view: owner < 0 ? -1 : owner % OTHER_LAYERS, isFront: owner >= 0 && owner < OTHER_LAYERS, from: i });
+    parts.at(-1).to = i + 1;
+    quatOf(columns, i, scene.quatSteps, quat);
+    quats.set(quat, 4 * i);
+    for (let k = 0; k < 3; k++) scales[3 * i + k] = columns[`scale_${k}`][i] ? 2 ** (columns[`scale_${k}`][i] / steps - lowest) : 0;
+  }
   return {
-    count: scene.count, means, views, geometry, colours: coloursOf(columns, scene.count, scene),
-    functions: scene.sh.mean.length / 3, logSteps: scene.logSteps, nearest: scene.nearest, farthest: scene.farthest, opacities: columns.opacity,
+    count, means: meansOf(columns, count, scene), quats, scales, opacities: Float32Array.from(columns.opacity, (code) => code / 255),
+    sh: coloursOf(columns, count, scene), functions: scene.sh.mean.length / 3, parts, views: scene.views,
   };
 }

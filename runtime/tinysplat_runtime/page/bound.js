@@ -1,0 +1,101 @@
+// Where a scene is good to look at: near the places that its photos were taken from, and between them. docs/lab/page.md has
+// the curves that SIDE was chosen by.
+import { add, between, clamp, dot, length, mix, scaled } from "./vectors.js";
+
+const SIDE = 0.035; // of the depth, to any side of the views' hull, over the root of how far inverse depths spread beside their mean
+const LEAST_SIDE = 0.02, MOST_SIDE = 0.12; // of the depth
+const AHEAD = 2.5; // times as far: coming closer uncovers little
+const LOOK = 0.08; // of a picture's half, that the middle of the window may leave what the picture shows
+const ELASTIC = 0.35; // of a bound, that a hand may pull beyond it
+const NEIGHBOURS = 3, FEW = 4; // of many views, each is joined to its nearest; of few, all to all
+const TURN = 0.5; // of directions beside places (in depths), where neighbours are looked for
+const TIE = 0.02; // and where the nearest part of the hull is: they decide between equals
+
+// Views in the order of a walk: always on to the nearest that is left.
+export function walk(views, depth) {
+  const left = views.map((_, v) => v), order = left.splice(0, 1);
+  while (left.length) {
+    const last = views[order.at(-1)], far = left.map((v) => apart(last, views[v], depth));
+    order.push(...left.splice(far.indexOf(Math.min(...far)), 1));
+  }
+  return order;
+}
+
+const apart = (a, b, depth) => Math.hypot(length(add(a.position, b.position, -1)) / depth, TURN * length(add(a.rotation[2], b.rotation[2], -1)));
+
+function joined(views, depth) {
+  if (views.length === 1) return [[0, 0]];
+  const edges = [];
+  views.forEach((view, i) => {
+    const others = views.map((other, j) => [apart(view, other, depth), j]).filter(([, j]) => j !== i).sort((a, b) => a[0] - b[0]);
+    for (const [, j] of others.slice(0, views.length > FEW ? NEIGHBOURS : FEW)) if (i < j || views.length > FEW) edges.push([i, j]);
+  });
+  return edges;
+}
+
+// A way between two views, a share t along it.
+export function poseBetween(a, b, t) {
+  const view = t < 0.5 ? a : b, isAlike = a.width === b.width && a.height === b.height;
+  const K = isAlike ? a.K.map((value, i) => value * (1 - t) + b.K[i] * t) : view.K;
+  return { K, width: view.width, height: view.height, position: mix(a.position, b.position, t), rotation: between(a.rotation, b.rotation, t) };
+}
+
+export class Bound {
+  // views in page units; depth and spread of their surfaces (cloud.js).
+  constructor(views, depth, spread) {
+    this.side = depth * clamp(SIDE / Math.sqrt(Math.max(spread, 1e-6)), LEAST_SIDE, MOST_SIDE);
+    Object.assign(this, { views, depth, edges: joined(views, depth) });
+    this.width = this.side + Math.max(...this.edges.map(([i, j]) => length(add(views[i].position, views[j].position, -1)))) / 2;
+  }
+
+  // The pose on the hull, which is made of ways between views, that is nearest to a camera.
+  foot({ position, rotation }) {
+    let least = Infinity, found;
+    for (const [i, j] of this.edges) {
+      const [a, b] = [this.views[i], this.views[j]];
+      const way = add(b.position, a.position, -1), turn = scaled(add(b.rotation[2], a.rotation[2], -1), TIE * this.depth);
+      const off = add(position, a.position, -1), turned = scaled(add(rotation[2], a.rotation[2], -1), TIE * this.depth);
+      const t = clamp((dot(way, off) + dot(turn, turned)) / (dot(way, way) + dot(turn, turn) || 1), 0, 1);
+      const far = Math.hypot(length(add(off, way, -t)), length(add(turned, turn, -t)));
+      if (far < least) [least, found] = [far, [a, b, t]];
+    }
+    return poseBetween(...found);
+  }
+
+  // How far a camera is from its foot, 1 at the bound.
+  strain(camera, foot = this.foot(camera)) {
+    const off = add(camera.position, foot.position, -1), ahead = dot(off, foot.rotation[2]);
+    const aside = length(add(off, foot.rotation[2], -ahead));
+    return Math.hypot(aside, ahead / (ahead > 0 ? AHEAD : 1)) / this.side;
+  }
+
+  // Pulls a camera back to a strain of `most` in place.
+  pull(camera, most) {
+    const foot = this.foot(camera), strain = this.strain(camera, foot);
+    if (strain > most) camera.position = mix(foot.position, camera.position, most / strain);
+  }
+
+  // How far the middle of a window has left what its foot's picture shows, in pixels of that picture, x and y.
+  stray(camera, width, height) {
+    const foot = this.foot(camera), [fx, skew, fy, cx, cy] = foot.K;
+    const point = add(add(camera.position, camera.ray(width / 2, height / 2, width, height), this.depth), foot.position, -1);
+    const z = dot(foot.rotation[2], point), y = dot(foot.rotation[1], point) / z, x = dot(foot.rotation[0], point) / z;
+    const scale = Math.min(width / camera.width, height / camera.height) * camera.zoom;
+    const beyond = (at, whole, shown) => at - clamp(at, ...[-1, 1].map((s) => whole / 2 + s * (Math.max(whole - shown / scale, 0) + LOOK * whole) / 2));
+    return [beyond(fx * x + skew * y + cx, foot.width, width) / fx, beyond(fy * y + cy, foot.height, height) / fy];
+  }
+}
+
+// What is left of a pull from one strain to another: all within the bound, less and less beyond it.
+export function elastic(before, after) {
+  const from = Math.max(before, 1);
+  if (after <= from) return after;
+  const give = Math.max(1 - (from - 1) / ELASTIC, 0);
+  return from + ELASTIC * give * (1 - Math.exp(-(after - from) / ELASTIC)); // never reaches 1 + ELASTIC
+}
+
+// What is left of the light at a strain.
+export function lightAt(strain) {
+  const t = clamp((strain - 1) / ELASTIC, 0, 1);
+  return 1 - 0.6 * t * t * (3 - 2 * t);
+}

@@ -1,0 +1,64 @@
+// The camera of the page. OpenCV axes: x right, y down, z forward.
+import { add, clamp, cross, dot, length, mix, scaled, turned } from "./vectors.js";
+
+const WHOLE = 1.3; // a window is filled where that takes no more than so much of the picture away
+const LEAST_HEIGHT = 0.05; // radians that the direction of view keeps from straight up and down
+
+// How many times larger than as a whole a picture is shown at first: so large that it fills the window, or, where that takes
+// too much of it away, so that as much is taken away as the window stays empty.
+export function fillingZoom({ width, height }, windowWidth, windowHeight) {
+  const [a, b] = [windowWidth / width, windowHeight / height].sort((x, y) => x - y), cover = b / a;
+  return Math.min(cover, Math.max(WHOLE, Math.sqrt(cover)));
+}
+
+export class Camera {
+  // view: {K: [fx, skew, fy, cx, cy], width, height, rotation: rows right, down, forward; position}
+  constructor(view, reach) { this.set(view, reach); }
+
+  set(view, reach, zoom = 1) {
+    Object.assign(this, { K: view.K, width: view.width, height: view.height, reach, zoom });
+    this.rotation = view.rotation.map((row) => [...row]);
+    this.position = [...view.position];
+  }
+
+  // What a window shows: the view's own picture as large as fits, times `zoom`, and more around it.
+  fitted(width, height) {
+    const scale = Math.min(width / this.width, height / this.height) * this.zoom;
+    const [fx, skew, fy, cx, cy] = this.K.map((value) => value * scale), [x, y, z] = this.rotation;
+    const principal = [width / 2 + cx - (scale * this.width) / 2, height / 2 + cy - (scale * this.height) / 2];
+    const projection = [...add(scaled(x, fx), y, skew), ...scaled(y, fy), ...z];
+    return { principal, focals: [fx, fy], focal: Math.sqrt(fx * fy), projection };
+  }
+
+  // The direction of what a window shows at a pixel, as long as it takes to be 1 deep.
+  ray(x, y, width, height) {
+    const { principal, focals } = this.fitted(width, height), [right, down, forward] = this.rotation;
+    return add(add(forward, right, (x - principal[0]) / focals[0]), down, (y - principal[1]) / focals[1]);
+  }
+
+  get target() { return add(this.position, this.rotation[2], this.reach); }
+
+  turn(axis, angle, about) {
+    this.rotation = this.rotation.map((row) => turned(row, axis, angle));
+    if (about) this.position = add(about, turned(add(this.position, about, -1), axis, angle));
+  }
+
+  // Turns to the left and downwards by angles, about a point or on the spot.
+  swing(up, left, down, about) {
+    this.turn(up, left, about);
+    const height = Math.acos(clamp(dot(this.rotation[2], up), -1, 1));
+    const angle = clamp(down, LEAST_HEIGHT - height, Math.PI - LEAST_HEIGHT - height), side = cross(this.rotation[2], up);
+    this.turn(scaled(side, 1 / (length(side) || 1)), -angle, about);
+  }
+
+  shift(right, down, forward) {
+    const [x, y, z] = this.rotation;
+    this.position = add(add(add(this.position, x, right), y, down), z, forward);
+  }
+
+  // Towards a point, or away from it where share < 0.
+  approach(point, share) {
+    this.position = mix(this.position, point, share);
+    this.reach = Math.max(this.reach * (1 - share), 1e-3);
+  }
+}

@@ -1,0 +1,239 @@
+// One scene in a canvas: its camera, what moves it, and a frame whenever something changed.
+import { Bound, lightAt, poseBetween, walk } from "./bound.js";
+import { Camera, fillingZoom } from "./camera.js";
+import { Controls } from "./controls.js";
+import { BoundMover, FreeMover } from "./movers.js";
+import { counted, distances, shares } from "./near.js";
+import { Splats } from "./splats.js";
+import { add, dot, length, scaled } from "./vectors.js";
+
+const SLOW_MS = 45; // a frame that takes longer is drawn with fewer pixels while things move
+const COARSEST = 0.25;
+const STEP_SECONDS = 4; // from view to view, untouched
+const FLIGHT_SECONDS = 0.7; // to a view that was asked for
+const BEHIND_LIGHT = 0.6; // of the colours behind what is known
+const PICK_PX = 8;
+
+export class Viewer {
+  // canvas; told: { drawn, moved, touched }, called after a frame, after movements and before the first of them.
+  // isBare: pictures as the rasteriser's, and nothing moves by itself.
+  constructor(canvas, told, { isBare, isStill }) {
+    Object.assign(this, { canvas, told, isBare, isStill, share: 1, last: 0, time: 0, light: 1, isFree: false });
+    this.settings = { degree: 4, leastOpacity: 0, depth: false, lines: false, ownPixels: true, nearFirst: true };
+    this.controls = new Controls(canvas, {
+      mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
+      back: () => this.back(), picked: (x, y) => this.#picked(x, y),
+    });
+    this.isSwinging = !isBare && !isStill;
+    new ResizeObserver(() => this.fit()).observe(canvas);
+    requestAnimationFrame((now) => this.#frame(now));
+  }
+
+  // scene: { views, up, nearPlane, reach, hasCameras }, cloud: cloud.js; keeps the camera where a sharper cloud of the same scene comes.
+  show(scene, cloud, isSame = false) {
+    const splats = new Splats(this.canvas, cloud, () => { this.isDirty = true; });
+    this.splats?.release();
+    Object.assign(this, { scene, splats, cloud, isDirty: true });
+    if (cloud.behind && !this.isBare) splats.setBehind(cloud.behind);
+    if (!isSame) this.#stand();
+    this.move();
+  }
+
+  #stand() {
+    const { views, up, reach, hasCameras } = this.scene, window = () => [this.canvas.clientWidth, this.canvas.clientHeight];
+    this.lines = hasCameras ? frusta(views, 0.04 * reach) : null;
+    this.camera = new Camera(views[0], reach);
+    this.free = new FreeMover(this.camera, up, window, reach);
+    this.bound = hasCameras ? new Bound(views, this.cloud.depth, this.cloud.spread) : null;
+    this.near = this.bound && new BoundMover(this.camera, this.bound, up, window);
+    this.counted = counted(views);
+    this.path = walk(views, this.cloud.depth).map((v) => views[v]);
+    this.current = 0;
+    this.fit();
+    this.#set(views[0]);
+  }
+
+  get mover() { return this.isFree || !this.near ? this.free : this.near; }
+
+  get homeZoom() { return this.isBare || !this.bound ? 1 : fillingZoom(this.camera, this.canvas.clientWidth, this.canvas.clientHeight); }
+
+  fit() {
+    const { canvas } = this, ratio = this.isBare ? 1 : Math.min(devicePixelRatio, 2), home = this.camera && this.homeZoom;
+    canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+    canvas.height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    if (this.camera && this.home) this.camera.zoom *= home / this.home;
+    this.home = home;
+    this.isDirty = true;
+  }
+
+  #set(pose, zoom = this.homeZoom) {
+    this.camera.set({ ...this.camera, ...pose }, this.scene.reach, zoom);
+    this.home = this.homeZoom;
+    this.move();
+  }
+
+  // Goes to where view i was taken from.
+  select(i, isAtOnce = this.isBare || this.isStill) {
+    const pose = this.scene.views[i], from = { ...this.camera, rotation: this.camera.rotation.map((row) => [...row]) };
+    this.isSwinging = false;
+    this.current = i;
+    const isFar = length(add(pose.position, from.position, -1)) > this.cloud.depth;
+    if (isAtOnce || isFar) this.#set(pose);
+    else this.flight = { from, pose, done: 0 };
+  }
+
+  back() {
+    this.touched = false;
+    this.isAway = false;
+    this.select(this.current);
+    this.told.moved();
+  }
+
+  #touch() {
+    this.flight = null;
+    this.isSwinging = false;
+    if (!this.touched) this.told.touched();
+    this.touched = true;
+  }
+
+  swing(isAsked) {
+    this.flight = null;
+    this.isSwinging = isAsked;
+    this.isAway = !isAsked;
+    this.time = 0;
+    this.told.moved();
+  }
+
+  setFree(isFree) {
+    this.isFree = isFree;
+    if (!isFree && this.near) this.back();
+    this.isDirty = true;
+  }
+
+  #moved() {
+    this.isAway = true;
+    this.told.moved();
+    this.move();
+  }
+
+  // The camera has moved: Gaussians need another order.
+  move() {
+    if (!this.splats) return;
+    if (this.splats.isSorted) this.splats.sort(this.camera, this.scene.nearPlane, this.shares());
+    else this.waits = true;
+    this.isDirty = true;
+  }
+
+  shares() {
+    const { views, hasCameras } = this.scene;
+    if (!hasCameras || !this.cloud.viewCount) return { front: [], all: [] };
+    const found = shares(distances(views, this.cloud.depth, this.camera), this.counted);
+    if (!this.settings.nearFirst) found.front.fill(0);
+    return found;
+  }
+
+  // The point that shows at a pixel: on the nearest Gaussians there, or as deep as the scene where there are none.
+  pointAt(x, y) {
+    const { means, opacities, parts, depth } = this.cloud, { clientWidth, clientHeight } = this.canvas, { camera } = this;
+    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight), depths = [], { all } = this.shares();
+    for (const { view, from, to } of parts) {
+      if (view >= 0 && !(all[view] > 0)) continue;
+      for (let i = from; i < to; i++) {
+        if (opacities[i] < 0.25) continue;
+        const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = dot(P.slice(6), ray);
+        if (z <= this.scene.nearPlane) continue;
+        const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x, dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
+        if (dx * dx + dy * dy < PICK_PX * PICK_PX) depths.push(z);
+      }
+    }
+    const found = depths.length ? depths.sort((a, b) => a - b)[depths.length >> 2] : depth;
+    return add(camera.position, camera.ray(x, y, clientWidth, clientHeight), found);
+  }
+
+  #picked(x, y) { // freely: turns about that point from now on
+    if (!this.isFree && this.near) return this.back();
+    const { camera } = this, to = add(this.pointAt(x, y), camera.position, -1), [right, down, forward] = camera.rotation;
+    camera.swing(this.scene.up, -Math.atan2(dot(to, right), dot(to, forward)), Math.atan2(dot(to, down), dot(to, forward)));
+    camera.reach = length(to);
+    this.#moved();
+  }
+
+  drawing() {
+    const { settings, bound, isBare } = this, isNear = bound && !this.isFree;
+    const strain = isNear && this.touched ? bound.strain(this.camera) : 0;
+    return {
+      nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels, degree: Math.min(settings.degree, Math.sqrt(this.cloud.functions) - 1),
+      leastOpacity: settings.leastOpacity, depth: settings.depth, lines: settings.lines && !isBare ? this.lines : null,
+      fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), lightBehind: isBare || settings.depth ? 0 : BEHIND_LIGHT,
+    };
+  }
+
+  // From view to view and back, or a small circle about a single one.
+  #swing(seconds) {
+    const { path } = this, legs = path.length - 1;
+    this.time += seconds;
+    if (legs > 0) {
+      const turns = this.time / STEP_SECONDS / legs, at = legs * (legs > 1 ? 1 - Math.abs(1 - (turns % 2)) : (1 - Math.cos(Math.PI * turns)) / 2);
+      const leg = Math.min(Math.floor(at), legs - 1), pose = poseBetween(path[leg], path[leg + 1], at - leg);
+      return this.#set(pose, this.camera.zoom);
+    }
+    const view = path[0], angle = (Math.PI * this.time) / STEP_SECONDS, wide = 0.7 * (this.bound?.side ?? 0.1 * this.scene.reach);
+    const aside = add(scaled(view.rotation[0], wide * Math.sin(angle)), view.rotation[1], 0.4 * wide * (Math.cos(angle) - 1));
+    this.#set({ position: add(view.position, aside), rotation: view.rotation }, this.camera.zoom);
+  }
+
+  #fly(seconds) {
+    const { from, pose } = this.flight, done = (this.flight.done = Math.min(this.flight.done + seconds / FLIGHT_SECONDS, 1)), t = done * done * (3 - 2 * done);
+    this.#set(poseBetween(from, pose, t), from.zoom + t * (this.homeZoom - from.zoom));
+    if (done === 1) this.flight = null;
+  }
+
+  // Whether anything moves in this frame.
+  #step(seconds) {
+    this.controls.step(seconds);
+    if (this.flight) this.#fly(seconds);
+    else if (this.isSwinging) this.#swing(seconds);
+    else if (!this.controls.isMoving && this.touched && this.mover.spring(seconds)) this.move();
+    else return this.controls.isMoving;
+    return true;
+  }
+
+  #frame(now) {
+    requestAnimationFrame((next) => this.#frame(next));
+    const elapsed = Math.min(now - this.last, 250);
+    this.last = now;
+    if (!this.splats || this.splats.isLost) return;
+    const moves = this.#step(elapsed / 1000);
+    if (this.waits && this.splats.isSorted) {
+      this.waits = false;
+      this.splats.sort(this.camera, this.scene.nearPlane, this.shares());
+    }
+    if (this.isDirty) delete document.body.dataset.ready;
+    if (this.splats.sortedCount >= 0 && (this.isDirty || (!moves && this.share < 1))) this.#draw(moves, elapsed);
+    this.wasMoving = moves;
+  }
+
+  #draw(moves, elapsed) {
+    if (!moves || this.isBare) this.share = 1;
+    else if (elapsed > SLOW_MS && this.wasMoving) this.share = Math.max(this.share / 2, COARSEST);
+    this.isDirty = false;
+    this.splats.draw(this.camera, this.drawing(), this.share);
+    if (!this.splats.isSorted || this.waits) return;
+    this.told.drawn();
+    if (this.share === 1 && !moves) document.body.dataset.ready = this.settings.leastOpacity;
+  }
+}
+
+// Corners of the cameras' pictures, a little way in front of them, as lines (…, 3).
+function frusta(views, size) {
+  const lines = [];
+  for (const { K: [fx, skew, fy, cx, cy], width, height, rotation, position } of views) {
+    const corner = (u, v) => {
+      const y = (v - cy) / fy, x = (u - cx - skew * y) / fx;
+      return add(add(add(position, rotation[0], x * size), rotation[1], y * size), rotation[2], size);
+    };
+    const [a, b, c, d] = [corner(0, 0), corner(width, 0), corner(width, height), corner(0, height)];
+    lines.push(position, a, position, b, position, c, position, d, a, b, b, c, c, d, d, a);
+  }
+  return new Float32Array(lines.flat());
+}

@@ -1,0 +1,70 @@
+// node draw.mjs FOLDER IN.json OUT.f32: draws Gaussians with the page's own arithmetic, pixel by pixel, as shaders do it by triangles.
+import { readFileSync, writeFileSync } from "node:fs";
+import { pathToFileURL } from "node:url";
+
+const [folder, input, output] = process.argv.slice(2);
+const module = (name) => import(pathToFileURL(`${folder}/${name}`));
+const { ARITHMETIC } = await module("arithmetic.js");
+const { Camera } = await module("camera.js");
+const { counted, distances, shares, sorting } = await module("near.js");
+const { dot, unit } = await module("vectors.js");
+
+// GLSL of scalars and constructors as JavaScript: types go.
+const TYPE = "(?:float|vec2|vec3|vec4)";
+const script = ARITHMETIC.replace(new RegExp(`^${TYPE} (\\w+)\\(([^)]*)\\) \\{`, "gm"), (_, name, given) => `function ${name}(${given.replace(new RegExp(`${TYPE} `, "g"), "")}) {`)
+  .replace(new RegExp(`const ${TYPE} `, "g"), "const ").replace(new RegExp(`\\b${TYPE} (\\w+) =`, "g"), "let $1 =");
+const names = [...script.matchAll(/^(?:function|const) (\w+)/gm)].map(([, name]) => name);
+const { max, sqrt } = Math, vector = (x, y, z, w) => ({ x, y, z, w });
+const glsl = new Function("vec2", "vec3", "vec4", "max", "sqrt", `${script}\nreturn { ${names.join()} };`)(vector, vector, vector, max, sqrt);
+
+const scene = JSON.parse(readFileSync(input, "utf8"));
+const { width, height, parts, views, depth, nearPlane, degree } = scene;
+const floats = (name) => Float32Array.from(scene[name]);
+const [means, quats, scales, opacities, sh] = ["means", "quats", "scales", "opacities", "sh"].map(floats);
+const camera = new Camera(scene.camera, 1), { projection, principal, focal } = camera.fitted(width, height);
+const rows = [0, 3, 6].map((at) => vector(...projection.slice(at, at + 3)));
+
+const isNear = scene.order === "near" && views.length > 1;
+const share = isNear ? shares(distances(views, depth, camera), counted(views)) : { front: views.map(() => 0), all: views.map(() => 1) };
+const z = camera.rotation[2], order = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
+const partOf = (i) => parts.find(({ from, to }) => from <= i && i < to);
+
+function colour(i, d) {
+  const [x, y, z] = d, places = { x, y, z }, sum = [0.5, 0.5, 0.5], functions = (degree + 1) ** 2;
+  for (let n = 0; n < functions; n++) {
+    const basis = glsl[`Y${n}`], wanted = basis.toString().match(/\(([^)]*)\)/)[1].split(",").map((name) => places[name.trim()]);
+    for (let k = 0; k < 3; k++) sum[k] += basis(...wanted) * sh[3 * (functions * i + n) + k];
+  }
+  return sum.map((value) => max(value, 0));
+}
+
+const picture = new Float64Array(3 * width * height), left = new Float64Array(width * height).fill(1);
+for (const entry of order) {
+  const i = entry & 0x7fffffff, isCopy = entry > 0x7fffffff, { view } = partOf(i);
+  const at = [0, 1, 2].map((k) => means[3 * i + k] - camera.position[k]), ray = vector(...at);
+  const point = rows.map((row) => glsl.dot3(row, ray)), u = point[0] / point[2], v = point[1] / point[2];
+  const limit = (x, c, size) => max(-0.15 * size - c, Math.min(1.15 * size - c, x));
+  const q = vector(...quats.subarray(4 * i, 4 * i + 4)), s = vector(...scales.subarray(3 * i, 3 * i + 3));
+  const m1 = glsl.across(glsl.jacobian(rows[0], rows[2], limit(u, principal[0], width), point[2]), q, s);
+  const m2 = glsl.across(glsl.jacobian(rows[1], rows[2], limit(v, principal[1], height), point[2]), q, s);
+  const area = glsl.cross3(m1, m2), b = glsl.dot3(m1, m2), plain = glsl.dot3(area, area);
+  let [a, c] = [glsl.dot3(m1, m1), glsl.dot3(m2, m2)], own = 0;
+  if (view >= 0 && scene.dilation === "own") {
+    const { K, rotation, position } = views[view], deep = dot(rotation[2], [0, 1, 2].map((k) => means[3 * i + k] - position[k]));
+    own = deep > 0 ? (deep / sqrt(K[0] * K[2])) * focal / point[2] : 0;
+  }
+  const wider = glsl.widening(a, b, c, plain, own), det = plain + wider.x * (a + c + wider.x);
+  [a, c] = [a + wider.x, c + wider.x];
+  const opacity = opacities[i] * wider.y * (view < 0 ? 1 : isCopy ? share.front[view] : share.all[view]), reach = Math.log(opacity / glsl.LEAST_ALPHA);
+  if (!(reach > 0)) continue;
+  const axes = glsl.halfAxes(a, b, c, det), long = [axes.x, axes.y], size = Math.hypot(...long), rgb = colour(i, unit(at));
+  const x0 = u + principal[0], y0 = v + principal[1], far = sqrt(reach) * size;
+  for (let y = max(0, Math.floor(y0 - far)); y < Math.min(height, y0 + far + 1); y++) for (let x = max(0, Math.floor(x0 - far)); x < Math.min(width, x0 + far + 1); x++) {
+    const dx = x + 0.5 - x0, dy = y + 0.5 - y0, along = (dx * long[0] + dy * long[1]) / (size * size), aside = (dy * long[0] - dx * long[1]) / (size * axes.z);
+    const alpha = Math.min(opacity * Math.exp(-(along * along + aside * aside)), 0.99), pixel = y * width + x;
+    if (alpha < glsl.LEAST_ALPHA || left[pixel] * (1 - alpha) < 1e-4) continue;
+    for (let k = 0; k < 3; k++) picture[3 * pixel + k] += left[pixel] * alpha * rgb[k];
+    left[pixel] *= 1 - alpha;
+  }
+}
+writeFileSync(output, Float32Array.from(picture));
