@@ -10,8 +10,7 @@ import pytest
 from reference.rasteriser import render_reference
 
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.render import Renderer, render, renderer
-from tinysplat_runtime.render import compiled as compiled_code
+from tinysplat_runtime.render import Renderer, lists, render, renderer
 from tinysplat_runtime.render.prepare import parts, prepare
 from tinysplat_runtime.render.project import Splats, View, may_show, project, projected
 from tinysplat_runtime.render.tiles import FRONT, WHOLE, Grid, bands, depth_order, find_pairs, runs
@@ -75,7 +74,7 @@ def test_compiled_pictures_do_not_depend_on_where_batches_of_tiles_are_cut(monke
     r = Renderer(scene, threads=2, compiled=True)
     whole = r.render(pinhole(150, 300), outputs=OUTPUTS)
     for limit in (1, 2000):
-        monkeypatch.setattr(compiled_code, "MAX_KEYS", limit)
+        monkeypatch.setattr(lists, "MAX_KEYS", limit)
         cut = r.render(pinhole(150, 300), outputs=OUTPUTS)
         for name in OUTPUTS:
             np.testing.assert_array_equal(cut[name], whole[name])
