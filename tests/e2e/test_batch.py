@@ -28,6 +28,7 @@ from tinysplat.batch.storage import local_folder, read, write
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.recipe.words import AutoViews, Refinement
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
@@ -141,7 +142,13 @@ def test_bad_batches_are_one_line(scenes: Path, tmp_path: Path) -> None:
     assert "unknown quality" in fail('{"scene": "a", "quality": 3}')
     assert "name: '../x', expected a plain file name" in fail('{"scene": "a", "name": "../x"}')
     assert "views: 3, expected a list" in fail('{"scene": "a", "views": 3}')
+    assert "line 1: qp: '4', expected a number" in fail('{"scene": "a", "qp": "4"}')
+    assert "target_size: given with qp" in fail('{"scene": "a", "qp": 4, "target_size": "9KB"}')
+    assert "report: 1, expected true or false" in fail('{"scene": "a", "report": 1}')
     assert "an address is for --engine ray" in fail("a", "--address", "x")
+    manifest.write_bytes(b"\x89TSPLAT\r\n\x1a\n\0\0")
+    assert "m.txt: byte 0 is not UTF-8, expected text" in fail(None)
+    assert "byte 1 is 0, expected text" in fail("a\0b")
     assert "1 scenes failed, the first: " in fail(f"{scenes}/gone", "-q", "--workers", 1)
     (tmp_path / "out/results.json").write_text("[]")
     assert "results.json: not a batch's results" in fail("a")
@@ -203,6 +210,28 @@ def test_urls_are_read_and_written_through_fsspec(scenes: Path) -> None:
         pass
     with pytest.raises(InputError, match="nope"):
         read("nope://x")
+
+
+def test_an_entrys_options_replace_the_batchs_and_what_they_contradict() -> None:
+    asked = {"qp": 6.0, "profile": "fast", "refine": Refinement(steps=3), "model": "sweep", "report": True}
+    entries = [{}, {"target_size": "9KB"}, {"like": "x.tsplat", "report": False}, {"qp": 0, "refine": ""}, {"auto": 3}]
+    lines = [json.dumps({"scene": "s", "name": f"n{i}", **entry}) for i, entry in enumerate(entries)]
+    jobs = read_manifest("\n".join(lines), "out", asked, "base")
+    codings = [job.request.coding for job in jobs]
+    assert [coding.qp for coding in codings] == [6, None, None, 0, 6]
+    assert [coding.profile for coding in codings] == ["fast", "fast", None, "fast", "fast"]
+    assert codings[1].target_size == 9000 and codings[2].like == "base/x.tsplat"
+    assert [job.request.refinement for job in jobs] == [*3 * [Refinement(steps=3)], None, Refinement(steps=3)]
+    assert [job.keep.report for job in jobs] == [True, True, False, True, True]
+    assert jobs[4].request.views == AutoViews(3) and {job.request.model for job in jobs} == {"sweep"}
+
+
+def test_what_was_done_before_there_were_requests_is_not_done_again() -> None:
+    """Fingerprints of the release before, which results.json of long batches hold."""
+    job = Job("a", EncodeRequest("/a"), "out/a.tsplat")
+    assert job.fingerprint == "1df12788cd0b65a0"
+    (other,) = read_manifest('{"scene": "/a", "views": [0, 2], "qp": 4, "lossless": false, "refine": "5"}', "o", {})
+    assert other.fingerprint == "c7886451af4c1f3a"
 
 
 def test_every_option_changes_the_fingerprint() -> None:

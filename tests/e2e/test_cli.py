@@ -287,7 +287,7 @@ def test_an_unreadable_photo_is_named(scene, tmp_path):
         (["--target-size", "300"], "at least"),
         (["--target-size", "9KB", "--mode", "photos"], "target"),
         (["--mode", "hybrid", "--profile", "paper"], "profile"),
-        (["--target-psnr", "119"], "nearest"),
+        (["--target-psnr", "119"], "at most"),
     ],
 )
 def test_bad_options_are_one_line(scene, tmp_path, arguments, named):

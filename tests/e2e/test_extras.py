@@ -12,7 +12,7 @@ import tomllib
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli.doctor import EXTRAS as REPORTED
+from tinysplat_runtime.cli.doctor import extras
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -76,7 +76,10 @@ SILENT = {"fast", "docs", "dev"}
 def test_no_extra_is_forgotten() -> None:
     declared = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
     assert set(CASES) | SILENT == declared
-    assert set(REPORTED) == declared - {"docs", "dev"}
+    reported = extras()
+    assert set(reported) == declared - {"docs", "dev"}
+    assert {"scipy", "mpmath", "scikit-image", "torch"} <= set(reported["eval"]) and "zstandard" in reported["demo"]
+    assert all("tinysplat" not in names for names in reported.values()) and extras("no such package") == {}
 
 
 @pytest.fixture(scope="module")

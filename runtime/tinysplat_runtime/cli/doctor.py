@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
-import importlib.util
 import os
 import platform
+import re
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,20 +18,9 @@ from ..graphs.providers import Provider, known_providers
 from ..system.threads import available_cores
 from .trial import ran_by
 
-EXTRAS = {
-    "io": ("safetensors", "plyfile", "zstandard", "PIL"),
-    "usd": ("pxr",),
-    "poses": ("pycolmap",),
-    "eval": ("matplotlib", "PIL", "tqdm", "torch"),
-    "cluster": ("fsspec", "ray"),
-    "fast": ("numba",),
-    "torch": ("torch",),
-    "export": ("onnx", "onnxscript"),
-    "demo": ("skimage",),
-    "completion": ("shtab",),
-    "train": ("matplotlib", "numba", "PIL", "skimage", "torch"),
-}
-"""Modules that an extra brings."""
+_NOT_FOR_USERS = ("docs", "dev")
+_MARKERS = (("extra", "=="), ("python_version", "<"))
+_PACKAGE = re.compile(r"([\w.-]+)(?:\[([\w,-]+)\])?")
 
 _BASE = ("numpy", "onnxruntime", "av")
 _CODECS = (("libx265", "w"), ("hevc", "r"), ("png", "r"), ("mjpeg", "r"), ("libx264", "w"))
@@ -50,7 +40,7 @@ def examine(asked: Sequence[Provider] | None = None) -> dict[str, Any]:
         "providers": _providers(wrong),
         "codecs": _codecs(wrong),
         "models": _models(wrong),
-        "extras": {extra: _extra(extra, names) for extra, names in EXTRAS.items()},
+        "extras": {extra: _state(extra, names) for extra, names in extras().items()},
     }
     if asked is not None:
         report["graphs"] = ran_by(asked, wrong)
@@ -122,6 +112,42 @@ def _models(wrong: list[str]) -> dict[str, str]:
     return states
 
 
-def _extra(extra: str, names: tuple[str, ...]) -> str:
-    missing = [name for name in names if importlib.util.find_spec(name) is None]
+def extras(package: str = "tinysplat") -> dict[str, list[str]]:
+    """The packages that each extra brings, as the metadata of the installed package have it; none where there are none.
+
+    Args:
+        package: whose extras.
+    """
+    try:
+        found, lines = importlib.metadata.metadata(package), importlib.metadata.requires(package) or []
+    except importlib.metadata.PackageNotFoundError:  # a folder of modules, as of small devices
+        return {}
+    brought: dict[str, list[str]] = {extra: [] for extra in found.get_all("Provides-Extra") or []}
+    for line in lines:
+        name, _, marker = line.partition(";")
+        extra, below = (re.search(f"{key} {sign} ['\"]([^'\"]+)", marker) for key, sign in _MARKERS)
+        if extra and not (below and sys.version_info[:2] >= tuple(map(int, below[1].split(".")))):
+            brought[extra[1]].append(name)
+
+    def packages(extra: str) -> list[str]:
+        names = []
+        for match in map(_PACKAGE.match, brought[extra]):
+            assert match is not None
+            others = (match[2] or "").split(",") if match[1] == package else ()
+            names += [name for other in others for name in packages(other)] if others else [match[1]]
+        return list(dict.fromkeys(names))
+
+    return {extra: packages(extra) for extra in brought if extra not in _NOT_FOR_USERS}
+
+
+def _state(extra: str, names: list[str]) -> str:
+    missing = [name for name in names if not _is_installed(name)]
     return "installed" if not missing else f'lacks {", ".join(missing)}: pip install "tinysplat[{extra}]"'
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
