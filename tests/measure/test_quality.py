@@ -25,7 +25,7 @@ from evaluation_scenes import (
 from PIL import Image
 from scenes import make_smooth_gaussians
 
-from tinysplat.measure.metrics import PSNR_CEILING, capped_psnr, psnr, ssim
+from tinysplat.measure.metrics import psnr, ssim
 from tinysplat.measure.pictures import rescaled
 from tinysplat.measure.quality import (
     Coding,
@@ -49,6 +49,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.system.decibels import CEILING
 
 SIZE = (HEIGHT, WIDTH)
 CODINGS = (Coding("paper", 0.0), Coding("balanced", 6.0))
@@ -294,7 +295,7 @@ def test_chunks_of_a_data_set_are_measured_and_missing_scenes_counted(tmp_path):
 
 
 def test_identical_pictures_get_the_ceiling_that_json_can_hold():
-    assert capped_psnr(plane_photo(0) / 255, plane_photo(0) / 255) == PSNR_CEILING
+    assert psnr(plane_photo(0) / 255, plane_photo(0) / 255) == CEILING
 
 
 def test_zoomed_pictures_and_enlarged_ones_meet_the_same_pixels_of_the_photo(measured):
@@ -406,7 +407,7 @@ def test_sheets_show_photo_both_results_and_both_errors(measured, tmp_path):
     sheets = result_sheets(results, tmp_path / "b")
     assert [len(sheet.rows) for sheet in sheets] == [1, 2]
     scores = sheets[0].rows[0].scores()
-    assert scores["psnr_b_to_a"] == PSNR_CEILING and scores["psnr_a_to_photo"] == scores["psnr_b_to_photo"]
+    assert scores["psnr_b_to_a"] == CEILING and scores["psnr_a_to_photo"] == scores["psnr_b_to_photo"]
     (path,) = write_sheet(tmp_path, sheets[1])
     with Image.open(path) as image:
         assert image.width > 5 * WIDTH and image.height > 2 * HEIGHT

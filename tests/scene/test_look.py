@@ -180,7 +180,7 @@ def test_own_psnr_is_that_of_the_render_to_photos() -> None:
 
     gaussians = make_smooth_gaussians(2, 24, 32)
     pictures = np.stack([ts.render(gaussians, view) for view in gaussians.cameras])
-    assert own_psnr(gaussians, pictures, None) == pytest.approx(120)
+    assert own_psnr(gaussians, pictures, None) == pytest.approx(150)
     assert own_psnr(gaussians, pictures + 0.1, None) == pytest.approx(20, abs=1e-3)
 
 

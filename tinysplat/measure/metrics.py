@@ -24,11 +24,9 @@ from tinysplat_runtime.gaussian.difference import layer_pairs, spread
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.system.decibels import decibels
 
 SSIM_WINDOW = 11
-
-PSNR_CEILING = 150.0
-"""dB given to identical pictures, where float32's own rounding lies: JSON has no infinity."""
 
 DEPTH_RATIO = 1.25
 """Depths are called right when neither is more than this many times the other (Eigen et al. 2014)."""
@@ -43,7 +41,7 @@ def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> flo
         mask: (H, W) bool, pixels that count; None for all.
 
     Returns:
-        dB; infinity for identical pictures, NaN where the mask leaves no pixel.
+        dB, at most `CEILING`; NaN where the mask leaves no pixel.
 
     Raises:
         InputError: shapes differ.
@@ -54,13 +52,7 @@ def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> flo
         squared = squared[mask]
     if squared.size == 0:
         return math.nan
-    error = float(squared.mean(dtype=np.float64))
-    return -10 * math.log10(error) if error > 0 else math.inf
-
-
-def capped_psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> float:
-    """PSNR in dB, at most PSNR_CEILING."""
-    return min(psnr(image, reference, mask), PSNR_CEILING)
+    return decibels(float(squared.mean(dtype=np.float64)))
 
 
 def pixel_errors(image: NDArray, truth: NDArray) -> dict[str, float]:

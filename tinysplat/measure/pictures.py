@@ -15,7 +15,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
-from .metrics import capped_psnr
+from .metrics import psnr
 from .subjects.cases import Case
 
 PictureMetric = Callable[[NDArray, NDArray], float]
@@ -105,7 +105,7 @@ def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable
 
 def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:
     """Mean over pictures, dB."""
-    return statistics.fmean(capped_psnr(a, b) for a, b in zip(images, references, strict=True))
+    return statistics.fmean(psnr(a, b) for a, b in zip(images, references, strict=True))
 
 
 def rescaled(image: NDArray, height: int, width: int) -> NDArray:

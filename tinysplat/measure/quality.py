@@ -33,7 +33,7 @@ from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
-from .metrics import capped_psnr, depth_errors, plane_errors, ssim
+from .metrics import depth_errors, plane_errors, psnr, ssim
 from .pictures import Drawing, PictureMetric, Pictures, Rendered, mean_psnr, photo_psnr, rescaled
 from .rows import PICTURES, Row, describe_machine, grouped
 from .runner import Job, Outcome
@@ -281,7 +281,7 @@ def _zoom_figures(zoom: Zoom, case: Case, decoded: Gaussians, drawing: Drawing) 
 def _scores(
     images: Sequence[NDArray], references: Iterable[NDArray], lpips: PictureMetric | None, suffix: str
 ) -> dict[str, list[float]]:
-    metrics: dict[str, PictureMetric] = {"psnr": capped_psnr, "ssim": ssim, **({"lpips": lpips} if lpips else {})}
+    metrics: dict[str, PictureMetric] = {"psnr": psnr, "ssim": ssim, **({"lpips": lpips} if lpips else {})}
     pairs = list(zip(images, references, strict=True))
     return {f"{name}{suffix}": [metric(a, b) for a, b in pairs] for name, metric in metrics.items()}
 
@@ -291,7 +291,7 @@ def _covered_psnr(
 ) -> dict[str, list[float]]:
     """Of the targets that have covered pixels at all."""
     triples = zip(images, photos, covered, strict=True)
-    return {name: [capped_psnr(image, photo, mask) for image, photo, mask in triples if mask.any()]}
+    return {name: [psnr(image, photo, mask) for image, photo, mask in triples if mask.any()]}
 
 
 def _depth_scores(case: Case, sets: Mapping[str, Rendered]) -> dict[str, dict[str, float]]:

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from tinysplat.rasteriser import PinholeCamera, render
 from tinysplat_runtime.gaussian.sh import C0
+from tinysplat_runtime.system.decibels import decibels
 
 Picture: TypeAlias = tuple[NDArray, NDArray, NDArray]
 """Image (H, W, 3) float32 RGB in [0, 1], K (3, 3) in pixels, c2w (4, 4)."""
@@ -129,4 +130,4 @@ def render_outputs(outputs: tuple[Tensor, ...], camera: PinholeCamera) -> Tensor
 
 def psnr(image: Tensor, target: Tensor) -> float:
     """Peak signal-to-noise ratio in dB of a picture clipped to [0, 1]."""
-    return float(-10 * torch.log10((image.clamp(0, 1) - target).square().mean().clamp_min(1e-10)))
+    return decibels(float((image.clamp(0, 1) - target).square().mean()))

@@ -130,7 +130,7 @@ def extras(package: str = "tinysplat") -> dict[str, list[str]]:
             brought[extra[1]].append(name)
 
     def packages(extra: str) -> list[str]:
-        names = []
+        names: list[str] = []
         for match in map(_PACKAGE.match, brought[extra]):
             assert match is not None
             others = (match[2] or "").split(",") if match[1] == package else ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from ..gaussian.gaussians import Gaussians
 from ..render import DEFINITION, Renderer
 from ..render.paths import orbit, outside
 from ..scene.cameras import Camera
+from ..system.decibels import CEILING, decibels
 from ..system.files import StrPath
 from .table import load_gaussians
 
@@ -26,7 +26,7 @@ class Loss:
 
     Attributes:
         bytes: of the file.
-        psnr: dB of its pictures against the original's, the mean over the views; infinite where all are equal.
+        psnr: dB of its pictures against the original's, the mean over the views; CEILING where all are equal.
         views: pictures that were compared.
     """
 
@@ -35,7 +35,7 @@ class Loss:
     views: int
 
     def __str__(self) -> str:
-        beside = "equal to its source" if math.isinf(self.psnr) else f"{self.psnr:.2f} dB beside its source"
+        beside = "equal to its source" if self.psnr == CEILING else f"{self.psnr:.2f} dB beside its source"
         return f"{self.bytes / 1e3:.1f} KB, {beside}, mean of {self.views} views"
 
 
@@ -53,7 +53,7 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
     # As defined: most formats keep no cameras, and what is drawn with their help would count as lost.
     ours, theirs = (Renderer(drawn, None, compiled=False, **DEFINITION) for drawn in (gaussians, load_gaussians(path)))
     errors = [np.mean((ours.render(camera) - theirs.render(camera)) ** 2, dtype=np.float64) for camera in views]
-    each = [-10 * math.log10(error) if error else math.inf for error in errors]
+    each = [decibels(float(error)) for error in errors]
     size = sum(part.stat().st_size for part in _parts(Path(path)))
     return Loss(size, sum(each) / len(each), len(each))
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render import Renderer
 from ..scene.cameras import Camera
+from ..system.decibels import decibels
 
 LOW_DB = 20.0
 """Renders that differ more than this from their own photos point to something wrong with what was given."""
@@ -32,7 +31,7 @@ def own_psnr(gaussians: Gaussians, images: NDArray, threads: int | None) -> floa
         band = _rows_of(camera, slice(first, first + rows))
         renderer = whole or Renderer(_about(gaussians, band), threads=threads, compiled=False)
         errors.append(float(np.mean((renderer.render(band) - image[first : first + rows]) ** 2, dtype=np.float64)))
-    return float(np.mean([-10 * math.log10(max(error, 1e-12)) for error in errors]))
+    return float(np.mean([decibels(error) for error in errors]))
 
 
 def _rows_of(camera: Camera, rows: slice) -> Camera:

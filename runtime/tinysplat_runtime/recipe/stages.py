@@ -5,7 +5,6 @@ Each is given `Tools`, which a `Runtime` is.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Protocol
 
@@ -28,6 +27,7 @@ from ..graphs.predict import predict as run_network
 from ..render import DEFINITION, Renderer
 from ..render.paths import ring
 from ..scene.scenes import Scene
+from ..system.decibels import decibels
 from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
 from .request import Coding
@@ -181,6 +181,6 @@ def _fidelity(gaussians: Gaussians, tools: Tools) -> Callable[[bytes], float]:
             float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
             for camera, image in zip(cameras, raw, strict=True)
         ]
-        return float(np.mean([-10 * math.log10(max(error, 1e-12)) for error in errors]))
+        return float(np.mean([decibels(error) for error in errors]))
 
     return measure

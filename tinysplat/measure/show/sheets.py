@@ -19,9 +19,10 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.system.decibels import CEILING
 from tinysplat_runtime.system.files import atomic_path, read_limited
 
-from ..metrics import PSNR_CEILING, capped_psnr, psnr, ssim
+from ..metrics import psnr, ssim
 from ..rows import PICTURES, RESULTS
 
 MAX_ROWS = 8
@@ -58,7 +59,7 @@ class Pair:
             pairs |= {"a_to_photo": (self.a, self.photo), "b_to_photo": (self.b, self.photo)}
         scores: dict[str, Any] = {"view": self.label}
         for name, (image, reference) in pairs.items():
-            scores[f"psnr_{name}"] = capped_psnr(image, reference)
+            scores[f"psnr_{name}"] = psnr(image, reference)
             scores[f"ssim_{name}"] = ssim(image, reference)
         return scores
 
@@ -223,4 +224,4 @@ def _coding(record: Result) -> tuple[str, str, float]:
 
 def _decibel(image: NDArray, reference: NDArray) -> str:
     value = psnr(image, reference)
-    return f"{value:.2f} dB" if value < PSNR_CEILING else "identical"
+    return f"{value:.2f} dB" if value < CEILING else "identical"

@@ -23,7 +23,7 @@ from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from ..clock import Figures, Variant, measure, plural
-from ..metrics import capped_psnr, pixel_errors
+from ..metrics import pixel_errors, psnr
 from ..pictures import rescaled
 from ..rows import Row
 from ..show.tables import Column, View, decibels, percent, small
@@ -80,7 +80,7 @@ def approximations(gaussians: Gaussians, size: int, threads: int) -> list[Varian
     against_float64 = _against_float64(gaussians, camera)
 
     def figures(image: NDArray) -> Figures:
-        return {"psnr_exact": capped_psnr(image, exact), **against_float64(image)}
+        return {"psnr_exact": psnr(image, exact), **against_float64(image)}
 
     halved = _frame(gaussians, camera.resized(size // 2, size // 2), threads)
     runs: dict[str, Callable[[], NDArray]] = {
