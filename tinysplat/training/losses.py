@@ -14,14 +14,19 @@ from torch import Tensor
 from torch.nn import functional
 
 from tinysplat.networks.edge import Prediction
+from tinysplat_runtime.codec.adaptive import class_step
+from tinysplat_runtime.codec.profiles import ADAPTIVE
+from tinysplat_runtime.gaussian.planes import PlaneClass
 
 from .samples import Sample, psnr, render_outputs
 
 DEPTH_STEP = 1e-3
 """Quantiser step of inverse depth, relative to its mean: `balanced` at Q_g 0, see docs/FORMAT.md."""
 
-FOOTPRINT_STEP, OPACITY_STEP, COLOUR_STEP = 0.28, 0.13, 0.03
-"""Steps of the other planes: 0.009 / √sensitivity."""
+FOOTPRINT_STEP, OPACITY_STEP, COLOUR_STEP = (
+    class_step(ADAPTIVE, plane_class) for plane_class in (PlaneClass.SCALE, PlaneClass.OPACITY, PlaneClass.COLOR)
+)
+"""Steps of the other planes: the codec's own."""
 
 ERROR_FLOOR = 1e-4
 """Squared error, 40 dB, below which its logarithm pulls no harder."""
