@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..api import decompress
@@ -21,12 +20,10 @@ from ..gaussian.gaussians import Gaussians
 from ..page.build import Page, build_page
 from ..scene.cameras import Camera
 from ..scene.intake.layouts import load_cameras, load_scene
+from ..scene.matching import reach_of, taken_as
 from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
 from .files import MAX_FILE_BYTES
-
-SAME_PLACE = 1e-3
-"""A photo belongs to a view when their centres differ by no more of the views' spread, and their axes by no more."""
 
 
 def view(args: Namespace) -> None:
@@ -117,16 +114,12 @@ def _photos(scene: Scene, cameras: Sequence[Camera]) -> dict[int, NDArray]:
     Raises:
         InputError: no frame belongs to any view.
     """
-    centres = np.stack([camera.centre for camera in cameras])
-    reach = SAME_PLACE * max(float(np.linalg.norm(np.ptp(centres, axis=0))), 1e-9)
     photos: dict[int, NDArray] = {}
+    reach = max(reach_of(cameras), 1e-9)
     for i, camera in enumerate(cameras):
-        for frame in scene.frames:
-            moved = np.linalg.norm(frame.camera.centre - camera.centre)
-            turned = np.abs(frame.camera.rotation - camera.rotation).max()
-            if moved <= reach and turned <= SAME_PLACE:
-                photos[i] = frame.resized(camera.height, camera.width).image()
-                break
+        photo, *_ = taken_as(camera, scene, reach)
+        if photo is not None:
+            photos[i] = scene.frames[photo].resized(camera.height, camera.width).image()
     if not photos:
         raise InputError("no photo was taken from any of the file's views", where=str(scene.path))
     return photos

@@ -11,11 +11,8 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render.gradient import Target
 from ..scene.cameras import Camera
+from ..scene.matching import SAME_PLACE, reach_of, taken_as
 from ..scene.scenes import Frame, Scene
-
-SAME_PLACE = 1e-3
-"""Largest distance of a photo's camera from a view's, as a share of the greatest distance between views, and largest
-difference of their rotations' entries."""
 
 SAME_PIXEL = 0.5
 """Largest difference in pixels of intrinsics."""
@@ -34,8 +31,7 @@ def matched(gaussians: Gaussians, scene: Scene) -> Scene:
         raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
     if len(gaussians.cameras) < 2:
         raise InputError("one view, expected two or more: one photo says nothing about depth", where="gaussians")
-    centres = np.stack([camera.centre for camera in gaussians.cameras])
-    reach = float(np.linalg.norm(centres[:, None] - centres, axis=-1).max())
+    reach = reach_of(gaussians.cameras)
     return scene.views([_frame(view, camera, scene, reach) for view, camera in enumerate(gaussians.cameras)]).resized(
         gaussians.cameras[0].height, gaussians.cameras[0].width
     )
@@ -43,14 +39,10 @@ def matched(gaussians: Gaussians, scene: Scene) -> Scene:
 
 def _frame(view: int, camera: Camera, scene: Scene, reach: float) -> int:
     """The frame that has a view's pose."""
-    away = [float(np.linalg.norm(frame.camera.centre - camera.centre)) for frame in scene.frames]
-    turned = [float(np.abs(frame.camera.rotation - camera.rotation).max()) for frame in scene.frames]
-    fits = [i for i in range(len(away)) if away[i] <= SAME_PLACE * reach and turned[i] <= SAME_PLACE]
-    if not fits:
-        nearest = int(np.argmin(away))
-        found = f"no photo has its pose; the nearest, {nearest}, lies {away[nearest]:.3g} away"
+    best, nearest, away = taken_as(camera, scene, reach)
+    if best is None:
+        found = f"no photo has its pose; the nearest, {nearest}, lies {away:.3g} away"
         raise InputError(f"{found}, expected at most {SAME_PLACE * reach:.3g} and the same turn", where=f"view {view}")
-    best = min(fits, key=lambda i: away[i])
     stated = scene.frames[best].resized(camera.height, camera.width).camera
     apart = float(np.abs(stated.K - camera.K).max())
     if apart > SAME_PIXEL:
