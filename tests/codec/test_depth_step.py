@@ -11,8 +11,8 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import (
-    _components,
     class_step,
+    kept_components,
     known_steps,
     prepare_layer,
     scene_steps,
@@ -363,7 +363,7 @@ def test_components_are_kept_until_what_is_left_out_is_small_against_a_step():
     energies = np.array([8.0, 4.0, 2.0, 1.0])
     for left_out, wanted in ((16, 1), (15.1, 1), (7.1, 1), (6.9, 2), (3.1, 2), (2.9, 3), (1.1, 3), (0.9, 4), (0, 4)):
         step = np.sqrt(left_out / ADAPTIVE.energy_floor)
-        assert _components(energies, step, ADAPTIVE) == wanted
+        assert kept_components(energies, step, ADAPTIVE) == wanted
 
 
 def test_q_g_is_accepted_from_minus_60_to_60():

@@ -16,7 +16,7 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.codec.adaptive import _components
+from tinysplat_runtime.codec.adaptive import kept_components
 from tinysplat_runtime.codec.analysis import coefficient_moment
 from tinysplat_runtime.codec.base import as_codes, fitted_sh
 from tinysplat_runtime.codec.basis import second_moment_weighting, view_directions, weighted_spectrum
@@ -146,7 +146,7 @@ def test_a_correction_has_the_components_that_carry_more_than_a_step(raw, k):
     for factor, wanted in ((1.01, k), (0.99, k + 1)):
         step = np.sqrt(factor * energies[k:].sum() / settings.energy_floor)
         assert _colours(RUNTIME.store, difference, step, settings)[1].k == wanted
-        assert _components(energies, step, settings) == wanted
+        assert kept_components(energies, step, settings) == wanted
 
 
 def test_predictions_enter_synthesis_to_float_precision():

@@ -118,7 +118,7 @@ def prepare_layer(
         layer = Gaussians.unchecked(**{**vars(layer), **stored})  # a look at every number takes 8 ms
     weighting = second_moment_weighting(directions, degree)
     spectrum = weighted_spectrum(moment[: 3 * functions, : 3 * functions], weighting)
-    reduction = reduce_basis(spectrum, weighting, _components(spectrum[0], finest, settings))
+    reduction = reduce_basis(spectrum, weighting, kept_components(spectrum[0], finest, settings))
     planes = {**geometry.planes, PlaneClass.COLOR: color_planes(store, layer, reduction.projection)}
     quats, mix, shown = geometry.reference_quats, geometry.scale_mix, contrast(layer)
     return AdaptiveLayer(layer, planes, quats, mix, reduction, spectrum[0], shown)
@@ -190,7 +190,7 @@ def _channels(
     planes = layer.planes[plane_class]
     count = planes.shape[1]
     if plane_class == PlaneClass.COLOR:
-        count = min(_components(layer.energies, step, settings), count)
+        count = min(kept_components(layer.energies, step, settings), count)
     for target in range(count):
         values = planes[:, target]
         # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
@@ -217,7 +217,7 @@ def adaptive_plan(
         scale_mix=layer.scale_mix,
         reduction=_truncated(layer, components),
     )
-    return with_depth_pictures(plan, 2 if _fineness(depth) < _WORTH_TWO_PICTURES else 1)
+    return with_enough_depth_pictures(plan)
 
 
 def _fineness(depth: Channel) -> float:
@@ -237,6 +237,11 @@ def depth_fineness(plan: LayerPlan) -> float | None:
     return _fineness(_depth_channel(plan)) if plan.inverse_depth else None
 
 
+def with_enough_depth_pictures(plan: LayerPlan) -> LayerPlan:
+    """The plan with depth in two pictures where one of 12 bits is far too coarse for its step, else in one."""
+    return with_depth_pictures(plan, 2 if _fineness(_depth_channel(plan)) < _WORTH_TWO_PICTURES else 1)
+
+
 def with_depth_pictures(plan: LayerPlan, count: int) -> LayerPlan:
     """The plan with depth of the same step in one picture or in two; as it is where that is no choice."""
     if not plan.inverse_depth:
@@ -247,7 +252,7 @@ def with_depth_pictures(plan: LayerPlan, count: int) -> LayerPlan:
     return replace(plan, channels=channels, refine_depth=depth.step if count == 2 else None)
 
 
-def _components(energies: NDArray, step: float, settings: AdaptiveSettings) -> int:
+def kept_components(energies: NDArray, step: float, settings: AdaptiveSettings) -> int:
     """How many components are coded: what the others hold is small against a step (reverse water-filling)."""
     left_out = np.append(np.cumsum(energies[::-1])[::-1], 0.0)  # left_out[k]: energy without the first k
     return max(1, int(np.argmax(left_out <= settings.energy_floor * step**2)))

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ..container.layers import LayerHeader
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import CODING_ORDER, GEOMETRY, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
+from ..gaussian.planes import CODING_ORDER, GEOMETRY, Channel, LayerPlan, PlaneClass, Reduction
 from ..graphs.inference import GraphStore
-from .adaptive import COARSE_DEPTH
+from .adaptive import kept_components, with_enough_depth_pictures
 from .analysis import ProjectedLayer, coefficient_moment, color_planes, project_layer
 from .base import fitted_sh
 from .basis import reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
@@ -60,7 +60,6 @@ def residual_plan(
     limits = (float(depth.min()), float(depth.max()))
     np.divide(-1, depth, out=depth)
     scale = 2 ** (qp / 6)
-    depth_step = steps[PlaneClass.DEPTH] * scale
     rotation = GEOMETRY[PlaneClass.ROTATION]
     similarity = (geometry[:, rotation] * predicted[:, rotation]).sum(axis=1, keepdims=True)
     geometry[:, rotation] *= np.where(similarity < 0, np.float32(-1), np.float32(1))
@@ -68,26 +67,16 @@ def residual_plan(
     difference = replace(layer, sh=layer.sh - fitted_sh(prediction.sh, layer.sh.shape), extra_layers=())
     colors, reduction = _colours(store, difference, steps[PlaneClass.COLOR] * scale, settings)
 
-    span = float(np.ptp(geometry[:, 0]))
-    is_too_fine = depth_step < hevc_step(0) * span / MAX_CODE
     channels = []
     for plane_class in CODING_ORDER:
         planes = colors if plane_class == PlaneClass.COLOR else geometry[:, GEOMETRY[plane_class]]
         step = steps[plane_class] * scale
-        if plane_class == PlaneClass.DEPTH and is_too_fine:
-            step *= COARSE_DEPTH
         for target in range(planes.shape[1]):
             values = planes[:, target]
             window = (float(values.min()), float(values.max()))
             channels.append(Channel(plane_class, target, values, step, window, flat_share=settings.flat_share))
-    return LayerPlan(
-        tuple(channels),
-        layer.degree,
-        limits,
-        inverse_depth=True,
-        refine_depth=depth_step if is_too_fine else None,
-        reduction=reduction,
-    )
+    plan = LayerPlan(tuple(channels), layer.degree, limits, inverse_depth=True, reduction=reduction)
+    return with_enough_depth_pictures(plan)
 
 
 def _colours(
@@ -96,8 +85,7 @@ def _colours(
     """Colour planes of the difference; as many components as carry more than the step lets through."""
     weighting = second_moment_weighting(view_directions(difference.cameras), difference.degree)
     spectrum = weighted_spectrum(coefficient_moment(store, difference), weighting)
-    left_out = np.append(np.cumsum(spectrum[0][::-1])[::-1], 0.0)
-    reduction = reduce_basis(spectrum, weighting, max(1, int(np.argmax(left_out <= settings.energy_floor * step**2))))
+    reduction = reduce_basis(spectrum, weighting, kept_components(spectrum[0], step, settings))
     return color_planes(store, difference, reduction.projection), reduction
 
 
