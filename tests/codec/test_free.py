@@ -26,8 +26,9 @@ from tinysplat_runtime.codec.free.encoder import COLOUR_STEPS, LEAST_OPACITY, SP
 from tinysplat_runtime.codec.free.octree import cells_of, decode_points, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import from_plane, plane_shape, to_plane
 from tinysplat_runtime.codec.profiles import find_profile
-from tinysplat_runtime.container import reader
+from tinysplat_runtime.container.bodies import known_kinds
 from tinysplat_runtime.container.free import FREE, FREE_POINTS
+from tinysplat_runtime.container.planes import PLANE_KINDS
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.sections import read_table
 from tinysplat_runtime.errors import FormatError, InputError
@@ -298,9 +299,9 @@ def test_damage_costs_the_planes_that_it_hits():
 
 
 def test_readers_that_do_not_know_the_sections_refuse_the_file_in_a_line():
-    known = reader._KNOWN - {FREE, FREE_POINTS}
+    known = known_kinds() - {FREE, FREE_POINTS}
     with pytest.raises(FormatError, match=r"section FREE\[0\]: unknown and required; a newer reader is needed"):
-        read_table(memoryview(coded(cloud(20))), known, reader._PLANE_KINDS, is_prefix=False)
+        read_table(memoryview(coded(cloud(20))), known, PLANE_KINDS, is_prefix=False)
 
 
 @pytest.mark.parametrize(("count", "side"), [(1, 1), (1, 0), (7, 1), (500, 4), (2000, 21), (9000, 3)])

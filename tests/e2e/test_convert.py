@@ -102,7 +102,7 @@ def test_a_moved_coded_scene_keeps_pixels_cameras_and_the_quality_it_had(
     assert pictures(moved_by("--translate", "-1,0,2")) == pictures(before)
     turned = moved_by("--rotate", "x,180")
     np.testing.assert_allclose(turned.cameras[1].c2w[:3, :3], np.diag((1, -1, -1)) @ before.cameras[1].c2w[:3, :3])
-    assert moved_by("--scale", "2").layers[0].depth_limits[1] > 1.9 * before.layers[0].depth_limits[1]
+    assert moved_by("--scale", "2").body.layers[0].depth_limits[1] > 1.9 * before.body.layers[0].depth_limits[1]
     succeed("compress", files["npz"], "-o", coarse, "--lossless", "--force")
     succeed("convert", coarse, "-o", moved, "--rotate", "y,90", "--force")
     assert read_container(moved.read_bytes()).mode == "lossless"
