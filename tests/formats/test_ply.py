@@ -95,13 +95,6 @@ def test_limits_of_opacity_and_scale_stay_finite(tmp_path: Path) -> None:
     np.testing.assert_allclose(loaded.scales, fields["scales"], atol=1e-37, rtol=1e-6)
 
 
-def test_degree_4_is_cut_to_3_and_said_so(tmp_path: Path) -> None:
-    made = make_gaussians(degree=4)
-    notes = save_gaussians(tmp_path / "g.ply", made)
-    assert len(notes) == 1 and "degree 4 cut to 3" in notes[0]
-    np.testing.assert_array_equal(load_gaussians(tmp_path / "g.ply").sh, made.flat().sh[:, :16])
-
-
 def test_origin_is_added_and_far_positions_are_double(tmp_path: Path) -> None:
     made = make_gaussians()
     fields = {name: getattr(made, name) for name in FIELDS}

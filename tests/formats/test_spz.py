@@ -180,13 +180,6 @@ def test_what_spz_cannot_hold_is_said(tmp_path: Path) -> None:
         save_gaussians(tmp_path / "g.spz", g, sh_bits=(9, 4))
 
 
-@pytest.mark.parametrize("version", [2, 3, 4])
-def test_the_same_gaussians_give_the_same_bytes(tmp_path: Path, version: int) -> None:
-    for name in ("a.spz", "b.spz"):
-        save_gaussians(tmp_path / name, some(), spz_version=version)
-    assert (tmp_path / "a.spz").read_bytes() == (tmp_path / "b.spz").read_bytes()
-
-
 def test_damaged_files_are_refused_in_one_line_and_without_memory(tmp_path: Path) -> None:
     path = tmp_path / "g.spz"
     save_gaussians(path, some(1))

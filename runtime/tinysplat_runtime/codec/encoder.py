@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..container.layers import CodedChannel, CodedLayer
+from ..container.layout import MAX_VIEWS
 from ..container.reader import read_container
 from ..container.records import Limits
 from ..container.sections import NewSection
@@ -26,8 +27,6 @@ from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
 from .planning import Planner, ProjectedScene, planner_of
 from .profiles import Profile
 from .quantise import CodeMap, choose_code_map, mean_and_spread, without_outliers
-
-MAX_VIEWS = 64
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
 
@@ -104,7 +103,7 @@ def encode_gaussians(
         The file.
 
     Raises:
-        InputError: Gaussians without pixels, more views than 64, a Q_g beyond ±60.
+        InputError: Gaussians without pixels, more views than 4,096, a Q_g beyond ±60.
         NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
     """
     encoder = SceneEncoder(

@@ -96,7 +96,9 @@ class _Pictures:
         try:
             self.own.decoder.decode_into(payload, out)
         except FormatError as error:
-            raise FormatError(error.message, where=f"plane {channel.name}, view {view}") from None
+            raise FormatError(
+                error.message, where=f"plane {channel.name}, view {self.container.pictures.number(view)}"
+            ) from None
 
 
 class _Part:

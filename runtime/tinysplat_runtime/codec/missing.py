@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from ..container.body import Container
 from ..container.layers import LayerHeader
-from ..container.layout import PLANES
 from ..container.planes import Planes
 from ..errors import FormatError
 from ..gaussian.planes import MAX_CODE, PlaneClass
@@ -85,6 +84,5 @@ def hidden_views(layer: LayerHeader, index: int, absent: Collection[PlaneRef]) -
 
 def first_picture_end(planes: Planes) -> int:
     """Bytes of the smallest prefix that holds a depth picture of layer 0, which must have one."""
-    section = next(s for s in planes.pictures.sections if (s.kind, s.index) == (PLANES[PlaneClass.DEPTH], 0))
-    record = next(c for c in planes.layers[0].channels if c.plane_class == PlaneClass.DEPTH and c.streams)
-    return section.end - section.length + record.streams[0].length
+    records = planes.layers[0].channels
+    return planes.pictures.first_end(next(c for c in records if c.plane_class == PlaneClass.DEPTH and c.streams))

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from . import layout as L
 from .records import Limits, Pictures
 from .sections import Cursor, Section, only, require
 
+Item = TypeVar("Item")
+
 
 @dataclass(frozen=True)
 class Opened:
@@ -31,6 +33,7 @@ class Opened:
         scene: the section SCEN, for messages.
         sections: all sections that the reader knows, their CRCs checked but those of planes.
         views, layer_count: as SCEN has them.
+        wanted: which views are read, where the body's kind `is_divisible`.
         origin: (3,) float64.
         limits: what to accept.
     """
@@ -38,6 +41,7 @@ class Opened:
     scene: Section
     sections: Sequence[Section]
     views: int
+    wanted: tuple[int, ...]
     layer_count: int
     origin: NDArray
     limits: Limits
@@ -45,6 +49,10 @@ class Opened:
     def only(self, kind: bytes, index: int = 0) -> Section:
         """The one section of a type and index; FormatError if it is missing or there twice."""
         return only(self.sections, kind, index)
+
+    def has(self, kind: bytes) -> bool:
+        """Whether there is a section of the type."""
+        return any(section.kind == kind for section in self.sections)
 
     def check_counts(self, fewest_layers: int = 1) -> None:
         """FormatError for numbers of views or layers beyond what a file with cameras may have."""
@@ -56,18 +64,19 @@ class Opened:
 
     @cached_property
     def poses(self) -> tuple[tuple[NDArray, NDArray], ...]:
-        """K and c2w of every view."""
+        """K and c2w of the wanted views."""
         section = self.only(L.CAMERAS)
-        cursor = Cursor(section)
+        whole = Cursor(section)
+        rows = whole.take(self.views * L.CAMERA.size)
+        whole.finish()
         poses = []
-        for view in range(self.views):
-            numbers = cursor.unpack(L.CAMERA)
+        for view in self.wanted:
+            numbers = L.CAMERA.unpack_from(rows, view * L.CAMERA.size)
             c2w = np.eye(4)
             c2w[:3] = np.reshape(numbers[5:], (3, 4))
             K = calibration(*numbers[:5])
             camera_in(section, view, K, c2w, 1, 1)
             poses.append((K, c2w))
-        cursor.finish()
         return tuple(poses)
 
     def cameras(self, height: int, width: int) -> tuple[Camera, ...]:
@@ -121,6 +130,7 @@ class Body(ABC):
         mode: the name of the mode, as users say.
         kinds: types of sections that a file of the mode may have, beside SCEN and notes.
         signs: those of them that no other mode has.
+        is_divisible: views can be read one without another.
         cameras: one per view; none where Gaussians belong to no pixels.
         pictures: of planes, where the mode has any.
     """
@@ -128,6 +138,7 @@ class Body(ABC):
     mode: ClassVar[str]
     kinds: ClassVar[frozenset[bytes]]
     signs: ClassVar[frozenset[bytes]]
+    is_divisible: ClassVar[bool] = False
 
     cameras: tuple[Camera, ...] = ()
     pictures: Pictures = field(default_factory=Pictures)
@@ -146,9 +157,13 @@ class Body(ABC):
     def describe(self) -> Description:
         """What `info` says of it."""
 
+    def select(self, views: Sequence[int]) -> Body:
+        """The body as if there were these views alone; only of a kind that `is_divisible`."""
+        raise NotImplementedError
+
     def picture_name(self, layer: int, channel: int, view: int) -> str:
         """One of `pictures` for messages, such as `layer 0 color2 view 1`."""
-        return f"layer {layer} {self.pictures.channels[layer][channel].name} view {view}"
+        return f"layer {layer} {self.pictures.channels[layer][channel].name} view {self.pictures.number(view)}"
 
 
 @dataclass(frozen=True)
@@ -163,6 +178,8 @@ class Container:
         parameter_sets: HEVC parameter sets by index.
         notes: what the scene's maker says about it, and how it was refined.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
+        views: which of the file's views it holds, in its order; none where Gaussians belong to no pixels.
+        absent: views that it lacks as their bytes are not at hand, or damaged.
     """
 
     version: tuple[int, int]
@@ -173,6 +190,8 @@ class Container:
     parameter_sets: Mapping[int, bytes]
     notes: Notes
     total_bytes: int
+    views: tuple[int, ...]
+    absent: tuple[int, ...] = ()
 
     @property
     def mode(self) -> str:
@@ -188,6 +207,11 @@ class Container:
     def pictures(self) -> Pictures:
         """Pictures of planes."""
         return self.body.pictures
+
+
+def picked(items: Sequence[Item], views: Sequence[int]) -> tuple[Item, ...]:
+    """Those of the views."""
+    return tuple(items[view] for view in views)
 
 
 def calibration(fx: float, fy: float, cx: float, cy: float, skew: float) -> NDArray:

@@ -6,11 +6,9 @@ from typing import Any
 
 from ..gaussian.planes import CODING_ORDER, PlaneClass, hevc_step
 from .body import Container, Description
-from .layout import PART, PLANES
 from .notes import NOTE_NAMES
-from .planes import pass_of
 from .reader import read_container
-from .records import ChannelRecord, Limits, Pictures
+from .records import ChannelRecord, Limits
 
 
 def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool = False) -> dict[str, Any]:
@@ -61,7 +59,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "planes": [
             _plane(index, channel) for index, channels in enumerate(container.pictures.channels) for channel in channels
         ],
-        "prefixes": _prefixes(container.pictures),
+        "prefixes": container.pictures.prefixes(),
         "left_out": list(own.left_out),
     }
 
@@ -110,31 +108,3 @@ def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:
         return {**entry, "value": channel.offset}
     step = hevc_step(channel.qp) * channel.scale
     return {**entry, "bytes_by_view": lengths, "qp": channel.qp, "step": step}
-
-
-def _prefixes(pictures: Pictures) -> list[dict[str, Any]]:
-    """Useful numbers for `--max-bytes`: where a pass over a layer ends, and what it adds to those before it.
-
-    Between a pass's sections a prefix decodes as well, but can show less than it does without the first of them.
-    """
-    class_of = {kind: plane_class for plane_class, kind in PLANES.items()}
-    counts: dict[tuple[int, PlaneClass], int] = {}
-    prefixes: list[dict[str, Any]] = []
-    ending: tuple[int, int] | None = None
-    for section in pictures.sections:
-        layer, plane_class = section.index % PART, class_of[section.kind]
-        records = [c for c in pictures.channels[layer] if c.plane_class == plane_class and c.streams]
-        first, left = counts.get((layer, plane_class), 0), section.length
-        last = first
-        while last < len(records) and left > 0:
-            left -= sum(stream.length for stream in records[last].streams)
-            last += 1
-        counts[layer, plane_class] = last
-        names, of_pass = [c.name for c in records[first:last]], (layer, pass_of(plane_class, first))
-        if of_pass == ending:
-            prefixes[-1]["adds"] += names
-            prefixes[-1]["bytes"] = section.end
-        else:
-            prefixes.append({"bytes": section.end, "layer": layer, "adds": names})
-        ending = of_pass
-    return prefixes

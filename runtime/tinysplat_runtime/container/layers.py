@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..gaussian.planes import CODING_ORDER, GEOMETRY, MAX_QP, LayerPlan, PlaneCl
 from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
 from . import layout as L
-from .body import calibration, camera_in
+from .body import calibration, camera_in, picked
 from .records import ChannelRecord, StreamRef
 from .sections import Cursor, Section, require
 
@@ -75,6 +75,15 @@ class LayerHeader(LayerMaps):
     condition: float
     parameter_set: int
 
+    def select(self, views: Sequence[int]) -> LayerHeader:
+        """The layer as if there were these views alone."""
+        channels = tuple(
+            replace(channel, streams=picked(channel.streams, views) if channel.streams else ())
+            for channel in self.channels
+        )
+        quats = None if self.reference_quats is None else self.reference_quats[list(views)]
+        return replace(self, cameras=picked(self.cameras, views), channels=channels, reference_quats=quats)
+
     @property
     def k(self) -> int:
         """Columns of the basis, 0 without one."""
@@ -114,14 +123,34 @@ class CodedLayer:
     parameter_sets: bytes
     cameras: tuple[Camera, ...]
 
+    @property
+    def records(self) -> tuple[CodedChannel, ...]:
+        """The channels in the order of the file's records: by class, as pictures stand in its sections."""
+        return tuple(sorted(self.channels, key=lambda channel: channel.plane_class))
+
 
 def intrinsics(K: NDArray) -> tuple[float, ...]:
     """The numbers of K (3, 3) in the order that files have them in."""
     return K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]
 
 
-def layer_section(layer: CodedLayer, index: int, parameter_set: int) -> bytes:
-    """The bytes of section LAYR of layer `index`."""
+@dataclass(frozen=True)
+class PerView:
+    """What a layer has for each view, wherever in the file it stands.
+
+    Attributes:
+        intrinsics: fx, fy, cx, cy, skew of each view; empty where they are those of CAMS.
+        quats: reference quaternions of each view; empty where rotations are not relative.
+        streams: by record, its picture of each view; None where they stand behind the records.
+    """
+
+    intrinsics: Sequence[tuple[float, ...]] = ()
+    quats: Sequence[tuple[float, ...]] = ()
+    streams: Mapping[int, tuple[StreamRef, ...]] | None = None
+
+
+def layer_section(layer: CodedLayer, index: int, parameter_set: int, *, as_units: bool) -> bytes:
+    """The bytes of section LAYR of layer `index`; `as_units` leaves out what stands in sections VIEW."""
     plan, reduction = layer.plan, layer.plan.reduction
     flags = (
         L.INVERSE_DEPTH * plan.inverse_depth
@@ -137,26 +166,40 @@ def layer_section(layer: CodedLayer, index: int, parameter_set: int) -> bytes:
             *plan.depth_limits, lost, condition,
         )
     ]  # fmt: skip
-    if index > 0:
-        parts += [L.INTRINSICS.pack(*intrinsics(camera.K)) for camera in layer.cameras]
-    if plan.reference_quats is not None:
-        parts += [L.REFERENCE_QUAT.pack(*quat) for quat in plan.reference_quats]
+    if not as_units:
+        parts += [fields for each in zip(*view_fields(layer, index), strict=True) for fields in each]
     if plan.scale_mix is not None:
         parts.append(L.SCALE_MIX_FIELDS.pack(*plan.scale_mix[0].ravel(), *plan.scale_mix[1]))
     if reduction is not None:
         parts.append(np.ascontiguousarray(reduction.inverse, "<f2").tobytes())
-    # Records stand in the order of the streams, so that offsets are running sums.
-    for channel in sorted(layer.channels, key=lambda c: c.plane_class):
+    for channel in layer.records:
         coding = L.INTRA if channel.payloads else L.CONSTANT
         parts.append(
             L.CHANNEL.pack(channel.plane_class, channel.target, coding, channel.qp, channel.scale, channel.offset)
         )
-        parts += [L.STREAM.pack(len(payload), crc32(payload)) for payload in channel.payloads]
+        if not as_units:
+            parts += [L.STREAM.pack(len(payload), crc32(payload)) for payload in channel.payloads]
     return b"".join(parts)
 
 
-def read_layer(section: Section, poses: Sequence[tuple[NDArray, NDArray]]) -> LayerHeader:
-    """Parse and check a section LAYR of a file whose views have such K and c2w."""
+def view_fields(layer: CodedLayer, index: int) -> list[list[bytes]]:
+    """By view, the fields of OWN_INTRINSICS and of RELATIVE_ROTATION, as far as layer `index` has them."""
+    quats = layer.plan.reference_quats
+    return [
+        ([L.INTRINSICS.pack(*intrinsics(camera.K))] if index > 0 else [])
+        + ([L.REFERENCE_QUAT.pack(*quats[view])] if quats is not None else [])
+        for view, camera in enumerate(layer.cameras)
+    ]
+
+
+def layer_flags(section: Section) -> int:
+    """The flags of a section LAYR, of which nothing else is looked at."""
+    flags: int = Cursor(section).unpack(L.LAYER_FIXED)[4]
+    return flags
+
+
+def read_layer(section: Section, poses: Sequence[tuple[NDArray, NDArray]], apart: PerView | None = None) -> LayerHeader:
+    """Parse and check a section LAYR of a file whose views have such K and c2w; `apart` is what sections VIEW hold."""
     cursor = Cursor(section)
     height, width, degree, source_degree, flags, sets, n_channels, k, *numbers = cursor.unpack(L.LAYER_FIXED)
     z_min, z_max, lost, condition = numbers
@@ -174,10 +217,13 @@ def read_layer(section: Section, poses: Sequence[tuple[NDArray, NDArray]]) -> La
     require(math.isfinite(lost) and 0 < condition < math.inf, section, "a number is out of range")
     require(flags < 32, section, f"unknown flags {flags:#x}")
     require(n_channels <= L.MAX_CHANNELS, section, f"{n_channels} channels, at most {L.MAX_CHANNELS}")
-    own = [cursor.unpack(L.INTRINSICS) for _ in poses] if flags & L.OWN_INTRINSICS else None
+    if apart is None:
+        own = [cursor.unpack(L.INTRINSICS) for _ in poses] if flags & L.OWN_INTRINSICS else []
+        turns = [cursor.unpack(L.REFERENCE_QUAT) for _ in poses] if flags & L.RELATIVE_ROTATION else []
+        apart = PerView(own, turns)
     quats = mix = basis = None
     if flags & L.RELATIVE_ROTATION:
-        quats = np.array([cursor.unpack(L.REFERENCE_QUAT) for _ in poses], np.float32)
+        quats = np.array(apart.quats, np.float32).reshape(-1, 4)
         require(
             bool((np.abs(np.linalg.norm(quats.astype(np.float64), axis=1) - 1) < 1e-3).all()),
             section,
@@ -195,10 +241,11 @@ def read_layer(section: Section, poses: Sequence[tuple[NDArray, NDArray]]) -> La
     else:
         require(degree == 0 and k == 0, section, f"degree {degree} without a basis")
     targets = {**{c: s.stop - s.start for c, s in GEOMETRY.items()}, PlaneClass.COLOR: k or 3}
-    channels = _read_channels(cursor, n_channels, targets, len(poses))
+    channels = _read_channels(cursor, n_channels, targets, len(poses), apart.streams)
     cursor.finish()
+    require(all(record < n_channels for record in apart.streams or ()), section, "UNIT lists records beyond its last")
     cameras = [
-        camera_in(section, view, calibration(*own[view]) if own else K, c2w, width, height)
+        camera_in(section, view, calibration(*apart.intrinsics[view]) if apart.intrinsics else K, c2w, width, height)
         for view, (K, c2w) in enumerate(poses)
     ]
     return LayerHeader(
@@ -209,7 +256,11 @@ def read_layer(section: Section, poses: Sequence[tuple[NDArray, NDArray]]) -> La
 
 
 def _read_channels(
-    cursor: Cursor, count: int, targets: Mapping[PlaneClass, int], views: int
+    cursor: Cursor,
+    count: int,
+    targets: Mapping[PlaneClass, int],
+    views: int,
+    apart: Mapping[int, tuple[StreamRef, ...]] | None,
 ) -> tuple[ChannelRecord, ...]:
     section = cursor.section
     ends = dict.fromkeys(CODING_ORDER, 0)
@@ -229,8 +280,12 @@ def _read_channels(
         require(not channels or plane_class >= channels[-1].plane_class, section, "channels are out of order")
         is_first = all((plane_class, target) != (c.plane_class, c.target) for c in channels)
         require(is_first or plane_class == PlaneClass.DEPTH, section, f"{plane_class.label}{target} stands twice")
-        streams = []
-        for _ in range(views if coding == L.INTRA else 0):
+        streams: list[StreamRef] = []
+        if apart is not None:
+            known = (len(channels) in apart) == (coding == L.INTRA)
+            require(known, section, f"UNIT does not list the pictures of record {len(channels)} as they are")
+            streams += apart.get(len(channels), ())
+        for _ in range(views if coding == L.INTRA and apart is None else 0):
             length, crc = cursor.unpack(L.STREAM)
             streams.append(StreamRef(ends[plane_class], length, crc))
             ends[plane_class] += length

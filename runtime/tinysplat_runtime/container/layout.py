@@ -77,5 +77,6 @@ VIEW_HEAD = struct.Struct("<I")
 """CRC-32 of the head behind it: by layer INTRINSICS and REFERENCE_QUAT as its flags say, then by picture STREAM."""
 
 MAX_SECTIONS = 8192
+MAX_VIEWS = 4096
 MAX_SIDE = 1 << 16
 MAX_CHANNELS = 256

@@ -19,6 +19,7 @@ from .body import Body, Description, Opened, Piece
 from .planes import Planes
 from .records import StreamRef, read_streams
 from .sections import Cursor, NewSection
+from .units import UNIT_KINDS
 
 NETWORK = b"NETW"
 PHOTOS = b"PHOT"
@@ -138,7 +139,7 @@ class Hybrid(Body):
     """Photos and their network, and layers whose planes correct what it gives."""
 
     mode: ClassVar[str] = "hybrid"
-    kinds: ClassVar[frozenset[bytes]] = Photos.kinds | Planes.kinds
+    kinds: ClassVar[frozenset[bytes]] = Photos.kinds | (Planes.kinds - UNIT_KINDS)
     signs: ClassVar[frozenset[bytes]] = Photos.signs
 
     photos: Photos

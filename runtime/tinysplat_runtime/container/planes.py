@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from ..errors import FormatError
-from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, PlaneClass
+from ..gaussian.planes import PlaneClass
 from . import layout as L
-from .body import Body, Description, Opened, check_totals
+from .body import Body, Description, Opened, check_totals, picked
 from .bounds import check_ranges, decoding_bytes
 from .layers import CodedLayer, LayerHeader, layer_section, read_layer
 from .records import ChannelRecord, Pictures
-from .sections import NewSection, Section
+from .sections import NewSection, Section, require
+from .units import UNIT_KINDS, Units, passes
 
 PLANE_KINDS = frozenset(L.PLANES.values())
 
@@ -28,8 +28,9 @@ class Planes(Body):
     """
 
     mode: ClassVar[str] = "gaussians"
-    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, L.LAYER, L.PARAMETER_SETS}) | PLANE_KINDS
+    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, L.LAYER, L.PARAMETER_SETS}) | PLANE_KINDS | UNIT_KINDS
     signs: ClassVar[frozenset[bytes]] = frozenset({L.LAYER})
+    is_divisible: ClassVar[bool] = True
 
     layers: tuple[LayerHeader, ...]
 
@@ -40,12 +41,15 @@ class Planes(Body):
 
     @classmethod
     def read(cls, file: Opened) -> Planes:
-        """Parse and check the sections LAYR and of plane classes."""
+        """Parse and check the sections LAYR and those of plane classes, or UNIT and VIEW."""
         file.check_counts()
+        units = Units.read(file) if file.has(L.UNITS) else None
+        for section in file.sections if units else ():
+            require(section.kind not in PLANE_KINDS, section, "does not belong in a file whose views are units")
         layers, gaussians, memory = [], 0, 0
         for index in range(file.layer_count):
             section = file.only(L.LAYER, index)
-            layer = read_layer(section, file.poses)
+            layer = read_layer(section, file.poses, units.layer(index) if units else None)
             gaussians += layer.gaussians
             memory += decoding_bytes(layer)
             check_totals(gaussians, memory, file.limits, section.label)
@@ -53,9 +57,17 @@ class Planes(Body):
             if any(channel.streams for channel in layer.channels):
                 file.require_parameter_set(layer.parameter_set, section.label)
             layers.append(layer)
-        pictures = read_pictures(file.sections, [layer.channels for layer in layers])
+        channels = [layer.channels for layer in layers]
+        pictures = units.pictures(channels) if units else read_pictures(file.sections, channels)
         cameras = file.cameras(layers[0].height, layers[0].width)
         return cls(cameras=cameras, pictures=pictures, layers=tuple(layers))
+
+    def select(self, views: Sequence[int]) -> Planes:
+        """The body as if there were these views alone."""
+        layers = tuple(layer.select(views) for layer in self.layers)
+        channels, numbers = tuple(layer.channels for layer in layers), tuple(map(self.pictures.number, views))
+        pictures = replace(self.pictures, channels=channels, views=numbers)
+        return replace(self, cameras=picked(self.cameras, views), pictures=pictures, layers=layers)
 
     def describe(self) -> Description:
         """Gaussians, layers, and what was left out of them."""
@@ -104,37 +116,27 @@ def _joined(sections: Sequence[Section], plane_class: PlaneClass, index: int, la
     return parts[0].data if len(parts) == 1 else memoryview(b"".join(s.data for s in parts))
 
 
-def layer_sections(layers: Sequence[CodedLayer]) -> list[NewSection]:
-    """The metadata of layers, and their parameter sets."""
+def layer_sections(layers: Sequence[CodedLayer], *, as_units: bool) -> list[NewSection]:
+    """The metadata of layers, and their parameter sets; `as_units` for files whose views are."""
     parameter_sets: list[bytes] = []
     sections = []
     for index, layer in enumerate(layers):
         if layer.parameter_sets not in parameter_sets:
             parameter_sets.append(layer.parameter_sets)
-        data = layer_section(layer, index, parameter_sets.index(layer.parameter_sets))
+        data = layer_section(layer, index, parameter_sets.index(layer.parameter_sets), as_units=as_units)
         sections.append(NewSection(L.LAYER, index, data))
     return sections + [NewSection(L.PARAMETER_SETS, index, sets) for index, sets in enumerate(parameter_sets)]
-
-
-def pass_of(plane_class: PlaneClass, number: int) -> int:
-    """The pass that the class's record `number` belongs to; never falls from record to record."""
-    facts = plane_class.facts
-    return facts.passes[0] if number < facts.base else facts.passes[1]
 
 
 def plane_sections(layers: Sequence[CodedLayer]) -> list[NewSection]:
     """Pictures pass by pass; what a later pass adds to a class of a layer is its next part."""
     sections: list[NewSection] = []
     parts: dict[tuple[PlaneClass, int], int] = {}
-    for number in PASSES:
-        ordered = list(enumerate(layers))[:: -1 if number == BACK_TO_FRONT else 1]
-        for (index, layer), plane_class in product(ordered, CODING_ORDER):
-            records = [channel for channel in layer.channels if channel.plane_class == plane_class]
-            streams = [p for i, c in enumerate(records) if pass_of(plane_class, i) == number for p in c.payloads]
-            if streams:
-                part = parts.setdefault((plane_class, index), 0)
-                sections.append(NewSection(L.PLANES[plane_class], index + part * L.PART, b"".join(streams)))
-                parts[plane_class, index] += 1
+    for index, plane_class, records in passes(layers):
+        part = parts.setdefault((plane_class, index), 0)
+        streams = [payload for number in records for payload in layers[index].records[number].payloads]
+        sections.append(NewSection(L.PLANES[plane_class], index + part * L.PART, b"".join(streams)))
+        parts[plane_class, index] += 1
     return sections
 
 

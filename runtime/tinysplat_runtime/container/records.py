@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 from zlib import crc32
 
 from numpy.typing import NDArray
 
 from ..errors import FormatError
 from ..gaussian.planes import PlaneClass
-from .layout import STREAM
+from .layout import MAX_VIEWS, PART, STREAM
 from .sections import Cursor, Section
 
 
@@ -27,7 +28,7 @@ class Limits:
 
     max_pixels: int = 1 << 26
     max_memory_bytes: int = 8 << 30
-    max_views: int = 256
+    max_views: int = MAX_VIEWS
     max_layers: int = 16
 
 
@@ -79,16 +80,26 @@ class Pictures:
         channels: the channel records of each layer; those of mode free as one layer's.
         data: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
         sections: the sections that hold them, in the file's order.
+        views: the numbers that views have in the file, where they are not those that they have here.
     """
 
     channels: tuple[tuple[ChannelRecord, ...], ...] = ()
     data: Mapping[tuple[PlaneClass, int], memoryview] = field(default_factory=dict)
     sections: tuple[Section, ...] = ()
+    views: tuple[int, ...] = ()
+
+    def number(self, view: int) -> int:
+        """The number that a view has in the file, for messages."""
+        return self.views[view] if self.views else view
+
+    def source(self, layer: int, channel: ChannelRecord, view: int) -> memoryview:
+        """The bytes that a picture's offset counts in."""
+        return self.data[channel.plane_class, layer]
 
     def holds(self, layer: int, channel: ChannelRecord, view: int) -> bool:
         """Whether the bytes at hand reach to the end of one picture; always for a whole file."""
         stream = channel.streams[view]
-        return stream.offset + stream.length <= len(self.data[channel.plane_class, layer])
+        return stream.offset + stream.length <= len(self.source(layer, channel, view))
 
     def payload(self, layer: int, channel: ChannelRecord, view: int) -> memoryview:
         """One picture's slice, its CRC checked.
@@ -97,7 +108,70 @@ class Pictures:
             FormatError: the bytes are not those that were written.
         """
         stream = channel.streams[view]
-        return stream.checked(self.data[channel.plane_class, layer], f"plane {channel.name}, view {view}")
+        return stream.checked(self.source(layer, channel, view), f"plane {channel.name}, view {self.number(view)}")
+
+    def first_end(self, channel: ChannelRecord) -> int:
+        """Bytes of the smallest prefix of the file that holds the first picture of a channel of layer 0."""
+        kind = channel.plane_class.facts.section
+        section = next(s for s in self.sections if (s.kind, s.index) == (kind, 0))
+        return section.end - section.length + channel.streams[0].length
+
+    def prefixes(self) -> list[dict[str, Any]]:
+        """Useful numbers for `--max-bytes`: where a pass over a layer ends, and what it adds to those before it.
+
+        Between a pass's sections a prefix decodes as well, but can show less than it does without the first of them.
+        """
+        class_of = {plane_class.facts.section: plane_class for plane_class in PlaneClass}
+        counts: dict[tuple[int, PlaneClass], int] = {}
+        prefixes: list[dict[str, Any]] = []
+        ending: tuple[int, int] | None = None
+        for section in self.sections:
+            layer, plane_class = section.index % PART, class_of[section.kind]
+            records = [c for c in self.channels[layer] if c.plane_class == plane_class and c.streams]
+            first, left = counts.get((layer, plane_class), 0), section.length
+            last = first
+            while last < len(records) and left > 0:
+                left -= sum(stream.length for stream in records[last].streams)
+                last += 1
+            counts[layer, plane_class] = last
+            names, of_pass = [c.name for c in records[first:last]], (layer, pass_of(plane_class, first))
+            if of_pass == ending:
+                prefixes[-1]["adds"] += names
+                prefixes[-1]["bytes"] = section.end
+            else:
+                prefixes.append({"bytes": section.end, "layer": layer, "adds": names})
+            ending = of_pass
+        return prefixes
+
+
+@dataclass(frozen=True)
+class UnitPictures(Pictures):
+    """The pictures of a file whose views are units.
+
+    Attributes:
+        units: by view, the bytes of its section VIEW that are at hand; offsets count in them.
+    """
+
+    units: tuple[memoryview, ...] = ()
+
+    def source(self, layer: int, channel: ChannelRecord, view: int) -> memoryview:
+        """The bytes of the view."""
+        return self.units[view]
+
+    def first_end(self, channel: ChannelRecord) -> int:
+        """Bytes of the smallest prefix of the file that holds the first picture of a channel of layer 0."""
+        section, stream = self.sections[0], channel.streams[0]
+        return section.end - section.length + stream.offset + stream.length
+
+    def prefixes(self) -> list[dict[str, Any]]:
+        """Where each view ends."""
+        return [{"bytes": section.end, "views": view + 1} for view, section in enumerate(self.sections)]
+
+
+def pass_of(plane_class: PlaneClass, number: int) -> int:
+    """The pass that the class's record `number` belongs to; never falls from record to record."""
+    facts = plane_class.facts
+    return facts.passes[0] if number < facts.base else facts.passes[1]
 
 
 def read_streams(cursor: Cursor, count: int, data: memoryview) -> tuple[StreamRef, ...]:

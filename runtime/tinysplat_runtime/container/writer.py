@@ -14,6 +14,7 @@ from .layers import CodedLayer, intrinsics
 from .notes import note_sections
 from .planes import layer_sections, plane_sections
 from .sections import NewSection
+from .units import MOST_TOGETHER, unit_sections
 
 
 def write_container(
@@ -38,7 +39,10 @@ def write_container(
         *([NewSection(L.CAMERAS, 0, b"".join(_camera(camera) for camera in cameras))] if cameras else []),
         *note_sections(notes),
     ]
-    return _assemble([*sections, *layer_sections(layers), *extras, *plane_sections(layers)])
+    # Photos make a scene together: files with them are read as a whole.
+    as_units = len(cameras) > MOST_TOGETHER and not extras and bool(layers)
+    pictures = unit_sections(layers) if as_units else plane_sections(layers)
+    return _assemble([*sections, *layer_sections(layers, as_units=as_units), *extras, *pictures])
 
 
 def _assemble(sections: Sequence[NewSection]) -> bytes:
