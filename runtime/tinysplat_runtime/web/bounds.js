@@ -17,7 +17,7 @@ export const MAX_ROTATION = 1e15;
  * @param {Layer} layer
  */
 export function decodingBytes(layer) {
-  const pictures = layer.channels.filter((channel) => channel.streams.length).length;
+  const pictures = layer.channels.filter((channel) => channel.isCoded).length;
   const numbers = 11 + 3 * (layer.degree + 1) ** 2;
   return layer.cameras.length * layer.height * layer.width * (4 * (numbers + 22) + 6 * (pictures + 2));
 }
@@ -33,7 +33,7 @@ function largest(layer, planeClass) {
   const sums = [];
   for (const channel of layer.channels) {
     if (channel.planeClass !== planeClass) continue;
-    const reach = Math.abs(channel.offset) + (channel.streams.length ? MAX_CODE * Math.abs(channel.scale) : 0);
+    const reach = Math.abs(channel.offset) + (channel.isCoded ? MAX_CODE * Math.abs(channel.scale) : 0);
     sums[channel.target] = (sums[channel.target] ?? 0) + reach;
   }
   return sums;

@@ -3,49 +3,50 @@ import { checkRanges, decodingBytes } from "./bounds.js";
 import { readIntrinsics, readPose, requirePosition } from "./cameras.js";
 import { crc32 } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
-import { readFree } from "./points.js";
-import { MAX_QP, MAX_SIDE, readLayer } from "./layers.js";
+import { readExactLayers, readNetwork, readPhotos } from "./extras.js";
+import { readLayer } from "./layers.js";
 import { readNotes } from "./notes.js";
-import { PLANES, cursor, only, readTable, verified } from "./sections.js";
+import { readFree } from "./points.js";
+import { PLANES, cursor, label, only, readTable } from "./sections.js";
+import { readUnits } from "./units.js";
 
 /** @typedef {import("./cameras.js").Camera} Camera */
-/** @typedef {import("./cursor.js").Cursor} Cursor */
 /** @typedef {import("./layers.js").Channel} Channel */
 /** @typedef {import("./layers.js").Layer} Layer */
 /** @typedef {import("./layers.js").Stream} Stream */
 /** @typedef {import("./sections.js").Section} Section */
 
 const PART = 256;
-const MAX_DEPTH = 1e30;
+const MAX_VIEWS = 4096;
 
 /**
  * What a reader accepts before it takes memory.
  *
  * @typedef {object} Limits
- * @property {number} maxPixels Gaussians over all views and layers
+ * @property {number} maxPixels Gaussians over all views and layers that are decoded
  * @property {number} maxMemory bytes that decoding takes
- * @property {number} maxViews
+ * @property {number} maxViews that are decoded
  * @property {number} maxLayers
  */
 
 /** @type {Limits} */
-export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: 256, maxLayers: 16 };
+export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: MAX_VIEWS, maxLayers: 16 };
 
-/** @typedef {{ name: string, sha256: string, near: number, far: number }} Network */
-/** @typedef {{ height: number, width: number, qp: number, set: number, streams: Stream[], data: Uint8Array }} Photos */
+/** Sections that a file of a mode may have beside those of all. */
+const SHARED = ["SCEN", "NOTE", "REFI", "ANTI"];
+const OF_PLANES = ["CAMS", "LAYR", "HEVC", "UNIT", "VIEW", ...PLANES];
+const OF_PHOTOS = ["CAMS", "HEVC", "NETW", "PHOT", "PICS"];
 
-/**
- * @typedef {object} ExactLayer
- * @property {number} height
- * @property {number} width
- * @property {number} degree
- * @property {number} zMin
- * @property {number} zMax
- * @property {Uint8Array} sha256
- * @property {Camera[]} cameras
- * @property {Stream[]} streams
- * @property {Uint8Array} data
- */
+/** @typedef {"gaussians" | "photos" | "hybrid" | "lossless" | "free"} Mode */
+
+/** @type {Record<Mode, string[]>} */
+const SECTIONS = {
+  gaussians: OF_PLANES,
+  photos: OF_PHOTOS,
+  hybrid: [...OF_PLANES, ...OF_PHOTOS],
+  lossless: ["CAMS", "EXAC", "EXAP"],
+  free: ["FREE", "FREP", "HEVC", ...PLANES],
+};
 
 /**
  * @typedef {object} Container
@@ -54,163 +55,222 @@ export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: 256, m
  * @property {string} profile
  * @property {number} qp Q_g
  * @property {Float64Array} origin
- * @property {"gaussians" | "photos" | "hybrid" | "lossless" | "free"} mode
- * @property {Camera[]} cameras
- * @property {Layer[]} layers
- * @property {ExactLayer[]} exact
+ * @property {Mode} mode
+ * @property {number} viewCount of the whole file
+ * @property {number[]} views numbers of those that are wanted and at hand
+ * @property {Camera[]} cameras of these views
+ * @property {Layer[]} layers of these views
+ * @property {import("./extras.js").ExactLayer[]} exact
  * @property {import("./points.js").FreeScene | undefined} free
- * @property {Network | undefined} network
- * @property {Photos | undefined} photos
+ * @property {import("./extras.js").Network | undefined} network
+ * @property {import("./extras.js").Photos | undefined} photos
  * @property {Map<number, Uint8Array>} sets parameter sets by index
- * @property {Map<string, Uint8Array>} streams pictures of a class, by `${class}.${layer}`
  * @property {Record<string, string>} notes
  * @property {Section[]} sections
+ * @property {string[]} lost names of views that are left out as their heads are damaged
+ */
+
+/**
+ * How a file is to be read.
+ *
+ * @typedef {object} Reading
+ * @property {Limits} limits
+ * @property {boolean} isPrefix whether it may end early
+ * @property {boolean} recovers whether views with a damaged head are left out
+ * @property {number[]} [views] that are wanted; all if none are given
+ * @property {Map<number, Uint8Array>} [fetched] sections `VIEW`, where `bytes` end before them
  */
 
 /**
  * Parse and check a file.
  *
  * @param {Uint8Array} bytes
- * @param {Limits} limits
- * @param {boolean} isPrefix
+ * @param {Reading} reading
  * @returns {Container}
  */
-export function readContainer(bytes, limits, isPrefix) {
-  const { version, total, sections } = readTable(bytes, isPrefix);
+export function readContainer(bytes, reading) {
+  const { limits } = reading;
+  const { version, total, sections } = readTable(bytes, reading.isPrefix);
   const scene = cursor(only(sections, "SCEN"));
-  const [views, count, qp] = [scene.u16(), scene.u16(), scene.f32()];
+  const [viewCount, count, qp] = [scene.u16(), scene.u16(), scene.f32()];
   const origin = scene.numbers("f64", 3);
   const profile = scene.ascii(16);
   scene.finish();
   scene.require(Number.isFinite(qp), "Q_g is not finite");
   requirePosition(scene, origin);
+  const mode = modeOf(sections, count);
+  for (const section of sections) {
+    const belongs = SHARED.includes(section.type) || SECTIONS[mode].includes(section.type);
+    require(belongs, `does not belong in a file of mode ${mode}`, label(section));
+  }
   /** @type {Container} */
   const file = {
-    version, total, profile, qp, origin, mode: "gaussians", cameras: [], layers: [], exact: [], free: undefined,
-    network: undefined, photos: undefined, sets: new Map(), streams: new Map(), notes: {}, sections,
+    version, total, profile, qp, origin, mode, viewCount, views: [], cameras: [], layers: [], exact: [],
+    free: undefined, network: undefined, photos: undefined, sets: new Map(), notes: readNotes(sections), sections,
+    lost: [],
   };
-  const types = new Set(sections.map((section) => section.type));
-  if (types.has("FREE")) {
-    scene.require(views === 0 && count === 0, "views or layers of Gaussians without pixels");
-    file.mode = "free";
-    const free = readFree(only(sections, "FREE"), only(sections, "FREP"), limits);
-    file.free = free;
-    joinStreams(file, free.channels, 0);
-    if (file.streams.size) file.sets.set(0, only(sections, "HEVC").data);
-    file.notes = readNotes(sections);
+  for (const section of sections) if (section.type === "HEVC") file.sets.set(section.index, section.data);
+  if (mode === "free") {
+    scene.require(viewCount === 0 && count === 0, "views or layers of Gaussians without pixels");
+    file.free = readFree(sections, limits);
+    joinStreams(file, [file.free.channels]);
+    if (file.free.channels.some((channel) => channel.isCoded)) only(sections, "HEVC");
     return file;
   }
-  scene.require(views >= 1 && views <= limits.maxViews, `${views} views, accepted are 1 to ${limits.maxViews}`);
-  if (types.has("NETW") || types.has("PHOT") || types.has("PICS")) {
-    file.network = readNetwork(cursor(only(sections, "NETW")));
-    file.photos = readPhotos(cursor(only(sections, "PHOT")), views, only(sections, "PICS").data);
-    file.mode = count ? "hybrid" : "photos";
-  }
-  const fewest = file.photos ? 0 : 1;
+  scene.require(viewCount >= 1 && viewCount <= MAX_VIEWS, `${viewCount} views, accepted are 1 to ${MAX_VIEWS}`);
+  const fewest = mode === "photos" ? 0 : 1;
   scene.require(count >= fewest && count <= limits.maxLayers, `${count} layers, at most ${limits.maxLayers}`);
-  const poses = readCameras(only(sections, "CAMS"), views);
-  if (types.has("EXAC")) {
-    file.mode = "lossless";
-    file.exact = readExactLayers(sections, count, poses, limits);
-  } else {
-    readLayers(file, count, poses, limits);
-  }
-  const { height, width } = grid(file, views, limits);
-  file.cameras = poses.map((pose) => ({ ...pose, width, height }));
-  for (const section of sections) if (section.type === "HEVC") file.sets.set(section.index, verified(section).data);
-  file.layers.forEach((layer, index) => {
-    const isThere = !layer.channels.some((channel) => channel.streams.length) || file.sets.has(layer.set);
-    require(isThere, `parameter set ${layer.set} is missing`, `LAYR[${index}]`);
-  });
-  const { photos } = file;
-  require(!photos || file.sets.has(photos.set), "its parameter set is missing", "PHOT[0]");
-  file.notes = readNotes(sections);
+  readViews(file, count, reading);
   return file;
 }
 
+/** @param {Section[]} sections @param {number} count of layers @returns {Mode} */
+function modeOf(sections, count) {
+  const types = new Set(sections.map((section) => section.type));
+  if (types.has("FREE")) return "free";
+  if (types.has("EXAC") || types.has("EXAP")) return "lossless";
+  if (["NETW", "PHOT", "PICS"].some((type) => types.has(type))) return count ? "hybrid" : "photos";
+  return "gaussians";
+}
+
 /**
- * @param {Section} section
- * @param {number} views
+ * All that has views.
+ *
+ * @param {Container} file
+ * @param {number} count of layers
+ * @param {Reading} reading
  */
+function readViews(file, count, reading) {
+  const { limits } = reading;
+  const { sections, mode } = file;
+  const poses = readCameras(only(sections, "CAMS"), file.viewCount);
+  const isInParts = sections.some((section) => section.type === "UNIT");
+  file.views = chosenViews(file, reading.views);
+  if (!isInParts) requireViews(file, limits);
+  /** @param {number} pixels @param {number} memory @param {string} where */
+  const requireLimits = (pixels, memory, where) => {
+    require(pixels <= limits.maxPixels, `${pixels} Gaussians, the limit is ${limits.maxPixels}`, where);
+    require(memory <= limits.maxMemory, `${memory} bytes to decode, the limit is ${limits.maxMemory}`, where);
+  };
+  if (mode === "lossless") {
+    file.exact = readExactLayers(sections, count, poses, requireLimits);
+  } else if (mode !== "gaussians") {
+    file.network = readNetwork(cursor(only(sections, "NETW")));
+    file.photos = readPhotos(cursor(only(sections, "PHOT")), file.viewCount, only(sections, "PICS").data);
+    const { height, width, set } = file.photos;
+    requireLimits(file.viewCount * height * width, 0, "PHOT[0]");
+    require(file.sets.has(set), "its parameter set is missing", "PHOT[0]");
+  }
+  if (mode === "gaussians" || mode === "hybrid") {
+    for (let i = 0; i < count; i++) file.layers.push(readLayer(only(sections, "LAYR", i), poses, isInParts));
+    if (isInParts) readUnits(file, poses, reading);
+    else requireNone(sections, "VIEW");
+    joinStreams(file, isInParts ? [] : file.layers.map((layer) => layer.channels));
+  }
+  requireViews(file, limits);
+  const { height, width } = gridOf(file);
+  file.cameras = file.views.map((view) => ({ ...poses[view], width, height }));
+  for (const layer of file.exact) [layer.views, layer.cameras] = [file.views, file.views.map((view) => layer.cameras[view])];
+  if (!isInParts) file.layers.forEach((layer) => keepViews(layer, file.views));
+  checkLayers(file, requireLimits);
+}
+
+/** @param {Section[]} sections @param {string} type */
+function requireNone(sections, type) {
+  const found = sections.find((section) => section.type === type);
+  require(!found, "stands in a file without UNIT", found && label(found));
+}
+
+/** @param {Container} file @param {Limits} limits */
+function requireViews(file, limits) {
+  require(file.views.length <= limits.maxViews, `${file.views.length} views, the limit is ${limits.maxViews}`, "SCEN[0]");
+}
+
+/** @param {Container} file @param {number[] | undefined} wanted */
+function chosenViews(file, wanted) {
+  const all = Array.from({ length: file.viewCount }, (_, view) => view);
+  if (!wanted) return all;
+  require(file.mode === "gaussians" || file.mode === "lossless", `views of a file of mode ${file.mode}`, "views");
+  const isFine = wanted.every((view, i) => all.includes(view) && wanted.indexOf(view) === i);
+  require(isFine, `${wanted}, expected different numbers below ${file.viewCount}`, "views");
+  return wanted;
+}
+
+/** @param {Layer} layer @param {number[]} views */
+function keepViews(layer, views) {
+  layer.cameras = views.map((view) => layer.cameras[view]);
+  const { references } = layer;
+  if (references) layer.references = views.map((view) => references[view]);
+  for (const channel of layer.channels) {
+    if (channel.isCoded) channel.streams = views.map((view) => channel.streams[view]);
+  }
+}
+
+/**
+ * Totals, bounds and parameter sets of layers.
+ *
+ * @param {Container} file
+ * @param {(pixels: number, memory: number, where: string) => void} requireLimits
+ */
+function checkLayers(file, requireLimits) {
+  let [pixels, memory] = [0, 0];
+  file.layers.forEach((layer, index) => {
+    const where = `LAYR[${index}]`;
+    pixels += layer.cameras.length * layer.height * layer.width;
+    memory += decodingBytes(layer);
+    requireLimits(pixels, memory, where);
+    checkRanges(layer, file.origin, where);
+    const isThere = !layer.channels.some((channel) => channel.isCoded) || file.sets.has(layer.set);
+    require(isThere, `parameter set ${layer.set} is missing`, where);
+  });
+}
+
+/** @param {Section} section @param {number} views */
 function readCameras(section, views) {
   const fields = cursor(section);
+  fields.require(fields.bytes.length === 136 * views, `${fields.bytes.length} bytes of ${views} cameras`);
   const poses = [];
   for (let view = 0; view < views; view++) {
     poses.push({ ...readIntrinsics(fields), c2w: readPose(fields), width: 1, height: 1 });
   }
-  fields.finish();
   return poses;
 }
 
-/**
- * @param {Container} file
- * @param {number} count
- * @param {Camera[]} poses
- * @param {Limits} limits
- */
-function readLayers(file, count, poses, limits) {
-  let [pixels, memory] = [0, 0];
-  for (let index = 0; index < count; index++) {
-    const layer = readLayer(only(file.sections, "LAYR", index), poses);
-    pixels += poses.length * layer.height * layer.width;
-    memory += decodingBytes(layer);
-    requireLimits(pixels, memory, limits, `LAYR[${index}]`);
-    checkRanges(layer, file.origin, `LAYR[${index}]`);
-    file.layers.push(layer);
-    joinStreams(file, layer.channels, index);
-  }
-}
-
-/**
- * @param {number} pixels
- * @param {number} memory
- * @param {Limits} limits
- * @param {string} where
- */
-function requireLimits(pixels, memory, limits, where) {
-  require(pixels <= limits.maxPixels, `${pixels} Gaussians, the limit is ${limits.maxPixels}`, where);
-  require(memory <= limits.maxMemory, `${memory} bytes to decode, the limit is ${limits.maxMemory}`, where);
-}
-
-/**
- * Height and width of layer 0, which the photos share where there are any.
- *
- * @param {Container} file
- * @param {number} views
- * @param {Limits} limits
- */
-function grid(file, views, limits) {
-  const first = file.exact[0] ?? file.layers[0];
-  const { photos } = file;
-  if (!photos) return first;
-  const fits = !first || (first.height === photos.height && first.width === photos.width);
+/** Height and width of layer 0, which the photos share where there are any. @param {Container} file */
+function gridOf({ exact, layers, photos }) {
+  const first = exact[0] ?? layers[0];
+  const fits = !photos || !first || (first.height === photos.height && first.width === photos.width);
   require(fits, "photos of another size than layer 0", "PHOT[0]");
-  const pixels = views * photos.height * photos.width;
-  require(pixels <= limits.maxPixels, `${pixels} pixels of photos, the limit is ${limits.maxPixels}`, "PHOT[0]");
-  return photos;
+  return photos ?? first;
 }
 
 /**
- * Put the sections of a layer's classes together: parts 0, 1, 2 … in this order.
+ * Give the streams of channels their bytes: those of a class's sections, parts 0, 1, 2 … in this order, joined.
  *
  * @param {Container} file
- * @param {Channel[]} channels
- * @param {number} index of the layer
+ * @param {Channel[][]} channels by layer
  */
-function joinStreams(file, channels, index) {
-  PLANES.forEach((type, number) => {
-    const last = channels.filter((channel) => channel.planeClass === number && channel.streams.length).at(-1);
-    if (!last) return;
-    const parts = file.sections.filter((section) => section.type === type && section.index % PART === index);
-    const where = `${type}[${index}]`;
-    require(parts.length > 0, "missing", where);
-    const isOrdered = parts.every((part, i) => (part.index - index) / PART === i);
-    require(isOrdered, "its parts are not each there once and in order", where);
-    const stated = parts.reduce((sum, part) => sum + part.length, 0);
-    const { offset, length } = last.streams[last.streams.length - 1];
-    require(offset + length === stated, `${stated} bytes, its pictures need ${offset + length}`, where);
-    file.streams.set(`${number}.${index}`, parts.length === 1 ? parts[0].data : joined(parts.map((part) => part.data)));
+function joinStreams(file, channels) {
+  let used = 0;
+  channels.forEach((records, index) => {
+    PLANES.forEach((type, number) => {
+      const coded = records.filter((channel) => channel.planeClass === number && channel.isCoded);
+      if (!coded.length) return;
+      const parts = file.sections.filter((section) => section.type === type && section.index % PART === index);
+      const where = `${type}[${index}]`;
+      require(parts.length > 0, "missing", where);
+      const isOrdered = parts.every((part, i) => (part.index - index) / PART === i);
+      require(isOrdered, "its parts are not each there once and in order", where);
+      used += parts.length;
+      const stated = parts.reduce((sum, part) => sum + part.length, 0);
+      const last = coded[coded.length - 1].streams.at(-1);
+      require(last?.end === stated, `${stated} bytes, its pictures need ${last?.end}`, where);
+      const data = parts.length === 1 ? parts[0].data : joined(parts.map((part) => part.data));
+      for (const channel of coded) for (const stream of channel.streams) stream.data = data;
+    });
   });
+  const found = file.sections.filter((section) => PLANES.includes(section.type)).length;
+  require(found === used, `${found - used} sections hold pictures of no channel`, "table");
 }
 
 /** @param {Uint8Array[]} parts */
@@ -225,121 +285,15 @@ function joined(parts) {
 }
 
 /**
- * The table at a section's end: lengths that add up to that of `data`, with CRCs.
- *
- * @param {Cursor} fields
- * @param {number} count
- * @param {Uint8Array} data
- */
-function readStreams(fields, count, data) {
-  fields.require(8 * count <= fields.bytes.length - fields.at, `a table of ${count} pictures does not fit`);
-  const streams = [];
-  let end = 0;
-  for (let i = 0; i < count; i++) {
-    const [length, crc] = [fields.u32(), fields.u32()];
-    streams.push({ offset: end, length, crc });
-    end += length;
-  }
-  fields.finish();
-  fields.require(end === data.length, `${data.length} bytes behind it, ${end} announced`);
-  return streams;
-}
-
-/** @param {Cursor} fields @returns {Network} */
-function readNetwork(fields) {
-  const sha256 = Array.from(fields.take(32), (byte) => byte.toString(16).padStart(2, "0")).join("");
-  const name = fields.ascii(64);
-  fields.require(/^[ -~]*$/.test(name), "the network's name is not printable ASCII");
-  const [near, far] = fields.numbers("f64", 2);
-  fields.finish();
-  fields.require(1 / MAX_DEPTH < near && near < far && far < MAX_DEPTH, `near ${near} and far ${far}`);
-  return { name, sha256, near, far };
-}
-
-/** @param {Cursor} fields @param {number} views @param {Uint8Array} data @returns {Photos} */
-function readPhotos(fields, views, data) {
-  const [height, width, format, qp, set] = [fields.u32(), fields.u32(), fields.u8(), fields.u8(), fields.u8()];
-  fields.u8();
-  fields.require(isSide(height) && isSide(width), `photos of ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
-  fields.require(format === 0, `photo format ${format} is unknown`);
-  fields.require(qp <= MAX_QP, `QP ${qp}, accepted are 0 to ${MAX_QP}`);
-  return { height, width, qp, set, streams: readStreams(fields, views, data), data };
-}
-
-/** @param {number} side */
-function isSide(side) {
-  return side >= 1 && side <= MAX_SIDE;
-}
-
-/**
- * @param {Section[]} sections
- * @param {number} count
- * @param {Camera[]} poses
- * @param {Limits} limits
- */
-function readExactLayers(sections, count, poses, limits) {
-  let [pixels, memory] = [0, 0];
-  const layers = [];
-  for (let index = 0; index < count; index++) {
-    const { data } = only(sections, "EXAP", index);
-    const layer = readExact(cursor(only(sections, "EXAC", index)), poses, data);
-    const gaussians = poses.length * layer.height * layer.width;
-    pixels += gaussians;
-    memory += 12 * gaussians * exactPlanes(layer.degree);
-    requireLimits(pixels, memory, limits, `EXAC[${index}]`);
-    layers.push(layer);
-  }
-  return layers;
-}
-
-/** Planes of a view. @param {number} degree */
-export function exactPlanes(degree) {
-  return 12 + 3 * (degree + 1) ** 2;
-}
-
-/** @param {Cursor} fields @param {Camera[]} poses @param {Uint8Array} data @returns {ExactLayer} */
-function readExact(fields, poses, data) {
-  const [height, width, degree] = [fields.u32(), fields.u32(), fields.u8()];
-  fields.take(3);
-  const [zMin, zMax] = fields.numbers("f32", 2);
-  const sha256 = fields.take(32);
-  fields.require(isSide(height) && isSide(width), `grid ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
-  fields.require(degree <= 4, `SH degree ${degree}, accepted are 0 to 4`);
-  fields.require(1 / MAX_DEPTH < zMin && zMin <= zMax && zMax < MAX_DEPTH, `depth limits ${zMin} to ${zMax}`);
-  const cameras = poses.map(({ c2w }) => ({ ...readIntrinsics(fields), c2w, width, height }));
-  const streams = readStreams(fields, poses.length * exactPlanes(degree), data);
-  return { height, width, degree, zMin, zMax, sha256, cameras, streams, data };
-}
-
-/**
  * A picture's bytes; undefined where a prefix does not hold them to their end.
  *
- * @param {Uint8Array} data
  * @param {Stream} stream
  */
-export function held(data, stream) {
-  const end = stream.offset + stream.length;
-  return end <= data.length ? data.subarray(stream.offset, end) : undefined;
+export function held(stream) {
+  return stream.end <= stream.data.length ? stream.data.subarray(stream.end - stream.length, stream.end) : undefined;
 }
 
-/**
- * The same of a class's pictures.
- *
- * @param {Container} file
- * @param {number} layer
- * @param {Channel} channel
- * @param {number} view
- */
-export function picture(file, layer, channel, view) {
-  const data = file.streams.get(`${channel.planeClass}.${layer}`);
-  return data && held(data, channel.streams[view]);
-}
-
-/**
- * @param {Uint8Array} data
- * @param {Stream} stream
- * @param {string} what
- */
+/** @param {Uint8Array} data @param {Stream} stream @param {string} what */
 export function checkCrc(data, stream, what) {
-  if (crc32(data) !== stream.crc) throw new TsplatError("CRC differs: the bytes were altered", what, stream.offset);
+  if (crc32(data) !== stream.crc) throw new TsplatError("CRC differs: the bytes were altered", what, stream.end);
 }

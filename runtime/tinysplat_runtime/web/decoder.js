@@ -1,6 +1,6 @@
 /** Files to Gaussians: which pictures are at hand, and what each mode does with them. */
 import { crew } from "./crew.js";
-import { checkCrc, held, picture } from "./container.js";
+import { checkCrc, held } from "./container.js";
 import { TsplatError, require } from "./errors.js";
 import { decodeExact } from "./exact.js";
 import { decodeFree, listShape } from "./free.js";
@@ -49,7 +49,7 @@ export class Pictures {
     this.recovers = recovers;
     this.known = known;
     /** Names of the pictures that are not at hand. @type {string[]} */
-    this.missing = [];
+    this.missing = [...file.lost];
     /** Called with every picture that is decoded. @type {((name: string) => void) | undefined} */
     this.tell = undefined;
   }
@@ -57,11 +57,11 @@ export class Pictures {
   /**
    * A picture's bytes, their CRC checked; undefined where they are not at hand.
    *
-   * @param {Uint8Array | undefined} data
    * @param {import("./layers.js").Stream} stream
    * @param {string} name
    */
-  checked(data, stream, name) {
+  checked(stream, name) {
+    const data = held(stream);
     try {
       if (data) {
         checkCrc(data, stream, name);
@@ -87,10 +87,10 @@ export class Pictures {
   async plane(layer, record, view, { height, width }, set) {
     const { file } = this;
     const channel = (file.free ? file.free.channels : file.layers[layer].channels)[record];
-    const name = file.free ? channelName(channel) : `layer ${layer} ${channelName(channel)} view ${view}`;
+    const name = file.free ? channelName(channel) : `layer ${layer} ${channelName(channel)} view ${file.views[view]}`;
     const before = this.known?.get(name);
     if (before) return before;
-    const data = this.checked(picture(file, layer, channel, view), channel.streams[view], name);
+    const data = this.checked(channel.streams[view], name);
     if (!data) return undefined;
     const [planes] = await crew.run(
       {
@@ -113,8 +113,8 @@ export class Pictures {
   async photo(view) {
     const { sets, photos } = this.file;
     if (!photos) throw new TsplatError("no photos", "file");
-    const { height, width, streams, data, set } = photos;
-    const bytes = held(data, streams[view]);
+    const { height, width, streams, set } = photos;
+    const bytes = held(streams[view]);
     const where = `photo ${view}`;
     if (!bytes) throw new TsplatError("cut short", where);
     checkCrc(bytes, streams[view], where);
@@ -190,11 +190,12 @@ async function decodeLossless(file, pause) {
 function requireDepth(pictures) {
   const { file, recovers } = pictures;
   const [layer] = file.layers;
+  require(file.views.length > 0, "holds no view", "file");
   const index = hidingRecord(layer);
   const channel = layer.channels[index];
-  if (index < 0 || channel.streams.length === 0) return;
-  const isThere = channel.streams.some((stream, view) => {
-    const data = picture(file, 0, channel, view);
+  if (index < 0 || !channel.isCoded) return;
+  const isThere = channel.streams.some((stream) => {
+    const data = held(stream);
     if (!data) return false;
     try {
       checkCrc(data, stream, "");
@@ -223,7 +224,7 @@ async function decodeLayers(pictures, prediction) {
     return layer.cameras.map(async (_, view) => {
       const codes = await Promise.all(
         layer.channels.map(async (channel, record) => {
-          if (!channel.streams.length) return undefined;
+          if (!channel.isCoded) return undefined;
           return (await pictures.plane(index, record, view, layer, layer.set)) ?? standInCode(layer, record);
         }),
       );

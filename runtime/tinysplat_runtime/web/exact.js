@@ -1,12 +1,13 @@
 /** Mode lossless: docs/FORMAT.md, "Exact planes". */
-import { checkCrc, exactPlanes, held } from "./container.js";
+import { checkCrc, held } from "./container.js";
 import { widened } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
+import { exactPlanes } from "./extras.js";
 import { inflate } from "./inflate.js";
 import { sha256 } from "./sha256.js";
 import { Synthesis } from "./synthesis.js";
 
-/** @typedef {import("./container.js").ExactLayer} ExactLayer */
+/** @typedef {import("./extras.js").ExactLayer} ExactLayer */
 /** @typedef {import("./layers.js").Layer} Layer */
 
 /** Planes of geometry: −1/z in two parts, then offset, scale, rotation and opacity. */
@@ -68,13 +69,13 @@ function neighbourhood(samples, at, x, y, width) {
  * @param {() => Promise<void>} breathe between planes
  */
 export async function decodeExact(exact, index, origin, out, first, breathe) {
-  const { height, width, cameras, streams, data, degree } = exact;
+  const { height, width, cameras, views, streams, degree } = exact;
   const pixels = height * width;
   const count = exactPlanes(degree);
   const planes = new Uint16Array(streams.length * pixels);
   for (let number = 0; number < streams.length; number++) {
     const where = `EXAP[${index}] plane ${number % count}, view ${Math.floor(number / count)}`;
-    const bytes = held(data, streams[number]);
+    const bytes = held(streams[number]);
     if (!bytes) throw new TsplatError("cut short", where);
     checkCrc(bytes, streams[number], where);
     planes.set(unpackPlane(bytes, height, width, where), number * pixels);
@@ -86,8 +87,8 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
   if (!halves.length) halves = Float32Array.from({ length: 65536 }, (_, bits) => widened(bits));
   /** @type {Layer} */
   const layer = {
-    height, width, degree: 0, isInverse: true, set: 0, k: 0, zMin: exact.zMin, zMax: exact.zMax, cameras,
-    references: undefined, mix: undefined, basis: undefined, channels: [],
+    height, width, degree: 0, isInverse: true, set: 0, k: 0, zMin: exact.zMin, zMax: exact.zMax, cameras, isOwn: false,
+    isRelative: false, references: undefined, mix: undefined, basis: undefined, channels: [],
   };
   const synthesis = new Synthesis(layer, origin, out, first);
   const coefficients = count - GEOMETRY;
@@ -95,7 +96,7 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
   for (let view = 0; view < cameras.length; view++) {
     /** @param {number} plane */
     const numbers = (plane) => {
-      const start = (view * count + plane) * pixels;
+      const start = (views[view] * count + plane) * pixels;
       return Float64Array.from(planes.subarray(start, start + pixels), (bits) => halves[bits]);
     };
     const [coarse, fine] = [numbers(0), numbers(1)];

@@ -220,16 +220,16 @@ export async function decodeFree(scene, decode, out) {
   for (const name of DETERMINING) {
     const index = channels.findIndex((channel) => channelName(channel) === name);
     const channel = channels[index];
-    const plane = channel.streams.length ? await decode(index) : undefined;
-    require(!channel.streams.length || plane !== undefined, `holds no intact picture of ${name}, which sorts others`, "file");
+    const plane = channel.isCoded ? await decode(index) : undefined;
+    require(!channel.isCoded || plane !== undefined, `holds no intact picture of ${name}, which sorts others`, "file");
     found[name] = channelValues(channel, plane, orders[orders.length - 1], count);
     orders.push(orderBy(scene, DETERMINING.slice(0, orders.length).map((determinant) => found[determinant])));
   }
   const rest = channels.filter((channel) => !DETERMINING.includes(channelName(channel)));
   await Promise.all(
     rest.map(async (channel) => {
-      const plane = channel.streams.length ? await decode(channels.indexOf(channel)) : undefined;
-      const isAbsent = channel.streams.length > 0 && plane === undefined;
+      const plane = channel.isCoded ? await decode(channels.indexOf(channel)) : undefined;
+      const isAbsent = channel.isCoded && plane === undefined;
       const order = orders[orderOf(channel)];
       const values = isAbsent ? new Float64Array(count).fill(channel.centre) : channelValues(channel, plane, order, count);
       found[channelName(channel)] = values;

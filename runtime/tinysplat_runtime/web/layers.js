@@ -24,7 +24,11 @@ const BASIS = 8;
 const OWN_INTRINSICS = 16;
 const INTRA = 1;
 
-/** @typedef {{ offset: number, length: number, crc: number }} Stream */
+/**
+ * A picture: the last `length` bytes of the first `end` of `data`, which a prefix may not hold.
+ *
+ * @typedef {{ end: number, length: number, crc: number, data: Uint8Array }} Stream
+ */
 
 /**
  * @typedef {object} Channel
@@ -32,7 +36,8 @@ const INTRA = 1;
  * @property {number} target which channel of the class it adds to
  * @property {number} scale units per code
  * @property {number} offset value of code 0, or of a constant channel
- * @property {Stream[]} streams one per view; none of a constant channel
+ * @property {boolean} isCoded whether it has pictures; else it is constant
+ * @property {Stream[]} streams one per view, of a coded channel
  */
 
 /**
@@ -46,6 +51,8 @@ const INTRA = 1;
  * @property {number} zMin
  * @property {number} zMax
  * @property {Camera[]} cameras with the layer's own grid and intrinsics
+ * @property {boolean} isOwn whether `cameras` have other intrinsics than the file's
+ * @property {boolean} isRelative whether rotations are relative to `references`
  * @property {Float64Array[] | undefined} references quaternions per view
  * @property {Float64Array | undefined} mix S row by row, then s
  * @property {Float64Array | undefined} basis d × k row by row
@@ -60,9 +67,10 @@ export function channelName(channel) {
 /**
  * @param {import("./sections.js").Section} section
  * @param {Camera[]} poses
+ * @param {boolean} isInParts whether what belongs to views stands in sections VIEW: the layer has none as yet
  * @returns {Layer}
  */
-export function readLayer(section, poses) {
+export function readLayer(section, poses, isInParts) {
   const fields = cursor(section);
   const [height, width, degree, sourceDegree] = [fields.u32(), fields.u32(), fields.u8(), fields.u8()];
   const [flags, set, count, k] = [fields.u8(), fields.u8(), fields.u16(), fields.u16()];
@@ -74,14 +82,10 @@ export function readLayer(section, poses) {
   fields.require(Number.isFinite(lost) && condition > 0 && condition < Infinity, "a number is out of range");
   fields.require(flags < 32, `unknown flags ${flags}`);
   fields.require(count <= MAX_CHANNELS, `${count} channels, at most ${MAX_CHANNELS}`);
-  const isOwn = (flags & OWN_INTRINSICS) !== 0;
-  const cameras = poses.map((pose) => ({ ...pose, ...(isOwn ? readIntrinsics(fields) : {}), width, height }));
-  let references;
-  if (flags & RELATIVE_ROTATION) {
-    references = poses.map(() => fields.numbers("f32", 4));
-    const isUnit = references.every((quat) => Math.abs(Math.hypot(...quat) - 1) < 1e-3);
-    fields.require(isUnit, "a reference quaternion is not of length 1");
-  }
+  const [isOwn, isRelative] = [(flags & OWN_INTRINSICS) !== 0, (flags & RELATIVE_ROTATION) !== 0];
+  const here = isInParts ? [] : poses;
+  const cameras = here.map((pose) => ({ ...pose, ...(isOwn ? readIntrinsics(fields) : {}), width, height }));
+  const references = isRelative ? here.map(() => readReference(fields)) : undefined;
   const mix = flags & SCALE_MIX ? fields.numbers("f32", 12) : undefined;
   fields.require(!mix || mix.every(Number.isFinite), "the scale mix is not finite");
   const d = 3 * (degree + 1) ** 2;
@@ -93,10 +97,31 @@ export function readLayer(section, poses) {
   } else {
     fields.require(degree === 0 && k === 0, `degree ${degree} without a basis`);
   }
-  const channels = readChannels(fields, count, [1, k || 3, 1, 3, 4, 2], poses.length);
+  const channels = readChannels(fields, count, [1, k || 3, 1, 3, 4, 2], here.length);
   fields.finish();
   const isInverse = (flags & INVERSE_DEPTH) !== 0;
-  return { height, width, degree, isInverse, set, k, zMin, zMax, cameras, references, mix, basis, channels };
+  return {
+    height, width, degree, isInverse, set, k, zMin, zMax, cameras, isOwn, isRelative, references, mix, basis, channels,
+  };
+}
+
+/** A view's reference quaternion. @param {Cursor} fields */
+export function readReference(fields) {
+  const quat = fields.numbers("f32", 4);
+  fields.require(Math.abs(Math.hypot(...quat) - 1) < 1e-3, "a reference quaternion is not of length 1");
+  return quat;
+}
+
+/**
+ * Length and CRC-32 of a picture.
+ *
+ * @param {Cursor} fields
+ * @param {number} before bytes in front of it
+ * @returns {Stream}
+ */
+export function readStream(fields, before) {
+  const [length, crc] = [fields.u32(), fields.u32()];
+  return { end: before + length, length, crc, data: fields.bytes.subarray(0, 0) };
 }
 
 /**
@@ -111,7 +136,7 @@ function readChannels(fields, count, targets, views) {
   /** @type {Channel[]} */
   const channels = [];
   for (let i = 0; i < count; i++) {
-    const { coding, ...channel } = readRecord(fields);
+    const channel = readRecord(fields);
     const { planeClass, target } = channel;
     fields.require(planeClass < targets.length, `plane class ${planeClass}`);
     fields.require(target < targets[planeClass], `${CLASS_NAMES[planeClass]} has no channel ${target}`);
@@ -119,11 +144,10 @@ function readChannels(fields, count, targets, views) {
     const name = channelName(channel);
     fields.require(planeClass === DEPTH || !seen.has(name), `${name} stands twice`);
     seen.add(name);
-    fields.require(coding === 0 || 8 * views <= fields.bytes.length - fields.at, `${name}: pictures do not fit`);
-    for (let view = 0; view < (coding === INTRA ? views : 0); view++) {
-      const [length, crc] = [fields.u32(), fields.u32()];
-      channel.streams.push({ offset: ends[planeClass], length, crc });
-      ends[planeClass] += length;
+    for (let view = 0; view < (channel.isCoded ? views : 0); view++) {
+      const stream = readStream(fields, ends[planeClass]);
+      channel.streams.push(stream);
+      ends[planeClass] = stream.end;
     }
     channels.push(channel);
   }
@@ -134,7 +158,7 @@ function readChannels(fields, count, targets, views) {
  * The fixed part of a channel record.
  *
  * @param {Cursor} fields
- * @returns {Channel & { coding: number }}
+ * @returns {Channel}
  */
 export function readRecord(fields) {
   const [planeClass, target, coding, qp] = fields.take(4);
@@ -142,5 +166,5 @@ export function readRecord(fields) {
   fields.require(coding <= INTRA, `coding ${coding} is unknown`);
   fields.require(qp <= MAX_QP, `QP ${qp}, accepted are 0 to ${MAX_QP}`);
   fields.require(Math.abs(scale) < 1e30 && Math.abs(offset) < 1e30, "scale or offset out of range");
-  return { planeClass, target, coding, scale, offset, streams: [] };
+  return { planeClass, target, scale, offset, isCoded: coding === INTRA, streams: [] };
 }

@@ -1,8 +1,8 @@
 /** Metadata of mode free, checked: docs/FORMAT.md, FREE. */
 import { MAX_CODE, MAX_DECODED, MAX_ROTATION, requireBound } from "./bounds.js";
 import { crc32 } from "./cursor.js";
-import { COLOR, OPACITY, ROTATION, SCALE, channelName, readRecord } from "./layers.js";
-import { cursor } from "./sections.js";
+import { COLOR, OPACITY, ROTATION, SCALE, channelName, readRecord, readStream } from "./layers.js";
+import { cursor, only } from "./sections.js";
 
 /** @typedef {import("./cursor.js").Cursor} Cursor */
 /** @typedef {import("./layers.js").Channel} Channel */
@@ -12,6 +12,8 @@ const MAX_LEVELS = 21;
 const STREAMS = 6;
 const MAX_THRESHOLDS = 255;
 const MAX_CLASSES = 32;
+/** Gaussians that a byte of a file may stand for. */
+const MAX_PER_BYTE = 256;
 /** Largest logarithm of a scale, and of a contracted coordinate. */
 export const MAX_LOG = 69;
 
@@ -53,13 +55,13 @@ export function orderOf(channel) {
 }
 
 /**
- * @param {Section} section FREE
- * @param {Section} points FREP
+ * @param {Section[]} sections
  * @param {{ maxPixels: number, maxMemory: number }} limits
  * @returns {FreeScene}
  */
-export function readFree(section, points, limits) {
-  const fields = cursor(section);
+export function readFree(sections, limits) {
+  const fields = cursor(only(sections, "FREE"));
+  const points = only(sections, "FREP");
   const [count, degree, levelCount] = [fields.u32(), fields.u8(), fields.u8()];
   const [channelCount, k] = [fields.u16(), fields.u16()];
   fields.take(6);
@@ -69,6 +71,8 @@ export function readFree(section, points, limits) {
   const d = 3 * (degree + 1) ** 2;
   fields.require(degree <= 4, `SH degree ${degree}, accepted are 0 to 4`);
   fields.require(count >= 1 && count <= limits.maxPixels, `${count} Gaussians, the limit is ${limits.maxPixels}`);
+  const paid = MAX_PER_BYTE * sections.reduce((sum, { data }) => sum + data.length, 0);
+  fields.require(count <= paid, `${count} Gaussians, the file's bytes stand for ${paid} at most`);
   fields.require(k <= d, `k = ${k}, accepted are 0 to ${d}`);
   fields.require(levelCount >= 1 && levelCount <= MAX_LEVELS, `${levelCount} levels, accepted are 1 to ${MAX_LEVELS}`);
   fields.require(channelCount === 7 + k, `${channelCount} channels, expected ${7 + k}`);
@@ -158,15 +162,13 @@ function readFreeChannels(fields, k) {
   for (const [planeClass, targets] of wanted) {
     let end = 0;
     for (let target = 0; target < targets; target++) {
-      const { coding, ...record } = readRecord(fields);
-      const channel = { ...record, centre: fields.f32() };
+      const channel = { ...readRecord(fields), centre: fields.f32() };
       const isExpected = channel.planeClass === planeClass && channel.target === target;
       fields.require(isExpected, `class ${channel.planeClass}, channel ${channel.target} where others belong`);
       fields.require(Math.abs(channel.centre) < MAX_DECODED, `${channelName(channel)}: centre out of range`);
-      if (coding) {
-        const [length, crc] = [fields.u32(), fields.u32()];
-        channel.streams.push({ offset: end, length, crc });
-        end += length;
+      if (channel.isCoded) {
+        channel.streams.push(readStream(fields, end));
+        end = channel.streams[0].end;
       }
       channels.push(channel);
     }
@@ -185,7 +187,7 @@ function checkFreeRanges(fields, scene) {
   const reach = channels.map((channel) => {
     const order = orderOf(channel);
     const gain = order ? Math.max(...orders[order - 1].gains.map(Math.abs)) : 1;
-    const coded = Math.abs(channel.offset) + (channel.streams.length ? MAX_CODE * Math.abs(channel.scale) : 0);
+    const coded = Math.abs(channel.offset) + (channel.isCoded ? MAX_CODE * Math.abs(channel.scale) : 0);
     return gain * coded + Math.abs(channel.centre);
   });
   channels.forEach((channel, i) => {

@@ -1,11 +1,11 @@
 /** A file as its sections: docs/FORMAT.md, sections 1 and 2. Nothing is believed before it is compared with the bytes. */
 import { Cursor, crc32 } from "./cursor.js";
-import { TsplatError, require } from "./errors.js";
+import { require } from "./errors.js";
 
 const MAGIC = [0x89, 0x54, 0x53, 0x50, 0x4c, 0x41, 0x54, 0x0a];
 const HEADER_BYTES = 20;
 const ROW_BYTES = 16;
-const MAX_SECTIONS = 4096;
+const MAX_SECTIONS = 8192;
 const REQUIRED = 1;
 
 /** Sections of pictures, by number of the class. */
@@ -13,8 +13,11 @@ export const PLANES = ["DEPT", "COLO", "OPAC", "SCAL", "ROTA", "OFFS"];
 
 const KNOWN = new Set([
   "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "NETW", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "FREP",
-  ...PLANES,
+  "UNIT", "VIEW", ...PLANES,
 ]);
+
+/** Sections of pictures with a CRC each, which a prefix may lack. */
+const PICTURES = new Set(["VIEW", ...PLANES]);
 
 /**
  * @typedef {object} Section
@@ -61,11 +64,15 @@ export function readTable(bytes, isPrefix) {
     end += length;
     if (KNOWN.has(type)) sections.push(section);
     else require(!(flags & REQUIRED), "unknown and required; a newer reader is needed", JSON.stringify(type));
-    if (KNOWN.has(type) && !PLANES.includes(type)) metadataEnd = end;
+    if (KNOWN.has(type) && !PICTURES.has(type)) metadataEnd = end;
   }
   require(bytes.length <= end, `${bytes.length - end} bytes behind the last section`, "file", end);
   const short = `the first ${bytes.length} bytes hold no picture; the metadata alone takes ${metadataEnd}`;
   require(metadataEnd <= bytes.length, short, "file", bytes.length);
+  for (const section of sections) {
+    const isIntact = PICTURES.has(section.type) || crc32(section.data) === section.crc;
+    require(isIntact, "CRC differs: the bytes were altered", label(section), 0);
+  }
   return { version: [major, minor], total: end, sections };
 }
 
@@ -86,13 +93,13 @@ export function metadataBytes(bytes) {
     rows.take(4);
     end += rows.u32();
     rows.take(4);
-    if (KNOWN.has(type) && !PLANES.includes(type)) metadataEnd = end;
+    if (KNOWN.has(type) && !PICTURES.has(type)) metadataEnd = end;
   }
   return metadataEnd;
 }
 
 /**
- * The one section of a type and index, its CRC checked.
+ * The one section of a type and index.
  *
  * @param {Section[]} sections
  * @param {string} type
@@ -100,15 +107,7 @@ export function metadataBytes(bytes) {
 export function only(sections, type, index = 0) {
   const found = sections.filter((section) => section.type === type && section.index === index);
   require(found.length === 1, found.length ? `stands ${found.length} times` : "missing", `${type}[${index}]`);
-  return verified(found[0]);
-}
-
-/** @param {Section} section */
-export function verified(section) {
-  if (crc32(section.data) !== section.crc) {
-    throw new TsplatError("CRC differs: the bytes were altered", label(section), 0);
-  }
-  return section;
+  return found[0];
 }
 
 /** @param {Section} section */

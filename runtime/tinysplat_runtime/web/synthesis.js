@@ -83,7 +83,7 @@ function geometryWeights(layer) {
     if (channel.planeClass === COLOR) return;
     const row = FIRST_OF[channel.planeClass] + channel.target;
     added[row] += channel.offset;
-    if (channel.streams.length) weights[i][row] = channel.scale;
+    if (channel.isCoded) weights[i][row] = channel.scale;
   });
   if (mix) for (const numbers of [...weights, added]) mixScales(mix, numbers, numbers === added);
   return { weights, added };
@@ -117,7 +117,7 @@ function colourWeights(layer) {
     if (channel.planeClass !== COLOR) return column;
     for (let row = 0; row < d; row++) {
       added[row] += entry(channel.target, row) * channel.offset;
-      if (channel.streams.length) column[row] = entry(channel.target, row) * channel.scale;
+      if (channel.isCoded) column[row] = entry(channel.target, row) * channel.scale;
     }
     return column;
   });

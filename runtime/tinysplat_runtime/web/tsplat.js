@@ -19,6 +19,7 @@ export { TsplatError };
 /**
  * @typedef {object} Options
  * @property {number} [maxBytes] decode from so many first bytes alone; FORMAT.md, "Prefixes"
+ * @property {number[]} [views] decode these alone
  * @property {AbortSignal} [signal]
  * @property {number} [threads] workers that decode pictures; 0 for none
  * @property {Partial<import("./container.js").Limits>} [limits] what is accepted before memory is taken
@@ -44,10 +45,19 @@ function bytesOf(bytes) {
  * @returns {Promise<Scene>}
  */
 export async function decode(bytes, options = {}) {
-  const { maxBytes, recover = false } = options;
+  const { maxBytes, recover } = options;
   const data = bytesOf(bytes).subarray(0, maxBytes);
-  const file = readContainer(data, { ...LIMITS, ...options.limits }, maxBytes !== undefined || recover);
+  const file = readContainer(data, reading(options, maxBytes !== undefined || recover === true));
   return decodeContainer(file, options, undefined);
+}
+
+/**
+ * @param {Options} options
+ * @param {boolean} isPrefix
+ * @returns {import("./container.js").Reading}
+ */
+function reading({ limits, recover = false, views }, isPrefix) {
+  return { limits: { ...LIMITS, ...limits }, isPrefix, recovers: recover, views };
 }
 
 /**
@@ -98,6 +108,7 @@ function stepsOf(file) {
   const steps = [];
   let ending = "";
   for (const { type, index, start, length } of file.sections) {
+    if (type === "VIEW") steps.push(start + length);
     const pass = passes[type]?.[index < 256 ? 0 : 1];
     if (pass === undefined) continue;
     if (`${pass} ${index % 256}` === ending) steps.pop();
@@ -116,8 +127,8 @@ function stepsOf(file) {
  * @returns {AsyncGenerator<Scene & { received: number }>}
  */
 export async function* decodeStream(chunks, options = {}) {
-  const limits = { ...LIMITS, ...options.limits };
-  const arriving = new Arriving(chunks, limits.maxMemory);
+  const start = reading(options, true);
+  const arriving = new Arriving(chunks, start.limits.maxMemory);
   /** @type {Map<string, Uint16Array>} */
   const known = new Map();
   /** @type {number[] | undefined} */
@@ -128,17 +139,17 @@ export async function* decodeStream(chunks, options = {}) {
       options.signal?.throwIfAborted();
       const bytes = arriving.bytes();
       if (arriving.isWhole) {
-        const file = readContainer(bytes, limits, options.recover ?? false);
+        const file = readContainer(bytes, reading(options, options.recover === true));
         yield { ...(await decodeContainer(file, options, known)), received: bytes.length };
         return;
       }
       const needed = metadataBytes(bytes);
       if (needed !== undefined && needed <= bytes.length) {
-        steps ??= stepsOf(readContainer(bytes, limits, true));
+        steps ??= stepsOf(readContainer(bytes, start));
         const reached = steps.filter((step) => step <= bytes.length).at(-1) ?? 0;
         if (reached > shown && reached < steps[steps.length - 1]) {
           shown = reached;
-          const scene = await prefix(readContainer(bytes.subarray(0, reached), limits, true), options, known);
+          const scene = await prefix(readContainer(bytes.subarray(0, reached), start), options, known);
           if (scene) yield { ...scene, received: bytes.length };
           continue;
         }
@@ -251,7 +262,7 @@ async function* iterated(stream) {
  * @param {Partial<import("./container.js").Limits>} [limits]
  */
 export function inspect(bytes, limits = {}) {
-  const file = readContainer(bytesOf(bytes), { ...LIMITS, ...limits }, true);
+  const file = readContainer(bytesOf(bytes), { ...reading({ limits }, true) });
   const { version, mode, profile, qp, total, origin, cameras, notes, network, free } = file;
   const grids = file.exact.length ? file.exact : file.layers;
   const layers = grids.map(({ height, width, degree }) => ({ views: cameras.length, height, width, degree }));

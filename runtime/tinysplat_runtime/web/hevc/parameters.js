@@ -7,12 +7,15 @@
 import { require } from "../errors.js";
 import { BitReader, unescaped } from "./bits.js";
 
+const VPS_TYPE = 32;
 const SPS_TYPE = 33;
 const PPS_TYPE = 34;
 const SLICE_TYPE_I = 2;
 
 /**
  * @typedef {object} Sps
+ * @property {number} id
+ * @property {number} vpsId of the video parameter set that it refers to
  * @property {number} chroma 0: luma alone, 1: 4:2:0
  * @property {number} width of the coded picture
  * @property {number} height of the coded picture
@@ -32,6 +35,8 @@ const SLICE_TYPE_I = 2;
 
 /**
  * @typedef {object} Pps
+ * @property {number} id
+ * @property {number} spsId of the sequence parameter set that it refers to
  * @property {number} extraBits num_extra_slice_header_bits
  * @property {boolean} outputFlag output_flag_present_flag
  * @property {boolean} signHiding
@@ -71,6 +76,16 @@ function refused(reader, what) {
 }
 
 /**
+ * nal_unit_type of a unit of the base layer and lowest temporal layer (7.3.1.2).
+ *
+ * @param {Uint8Array} unit
+ */
+function nalType(unit) {
+  require(unit[0] < 128 && (unit[0] & 1) === 0 && unit[1] === 1, "a NAL unit of another layer", "picture", 0);
+  return unit[0] >> 1;
+}
+
+/**
  * NAL units behind start codes (B.2), by type; of several with one type the last.
  *
  * @param {Uint8Array} bytes
@@ -86,7 +101,7 @@ function nalUnits(bytes) {
       let end = i;
       while (end > start && bytes[end - 1] === 0) end--; // trailing zeros belong to the next start code
       require(end >= start + 3, "an empty NAL unit among the parameter sets", "HEVC", start);
-      const type = (bytes[start] >> 1) & 63;
+      const type = nalType(bytes.subarray(start, end));
       require(!units.has(type), `two parameter sets of type ${type}`, "HEVC", start);
       units.set(type, bytes.subarray(start, end));
     }
@@ -108,6 +123,44 @@ function skipProfile(reader, subLayers) {
   for (let i = 0; i < subLayers; i++) present.push(reader.bits(2));
   if (subLayers > 0) reader.skip(2 * (8 - subLayers));
   for (const flags of present) reader.skip((flags & 2 ? 88 : 0) + (flags & 1 ? 8 : 0));
+}
+
+/**
+ * Sizes of the buffer of decoded pictures, of which nothing is needed (7.3.2.1, 7.3.2.2.1).
+ *
+ * @param {BitReader} reader
+ * @param {number} subLayers beyond the first
+ */
+function skipOrdering(reader, subLayers) {
+  for (let i = reader.flag() ? 0 : subLayers; i <= subLayers; i++) {
+    reader.ue(reader.ue(15));
+    reader.ue();
+  }
+}
+
+/**
+ * video_parameter_set_rbsp() (7.3.2.1): its number.
+ *
+ * @param {Uint8Array} unit
+ */
+function readVps(unit) {
+  const reader = new BitReader(unescaped(unit).subarray(2));
+  const id = reader.bits(4);
+  const layers = reader.bits(8) & 63;
+  const subLayers = reader.bits(3);
+  reader.skip(1);
+  require(layers === 0 && subLayers < 7 && reader.bits(16) === 0xffff, "a video parameter set of layers", "HEVC");
+  skipProfile(reader, subLayers);
+  skipOrdering(reader, subLayers);
+  reader.skip(6);
+  require(reader.ue() === 0, "a video parameter set of layers", "HEVC");
+  if (reader.flag()) {
+    reader.skip(64);
+    if (reader.flag()) reader.ue();
+    require(reader.ue() === 0, "hrd_parameters are no part of HEVC as FORMAT.md has it", "HEVC");
+  }
+  refused(reader, "vps_extension");
+  return id;
 }
 
 /**
@@ -147,11 +200,11 @@ function skipVui(reader) {
  */
 function readSps(unit) {
   const reader = new BitReader(unescaped(unit).subarray(2));
-  reader.skip(4);
+  const vpsId = reader.bits(4);
   const subLayers = reader.bits(3);
   reader.skip(1);
   skipProfile(reader, subLayers);
-  reader.ue(15);
+  const id = reader.ue(15);
   const chroma = reader.ue(3);
   require(chroma <= 1, `chroma_format_idc ${chroma}, accepted are 0 and 1`, "HEVC");
   const width = reader.ue(1 << 17);
@@ -162,7 +215,7 @@ function readSps(unit) {
   const chromaBits = 8 + reader.ue(8);
   require(bits === chromaBits || chroma === 0, `${bits} bits of luma and ${chromaBits} of chroma`, "HEVC");
   const log2Poc = reader.ue(12);
-  for (let i = reader.flag() ? 0 : subLayers; i <= subLayers; i++) for (let j = 0; j < 3; j++) reader.ue();
+  skipOrdering(reader, subLayers);
   const log2MinCb = 3 + reader.ue(3);
   const log2Ctb = log2MinCb + reader.ue(3);
   const log2MinTb = 2 + reader.ue(3);
@@ -188,7 +241,7 @@ function readSps(unit) {
   if (reader.flag()) require(reader.bits(8) === 0, "extensions of the sequence parameter set", "HEVC");
   const [left, right, top, bottom] = window;
   return {
-    chroma, width, height, left, right, top, bottom, bits, log2MinCb, log2Ctb, log2MinTb, log2MaxTb, maxDepth, sao,
+    id, vpsId, chroma, width, height, left, right, top, bottom, bits, log2MinCb, log2Ctb, log2MinTb, log2MaxTb, maxDepth, sao,
     strongSmoothing,
   };
 }
@@ -201,8 +254,7 @@ function readSps(unit) {
  */
 function readPps(unit) {
   const reader = new BitReader(unescaped(unit).subarray(2));
-  reader.ue(63);
-  reader.ue(15);
+  const [id, spsId] = [reader.ue(63), reader.ue(15)];
   refused(reader, "dependent_slice_segments_enabled_flag");
   const outputFlag = reader.flag() === 1;
   const extraBits = reader.bits(3);
@@ -238,7 +290,7 @@ function readPps(unit) {
   const headerExtension = reader.flag() === 1;
   if (reader.flag()) require(reader.bits(8) === 0, "extensions of the picture parameter set", "HEVC");
   return {
-    extraBits, outputFlag, signHiding, initQp, qpDelta, qpDepth, cbOffset, crOffset, sliceChromaOffsets, acrossSlices,
+    id, spsId, extraBits, outputFlag, signHiding, initQp, qpDelta, qpDepth, cbOffset, crOffset, sliceChromaOffsets, acrossSlices,
     deblockOverride, deblockDisabled, betaOffset, tcOffset, headerExtension,
   };
 }
@@ -250,9 +302,11 @@ function readPps(unit) {
  */
 export function readParameterSets(bytes) {
   const units = nalUnits(bytes);
-  const [sps, pps] = [units.get(SPS_TYPE), units.get(PPS_TYPE)];
-  require(sps !== undefined && pps !== undefined, "a sequence or picture parameter set is missing", "HEVC");
-  return { sps: readSps(sps), pps: readPps(pps) };
+  const [vps, spsUnit, ppsUnit] = [VPS_TYPE, SPS_TYPE, PPS_TYPE].map((type) => units.get(type));
+  require(vps !== undefined && spsUnit !== undefined && ppsUnit !== undefined, "a parameter set is missing", "HEVC");
+  const [sps, pps] = [readSps(spsUnit), readPps(ppsUnit)];
+  require(pps.spsId === sps.id && sps.vpsId === readVps(vps), "parameter sets do not refer to each other", "HEVC");
+  return { sps, pps };
 }
 
 /**
@@ -264,13 +318,13 @@ export function readParameterSets(bytes) {
  * @returns {Slice}
  */
 export function readSlice(unit, sps, pps) {
-  const type = (unit[0] >> 1) & 63;
-  require(unit.length > 2 && (type === 19 || type === 20) && unit[0] < 128, "not a single HEVC intra slice", "picture");
+  const type = unit.length > 2 ? nalType(unit) : -1;
+  require(type === 19 || type === 20, "not a single HEVC intra slice", "picture");
   const bytes = unescaped(unit).subarray(2);
   const reader = new BitReader(bytes);
   require(reader.flag() === 1, "a slice that is not its picture's first", "picture");
   reader.skip(1);
-  reader.ue(63);
+  require(reader.ue(63) === pps.id, "a slice refers to another parameter set", "picture");
   reader.skip(pps.extraBits);
   require(reader.ue(2) === SLICE_TYPE_I, "a slice that is not intra", "picture");
   if (pps.outputFlag) reader.skip(1);
