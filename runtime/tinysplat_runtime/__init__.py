@@ -27,6 +27,7 @@ _MODULE_OF = {
     "NumericError": "errors",
     "Runtime": "api",
     "Scene": "scene.scenes",
+    "InputWarning": "errors",
     "SceneWarning": "errors",
     "TinySplatError": "errors",
     "compress": "api",
@@ -46,6 +47,7 @@ __all__ = [
     "FormatError",
     "Gaussians",
     "InputError",
+    "InputWarning",
     "ModelError",
     "Notes",
     "NumericError",
@@ -78,7 +80,7 @@ if TYPE_CHECKING:
         render,
         save_gaussians,
     )
-    from .errors import FormatError, InputError, ModelError, NumericError, SceneWarning, TinySplatError
+    from .errors import FormatError, InputError, InputWarning, ModelError, NumericError, SceneWarning, TinySplatError
     from .gaussian.gaussians import Gaussians
     from .gaussian.notes import Notes
     from .scene.cameras import Camera

@@ -7,8 +7,6 @@ process, with default settings.
 from __future__ import annotations
 
 import os
-import sys
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
@@ -18,7 +16,7 @@ from .codec.decoder import decode_gaussians
 from .codec.profiles import DEFAULT_PROFILE
 from .container.layout import SUFFIX
 from .container.records import Limits
-from .errors import InputError, SceneWarning, TinySplatError
+from .errors import InputError, SceneWarning, TinySplatError, warn
 from .gaussian.gaussians import Gaussians
 from .graphs.inference import GraphStore
 from .graphs.providers import CPU, Provider
@@ -264,11 +262,8 @@ class Runtime:
 
 
 def _warn(scene: Scene, text: str) -> None:
-    """A doubt as a warning of the line outside this package that asked."""
-    frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(__package__):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(f"{scene.path}: {text}", SceneWarning, stacklevel=level)
+    """A doubt as a warning."""
+    warn(f"{scene.path}: {text}", SceneWarning)
 
 
 def _check_is_scene(value: object) -> None:

@@ -9,10 +9,16 @@
 A message is one line: where (file, field, index), what was found, what would be accepted.
 The command line turns any of them into that line and exit status 2.
 
-A `SceneWarning` is no error: the line says what is likely wrong with photos or cameras that can be used all the same.
+Warnings are no errors: what they are about is used all the same.
+
+    InputWarning         a part of what the user gave is left out, or likely wrong
+    └── SceneWarning     what is likely wrong with photos or cameras
 """
 
 from __future__ import annotations
+
+import sys
+import warnings
 
 
 class TinySplatError(Exception):
@@ -52,5 +58,17 @@ class NumericError(TinySplatError):
     """Values that the transform at hand cannot represent."""
 
 
-class SceneWarning(UserWarning):
+class InputWarning(UserWarning):
+    """A part of what the user gave is left out, read in another way than usual, or likely wrong."""
+
+
+class SceneWarning(InputWarning):
     """Photos, cameras or depths of a scene do not seem to belong together; it is coded all the same."""
+
+
+def warn(text: str, category: type[InputWarning] = InputWarning) -> None:
+    """Issue a warning as of the line outside this package that called it."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(__package__):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(" ".join(text.split()), category, stacklevel=level)

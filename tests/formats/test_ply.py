@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scenes import make_gaussians
 
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
@@ -130,9 +131,9 @@ def test_extreme_logits_and_logarithms(tmp_path: Path) -> None:
     loaded = load_gaussians(write(tmp_path / "a.ply", vertex))
     np.testing.assert_allclose(loaded.opacities, [0, 1, 3.72e-44, 1], rtol=1e-6, atol=1e-44)
     vertex["scale_1"][2] = 1e30
-    assert "scales[2, 1]: inf" in refusal(write(tmp_path / "b.ply", vertex))
+    assert "scales[0, 1, 0, 1]: inf" in refusal(write(tmp_path / "b.ply", vertex), grid=(1, 2, 2))
     vertex["x"][1] = np.nan
-    assert "means[1, 0]: nan" in refusal(write(tmp_path / "c.ply", vertex))
+    assert "means[0, 0, 1, 0]: nan" in refusal(write(tmp_path / "c.ply", vertex), grid=(1, 2, 2))
 
 
 def test_other_layouts_are_refused_with_what_they_lack(tmp_path: Path) -> None:
@@ -190,3 +191,78 @@ def test_every_truncation_is_refused(tmp_path: Path) -> None:
 
 def test_files_beyond_the_limit_are_refused(tmp_path: Path) -> None:
     assert "1000 bytes can hold" in refusal(write(tmp_path / "g.ply", vertices(30, 1)), max_bytes=1000)
+
+
+def trained(count: int = 40) -> NDArray:
+    """Vertices as training leaves them: small Gaussians, logits and coefficients of either sign."""
+    vertex = vertices(count, 1)
+    for name in ("scale_0", "scale_1", "scale_2"):
+        vertex[name] -= 4
+    return vertex
+
+
+def warnings_of(path: Path) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_gaussians(path)
+    assert all(issubclass(entry.category, InputWarning) for entry in caught)
+    return [str(entry.message) for entry in caught]
+
+
+@pytest.mark.parametrize(
+    ("columns", "change", "words"),
+    [
+        (("scale_0", "scale_1", "scale_2"), np.exp, "linear scales"),
+        (("opacity",), lambda x: 1 / (1 + np.exp(-x)), "opacity lies within 0 and 1"),
+        (("f_dc_0", "f_dc_1", "f_dc_2"), lambda x: np.clip(0.5 + 0.282 * x, 0, 1), "colours of 0 to 1"),
+        (("f_dc_0", "f_dc_1", "f_dc_2"), lambda x: np.clip(127 + 72 * x, 0, 255), "colours of 0 to 255"),
+    ],
+)
+def test_linear_values_are_told(tmp_path: Path, columns, change, words: str) -> None:
+    vertex = trained()
+    assert warnings_of(write(tmp_path / "g.ply", vertex)) == []
+    for name in columns:
+        vertex[name] = change(vertex[name].astype(np.float64))
+    (line,) = warnings_of(write(tmp_path / "g.ply", vertex))
+    assert words in line and line.startswith(str(tmp_path / "g.ply"))
+
+
+def test_large_scenes_may_have_scales_of_more_than_a_unit(tmp_path: Path) -> None:
+    vertex = trained()
+    for name in ("scale_0", "scale_1", "scale_2"):
+        vertex[name] += 8
+    for name in "xyz":
+        vertex[name] *= 1000
+    assert warnings_of(write(tmp_path / "g.ply", vertex)) == []
+
+
+@pytest.mark.parametrize("name", ["x", "rot_1", "scale_2", "opacity", "f_dc_0", "f_rest_3"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_points_with_nan_are_dropped_and_counted(tmp_path: Path, name: str, value: float) -> None:
+    vertex = trained()
+    whole = load_gaussians(write(tmp_path / "g.ply", vertex))
+    vertex[name][[3, 17]] = value
+    if (name, value) == ("opacity", np.inf):  # the logit of 1
+        assert warnings_of(write(tmp_path / "g.ply", vertex)) == []
+        return
+    with pytest.warns(InputWarning, match=r"g\.ply: 2 of 40 Gaussians hold NaN"):
+        left = load_gaussians(write(tmp_path / "g.ply", vertex))
+    for field in FIELDS:
+        np.testing.assert_array_equal(getattr(left, field), np.delete(getattr(whole, field), [3, 17], axis=0))
+
+
+def test_pixels_with_nan_are_refused_as_they_cannot_be_left_out(tmp_path: Path) -> None:
+    vertex = trained()
+    vertex["x"][5] = np.nan
+    assert "finite" in refusal(write(tmp_path / "g.ply", vertex), grid=(2, 4, 5))
+    vertex["x"] = np.nan
+    assert "40 such" in refusal(write(tmp_path / "g.ply", vertex))
+
+
+def test_empty_and_cut_files_are_called_so(tmp_path: Path) -> None:
+    file = write(tmp_path / "g.ply", trained())
+    data = file.read_bytes()
+    file.write_bytes(data[:-1])
+    assert f"cut short: {len(data) - 1} bytes of the {len(data)}" in refusal(file)
+    file.write_bytes(b"")
+    assert "an empty file, expected PLY" in refusal(file)

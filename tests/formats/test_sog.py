@@ -200,3 +200,57 @@ def test_members_of_another_compression_are_refused(tmp_path: Path) -> None:
         else:
             with pytest.raises(InputError, match="bytes, expected at most"):
                 load_gaussians(tmp_path / "b.sog")
+
+
+def levels_folder(folder: Path, **changes: Any) -> Path:
+    """Two SOG folders: rows of the first show one place at two levels, the second another place; a sky besides."""
+    for name, seed in (("0_0", 0), ("0_1", 1), ("env", 2)):
+        (folder / name).mkdir(parents=True)
+        made = make_gaussians(height=10, width=10, degree=seed, seed=seed).flat()
+        save_gaussians(folder / name / "meta.json", made)
+    leaves = [
+        {"bound": {}, "lods": {"1": {"file": 0, "offset": 60, "count": 9}, "0": {"file": 0, "offset": 7, "count": 50}}},
+        {"bound": {}, "children": [{"bound": {}, "lods": {"2": {"file": 1, "offset": 0, "count": 30}}}]},
+    ]
+    names = ["0_0/meta.json", "0_1/meta.json"]
+    document = {"lodLevels": 3, "environment": "env/meta.json", "filenames": names, "tree": {"children": leaves}}
+    (folder / "lod-meta.json").write_text(json.dumps({**document, **changes}))
+    return folder
+
+
+def test_a_folder_stands_for_its_meta_json(tmp_path: Path) -> None:
+    made = some(1)
+    save_gaussians(tmp_path / "meta.json", made)
+    np.testing.assert_array_equal(load_gaussians(tmp_path).means, load_gaussians(tmp_path / "meta.json").means)
+
+
+@pytest.mark.parametrize("named", [".", "lod-meta.json"])
+def test_of_levels_of_detail_the_finest_rows_are_read(tmp_path: Path, named: str) -> None:
+    loaded = load_gaussians(levels_folder(tmp_path / "lod") / named)
+    first, second, sky = (load_gaussians(tmp_path / "lod" / name) for name in ("0_0", "0_1", "env"))
+    wanted = np.concatenate([first.means[7:57], second.means[:30], sky.means])
+    np.testing.assert_array_equal(loaded.means, wanted)
+    assert loaded.degree == 2 and not loaded.sh[:80, 4:].any()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"filenames": 5}, "expected names of SOG files"),
+        ({"filenames": ["../0_0/meta.json", "b"]}, "within the folder"),
+        ({"tree": {"children": []}}, "a tree without rows"),
+        ({"tree": {"lods": {"0": {"file": 5, "offset": 0, "count": 1}}}}, "file 5"),
+        ({"tree": {"lods": {"0": {"file": 0, "offset": 190, "count": 11}}}}, "rows 190 to 201"),
+        ({"tree": [1]}, "damaged or foreign lod-meta.json"),
+    ],
+)
+def test_damaged_levels_are_one_line(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load_gaussians(levels_folder(tmp_path / "lod", **changes))
+
+
+def test_levels_that_show_the_same_rows_again_and_again_take_no_more_memory_than_allowed(tmp_path: Path) -> None:
+    leaf = {"lods": {"0": {"file": 0, "offset": 0, "count": 200}}}
+    folder = levels_folder(tmp_path / "lod", tree={"children": [leaf] * 1000})
+    with pytest.raises(InputError, match="rows 0 to 200"):
+        load_gaussians(folder, max_bytes=1 << 20)

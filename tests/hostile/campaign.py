@@ -22,6 +22,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from tinysplat_runtime.errors import InputWarning
+
 from .targets import TARGETS, attack, prepare
 
 COUNTS = {
@@ -43,9 +45,15 @@ HANG_S = 2.0
 _KILL_AFTER_S = 3600
 
 
+def _warnings_are_errors() -> None:
+    """All but those that are meant for users."""
+    warnings.simplefilter("error")
+    warnings.simplefilter("ignore", InputWarning)
+
+
 def run_chunk(name: str, start: int, count: int, progress: Path) -> dict[str, Any]:
     """Attack in this process; the number of the attack under way stands in `progress`, for whoever survives it."""
-    warnings.simplefilter("error")
+    _warnings_are_errors()
     target = TARGETS[name]
     prepare(target)
     before = _peak_kb()
@@ -138,7 +146,7 @@ def main() -> int:
         return 0
     if args.case:
         name, case = args.case.split(":")
-        warnings.simplefilter("error")
+        _warnings_are_errors()
         TARGETS[name].attack(Random(f"{name} {int(case)}"))
         return 0
     rows = []

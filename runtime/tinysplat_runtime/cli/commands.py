@@ -62,7 +62,11 @@ def doctor(args: Namespace) -> None:
     report = examine(providers_of(args.provider) if args.provider else None)
     print(json.dumps(report, indent=2) if args.json else text(report))
     if report["wrong"]:
-        raise InputError(f"{len(report['wrong'])} things are wrong, the first: {report['wrong'][0]}", where="doctor")
+        raise InputError(f"{_things(len(report['wrong']))} wrong, the first: {report['wrong'][0]}", where="doctor")
+
+
+def _things(count: int) -> str:
+    return "1 thing is" if count == 1 else f"{count} things are"
 
 
 def models(args: Namespace) -> None:

@@ -14,6 +14,11 @@ STANDARD = "-"
 
 OUTPUTS = {"output": "-o", "html": "--html", "report": "--report", "save_gaussians": "--save-gaussians"}
 
+INPUTS = ("file", "files", "scene", "gaussians", "photos", "poses", "cameras", "like", "camera")
+"""Options and words that name something to read, where they are texts."""
+
+_URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
+
 CODED_BY = ("encode", "compress")
 """Commands that write .tsplat files alone."""
 
@@ -23,13 +28,22 @@ def is_standard(path: str) -> bool:
     return path == STANDARD or path.startswith(f"{STANDARD}.")
 
 
+def check_inputs(args: Namespace) -> None:
+    """Refuse URLs: paths that become `Path`s lose a slash, and nobody finds them in a message."""
+    for name in INPUTS:
+        given = getattr(args, name, None) or ()
+        for path in [given] if isinstance(given, str) else given:
+            if _URL.match(path):
+                raise InputError("a URL, expected a file or folder on this machine (`batch` takes URLs)", where=path)
+
+
 def check_outputs(args: Namespace) -> None:
     """Refuse outputs that are no files of this machine's, and those that are there already without `--force`."""
     for name, option in OUTPUTS.items():
         path = getattr(args, name, None)
         if path is None or is_standard(path):
             continue
-        if re.match(r"[a-z][a-z0-9+.-]+://", path):
+        if _URL.match(path):
             raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
         target = Path(path)
         if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():

@@ -18,15 +18,16 @@ import warnings
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
+from typing import TextIO
 
-from ..errors import TinySplatError
+from ..errors import InputWarning, TinySplatError
 from ..system.progress import still_there
 from .parser import build_parser, join_commands, missing_extra
 
 _MODULES = {"encode": "encode", "compress": "encode", "convert": "convert", "render": "render", "view": "view"}
 """Where the function of a command stands that is not in `commands`."""
 
-_NEGATIVES = re.compile(r"-[0-9.][-+0-9.eE]*(,[-+0-9.eE]+)*")
+_NEGATIVES = re.compile(r"-[0-9.][-+0-9.eEx]*(,[-+0-9.eE]+)*")
 
 _IMPORT_LOCKS = "<frozen importlib._bootstrap>"
 """Code that Python runs as a callback now and then: an exception there is printed and lost."""
@@ -41,7 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # no terminal's encoding ends a command
     with _interrupts() as noticed:
         try:
-            return _run(_with_negatives(list(sys.argv[1:] if argv is None else argv)))
+            with _warnings():
+                return _run(_with_negatives(list(sys.argv[1:] if argv is None else argv)))
         except KeyboardInterrupt:
             return 130
         except Exception as error:
@@ -123,9 +125,29 @@ def _end_like_interrupts() -> None:
         signal.signal(signal.SIGTERM, signal.SIG_DFL if interrupt is signal.SIG_IGN else interrupt)
 
 
+@contextlib.contextmanager
+def _warnings() -> Iterator[None]:
+    """Ours are a line each; libraries', which are for programmers, none unless asked for."""
+    with warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+        warnings.simplefilter("always", InputWarning)
+        others = warnings.showwarning
+
+        def show(
+            message: Warning | str, category: type[Warning], filename: str, lineno: int,
+            file: TextIO | None = None, line: str | None = None,
+        ) -> None:  # fmt: skip
+            if issubclass(category, InputWarning):
+                print(message, file=sys.stderr)
+            else:
+                others(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = show
+        yield
+
+
 def _run(arguments: list[str]) -> int:
-    if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # libraries' notes to programmers; what users need to know is an error
     word = next((word for word in arguments if not word.startswith("-")), "tinysplat")
     waits = word == "view" and not any(option.startswith("--html") for option in arguments)  # and says for what
     with still_there(word, quiet=waits or bool({"-q", "--quiet"} & set(arguments))):
@@ -136,8 +158,9 @@ def _run(arguments: list[str]) -> int:
         if args.command in joined:
             return _joined(joined[args.command], args)
         # Here, so that --version and --help start without numpy, and no command waits for what another needs.
-        from .outputs import check_outputs
+        from .outputs import check_inputs, check_outputs
 
+        check_inputs(args)
         check_outputs(args)
         own = importlib.import_module(f".{_MODULES.get(args.command, 'commands')}", __package__)
         run: Callable[[argparse.Namespace], None] = getattr(own, args.command)

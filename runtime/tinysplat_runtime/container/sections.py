@@ -94,8 +94,10 @@ def read_table(
     Returns:
         Version, bytes of the whole file, and the known sections, the CRC of each checked but of `planes`.
     """
-    if bytes(view[: len(L.MAGIC)]) != L.MAGIC:
+    if not L.MAGIC.startswith(view[: len(L.MAGIC)]):
         raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
+    if not view:
+        raise FormatError("an empty file", where="header")
     if len(view) < L.HEADER.size:
         raise FormatError(f"needs {L.HEADER.size} bytes, there are {len(view)}: cut short", where="header")
     _, major, minor, count, _, crc = L.HEADER.unpack(view[: L.HEADER.size])

@@ -59,6 +59,23 @@ def far_note(points: Points) -> list[str]:
     return [text] if points.is_far else []
 
 
+def without_invalid(arrays: Mapping[str, NDArray]) -> tuple[Mapping[str, NDArray], int]:
+    """A list of Gaussians without those that hold NaN, or what float32 cannot, and how many these were.
+
+    Training leaves some now and then. Gaussians that are pixels, or not all of one number, pass as they are.
+    """
+    lead = arrays["opacities"].shape if "opacities" in arrays else ()
+    lists = [arrays[name] for name in FIELDS if name in arrays]
+    if len(lead) != 1 or "layer1_means" in arrays or any(array.shape[:1] != lead for array in lists):
+        return arrays, 0
+    good = np.ones(lead, bool)
+    for array in lists:
+        good &= (np.abs(array.reshape(len(array), -1)) <= np.finfo(np.float32).max).all(axis=1)
+    if good.all() or not good.any():
+        return arrays, 0
+    return {name: array[good] if name in FIELDS else array for name, array in arrays.items()}, int((~good).sum())
+
+
 def assemble(
     arrays: Mapping[str, NDArray], grid: tuple[int, int, int] | None, cameras: Sequence[Camera] | None
 ) -> Gaussians:

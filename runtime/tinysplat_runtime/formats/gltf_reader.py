@@ -218,8 +218,10 @@ def _is_index(value: Any) -> bool:
 def _instances(document: Mapping[str, Any]) -> Iterator[tuple[int, NDArray]]:
     """Index of a mesh and where it stands in the world (4, 4), for every node of the scene that has one."""
     nodes, scenes = document.get("nodes"), document.get("scenes")
-    if not isinstance(nodes, list) or len(nodes) > _MAX_NODES:
-        raise InputError(f"no list of at most {_MAX_NODES} nodes")
+    if not isinstance(nodes, list) or not nodes:
+        raise InputError("a glTF document without nodes, so that it shows nothing")
+    if len(nodes) > _MAX_NODES:
+        raise InputError(f"{len(nodes)} nodes, expected at most {_MAX_NODES}")
     with parsing("glTF scene"):
         index = document.get("scene", 0)
         roots = scenes[index]["nodes"] if scenes else range(len(nodes))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..system.files import parsing
@@ -33,6 +33,11 @@ _SCALES, _QUATS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2",
 _REST = re.compile(r"f_rest_\d{1,3}")
 
 _MAX_HEADER_BYTES = 1 << 16
+_TELLING = 16  # points from which on values of all of them tell something
+_WIDE = 0.2  # of the points' extent, which no real scene's median Gaussian reaches
+_MAX_COLOUR = 4.0  # f_dc of a colour a little over twice white
+_BYTES = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2}
+_BYTES |= {"double": 8, "float64": 8}
 _OPACITY_MARGIN = 2.0**-24  # logits within ±16.6; what it moves is less than float32's step at 1
 
 
@@ -60,6 +65,8 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
     if missing or len(rest) % 3:
         found = f"lacks {', '.join(missing[:6])}" if missing else f"{len(rest)} f_rest properties"
         raise InputError(f"{found}, expected vertices in the layout of 3D Gaussian Splatting")
+    for doubt in _doubts(vertex):
+        warn(f"{path}: {doubt}")
     with parsing(".ply file"), np.errstate(over="ignore", invalid="ignore"):
         higher = _columns(vertex, rest).reshape(len(vertex), 3, -1).swapaxes(1, 2)  # (N, B − 1, 3)
         return {
@@ -138,17 +145,42 @@ def _columns(vertex: NDArray, names: Sequence[str]) -> NDArray:
     return np.stack([vertex[name] for name in names], axis=-1) if names else np.zeros((len(vertex), 0), np.float32)
 
 
+def _doubts(vertex: NDArray) -> list[str]:
+    """What points to values that are not as the layout has them, a line each."""
+    if len(vertex) < _TELLING:
+        return []
+    with np.errstate(over="ignore", invalid="ignore"):
+        blocks = [_columns(vertex, names).astype(np.float64) for names in (_MEANS, _SCALES, _OPACITY, _CONSTANT)]
+    means, scales, opacity, colours = (block[np.isfinite(block).all(axis=1)] for block in blocks)
+    found = []
+    if means.size and scales.size and scales.min() >= 0:
+        low, high = np.percentile(means, (5, 95), axis=0)
+        if np.exp(np.median(scales)) > _WIDE * (high - low).max():
+            found.append("scale_0…2 hold no value below 0: linear scales, where their logarithms are expected?")
+    if opacity.size and 0 <= opacity.min() < opacity.max() <= 1:
+        found.append("opacity lies within 0 and 1 everywhere: linear values, where logits are expected?")
+    if colours.size and 0 <= colours.min() < colours.max() and not _MAX_COLOUR >= colours.max() > 1:
+        kind = "0 to 1" if colours.max() <= 1 else "0 to 255"
+        found.append(f"f_dc_0…2 hold no value below 0: colours of {kind}, where SH coefficients are expected?")
+    return found
+
+
 def _check_header(path: Path, max_bytes: int) -> None:
     """Refuse counts that the file is too short for: a value takes at least a byte in each of PLY's encodings."""
     with path.open("rb") as file:
         head, end, _ = file.read(_MAX_HEADER_BYTES).partition(b"end_header")
     if not head.startswith(b"ply") or not end:
         raise InputError("does not start with a PLY header")
-    values = 0
+    values, length = 0, len(head) + len(b"end_header\n")
     for element in re.split(rb"[\r\n]\s*element\s", head)[1:]:
         count = re.match(rb"\s*\S+\s+(\d{1,18})\s", element)
         if count is None:
             raise InputError("damaged PLY header")
-        values += int(count[1]) * max(len(re.findall(rb"[\r\n]\s*property\s", element)), 1)
-    if values > min(path.stat().st_size, max_bytes // 8):
+        kinds = re.findall(rb"[\r\n]\s*property\s+(\S+)", element)
+        values += int(count[1]) * max(len(kinds), 1)
+        length += int(count[1]) * sum(_BYTES.get(kind.decode("ascii", "replace"), 4) for kind in kinds)
+    size = path.stat().st_size
+    if b"format binary" in head and b"property list" not in head and length > size:
+        raise InputError(f"cut short: {size} bytes of the {length} that its header announces")
+    if values > min(size, max_bytes // 8):
         raise InputError(f"announces {values} values, which neither the file nor {max_bytes} bytes can hold")

@@ -5,6 +5,9 @@ in 8 bits, the largest one's index in alpha; logarithms of scales, and SH of deg
 values; higher SH bytes into a codebook for a palette of at most 65,536 vectors. Rows follow a Morton curve. Source:
 developer.playcanvas.com, "The SOG Format", and github.com/playcanvas/splat-transform.
 
+A `lod-meta.json` names several such folders and, in a tree, the rows of them that show a place at each level of detail:
+level 0 is the finest, and what is read.
+
 Trust boundary: names of pictures must lie in the folder, and their sizes are held against the count before they are
 decoded.
 """
@@ -32,11 +35,14 @@ from .assembly import Points, cut_degree_note, far_note
 from .palette import codebook, nearest, palette
 
 META = "meta.json"
+LEVELS = "lod-meta.json"
 MODEL = "antialiased"
 """What `model` is called in `meta.json`, where it is there."""
 MAX_DEGREE = 3
 
 _MAX_META = 1 << 20
+_MAX_LEVELS = 64 << 20
+_MAX_NODES = 1 << 20
 _MAX_SIDE = 16383  # of a WebP picture
 _PALETTE_ROW = 64  # vectors beside each other in the picture of the palette
 _MAX_PALETTE = 1 << 16
@@ -151,8 +157,14 @@ def _webp(pixels: NDArray) -> bytes:
 # ---- in ------------------------------------------------------------------------------------------------------------
 
 
+def in_folder(path: Path) -> Path:
+    """The file that a folder is read by, its `lod-meta.json` or `meta.json`; the path itself where there is neither."""
+    found = [path / name for name in (LEVELS, META) if (path / name).is_file()]
+    return found[0] if found else path
+
+
 def read_sog(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Read a .sog file, or the folder of a `meta.json`, as arrays.
+    """Read a .sog file, the folder of a `meta.json`, or the finest level of a `lod-meta.json`, as arrays.
 
     Returns:
         means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, float64.
@@ -161,12 +173,72 @@ def read_sog(path: Path, max_bytes: int) -> dict[str, NDArray]:
         InputError: damaged, of another version, or larger than `max_bytes`.
         ImportError: Pillow is not installed.
     """
+    if path.name == LEVELS:
+        return _read_levels(path, max_bytes)
     with _reading(path) as read:
         return _arrays(read, max_bytes)
 
 
+def _read_levels(path: Path, max_bytes: int) -> dict[str, NDArray]:
+    """The rows that a `lod-meta.json` has for its finest level, and all of its `environment`."""
+    meta = _json_object(read_limited(path, _MAX_LEVELS))
+    names, around = meta.get("filenames"), meta.get("environment")
+    names = [*names, *([around] if around else [])] if isinstance(names, list) else []
+    if not names or not all(isinstance(name, str) and _is_within(name) for name in names):
+        raise InputError("expected names of SOG files within the folder", where=f"{LEVELS}: filenames")
+    rows = _finest(meta.get("tree"), len(names))
+    if around:
+        rows.setdefault(len(names) - 1, []).append(slice(None))
+    parts: list[dict[str, NDArray]] = []
+    left = max_bytes
+    for index, pieces in sorted(rows.items()):
+        file = in_folder(path.parent / names[index])
+        with _reading(file) as read:
+            arrays = _arrays(read, left)
+        for piece in pieces:
+            part = {name: array[piece] for name, array in arrays.items()}
+            left -= sum(array.nbytes for array in part.values())
+            if left < 0 or (piece.stop or 0) > len(arrays["means"]):
+                raise InputError(f"rows {piece.start} to {piece.stop}, which it does not have", where=names[index][:60])
+            parts.append(part)
+    functions = max(part["sh"].shape[1] for part in parts)
+    for part in parts:
+        part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _finest(tree: Any, files: int) -> dict[int, list[slice]]:
+    """Rows by file of every node's finest level."""
+    rows: dict[int, list[slice]] = {}
+    todo, visits = [tree], 0
+    with parsing(LEVELS):
+        while todo:
+            node = todo.pop()
+            todo += node.get("children") or ()
+            visits += 1
+            if visits + len(todo) > _MAX_NODES:
+                raise InputError(f"more than {_MAX_NODES} nodes", where=LEVELS)
+            levels = node.get("lods")
+            if levels:
+                piece = levels[min(levels, key=int)]
+                index, start, count = (piece[name] for name in ("file", "offset", "count"))
+                if not (0 <= index < files and start >= 0 and count >= 0):
+                    raise InputError(f"file {index}, rows {start} and {count} more", where=LEVELS)
+                rows.setdefault(int(index), []).append(slice(int(start), int(start) + int(count)))
+    if not rows:
+        raise InputError("a tree without rows", where=LEVELS)
+    return rows
+
+
+def _is_within(name: str) -> bool:
+    path = PurePosixPath(name)
+    return 0 < len(name) < 1000 and "\\" not in name and "\0" not in name and not path.anchor and ".." not in path.parts
+
+
 def read_sog_notes(path: Path) -> dict[str, str]:
     """The one note that splat-transform's `meta.json` has a name for."""
+    if path.name == LEVELS:
+        return {}
     with _reading(path) as read:
         return {"antialiased": YES} if _json_object(read(META, _MAX_META)).get("model") == MODEL else {}
 

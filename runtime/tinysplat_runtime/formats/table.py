@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import NAMES, NO_NOTES, Notes
 from ..gaussian.sh import C0
@@ -25,7 +25,7 @@ from ..scene.cameras import Camera
 from ..scene.images import to_uint8
 from ..system.files import StrPath, atomic_path, check_readable
 from . import arrays, compressed_ply, file_notes, gltf, gltf_reader, ply, sog, splat, spz, usd
-from .assembly import Points, assemble
+from .assembly import Points, assemble, without_invalid
 
 MAX_BYTES = 8 << 30
 """Most memory that the arrays of one file may take: 24 million Gaussians of SH degree 4."""
@@ -183,6 +183,7 @@ def load_gaussians(
     Raises:
         InputError: names the file and the array: missing, damaged, too large, of another shape, out of range.
     """
+    path = sog.in_folder(Path(path))
     form = find_format(path, written=False)
     check_readable(path)
     if cameras and grid is None:
@@ -191,7 +192,14 @@ def load_gaussians(
         raise InputError(f"{tuple(grid)}, expected (V, H, W), each at least 1", where="grid")
     assert form.read is not None  # find_format
     try:
-        gaussians = assemble(form.read(Path(path), max_bytes), grid, cameras)
+        if not path.stat().st_size:
+            raise InputError(f"an empty file, expected {form.name}")
+        arrays_read, invalid = form.read(Path(path), max_bytes), 0
+        if grid is None:
+            arrays_read, invalid = without_invalid(arrays_read)
+        gaussians = assemble(arrays_read, grid, cameras)
+        if invalid:
+            warn(f"{path}: {invalid} of {invalid + gaussians.count} Gaussians hold NaN or infinity and are left out")
         return gaussians.with_notes(NO_NOTES if form.notes is None else Notes(**form.notes(Path(path))))
     except ImportError:
         raise _missing_package(path, form) from None

@@ -6,6 +6,7 @@ Nothing here knows one layout: `scenes` and `intake` say which keys they want.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -26,7 +27,9 @@ def parse_object(data: bytes) -> dict[str, Any]:
     except RecursionError:
         raise InputError("JSON nested too deeply") from None
     except ValueError as error:
-        raise InputError(f"not JSON ({error})") from None
+        digits = re.match(r"Exceeds the limit \((\d+) digits\)", str(error))
+        found = f"a number of more than {digits[1]} digits" if digits else f"not JSON ({error})"
+        raise InputError(found if data.strip() else "an empty file, expected JSON") from None
     if not isinstance(document, dict):
         raise InputError(f"a JSON {kind_of(document)}, expected an object with frames")
     return document

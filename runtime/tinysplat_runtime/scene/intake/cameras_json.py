@@ -13,12 +13,13 @@ Trust boundary: the file is bounded in size, may not hold NaN, and names photos 
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
 from ...system.files import read_limited
-from ...system.jsonfields import depth, frame_entries, parse_object, photo_name
+from ...system.jsonfields import depth, frame_entries, kind_of, parse_object, photo_name
 from ..cameras import Camera
 from ..lenses import Lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
@@ -84,7 +85,8 @@ def _camera(i: int, entry: dict[str, Any]) -> Camera:
             raise InputError("missing", where=f"frames[{i}].{name}")
     for name in ("width", "height"):
         if type(entry[name]) is not int:
-            raise InputError(f"{str(entry[name])[:40]}, expected a whole number", where=f"frames[{i}].{name}")
+            found = f"{json.dumps(entry[name])[:40]} (a JSON {kind_of(entry[name])})"
+            raise InputError(f"{found}, expected a whole number", where=f"frames[{i}].{name}")
     try:
         return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
     except InputError as error:

@@ -1,0 +1,232 @@
+"""Bad inputs, a line each: what the message must say beside the name of what was given."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians, write_scene
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.cli import main
+
+SUFFIXES = ("tsplat", "npz", "safetensors", "ply", "spz", "glb", "gltf", "sog", "splat", "ksplat", "usdz")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A good scene, good Gaussians, a good file; beside them what is bad."""
+    path = tmp_path_factory.mktemp("given")
+    write_scene(path / "desk", 3)
+    g = make_smooth_gaussians(2, 16, 24, 1)
+    ts.save_gaussians(path / "g.npz", g)
+    ts.save_gaussians(path / "g.ply", g)
+    (path / "f.tsplat").write_bytes(ts.compress(g))
+    for suffix in SUFFIXES:
+        (path / f"empty.{suffix}").touch()
+        (path / f"text.{suffix}").write_text("hello, world\n" * 9)
+    for name in ("g.npz", "g.ply", "f.tsplat"):
+        (path / f"cut.{name}").write_bytes((path / name).read_bytes()[:-40])
+    text = json.dumps({"asset": {"version": "2.0"}}).encode() + b" "
+    text += b" " * (-len(text) % 4)
+    (path / "bare.glb").write_bytes(b"glTF" + struct.pack("<4I", 2, 20 + len(text), len(text), 0x4E4F534A) + text)
+    (path / "nothing").mkdir()
+    return path
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line with which a command refuses what it is given."""
+    try:
+        status = main([*map(str, arguments)])
+    except SystemExit as error:
+        status = error.code
+    out, err = capsys.readouterr()
+    *before, line = err.splitlines()
+    assert (status, out) == (2, "") and line.startswith("tinysplat") and len(line) < 500, err
+    assert all(": warning: " in doubt for doubt in before), err
+    return line
+
+
+def scene_with(path: Path, text: str = "", frame: dict[str, Any] | None = None, **fields: Any) -> Path:
+    """A scene whose document has other fields, its second frame others, or which ends in another text."""
+    write_scene(path, 3)
+    document = json.loads((path / "cameras.json").read_text())
+    document["frames"][1].update(frame or {})
+    whole = json.dumps({**document, **fields})
+    (path / "cameras.json").write_text(whole[: -len(text)] + text if text else whole)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"near": -1}, "near: -1, expected a depth > 0"),
+        ({"near": "1"}, "near: a JSON string"),
+        ({"near": True}, "near: a JSON boolean"),
+        ({"near": [1]}, "near: a JSON list"),
+        ({"near": float("nan")}, "near: nan"),
+        ({"near": 0}, "near: 0"),
+        ({"near": 9}, "expected near < far"),
+        ({"far": 1e40}, "far: 1e+40"),
+        ({"frames": {}}, "frames: a JSON object"),
+        ({"frames": []}, "frames: empty"),
+        ({"frames": None}, "frames: a JSON null"),
+        ({"frames": [5]}, "frames[0]: a JSON number"),
+        ({"text": "]"}, "not JSON"),
+        ({"near": int("1" * 4000)}, "near: 1111"),
+        ({"frame": {"width": "128"}}, 'frames[1].width: "128" (a JSON string), expected a whole number'),
+        ({"frame": {"width": 31.5}}, "frames[1].width: 31.5"),
+        ({"frame": {"width": None}}, "frames[1].width: null"),
+        ({"frame": {"height": -4}}, "frames[1].height: -4"),
+        ({"frame": {"height": 10**7}}, "frames[1].height: 10000000"),
+        ({"frame": {"width": 33}}, "its camera states 33x24"),
+        ({"frame": {"K": [[1, 0], [0, 1]]}}, "frames[1].K"),
+        ({"frame": {"K": "K"}}, "frames[1].K"),
+        ({"frame": {"K": np.zeros((3, 3)).tolist()}}, "frames[1].K"),
+        ({"frame": {"K": [[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]]}}, "K"),
+        ({"frame": {"c2w": np.zeros((4, 4)).tolist()}}, "frames[1].c2w"),
+        ({"frame": {"c2w": np.eye(3).tolist()}}, "frames[1].c2w"),
+        ({"frame": {"c2w": (2 * np.eye(4)).tolist()}}, "frames[1].c2w"),
+        ({"frame": {"file": "images/none.png"}}, "none.png: no such file"),
+        ({"frame": {"file": "../x.png"}}, "leaves the scene's folder"),
+        ({"frame": {"file": "/etc/passwd"}}, "leaves the scene's folder"),
+        ({"frame": {"file": ""}}, "expected the name of a photo"),
+        ({"frame": {"file": 5}}, "expected the name of a photo"),
+        ({"frame": {"file": "x" * 300}}, "accepted are 2000 and 240"),
+        ({"frame": {"file": "cameras.json"}}, "expected a JPEG or PNG"),
+    ],
+)
+def test_fields_of_a_scene(capsys, tmp_path: Path, changes: dict[str, Any], words: str) -> None:
+    scene = scene_with(tmp_path / "desk", **changes)
+    err = refusal(capsys, "encode", scene, "-o", tmp_path / "o.tsplat")
+    assert words in err and str(scene) in err, err
+
+
+def test_numbers_of_too_many_digits(capsys, tmp_path: Path) -> None:
+    scene = scene_with(tmp_path / "desk", near="NUMBER")
+    file = scene / "cameras.json"
+    file.write_text(file.read_text().replace('"NUMBER"', "1" * 20000))
+    err = refusal(capsys, "encode", scene, "-o", tmp_path / "o.tsplat")
+    assert f"{file}: a number of more than 4300 digits" in err
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("kind", ["empty", "text"])
+@pytest.mark.parametrize("command", ["info", "convert", "compress", "render"])
+def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, command, kind: str, suffix: str) -> None:
+    output = {"info": (), "compress": ("-o", tmp_path / "o.tsplat"), "render": ("-o", tmp_path / "o.png")}
+    err = refusal(capsys, command, folder / f"{kind}.{suffix}", *output.get(command, ("-o", tmp_path / "o.npz")))
+    assert f"{kind}.{suffix}: " in err and (kind != "empty" or "an empty file" in err), err
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("info cut.g.npz", "cut.g.npz"),
+        ("info cut.g.ply", "cut short"),
+        ("info cut.f.tsplat", "cut short"),
+        ("info bare.glb", "without nodes"),
+        ("info none.ply", "no such file"),
+        ("info nothing", "a folder, expected a file"),
+        ("info x.doc", "suffix '.doc', expected"),
+        ("info https://host/a.tsplat", "https://host/a.tsplat: a URL"),
+        ("render s3://bucket/a.ply -o p.png", "s3://bucket/a.ply: a URL"),
+        ("compress https://host//a.ply -o o.tsplat", "https://host//a.ply: a URL"),
+        ("encode https://host/scene -o o.tsplat", "https://host/scene: a URL"),
+        ("encode desk -o gs://bucket/o.tsplat", "gs://bucket/o.tsplat: a URL"),
+        ("encode nothing -o o.tsplat", "no cameras.json"),
+        ("encode none -o o.tsplat", "no such file"),
+        ("encode desk/images -o o.tsplat", "tinysplat poses"),
+        ("encode desk/images/0000.png -o o.tsplat", "one photo, expected a scene"),
+        ("encode empty.tsplat -o o.tsplat", "expected JSON"),
+        ("encode desk -o o.ply", "expected .tsplat"),
+        ("encode desk -o f.tsplat", "--force overwrites"),
+        ("encode desk -o none/o.tsplat", "does not exist; create it first"),
+        ("encode desk -o nothing", "is a folder"),
+        ("encode desk -o o.tsplat --size -5x10", "'-5x10', expected HEIGHTxWIDTH"),
+        ("encode desk -o o.tsplat --size 0x10", "'0x10', expected HEIGHTxWIDTH"),
+        ("encode desk -o o.tsplat --size 64", "'64', expected HEIGHTxWIDTH"),
+        ("encode desk -o o.tsplat --size x", "'x', expected HEIGHTxWIDTH"),
+        ("encode desk -o o.tsplat --views -1,0", "view -1"),
+        ("encode desk -o o.tsplat --views 0,0", "view 0 given twice"),
+        ("encode desk -o o.tsplat --views 0,9", "views are 0 to 2"),
+        ("encode desk -o o.tsplat --views 1", "expected two or more"),
+        ("encode desk -o o.tsplat --views a,b", "'a,b', expected"),
+        ("encode desk -o o.tsplat --views auto:0", "'auto:0', expected"),
+        ("encode desk -o o.tsplat --near -3", "near: -3"),
+        ("encode desk -o o.tsplat --near nan", "near: nan"),
+        ("encode desk -o o.tsplat --far inf", "far: inf"),
+        ("encode desk -o o.tsplat --far 1", "expected near < far"),
+        ("encode desk -o o.tsplat --qp 99", "99"),
+        ("encode desk -o o.tsplat --qp x", "'x'"),
+        ("encode desk -o o.tsplat --qp 1 --lossless", "not allowed with"),
+        ("encode desk -o o.tsplat --target-size 0", "'0', expected a size"),
+        ("encode desk -o o.tsplat --target-size 5XB", "'5XB', expected a size"),
+        ("encode desk -o o.tsplat --target-psnr -3", "-3"),
+        ("encode desk -o o.tsplat --model none", "none"),
+        ("encode desk -o o.tsplat --model none.onnx", "none.onnx"),
+        ("encode desk -o o.tsplat --mode other", "invalid choice: 'other'"),
+        ("encode desk -o o.tsplat --profile best", "invalid choice: 'best'"),
+        ("encode desk -o o.tsplat --refine 0", "'0', expected steps"),
+        ("encode desk -o o.tsplat --threads 0", "'0', expected a whole number"),
+        ("encode desk -o o.tsplat --provider Foo", "FooExecutionProvider is not in"),
+        ("encode desk -o o.tsplat --poses none.txt", "expected a video"),
+        ("encode desk desk -o o.tsplat", "2 paths"),
+        ("encode desk -o o.tsplat --focal 5", "--focal"),
+        ("encode desk", "required: -o/--output"),
+        ("encode desk -o o.tsplat --nonsense", "--nonsense"),
+        ("encode g.npz -o o.tsplat", "g.npz"),
+        ("compress g.npz -o o.tsplat --like none.tsplat", "none.tsplat"),
+        ("compress g.npz -o o.tsplat --like g.npz", "g.npz"),
+        ("compress g.ply -o o.tsplat --grid 1,2", "--grid"),
+        ("compress g.ply -o o.tsplat --grid 1,2,3", "1x2x3 grid"),
+        ("compress g.npz -o o.tsplat --cameras none.json", "none.json"),
+        ("compress g.npz -o o.tsplat --refine 3", "--photos"),
+        ("compress desk -o o.tsplat", "tinysplat encode"),
+        ("decode g.npz -o o.npz", "not a .tsplat file"),
+        ("decode f.tsplat -o o.doc", "suffix '.doc'"),
+        ("decode f.tsplat -o o.npz --max-bytes 1", "cut short"),
+        ("decode f.tsplat -o o.npz --max-pixels 3", "3"),
+        ("decode f.tsplat -o o.npz --max-memory 1KB", "1000"),
+        ("decode f.tsplat -o o.npz --views 7", "views"),
+        ("decode f.tsplat -o o.npz --min-opacity 3", "expected 0 to 1"),
+        ("decode f.tsplat -o o.npz --sh-degree 9", "9"),
+        ("decode f.tsplat -o o.spz --sh-bits 9", "--sh-bits"),
+        ("decode f.tsplat -o o.npz --trim-border 90", "trim border"),
+        ("render f.tsplat -o o.gif", ".png and .mp4"),
+        ("render f.tsplat -o o.png --camera 9", "9"),
+        ("render f.tsplat -o o.png --camera x", "x"),
+        ("render f.tsplat -o o.png --camera none.json:0", "none.json"),
+        ("render f.tsplat -o o.png --size 0x0", "'0x0', expected"),
+        ("render f.tsplat -o o.png --path orbit", "mp4"),
+        ("render f.tsplat -o o.mp4 --frames 0", "'0', expected"),
+        ("render f.tsplat -o o.png --depth-scale 0", "'0', expected"),
+        ("render g.npz -o o.png --max-bytes 9", "only .tsplat files"),
+        ("convert g.npz -o o.npz --crop 1,2,3", "expected 6 numbers"),
+        ("convert g.npz -o o.npz --crop 90,90,90,91,91,91", "none of 768 Gaussians"),
+        ("convert g.npz -o o.npz --rotate q,1", "'q,1', expected AXIS,DEGREES"),
+        ("convert g.npz -o o.npz --rotate 0,0,0,0", "expected AXIS,DEGREES"),
+        ("convert g.npz -o o.npz --scale 0", "'0', expected a number"),
+        ("convert g.npz -o o.npz --translate 1,inf,2", "expected 3 numbers"),
+        ("convert g.npz -o o.npz --unit " + "x" * 9000, "--unit"),
+        ("convert g.npz -o o.ply --points --check", "--check"),
+        ("view none.tsplat", "none.tsplat"),
+        ("view f.tsplat --port 99999", "'99999', expected a port"),
+        ("view f.tsplat --html o.html --photos none", "none"),
+        ("poses none -o o", "no such folder"),
+        ("poses nothing -o o", "0 photos"),
+        ("poses desk/images -o desk", "not an empty folder"),
+        ("poses f.tsplat -o o", "f.tsplat"),
+        ("models extra", "extra"),
+        ("frobnicate", "'frobnicate', accepted are"),
+    ],
+)
+def test_command_lines(capsys, folder: Path, tmp_path: Path, monkeypatch, line: str, words: str) -> None:
+    monkeypatch.chdir(folder)
+    before = sorted(folder.rglob("*"))
+    assert words in (err := refusal(capsys, *line.split())), err
+    assert sorted(folder.rglob("*")) == before
