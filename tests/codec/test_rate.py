@@ -18,7 +18,7 @@ from tinysplat_runtime.codec.quantise import choose_code_map
 from tinysplat_runtime.codec.rate import ChannelModel, _slope, _solve, encode_to_psnr, encode_to_size, next_qp, tries
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.planes import Channel, PlaneClass
-from tinysplat_runtime.render import DEFINITION, renderer
+from tinysplat_runtime.render import Renderer, renderer
 
 RUNTIME = ts.Runtime(threads=2)
 
@@ -29,8 +29,9 @@ def gaussians():
 
 
 def _psnr(a, b) -> float:
-    pairs = [(ts.render(a, camera, **DEFINITION), ts.render(b, camera, **DEFINITION)) for camera in a.cameras]
-    return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
+    pictures = (Renderer(scene, threads=1, compiled=False) for scene in (a, b))  # as they are drawn by default
+    mine, theirs = ([renderer.render(camera).clip(0, 1) for camera in a.cameras] for renderer in pictures)
+    return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in zip(mine, theirs, strict=True)]))
 
 
 @pytest.mark.parametrize(("profile", "share"), [*((name, 0.35) for name in PROFILES), ("balanced", 1.6)])

@@ -24,7 +24,7 @@ from ..gaussian.gaussians import Gaussians
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from ..graphs.inference import GraphStore
 from ..graphs.predict import predict as run_network
-from ..render import DEFINITION, Renderer
+from ..render import Renderer
 from ..render.paths import ring
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 Show = Callable[..., Iterator[int]]
 """Passes on the steps of refinement; see `refine.refine.refine`."""
 
-FREE_VIEWS = 4
-"""Views about Gaussians of no pixels that `target_psnr` is measured from."""
+FREE_VIEWS, MOST_JUDGED = 4, 16
+"""Views about Gaussians of no pixels that `target_psnr` is measured from, and of Gaussians with pixels at most."""
 
 
 class Tools(Protocol):
@@ -168,15 +168,19 @@ def _to_psnr(job: Job, target: float, fidelity: Callable[[bytes], float]) -> byt
 
 
 def _fidelity(gaussians: Gaussians, tools: Tools) -> Callable[[bytes], float]:
-    """PSNR of a file's render to that of `gaussians`, the mean over their views or over some made up."""
-    # In numpy, so that no byte depends on whether numba is installed; as defined, so that none follows defaults.
-    renderer = Renderer(gaussians, threads=tools.threads, compiled=False, **DEFINITION)
-    cameras = gaussians.cameras or ring(gaussians, FREE_VIEWS)
+    """PSNR of a file's pictures to those of `gaussians` as `render` draws them by default, the mean over their views,
+    of many over some of them, or over some made up.
+    """
+    # In numpy, so that no byte depends on whether numba is installed.
+    renderer = Renderer(gaussians, threads=tools.threads, compiled=False)
+    own = gaussians.cameras
+    chosen = np.linspace(0, len(own) - 1, min(MOST_JUDGED, len(own))).round().astype(int)
+    cameras = [own[index] for index in chosen] or ring(gaussians, FREE_VIEWS)
     raw = [renderer.render(camera) for camera in cameras]
 
     def measure(data: bytes) -> float:
         again = decode_gaussians(data, tools.store, threads=tools.threads, limits=tools.limits)
-        decoded = Renderer(again, threads=tools.threads, compiled=False, **DEFINITION)
+        decoded = Renderer(again, threads=tools.threads, compiled=False)
         errors = [
             float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
             for camera, image in zip(cameras, raw, strict=True)

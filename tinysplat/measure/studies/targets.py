@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -34,6 +35,7 @@ from ..rows import Row
 from ..show.plots import Axis, Chart
 from ..show.tables import Listing, decibels, digits, kilobytes, mean, percent, said
 from ..study import Run, Study
+from ..subjects.cases import Case
 from ..tasks import through_hevc
 
 SIZES, PSNRS = (40_000, 80_000, 160_000), (38.0,)
@@ -47,10 +49,17 @@ def target_rows(run: Run) -> Iterator[Row]:
     targets: list[dict[str, Any]] = [{"target_size": size} for size in sizes]
     targets += [{"target_psnr": db} for db in PSNRS]
     for case in run.cases:
-        pictures = Pictures(case, run.drawing)
+        pictures = Pictures(_at_its_views(case), run.drawing)
         for profile in run.options.profiles or (("balanced",) if run.quick else tuple(PROFILES)):
             for target in targets:
                 yield _target_row(pictures, profile, target, run.runtime, rounds=1 if run.quick else 3)
+
+
+def _at_its_views(case: Case) -> Case:
+    """The case judged where the search judges: at the views of its Gaussians."""
+    cameras = case.gaussians.cameras
+    nothing = (None,) * len(cameras)
+    return replace(case, cameras=cameras, photos=nothing, depths=nothing) if cameras else case
 
 
 def _target_row(pictures: Pictures, profile: str, target: dict[str, Any], runtime: Runtime, rounds: int) -> Row:
