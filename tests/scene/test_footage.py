@@ -111,7 +111,7 @@ def test_the_command_encodes_a_video_with_poses(clip: Path, tmp_path: Path, caps
     out, depths = str(tmp_path / "f.tsplat"), ["--near", "1", "--far", "9"]
     assert main(["encode", str(clip), "--poses", str(poses), "-o", out, *depths]) == 0
     assert main(["encode", str(clip), "-o", out, "--force", *depths]) == 2
-    assert "a video needs its cameras: --poses" in capsys.readouterr().err
+    assert "finds them; or --poses" in capsys.readouterr().err
     assert main(["encode", str(clip), str(clip), "--poses", str(poses), "-o", out, "--force"]) == 2
     assert "--poses: with 2 paths, expected one video" in capsys.readouterr().err
 

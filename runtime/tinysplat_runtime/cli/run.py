@@ -132,14 +132,16 @@ def _warnings() -> Iterator[None]:
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
         warnings.simplefilter("always", InputWarning)
-        others = warnings.showwarning
+        others, said = warnings.showwarning, set[str]()
 
         def show(
             message: Warning | str, category: type[Warning], filename: str, lineno: int,
             file: TextIO | None = None, line: str | None = None,
         ) -> None:  # fmt: skip
             if issubclass(category, InputWarning):
-                print(message, file=sys.stderr)
+                if str(message) not in said:  # of a photo that is read twice
+                    print(message, file=sys.stderr)
+                said.add(str(message))
             else:
                 others(message, category, filename, lineno, file, line)
 

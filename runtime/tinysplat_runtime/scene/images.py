@@ -67,11 +67,12 @@ class _Stripped:
     orientation: int
 
 
-def read_image(path: StrPath, max_pixels: int = MAX_PIXELS) -> NDArray:
+def read_image(path: StrPath, max_pixels: int = MAX_PIXELS, *, upright: bool = True) -> NDArray:
     """Decode a JPEG or PNG file.
 
     Grey and palette images become RGB; 16-bit samples are rounded to 8 bits; transparency is composited over black,
-    the rasteriser's background. The Exif orientation is applied, so height and width are those a viewer shows.
+    the rasteriser's background. The Exif orientation is applied, so height and width are those a viewer shows; not so
+    the pixels as stored, with `upright=False`.
 
     Returns:
         (H, W, 3) uint8, sRGB.
@@ -82,7 +83,8 @@ def read_image(path: StrPath, max_pixels: int = MAX_PIXELS) -> NDArray:
     data = read_limited(path, MAX_FILE_BYTES)
     try:
         stripped = _checked(data, max_pixels)
-        return _orient(_to_rgb(_decode(stripped), stripped.is_16_bit), stripped.orientation)
+        pixels = _to_rgb(_decode(stripped), stripped.is_16_bit)
+        return _orient(pixels, stripped.orientation) if upright else pixels
     except InputError as error:
         raise error.within(str(path)) from None
 
@@ -93,13 +95,22 @@ def image_size(path: StrPath) -> tuple[int, int]:
     Raises:
         InputError: names the file, which is missing, cut short, too large, or of another kind.
     """
-    data = read_limited(path, MAX_FILE_BYTES)
-    try:
-        stripped = _checked(data, MAX_PIXELS)
-    except InputError as error:
-        raise error.within(str(path)) from None
+    stripped = _headers(path)
     sides = stripped.height, stripped.width
     return sides[::-1] if stripped.orientation >= _FIRST_TRANSPOSED else sides
+
+
+def is_turned(path: StrPath) -> bool:
+    """Whether a JPEG or PNG file's Exif orientation says to show it otherwise than stored; errors of `image_size`."""
+    return _headers(path).orientation != 1
+
+
+def _headers(path: StrPath) -> _Stripped:
+    data = read_limited(path, MAX_FILE_BYTES)
+    try:
+        return _checked(data, MAX_PIXELS)
+    except InputError as error:
+        raise error.within(str(path)) from None
 
 
 def write_png(path: StrPath, image: NDArray) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..system.jsonfields import MAX_DEPTH
 from .cameras import Camera, check_is_in_pixels
 from .footage import Video
@@ -60,6 +60,11 @@ class Frame:
         """
         stated = self.lens or self.photo_camera or self.camera
         pixels = read_image(self.path) if self.video is None else self.video.frame(self.index)
+        if pixels.shape[:2] == (stated.width, stated.height) != (stated.height, stated.width) and self.video is None:
+            pixels = read_image(self.path, upright=False)
+            if pixels.shape[:2] == (stated.height, stated.width):
+                found = f"taken as stored, {stated.width}x{stated.height}, as its camera is of that size"
+                warn(f"{self.path}: {found}; its Exif orientation turns it")
         if pixels.shape[:2] != (stated.height, stated.width):
             found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
             raise InputError(f"{found}, but its camera states {stated.width}x{stated.height}", where=str(self.path))
@@ -68,6 +73,16 @@ class Frame:
         if self.photo_camera is None:
             return pixels.astype(np.float32) / np.float32(255)
         return resize_cover(pixels, self.camera.height, self.camera.width)
+
+
+def even_sizes(frames: Iterable[Frame]) -> tuple[Frame, ...]:
+    """Frames of one size where their photos have one: undistorted, those of two cameras differ by a few pixels."""
+    frames = tuple(frames)
+    photos = {(stated.height, stated.width) for stated in (frame.lens or frame.camera for frame in frames)}
+    heights, widths = ({getattr(frame.camera, side) for frame in frames} for side in ("height", "width"))
+    if len(photos) != 1 or (len(heights) == 1 and len(widths) == 1):
+        return frames
+    return tuple(frame.resized(min(heights), min(widths)) for frame in frames)
 
 
 @dataclass(frozen=True, eq=False)

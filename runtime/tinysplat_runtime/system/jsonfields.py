@@ -22,17 +22,26 @@ MAX_NAME_BYTES, MAX_PATH_LENGTH = 240, 2000
 
 def parse_object(data: bytes) -> dict[str, Any]:
     """A JSON object; NaN passes, so that the field that holds it is refused by name."""
+    return as_object(parse_json(data))
+
+
+def as_object(document: Any) -> dict[str, Any]:
+    """The document, which must be a JSON object."""
+    if not isinstance(document, dict):
+        raise InputError(f"a JSON {kind_of(document)}, expected an object with frames")
+    return document
+
+
+def parse_json(data: bytes) -> Any:
+    """Any JSON value."""
     try:
-        document = json.loads(data)
+        return json.loads(data)
     except RecursionError:
         raise InputError("JSON nested too deeply") from None
     except ValueError as error:
         digits = re.match(r"Exceeds the limit \((\d+) digits\)", str(error))
         found = f"a number of more than {digits[1]} digits" if digits else f"not JSON ({error})"
         raise InputError(found if data.strip() else "an empty file, expected JSON") from None
-    if not isinstance(document, dict):
-        raise InputError(f"a JSON {kind_of(document)}, expected an object with frames")
-    return document
 
 
 def frame_entries(document: dict[str, Any]) -> list[dict[str, Any]]:

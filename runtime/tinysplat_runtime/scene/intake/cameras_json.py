@@ -8,6 +8,8 @@ A scene folder holds images and `cameras.json`:
 A photo that was made free of its lens's distortion may say in `taken_with` what it was taken with (`lens_entry`), so
 that the frames of the video that photos come from can be used in their place. Keys that are not listed are ignored.
 
+A list in place of the object is another tool's, and read as `inria` says.
+
 Trust boundary: the file is bounded in size, may not hold NaN, and names photos inside its own folder only.
 """
 
@@ -19,10 +21,11 @@ from typing import Any
 
 from ...errors import InputError
 from ...system.files import read_limited
-from ...system.jsonfields import depth, frame_entries, kind_of, parse_object, photo_name
+from ...system.jsonfields import as_object, depth, frame_entries, kind_of, parse_json, photo_name
 from ..cameras import Camera
 from ..lenses import Lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
+from .inria import inria_cameras, inria_frames
 
 CAMERAS_FILE = "cameras.json"
 
@@ -35,7 +38,10 @@ def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
     """
     data = read_limited(file, MAX_CAMERAS_BYTES)
     try:
-        document = parse_object(data)
+        document = parse_json(data)
+        if isinstance(document, list):
+            return Scene(file.parent, tuple(inria_frames(file.parent, document)), near, far)
+        document = as_object(document)
         entries = frame_entries(document)
         frames = [
             Frame(_camera(i, e), file.parent / photo_name(i, e), taken_with=_taken_with(i, e))
@@ -52,7 +58,10 @@ def cameras_alone(file: Path) -> list[Camera]:
     """The cameras of a `cameras.json`, whose frames need name no photo; errors of `load_folder`."""
     data = read_limited(file, MAX_CAMERAS_BYTES)
     try:
-        return [_camera(i, entry) for i, entry in enumerate(frame_entries(parse_object(data)))]
+        document = parse_json(data)
+        if isinstance(document, list):
+            return inria_cameras(document)
+        return [_camera(i, entry) for i, entry in enumerate(frame_entries(as_object(document)))]
     except InputError as error:
         raise error.within(str(file)) from None
 

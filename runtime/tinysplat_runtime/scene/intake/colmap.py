@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..cameras import Camera
 from ..lenses import INSTALL, Lens
-from ..scenes import Frame, Scene
+from ..scenes import Frame, Scene, even_sizes
 from .colmap_binary import check_counts
 from .depths import depth_range, depth_range_in_view
 
@@ -68,7 +68,7 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
     if None in found:
         found = depth_range_in_view(arrays["points"], [frame.camera for frame in frames])
     near, far = (given if given is not None else own for given, own in zip((near, far), found, strict=True))
-    return Scene(folder, tuple(frames), near, far)
+    return Scene(folder, even_sizes(frames), near, far)
 
 
 def _read_apart(model: Path) -> dict[str, NDArray]:

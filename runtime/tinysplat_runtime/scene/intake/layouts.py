@@ -74,7 +74,8 @@ def foreign_reader(path: Path) -> Reader | None:
     if path.suffix == ".json" and path.name.startswith("transforms"):
         return load_transforms
     if path.suffix.lower() in SUFFIXES:
-        raise InputError(f"a video needs its cameras: --poses {POSES}", where=str(path))
+        advice = f"`tinysplat poses {path} -o SCENE` finds them; or --poses {POSES}"
+        raise InputError(f"a video needs its cameras: {advice}", where=str(path))
     if path.suffix.lower() in PHOTO_SUFFIXES:
         raise InputError("one photo, expected a scene: a folder of two or more and their cameras", where=str(path))
     return load_realestate if path.suffix == ".txt" else None

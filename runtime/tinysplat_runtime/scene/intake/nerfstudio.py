@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...errors import InputError, warn
 from ...system.files import parsing, read_limited
 from ...system.jsonfields import depth, frame_entries, kind_of, parse_object, photo_name
 from ..cameras import Camera
 from ..images import image_size
 from ..lenses import Lens, opencv_lens
-from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
+from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene, even_sizes
 from .depths import depth_range_in_view
 
 FILE = "transforms.json"
@@ -45,7 +45,7 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
         file = path / (FILE if (path / FILE).exists() else BLENDER_FILE)
     try:
         document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
-        frames = tuple(_frame(file.parent, document, i, entry) for i, entry in enumerate(frame_entries(document)))
+        frames = _frames(file, document)
         near = depth(document, "near") if near is None else near
         far = depth(document, "far") if far is None else far
         if near is None or far is None:
@@ -54,6 +54,21 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
     except InputError as error:
         raise error if error.where and error.where.startswith(str(file.parent)) else error.within(str(file)) from None
     return Scene(file.parent, frames, near, far)
+
+
+def _frames(file: Path, document: dict[str, Any]) -> tuple[Frame, ...]:
+    """The frames whose photos are there; all of them where none is, as beside a video."""
+    entries = list(enumerate(frame_entries(document)))
+    photos = [_photo(file.parent, photo_name(i, entry, "file_path")) for i, entry in entries]
+    there = [photo.is_file() for photo in photos]
+    if any(there) and not all(there):
+        missing = [photo.name for photo, is_there in zip(photos, there, strict=True) if not is_there]
+        text = f"{len(missing)} of {len(photos)} photos are not there and left out ({', '.join(missing[:3])}"
+        warn(f"{file}: {text}{', …' if len(missing) > 3 else ''})")
+    else:
+        there = [True] * len(entries)
+    chosen = [one for one, is_there in zip(entries, there, strict=True) if is_there]
+    return even_sizes([_frame(file.parent, document, i, entry) for i, entry in chosen])
 
 
 def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any]) -> Frame:

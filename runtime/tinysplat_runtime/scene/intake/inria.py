@@ -1,0 +1,73 @@
+"""`cameras.json` as the reference code of 3D Gaussian Splatting writes it beside a trained scene: a list of cameras.
+
+    [{"id": 0, "img_name": "00001", "width": 1957, "height": 1091, "position": [3], "rotation": [3x3], "fx", "fy"}, …]
+
+`position` is the camera's centre and `rotation` turns its axes, which are OpenCV's, to the world's; the principal point
+is the middle. Photos are sought in `images/` and beside the file, with the endings that names lack. Source: Kerbl et
+al. 2023, `utils/camera_utils.py`, `camera_to_JSON`.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...system.jsonfields import kind_of, photo_name
+from ..cameras import Camera
+from ..images import PHOTO_SUFFIXES
+from ..lenses import intrinsics
+from ..scenes import Frame
+
+
+def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
+    """The frames of such a list, of a file in `folder`.
+
+    Raises:
+        InputError: names the entry and the field at fault.
+    """
+    return [
+        Frame(camera, _photo(folder, photo_name(i, entry, "img_name")))
+        for i, (camera, entry) in enumerate(zip(inria_cameras(entries), entries, strict=True))
+    ]
+
+
+def inria_cameras(entries: list[Any]) -> list[Camera]:
+    """The cameras alone; errors of `inria_frames`."""
+    if not entries:
+        raise InputError("an empty list, expected at least one camera")
+    return [_camera(f"[{i}]", entry) for i, entry in enumerate(entries)]
+
+
+def _camera(where: str, entry: Any) -> Camera:
+    if not isinstance(entry, dict):
+        raise InputError(f"a JSON {kind_of(entry)}, expected an object", where=where)
+    for name in ("position", "rotation", "width", "height", "fx", "fy"):
+        if name not in entry:
+            raise InputError("missing", where=f"{where}.{name}")
+    c2w = np.eye(4)
+    for name, shape, place in (("rotation", (3, 3), np.s_[:3, :3]), ("position", (3,), np.s_[:3, 3])):
+        try:
+            values = np.array(entry[name], np.float64)
+        except (TypeError, ValueError, OverflowError):
+            values = np.zeros(0)
+        if values.shape != shape:
+            raise InputError(f"expected {'x'.join(map(str, shape))} numbers", where=f"{where}.{name}")
+        c2w[place] = values
+    for name in ("width", "height", "fx", "fy"):
+        value = entry[name]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{str(value)[:40]} (a JSON {kind_of(value)}), expected a number", where=f"{where}.{name}")
+    width, height = int(entry["width"]), int(entry["height"])
+    try:
+        return Camera(intrinsics(entry["fx"], entry["fy"], width / 2, height / 2), c2w, width, height)
+    except InputError as error:
+        raise InputError(error.message, where=f"{where}.{error.where}") from None
+
+
+def _photo(folder: Path, name: str) -> Path:
+    candidates = [place / (name + suffix) for place in (folder / "images", folder) for suffix in ("", *PHOTO_SUFFIXES)]
+    return next((path for path in candidates if path.is_file()), candidates[0])

@@ -1,0 +1,124 @@
+"""Scenes that lack photos, have them turned, or come from two lenses; cameras of the reference code of 3DGS."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from scenes import make_cameras, make_photo, transforms_document, write_scene
+
+from tinysplat_runtime.errors import InputError, InputWarning
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
+from tinysplat_runtime.scene.scenes import Scene
+
+HEIGHT, WIDTH = 24, 32
+CAMERAS = make_cameras(3, HEIGHT, WIDTH)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Photos of three cameras without a cameras.json."""
+    scene = write_scene(tmp_path / "desk", 3, HEIGHT, WIDTH)
+    (scene / "cameras.json").unlink()
+    return scene
+
+
+def transforms(**changes: Any) -> dict[str, Any]:
+    return {**transforms_document(CAMERAS), **changes}
+
+
+def write_transforms(folder: Path, document: dict[str, Any]) -> Path:
+    (folder / "transforms.json").write_text(json.dumps(document))
+    return folder
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    return str(caught.value)
+
+
+def assert_cameras(scene: Scene, expected: list[Camera]) -> None:
+    assert len(scene.frames) == len(expected)
+    for found, camera in zip(scene.cameras, expected, strict=True):
+        np.testing.assert_allclose(found.K, camera.K, atol=1e-9)
+        np.testing.assert_allclose(found.c2w, camera.c2w, atol=1e-9)
+
+
+def test_photos_that_are_not_there_are_left_out_and_counted(folder: Path) -> None:
+    (folder / "images/0001.png").unlink()
+    with pytest.warns(InputWarning, match=r"transforms\.json: 1 of 3 photos are not there and left out \(0001\.png\)"):
+        scene = load_scene(write_transforms(folder, transforms()))
+    assert_cameras(scene, [CAMERAS[0], CAMERAS[2]])
+    for photo in (folder / "images").iterdir():
+        photo.unlink()
+    assert len(load_scene(folder).frames) == 3  # as beside a video
+
+
+def test_photos_are_taken_as_stored_where_their_cameras_are_of_that_size(folder: Path) -> None:
+    stored = make_photo(HEIGHT, WIDTH, seed=1)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(stored).save(folder / "images/0001.png", exif=exif)
+    scene = load_scene(write_transforms(folder, transforms()))
+    with pytest.warns(InputWarning, match=r"0001\.png: taken as stored, 32x24"):
+        np.testing.assert_array_equal(scene.images()[1], stored / np.float32(255))
+
+
+def test_undistorted_photos_of_two_lenses_have_one_size(folder: Path) -> None:
+    document = transforms(k1=-0.3)
+    document["frames"][1].update(k1=-0.2)
+    scene = load_scene(write_transforms(folder, document))
+    sizes = {(frame.camera.height, frame.camera.width) for frame in scene.frames}
+    alone = [load_scene(write_transforms(folder, transforms(k1=k1))).cameras[0] for k1 in (-0.3, -0.2)]
+    assert len({(c.height, c.width) for c in alone}) == 2  # each for itself they differ
+    assert sizes == {(min(c.height for c in alone), min(c.width for c in alone))}
+    assert len(scene.images()) == 3
+
+
+def inria(cameras: list[Camera]) -> list[dict[str, Any]]:
+    """What the reference code of 3DGS writes, whose principal point is the middle."""
+    return [
+        {
+            "id": i, "img_name": f"{i:04}", "width": c.width, "height": c.height, "fx": c.K[0, 0], "fy": c.K[1, 1],
+            "position": c.c2w[:3, 3].tolist(), "rotation": c.c2w[:3, :3].tolist(),
+        }
+        for i, c in enumerate(cameras)
+    ]  # fmt: skip
+
+
+def test_cameras_of_the_reference_code_are_read(folder: Path) -> None:
+    cameras = [Camera([[c.K[0, 0], 0, 16], [0, c.K[1, 1], 12], [0, 0, 1]], c.c2w, 32, 24) for c in CAMERAS]
+    (folder / "cameras.json").write_text(json.dumps(inria(cameras)))
+    scene = load_scene(folder, near=1, far=9)
+    assert_cameras(scene, cameras)
+    np.testing.assert_array_equal(scene.images()[2], make_photo(HEIGHT, WIDTH, seed=2) / np.float32(255))
+    found = load_cameras(folder / "cameras.json")
+    np.testing.assert_array_equal([c.c2w for c in found], [c.c2w for c in cameras])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"position": [1, 2]}, "[1].position: expected 3 numbers"),
+        ({"rotation": "x"}, "[1].rotation: expected 3x3 numbers"),
+        ({"rotation": np.zeros((3, 3)).tolist()}, "[1].c2w: no rotation"),
+        ({"width": "32"}, "[1].width: 32 (a JSON string)"),
+        ({"fx": None}, "[1].fx: None (a JSON null)"),
+        ({"img_name": "../x"}, "frames[1].img_name: '../x' leaves"),
+    ],
+)
+def test_faults_of_the_reference_codes_cameras_name_the_field(folder: Path, change: dict[str, Any], words: str) -> None:
+    entries = inria(CAMERAS)
+    entries[1].update(change)
+    (folder / "cameras.json").write_text(json.dumps(entries))
+    assert words in refusal(folder)
+    (folder / "cameras.json").write_text("[]")
+    assert "an empty list" in refusal(folder)
+    (folder / "cameras.json").write_text("[5]")
+    assert "[0]: a JSON number" in refusal(folder)
