@@ -23,7 +23,7 @@ STUDIED = {
     *("decode", "cold start", "rasteriser", "rasteriser approximations", "k", "component bits", "SH degree"),
     *("peers encode", "peers decode", "torch rasteriser", "growth plane", "growth network", "growth encode"),
     *("growth decode", "growth render", "growth photos", "growth clouds", "parts", "targets", "prefixes"),
-    *("mapping", "run"),
+    "run",
 }
 
 
@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ):  # fmt: skip
             patch.setattr(module, name, value)
         run = tiny_run(root, rounds=1)
-        measure_studies(run, (*ORDINARY, "parts", "targets", "prefixes", "mapping"), quiet=True)
+        measure_studies(run, (*ORDINARY, "parts", "targets", "prefixes"), quiet=True)
         write_report(root, list(run.store), run.left_out)
         assert run.left_out == []
     return root
@@ -102,7 +102,6 @@ def test_two_runs_agree_in_everything_but_time(rows: list[Row], tmp_path: Path) 
 def test_words_are_studies_and_then_inputs(tmp_path: Path) -> None:
     assert split_words([]) == (ORDINARY, [])
     assert split_words(["codec", "peers", str(tmp_path)]) == (("codec", "peers"), [str(tmp_path)])
-    assert split_words([str(tmp_path)], ("growth",)) == (("growth",), [str(tmp_path)])
     with pytest.raises(InputError, match="neither a study"):
         split_words([str(tmp_path), "codec"])
     assert set(ORDINARY) < set(STUDIES)
@@ -111,12 +110,9 @@ def test_words_are_studies_and_then_inputs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
-        (("--stages", "codec,nonsense"), "'nonsense', expected some of chain"),
         (("codec", "--against", "/nowhere"), "/nowhere"),
         (("/nowhere",), "/nowhere: neither a study"),
         (("codec", "--model", "nonsense", "--quick"), "nonsense"),
-        (("versions",), "needs --before CHECKOUT"),
-        (("versions", "--before", "/tmp"), "no checkout of this project"),
     ],
 )
 def test_bad_options_are_one_line_and_status_2(tmp_path: Path, arguments: tuple[str, ...], fault: str) -> None:

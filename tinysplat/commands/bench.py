@@ -28,7 +28,7 @@ NEEDS = ("matplotlib", "scipy")
 
 DEFAULT_FOLDER = "bench_report"
 
-TAKE_PATHS = frozenset({"batch", "free"})
+TAKE_PATHS = frozenset({"free"})
 """Studies that read their INPUT themselves: it need not be scenes with cameras."""
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,7 +48,6 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true",
                         help="the short form: smaller pictures, fewer variants, minutes not half an hour")  # fmt: skip
     parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
-    parser.add_argument("--stages", type=words, default=(), metavar="S,S", help="studies, as words before INPUT")
     parser.add_argument("--docs", action="store_true", help="fill the marked places of README and docs from rows")
     parser.add_argument("--model", dest="models", action="append", default=[], metavar="NAME|FILE.onnx",
                         help="network, may be repeated; default all in the manifest")  # fmt: skip
@@ -69,8 +68,6 @@ def configure(parser: ArgumentParser) -> None:
                     help=f"a data set in chunks for the paper's tables: {', '.join(SPECS)}")  # fmt: skip
     of.add_argument("--near", type=float, metavar="Z", help="over the inputs' own")
     of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")
-    of.add_argument("--before", type=Path, metavar="CHECKOUT", help="another version, for versions")
-    of.add_argument("--checkpoint", type=Path, metavar="FILE", help="of an official network, for official")
     of.add_argument("--lpips-backbone", metavar="F.pth", help="as for eval; paper, quality")
     of.add_argument("--lpips-linear", metavar="F.pth", help="as for eval; paper, quality")
     of.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time")
@@ -84,20 +81,17 @@ def run(args: Namespace) -> None:
         _run(args)
 
 
-def split_words(given: Sequence[str], stages: Sequence[str] = ()) -> tuple[tuple[str, ...], list[str]]:
+def split_words(given: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
     """Studies, and inputs behind them; InputError for a word that is neither."""
     count = next((i for i, word in enumerate(given) if word not in STUDIES), len(given))
-    for word in (*stages, *given[count:]):
-        if word in stages and word not in STUDIES:
-            raise InputError(f"'{word}', expected some of {','.join(STUDIES)}", where="--stages")
-        if word not in stages and not Path(word).exists():
+    for word in given[count:]:
+        if not Path(word).exists():
             raise InputError(f"neither a study ({', '.join(STUDIES)}) nor a file or folder", where=word)
-    named = (*stages, *given[:count])
-    return named or ORDINARY, list(given[count:])
+    return tuple(given[:count]) or ORDINARY, list(given[count:])
 
 
 def _run(args: Namespace) -> None:
-    studies, inputs = split_words(args.words, args.stages)
+    studies, inputs = split_words(args.words)
     before = read_rows(args.against) if args.against is not None else []  # said now, not in half an hour
     for model in args.models:
         find_artifact(model.rpartition(":")[2] if model.split(":")[0] in SPECS else model, "network")

@@ -67,8 +67,6 @@ class Options:
         targets: pictures per window at most.
         rounds: of timing; 0 for the study's own.
         data: data sets in chunks: (name, folder, index).
-        before: checkout of another version.
-        checkpoint: of an official network.
         lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
         jobs: windows at a time.
         near, far: over the inputs' own.
@@ -86,8 +84,6 @@ class Options:
     targets: int = 3
     rounds: int = 0
     data: tuple[tuple[str, str, str], ...] = ()
-    before: Path | None = None
-    checkpoint: Path | None = None
     lpips_backbone: Path | None = None
     lpips_linear: Path | None = None
     jobs: int = 1

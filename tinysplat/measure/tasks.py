@@ -1,13 +1,11 @@
-"""Pieces of work by name, for processes of their own (peak memory, versions of the code), and the floors beneath them:
-libx265 and libavcodec alone on the same planes and streams, memory written once, one `exp` a pixel of a footprint. Only
-held against what the work needs in any case can be told what we add.
+"""Pieces of work by name, for processes of their own (peak memory), and the libraries beneath them alone: libx265 and
+libavcodec on the same planes and streams. Only held against what the work needs in any case can be told what we add.
 
 A task takes strings, loads or makes what it needs, and returns the work as a call.
 """
 
 from __future__ import annotations
 
-import itertools
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -23,13 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime import Gaussians, Runtime, load_gaussians, load_scene
-from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
-from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.container.planes import Planes
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.render import Renderer, between
-from tinysplat_runtime.system.stopwatch import watched_parts
+from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.system.threads import Crew
 
 from .subjects.made import made_gaussians, rolling_surface, view_between
@@ -49,38 +44,10 @@ def encode(gaussians: str, profile: str, threads: str) -> Call:
     return lambda: runtime.compress(loaded, profile, drop_invalid=True)
 
 
-def libx265(gaussians: str, profile: str, threads: str) -> Call:
-    """The planes of `encode` alone."""
-    runtime, recorder = Runtime(threads=int(threads)), PlaneRecorder()
-    encode_gaussians(_gaussians(gaussians), find_profile(profile), 0, runtime.store, threads=runtime.threads,
-                     drop_invalid=True, plane_coder=recorder)  # fmt: skip
-    return encode_alone(recorder.planes, int(threads))
-
-
 def decode(file: str, threads: str) -> Call:
     """A file's bytes to Gaussians."""
     runtime, data = Runtime(threads=int(threads)), Path(file).read_bytes()
     return lambda: runtime.decompress(data)
-
-
-def libavcodec(file: str, threads: str) -> Call:
-    """The streams of `decode` alone."""
-    return decode_alone(file_streams(Path(file).read_bytes()), int(threads))
-
-
-def fill(file: str) -> Call:
-    """As many numbers as `decode` gives, into fresh memory."""
-    gaussians = Runtime().decompress(Path(file).read_bytes())
-    shape = (*gaussians.opacities.shape, 11 + gaussians.sh.shape[-2] * 3)
-    return lambda: np.full(shape, 1, np.float32)
-
-
-def render(gaussians: str, size: str, compiled: str, threads: str) -> Call:
-    """The next frame of a path, so that no two calls in a row have the same camera."""
-    loaded = _gaussians(gaussians)
-    path = itertools.cycle(between(list(loaded.cameras), 8))
-    renderer = Renderer(loaded, int(threads), compiled=compiled == "compiled")
-    return lambda: renderer.render(next(path), _size(size))
 
 
 def render_once(gaussians: str, size: str, compiled: str, threads: str) -> Call:
@@ -88,17 +55,6 @@ def render_once(gaussians: str, size: str, compiled: str, threads: str) -> Call:
     loaded = _gaussians(gaussians)
     camera = view_between(loaded)
     return lambda: Renderer(loaded, int(threads), compiled=compiled == "compiled").render(camera, _size(size))
-
-
-def exponentials(gaussians: str, size: str) -> Call:
-    """One `exp` for every pixel of every footprint of a frame, before it stops."""
-    loaded = _gaussians(gaussians)
-    with watched_parts() as parts:
-        Renderer(loaded, 1, compiled=False).render(view_between(loaded).resized(*_size(size)))
-    count = parts.tallies["alphas above 1/255"]
-    exponents = -np.random.default_rng(0).uniform(0, 5, count).astype(np.float32)
-    out = np.empty_like(exponents)
-    return lambda: np.exp(exponents, out=out)
 
 
 def start(file: str, target: str) -> Call:

@@ -1,10 +1,8 @@
-"""What of a file is enough? How near target sizes and dB are met, what a prefix shows, and what 12-bit codes cost.
+"""What of a file is enough? How near target sizes and dB are met, and what a prefix shows.
 
 Targets: `share` of the target size that the file has; `loss_db`, what the search's file lacks against a plain one at
 the same bytes, moved along 0.085 octaves and 0.5 dB per Q_g; for dB, `excess_db`; and the ratio of CPU time to a plain
 encode at the Q_g that was found. Prefixes: PSNR to the raw render, at the ends of sections and at sizes between.
-Mapping: of the profile `paper`, in units of a class's σ, rounding to 12-bit codes and to 14-bit codes and what HEVC
-loses on top; rounding adds to HEVC's error in squares.
 """
 
 from __future__ import annotations
@@ -19,15 +17,10 @@ from typing import Any
 import numpy as np
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.hevc import EncoderSettings
-from tinysplat_runtime.codec.paper import paper_colors, paper_plan
-from tinysplat_runtime.codec.profiles import PAPER, PROFILES, find_profile
-from tinysplat_runtime.codec.quantise import choose_code_map
+from tinysplat_runtime.codec.profiles import PROFILES, find_profile
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import FormatError, InputError
-from tinysplat_runtime.gaussian.planes import Channel
 
 from ..clock import timed
 from ..pictures import Pictures
@@ -36,7 +29,6 @@ from ..show.plots import Axis, Chart
 from ..show.tables import Listing, decibels, digits, kilobytes, mean, percent, said
 from ..study import Run, Study
 from ..subjects.cases import Case
-from ..tasks import through_hevc
 
 SIZES, PSNRS = (40_000, 80_000, 160_000), (38.0,)
 PREFIXES_BETWEEN = 16
@@ -128,41 +120,6 @@ def prefix_rows(run: Run) -> Iterator[Row]:
                 yield Row("prefixes", case.name, profile, setting, {"psnr_decoded_raw": psnr, "of": len(data)})
 
 
-def mapping_rows(run: Run) -> Iterator[Row]:
-    """A row per channel of the profile `paper`."""
-    encoder = find_profile("paper").encoder
-    for case in run.cases:
-        layer, store = case.gaussians, run.runtime.store
-        projected = project_layer(store, layer, drop_invalid=True, where=case.name)
-        colors, reduction = paper_colors(store, layer, PAPER)
-        for channel in paper_plan(projected, colors, reduction, layer.degree, PAPER, 0).channels:
-            low, high = channel.window
-            if high > low:
-                figures = _mapping(channel, low, high, encoder)
-                yield Row("mapping", case.name, channel.name, {"class": channel.plane_class.label}, figures)
-
-
-def _mapping(channel: Channel, low: float, high: float, encoder: EncoderSettings) -> dict[str, float]:
-    values = np.clip(channel.values, low, high)
-    sigma = float(channel.values.std(dtype=np.float64))
-    code_map = choose_code_map(low, high, float(values.mean()), channel.step)
-    codes, clipped = code_map.quantise(values)
-    decoded, _ = through_hevc(codes, code_map.qp, encoder)
-    coding = float(((code_map.dequantise(decoded) - code_map.dequantise(codes)) ** 2).mean()) / sigma**2
-    step_14 = channel.step / (64 * 2 ** ((PAPER.class_qp[channel.plane_class] - 4) / 6)) / sigma
-    rounding_12, rounding_14 = (code_map.scale / sigma) ** 2 / 12, step_14**2 / 12
-    ideal_coding = coding * (channel.step / code_map.step) ** 2
-    return {
-        "step_wanted": channel.step / sigma,
-        "step_reached": code_map.step / sigma,
-        "rounding_12": rounding_12**0.5,
-        "rounding_14": rounding_14**0.5,
-        "hevc": coding**0.5,
-        "mse_growth": (coding + rounding_12) / (ideal_coding + rounding_14) - 1,
-        "clipped": clipped,
-    }
-
-
 TARGETS = Study.of(
     "Targets",
     target_rows,
@@ -185,17 +142,4 @@ PREFIXES = Study.of(
     ),
     Chart("prefixes", "What a prefix shows", Axis("bytes", "bytes received (KB)", "setting", 1e-3),
           Axis("psnr_decoded_raw", "dB to raw"), curve="subject", point="bytes", log=""),
-)  # fmt: skip
-MAPPING = Study.of(
-    "Codes of 12 bits",
-    mapping_rows,
-    Listing(
-        "mapping",
-        {"class": said("class"), "step wanted": mean("step_wanted", digits(4)),
-         "reached": mean("step_reached", digits(4)), "rounding 12 bit": mean("rounding_12", digits(5)),
-         "14 bit": mean("rounding_14", digits(5)), "HEVC rmse": mean("hevc", digits(4)),
-         "MSE growth": mean("mse_growth", percent)},
-        by=("class",),
-        text="Means by class, in σ; by how much the mean squared error grows because codes have 12 bits.",
-    ),
 )  # fmt: skip
