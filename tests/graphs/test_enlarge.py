@@ -13,9 +13,10 @@ from tinysplat_runtime.errors import ModelError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.graphs import enlarge
-from tinysplat_runtime.graphs.enlarge import Enlarger, predict_large
+from tinysplat_runtime.graphs.enlarge import Enlarger, _fixed_inputs, predict_large
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore()
 OPACITY, FOOTPRINT = 0.6, 0.45
@@ -175,3 +176,20 @@ def test_refusals(scene: TracedScene) -> None:
     damaged = replace(shipped, metadata={**shipped.metadata, "pixels": 0})
     with pytest.raises(ModelError, match="0 pixels"):
         Enlarger.of(damaged)
+
+
+def test_a_view_is_enlarged_by_its_nearest_photos_and_their_mean_distance() -> None:
+    """Of six photos four, as the graph was made for; pixels of depth are measured in the mean of their baselines."""
+    places = [0.0, 0.3, -0.1, 0.8, 1.6, 0.5]
+    cameras = []
+    for x in places:
+        c2w = np.eye(4)
+        c2w[0, 3] = x
+        cameras.append(Camera([[10, 0, 5], [0, 10, 4], [0, 0, 1]], c2w, 10, 8))
+    photos = np.arange(6, dtype=np.float32)[:, None, None, None] * np.ones((1, 3, 8, 10), np.float32)
+    for views, nearest in ((6, [2, 1, 5, 3]), (3, [2, 1])):
+        fixed = _fixed_inputs(photos[:views], cameras[:views], 0, np.zeros(3), near=1.0)
+        assert fixed["sources"][:, 0, 0, 0].tolist() == nearest
+        mean = np.mean([abs(places[i]) for i in nearest])
+        assert float(fixed["unit"].item()) == pytest.approx(1 / (10 * mean))
+        np.testing.assert_allclose(fixed["translation"][:, 0], [-places[i] for i in nearest], atol=1e-6)
