@@ -33,6 +33,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "numerics": ("conditioning.NUMERICS", "conditioning of the transforms against 50 digits"),
     "refine": ("refining.REFINE", "held-out dB and bytes by the seconds that refinement is given"),
     "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
+    "walk": ("walking.WALK", "whole captures: photos left out, drawn from 12, 24, 48 and all others"),
     "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
 }
 """By name: where it stands in this package, and a line about it."""

@@ -1,0 +1,162 @@
+"""What is a whole capture worth? Every fourth photo is left out and drawn from the others: a few of them, or many.
+
+Ways: `walk`, so many of the others spread over the capture in one scene; `six spread`, six of 24 of them; `own pair`,
+for every picture a scene of the two taken nearest to it; `nearest photo`, that one itself, shown in its place. A walk
+is coded, and its pictures are drawn from the file too. Of 24 photos a path is drawn through their cameras: flicker is
+the largest change between frames, in medians of the changes about it.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.render import between
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.neighbours import view_places
+from tinysplat_runtime.scene.scenes import Scene
+
+from ..metrics import capped_psnr
+from ..pictures import Drawing
+from ..rows import Row
+from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean, said
+from ..study import Run, Study
+from ..subjects.sources import FolderSource
+
+STUDY = "walk"
+COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
+COMPARED = 24
+"""Photos of which the other ways take their own."""
+
+TARGETS = 8
+PATH_FRAMES_A_VIEW, ABOUT = 6, 4
+"""Of the path for flicker: frames from photo to photo, and changes on either side that one is held against."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A scene's photos: some to draw, the others to draw them from."""
+
+    scene: Scene
+    targets: tuple[int, ...]
+    others: tuple[int, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Capture:
+        """Every fourth photo is left out, and so many of those drawn, from the first on."""
+        left_out = range(2, len(scene.frames), 4)
+        others = tuple(i for i in range(len(scene.frames)) if i not in left_out)
+        return cls(scene, tuple(left_out[:: max(1, len(left_out) // TARGETS)][:TARGETS]), others)
+
+    def given(self, count: int) -> Scene:
+        """So many of the other photos, spread over the capture; all where there are no more."""
+        spread = np.rint(np.linspace(0, len(self.others) - 1, min(count, len(self.others)))).astype(int)
+        return self.scene.views(self.others[i] for i in spread)
+
+    def psnr(self, pictures: Sequence[np.ndarray]) -> list[float]:
+        """dB of pictures to the photos left out."""
+        photos = (self.scene.frames[i].image() for i in self.targets)
+        return [capped_psnr(picture, photo) for picture, photo in zip(pictures, photos, strict=True)]
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """Of the photos left out."""
+        return [self.scene.cameras[i] for i in self.targets]
+
+
+def walk_rows(run: Run) -> Iterator[Row]:
+    """Every way of every scene folder."""
+    for source in run.sources:
+        if not isinstance(source, FolderSource):
+            continue
+        try:
+            capture = Capture.of(load_scene(source.path, near=source.near, far=source.far).resized(*run.size))
+            yield from _scene_rows(source.name, capture, run)
+        except TinySplatError as error:
+            run.left_out.append(f"left out {source.name}: {error}")
+
+
+def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
+    runtime, model, drawing = run.runtime, run.models[0], Drawing(run.threads)
+
+    def row(way: str, photos: int, asked: str, psnr: Sequence[float]) -> Row:
+        figures = {"psnr": statistics.fmean(psnr), "worst": min(psnr)}
+        return Row(STUDY, name, way, {"photos": photos, "asked": asked, "model": model}, figures)
+
+    def drawn(gaussians: Gaussians) -> list[float]:
+        return capture.psnr(list(map(drawing.renderer(gaussians), capture.cameras)))
+
+    known: dict[int, Row] = {}
+    counts = {str(count): count for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS)}
+    for asked, count in (counts if run.options.views else {**counts, "all": len(capture.others)}).items():
+        given = capture.given(count)
+        photos = len(given.frames)
+        if photos not in known:
+            start = time.perf_counter()
+            gaussians = runtime.predict(given, model)
+            data = runtime.compress(gaussians, drop_invalid=True)
+            seconds = time.perf_counter() - start
+            coded = drawn(runtime.decompress(data))
+            more = {"bytes": len(data), "coded": statistics.fmean(coded), "coded_worst": min(coded)}
+            if count == COMPARED or run.quick:
+                more["flicker"] = flicker(gaussians, drawing)
+            walked = row("walk", photos, asked, drawn(gaussians))
+            known[photos] = replace(walked, figures={**walked.figures, **more}, costs={"seconds": seconds})
+        yield replace(known[photos], setting={**known[photos].setting, "asked": asked})
+    given, compared = capture.given(COMPARED), str(COMPARED)
+    six = Capture(given, (), tuple(range(len(given.frames)))).given(6)
+    yield row("six spread", 6, compared, drawn(runtime.predict(six, model)))
+    nearest = [_nearest(given, camera, 2) for camera in capture.cameras]
+    pairs = [
+        drawing.renderer(runtime.predict(given.views(pair), model))(camera)
+        for pair, camera in zip(nearest, capture.cameras, strict=True)
+    ]
+    yield row("own pair", 2, compared, capture.psnr(pairs))
+    yield row("nearest photo", 1, compared, capture.psnr([given.frames[pair[0]].image() for pair in nearest]))
+
+
+def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
+    """Photos taken nearest to a camera, by places and directions."""
+    *places, own = view_places([*scene.cameras, camera], *scene.depth_range())
+    distance = np.linalg.norm(np.stack(places) - own, axis=1)
+    return [int(i) for i in np.argsort(distance, kind="stable")[:count]]
+
+
+def flicker(gaussians: Gaussians, drawing: Drawing) -> float:
+    """The largest change between frames on the way through all cameras, in medians of the changes about it."""
+    draw, cameras = drawing.renderer(gaussians), gaussians.cameras
+    changes, before = [], None
+    for camera in between(cameras, PATH_FRAMES_A_VIEW * (len(cameras) - 1) + 1):
+        frame = draw(camera)
+        if before is not None:
+            changes.append(float(np.sqrt(np.mean(np.square(frame - before)))))
+        before = frame
+    about = (changes[max(i - ABOUT, 0) : i + ABOUT + 1] for i in range(len(changes)))
+    return max(change / max(statistics.median(near), 1e-6) for change, near in zip(changes, about, strict=True))
+
+
+def _photos(rows: Sequence[Row]) -> str:
+    """How many were given: one number, or from how few to how many."""
+    counts = sorted({row.setting["photos"] for row in rows})
+    return str(counts[0]) if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
+
+
+WALK = Study.of(
+    "Captures",
+    walk_rows,
+    Listing(
+        STUDY,
+        {"": said("way"), "photos": _photos, "dB at photos left out": mean("psnr", decibels),
+         "worst picture": mean("worst", decibels), "from the file": mean("coded", decibels),
+         "KB": mean("bytes", kilobytes), "seconds": mean("seconds", duration, "costs"),
+         "flicker": mean("flicker", digits(1))},
+        by=("way", "asked"),
+    ),
+)  # fmt: skip
