@@ -75,8 +75,9 @@ class Runtime:
     ) -> Gaussians:
         """Gaussians of all views of a scene.
 
-        Large photos (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped networks, and what these find is
-        brought to every pixel.
+        More photos than the network takes at once are given to it in groups of neighbours (`scene.neighbours`). Large
+        photos (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped networks, and what these find is brought
+        to every pixel.
 
         Args:
             scene: 2 or more views of one size, with near and far; `Scene.views` and `Scene.resized` choose and scale.
@@ -88,7 +89,8 @@ class Runtime:
             (V, H, W, …) Gaussians with cameras.
 
         Raises:
-            InputError: too few views, unlike sizes, identical poses, no depth range, an unreadable photo.
+            InputError: too few views, unlike sizes, identical poses, no depth range, an unreadable photo, or one that
+                matches none of many.
             ModelError: no such network, or one that breaks its contract.
             NumericError: the network's output is not finite.
         """

@@ -12,7 +12,7 @@ from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.exact import EXACT_FIXED
 from tinysplat_runtime.container.free import FREE_FIXED
 from tinysplat_runtime.container.notes import NOTES_FIXED
-from tinysplat_runtime.container.photos import NETWORK_FIXED, PHOTOS_FIXED
+from tinysplat_runtime.container.photos import GROUP_FIXED, GROUP_VIEW, GROUPS_FIXED, NETWORK_FIXED, PHOTOS_FIXED
 from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, GEOMETRY_CHANNELS, PLANE_CLASSES, PlaneClass
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
@@ -44,6 +44,9 @@ STRUCTURES = {
     "unit's picture": L.UNIT_PICTURE,
     "VIEW": L.VIEW_HEAD,
     "NETW": NETWORK_FIXED,
+    "GRPS": GROUPS_FIXED,
+    "group": GROUP_FIXED,
+    "group's view": GROUP_VIEW,
     "PHOT": PHOTOS_FIXED,
     "EXAC": EXACT_FIXED,
     "NOTE": NOTES_FIXED,

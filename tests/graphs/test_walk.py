@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,11 +58,11 @@ def counting(told: list[int]) -> Callable[[Iterable[Any], int, Callable[[], str]
 def test_each_view_comes_from_the_group_that_keeps_it() -> None:
     scene, made, told = scene_of(4), list[Gaussians](), list[int]()
 
-    def predict(part: Scene) -> Gaussians:
-        made.append(marked(part))
+    def run(views: Sequence[int]) -> Gaussians:
+        made.append(marked(scene.views(views)))
         return made[-1]
 
-    joined = predict_groups(scene, GROUPS, predict, counting(told))
+    joined = predict_groups(scene.cameras, NEAR, GROUPS, run, counting(told))
     assert told == [4, 4, 4, 4] and len(made) == 2
     assert joined.cameras == tuple(scene.cameras) and len(joined.layers) == 2
     for n, layer in enumerate(joined.layers):
@@ -76,7 +76,11 @@ def test_each_view_comes_from_the_group_that_keeps_it() -> None:
 def test_groups_far_away_get_one_origin() -> None:
     shift = 10 * FAR_FROM_ORIGIN * NEAR
     scene = scene_of(4, shift=shift)
-    joined = predict_groups(scene, GROUPS, lambda part: marked(part, part.cameras[0].centre), counting([]))
+
+    def run(views: Sequence[int]) -> Gaussians:
+        return marked(scene.views(views), scene.cameras[views[0]].centre)
+
+    joined = predict_groups(scene.cameras, NEAR, GROUPS, run)
     np.testing.assert_allclose(joined.origin, [shift + 0.3, 0, 0])
     found = joined.means[:, 0, 0, 0] + joined.origin[0]
     np.testing.assert_allclose(found, [camera.centre[0] for camera in scene.cameras], atol=1e-5)
@@ -84,27 +88,20 @@ def test_groups_far_away_get_one_origin() -> None:
 
 def test_what_a_network_takes_at_once_is_one_group() -> None:
     scene = scene_of(6)
-    (group,) = capture_groups(scene, Limits())
+    (group,) = capture_groups(scene.cameras, NEAR, FAR, Limits())
     assert group.views == group.kept == tuple(range(6))
-    asked: list[Scene] = []
-
-    def predict(part: Scene) -> Gaussians:
-        asked.append(part)
-        return marked(part)
-
-    predict_groups(scene, [group], predict, counting([]))
-    assert asked[0] is scene
+    made = marked(scene)
+    assert predict_groups(scene.cameras, NEAR, [group], lambda views: made) is made
 
 
 @pytest.mark.parametrize("limits", [Limits(), Limits(2, 2), Limits(3, 3)])
 def test_more_are_groups_of_what_it_takes(limits: Limits) -> None:
-    groups = capture_groups(scene_of(9), limits)
+    groups = capture_groups(scene_of(9).cameras, NEAR, FAR, limits)
     assert sorted(v for group in groups for v in group.kept) == list(range(9))
     assert all(limits.min_views <= len(group.views) <= min(limits.max_views, 4) for group in groups)
 
 
 def test_a_photo_without_partners_is_named() -> None:
-    scene = scene_of(8)
-    away = replace(scene.frames[3], camera=scene_of(1, shift=900).cameras[0])
+    cameras, (away,) = scene_of(8).cameras, scene_of(1, shift=900).cameras
     with pytest.raises(InputError, match=r"photo 3 shows nothing that others do from another place; leave out"):
-        capture_groups(replace(scene, frames=(*scene.frames[:3], away, *scene.frames[4:])), Limits())
+        capture_groups([*cameras[:3], away, *cameras[4:]], NEAR, FAR, Limits())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from ..api import Runtime
@@ -21,7 +20,7 @@ from ..recipe.report import encode_report
 from ..refine.stats import RefineStats
 from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.scenes import Scene
-from ..system.progress import progress, working
+from ..system.progress import Show, progress, working
 from ..system.stopwatch import Stopwatch
 from .files import grid_option, limited_runtime, load_any, noted, say, write_file
 from .options import coding_of, request_of
@@ -54,8 +53,8 @@ def _listener(*, quiet: bool, save_to: str | None) -> Listener:
         for loss in save_gaussians(save_to, gaussians) if save_to else ():
             print(f"{save_to}: {loss}", file=sys.stderr)
 
-    def show(steps: Iterable[int], total: int | None, note: Callable[[], str]) -> Iterator[int]:
-        return progress(steps, total, "refine", quiet=quiet, note=note)
+    def show(label: str) -> Show:
+        return lambda items, total, note: progress(items, total, label, quiet=quiet, note=note)
 
     def refined(stats: RefineStats) -> None:
         print(stats.text)
@@ -64,8 +63,8 @@ def _listener(*, quiet: bool, save_to: str | None) -> Listener:
         return working(label, quiet=quiet)
 
     if quiet:
-        return Listener(working=at_work, predicted=save, refining=show)
-    return Listener(notice, doubt, at_work, save, show, refined)
+        return Listener(working=at_work, predicted=save)
+    return Listener(notice, doubt, at_work, show("photos"), save, show("refine"), refined)
 
 
 def compress(args: Namespace) -> None:

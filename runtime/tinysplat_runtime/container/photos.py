@@ -1,19 +1,20 @@
 """Bodies `Photos` and `Hybrid`: a network and the photos that it runs on, alone or with layers that correct it.
 
-Layout: docs/FORMAT.md, sections NETW and PHOT. Reading checks every number and length, as reader.py does.
+Layout: docs/FORMAT.md, sections NETW, GRPS and PHOT. Reading checks every number and length, as reader.py does.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import ClassVar
 from zlib import crc32
 
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
+from ..scene.neighbours import Group
 from . import layout as L
 from .body import Body, Description, Opened, Piece
 from .planes import Planes
@@ -24,12 +25,24 @@ from .units import UNIT_KINDS
 NETWORK = b"NETW"
 PHOTOS = b"PHOT"
 PHOTO_PICTURES = b"PICS"
+GROUPS = b"GRPS"
 
 NETWORK_FIXED = struct.Struct("<32s64sdd")
 """sha256 of the ONNX file, its name (ASCII, zero-padded), near, far in scene units."""
 
 PHOTOS_FIXED = struct.Struct("<IIBBBB")
 """height, width, format, QP, parameter-set index, reserved (0); then per view a STREAM."""
+
+GROUPS_FIXED = struct.Struct("<H")
+"""groups; then per group a GROUP_FIXED, and a GROUP_VIEW per view."""
+
+GROUP_FIXED = struct.Struct("<B")
+"""views."""
+
+GROUP_VIEW = struct.Struct("<H")
+"""bits 0 to 14: the view; KEPT: its Gaussians are taken from this group."""
+
+KEPT = 0x8000
 
 YCC_420_10 = 0
 """Format: BT.709 YCbCr of full range, 4:2:0, 10 bits."""
@@ -94,13 +107,16 @@ class CodedPhotos:
 
 @dataclass(frozen=True, kw_only=True)
 class Photos(Body):
-    """Photos, and the network that the receiver runs on them."""
+    """Photos, and the network that the receiver runs on them, all at once or in groups."""
 
     mode: ClassVar[str] = "photos"
-    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, L.PARAMETER_SETS, NETWORK, PHOTOS, PHOTO_PICTURES})
-    signs: ClassVar[frozenset[bytes]] = frozenset({NETWORK, PHOTOS, PHOTO_PICTURES})
+    kinds: ClassVar[frozenset[bytes]] = frozenset(
+        {L.CAMERAS, L.PARAMETER_SETS, NETWORK, GROUPS, PHOTOS, PHOTO_PICTURES}
+    )
+    signs: ClassVar[frozenset[bytes]] = frozenset({NETWORK, GROUPS, PHOTOS, PHOTO_PICTURES})
 
     network: NetworkRef
+    groups: tuple[Group, ...]
     photos: PhotoHeader
 
     @classmethod
@@ -113,6 +129,8 @@ class Photos(Body):
         """Parse and check the sections NETW, PHOT and PICS."""
         file.check_counts(fewest_layers=0)
         network = _read_network(Cursor(file.only(NETWORK)))
+        whole = (Group(tuple(range(file.views)), tuple(range(file.views))),)
+        groups = _read_groups(Cursor(file.only(GROUPS)), file.views) if file.has(GROUPS) else whole
         pictures = file.only(PHOTO_PICTURES)
         photos = _read_photos(Cursor(file.only(PHOTOS)), file.views, pictures.data)
         pixels = file.views * photos.height * photos.width
@@ -120,7 +138,7 @@ class Photos(Body):
             found = f"{pixels} pixels of photos, the limit is {file.limits.max_pixels} (--max-pixels)"
             raise FormatError(found, where="section PHOT[0]")
         file.require_parameter_set(photos.parameter_set, "section PHOT[0]")
-        return cls(cameras=file.cameras(photos.height, photos.width), network=network, photos=photos)
+        return cls(cameras=file.cameras(photos.height, photos.width), network=network, groups=groups, photos=photos)
 
     def describe(self) -> Description:
         """Network and photos; what only the network knows is left open."""
@@ -168,6 +186,18 @@ def network_section(network: NetworkRef) -> NewSection:
     return NewSection(NETWORK, 0, data)
 
 
+def group_sections(groups: Sequence[Group]) -> list[NewSection]:
+    """The section of groups, where there are several."""
+    if len(groups) == 1:
+        return []
+    rows = [
+        GROUP_FIXED.pack(len(group.views))
+        + b"".join(GROUP_VIEW.pack(view | KEPT * (view in group.kept)) for view in group.views)
+        for group in groups
+    ]
+    return [NewSection(GROUPS, 0, GROUPS_FIXED.pack(len(groups)) + b"".join(rows), minor=5)]
+
+
 def photo_sections(photos: CodedPhotos) -> list[NewSection]:
     """The sections of coded photos."""
     fixed = PHOTOS_FIXED.pack(photos.height, photos.width, YCC_420_10, photos.qp, PHOTO_PARAMETER_SET, 0)
@@ -188,6 +218,27 @@ def _read_network(cursor: Cursor) -> NetworkRef:
     depths = f"near {near:g} and far {far:g}, expected {1 / _MAX_DEPTH:g} < near < far < {_MAX_DEPTH:g}"
     cursor.require(1 / _MAX_DEPTH < near < far < _MAX_DEPTH, depths)
     return NetworkRef(name.decode("ascii"), digest.hex(), near, far)
+
+
+def _read_groups(cursor: Cursor, views: int) -> tuple[Group, ...]:
+    """Parse and check a GRPS section: every view is kept once, every group keeps one."""
+    (count,) = cursor.unpack(GROUPS_FIXED)
+    groups, kept_once = [], set[int]()
+    for number in range(count):
+        (length,) = cursor.unpack(GROUP_FIXED)
+        words = [cursor.unpack(GROUP_VIEW)[0] for _ in range(length)]
+        members = tuple(word & ~KEPT for word in words)
+        kept = tuple(view for view, word in zip(members, words, strict=True) if word & KEPT)
+        rising = all(a < b for a, b in pairwise(members)) and all(view < views for view in members)
+        cursor.require(rising, f"group {number} has views {members[:8]}, expected rising ones below {views}")
+        cursor.require(
+            bool(kept) and kept_once.isdisjoint(kept), f"group {number} keeps no view, or one that another does"
+        )
+        kept_once.update(kept)
+        groups.append(Group(members, kept))
+    cursor.finish()
+    cursor.require(len(kept_once) == views, f"{len(kept_once)} of {views} views are kept in a group")
+    return tuple(groups)
 
 
 def _read_photos(cursor: Cursor, views: int, data: memoryview) -> PhotoHeader:

@@ -12,11 +12,12 @@ from ..codec.modes.mode import PhotoScene
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..refine.stats import RefineStats
 from ..scene.scenes import Scene
+from ..system.progress import Show, plain
 from .doubts import doubts
 from .memory import check_memory
 from .prepare import named_scene, prepared
 from .request import EncodeRequest
-from .stages import Show, Tools, code, enlarger_of, predict, refine
+from .stages import Tools, code, enlarger_of, predict, refine
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Listener:
         doubt: gets the scene and a line for each thing that is likely wrong with it; None to look for none.
         working: gives what is entered while the named step is at work.
         predicted: gets the network's Gaussians.
+        predicting: passes on photos that are given to the network in groups.
         refining: passes on the steps of refinement.
         refined: gets what refinement did.
     """
@@ -35,6 +37,7 @@ class Listener:
     notice: Callable[[str], object] = str
     doubt: Callable[[Scene, str], object] | None = None
     working: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
+    predicting: Show = plain
     predicted: Callable[[Gaussians], object] | None = None
     refining: Show | None = None
     refined: Callable[[RefineStats], object] | None = None
@@ -102,7 +105,7 @@ def encode(
         for text in found:
             listener.doubt(scene, text)
     with listener.working("network"):
-        gaussians = predict(scene, model, tools, whole=whole, watch=stats.watch)
+        gaussians = predict(scene, model, tools, whole=whole, watch=stats.watch, show=listener.predicting)
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes.given()))
     if listener.predicted:
         listener.predicted(gaussians)

@@ -5,7 +5,7 @@ Each is given `Tools`, which a `Runtime` is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -23,11 +23,14 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from ..graphs.inference import GraphStore
+from ..graphs.predict import Limits as NetworkLimits
 from ..graphs.predict import predict as run_network
+from ..graphs.walk import capture_groups, predict_groups
 from ..render import Renderer
 from ..render.paths import ring
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
+from ..system.progress import Show, plain
 from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
 from .request import Coding
@@ -35,9 +38,6 @@ from .words import Refinement
 
 if TYPE_CHECKING:
     from ..refine.stats import RefineStats
-
-Show = Callable[..., Iterator[int]]
-"""Passes on the steps of refinement; see `refine.refine.refine`."""
 
 FREE_VIEWS, MOST_JUDGED = 4, 16
 """Views about Gaussians of no pixels that `target_psnr` is measured from, and of Gaussians with pixels at most."""
@@ -58,18 +58,28 @@ class Tools(Protocol):
 
 
 def predict(
-    scene: Scene, model: str, tools: Tools, *, whole: bool = False, watch: Stopwatch | None = None
+    scene: Scene, model: str, tools: Tools, *, whole: bool = False, watch: Stopwatch | None = None, show: Show = plain
 ) -> Gaussians:
     """Gaussians of all views of a scene; see `Runtime.predict`."""
     watch = watch or Stopwatch()
     near, far = scene.depth_range()
-    images = [scene.images()]
+    scene.check_one_size()
     graph = tools.store.network(model)
-    with watch.stage("network"):
-        enlarger = enlarger_of(scene, model, tools, whole=whole)
-        if enlarger is not None:
-            return predict_large(images.pop(), scene.cameras, near, far, graph, enlarger)
-        return run_network(images.pop(), scene.cameras, near, far, graph)
+    enlarger = enlarger_of(scene, model, tools, whole=whole)
+
+    def run(views: Sequence[int]) -> Gaussians:
+        part = scene.views(views)
+        images = [part.images()]
+        with watch.stage("network"):
+            if enlarger is not None:
+                return predict_large(images.pop(), part.cameras, near, far, graph, enlarger)
+            return run_network(images.pop(), part.cameras, near, far, graph)
+
+    try:
+        groups = capture_groups(scene.cameras, near, far, NetworkLimits.of(graph))
+    except InputError as error:
+        raise error.within(str(scene.path)) from None
+    return predict_groups(scene.cameras, near, groups, run, show)
 
 
 def enlarger_of(scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> Enlarger | None:

@@ -37,7 +37,7 @@ COMMON = 0.1
 LEAST_BASELINE = 0.002
 """Of the scene's depth: photos from nearer places show no depth together."""
 
-SUITS = 1.5
+SUITS = 1.3
 """A group suits a photo whose partners in it are at most so many times as far away as those of its own group."""
 
 _ROWS = 256  # photos whose distances to all others are held at a time

@@ -176,13 +176,17 @@ class Scene:
         """
         if size is not None:
             return self.resized(*size).images()
+        self.check_one_size()
+        return np.stack([frame.image() for frame in self.frames])
+
+    def check_one_size(self) -> None:
+        """InputError that names a photo whose camera is of another size than the first one's."""
         first = self.frames[0].camera
         for frame in self.frames:
             width, height = frame.camera.width, frame.camera.height
             if (width, height) != (first.width, first.height):
                 found = f"{width}x{height} pixels, but {self.frames[0].path} has {first.width}x{first.height}"
                 raise InputError(f"{found}; choose one size with --size HxW", where=str(frame.path))
-        return np.stack([frame.image() for frame in self.frames])
 
     def depth_range(self) -> tuple[float, float]:
         """(near, far), or InputError naming the options when the scene does not state them."""

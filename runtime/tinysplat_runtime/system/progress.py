@@ -15,6 +15,15 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+Show = Callable[[Iterable[Any], int, Callable[[], str]], Iterator[Any]]
+"""Passes on items, of which there are so many, and shows how far it is; what the third returns is said with it."""
+
+
+def plain(items: Iterable[Any], total: int, note: Callable[[], str]) -> Iterator[Any]:
+    """A `Show` that shows nothing."""
+    return iter(items)
+
+
 LOG_EVERY_S = 50.0
 """Seconds between lines where standard error is no terminal."""
 

@@ -15,7 +15,7 @@ from ...container.photos import Hybrid
 from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
 from ...graphs.inference import GraphStore
-from ...graphs.predict import predict
+from ...graphs.walk import predict_grouped
 from ..encoder import SceneEncoder
 from ..layers import OpenFile, decode_layers
 from ..photos import decode_photos
@@ -32,12 +32,13 @@ def encode(job: Job) -> bytes:
         InputError: profile `paper`, or a Q_g beyond ±60.
         NumericError: Gaussians at or behind their own camera.
     """
-    settings, network = hybrid_settings(job.profile), photo_mode.photos_of(job).network
+    settings, scene = hybrid_settings(job.profile), photo_mode.photos_of(job)
     sections, photos = photo_mode.coded_photos(job)
     images = decode_photos(photos.header(), photos.parameter_sets, job.threads)  # what the decoder will see
     with job.stats.watch.stage("network"):
-        graph = job.store.network_by_hash(network.name, network.sha256, photo_mode.photos_of(job).model)
-        prediction = predict(images, job.gaussians.cameras, network.near, network.far, graph)
+        network = scene.network
+        graph = job.store.network_by_hash(network.name, network.sha256, scene.model)
+        prediction = predict_grouped(images, job.gaussians.cameras, network.near, network.far, graph, scene.groups)
     # Residuals have no QPs by block, and so no need of coding trees as small as blocks.
     profile = replace(job.profile, encoder=replace(job.profile.encoder, block_qps=False))
     encoder = SceneEncoder(

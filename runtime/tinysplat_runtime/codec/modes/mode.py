@@ -16,6 +16,7 @@ from ..layers import OpenFile
 from ..profiles import Profile
 
 if TYPE_CHECKING:  # who decodes loads no encoder
+    from ...scene.neighbours import Group
     from ...scene.scenes import Scene
     from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
 
@@ -28,17 +29,23 @@ class PhotoScene:
         images: (V, H, W, 3) float32 RGB in [0, 1].
         network: the network's name and hash, and its depth range.
         model: the network as the user named it.
+        groups: in which it was given them.
     """
 
     images: NDArray
     network: NetworkRef
     model: str
+    groups: tuple[Group, ...]
 
     @classmethod
     def of(cls, scene: Scene, model: str, store: GraphStore) -> PhotoScene:
         """The photos of a scene that the network `model` was run on."""
+        from ...graphs.predict import Limits
+        from ...graphs.walk import capture_groups
+
         near, far = scene.depth_range()
-        return cls(scene.images(), NetworkRef(*store.network_ref(model), near, far), model)
+        groups = capture_groups(scene.cameras, near, far, Limits.of(store.network(model)))
+        return cls(scene.images(), NetworkRef(*store.network_ref(model), near, far), model, groups)
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...container.photos import CodedPhotos, Photos, network_section, photo_sections
+from ...container.photos import CodedPhotos, Photos, group_sections, network_section, photo_sections
 from ...container.sections import NewSection
 from ...container.writer import write_container
 from ...gaussian.gaussians import Gaussians
-from ...graphs.predict import predict
+from ...graphs.walk import predict_grouped
 from ..encoder import check_qp
 from ..layers import OpenFile
 from ..photos import decode_photos, encode_photos
@@ -36,7 +36,7 @@ def decode(file: OpenFile, body: Photos) -> Gaussians:
         images = decode_photos(photos, container.parameter_sets[photos.parameter_set], file.threads)
     with watch.stage("network"):
         graph = file.store.network_by_hash(network.name, network.sha256, file.model)
-        return predict(images, container.cameras, network.near, network.far, graph)
+        return predict_grouped(images, container.cameras, network.near, network.far, graph, body.groups)
 
 
 def coded_photos(job: Job) -> tuple[tuple[NewSection, ...], CodedPhotos]:
@@ -45,7 +45,7 @@ def coded_photos(job: Job) -> tuple[tuple[NewSection, ...], CodedPhotos]:
     check_qp(job.qp)
     with job.stats.watch.stage("x265"):
         photos = encode_photos(scene.images, job.qp, job.profile.encoder, job.threads)
-    return (network_section(scene.network), *photo_sections(photos)), photos
+    return (network_section(scene.network), *group_sections(scene.groups), *photo_sections(photos)), photos
 
 
 def photos_of(job: Job) -> PhotoScene:

@@ -1,0 +1,120 @@
+"""Modes photos and hybrid of more photos than a network takes: groups travel with the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scenes import write_scene
+from sections import file_of, sections_of
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.container import photos as P
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.scene.neighbours import Group
+
+RUNTIME = ts.Runtime(threads=2)
+MODEL = "sweep"
+VIEWS = 8
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> ts.Scene:
+    return ts.load_scene(write_scene(tmp_path_factory.mktemp("many") / "scene", views=VIEWS, height=32, width=48))
+
+
+@pytest.fixture(scope="module")
+def raw(scene: ts.Scene) -> ts.Gaussians:
+    return RUNTIME.predict(scene, MODEL)
+
+
+@pytest.fixture(scope="module")
+def files(scene: ts.Scene) -> dict[str, bytes]:
+    return {mode: RUNTIME.encode(scene, MODEL, mode=mode) for mode in ("photos", "hybrid")}
+
+
+def groups_in(data: bytes) -> tuple[Group, ...]:
+    body = read_container(data).body
+    return (body if isinstance(body, P.Photos) else body.photos).groups
+
+
+def test_every_view_of_many_comes_from_a_group_alone(
+    scene: ts.Scene, raw: ts.Gaussians, files: dict[str, bytes]
+) -> None:
+    groups = groups_in(files["photos"])
+    assert len(groups) > 1 and groups == groups_in(files["hybrid"])
+    for group in groups:
+        alone = RUNTIME.predict(scene.views(group.views), MODEL)
+        for view in group.kept:
+            for name in FIELDS:
+                np.testing.assert_array_equal(getattr(raw, name)[view], getattr(alone, name)[group.views.index(view)])
+
+
+def test_a_reader_runs_the_groups_of_the_file(raw: ts.Gaussians, files: dict[str, bytes]) -> None:
+    decoded = RUNTIME.decompress(files["photos"])
+    assert decoded.opacities.shape == raw.opacities.shape and len(decoded.cameras) == VIEWS
+    regrouped = [Group(tuple(range(4)), tuple(range(4))), Group(tuple(range(4, VIEWS)), tuple(range(4, VIEWS)))]
+    sections = [
+        [kind, flags, index, P.group_sections(regrouped)[0].data if kind == P.GROUPS else data]
+        for kind, flags, index, data in sections_of(files["photos"])
+    ]
+    other = RUNTIME.decompress(file_of(sections))
+    assert groups_in(file_of(sections)) == tuple(regrouped)
+    assert (other.means != decoded.means).any()
+
+
+def test_hybrid_is_nearer_to_what_was_coded_than_photos(raw: ts.Gaussians, files: dict[str, bytes]) -> None:
+    def error(data: bytes) -> float:
+        decoded = RUNTIME.decompress(data)
+        return float(np.mean([(RUNTIME.render(decoded, c) - RUNTIME.render(raw, c)) ** 2 for c in raw.cameras]))
+
+    assert error(files["hybrid"]) < 0.7 * error(files["photos"])
+
+
+def test_few_photos_need_no_groups(scene: ts.Scene) -> None:
+    data = RUNTIME.encode(scene.views(range(4)), MODEL, mode="photos")
+    assert P.GROUPS not in {kind for kind, *_ in sections_of(data)}
+    assert groups_in(data) == (Group((0, 1, 2, 3), (0, 1, 2, 3)),)
+
+
+def words(*groups: tuple[int, ...]) -> Callable[[bytes], bytes]:
+    """A section of groups of such numbers; those from 100 on are kept, of the view 100 less."""
+
+    def change(_: bytes) -> bytes:
+        rows = [
+            P.GROUP_FIXED.pack(len(group))
+            + b"".join(P.GROUP_VIEW.pack(v - 100 + P.KEPT if v >= 100 else v) for v in group)
+            for group in groups
+        ]
+        return P.GROUPS_FIXED.pack(len(groups)) + b"".join(rows)
+
+    return change
+
+
+FIRST, SECOND = (100, 101, 102, 103), (104, 105, 106, 107)
+
+HOSTILE = {
+    "a view that is not there": words(FIRST, (104, 105, 106, 107, 108)),
+    "views out of order": words(FIRST, (105, 104, 106, 107)),
+    "a view twice in a group": words(FIRST, (4, 104, 105, 106, 107)),
+    "a view that two groups keep": words(FIRST, (103, *SECOND)),
+    "a view that none keeps": words(FIRST, (4, 105, 106, 107)),
+    "a group that keeps none": words(FIRST, (1, 2), SECOND),
+    "an empty group": words(FIRST, (), SECOND),
+    "no groups": words(),
+    "cut short": lambda section: section[:-1],
+    "too long": lambda section: section + b"\0",
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_hostile_groups_are_format_errors(files: dict[str, bytes], case: str) -> None:
+    sections = [
+        [kind, flags, index, HOSTILE[case](data) if kind == P.GROUPS else data]
+        for kind, flags, index, data in sections_of(files["photos"])
+    ]
+    with pytest.raises(FormatError, match=r"GRPS\[0\]"):
+        read_container(file_of(sections))
