@@ -41,7 +41,7 @@ def test_views_are_chosen_from_many_photos(scene: Path, tmp_path: Path) -> None:
     described = json.loads(tinysplat("info", tmp_path / "a.tsplat", "--json").stdout)
     assert described["views"] == 3
     done = tinysplat("encode", scene, "-o", tmp_path / "b.tsplat", "-q")
-    assert json.loads(tinysplat("info", tmp_path / "b.tsplat", "--json").stdout)["views"] == 2, done.stderr
+    assert json.loads(tinysplat("info", tmp_path / "b.tsplat", "--json").stdout)["views"] == 8, done.stderr
     assert "auto:N" in fail("encode", scene, "-o", tmp_path / "c.tsplat", "--views", "auto:1")
     assert "9 of 8 photos" in fail("encode", scene, "-o", tmp_path / "c.tsplat", "--views", "auto:9")
 

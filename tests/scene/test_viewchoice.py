@@ -8,7 +8,14 @@ import pytest
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.frusta import points_seen, sees
-from tinysplat_runtime.scene.viewchoice import _best_addition, _pair_values, choose_views
+from tinysplat_runtime.scene.viewchoice import (
+    SPACING,
+    _best_addition,
+    _pair_values,
+    choose_views,
+    needed_views,
+    sharpness_of,
+)
 
 K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
 
@@ -121,3 +128,56 @@ def test_a_view_or_a_pair_is_added_whichever_gains_more_per_view() -> None:
     values[0, 2] = values[2, 0] = [0.9, 0.1, 0.0]  # what is reached already does not count: 0.4 at most
     assert _best_addition(values, reached, [0, 1], room=2) == [2, 3]
     assert _best_addition(values, np.ones(3, np.float32), [0, 1], room=1) == [2]  # the first that is free
+
+
+def row(count: int, step: float) -> list[Camera]:
+    """`count` cameras `step` apart, the scene at a depth of 4."""
+    return [camera_at(step * i) for i in range(count)]
+
+
+NEAR, FAR = 3.0, 6.0  # whose harmonic mean is 4
+
+
+def test_a_capture_keeps_what_lies_apart_and_leaves_out_what_lies_between() -> None:
+    wide = 1.1 * SPACING * 4
+    assert needed_views(row(9, wide), NEAR, FAR) == list(range(9))
+    cameras = row(91, wide / 10)
+    kept = needed_views(cameras, NEAR, FAR)
+    assert kept[0] == 0 and kept[-1] == 90
+    steps = np.diff(kept) * wide / 10 / 4
+    assert steps.min() >= SPACING and steps.max() < 2 * SPACING + 1e-9
+
+
+def test_so_many_are_kept_as_are_asked_for_and_they_are_spread() -> None:
+    kept = needed_views(row(100, 0.05), NEAR, FAR, 10)
+    assert len(kept) == 10 and np.diff(kept).max() <= 2 * np.diff(kept).min() + 1
+    assert needed_views(row(12, 0.05), NEAR, FAR, 40) == list(range(12))
+
+
+def test_a_photo_that_matches_nothing_is_not_needed() -> None:
+    assert needed_views([*row(8, 0.3), camera_at(900.0)], NEAR, FAR) == list(range(8))
+    with pytest.raises(InputError, match="no two photos see the same place"):
+        needed_views([camera_at(0.0, turn) for turn in (0.0, 0.1, 0.2)], NEAR, FAR)
+
+
+def test_blurred_photos_give_way_to_sharper_ones_beside_them() -> None:
+    cameras, asked = row(60, 0.05), set[int]()
+
+    def sharpness(i: int) -> float:
+        asked.add(i)
+        return 1.0 if i % 3 else 0.5
+
+    assert any(i % 3 == 0 for i in needed_views(cameras, NEAR, FAR))
+    kept = needed_views(cameras, NEAR, FAR, sharpness=sharpness)
+    assert all(i % 3 for i in kept) and len(kept) == len(needed_views(cameras, NEAR, FAR))
+    assert needed_views(cameras, NEAR, FAR, sharpness=lambda i: 1 + i % 3 / 100) == needed_views(cameras, NEAR, FAR)
+    alone = set[int]()
+    needed_views(row(8, 0.5), NEAR, FAR, sharpness=lambda i: float(alone.add(i) or 1))
+    assert not alone  # there is nothing to choose among
+
+
+def test_blur_lowers_sharpness_and_contrast_does_not() -> None:
+    image = np.random.default_rng(0).uniform(size=(40, 50, 3))
+    blurred = (image + np.roll(image, 1, axis=0) + np.roll(image, 1, axis=1)) / 3
+    assert sharpness_of(blurred) < 0.7 * sharpness_of(image)
+    assert sharpness_of(0.3 * image + 0.2) == pytest.approx(sharpness_of(image))

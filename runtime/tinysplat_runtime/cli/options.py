@@ -52,9 +52,9 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
 def add_photos(parser: argparse.ArgumentParser) -> None:
     """Which photos, how large, and what a network and a file make of them."""
     parser.add_argument(
-        "--views", type=views, metavar="I,J|auto[:N]",
-        help="frames to use, or how many (default 2) to choose by coverage and baseline; default: all of up to 6,"
-        " or else auto",
+        "--views", type=views, metavar="I,J-K:S|auto[:N]|all",
+        help="frames to use: some, so many, as many as the capture needs (auto), or all; default: all of up to 6, or"
+        " else auto",
     )  # fmt: skip
     parser.add_argument(
         "--poses", metavar="POSES",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,14 +13,23 @@ from ..scene.intake.layouts import load_scene
 from ..scene.intake.stereo import stereo_scene
 from ..scene.intake.video import video_scene
 from ..scene.look import range_guessed, range_seen, thumbnail_size
+from ..scene.neighbours import Neighbours
 from ..scene.scenes import Scene
-from ..scene.viewchoice import choose_views
-from .request import EncodeRequest
+from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
+from ..system.threads import available_cores
+from .request import Coding, EncodeRequest
 from .types import shown
-from .words import AutoViews
+from .words import ALL, AutoViews
 
 ALL_VIEWS = range(2, 7)
 """Numbers of photos of which all are used when none are chosen."""
+
+RANGE_VIEWS = 24
+"""Photos of a capture that are looked at for its depth range."""
+
+CPU_SECONDS, PHOTO_BYTES, BYTES_EXPONENT = 17e-6, 33_000, 0.69
+"""What a capture takes: seconds of one core per pixel of photos up to LARGE_PIXELS, for network and coding; bytes of a
+photo of 256×256 by default, and how they grow with its pixels. As measured on captures of 24 photos."""
 
 
 def prepared(request: EncodeRequest, notice: Callable[[str], object]) -> Scene:
@@ -37,7 +47,18 @@ def prepared(request: EncodeRequest, notice: Callable[[str], object]) -> Scene:
     def say(text: str) -> None:
         notice(f"{scene.path}: {text}")
 
-    return _sized(request, _with_range(_chosen_views(request, scene, say), say), say)
+    chosen, why = _chosen_views(request, scene, say)
+    sized = _sized(request, chosen, say)
+    if len(sized.frames) in ALL_VIEWS:
+        return sized
+    camera, photos = sized.frames[0].camera, len(sized.frames)
+    pixels = camera.width * camera.height
+    seconds = photos * min(pixels, LARGE_PIXELS) * CPU_SECONDS / available_cores()
+    is_usual = request.coding == Coding()
+    size = f" and {photos * PHOTO_BYTES * (pixels / 256**2) ** BYTES_EXPONENT / 1000:.0f} KB" if is_usual else ""
+    others = "--views all takes every one" if photos < len(scene.frames) else "--views auto:N takes so many"
+    say(f"{photos} of {len(scene.frames)} photos, {why}: about {max(seconds, 1):.0f} s{size}; {others}")
+    return sized
 
 
 def named_scene(request: EncodeRequest) -> Scene:
@@ -67,30 +88,59 @@ def named_scene(request: EncodeRequest) -> Scene:
     return stereo_scene(left, right, request.focal, request.baseline, near=near, far=far)
 
 
-def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> Scene:
-    """The views asked for; without any all, or of more than a few those that see most."""
+def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> tuple[Scene, str]:
+    """The views that are asked for or needed, with their depth range, and in words how they were chosen."""
     count, asked = len(scene.frames), request.views
-    if isinstance(asked, Sequence):
-        if len(asked) < 2:
-            raise InputError(f"{len(asked)} photo, expected two or more", where="--views")
-        return scene.views(asked)
+    if isinstance(asked, tuple) and len(asked) < 2:
+        raise InputError(f"{len(asked)} photo, expected two or more", where="--views")
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))
-    if asked is None and count in ALL_VIEWS:
+    if isinstance(asked, tuple):
+        return _matching(_with_range(scene.views(asked), say), say), "as asked"
+    if asked == ALL or (asked is None and count in ALL_VIEWS):
+        return _matching(_with_range(scene, say), say), "all there are"
+    wanted = asked.count if isinstance(asked, AutoViews) else None
+    if wanted is not None and (wanted in ALL_VIEWS or wanted > count):
+        near, far = _range_or_guess(scene)
+        return _with_range(scene.views(choose_views(scene.cameras, near, far, wanted)), say), "as asked"
+    if scene.near is None or scene.far is None:  # which a few photos tell, spread as well as can be without it
+        some = _with_range(scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS)), say)
+        scene = replace(scene, near=some.near, far=some.far)
+    scene = _matching(scene, say)
+    near, far = scene.depth_range()
+    chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
+    why = f"no other lies farther from them than {SPACING:.0%} of the depth or {math.degrees(SPACING):.0f} degrees"
+    return _matching(scene.views(chosen), str), "as asked" if wanted else why
+
+
+def _matching(scene: Scene, say: Callable[[str], None]) -> Scene:
+    """A capture without photos that show nothing that others do; says so, and where it falls into several places."""
+    if len(scene.frames) in ALL_VIEWS:
         return scene
-    near, far = (scene.near, scene.far) if scene.near and scene.far else range_guessed(scene.cameras)
-    chosen = choose_views(scene.cameras, near, far, (asked or AutoViews()).count)
-    if not asked:
-        names = ", ".join(map(str, chosen))
-        say(f"views {names} of {count}; --views chooses others, --views auto:4 more")
-    return scene.views(chosen)
+    neighbours = Neighbours.of(scene.cameras, *scene.depth_range())
+    kept = [v for v, partners in enumerate(neighbours.partners) if partners]
+    alone = [frame.path.name for v, frame in enumerate(scene.frames) if v not in kept]
+    if not kept:
+        found = "no photo shows from another place what one does: cameras that stand at one place show no depth"
+        raise InputError(f"{found}, nor those that have nothing in common", where=str(scene.path))
+    if alone:
+        more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
+        say(f"left out {', '.join(alone[:3])}{more}: nothing in common with other photos from other places")
+        scene = scene.views(kept)
+    parts = sorted((len(part) for part in neighbours.parts() if len(part) > 1), reverse=True)
+    if len(parts) > 1:
+        sizes = ", ".join(map(str, parts[:4])) + (", …" if len(parts) > 4 else "")
+        say(f"{len(parts)} places that have nothing in common, of {sizes} photos: all are coded; --views takes some")
+    return scene
+
+
+def _range_or_guess(scene: Scene) -> tuple[float, float]:
+    return (scene.near, scene.far) if scene.near and scene.far else range_guessed(scene.cameras)
 
 
 def _with_range(scene: Scene, say: Callable[[str], None]) -> Scene:
     """The scene between the depths that its photos agree about, where it states none."""
     if scene.near is not None and scene.far is not None:
-        return scene
-    if len(scene.frames) < 2:
         return scene
     small = scene.resized(*thumbnail_size(scene.cameras[0]))
     try:

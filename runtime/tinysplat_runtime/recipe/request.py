@@ -125,7 +125,7 @@ class EncodeRequest:
 
     Attributes:
         scene: a `Scene`; what `load_scene` takes; the two photos of a stereo pair; or a video.
-        views: indices of photos, how many to choose, or None for all of up to six, else two that are chosen.
+        views: indices of photos, how many to choose, `all`, or None for all of up to six, else those that are needed.
         size: (height, width) to scale photos to, `full`, or None for at most about 640×480.
         near: smallest depth of interest in scene units, over the scene's own; None for that, or what photos show.
         far: the same of the largest.
@@ -143,7 +143,7 @@ class EncodeRequest:
     """
 
     scene: Scene | StrPath | Sequence[StrPath]
-    views: tuple[int, ...] | AutoViews | None = None
+    views: tuple[int, ...] | AutoViews | str | None = None
     size: tuple[int, int] | str | None = None
     near: float | None = None
     far: float | None = None
@@ -158,7 +158,7 @@ class EncodeRequest:
 
     def __post_init__(self) -> None:
         check_types(self)
-        if not isinstance(self.views, AutoViews) and self.views is not None:
+        if not isinstance(self.views, AutoViews) and self.views not in (None, words.ALL):
             object.__setattr__(self, "views", _whole_numbers("views", self.views))
         if self.size is not None and self.size != "full":
             size = _whole_numbers("size", self.size)

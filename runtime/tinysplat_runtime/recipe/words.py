@@ -13,20 +13,23 @@ from .types import check_types
 
 _BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
 
+ALL = "all"
+"""Every view, however many there are."""
+
 
 @dataclass(frozen=True)
 class AutoViews:
-    """Views chosen by coverage and baseline.
+    """Views that are chosen: up to six by what they see, more as far from each other as there are.
 
     Attributes:
-        count: how many.
+        count: how many; None for those that the capture needs.
     """
 
-    count: int = 2
+    count: int | None = None
 
     def __post_init__(self) -> None:
         check_types(self)
-        if self.count < 2:
+        if self.count is not None and self.count < 2:
             raise InputError(f"{self.count}, expected 2 or more", where="views")
 
 
@@ -47,16 +50,25 @@ class Refinement:
 
 
 def indices(text: str) -> tuple[int, ...]:
-    """`0,4` to (0, 4)."""
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"'{text}', expected indices such as 0,4") from None
+    """`0,4` to (0, 4), and ranges with their ends: `0-8:4,20` to (0, 4, 8, 20)."""
+    return tuple(index for part in text.split(",") for index in _range(part, text))
 
 
-def views(text: str) -> tuple[int, ...] | AutoViews:
-    """`0,4` to (0, 4); `auto` or `auto:3` to how many views to choose."""
+def _range(part: str, text: str) -> range:
+    span, colon, step = part.strip().partition(":")
+    first, dash, last = span.partition("-")
+    numbers = [first, *([last] if dash else []), *([step] if colon else [])]
+    is_range = all(number.isdigit() and len(number) < 8 for number in numbers) and (dash or not colon)
+    if not is_range or (colon and not int(step)) or (dash and int(last) < int(first)):
+        raise InputError(f"'{text}', expected indices such as 0,4 or ranges such as 0-40:2")
+    return range(int(first), int(last if dash else first) + 1, int(step) if colon else 1)
+
+
+def views(text: str) -> tuple[int, ...] | AutoViews | str:
+    """`0,4` to (0, 4); `auto` or `auto:3` to how many views to choose; `all` to itself."""
     word, _, count = text.partition(":")
+    if text == ALL:
+        return text
     if word != "auto":
         return indices(text)
     if count and not (count.isdigit() and int(count) >= 2):

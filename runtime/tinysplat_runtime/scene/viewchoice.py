@@ -1,14 +1,19 @@
-"""Which photos of many to give to a network: `--views auto`.
+"""Which photos of many to take: `--views auto`.
 
-Points are spread through what the cameras see, between near and far. A choice of views is worth, per point, the best
-that any two of its views seeing the point are worth to stereo: nothing at the same place, everything where their rays
-meet at GOOD_ANGLES, falling to nothing at MAX_ANGLE. Views are added greedily, one or a pair at a time, whichever
-gains more per view, so that coverage and baseline are weighed by one number.
+A capture needs the photos without which others could not be drawn (`needed_views`): one after another the photo that
+lies farthest from all taken so far (`neighbours` has the distance), until none does by more than SPACING. Blurred ones
+give way to sharper ones beside them.
+
+A few photos for one scene are chosen by what they see (`choose_views`). Points are spread through what the cameras see,
+between near and far. A choice of views is worth, per point, the best that any two of its views seeing the point are
+worth to stereo: nothing at the same place, everything where their rays meet at GOOD_ANGLES, falling to nothing at
+MAX_ANGLE. Views are added greedily, one or a pair at a time, whichever gains more per view, so that coverage and
+baseline are weighed by one number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +21,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .cameras import Camera
 from .frusta import points_seen, sees
+from .neighbours import Neighbours
 
 GOOD_ANGLES = (3.0, 10.0)
 """Degrees between two rays to a point: baselines of 5 % to 17 % of the depth, where photos still look alike."""
@@ -25,6 +31,78 @@ MIN_ANGLE, MAX_ANGLE = 0.1, 35.0
 
 MAX_CANDIDATES = 64
 """More photos than these are thinned evenly in capture order first."""
+
+SPACING = 0.05
+"""Photos nearer to one that is taken can be drawn from it: 5 % of the scene's depth, or 2.9 degrees."""
+
+SHARPER = 1.25
+"""A photo gives way to one near it that is so many times as sharp."""
+
+FEWEST = 4
+"""Photos that a capture has at least, however near to each other they lie."""
+
+RIVALS = 3
+"""Photos near one that are looked at, whether they are sharper."""
+
+
+def needed_views(
+    cameras: Sequence[Camera], near: float, far: float, count: int | None = None,
+    sharpness: Callable[[int], float] | None = None,
+) -> list[int]:  # fmt: skip
+    """Indices, in rising order, of the photos that a capture needs, of all that show something in common with others.
+
+    Args:
+        cameras: of all photos.
+        near: depth of the nearest surface, scene units.
+        far: depth of the farthest.
+        count: how many are wanted, 2 or more; None for as many as it takes.
+        sharpness: of a photo by its index, in any unit; asked for few of them.
+
+    Raises:
+        InputError: no two photos see the same place from different ones.
+    """
+    neighbours = Neighbours.of(cameras, near, far)
+    useful = np.array([v for v, partners in enumerate(neighbours.partners) if partners], np.int64)
+    if not useful.size:
+        raise InputError("no two photos see the same place from different ones; name some with --views", where="views")
+    places = neighbours.places[useful]
+    taken = [int(np.linalg.norm(places - places.mean(axis=0), axis=1).argmin())]
+    apart = np.linalg.norm(places - places[taken[0]], axis=1)  # of each from the nearest that is taken
+    nearest = np.zeros(len(useful), np.int64)  # which one that is
+    while len(taken) < min(count or len(useful), len(useful)):
+        farthest = int(apart.argmax())
+        if count is None and apart[farthest] < SPACING and len(taken) >= FEWEST:
+            break
+        distance = np.linalg.norm(places - places[farthest], axis=1)
+        nearest[distance < apart] = len(taken)
+        apart = np.minimum(apart, distance)
+        taken.append(farthest)
+    if sharpness is not None:
+        rivals = [_beside(apart, nearest == n) for n in range(len(taken))]
+        asked = {v for i, others in zip(taken, rivals, strict=True) if others for v in (i, *others)}
+        sharp = {v: sharpness(int(useful[v])) for v in sorted(asked)}  # in order, as a video is read
+        for n, others in enumerate(rivals):
+            best = max(others, key=sharp.__getitem__, default=taken[n])
+            if others and sharp[best] > SHARPER * sharp[taken[n]]:
+                taken[n] = best
+    return sorted(int(useful[i]) for i in taken)
+
+
+def _beside(apart: NDArray, is_here: NDArray) -> list[int]:
+    """The `RIVALS` of one that is taken: `apart` (V,) from the nearest that is, which for `is_here` is that one."""
+    beside = np.flatnonzero(is_here & (apart > 0) & (apart < SPACING))
+    return [int(v) for v in beside[np.argsort(apart[beside], kind="stable")[:RIVALS]]]
+
+
+def sharpness_of(image: NDArray) -> float:
+    """How much of a photo's contrast is between neighbouring pixels: falls where it is blurred.
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+    """
+    grey = image.mean(axis=2, dtype=np.float64)
+    fine = np.square(np.diff(grey, axis=0)).mean() + np.square(np.diff(grey, axis=1)).mean()
+    return float(fine / max(grey.var(), 1e-6))
 
 
 def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int) -> list[int]:

@@ -1,0 +1,126 @@
+"""Which photos of a capture are taken, and what is said of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import scene_document
+from two_planes import trace
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.recipe.prepare import prepared
+from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
+
+VIEWS, HEIGHT, WIDTH = 10, 48, 64
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten photos in a row, farther from each other than needed, and cameras that state no depths."""
+    folder = tmp_path_factory.mktemp("row")
+    traced = trace(VIEWS, HEIGHT, WIDTH, spacing=0.25, subpixels=1)
+    (folder / "images").mkdir()
+    for i, image in enumerate(traced.images):
+        write_png(folder / "images" / f"{i:04}.png", image)
+    document = scene_document(traced.cameras)
+    del document["near"], document["far"]
+    (folder / "cameras.json").write_text(json.dumps(document))
+    return folder
+
+
+def chosen(scene: object, **options: object) -> tuple[list[str], list[str]]:
+    """Names of the photos that are taken, and what was said."""
+    said: list[str] = []
+    found = prepared(EncodeRequest.of(scene, **options), said.append)  # type: ignore[arg-type]
+    assert found.near is not None and found.far is not None
+    return [frame.path.name for frame in found.frames], said
+
+
+def names(*indices: int) -> list[str]:
+    return [f"{i:04}.png" for i in indices]
+
+
+def test_a_capture_gets_all_photos_that_it_needs_and_a_line(capture: Path) -> None:
+    found, said = chosen(capture)
+    assert found == names(*range(VIEWS))
+    assert sum("from what the photos agree about" in line for line in said) == 1
+    assert f"{VIEWS} of {VIEWS} photos, no other lies farther" in said[-1] and said[-1].count("\n") == 0
+    assert "about 1 s and 40 KB; " in said[-1]
+    assert chosen(capture, qp=3)[1][-1].endswith("s; --views auto:N takes so many")  # of which bytes are not known
+
+
+@pytest.mark.parametrize(
+    ("views", "wanted"),
+    [
+        ("all", range(VIEWS)), ("0-8:2,9", (0, 2, 4, 6, 8, 9)), ([3, 1], (3, 1)), ("0-9", range(VIEWS)),
+        ("2-2,4", (2, 4)),
+    ],
+)  # fmt: skip
+def test_views_are_taken_as_asked(capture: Path, views: object, wanted: tuple[int, ...]) -> None:
+    assert chosen(capture, views=views)[0] == names(*wanted)
+
+
+@pytest.mark.parametrize("count", [2, 6, 8, 10])
+def test_so_many_are_taken(capture: Path, count: int) -> None:
+    assert len(chosen(capture, views=f"auto:{count}")[0]) == count
+
+
+@pytest.mark.parametrize("word", ["4-1", "0-9:0", "0:2", "x", "3-", "-3", "0--4", "", "0-99999999"])
+def test_what_is_no_list_of_views_is_refused(capture: Path, word: str) -> None:
+    with pytest.raises(ts.InputError, match="expected indices such as 0,4 or ranges such as 0-40:2"):
+        chosen(capture, views=word)
+
+
+def test_frames_that_lie_between_others_are_left_out(capture: Path) -> None:
+    scene = ts.load_scene(capture, near=2.0, far=12.0)
+    frames = []
+    for frame in scene.frames:
+        for step in range(5):
+            c2w = frame.camera.c2w.copy()
+            c2w[0, 3] += 0.05 * step
+            frames.append(replace(frame, camera=Camera(frame.camera.K, c2w, WIDTH, HEIGHT)))
+    found, said = chosen(replace(scene, frames=tuple(frames)))
+    assert VIEWS <= len(found) < 25 and f"{len(found)} of 50 photos" in said[-1] and "--views all" in said[-1]
+
+
+def moved(scene: ts.Scene, views: range, offset: float) -> ts.Scene:
+    """Some cameras somewhere else."""
+    frames = list(scene.frames)
+    for v in views:
+        c2w = frames[v].camera.c2w.copy()
+        c2w[0, 3] += offset
+        frames[v] = replace(frames[v], camera=Camera(frames[v].camera.K, c2w, WIDTH, HEIGHT))
+    return replace(scene, frames=tuple(frames))
+
+
+def test_a_photo_that_matches_nothing_is_named_and_left_out(capture: Path) -> None:
+    scene = moved(ts.load_scene(capture, near=2.0, far=12.0), range(4, 5), 900)
+    for views in (None, "all", list(range(VIEWS))):
+        found, said = chosen(scene, views=views)
+        assert found == names(0, 1, 2, 3, 5, 6, 7, 8, 9)
+        assert any("left out 0004.png: nothing in common" in line for line in said)
+
+
+def test_two_places_are_told_and_both_taken(capture: Path) -> None:
+    found, said = chosen(moved(ts.load_scene(capture, near=2.0, far=12.0), range(6, VIEWS), 900))
+    assert found == names(*range(VIEWS))
+    assert any("2 places that have nothing in common, of 6, 4 photos" in line for line in said)
+
+
+def test_cameras_at_one_place_are_refused_in_a_line(capture: Path) -> None:
+    scene = ts.load_scene(capture, near=2.0, far=12.0)
+    frames = []
+    for v, frame in enumerate(scene.frames):
+        turn = np.eye(4)
+        turn[:2, :2] = [[np.cos(v / 50), -np.sin(v / 50)], [np.sin(v / 50), np.cos(v / 50)]]
+        frames.append(replace(frame, camera=Camera(frame.camera.K, turn, WIDTH, HEIGHT)))
+    with pytest.raises(ts.InputError, match=r"stand at one place|from different ones"):
+        chosen(replace(scene, frames=tuple(frames)))
+    with pytest.raises(ts.InputError, match="stand at one place"):
+        chosen(replace(scene, frames=tuple(frames)), views="all")
