@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,6 +88,26 @@ class Video:
                         return _upright(picture)
                     break
         raise InputError(f"frame {index} cannot be decoded", where=str(self.path))
+
+    def frames(self, chosen: Collection[int]) -> Iterator[tuple[int, NDArray]]:
+        """Index and (H, W, 3) uint8 of each chosen frame that can be decoded, in one pass."""
+        wanted = set(chosen)
+        yield from ((index, _upright(picture)) for index, picture in self._decoded() if index in wanted)
+
+    def thumbnails(self, width: int) -> Iterator[tuple[int, NDArray]]:
+        """Index and luma (h, w) uint8 of every frame that can be decoded, so many pixels wide, as stored."""
+        for index, picture in self._decoded():
+            size = min(width, picture.width), max(round(picture.height * min(width / picture.width, 1)), 1)
+            yield index, picture.reformat(*size, format="gray").to_ndarray()
+
+    def _decoded(self) -> Iterator[tuple[int, Any]]:
+        """All frames from the first on, with their indices."""
+        place = {int(stamp): index for index, stamp in enumerate(self.stamps)}
+        with _opened(self.path) as (container, stream):
+            stream.thread_type = "AUTO"
+            for picture in container.decode(stream):
+                if picture.pts in place:
+                    yield place[picture.pts], picture
 
 
 def open_video(path: StrPath) -> Video:

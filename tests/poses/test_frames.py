@@ -1,0 +1,81 @@
+"""Frames of a video: apart by movement, sharp among their neighbours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tinysplat.poses.frames import choose_frames, measured, stretches
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene.footage import open_video
+
+HEIGHT, WIDTH = 96, 192
+
+
+def texture(seed: int = 0) -> NDArray:
+    """(HEIGHT, 4·WIDTH) uint8 of detail at several scales."""
+    rng = np.random.default_rng(seed)
+    layers = [
+        np.kron(rng.uniform(0, 60, (HEIGHT // n, 4 * WIDTH // n)), np.ones((n, n))) for n in (2, 4, 8, 16)
+    ]  # fmt: skip
+    return np.sum(layers, axis=0).astype(np.uint8)
+
+
+def views(places: list[float]) -> list[NDArray]:
+    """Windows of the texture, whole pixels apart."""
+    wall = texture()
+    return [wall[:, round(x) : round(x) + WIDTH] for x in places]
+
+
+def blurred(picture: NDArray) -> NDArray:
+    return np.mean([np.roll(picture, shift, axis=1) for shift in range(-4, 5)], axis=0).astype(np.uint8)
+
+
+@pytest.mark.parametrize("pace", [0.25, 1, 3, 9])
+def test_movement_adds_up_at_any_pace(pace: float) -> None:
+    frames = int(120 / pace) + 1
+    moved, _ = measured(views([pace * i for i in range(frames)]))
+    assert moved.shape == (frames,) and (np.diff(moved) >= 0).all()
+    assert moved[-1] * WIDTH == pytest.approx(120, abs=12)
+
+
+def test_a_camera_at_rest_moves_nowhere() -> None:
+    rng = np.random.default_rng(0)
+    noisy = [np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8) for view in views([5] * 30)]
+    assert measured(noisy)[0][-1] == 0
+
+
+def test_stretches_are_of_equal_movement_and_each_gives_its_sharpest() -> None:
+    moved = np.concatenate([np.linspace(0, 1, 11), np.ones(40), np.linspace(1, 2, 21)[1:]])  # rests in the middle
+    detail = np.ones(len(moved))
+    detail[[3, 60]] = 2
+    chosen = stretches(moved, detail, 4)
+    assert chosen == sorted(set(chosen)) and {3, 60} <= set(chosen)
+    where = moved[chosen]
+    assert (np.histogram(where, [0, 0.5, 1.0 - 1e-9, 1.5, 2.1])[0] == 1).sum() >= 3
+    assert stretches(np.zeros(9), np.arange(9.0), 3) == [2, 5, 8]
+    assert stretches(np.array([0, 0, 0, 0, 5.0]), np.ones(5), 5) == [0, 1, 2, 3, 4]
+
+
+def test_blurred_frames_are_passed_over(tmp_path: Path) -> None:
+    places = [2.0 * i for i in range(60)]
+    pictures = [blurred(view) if i % 3 else view for i, view in enumerate(views(places))]
+    with av.open(str(tmp_path / "clip.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "15"})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.stack([picture] * 3, -1), format="rgb24")))
+        container.mux(stream.encode())
+    video = open_video(tmp_path / "clip.mp4")
+    chosen = choose_frames(video, 10)
+    assert len(chosen) == 10 and all(i % 3 == 0 for i in chosen)
+    found = dict(video.frames(chosen))
+    assert list(found) == chosen
+    assert np.abs(found[chosen[3]][..., 0] - pictures[chosen[3]].astype(float)).mean() < 8
+    assert len(choose_frames(video)) == 11  # 118 of 192 pixels in steps of 6 %, and one more
+    with pytest.raises(InputError, match="60 frames, expected 61 or more"):
+        choose_frames(video, 61)

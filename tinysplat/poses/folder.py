@@ -1,0 +1,120 @@
+"""A scene folder that ours and others' programs open: photos without distortion, and their cameras in three layouts.
+
+`cameras.json` is ours, `transforms.json` nerfstudio's and instant-ngp's, `sparse/0` COLMAP's in text, with points but
+without what photo saw them: the layout that trainers of 3D Gaussians start from.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry, lens_entry
+from tinysplat_runtime.scene.intake.nerfstudio import FILE as TRANSFORMS_FILE
+from tinysplat_runtime.scene.intake.nerfstudio import OPENGL_TO_OPENCV
+from tinysplat_runtime.scene.lenses import Lens
+from tinysplat_runtime.scene.scenes import Frame
+from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.progress import progress
+
+from .placing import encoded
+
+Points = tuple[NDArray, NDArray, NDArray]
+"""Positions (N, 3), colours (N, 3) uint8, errors (N,) in pixels."""
+
+
+def write_folder(
+    output: Path, photos: Path, entries: Sequence[dict[str, Any]], depths: tuple[float | None, float | None],
+    points: Points, *, quiet: bool,
+) -> list[str]:  # fmt: skip
+    """Write a scene; nothing stays behind when that fails.
+
+    Args:
+        output: the folder, new or empty.
+        photos: where the photos are, upright as stored.
+        entries: what `colmap_worker.model_arrays` says of each.
+        depths: near and far, None where they are unknown.
+        points: of the surfaces.
+        quiet: whether to show no progress.
+
+    Returns:
+        The names of the photos in it, in order.
+    """
+    existed = output.exists()
+    (output / "images").mkdir(parents=True)
+    try:
+        order = sorted(entries, key=lambda entry: str(entry["name"]))
+        frames = [
+            _written(output, photos, entry)
+            for entry in progress(order, len(order), "taking distortion out", quiet=quiet)
+        ]
+        near, far = depths
+        ours = [{**camera_entry(file, camera), "taken_with": lens_entry(lens)} for file, camera, lens in frames]
+        _write_json(output / CAMERAS_FILE, {"near": near, "far": far, "frames": ours})
+        _write_json(output / TRANSFORMS_FILE, transforms([(file, camera) for file, camera, _ in frames], depths))
+        (output / "sparse/0").mkdir(parents=True)
+        for name, text in colmap_texts([(file, camera) for file, camera, _ in frames], points).items():
+            write_atomically(output / "sparse/0" / name, text.encode())
+    except BaseException:
+        for path in [output] if not existed else list(output.iterdir()):
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+        raise
+    return [str(entry["name"]) for entry in order]
+
+
+def _written(output: Path, photos: Path, entry: dict[str, Any]) -> tuple[str, Camera, Lens]:
+    """A photo without distortion, of its own size and kind; its place in the folder, its camera and its lens."""
+    camera, name = entry["camera"], str(entry["name"])
+    lens = Lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"])
+    view = lens.camera(np.linalg.inv(np.vstack([entry["w2c"], [0, 0, 0, 1]])))
+    frame = Frame(view, photos / name, lens=lens).resized(lens.height, lens.width)
+    file = f"images/{Path(name).stem}{Path(name).suffix.lower()}"
+    write_atomically(output / file, encoded(frame.image(), file))
+    return file, frame.camera, lens
+
+
+def _write_json(path: Path, document: dict[str, Any]) -> None:
+    write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def transforms(frames: Sequence[tuple[str, Camera]], depths: tuple[float | None, float | None]) -> dict[str, Any]:
+    """A `transforms.json` of photos and their cameras."""
+    entries = [
+        {
+            "file_path": file, "w": camera.width, "h": camera.height,
+            "fl_x": camera.K[0, 0], "fl_y": camera.K[1, 1], "cx": camera.K[0, 2], "cy": camera.K[1, 2],
+            "transform_matrix": (camera.c2w @ OPENGL_TO_OPENCV).tolist(),
+        }
+        for file, camera in frames
+    ]  # fmt: skip
+    return {"camera_model": "PINHOLE", "near": depths[0], "far": depths[1], "frames": entries}
+
+
+def colmap_texts(frames: Sequence[tuple[str, Camera]], points: Points) -> dict[str, str]:
+    """`cameras.txt`, `images.txt` and `points3D.txt` of photos, their cameras and points."""
+    numbers: dict[tuple[float, ...], int] = {}
+    images = []
+    for i, (file, camera) in enumerate(frames, start=1):
+        K = camera.K
+        key = (camera.width, camera.height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        number = numbers.setdefault(key, len(numbers) + 1)
+        pose = (*matrices_to_quats(camera.w2c[:3, :3]), *camera.w2c[:3, 3])
+        images.append(f"{i} {_joined(pose)} {number} {Path(file).name}\n\n")  # an empty line: points it saw
+    cameras = [f"{number} PINHOLE {key[0]} {key[1]} {_joined(key[2:])}\n" for key, number in numbers.items()]
+    rows = [
+        f"{i} {_joined(xyz)} {' '.join(map(str, rgb))} {error:.4g}\n"
+        for i, (xyz, rgb, error) in enumerate(zip(*points, strict=True), start=1)
+    ]
+    return {"cameras.txt": "".join(cameras), "images.txt": "".join(images), "points3D.txt": "".join(rows)}
+
+
+def _joined(values: Sequence[float] | NDArray) -> str:
+    return " ".join(f"{float(value):.12g}" for value in values)
