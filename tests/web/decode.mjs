@@ -55,7 +55,24 @@ function arraysOf({ count, degree, means, quats, scales, opacities, sh, origin, 
   };
 }
 
+/**
+ * A network that gives what FOLDER has: layers.json, and each layer's arrays. It leaves the photos that it is shown there.
+ */
+function networkOf(folder) {
+  return async ({ photos, width, height, near, far, name }) => {
+    writeFileSync(`${folder}/photos.npz`, npz(Object.fromEntries(photos.map((photo, v) => [v, [photo, [height, width, 3]]]))));
+    writeFileSync(`${folder}/asked.json`, JSON.stringify({ near, far, name }));
+    const { layers, origin } = JSON.parse(readFileSync(`${folder}/layers.json`));
+    const arrays = ["means", "quats", "scales", "opacities", "sh"];
+    layers.forEach((layer, n) => {
+      for (const array of arrays) layer[array] = new Float32Array(new Uint8Array(readFileSync(`${folder}/${n}.${array}`)).buffer);
+    });
+    return { layers, origin };
+  };
+}
+
 async function answer({ file, out, options = {} }) {
+  if (options.network) options = { ...options, network: networkOf(options.network) };
   const began = performance.now();
   try {
     const scene = await decode(readFileSync(file), { threads: 0, ...options });

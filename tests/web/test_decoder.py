@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from scenes import make_free_gaussians, make_smooth_gaussians
 from web.node import Decoder
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.codec.photos import decode_photos
+from tinysplat_runtime.container.photos import Hybrid, Photos
+from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 BOUNDS = {"means": 1e-6, "quats": 1e-6, "scales": 1e-5, "opacities": 1e-6, "sh": 1e-6}
@@ -118,6 +122,37 @@ def test_workers_give_what_one_thread_gives(decoder: Decoder, runtime: ts.Runtim
     assert len(data) > 1 << 15  # fewer bytes are not worth workers
     alone, several = decoder(data)[1], decoder(data, threads=2)[1]
     assert all(np.array_equal(alone[name], several[name]) for name in alone)
+
+
+def test_a_network_that_is_given_makes_photos_and_hybrid_files_gaussians(
+    decoder: Decoder, runtime: ts.Runtime, tmp_path: Path
+) -> None:
+    files = [seed.data for seed in corpus.photo_file_seeds()]
+    predicted = runtime.decompress(files[0])
+    layers = []
+    for n, layer in enumerate(predicted.layers):
+        for name in FIELDS:
+            getattr(layer, name).tofile(tmp_path / f"{n}.{name}")
+        cameras = [
+            {"fx": c.K[0, 0], "fy": c.K[1, 1], "cx": c.K[0, 2], "cy": c.K[1, 2], "skew": c.K[0, 1], "c2w": c.c2w.ravel().tolist()}
+            for c in layer.cameras
+        ]  # fmt: skip
+        height, width = layer.opacities.shape[1:]
+        layers.append({"height": height, "width": width, "degree": layer.degree, "cameras": cameras})
+    (tmp_path / "layers.json").write_text(json.dumps({"layers": layers, "origin": predicted.origin.tolist()}))
+    for data in files:
+        said, found = decoder(data, network=str(tmp_path))
+        assert "error" not in said
+        check(found, runtime.decompress(data))
+        body = read_container(data).body
+        photos = body.photos if isinstance(body, Hybrid) else body
+        assert isinstance(photos, Photos)
+        sets = read_container(data).parameter_sets[photos.photos.parameter_set]
+        wanted = decode_photos(photos.photos, sets, 1)
+        with np.load(tmp_path / "photos.npz") as shown:
+            assert np.abs(np.stack([shown[str(view)] for view in range(len(wanted))]) - wanted).max() < 1e-6
+        asked = json.loads((tmp_path / "asked.json").read_text())
+        assert asked == {"near": photos.network.near, "far": photos.network.far, "name": photos.network.name}
 
 
 def test_photos_without_a_network_are_refused(decoder: Decoder) -> None:

@@ -93,6 +93,7 @@ function nalType(unit) {
 function nalUnits(bytes) {
   /** @type {Map<number, Uint8Array>} */
   const units = new Map();
+  require([0, 0, 0, 1].every((byte, i) => bytes[i] === byte), "parameter sets begin with a start code", "HEVC", 0);
   let start = -1;
   for (let i = 0; i <= bytes.length; i++) {
     const isStart = i + 2 < bytes.length && bytes[i] === 0 && bytes[i + 1] === 0 && bytes[i + 2] === 1;
