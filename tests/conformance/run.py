@@ -3,7 +3,7 @@
     python tests/conformance/run.py [--without network,views] [--cases NAME,…] -- COMMAND…
 
 COMMAND is called with a file, the .npz to write and, where a case has them, options as JSON. It ends with 0 and writes
-`means`, `quats`, `scales`, `opacities`, `sh` and `origin` as `expected.npz` has them, or ends otherwise and writes nothing.
+arrays as `expected.npz` has them (means, quats, scales, opacities, sh, origin), or ends otherwise and writes nothing.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from web.node import Decoder
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.photos import decode_photos
+from tinysplat_runtime.container.layers import intrinsics
 from tinysplat_runtime.container.photos import Hybrid, Photos
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.gaussian.gaussians import FIELDS
@@ -39,7 +40,7 @@ def differences(found: dict[str, NDArray], wanted: ts.Gaussians, whole: ts.Gauss
 def check(found: dict[str, NDArray], wanted: ts.Gaussians, whole: ts.Gaussians | None = None) -> None:
     """Fail where an array is farther from the runtime's than `BOUNDS`; of a part of a file, `whole` is all of it."""
     assert {n: d for n, d in differences(found, wanted, whole or wanted).items() if not d <= BOUNDS[n]} == {}
-    cameras = [[c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], c.K[0, 1], *c.c2w.ravel()] for c in wanted.cameras]
+    cameras = [[*intrinsics(c.K), *c.c2w.ravel()] for c in wanted.cameras]
     assert np.array_equal(found["cameras"], np.reshape(cameras, (-1, 21)))
 
 
@@ -133,10 +134,10 @@ def test_a_network_that_is_given_makes_photos_and_hybrid_files_gaussians(
     for n, layer in enumerate(predicted.layers):
         for name in FIELDS:
             getattr(layer, name).tofile(tmp_path / f"{n}.{name}")
+        names = ("fx", "fy", "cx", "cy", "skew")
         cameras = [
-            {"fx": c.K[0, 0], "fy": c.K[1, 1], "cx": c.K[0, 2], "cy": c.K[1, 2], "skew": c.K[0, 1], "c2w": c.c2w.ravel().tolist()}
-            for c in layer.cameras
-        ]  # fmt: skip
+            {**dict(zip(names, intrinsics(c.K), strict=True)), "c2w": c.c2w.ravel().tolist()} for c in layer.cameras
+        ]
         height, width = layer.opacities.shape[1:]
         layers.append({"height": height, "width": width, "degree": layer.degree, "cameras": cameras})
     (tmp_path / "layers.json").write_text(json.dumps({"layers": layers, "origin": predicted.origin.tolist()}))
