@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..codec.decoder import decode_gaussians
 from ..container.inspection import inspect_bytes
 from ..gaussian.difference import attribute_errors
 from ..gaussian.gaussians import Gaussians
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
-from .encode import Encoded
-from .stages import Tools
+
+if TYPE_CHECKING:  # who decodes loads no encoder
+    from .encode import Encoded
+    from .stages import Tools
 
 
 def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
