@@ -22,16 +22,23 @@ from tinysplat_runtime.scene.images import write_png
 NEAR, FAR = 1.5, 8.0
 
 
-def make_cameras(views: int = 2, height: int = 8, width: int = 12, spacing: float = 0.2) -> list[Camera]:
-    """Cameras `spacing` apart along x, turned a little towards each other, principal point off the centre."""
+def make_cameras(
+    views: int = 2, height: int = 8, width: int = 12, spacing: float = 0.2,
+    *, turn: float = 0.05, focal: float = 1.1, shift: tuple[float, float] = (0.3, -0.2),
+) -> list[Camera]:  # fmt: skip
+    """Cameras `spacing` apart along x, each turned by `turn` towards the others.
+
+    Their focal length is `focal` widths, and the principal point lies `shift` pixels off the centre.
+    """
     cameras = []
     for v in range(views):
         offset = v - (views - 1) / 2
-        angle = -0.05 * offset
+        angle = -turn * offset
         c2w = np.eye(4)
         c2w[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
         c2w[0, 3] = spacing * offset
-        K = [[1.1 * width, 0, 0.5 * width + 0.3], [0, 1.1 * width, 0.5 * height - 0.2], [0, 0, 1]]
+        right, down = shift
+        K = [[focal * width, 0, width / 2 + right], [0, focal * width, height / 2 + down], [0, 0, 1]]
         cameras.append(Camera(K, c2w, width=width, height=height))
     return cameras
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scenes import make_cameras
 
 from tinysplat_runtime.scene.cameras import Camera
 
@@ -29,16 +30,7 @@ class TracedScene:
 
 def row_of_cameras(views: int, height: int, width: int, spacing: float = 0.2) -> tuple[Camera, ...]:
     """Cameras along x, each turned a little, with the principal point off the centre."""
-    cameras = []
-    for v in range(views):
-        offset = v - (views - 1) / 2
-        angle = -0.03 * offset
-        c2w = np.eye(4)
-        c2w[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-        c2w[0, 3] = spacing * offset
-        K = [[width, 0, width / 2 + 0.7], [0, width, height / 2 - 0.4], [0, 0, 1]]
-        cameras.append(Camera(K, c2w, width, height))
-    return tuple(cameras)
+    return tuple(make_cameras(views, height, width, spacing, turn=0.03, focal=1, shift=(0.7, -0.4)))
 
 
 def trace(views: int, height: int, width: int, spacing: float = 0.2, subpixels: int = SUBPIXELS) -> TracedScene:
