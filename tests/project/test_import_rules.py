@@ -232,6 +232,23 @@ def test_only_commands_know_of_the_command_line() -> None:
     assert [one for one in breaks if "__main__" not in one] == []
 
 
+PARSING = {"options.py", "given.py", "outputs.py", "run.py", "parser.py"}
+"""Modules whose job is what argparse gives."""
+
+
+def test_only_parsing_and_commands_themselves_take_arguments_of_argparse() -> None:
+    """A command is a function of its word's name, or `run` of a module of `tinysplat/commands`."""
+    found = {}
+    for folder in COMMANDS:
+        for path in sources(ROOT / folder):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.FunctionDef) and "Namespace" in ast.unparse(node.args):
+                    found[f"{path.name}:{node.name}"] = path
+    words = {"encode", "compress", "decode", "render", "convert", "view", "info", "models", "doctor", "run"}
+    assert len(found) > 15
+    assert [name for name in found if name.split(":")[0] not in PARSING and name.split(":")[1] not in words] == []
+
+
 def test_architecture_names_files_that_exist() -> None:
     text = (ROOT / "ARCHITECTURE.md").read_text("utf-8")
     named = {name for name in re.findall(r"`([\w/.{},*]+(?:\.py|/))`", text) if name != "__init__.py"}

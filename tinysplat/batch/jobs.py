@@ -145,7 +145,7 @@ def encode(job: Job, threads: int = 1) -> dict[str, Any]:
         listener = Listener(doubt=_nobody, predicted=save if keep.save_gaussians else None)
         coded = encode_photos(request, runtime, listener, keep=keep.report)
         if keep.report:
-            report = encode_report(coded, runtime, model=request.model, refined=request.refinement is not None)
+            report = encode_report(coded, runtime, model=request.model)
             write(f"{place}.json", json.dumps(report, indent=2).encode())
     write(job.output, coded.data)
     return {

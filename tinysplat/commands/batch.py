@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from tinysplat.batch.bounds import bounded
-from tinysplat.batch.engines import run_processes, run_ray
+from tinysplat.batch.engines import Work, run_processes, run_ray
 from tinysplat.batch.evaluation import evaluate
 from tinysplat.batch.jobs import OPTIONS, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
@@ -64,9 +64,22 @@ def run(args: Namespace) -> int:
         jobs = read_manifest(_manifest(args.manifest), args.output, given(args, OPTIONS), base, task)
     except InputError as error:
         raise error.within(args.manifest) from None
+    work: Work = partial(evaluate if args.evaluate else encode, threads=args.threads or 1)
+    if args.timeout or args.max_memory:
+        work = partial(bounded, work=work, timeout=args.timeout, memory=args.max_memory)
+    scheduled = {"work": work, "workers": args.workers or available_cores(), "attempts": args.attempts}
+    engine: Engine = partial(run_processes, **scheduled)
+    if args.engine == "ray":
+        engine = partial(run_ray, **scheduled, address=args.address)
     said: deque[str] = deque(maxlen=1)
     with working("batch", quiet=args.quiet, note=lambda: "".join(said)):
-        document = run_batch(jobs, args.output, _engine(args), partial(_say, args, said), only_failed=args.retry_failed)
+        document = run_batch(
+            jobs,
+            args.output,
+            engine,
+            partial(_say, said, as_json=args.json_lines, quiet=args.quiet),
+            only_failed=args.retry_failed,
+        )
     if not args.quiet and not args.json_lines:
         place = join(args.output, RESULTS)
         print(f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
@@ -95,22 +108,12 @@ def _manifest(place: str) -> str:
     return text
 
 
-def _say(args: Namespace, said: deque[str], record: dict[str, Any]) -> None:
+def _say(said: deque[str], record: dict[str, Any], *, as_json: bool, quiet: bool) -> None:
     """A scene that ended: a JSON object, a line of a log, or on a terminal the line that says what goes on."""
     what = record.get("error") or f"{record.get('bytes', 0)} bytes, {record.get('seconds', 0):.1f} s"
     warning = f"; warning: {record['warning']}" if "warning" in record else ""
     said.append(f"{record['number']}/{record['of']} {record['name']}: {what}{warning}")
-    if args.json_lines:
+    if as_json:
         print(json.dumps(record), flush=True)
-    elif not args.quiet and (warning or not sys.stderr.isatty()):
+    elif not quiet and (warning or not sys.stderr.isatty()):
         print(said[-1], file=sys.stderr, flush=True)
-
-
-def _engine(args: Namespace) -> Engine:
-    workers = args.workers or available_cores()
-    work = partial(evaluate if args.evaluate else encode, threads=args.threads or 1)
-    if args.timeout or args.max_memory:
-        work = partial(bounded, work=work, timeout=args.timeout, memory=args.max_memory)
-    if args.engine == "ray":
-        return partial(run_ray, work=work, workers=workers, attempts=args.attempts, address=args.address)
-    return partial(run_processes, work=work, workers=workers, attempts=args.attempts)

@@ -76,21 +76,8 @@ def configure(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     """Measure, write the folder, print the main lines."""
     if args.docs:
-        _fill(args)
-    else:
-        _run(args)
-
-
-def split_words(given: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
-    """Studies, and inputs behind them; InputError for a word that is neither."""
-    count = next((i for i, word in enumerate(given) if word not in STUDIES), len(given))
-    for word in given[count:]:
-        if not Path(word).exists():
-            raise InputError(f"neither a study ({', '.join(STUDIES)}) nor a file or folder", where=word)
-    return tuple(given[:count]) or ORDINARY, list(given[count:])
-
-
-def _run(args: Namespace) -> None:
+        _fill(quiet=args.quiet)
+        return
     studies, inputs = split_words(args.words)
     before = read_rows(args.against) if args.against is not None else []  # said now, not in half an hour
     for model in args.models:
@@ -121,6 +108,15 @@ def _run(args: Namespace) -> None:
     print(path)
 
 
+def split_words(given: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
+    """Studies, and inputs behind them; InputError for a word that is neither."""
+    count = next((i for i, word in enumerate(given) if word not in STUDIES), len(given))
+    for word in given[count:]:
+        if not Path(word).exists():
+            raise InputError(f"neither a study ({', '.join(STUDIES)}) nor a file or folder", where=word)
+    return tuple(given[:count]) or ORDINARY, list(given[count:])
+
+
 def measure_studies(bench: Run, studies: Sequence[str], *, quiet: bool) -> list[Row]:
     """Rows of studies, kept as they come; what ends one is noted and the next begins."""
     machine, began, rows = describe_machine(), time.perf_counter(), []
@@ -143,9 +139,9 @@ def shipped_networks() -> list[str]:
     return sorted(shipped, key=lambda name: (name != DEFAULT_MODEL, name))
 
 
-def _fill(args: Namespace) -> None:
+def _fill(*, quiet: bool) -> None:
     if not (ROOT / "README.md").is_file():
         raise InputError("--docs fills the pages of a checkout, which this installation is not part of", where="bench")
     changed = fill_pages(ROOT)
-    if not args.quiet:
+    if not quiet:
         print("\n".join(str(path.relative_to(ROOT)) for path in changed) or "every figure is that of its rows")

@@ -43,7 +43,7 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     """Write the sheets and `comparison.json`, print the figures."""
-    sheets = _sheets(args, Path(args.a), Path(args.b))
+    sheets = _sheets(Path(args.a), Path(args.b), args.cameras, args.size)
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder", where=str(folder))
@@ -60,7 +60,7 @@ def run(args: Namespace) -> None:
         print(f"\n{sum(len(entry['files']) for entry in entries)} pictures in {folder}")
 
 
-def _sheets(args: Namespace, a: Path, b: Path) -> list[Sheet]:
+def _sheets(a: Path, b: Path, cameras: str | None, size: tuple[int, int] | None) -> list[Sheet]:
     kinds = [_kind(path) for path in (a, b)]
     if kinds[0] != kinds[1]:
         raise InputError(f"a {kinds[1]}, but {a} is a {kinds[0]}; expected two of a kind", where=str(b))
@@ -69,7 +69,7 @@ def _sheets(args: Namespace, a: Path, b: Path) -> list[Sheet]:
     if kinds[0] == "picture":
         return [picture_sheet(a, b)]
     gaussians = (_load(a), _load(b))
-    return [gaussian_sheet(gaussians, (a.name, b.name), _cameras(args, gaussians), args.size)]
+    return [gaussian_sheet(gaussians, (a.name, b.name), _cameras(cameras, gaussians), size)]
 
 
 def _kind(path: Path) -> str:
@@ -93,8 +93,8 @@ def _load(path: Path) -> Gaussians:
         raise error.within(str(path)) from None
 
 
-def _cameras(args: Namespace, gaussians: tuple[Gaussians, Gaussians]) -> list[Camera]:
-    cameras = load_cameras(args.cameras) if args.cameras else [*gaussians[0].cameras] or [*gaussians[1].cameras]
+def _cameras(named: str | None, gaussians: tuple[Gaussians, Gaussians]) -> list[Camera]:
+    cameras = load_cameras(named) if named else [*gaussians[0].cameras] or [*gaussians[1].cameras]
     if not cameras:
         raise InputError("neither file has cameras; give --cameras cameras.json", where="compare")
     return cameras

@@ -140,7 +140,7 @@ def run(args: Namespace) -> None:
     say_left_out(outcome.left_out, outcome.notes)
     if not outcome.rows:
         raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
-    _write(args, document(outcome, lpips_text, threads, args.jobs))
+    _write(folder, args.json, document(outcome, lpips_text, threads, args.jobs))
     if args.csv:
         objects = [{k: v for k, v in record(row).items() if k != "per_image"} for row in outcome.rows]
         write_atomically(args.csv, csv_text(objects).encode())
@@ -174,7 +174,7 @@ def _natural_size(sources: Sequence[Source]) -> tuple[int, int]:
     return SPECS[chunks[0].dataset].size if chunks else DEFAULT_SIZE
 
 
-def _write(args: Namespace, found: dict[str, Any]) -> None:
+def _write(folder: Path, copy: str | None, found: dict[str, Any]) -> None:
     data = (json.dumps(found, indent=1, allow_nan=False) + "\n").encode()
-    for path in filter(None, (Path(args.output) / RESULTS, args.json)):
+    for path in [str(folder / RESULTS), *filter(None, [copy])]:
         write_atomically(path, data)

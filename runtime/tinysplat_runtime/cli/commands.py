@@ -12,33 +12,24 @@ from ..graphs.artifacts import load_manifest
 from ..graphs.providers import providers_of
 from ..recipe.report import file_report
 from ..system.stopwatch import Stopwatch
-from .convert import selected, write
 from .describe import describe_gaussians, gaussians_text, info_text
-from .files import (
-    decompress_named,
-    file_limits,
-    is_in_part,
-    limited_runtime,
-    noted,
-    read_file,
-    say,
-)
+from .files import noted, read_file
+from .given import limits_of, notes_of, reading_of, selection_of, voice_of, writing_of
 from .outputs import STANDARD
 from .reports import write_json
 
 
 def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
-    runtime, watch = limited_runtime(args), Stopwatch()
+    reading, watch = reading_of(args), Stopwatch()
     data = read_file(args.file)
-    gaussians = decompress_named(runtime, data, args, watch)
-    gaussians = noted(args, selected(args, gaussians))
+    gaussians = noted(selection_of(args).of(reading.decompress(args.file, data, watch)), notes_of(args))
     with watch.stage("write"):
-        write(args, args.output, gaussians)
+        writing_of(args).write(args.output, gaussians)
     if args.report:
-        described = inspect_bytes(data, runtime.limits, is_prefix=is_in_part(args))
+        described = inspect_bytes(data, reading.limits, is_prefix=reading.is_in_part)
         write_json(args.report, file_report(described, watch))
-    say(args, f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
+    voice_of(args)(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
 
 
 def info(args: Namespace) -> None:
@@ -49,7 +40,7 @@ def info(args: Namespace) -> None:
         return
     data = read_file(args.file)
     try:
-        described = inspect_bytes(data, file_limits(args))
+        described = inspect_bytes(data, limits_of(args))
     except TinySplatError as error:
         raise error.within(args.file) from None
     print(json.dumps(described, indent=2) if args.json else info_text(args.file, described))

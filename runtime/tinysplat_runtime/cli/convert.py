@@ -7,6 +7,7 @@ import sys
 import tempfile
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,89 +25,126 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import read_limited
 from ..system.stopwatch import Stopwatch
-from .files import is_in_part, limited_runtime, load_any, noted, say, write_file
+from .files import Reading, noted, write_file
+from .given import notes_of, reading_of, selection_of, voice_of, writing_of
 from .outputs import is_standard
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which Gaussians go out, and how wide.
+
+    Attributes:
+        views: only those of these views; None for all.
+        dilate: own pixels² that they are widened by; None for none.
+        trim_border: without so many of the outermost pixels of each view.
+        min_opacity: only those of this opacity or more.
+        sh_degree: SH cut to this degree.
+    """
+
+    views: Sequence[int] | None = None
+    dilate: float | None = None
+    trim_border: int | None = None
+    min_opacity: float | None = None
+    sh_degree: int | None = None
+
+    def of(self, gaussians: Gaussians) -> Gaussians:
+        """What goes out of some Gaussians."""
+        if self.views is not None:
+            gaussians = select_views(gaussians, self.views)
+        if self.dilate is not None:
+            gaussians = widened(gaussians, self.dilate)
+        if self.trim_border:
+            gaussians = trim_border(gaussians, self.trim_border)
+        if self.min_opacity is not None:
+            gaussians = drop_transparent(gaussians, self.min_opacity)
+        return gaussians if self.sh_degree is None else cut_degree(gaussians, self.sh_degree)
+
+
+@dataclass(frozen=True)
+class Writing:
+    """How Gaussian files are written.
+
+    Attributes:
+        reading: the options that commands share.
+        points: as a plain point cloud.
+        sh_bits, spz_version, gltf_spz: see `formats.table.save_gaussians`.
+        source: the .tsplat file whose quality a .tsplat file is written with; None for the default profile's.
+        turned: whether the Gaussians were turned since it was read.
+        keeps_pixels: whether they are all that it holds, at its scale.
+    """
+
+    reading: Reading
+    points: bool = False
+    sh_bits: Sequence[int] = (5, 4)
+    spz_version: int = 3
+    gltf_spz: bool = False
+    source: str | None = None
+    turned: bool = False
+    keeps_pixels: bool = True
+
+    def write(self, path: str, gaussians: Gaussians) -> None:
+        """Write a file, or to standard output; what the format cannot keep goes to standard error."""
+        if is_standard(path):
+            self._write_standard(path, gaussians)
+        elif self.points:
+            save_points(path, gaussians)
+        elif path.lower().endswith(SUFFIX):
+            write_file(path, self._coded(gaussians))
+        else:
+            bits = _sh_bits(self.sh_bits)
+            for loss in save_gaussians(path, gaussians, bits, self.spz_version, gltf_spz=self.gltf_spz):
+                print(f"{path}: {loss}", file=sys.stderr)
+
+    def _coded(self, gaussians: Gaussians) -> bytes:
+        """A .tsplat file's bytes.
+
+        Moved as a whole they take their source's very pictures, which hold what cameras see; else its profile and Q_g.
+        Cut or joined they are no longer pixels of views, and coded as such.
+        """
+        runtime = self.reading.runtime()
+        if self.source is None:
+            return runtime.compress(gaussians)
+        source = read_limited(self.source, MAX_FILE_BYTES)
+        container = read_container(source, runtime.limits)
+        if container.mode == "lossless":
+            return runtime.compress(gaussians, lossless=gaussians.is_per_pixel)
+        turns = self.turned and gaussians.degree > 0  # a basis of SH does not turn along
+        # Where the scene grew, steps of depth did not grow along.
+        if container.mode != "gaussians" or not gaussians.is_per_pixel or turns or not self.keeps_pixels:
+            return runtime.compress(gaussians, container.profile, container.qp)
+        return runtime.compress(gaussians, like=source)
+
+    def _write_standard(self, path: str, gaussians: Gaussians) -> None:
+        """To standard output by way of a temporary file; `-` alone is a .tsplat file."""
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / f"standard output{Path('x' + path[1:]).suffix or SUFFIX}"
+            self.write(str(copy), gaussians)
+            write_file(path, copy.read_bytes())
 
 
 def convert(args: Namespace) -> None:
     """Gaussian files to another format; several become one."""
     if args.check and args.points:
         raise InputError("given with --points, which writes no Gaussians to compare", where="--check")
-    parts = []
+    reading, selection, parts = reading_of(args), selection_of(args), []
     for file in args.files:
-        loaded = load_any(Namespace(**{**vars(args), "file": file}), Stopwatch())
+        loaded = reading.load(file, Stopwatch())
         try:
-            parts.append(selected(args, loaded))
+            parts.append(selection.of(loaded))
         except TinySplatError as error:
             raise error.within(file) from None
     gaussians = parts[0] if len(parts) == 1 else merge(parts)
     if args.crop:
         gaussians = crop(gaussians, args.crop[:3], args.crop[3:])
-    gaussians = noted(args, similarity(gaussians, _rotation(args.rotate or "x,0"), args.scale, args.translate))
-    write(args, args.output, gaussians)
-    say(args, f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
+    gaussians = similarity(gaussians, _rotation(args.rotate or "x,0"), args.scale, args.translate)
+    gaussians = noted(gaussians, notes_of(args))
+    writing_of(args).write(args.output, gaussians)
+    voice_of(args)(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
     if args.check:
         print(f"{args.output}: {file_loss(args.output, gaussians)}")
-
-
-def selected(args: Namespace, gaussians: Gaussians) -> Gaussians:
-    """What `--views`, `--trim-border`, `--min-opacity` and `--sh-degree` let out, and `--dilate` widens."""
-    if args.views is not None:
-        gaussians = select_views(gaussians, args.views)
-    if args.dilate is not None:
-        gaussians = widened(gaussians, args.dilate)
-    if args.trim_border:
-        gaussians = trim_border(gaussians, args.trim_border)
-    if args.min_opacity is not None:
-        gaussians = drop_transparent(gaussians, args.min_opacity)
-    return gaussians if args.sh_degree is None else cut_degree(gaussians, args.sh_degree)
-
-
-def write(args: Namespace, path: str, gaussians: Gaussians) -> None:
-    """Write a Gaussian file, or with `--points` a point cloud; what the format cannot keep goes to standard error.
-
-    For a .tsplat file see `_coded`.
-    """
-    if is_standard(path):
-        _write_standard(args, path, gaussians)
-    elif args.points:
-        save_points(path, gaussians)
-    elif path.lower().endswith(SUFFIX):
-        write_file(path, _coded(args, gaussians))
-    else:
-        bits = _sh_bits(args.sh_bits)
-        for loss in save_gaussians(path, gaussians, bits, args.spz_version, gltf_spz=args.gltf_spz):
-            print(f"{path}: {loss}", file=sys.stderr)
-
-
-def _coded(args: Namespace, gaussians: Gaussians) -> bytes:
-    """A .tsplat file's bytes: of the quality of the .tsplat file that the Gaussians came from, if it was one.
-
-    Moved as a whole they take its very pictures, which hold what cameras see; else its profile and Q_g. Cut or joined
-    they are no longer pixels of views, and coded as such.
-    """
-    runtime, files = limited_runtime(args), getattr(args, "files", None) or [args.file]
-    if len(files) > 1 or not files[0].lower().endswith(SUFFIX) or is_in_part(args):
-        return runtime.compress(gaussians)
-    source = read_limited(files[0], MAX_FILE_BYTES)
-    container = read_container(source, runtime.limits)
-    if container.mode == "lossless":
-        return runtime.compress(gaussians, lossless=gaussians.is_per_pixel)
-    turns = getattr(args, "rotate", None) and gaussians.degree > 0  # a basis of SH does not turn along
-    enlarges = getattr(args, "scale", 1) != 1  # steps of depth do not grow along
-    if container.mode != "gaussians" or not gaussians.is_per_pixel or args.views is not None or turns or enlarges:
-        return runtime.compress(gaussians, container.profile, container.qp)
-    return runtime.compress(gaussians, like=source)
-
-
-def _write_standard(args: Namespace, path: str, gaussians: Gaussians) -> None:
-    """To standard output by way of a temporary file; `-` alone is a .tsplat file."""
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / f"standard output{Path('x' + path[1:]).suffix or SUFFIX}"
-        write(args, str(copy), gaussians)
-        write_file(path, copy.read_bytes())
 
 
 def _sh_bits(values: Sequence[int]) -> tuple[int, int]:

@@ -22,7 +22,8 @@ from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.scenes import Scene
 from ..system.progress import Show, progress, working
 from ..system.stopwatch import Stopwatch
-from .files import grid_option, limited_runtime, load_any, noted, say, write_file
+from .files import Voice, grid_option, noted, write_file
+from .given import notes_of, reading_of, voice_of
 from .options import coding_of, request_of
 from .reports import write_json
 
@@ -32,12 +33,12 @@ def encode(args: Namespace) -> None:
     request, runtime = request_of(args), Runtime(threads=args.threads, providers=providers_of(args.provider))
     listener = _listener(quiet=args.quiet, save_to=args.save_gaussians)
     coded = encode_photos(request, runtime, listener, keep=bool(args.report))
-    _write(args, coded, runtime)
+    _write(voice_of(args), coded, args.report, runtime, model=args.model)
     if not args.quiet:
         with working("render at the photos' views", quiet=False):
             decoded = runtime.decompress(coded.data, model=args.model)
             psnr = own_psnr(decoded, coded.photos.images(), args.threads)
-        _report_own(args, coded, decoded, psnr)
+        _report_own(voice_of(args), coded, decoded.count, psnr)
 
 
 def _listener(*, quiet: bool, save_to: str | None) -> Listener:
@@ -80,10 +81,9 @@ def compress(args: Namespace) -> None:
     if grid or cameras:
         gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
     else:
-        args.file = args.gaussians
-        gaussians = load_any(args, Stopwatch())
-    gaussians = noted(args, gaussians)
-    runtime, stats, refinement = limited_runtime(args), EncodeStats(), RefineStats()
+        gaussians = reading_of(args).load(args.gaussians, Stopwatch())
+    gaussians = noted(gaussians, notes_of(args))
+    runtime, stats, refinement = reading_of(args).runtime(), EncodeStats(), RefineStats()
     listener = _listener(quiet=args.quiet, save_to=None)
     try:
         if args.refine:
@@ -96,36 +96,35 @@ def compress(args: Namespace) -> None:
                 listener.refined(refinement)
         with listener.working("coding"):
             data = stages.code(gaussians, coding, runtime, stats=stats)
-        _write(args, Encoded(data, gaussians, raw_bytes(gaussians), stats, refinement), runtime)
+        coded = Encoded(data, gaussians, raw_bytes(gaussians), stats, refinement if args.refine else None)
+        _write(voice_of(args), coded, args.report, runtime, model=args.model)
     except TinySplatError as error:
         raise error.within(args.gaussians) from None
 
 
-def _write(args: Namespace, coded: Encoded, runtime: Runtime) -> None:
+def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, model: str | None) -> None:
     """Write the file and its report, and say what it is."""
+    output = say.output
     data, stats = coded.data, coded.stats
     with stats.watch.stage("write"):
-        write_file(args.output, data)
-    if args.report:
-        write_json(args.report, encode_report(coded, runtime, model=args.model, refined=bool(args.refine)))
+        write_file(output, data)
+    if report:
+        write_json(report, encode_report(coded, runtime, model=model))
     share = coded.raw_bytes / len(data)
-    say(args, f"{args.output}: {len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s")
+    say(f"{output}: {len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s")
     if stats.reason:
-        say(args, f"mode {stats.mode}: {stats.reason}")
+        say(f"mode {stats.mode}: {stats.reason}")
     elif stats.mode == "free":
-        say(
-            args,
-            "mode free: Gaussians that belong to no pixels; --grid V,H,W and --cameras cameras.json say whose they are",
-        )
+        say("mode free: Gaussians that belong to no pixels; --grid V,H,W and --cameras cameras.json say whose they are")
 
 
-def _report_own(args: Namespace, coded: Encoded, decoded: Gaussians, psnr: float) -> None:
+def _report_own(say: Voice, coded: Encoded, count: int, psnr: float) -> None:
     """The line that `encode` ends with: what there is of what, and how like its own photos it looks."""
     scene, camera = coded.photos, coded.photos.cameras[0]
     say(
-        args, f"{len(scene.frames)} views of {camera.width}x{camera.height}, {decoded.count} Gaussians,"
-        f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {psnr:.1f} dB at its own photos",
-    )  # fmt: skip
+        f"{len(scene.frames)} views of {camera.width}x{camera.height}, {count} Gaussians,"
+        f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {psnr:.1f} dB at its own photos"
+    )
     if psnr < LOW_DB:
         known = "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
         cause = coded.doubts[0] if coded.doubts else known

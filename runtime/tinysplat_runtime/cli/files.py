@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import sys
-from argparse import Namespace
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..api import MAX_FILE_BYTES, Runtime
 from ..container.layout import MAGIC, SUFFIX
-from ..container.notes import NOTE_NAMES
 from ..container.records import Limits
 from ..errors import InputError, TinySplatError
 from ..gaussian.gaussians import Gaussians
@@ -20,53 +18,66 @@ from ..system.stopwatch import Stopwatch
 from .outputs import STANDARD, is_standard
 
 
-def file_limits(args: Namespace) -> Limits:
-    """What `--max-pixels` and `--max-memory` allow."""
-    default = Limits()
-    return Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
+@dataclass(frozen=True)
+class Reading:
+    """How files are read, by the options that commands share.
 
+    Attributes:
+        threads: None for all cores.
+        provider: onnxruntime's, as `--provider` has it.
+        limits: what a file may ask for.
+        max_bytes: decode from this many first bytes alone; None for all.
+        partial: decode what is intact, and say what is lost.
+        model: the network for a file of photos; None to find it by its hash.
+    """
 
-def is_in_part(args: Namespace) -> bool:
-    """Whether the file may end before its metadata says that it does."""
-    return args.max_bytes is not None or bool(args.partial)
+    threads: int | None
+    provider: str | None
+    limits: Limits
+    max_bytes: int | None
+    partial: bool
+    model: str | None
 
+    @property
+    def is_in_part(self) -> bool:
+        """Whether the file may end before its metadata says that it does."""
+        return self.max_bytes is not None or self.partial
 
-def limited_runtime(args: Namespace) -> Runtime:
-    """A runtime with the options that commands share."""
-    return Runtime(threads=args.threads, providers=providers_of(args.provider), limits=file_limits(args))
+    def runtime(self) -> Runtime:
+        """A runtime with these options."""
+        return Runtime(threads=self.threads, providers=providers_of(self.provider), limits=self.limits)
 
+    def decompress(self, file: str, data: bytes, watch: Stopwatch) -> Gaussians:
+        """Gaussians of a .tsplat file's bytes; errors name the file, and so does the line that says what is lost."""
+        lost: list[str] | None = [] if self.partial else None
+        try:
+            gaussians = self.runtime().decompress(
+                data, max_bytes=self.max_bytes, lost=lost, model=self.model, watch=watch
+            )
+        except TinySplatError as error:
+            raise error.within(file) from None
+        if lost:
+            print(f"{file}: lost {len(lost)} of its planes: {', '.join(lost)}", file=sys.stderr)
+        return gaussians
 
-def decompress_named(runtime: Runtime, data: bytes, args: Namespace, watch: Stopwatch) -> Gaussians:
-    """Gaussians of a .tsplat file's bytes; errors name `args.file`, and so does the line that says what is lost."""
-    lost: list[str] | None = [] if args.partial else None
-    try:
-        gaussians = runtime.decompress(data, max_bytes=args.max_bytes, lost=lost, model=args.model, watch=watch)
-    except TinySplatError as error:
-        raise error.within(args.file) from None
-    if lost:
-        print(f"{args.file}: lost {len(lost)} of its planes: {', '.join(lost)}", file=sys.stderr)
-    return gaussians
+    def load(self, file: str, watch: Stopwatch) -> Gaussians:
+        """The Gaussians of a file of any format that holds some; `-` is standard input."""
+        data = sys.stdin.buffer.read(MAX_FILE_BYTES) if file == STANDARD else None
+        if Path(file).suffix.lower() == SUFFIX or (data is not None and data.startswith(MAGIC)):
+            return self.decompress(file, read_limited(file, MAX_FILE_BYTES) if data is None else data, watch)
+        for option, value in (("--max-bytes", self.max_bytes), ("--partial", self.partial or None)):
+            if value is not None:
+                raise InputError(f"only .tsplat files can be decoded in part, not {file}", where=option)
+        from ..formats.table import load_gaussians  # every format there is, which a .tsplat file is none of
 
+        if data is None:
+            return load_gaussians(file)
+        import tempfile
 
-def load_any(args: Namespace, watch: Stopwatch) -> Gaussians:
-    """The Gaussians of `args.file`, of any format that holds some; `-` is standard input."""
-    data = sys.stdin.buffer.read(MAX_FILE_BYTES) if args.file == STANDARD else None
-    if Path(args.file).suffix.lower() == SUFFIX or (data is not None and data.startswith(MAGIC)):
-        data = read_limited(args.file, MAX_FILE_BYTES) if data is None else data
-        return decompress_named(limited_runtime(args), data, args, watch)
-    for option, value in (("--max-bytes", args.max_bytes), ("--partial", args.partial or None)):
-        if value is not None:
-            raise InputError(f"only .tsplat files can be decoded in part, not {args.file}", where=option)
-    from ..formats.table import load_gaussians  # every format there is, which a .tsplat file is none of
-
-    if data is None:
-        return load_gaussians(args.file)
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / f"standard input{_suffix_of(data)}"
-        copy.write_bytes(data)
-        return load_gaussians(copy)
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / f"standard input{_suffix_of(data)}"
+            copy.write_bytes(data)
+            return load_gaussians(copy)
 
 
 def _suffix_of(data: bytes) -> str:
@@ -95,16 +106,21 @@ def write_file(path: str, data: bytes) -> None:
     sys.stdout.buffer.flush()
 
 
-def say(args: Namespace, text: str) -> None:
-    """Print what a command has to say, unless `--quiet`; to standard error where the output is what goes to its own."""
-    if not args.quiet:
-        output = getattr(args, "output", None) or getattr(args, "html", None) or ""
-        print(text, file=sys.stderr if is_standard(output) else sys.stdout)
+@dataclass(frozen=True)
+class Voice:
+    """Prints what a command has to say, unless `quiet`; to standard error where its output goes to standard output."""
+
+    output: str
+    quiet: bool
+
+    def __call__(self, text: str) -> None:
+        """Say a line."""
+        if not self.quiet:
+            print(text, file=sys.stderr if is_standard(self.output) else sys.stdout)
 
 
-def noted(args: Namespace, gaussians: Gaussians) -> Gaussians:
-    """The Gaussians with what `--unit`, `--attribution` and `--licence` say, over what they said of themselves."""
-    given = {name: getattr(args, name) for name in NOTE_NAMES if getattr(args, name) is not None}
+def noted(gaussians: Gaussians, given: Mapping[str, str]) -> Gaussians:
+    """The Gaussians with notes by name, over what they said of themselves; errors name the option."""
     try:
         return gaussians.with_notes(replace(gaussians.notes, **given)) if given else gaussians
     except InputError as error:

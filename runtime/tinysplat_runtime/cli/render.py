@@ -18,7 +18,8 @@ from ..scene.cameras import Camera
 from ..scene.images import png_bytes
 from ..system.progress import progress
 from ..system.stopwatch import Stopwatch
-from .files import load_any, say, write_file
+from .files import write_file
+from .given import reading_of, voice_of
 from .outputs import STANDARD
 
 DEEPEST = 65535
@@ -36,7 +37,8 @@ def render(args: Namespace) -> None:
     if suffix == ".png" and args.path:
         raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
     watch = Stopwatch()
-    gaussians = load_any(args, watch)
+    reading = reading_of(args)
+    gaussians = reading.load(args.file, watch)
     # Loading compiled code takes longer than drawing one picture without it.
     compiled, is_video = (None, True) if suffix == ".mp4" else (False, False)
     renderer = Renderer(
@@ -47,12 +49,16 @@ def render(args: Namespace) -> None:
         with watch.stage("render"):
             image = renderer.render(camera, args.size, outputs=("depth",) if wants_depth else ("rgb",))
         if wants_depth:
-            image = depth_colours(image["depth"]) if args.depth_colours else _depth_map(args, image["depth"])
+            image = (
+                depth_colours(image["depth"])
+                if args.depth_colours
+                else depth_map(args.output, image["depth"], args.depth_scale)
+            )
         write_file(args.output, png_bytes(image))
     else:
         from ..render.video import write_video
 
-        path = _camera_path(args, gaussians)
+        path = _camera_path(gaussians, args.file, args.camera, args.path, args.frames)
         with watch.stage("render"):
             # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
             frames = (renderer.render(camera, args.size) for camera in path)
@@ -60,10 +66,10 @@ def render(args: Namespace) -> None:
     if args.report:
         from .reports import render_report, write_json
 
-        write_json(args.report, render_report(args, gaussians, watch))
+        write_json(args.report, render_report(args.file, reading, gaussians, watch))
     seconds = watch.seconds["render"]
     rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
-    say(args, f"{args.output}: {seconds:.3f} s{rate}")
+    voice_of(args)(f"{args.output}: {seconds:.3f} s{rate}")
 
 
 def depth_colours(depth: NDArray) -> NDArray:
@@ -75,14 +81,14 @@ def depth_colours(depth: NDArray) -> NDArray:
     return np.clip(1.5 - 3 * np.abs(t - (0.75, 0.5, 0.25)), 0, 1).astype(np.float32) * seen[..., None]
 
 
-def _depth_map(args: Namespace, depth: NDArray) -> NDArray:
-    """Depths z in scene units as (H, W) uint16 of z · `--depth-scale`, 0 where nothing is seen."""
-    scaled = np.rint(depth.astype(np.float64) * args.depth_scale)
+def depth_map(output: str, depth: NDArray, scale: float) -> NDArray:
+    """Depths z in scene units as (H, W) uint16 of z · scale, 0 where nothing is seen; says what reaches beyond."""
+    scaled = np.rint(depth.astype(np.float64) * scale)
     beyond = int((scaled > DEEPEST).sum())
     if beyond:
-        reach = DEEPEST / args.depth_scale
+        reach = DEEPEST / scale
         print(
-            f"{args.output}: {beyond} pixels deeper than {reach:g} units written as {reach:g}; a smaller --depth-scale"
+            f"{output}: {beyond} pixels deeper than {reach:g} units written as {reach:g}; a smaller --depth-scale"
             " reaches farther", file=sys.stderr,
         )  # fmt: skip
     return np.where(scaled > 0, scaled.clip(1, DEEPEST), 0).astype(np.uint16)
@@ -107,20 +113,20 @@ def _load_cameras(source: str) -> Sequence[Camera]:
     return load_cameras(source)
 
 
-def _camera_path(args: Namespace, gaussians: Gaussians) -> list[Camera]:
+def _camera_path(gaussians: Gaussians, file: str, camera: str | None, path: str | None, frames: int) -> list[Camera]:
     """Along the file's own views or those of `--camera`; around Gaussians without views, framed as `view` does it."""
-    source = (args.camera or "").rpartition(":")[0]
+    source = (camera or "").rpartition(":")[0]
     cameras = tuple(_load_cameras(source)) if source else gaussians.cameras
-    if args.camera and not source:
+    if camera and not source:
         raise InputError("a video takes all views, those of --camera cameras.json:INDEX", where="--camera")
-    if not cameras and args.path == "between":
+    if not cameras and path == "between":
         raise InputError(
-            f"{args.file} has no views to fly between; --path orbit, or --camera cameras.json:0", where="--path"
+            f"{file} has no views to fly between; --path orbit, or --camera cameras.json:0", where="--path"
         )
     views = cameras or (outside(gaussians),)
-    if args.path == "orbit" or not cameras:
-        return orbit(views, args.frames, _median_depth(gaussians, views[0]))
-    return between(views, args.frames)
+    if path == "orbit" or not cameras:
+        return orbit(views, frames, _median_depth(gaussians, views[0]))
+    return between(views, frames)
 
 
 def _median_depth(gaussians: Gaussians, camera: Camera) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +11,14 @@ from ..gaussian.gaussians import Gaussians
 from ..recipe.report import file_report
 from ..system.files import read_limited, write_atomically
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
-from .files import (
-    MAX_FILE_BYTES,
-    file_limits,
-    is_in_part,
-)
+from .files import MAX_FILE_BYTES, Reading
 
 
-def render_report(args: Namespace, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:
+def render_report(file: str, reading: Reading, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:
     """The report of `render`: the file's where it is a .tsplat one, or else what its Gaussians are."""
-    if Path(args.file).suffix.lower() == ".tsplat":
-        data = read_limited(args.file, MAX_FILE_BYTES)
-        return file_report(inspect_bytes(data, file_limits(args), is_prefix=is_in_part(args)), watch)
+    if Path(file).suffix.lower() == ".tsplat":
+        data = read_limited(file, MAX_FILE_BYTES)
+        return file_report(inspect_bytes(data, reading.limits, is_prefix=reading.is_in_part), watch)
     return {
         "gaussians": gaussians.count,
         "sh_degree": gaussians.degree,

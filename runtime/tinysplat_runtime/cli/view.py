@@ -28,7 +28,7 @@ from .files import MAX_FILE_BYTES
 
 def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
-    page = make_page(args)
+    page = make_page(args.file, args.cameras, args.photos)
     if args.html:
         text = page.whole().encode()
         write_atomically(args.html, text)
@@ -38,12 +38,12 @@ def view(args: Namespace) -> None:
     serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
 
 
-def make_page(args: Namespace) -> Page:
-    """The page of the file that `args` names."""
-    gaussians = _load(args.file)
-    cameras = list(gaussians.cameras) or (load_cameras(args.cameras) if args.cameras else [])
-    photos = _photos(load_scene(args.photos), cameras) if args.photos and cameras else {}
-    described = _described(args.file)
+def make_page(file: str, cameras_file: str | None, photos_of: str | None) -> Page:
+    """The page of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
+    gaussians = _load(file)
+    cameras = list(gaussians.cameras) or (load_cameras(cameras_file) if cameras_file else [])
+    photos = _photos(load_scene(photos_of), cameras) if photos_of and cameras else {}
+    described = _described(file)
     summary = f"{gaussians.count:,} Gaussians, SH degree {gaussians.degree}"
     if described:
         summary += f"; {described['bytes'] / 1000:.1f} KB, profile {described['profile']}"
@@ -53,7 +53,7 @@ def make_page(args: Namespace) -> Page:
     return build_page(
         gaussians,
         cameras,
-        title=Path(args.file).stem,
+        title=Path(file).stem,
         caption=_caption(len(gaussians.cameras), described),
         summary=summary,
         bytes_by_class=classes,

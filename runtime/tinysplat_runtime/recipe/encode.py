@@ -52,7 +52,7 @@ class Encoded:
         gaussians: what was coded, where they were to be kept: of large photos they take gigabytes.
         raw_bytes: of their arrays.
         stats: what coding measured, the seconds of all steps among it.
-        refinement: what refinement did.
+        refinement: what refinement did, if there was any.
         scene: the photos as the network had them, where there were some.
         doubts: what is likely wrong with the scene, a line each.
     """
@@ -61,7 +61,7 @@ class Encoded:
     gaussians: Gaussians | None
     raw_bytes: int
     stats: EncodeStats
-    refinement: RefineStats
+    refinement: RefineStats | None = None
     scene: Scene | None = None
     doubts: tuple[str, ...] = ()
 
@@ -119,8 +119,8 @@ def encode(
     with listener.working("coding"):
         photos = PhotoScene.of(scene, model, tools.store) if whole else None
         data = code(gaussians, coding, tools, photos=photos, stats=stats)
-    size = raw_bytes(gaussians)
-    return Encoded(data, gaussians if keep else None, size, stats, refined, scene, tuple(found))
+    kept, done = gaussians if keep else None, refined if request.refinement else None
+    return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, tuple(found))
 
 
 def encode_predicted(

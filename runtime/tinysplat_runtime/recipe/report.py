@@ -31,14 +31,13 @@ def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
     }
 
 
-def encode_report(coded: Encoded, tools: Tools, *, model: str | None, refined: bool) -> dict[str, Any]:
+def encode_report(coded: Encoded, tools: Tools, *, model: str | None) -> dict[str, Any]:
     """The report of `encode` and `compress`: the file's, and the error of each attribute.
 
     Args:
         coded: what came of coding, its Gaussians kept.
         tools: that coded.
         model: the network, for files of photos.
-        refined: whether Gaussians were to be refined.
     """
     assert coded.gaussians is not None
     # Gaussians of no pixels come back in another order, and not all of them.
@@ -48,7 +47,7 @@ def encode_report(coded: Encoded, tools: Tools, *, model: str | None, refined: b
         "clipped": coded.stats.clipped,
         "error_by_attribute": attribute_errors(coded.gaussians, decoded) if decoded else {},
         "reason": coded.stats.reason,
-        **({"refine": asdict(coded.refinement)} if refined else {}),
+        **({"refine": asdict(coded.refinement)} if coded.refinement else {}),
     }
 
 

@@ -1,0 +1,60 @@
+"""What a command line gives, as the values that commands work with: the last that knows of argparse."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import TYPE_CHECKING
+
+from ..container.layout import SUFFIX
+from ..container.records import Limits
+from ..recipe.request import NOTES
+from .files import Reading, Voice
+
+if TYPE_CHECKING:
+    from .convert import Selection, Writing
+
+
+def limits_of(args: Namespace) -> Limits:
+    """What `--max-pixels` and `--max-memory` allow."""
+    default = Limits()
+    return Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
+
+
+def reading_of(args: Namespace) -> Reading:
+    """How files are read."""
+    return Reading(args.threads, args.provider, limits_of(args), args.max_bytes, bool(args.partial), args.model)
+
+
+def voice_of(args: Namespace) -> Voice:
+    """Who says what a command has to say."""
+    return Voice(args.output, args.quiet)
+
+
+def notes_of(args: Namespace) -> dict[str, str]:
+    """What is said of the Gaussians, by name; an empty text takes back what they said of themselves."""
+    return {name: getattr(args, name) for name in NOTES if getattr(args, name) is not None}
+
+
+def selection_of(args: Namespace) -> Selection:
+    """Which Gaussians go out."""
+    from .convert import Selection
+
+    return Selection(args.views, args.dilate, args.trim_border, args.min_opacity, args.sh_degree)
+
+
+def writing_of(args: Namespace) -> Writing:
+    """How they are written; a .tsplat file is of the quality of the one that it comes from, if it comes from one."""
+    from .convert import Writing
+
+    reading, files = reading_of(args), getattr(args, "files", None) or [args.file]
+    has_quality = len(files) == 1 and files[0].lower().endswith(SUFFIX) and not reading.is_in_part
+    return Writing(
+        reading,
+        args.points,
+        args.sh_bits,
+        args.spz_version,
+        args.gltf_spz,
+        source=files[0] if has_quality else None,
+        turned=bool(getattr(args, "rotate", None)),
+        keeps_pixels=args.views is None and getattr(args, "scale", 1) == 1,
+    )
