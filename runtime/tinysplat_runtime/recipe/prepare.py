@@ -113,7 +113,7 @@ def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], Non
     return _matching(scene.views(chosen), str), "as asked" if wanted else why
 
 
-def _matching(scene: Scene, say: Callable[[str], None]) -> Scene:
+def _matching(scene: Scene, say: Callable[[str], object]) -> Scene:
     """A capture without photos that show nothing that others do; says so, and where it falls into several places."""
     if len(scene.frames) in ALL_VIEWS:
         return scene

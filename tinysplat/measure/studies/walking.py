@@ -23,7 +23,7 @@ from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
 
-from ..metrics import capped_psnr
+from ..metrics import psnr
 from ..pictures import Drawing
 from ..rows import Row
 from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean, said
@@ -63,7 +63,7 @@ class Capture:
     def psnr(self, pictures: Sequence[np.ndarray]) -> list[float]:
         """dB of pictures to the photos left out."""
         photos = (self.scene.frames[i].image() for i in self.targets)
-        return [capped_psnr(picture, photo) for picture, photo in zip(pictures, photos, strict=True)]
+        return [psnr(picture, photo) for picture, photo in zip(pictures, photos, strict=True)]
 
     @property
     def cameras(self) -> list[Camera]:
