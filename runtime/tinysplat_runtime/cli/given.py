@@ -11,7 +11,7 @@ from ..recipe.request import NOTES
 from .files import Reading, Voice
 
 if TYPE_CHECKING:
-    from .convert import Selection, Writing
+    from .written import Selection, Writing
 
 
 def limits_of(args: Namespace) -> Limits:
@@ -37,14 +37,14 @@ def notes_of(args: Namespace) -> dict[str, str]:
 
 def selection_of(args: Namespace) -> Selection:
     """Which Gaussians go out."""
-    from .convert import Selection
+    from .written import Selection
 
     return Selection(args.views, args.dilate, args.trim_border, args.min_opacity, args.sh_degree)
 
 
 def writing_of(args: Namespace) -> Writing:
     """How they are written; a .tsplat file is of the quality of the one that it comes from, if it comes from one."""
-    from .convert import Writing
+    from .written import Writing
 
     reading, files = reading_of(args), getattr(args, "files", None) or [args.file]
     has_quality = len(files) == 1 and files[0].lower().endswith(SUFFIX) and not reading.is_in_part
