@@ -63,7 +63,7 @@ def run(args: Namespace) -> None:
         if is_video:
             names = _frames(source, photos, args.frames, quiet=args.quiet)
         elif turned := upright_copies(source, names, photos):
-            _say(args, f"{source}: {len(turned)} of {len(names)} photos turned as their Exif orientation says")
+            _say(args.quiet, f"{source}: {len(turned)} of {len(names)} photos turned as their Exif orientation says")
         try:
             model = place(photos, names, Path(work), args.threads or -1, in_order=is_video, quiet=args.quiet)
         except InputError as error:
@@ -84,8 +84,8 @@ def run(args: Namespace) -> None:
         print(f"{output}: {len(placed)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
 
 
-def _say(args: Namespace, text: str) -> None:
-    if not args.quiet:
+def _say(quiet: bool, text: str) -> None:
+    if not quiet:
         print(text, file=sys.stderr)
 
 
