@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .codec.decoder import decode_gaussians
 from .codec.profiles import DEFAULT_PROFILE
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from .codec.encoder import EncodeStats
+    from .codec.parts import SceneFile
     from .graphs.enlarge import Enlarger
     from .recipe.request import CodingOptions, SceneOptions
     from .refine.stats import RefineStats
@@ -222,6 +223,7 @@ class Runtime:
         data: bytes,
         *,
         max_bytes: int | None = None,
+        views: Sequence[int] | None = None,
         lost: list[str] | None = None,
         model: str | None = None,
         watch: Stopwatch | None = None,
@@ -232,6 +234,7 @@ class Runtime:
             data: the whole file; with `max_bytes`, what there is of it.
             max_bytes: decode from this many first bytes alone: planes behind them are replaced by their stand-ins.
                 `inspect` lists useful numbers under `prefixes`.
+            views: decode these views alone, in this order, each as it is in the whole file; None for all.
             lost: give a list to decode what is intact of a damaged or cut file; it is filled with the names of the
                 planes that are not.
             model: the network for a file of photos, by path or name; None to find it among the artifacts by its hash.
@@ -239,7 +242,7 @@ class Runtime:
 
         Raises:
             FormatError: damaged, cut short, foreign, or beyond the limits; a prefix too short for any picture.
-            InputError: `data` is no bytes, or `max_bytes` is below 1.
+            InputError: `data` is no bytes, `max_bytes` is below 1, or `views` are not different views of the file.
             ModelError: the file carries photos, and the network that it names is not at hand.
         """
         _check_are_bytes(data)
@@ -251,10 +254,38 @@ class Runtime:
             threads=self.threads,
             limits=self.limits,
             max_bytes=max_bytes,
+            views=views,
             lost=lost,
             model=model,
             watch=watch,
         )
+
+    def open(
+        self, source: StrPath | IO[bytes], *, cache_bytes: int | None = None, model: str | None = None
+    ) -> SceneFile:
+        """A `.tsplat` file of which views are read and decoded as they are wanted, such as the four next to a camera.
+
+            with ts.open("https://example.org/house.tsplat") as file:
+                image = ts.render(file.near(camera), camera)
+
+        Args:
+            source: a path, an address that the package fsspec reaches, or an open binary file.
+            cache_bytes: most memory of decoded views that are kept; None for 1 GiB.
+            model: as for `decompress`.
+
+        Raises:
+            FormatError: damaged, foreign, or beyond the limits.
+            InputError: `source` cannot be read, or holds Gaussians of no pixels.
+        """
+        from .codec.parts import CACHE_BYTES, SceneFile, ranges_of
+
+        ranges, kept = ranges_of(source), CACHE_BYTES if cache_bytes is None else cache_bytes
+        options: dict[str, Any] = {"threads": self.threads, "limits": self.limits, "model": model}
+        try:
+            return SceneFile(ranges, self.store, cache_bytes=kept, **options)
+        except BaseException:
+            ranges.close()
+            raise
 
     def render(self, gaussians: Gaussians, camera: Camera, size: tuple[int, int] | None = None, **options: Any) -> Any:
         """See `tinysplat_runtime.render.render`, whose options these are."""
@@ -310,6 +341,7 @@ compress = _door(Runtime.compress)
 encode = _door(Runtime.encode)
 decompress = _door(Runtime.decompress)
 render = _door(Runtime.render)
+open = _door(Runtime.open)
 
 
 def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:

@@ -26,6 +26,7 @@ from tinysplat_runtime.codec.free.encoder import COLOUR_STEPS, LEAST_OPACITY, SP
 from tinysplat_runtime.codec.free.octree import cells_of, decode_points, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import from_plane, plane_shape, to_plane
 from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bodies import known_kinds
 from tinysplat_runtime.container.free import FREE, FREE_POINTS
 from tinysplat_runtime.container.planes import PLANE_KINDS
@@ -299,7 +300,7 @@ def test_damage_costs_the_planes_that_it_hits():
 
 
 def test_readers_that_do_not_know_the_sections_refuse_the_file_in_a_line():
-    known = known_kinds() - {FREE, FREE_POINTS}
+    known = {L.SCENE} | known_kinds() - {FREE, FREE_POINTS}
     with pytest.raises(FormatError, match=r"section FREE\[0\]: unknown and required; a newer reader is needed"):
         read_table(memoryview(coded(cloud(20))), known, PLANE_KINDS, is_prefix=False)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
+from dataclasses import replace
 
 from ..container.inspection import inspect_bytes
 from ..container.layout import SUFFIX
@@ -14,20 +15,20 @@ from ..recipe.report import file_report
 from ..system.stopwatch import Stopwatch
 from .describe import describe_gaussians, gaussians_text, info_text
 from .files import noted, read_file
-from .given import limits_of, notes_of, reading_of, selection_of, voice_of, writing_of
+from .given import described_limits_of, notes_of, reading_of, selection_of, voice_of, writing_of
 from .outputs import STANDARD
 from .reports import write_json
 
 
 def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
-    reading, watch = reading_of(args), Stopwatch()
+    reading, watch = replace(reading_of(args), views=args.views), Stopwatch()
     data = read_file(args.file)
     gaussians = noted(selection_of(args).of(reading.decompress(args.file, data, watch)), notes_of(args))
     with watch.stage("write"):
         writing_of(args).write(args.output, gaussians)
     if args.report:
-        described = inspect_bytes(data, reading.limits, is_prefix=reading.is_in_part)
+        described = inspect_bytes(data, is_prefix=reading.is_in_part)
         write_json(args.report, file_report(described, watch))
     voice_of(args)(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
 
@@ -40,7 +41,7 @@ def info(args: Namespace) -> None:
         return
     data = read_file(args.file)
     try:
-        described = inspect_bytes(data, limits_of(args))
+        described = inspect_bytes(data, described_limits_of(args))
     except TinySplatError as error:
         raise error.within(args.file) from None
     print(json.dumps(described, indent=2) if args.json else info_text(args.file, described))

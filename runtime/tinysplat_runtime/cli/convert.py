@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ def convert(args: Namespace) -> None:
     """Gaussian files to another format; several become one."""
     if args.check and args.points:
         raise InputError("given with --points, which writes no Gaussians to compare", where="--check")
-    reading, selection, parts = reading_of(args), selection_of(args), []
+    reading, selection, parts = replace(reading_of(args), views=args.views), selection_of(args), []
     for file in args.files:
         loaded = reading.load(file, Stopwatch())
         try:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import statistics
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..formats.table import find_format, load_gaussians
+
+MOST_LISTED = 12
+"""Views whose bytes `info` lists one by one."""
 
 
 def describe_gaussians(file: str) -> dict[str, Any]:
@@ -68,18 +73,35 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),
         f"{'metadata':9} {d['metadata_bytes']:8}  {d['metadata_bytes'] / total:6.1%}",
         "",
-        *(["view         bytes"] if d["views"] else []),
-        *(f"{view:<9} {n:8}" for view, n in enumerate(d["bytes_by_view"])),
-        *([""] if d["views"] else []),
+        *_view_lines(d["bytes_by_view"]),
         "layer plane       coding    QP         step    bytes",
         *(_plane_text(plane) for plane in d["planes"]),
         "",
         "a prefix of  adds",
-        *(f"{p['bytes']:11}  layer {p['layer']}: {', '.join(p['adds'])}" for p in d["prefixes"]),
+        *_prefix_lines(d["prefixes"]),
     ]
     if d["left_out"]:
         lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in d["left_out"])]
     return "\n".join(lines)
+
+
+def _view_lines(sizes: Sequence[int]) -> list[str]:
+    """Bytes by view; of many views, how they are spread."""
+    if not sizes:
+        return []
+    if len(sizes) <= MOST_LISTED:
+        return ["view         bytes", *(f"{view:<9} {n:8}" for view, n in enumerate(sizes)), ""]
+    low, middle, high = min(sizes), statistics.median_low(sizes), max(sizes)
+    spread = (("least", low), ("median", middle), ("most", high))
+    return ["views        bytes", *(f"{word:<9} {n:8}  view {sizes.index(n)}" for word, n in spread), ""]
+
+
+def _prefix_lines(prefixes: Sequence[dict[str, Any]]) -> list[str]:
+    """Useful prefixes; of files whose views are units, some that end with a view."""
+    if not prefixes or "views" not in prefixes[0]:
+        return [f"{p['bytes']:11}  layer {p['layer']}: {', '.join(p['adds'])}" for p in prefixes]
+    shown = sorted({0, *(len(prefixes) * part // 4 - 1 for part in (1, 2, 3, 4))} - {-1})
+    return [f"{prefixes[n]['bytes']:11}  views up to {n}" for n in shown]
 
 
 def _views_text(d: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from ..api import MAX_FILE_BYTES, Runtime
 from ..container.layout import MAGIC, SUFFIX
 from ..container.records import Limits
 from ..errors import InputError, TinySplatError
+from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.providers import providers_of
 from ..system.files import read_limited, write_atomically
@@ -29,6 +30,7 @@ class Reading:
         max_bytes: decode from this many first bytes alone; None for all.
         partial: decode what is intact, and say what is lost.
         model: the network for a file of photos; None to find it by its hash.
+        views: read these views alone; None for all.
     """
 
     threads: int | None
@@ -37,6 +39,7 @@ class Reading:
     max_bytes: int | None
     partial: bool
     model: str | None
+    views: Sequence[int] | None = None
 
     @property
     def is_in_part(self) -> bool:
@@ -52,7 +55,7 @@ class Reading:
         lost: list[str] | None = [] if self.partial else None
         try:
             gaussians = self.runtime().decompress(
-                data, max_bytes=self.max_bytes, lost=lost, model=self.model, watch=watch
+                data, max_bytes=self.max_bytes, views=self.views, lost=lost, model=self.model, watch=watch
             )
         except TinySplatError as error:
             raise error.within(file) from None
@@ -68,16 +71,25 @@ class Reading:
         for option, value in (("--max-bytes", self.max_bytes), ("--partial", self.partial or None)):
             if value is not None:
                 raise InputError(f"only .tsplat files can be decoded in part, not {file}", where=option)
-        from ..formats.table import load_gaussians  # every format there is, which a .tsplat file is none of
+        try:
+            loaded = _other_format(file, data)
+            return loaded if self.views is None else select_views(loaded, self.views)
+        except TinySplatError as error:
+            raise error.within(file) from None
 
-        if data is None:
-            return load_gaussians(file)
-        import tempfile
 
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / f"standard input{_suffix_of(data)}"
-            copy.write_bytes(data)
-            return load_gaussians(copy)
+def _other_format(file: str, data: bytes | None) -> Gaussians:
+    """The Gaussians of a file that is no .tsplat one, or of its bytes from standard input."""
+    from ..formats.table import load_gaussians  # every format there is, which a .tsplat file is none of
+
+    if data is None:
+        return load_gaussians(file)
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / f"standard input{_suffix_of(data)}"
+        copy.write_bytes(data)
+        return load_gaussians(copy)
 
 
 def _suffix_of(data: bytes) -> str:

@@ -20,6 +20,11 @@ def limits_of(args: Namespace) -> Limits:
     return Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
 
 
+def described_limits_of(args: Namespace) -> Limits:
+    """The same where a file is described and not decoded."""
+    return Limits.for_describing(args.max_pixels, args.max_memory)
+
+
 def reading_of(args: Namespace) -> Reading:
     """How files are read."""
     return Reading(args.threads, args.provider, limits_of(args), args.max_bytes, bool(args.partial), args.model)
@@ -39,7 +44,7 @@ def selection_of(args: Namespace) -> Selection:
     """Which Gaussians go out."""
     from .written import Selection
 
-    return Selection(args.views, args.dilate, args.trim_border, args.min_opacity, args.sh_degree)
+    return Selection(args.dilate, args.trim_border, args.min_opacity, args.sh_degree)
 
 
 def writing_of(args: Namespace) -> Writing:

@@ -74,7 +74,12 @@ def _limits() -> _Parser:
 
 def _selection() -> _Parser:
     selection = _Parser(add_help=False)
-    selection.add_argument("--views", type=indices, metavar="I,J", help="only the Gaussians of these views")
+    selection.add_argument(
+        "--views",
+        type=indices,
+        metavar="I,J-K",
+        help="only the Gaussians of these views, such as 0,3,10-20",
+    )
     selection.add_argument("--trim-border", type=count, metavar="PX", help="without the outermost pixels of each view")
     selection.add_argument("--min-opacity", type=float, metavar="A", help="only Gaussians of this opacity or more")
     selection.add_argument("--sh-degree", type=int, metavar="N", help="cut SH to this degree")

@@ -18,7 +18,7 @@ def render_report(file: str, reading: Reading, gaussians: Gaussians, watch: Stop
     """The report of `render`: the file's where it is a .tsplat one, or else what its Gaussians are."""
     if Path(file).suffix.lower() == ".tsplat":
         data = read_limited(file, MAX_FILE_BYTES)
-        return file_report(inspect_bytes(data, reading.limits, is_prefix=reading.is_in_part), watch)
+        return file_report(inspect_bytes(data, is_prefix=reading.is_in_part), watch)
     return {
         "gaussians": gaussians.count,
         "sh_degree": gaussians.degree,

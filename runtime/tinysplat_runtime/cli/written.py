@@ -13,7 +13,7 @@ from ..container.layout import SUFFIX
 from ..container.reader import read_container
 from ..errors import InputError
 from ..formats.table import save_gaussians, save_points
-from ..gaussian.editing import cut_degree, drop_transparent, select_views, trim_border
+from ..gaussian.editing import cut_degree, drop_transparent, trim_border
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
 from ..system.files import read_limited
@@ -26,14 +26,12 @@ class Selection:
     """Which Gaussians go out, and how wide.
 
     Attributes:
-        views: only those of these views; None for all.
         dilate: own pixels² that they are widened by; None for none.
         trim_border: without so many of the outermost pixels of each view.
         min_opacity: only those of this opacity or more.
         sh_degree: SH cut to this degree.
     """
 
-    views: Sequence[int] | None = None
     dilate: float | None = None
     trim_border: int | None = None
     min_opacity: float | None = None
@@ -41,8 +39,6 @@ class Selection:
 
     def of(self, gaussians: Gaussians) -> Gaussians:
         """What goes out of some Gaussians."""
-        if self.views is not None:
-            gaussians = select_views(gaussians, self.views)
         if self.dilate is not None:
             gaussians = widened(gaussians, self.dilate)
         if self.trim_border:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..container.reader import read_container
 from ..container.records import Limits
@@ -23,6 +23,7 @@ def decode_gaussians(
     limits: Limits | None = None,
     max_bytes: int | None = None,
     views: Sequence[int] | None = None,
+    units: Mapping[int, bytes] | None = None,
     lost: list[str] | None = None,
     model: str | None = None,
     watch: Stopwatch | None = None,
@@ -36,6 +37,7 @@ def decode_gaussians(
         limits: what to accept.
         max_bytes: decode from this many first bytes alone; `missing` says what stands in for the rest.
         views: decode these views alone, in this order; what is decoded is what it is in the whole file.
+        units: sections VIEW of those views, for `data` that holds the metadata alone.
         lost: decode what is intact of a damaged or cut file; filled with the names of the planes that are not, for
             which the same stands in. None refuses such a file.
         model: the network for a file of photos: a path, or a name in the manifest; None to find it by its hash.
@@ -56,7 +58,9 @@ def decode_gaussians(
         is_prefix = max_bytes is not None or lost is not None
         with part("metadata"):
             view, is_damaged = memoryview(data)[:max_bytes], lost is not None
-            container = read_container(view, limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views)
+            container = read_container(
+                view, limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views, units=units
+            )
         missing = cut_off_planes(container) if lost is None else damaged_planes(container)
         if lost is not None:
             lost += [f"view {view}" for view in container.absent]

@@ -16,7 +16,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
 
     Args:
         data: the whole file; with `is_prefix`, at least its metadata. What is described is always the whole file.
-        limits: what to accept; None for the defaults.
+        limits: what to accept; None for files of any size, as their metadata alone is read.
         is_prefix: accept bytes that end before the file does.
 
     Returns:
@@ -29,7 +29,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
     Raises:
         FormatError: damaged, cut short, foreign, or beyond the limits.
     """
-    container = read_container(data, limits, is_prefix=is_prefix)
+    container = read_container(data, limits or Limits.for_describing(), is_prefix=is_prefix)
     camera = container.cameras[0] if container.cameras else None
     own = container.body.describe()
     by_class, by_view = _bytes_by_class(container, own), _bytes_by_view(container, own)

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from operator import index
 
 import numpy as np
 
 from ..errors import FormatError, InputError
-from ..scene.cameras import MAX_POSITION
+from ..scene.cameras import MAX_POSITION, Camera
 from . import layout as L
 from .bodies import body_kind, known_kinds
 from .body import Container, Opened
 from .notes import MINOR, read_notes
 from .records import Limits
 from .sections import Cursor, Section, only, read_table, require
-from .units import READ_LATER, readable_views
+from .units import READ_LATER, check_units, readable_views
 
 _SHARED = frozenset({L.SCENE, *MINOR})
 """Sections that a file of any mode may have."""
@@ -83,9 +84,42 @@ def read_container(
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Outline:
+    """What a file whose views are units says of them all, before any is read.
+
+    Attributes:
+        cameras: one per view, of layer 0's size.
+        depth_limits: least and largest z of layer 0.
+        ranges: (first byte, length) of each view's section.
+    """
+
+    cameras: tuple[Camera, ...]
+    depth_limits: tuple[float, float]
+    ranges: tuple[tuple[int, int], ...]
+
+
+def read_outline(metadata: bytes | memoryview, limits: Limits | None = None) -> Outline:
+    """Parse and check the metadata of a file whose views are units; FormatError as `read_container`."""
+    view = memoryview(metadata)
+    _, _, sections = read_table(view, _SHARED | known_kinds(), READ_LATER, is_prefix=True)
+    view_count, layer_count, _, *origin, _ = Cursor(only(sections, L.SCENE)).unpack(L.SCENE_FIXED)
+    views = tuple(range(view_count))
+    opened = Opened(
+        only(sections, L.SCENE), sections, view_count, views, layer_count, np.array(origin), limits or Limits()
+    )
+    opened.check_counts()
+    height, width, *_, z_min, z_max, _, _ = Cursor(opened.only(L.LAYER)).unpack(L.LAYER_FIXED)
+    ranges = tuple((s.end - s.length, s.length) for s in check_units(opened))
+    return Outline(opened.cameras(height, width), (z_min, z_max), ranges)
+
+
 def check_views(views: Sequence[int], count: int) -> tuple[int, ...]:
     """Which views are asked for of so many; InputError unless they are different ones that there are."""
-    chosen = tuple(views)
+    try:
+        chosen = tuple(index(view) for view in views)
+    except TypeError:
+        raise InputError(f"{views!r:.60}, expected indices of views", where="views") from None
     if not chosen or len(set(chosen)) < len(chosen) or not all(0 <= view < count for view in chosen):
         raise InputError(f"{list(chosen)}, expected different views of 0 to {count - 1}", where="views")
     return chosen

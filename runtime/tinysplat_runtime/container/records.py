@@ -31,6 +31,11 @@ class Limits:
     max_views: int = MAX_VIEWS
     max_layers: int = 16
 
+    @classmethod
+    def for_describing(cls, max_pixels: int | None = None, max_memory_bytes: int | None = None) -> Limits:
+        """As many Gaussians and as much memory as any file states unless they are given: describing takes neither."""
+        return cls(max_pixels or 1 << 62, max_memory_bytes or 1 << 62)
+
 
 @dataclass(frozen=True)
 class StreamRef:

@@ -6,7 +6,7 @@ Part of the trust boundary of reader.py: no length is believed before it is comp
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -80,6 +80,45 @@ class Cursor:
             raise FormatError(f"{len(self.section.data) - self.at} bytes too many", where=self.section.label)
 
 
+def table_end(view: memoryview) -> int:
+    """Where the section table ends, of the file's first bytes, at least those of the header.
+
+    Raises:
+        FormatError: foreign, cut short, of an unknown version, or with more sections than a file may have.
+    """
+    if not L.MAGIC.startswith(view[: len(L.MAGIC)]):
+        raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
+    if not view:
+        raise FormatError("an empty file", where="header")
+    if len(view) < L.HEADER.size:
+        raise FormatError(f"needs {L.HEADER.size} bytes, there are {len(view)}: cut short", where="header")
+    _, major, minor, count, *_ = L.HEADER.unpack(view[: L.HEADER.size])
+    if major != L.MAJOR:
+        raise FormatError(f"format version {major}.{minor}, this reader knows {L.MAJOR}.x", where="header")
+    if count > L.MAX_SECTIONS:
+        raise FormatError(f"{count} sections do not fit in {len(view)} bytes: cut short?", where="section table")
+    return L.HEADER.size + count * L.TABLE_ROW.size
+
+
+def section_ranges(view: memoryview) -> list[tuple[bytes, int, int]]:
+    """(type, first byte, length) of every section, of bytes that hold header and table; FormatError where damaged."""
+    return [(kind, end - length, length) for kind, _, _, length, _, end in _rows(view)]
+
+
+def _rows(view: memoryview) -> Iterator[tuple[bytes, int, int, int, int, int]]:
+    """Type, flags, index, length, CRC and end of every section."""
+    end = table_end(view)
+    *_, count, _, crc = L.HEADER.unpack(view[: L.HEADER.size])
+    if end > len(view):
+        raise FormatError(f"{count} sections do not fit in {len(view)} bytes: cut short?", where="section table")
+    table = view[L.HEADER.size : end]
+    if crc32(table, crc32(view[: L.HEADER.size - 4])) != crc:
+        raise FormatError("CRC differs: the header was altered", where="header")
+    for kind, flags, index, length, section_crc in L.TABLE_ROW.iter_unpack(table):
+        end += length
+        yield kind, flags, index, length, section_crc, end
+
+
 def read_table(
     view: memoryview, known: Collection[bytes], planes: Collection[bytes], *, is_prefix: bool
 ) -> tuple[tuple[int, int], int, list[Section]]:
@@ -94,28 +133,11 @@ def read_table(
     Returns:
         Version, bytes of the whole file, and the known sections, the CRC of each checked but of `planes`.
     """
-    if not L.MAGIC.startswith(view[: len(L.MAGIC)]):
-        raise FormatError(f"not a .tsplat file (starts with {bytes(view[:8])!r})", where="header")
-    if not view:
-        raise FormatError("an empty file", where="header")
-    if len(view) < L.HEADER.size:
-        raise FormatError(f"needs {L.HEADER.size} bytes, there are {len(view)}: cut short", where="header")
-    _, major, minor, count, _, crc = L.HEADER.unpack(view[: L.HEADER.size])
-    if major != L.MAJOR:
-        raise FormatError(f"format version {major}.{minor}, this reader knows {L.MAJOR}.x", where="header")
-    end = L.HEADER.size + count * L.TABLE_ROW.size
-    if count > L.MAX_SECTIONS or end > len(view):
-        raise FormatError(f"{count} sections do not fit in {len(view)} bytes: cut short?", where="section table")
-    if crc32(view[L.HEADER.size : end], crc32(view[: L.HEADER.size - 4])) != crc:
-        raise FormatError("CRC differs: the header was altered", where="header")
-    sections = []
-    for row in range(count):
-        start = L.HEADER.size + row * L.TABLE_ROW.size
-        kind, flags, index, length, section_crc = L.TABLE_ROW.unpack(view[start : start + L.TABLE_ROW.size])
-        section = Section(kind, index, length, section_crc, end + length, view[end : end + length])
+    sections, end = [], table_end(view)
+    for kind, flags, index, length, crc, end in _rows(view):
+        section = Section(kind, index, length, crc, end, view[end - length : end])
         if len(section.data) != length and not is_prefix:
             raise FormatError(f"needs {length} bytes, {len(section.data)} remain: cut short", where=section.label)
-        end += length
         if kind in known:
             sections.append(section)
         elif flags & L.REQUIRED:
@@ -130,6 +152,7 @@ def read_table(
     for section in sections:
         if section.kind not in planes and crc32(section.data) != section.crc:
             raise FormatError("CRC differs: the bytes were altered", where=section.label)
+    _, major, minor, *_ = L.HEADER.unpack(view[: L.HEADER.size])
     return (major, minor), end, sections
 
 

@@ -55,9 +55,7 @@ class Units:
             FormatError: they are damaged, or sections VIEW are not each there once, in order and behind all others.
         """
         order, fields = _order(Cursor(file.only(L.UNITS)), file.layer_count), _fields(file)
-        units = [section for section in file.sections if section.kind == L.VIEW]
-        if [unit.index for unit in units] != list(range(file.views)) or list(file.sections[-len(units) :]) != units:
-            raise FormatError("views are not each there once, in order and behind all else", where="section VIEW")
+        units = check_units(file)
         wanted = tuple(units[view] for view in file.wanted)
         return cls(wanted, tuple(_head(section, order, fields) for section in wanted))
 
@@ -75,6 +73,14 @@ class Units:
         views = tuple(section.index for section in self.sections)
         data = tuple(section.data for section in self.sections)
         return UnitPictures(tuple(channels), sections=self.sections, views=views, units=data)
+
+
+def check_units(file: Opened) -> list[Section]:
+    """The sections VIEW; FormatError if they are not each there once, in order and behind all others."""
+    units = [section for section in file.sections if section.kind == L.VIEW]
+    if [unit.index for unit in units] != list(range(file.views)) or list(file.sections[-len(units) :]) != units:
+        raise FormatError("views are not each there once, in order and behind all else", where="section VIEW")
+    return units
 
 
 def readable_views(file: Opened, wanted: Sequence[int], *, is_damaged: bool) -> list[int]:

@@ -1,0 +1,266 @@
+"""A `.tsplat` file read in parts: its metadata once, and of its views those that are wanted.
+
+A walk through a capture of hundreds of views needs a few of them at a time. Of a file whose views are units
+(docs/FORMAT.md, "Views as units"), `SceneFile` reads the bytes of the wanted ones alone, decodes them, and keeps what
+was used last within a bound; other files are read as a whole. Bytes come from anything that gives ranges of them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Protocol
+
+import numpy as np
+
+from ..container.layout import VIEW
+from ..container.reader import check_views, read_outline
+from ..container.records import Limits
+from ..container.sections import section_ranges, table_end
+from ..errors import FormatError, InputError
+from ..gaussian.editing import select_views
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..graphs.inference import GraphStore
+from ..scene.cameras import Camera
+from ..scene.neighbours import view_places
+from ..system.files import StrPath, check_readable
+from .decoder import decode_gaussians
+
+FIRST_BYTES = 1 << 16
+"""Read at first: metadata of up to some 400 views in one request."""
+
+NEAR = 4
+"""Views that a picture is drawn from; of more, those farther away make it worse."""
+
+MAX_AT_ONCE = 1 << 31
+"""Most bytes of metadata, or of a file that is read as a whole."""
+
+CACHE_BYTES = 1 << 30
+"""Decoded views that are kept: some 40 of 256×256 pixels in two layers of SH degree 4."""
+
+
+class Ranges(Protocol):
+    """Where a file's bytes come from."""
+
+    def read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
+        """The bytes of each (first byte, length), fewer where the file ends before."""
+
+    def close(self) -> None:
+        """Let go of what is open."""
+
+
+class _FromFile:
+    """A binary file that can seek; closed with its reader only if that opened it."""
+
+    def __init__(self, file: IO[bytes], *, is_own: bool) -> None:
+        self._file, self._is_own = file, is_own
+
+    def read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
+        found = []
+        for start, length in ranges:
+            self._file.seek(start)
+            found.append(self._file.read(length))
+        return found
+
+    def close(self) -> None:
+        if self._is_own:
+            self._file.close()
+
+
+class _FromUrl:
+    """A file that fsspec reaches: http, s3, gs and others."""
+
+    def __init__(self, url: str) -> None:
+        try:
+            import fsspec
+        except ImportError:
+            raise InputError("an address is read by the package fsspec: pip install fsspec", where=url) from None
+        self._url = url
+        try:
+            self._files, self._path = fsspec.core.url_to_fs(url)
+        except (ImportError, ValueError) as error:
+            raise InputError(str(error).splitlines()[0], where=url) from None
+
+    def read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
+        starts, ends = [start for start, _ in ranges], [start + length for start, length in ranges]
+        try:
+            paths = [self._path] * len(ranges)
+            return [bytes(part) for part in self._files.cat_ranges(paths, starts, ends, on_error="raise")]
+        except Exception as error:  # of as many kinds as there are ways to reach a file
+            raise InputError(f"{type(error).__name__}: {error}".splitlines()[0], where=self._url) from None
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def ranges_of(source: StrPath | IO[bytes]) -> Ranges:
+    """Where to read bytes of a path, an address with `://`, or an open binary file.
+
+    Raises:
+        InputError: there is no such file, it cannot be read, or fsspec is missing for an address.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        if "://" in os.fspath(source):
+            return _FromUrl(os.fspath(source))
+        check_readable(source)
+        return _FromFile(Path(source).open("rb"), is_own=True)
+    if not (callable(getattr(source, "seek", None)) and callable(getattr(source, "read", None))):
+        raise InputError(f"{type(source).__name__}, expected a path, an address or an open binary file", where="source")
+    return _FromFile(source, is_own=False)
+
+
+class SceneFile:
+    """A file of which views are decoded as they are wanted; a context manager that closes what it opened.
+
+    Attributes:
+        cameras: one per view of the file.
+        bytes_read: so far.
+    """
+
+    def __init__(
+        self, source: Ranges, store: GraphStore, *, threads: int, limits: Limits | None = None,
+        model: str | None = None, cache_bytes: int = CACHE_BYTES,
+    ) -> None:  # fmt: skip
+        """Read the metadata.
+
+        Args:
+            source: the file's bytes.
+            store, threads, limits, model: as for `decode_gaussians`.
+            cache_bytes: most memory of decoded views that are kept; a call can take more for what it returns.
+
+        Raises:
+            FormatError: damaged, foreign or beyond the limits.
+        """
+        self._source, self._store, self._cache_bytes = source, store, cache_bytes
+        self._options: dict[str, Any] = {"threads": threads, "limits": limits, "model": model}
+        self.bytes_read = 0
+        self._cached: OrderedDict[int, Gaussians] = OrderedDict()
+        self._last: tuple[tuple[int, ...], Gaussians] | None = None
+        self._data, self._is_divided = self._metadata()
+        if self._is_divided:
+            outline = read_outline(self._data, limits)
+            self.cameras, self._depths, self._ranges = outline.cameras, outline.depth_limits, outline.ranges
+        else:
+            whole = decode_gaussians(self._data, store, **self._options)
+            if not whole.is_per_pixel:
+                raise InputError("a file whose Gaussians belong to no pixels has no views to choose from", where="file")
+            self.cameras, self._depths = whole.cameras, _depths(whole)
+            self._whole = whole
+
+    def __enter__(self) -> SceneFile:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file, and let go of decoded views."""
+        self._source.close()
+        self._cached.clear()
+        self._last = None
+
+    def views(self, indices: Sequence[int]) -> Gaussians:
+        """The Gaussians of some views, in this order, with their cameras.
+
+        Raises:
+            FormatError: a view is damaged, or the file ends before it.
+            InputError: they are not different views of the file.
+        """
+        wanted = check_views(indices, len(self.cameras))
+        if self._last is not None and self._last[0] == wanted:
+            return self._last[1]
+        if not self._is_divided:
+            found = select_views(self._whole, wanted)
+        else:
+            held = {view: self._cached[view] for view in wanted if view in self._cached}
+            missing = [view for view in wanted if view not in held]
+            held |= dict(zip(missing, self._decoded(missing), strict=True))
+            found = _joined([held[view] for view in wanted])
+            for view in wanted:
+                self._cached[view] = held[view]
+                self._cached.move_to_end(view)
+            self._shrink()
+        self._last = wanted, found
+        return found
+
+    def near(self, camera: Camera, count: int = NEAR) -> Gaussians:
+        """The Gaussians of the views nearest to a camera, those of least number first.
+
+        Places and directions count alike: d² = |c₁ − c₂|²/D² + |a₁ − a₂|², D the harmonic mean of the depths.
+
+        Raises:
+            InputError: a count below 1.
+        """
+        return self.views(self.nearest(camera, count))
+
+    def nearest(self, camera: Camera, count: int = NEAR) -> list[int]:
+        """Which views those are, rising; all where there are no more."""
+        if count < 1:
+            raise InputError(f"{count}, expected 1 or more", where="count")
+        places = view_places([*self.cameras, camera], *self._depths)
+        distances = np.square(places[:-1] - places[-1]).sum(axis=1)
+        return sorted(np.argsort(distances, kind="stable")[:count].tolist())
+
+    def _metadata(self) -> tuple[bytes, bool]:
+        """All bytes before the first view, and whether views are units; else the whole file."""
+        data = self._read([(0, FIRST_BYTES)])[0]
+        data = self._up_to(data, table_end(memoryview(data)))
+        ranges = section_ranges(memoryview(data))
+        first = next((start for kind, start, _ in ranges if kind == VIEW), None)
+        end = first if first is not None else sum(ranges[-1][1:]) if ranges else len(data)
+        if end > MAX_AT_ONCE:
+            raise FormatError(f"{end} bytes to read at once, at most {MAX_AT_ONCE}", where="section table")
+        data = self._up_to(data, end if first is not None else end + 1)  # a byte more: none may follow the last section
+        return (data[:end] if first is not None else data), first is not None
+
+    def _up_to(self, data: bytes, end: int) -> bytes:
+        return data if len(data) >= end else data + self._read([(len(data), end - len(data))])[0]
+
+    def _read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
+        found = self._source.read(ranges)
+        self.bytes_read += sum(map(len, found))
+        return found
+
+    def _decoded(self, views: Sequence[int]) -> list[Gaussians]:
+        """Each view by itself, so that what is let go of frees memory."""
+        found = []
+        parts = self._read([self._ranges[view] for view in views]) if views else []
+        for view, part in zip(views, parts, strict=True):
+            one = decode_gaussians(self._data, self._store, views=[view], units={view: part}, **self._options)
+            found.append(one)
+        return found
+
+    def _shrink(self) -> None:
+        total = sum(map(_bytes_of, self._cached.values()))
+        while self._cached and total > self._cache_bytes:
+            total -= _bytes_of(self._cached.popitem(last=False)[1])
+
+
+def _bytes_of(gaussians: Gaussians) -> int:
+    return sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
+
+
+def _depths(gaussians: Gaussians) -> tuple[float, float]:
+    """Least and largest z of layer 0 in front of its cameras."""
+    depths = []
+    for camera, means in zip(gaussians.cameras, gaussians.means, strict=True):
+        z = (means + (gaussians.origin - camera.centre)) @ camera.rotation[2]
+        depths += [z[z > 0].min(initial=np.inf), z.max()]
+    low, high = min(depths), max(depths)
+    return (float(low), float(high)) if 0 < low <= high < np.inf else (1.0, 1.0)
+
+
+def _joined(views: Sequence[Gaussians]) -> Gaussians:
+    """The views of one file as one object."""
+    if len(views) == 1:
+        return views[0]
+    layers = []
+    for parts in zip(*(view.layers for view in views), strict=True):
+        fields: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS}
+        cameras = tuple(camera for part in parts for camera in part.cameras)
+        layers.append(Gaussians.unchecked(**fields, cameras=cameras, origin=views[0].origin))
+    first = {**vars(layers[0]), "extra_layers": tuple(layers[1:]), "notes": views[0].notes}
+    return Gaussians.unchecked(**first)
