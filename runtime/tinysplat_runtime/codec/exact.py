@@ -95,7 +95,7 @@ def decode_exact(layer: ExactLayer, threads: int) -> tuple[NDArray, NDArray]:
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
         planes = np.stack(list(pool.map(decode, range(views * count)))).reshape(views, count, *shape)
-    if layer.sha256 and sha256(planes.tobytes()).digest() != layer.sha256:
+    if sha256(planes.tobytes()).digest() != layer.sha256:
         raise FormatError("SHA-256 of the planes differs: they are not those that were written", where="exact planes")
     if not np.isfinite(planes).all():
         raise FormatError("holds NaN or infinity", where="exact planes")

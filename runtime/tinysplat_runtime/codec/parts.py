@@ -25,15 +25,12 @@ from ..gaussian.editing import select_views
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
-from ..scene.neighbours import view_places
+from ..scene.neighbours import NEAR, nearest_views
 from ..system.files import StrPath, check_readable
 from .decoder import decode_gaussians
 
 FIRST_BYTES = 1 << 16
 """Read at first: metadata of up to some 400 views in one request."""
-
-NEAR = 4
-"""Views that a picture is drawn from; of more, those farther away make it worse."""
 
 MAX_AT_ONCE = 1 << 31
 """Most bytes of metadata, or of a file that is read as a whole."""
@@ -77,7 +74,7 @@ class _FromUrl:
         try:
             import fsspec
         except ImportError:
-            raise InputError("an address is read by the package fsspec: pip install fsspec", where=url) from None
+            raise InputError("fsspec reads addresses; pip install fsspec brings it", where=url) from None
         self._url = url
         try:
             self._files, self._path = fsspec.core.url_to_fs(url)
@@ -200,9 +197,8 @@ class SceneFile:
         """Which views those are, rising; all where there are no more."""
         if count < 1:
             raise InputError(f"{count}, expected 1 or more", where="count")
-        places = view_places([*self.cameras, camera], *self._depths)
-        distances = np.square(places[:-1] - places[-1]).sum(axis=1)
-        return sorted(np.argsort(distances, kind="stable")[:count].tolist())
+        near, far = self._depths
+        return nearest_views(self.cameras, camera, 2 / (1 / near + 1 / far), count)
 
     def _metadata(self) -> tuple[bytes, bool]:
         """All bytes before the first view, and whether views are units; else the whole file."""

@@ -130,7 +130,7 @@ class Body(ABC):
         mode: the name of the mode, as users say.
         kinds: types of sections that a file of the mode may have, beside SCEN and notes.
         signs: those of them that no other mode has.
-        is_divisible: views can be read one without another.
+        is_divisible: views can be decoded one without another, to the same bits.
         cameras: one per view; none where Gaussians belong to no pixels.
         pictures: of planes, where the mode has any.
     """

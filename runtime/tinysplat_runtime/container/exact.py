@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 from zlib import crc32
 
@@ -14,7 +14,7 @@ from ..errors import FormatError
 from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
 from . import layout as L
-from .body import Body, Description, Opened, Piece, calibration, camera_in, picked
+from .body import Body, Description, Opened, Piece, calibration, camera_in
 from .layers import intrinsics
 from .records import StreamRef, read_streams
 from .sections import Cursor, NewSection
@@ -36,11 +36,7 @@ def exact_plane_count(degree: int) -> int:
 
 @dataclass(frozen=True)
 class ExactLayer:
-    """A layer of exact planes of a file: its grid, and where its planes lie in `data`, views outermost.
-
-    Attributes:
-        sha256: of all planes; empty where some views were selected.
-    """
+    """A layer of exact planes of a file: its grid, and where its planes lie in `data`, views outermost."""
 
     cameras: tuple[Camera, ...]
     degree: int
@@ -69,13 +65,6 @@ class ExactLayer:
         """Gaussians of the layer."""
         return len(self.cameras) * self.height * self.width
 
-    def select(self, views: Sequence[int]) -> ExactLayer:
-        """The layer as if there were these views alone, whose planes have no hash of their own."""
-        rows = [self.streams[view * self.planes : (view + 1) * self.planes] for view in views]
-        streams = tuple(stream for row in rows for stream in row)
-        whole = list(views) == list(range(len(self.cameras)))
-        return replace(self, cameras=picked(self.cameras, views), streams=streams, sha256=self.sha256 if whole else b"")
-
     def payload(self, number: int) -> memoryview:
         """One plane's bytes; FormatError if its CRC differs."""
         return self.streams[number].checked(self.data, f"exact plane {number}")
@@ -99,7 +88,6 @@ class Exact(Body):
     mode: ClassVar[str] = "lossless"
     kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, EXACT, EXACT_PLANES})
     signs: ClassVar[frozenset[bytes]] = frozenset({EXACT, EXACT_PLANES})
-    is_divisible: ClassVar[bool] = True
 
     layers: tuple[ExactLayer, ...]
 
@@ -120,12 +108,6 @@ class Exact(Body):
                 raise FormatError(found, where=f"section EXAC[{index}]")
             layers.append(layer)
         return cls(cameras=file.cameras(layers[0].height, layers[0].width), layers=tuple(layers))
-
-    def select(self, views: Sequence[int]) -> Exact:
-        """The body as if there were these views alone."""
-        return replace(
-            self, cameras=picked(self.cameras, views), layers=tuple(layer.select(views) for layer in self.layers)
-        )
 
     def describe(self) -> Description:
         """Gaussians, and bytes by view."""

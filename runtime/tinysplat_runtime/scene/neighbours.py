@@ -28,6 +28,9 @@ from .frusta import points_seen, sees
 GROUP = 4
 """Photos that a network is given at a time: of more, the farther ones make surfaces worse, and all of them slower."""
 
+NEAR = 4
+"""Views that a picture is drawn from; of more, those farther away make it worse."""
+
 CANDIDATES = 12
 """Nearest photos of each that are looked at."""
 
@@ -128,6 +131,13 @@ def view_places(cameras: Sequence[Camera], near: float, far: float) -> NDArray:
     depth = 2 / (1 / near + 1 / far)
     centres = np.stack([camera.centre for camera in cameras]) / depth
     return np.concatenate([centres, np.stack([camera.rotation[2] for camera in cameras])], axis=1)
+
+
+def nearest_views(cameras: Sequence[Camera], camera: Camera, depth: float, count: int) -> list[int]:
+    """The views of least d from a camera, as many as are asked for or as there are, rising; D is `depth`."""
+    places = view_places([*cameras, camera], depth, depth)
+    distances = np.square(places[:-1] - places[-1]).sum(axis=1)
+    return sorted(np.argsort(distances, kind="stable")[:count].tolist())
 
 
 def grouped(neighbours: Neighbours, size: int = GROUP, least: int = 2) -> list[Group]:

@@ -3,7 +3,8 @@
 They are the classes whose price depends on the scene: depth's errors show where neighbours change places, opacity's
 where many faint surfaces lie behind each other. A few stripes are rendered from midway between the input views, once
 from the Gaussians as they are and once with them changed; the mean squared difference is what the error costs. Only
-Gaussians that reach a stripe take part, and their colours are evaluated for its camera once.
+Gaussians that reach a stripe take part, of many views those of the nearest, and their colours are evaluated for its
+camera once.
 
 A stripe shows more or less of what such errors do than the picture that it is of, mostly by its contrast. That is
 known everywhere, so the difference is scaled by it (a ratio estimate): on ten scenes two stripes then told what
@@ -18,11 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...container.units import MOST_TOGETHER
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.sh import C0, sh_basis
 from ...render import DEFINITION, Renderer, between
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
+from ...scene.neighbours import NEAR, nearest_views
 from ...system.threads import Crew
 from .blocks import SIDE
 
@@ -62,7 +65,7 @@ class Probe:
         threads: int,
     ) -> None:
         self._run = Crew(threads).map
-        chosen = _stripes(layers[0].cameras, stripes)
+        chosen = _stripes(layers[0].cameras, stripes, -1 / float(inverse[0].mean(dtype=np.float64)))
         with np.errstate(all="ignore"):  # numbers at float32's end are no reason to fail: what is not one shows as 0
             self._shots = self._run(lambda stripe: _Shot(layers, inverse, shown, stripe), chosen)
         here, whole = (sum(shot.shown[i] for shot in self._shots) for i in range(2))
@@ -98,11 +101,13 @@ class _Stripe:
         camera: of the stripe alone.
         first: row of the whole picture that it begins at.
         height: rows of the whole picture.
+        views: those whose Gaussians show in it.
     """
 
     camera: Camera
     first: int
     height: int
+    views: Sequence[int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +168,11 @@ class _Shot:
         return np.clip(np.nan_to_num(renderer.render(self._camera)), 0, 1)
 
 
-def _stripes(cameras: Sequence[Camera], count: int) -> list[_Stripe]:
-    """Crops of cameras midway between the views, spread over them; places follow the golden ratio over the frame."""
+def _stripes(cameras: Sequence[Camera], count: int, depth: float) -> list[_Stripe]:
+    """Crops of cameras midway between the views, spread over them; places follow the golden ratio over the frame.
+
+    Of more views than make one scene, those next to the camera are what is drawn; `depth` is the scene's.
+    """
     middles = between(cameras, 2 * len(cameras) - 1)[1::2] if len(cameras) > 1 else list(cameras)
     stripes = []
     for n in range(count):
@@ -173,7 +181,10 @@ def _stripes(cameras: Sequence[Camera], count: int) -> list[_Stripe]:
         first = int((0.5 + n * _GOLDEN) % 1 * (camera.height - rows))
         K = camera.K.copy()
         K[1, 2] -= first
-        stripes.append(_Stripe(Camera(K, camera.c2w, camera.width, rows), first, camera.height))
+        views: Sequence[int] = range(len(cameras))
+        if len(cameras) > MOST_TOGETHER:
+            views = nearest_views(cameras, camera, depth, NEAR)
+        stripes.append(_Stripe(Camera(K, camera.c2w, camera.width, rows), first, camera.height, views))
     return stripes
 
 
@@ -182,7 +193,8 @@ def _select(layer: Gaussians, inverse: NDArray, shown: NDArray, stripe: _Stripe)
     camera = stripe.camera
     rows = max(_PIXELS_AT_A_TIME // layer.opacities.shape[2], 1)
     at, sums = [], np.zeros(2)
-    for view, of_view in enumerate(shown):
+    for view in stripe.views:
+        of_view = shown[view]
         for first in range(0, len(of_view), rows):
             block = slice(first, first + rows)
             near, seen = _near(layer, view, block, stripe)
