@@ -71,8 +71,8 @@ class Reading:
         for option, value in (("--max-bytes", self.max_bytes), ("--partial", self.partial or None)):
             if value is not None:
                 raise InputError(f"only .tsplat files can be decoded in part, not {file}", where=option)
+        loaded = _other_format(file, data)
         try:
-            loaded = _other_format(file, data)
             return loaded if self.views is None else select_views(loaded, self.views)
         except TinySplatError as error:
             raise error.within(file) from None
