@@ -16,7 +16,8 @@ from tinysplat.batch.jobs import OPTIONS, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.cli.arguments import byte_count, count, positive
-from tinysplat_runtime.cli.options import add_coding, add_notes, add_photos, add_provider, given
+from tinysplat_runtime.cli.given import given
+from tinysplat_runtime.cli.options import add_coding, add_notes, add_photos, add_provider
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores

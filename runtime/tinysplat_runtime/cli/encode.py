@@ -23,8 +23,7 @@ from ..scene.scenes import Scene
 from ..system.progress import Show, progress, working
 from ..system.stopwatch import Stopwatch
 from .files import Voice, grid_option, noted, write_file
-from .given import notes_of, reading_of, voice_of
-from .options import coding_of, request_of
+from .given import coding_of, notes_of, reading_of, request_of, voice_of
 from .reports import write_json
 
 

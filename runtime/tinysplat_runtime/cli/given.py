@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from argparse import Namespace
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 from ..container.layout import SUFFIX
 from ..container.records import Limits
-from ..recipe.request import NOTES
+from ..errors import InputError
+from ..recipe.request import NOTES, Coding, CodingOptions, EncodeOptions, EncodeRequest
 from .files import Reading, Voice
 
 if TYPE_CHECKING:
@@ -63,3 +66,33 @@ def writing_of(args: Namespace) -> Writing:
         turned=bool(getattr(args, "rotate", None)),
         keeps_pixels=args.views is None and getattr(args, "scale", 1) == 1,
     )
+
+
+def given(args: Namespace, names: Any = EncodeOptions.__annotations__) -> dict[str, Any]:
+    """The options of `encode` that a command line gives, by name."""
+    found = {name: getattr(args, name, None) for name in names}
+    return {name: value for name, value in found.items() if value is not None and value is not False}
+
+
+def coding_of(args: Namespace) -> Coding:
+    """How `compress` is to code; InputError names the option at fault."""
+    with _named():
+        return Coding(**given(args, ("profile", "qp", "mode", *CodingOptions.__annotations__)))
+
+
+def request_of(args: Namespace) -> EncodeRequest:
+    """What `encode` is to do; InputError names the option at fault."""
+    with _named():
+        return EncodeRequest.of(args.scene, **given(args))
+
+
+@contextlib.contextmanager
+def _named() -> Iterator[None]:
+    """Fields of a request as the options that they came from."""
+    try:
+        yield
+    except InputError as error:
+        if error.where in EncodeOptions.__annotations__:
+            message = error.message.replace("given with ", "given with --", 1)
+            raise InputError(message, where=f"--{error.where.replace('_', '-')}") from None
+        raise

@@ -1,4 +1,4 @@
-"""The options of `encode`, `compress` and `batch` as argparse knows them, and the request that they make.
+"""The options of `encode`, `compress` and `batch` as argparse knows them.
 
 What an option may be and what it is by default stands in `recipe.request`: here they have words and help. One that is
 not given stays None, or False.
@@ -7,14 +7,9 @@ not given stays None, or False.
 from __future__ import annotations
 
 import argparse
-import contextlib
-from collections.abc import Iterator
-from typing import Any
 
 from ..codec.modes import CHOICES, DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES
-from ..errors import InputError
-from ..recipe.request import Coding, CodingOptions, EncodeOptions, EncodeRequest
 from .arguments import budget, byte_count, size_or_full, views
 
 
@@ -91,33 +86,3 @@ def add_provider(parser: argparse.ArgumentParser) -> None:
         "--provider", metavar="NAME[:KEY=VALUE,…]",
         help="onnxruntime's execution provider, such as CUDA, before the CPU's; `tinysplat doctor` lists them",
     )  # fmt: skip
-
-
-def given(args: argparse.Namespace, names: Any = EncodeOptions.__annotations__) -> dict[str, Any]:
-    """The options of `encode` that a command line gives, by name."""
-    found = {name: getattr(args, name, None) for name in names}
-    return {name: value for name, value in found.items() if value is not None and value is not False}
-
-
-def coding_of(args: argparse.Namespace) -> Coding:
-    """How `compress` is to code; InputError names the option at fault."""
-    with _named():
-        return Coding(**given(args, ("profile", "qp", "mode", *CodingOptions.__annotations__)))
-
-
-def request_of(args: argparse.Namespace) -> EncodeRequest:
-    """What `encode` is to do; InputError names the option at fault."""
-    with _named():
-        return EncodeRequest.of(args.scene, **given(args))
-
-
-@contextlib.contextmanager
-def _named() -> Iterator[None]:
-    """Fields of a request as the options that they came from."""
-    try:
-        yield
-    except InputError as error:
-        if error.where in EncodeOptions.__annotations__:
-            message = error.message.replace("given with ", "given with --", 1)
-            raise InputError(message, where=f"--{error.where.replace('_', '-')}") from None
-        raise
