@@ -71,11 +71,11 @@ def compact(field: MovableGaussians, rows: np.ndarray) -> np.ndarray:
 
 def found_gradient(
     gaussians: Gaussians, camera: Camera, photo: np.ndarray, threads: int = 2, order: str = "depth",
-    dilation: str = "own",
+    dilation: str = "own", near: Shares | None = None,
 ):  # fmt: skip
     field = MovableGaussians(gaussians, Crew(threads).map, dilation)
     gradient = np.zeros_like(field.values)
-    near = field.shares(camera) if order == "near" else None
+    near = field.shares(camera) if order == "near" else near
     error = field.measure(Target(camera, photo, 1.1, -0.02), shares=near, gradient=gradient)
     return error, compact(field, field.values).astype(np.float64), compact(field, gradient)
 
@@ -191,8 +191,11 @@ def crowded(seed: int = 3) -> tuple[Gaussians, Camera]:
 
 @pytest.mark.parametrize("order", ["near", "depth"])
 def test_gradients_are_those_of_the_torch_rasteriser(order: str) -> None:
-    """Which knows no own pixels, and near views first as one picture in front of another."""
+    """Which knows no own pixels, and of near views one as a picture in front of another."""
     gaussians, camera = crowded()
+    surface = np.zeros(gaussians.count)
+    surface[gaussians.opacities[0].size : 2 * gaussians.opacities[0].size] = 1
+    near = Shares(np.array([0.0, 1, 0]), np.ones(3)) if order == "near" else None
     if order == "near":  # thin, as a pixel that ends in front has nothing of the second picture
         layers = [dressed(layer, size=0.5, opacity=0.3) for layer in gaussians.layers]
         gaussians = replace(layers[0], extra_layers=tuple(layers[1:]))
@@ -200,7 +203,7 @@ def test_gradients_are_those_of_the_torch_rasteriser(order: str) -> None:
     c2w[0, 3] += 0.1  # from a photo's own place, what moves along its rays changes nothing
     camera = Camera(camera.K, c2w, camera.width, camera.height)
     photo = np.random.default_rng(1).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
-    _, values, found = found_gradient(gaussians, camera, photo, order=order, dilation="screen")
+    _, values, found = found_gradient(gaussians, camera, photo, dilation="screen", near=near)
     flat = gaussians.flat()
     leaf = torch.tensor(values, dtype=torch.float32, requires_grad=True)
     centres = np.concatenate(
@@ -218,7 +221,7 @@ def test_gradients_are_those_of_the_torch_rasteriser(order: str) -> None:
     opacities = torch.sigmoid(leaf[LOGIT])
     image, _ = render_torch(*splats[:3], opacities, *splats[3:])
     if order == "near":
-        share = torch.tensor(shares(gaussians, camera)[0], dtype=torch.float32)
+        share = torch.tensor(surface, dtype=torch.float32)
         front, left = render_torch(*splats[:3], share * opacities, *splats[3:])
         image = front + left[..., None] * image
     (1.1 * image - 0.02 - torch.tensor(photo)).abs().sum().backward()

@@ -107,20 +107,17 @@ def render_reference(
     colours = np.maximum(0.5 + np.einsum("nb,nbc->nc", basis, flat.sh.astype(np.float64)), 0)
 
     pixels = np.stack(np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5), axis=-1)
-    left, stopped = np.ones(pixels.shape[:2]), np.zeros(pixels.shape[:2], bool)
-    rgb, depth = np.zeros((*left.shape, 3)), np.zeros_like(left)
-    by_depth = np.argsort(points[:, 2], kind="stable")
-    drawn = [(i, 1.0) for i in by_depth]
+    front, whole = np.zeros_like(points[:, 2]), np.ones_like(points[:, 2])
     if order == "near":
-        share = shares(gaussians, camera) if share is None else share
-        drawn = [(i, of[i]) for of in share for i in by_depth]
-    for i, of_opacity in drawn:
+        front, whole = shares(gaussians, camera) if share is None else share
+    pictures = [Picture(pixels.shape[:2]) for _ in range(2)]
+    for i in np.argsort(points[:, 2], kind="stable"):
         z = points[i, 2]
-        if z <= near_plane:
+        if z <= near_plane or whole[i] == 0:
             continue
         to_pixels = jacobian(camera, points[i]) @ camera.rotation
         axes = to_pixels @ rotation_matrix(flat.quats[i].astype(np.float64)) * flat.scales[i].astype(np.float64)
-        opacity = of_opacity * flat.opacities[i]
+        opacity = whole[i] * flat.opacities[i]
         footprint = axes @ axes.T + 0.3 * np.eye(2)
         if own[i] > 0:
             pixel = max(own[i] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8)  # its width on the screen
@@ -133,12 +130,28 @@ def render_reference(
         inverse = np.linalg.inv(footprint)
         d = pixels - (camera.K @ points[i])[:2] / z
         alpha = np.minimum(0.99, opacity * np.exp(-0.5 * np.einsum("hwi,ij,hwj->hw", d, inverse, d)))
-        alpha = np.where((alpha < 1 / 255) | stopped, 0, alpha)
-        stopped |= left * (1 - alpha) < 1e-4
-        weight = np.where(stopped, 0, alpha * left)
-        rgb += weight[..., None] * colours[i]
-        depth += weight * z
-        left -= weight
+        alpha[alpha < 1 / 255] = 0
+        for picture, part in zip(pictures, (front[i] / whole[i], 1), strict=True):
+            picture.blend(part * alpha, colours[i], z)
+    before, behind = pictures
+    rgb, depth = (getattr(before, name) + (before.left.T * getattr(behind, name).T).T for name in ("rgb", "depth"))
+    left = before.left * behind.left
     alpha = 1 - left
     depth = np.divide(depth, alpha, out=np.zeros_like(depth), where=alpha > 0)
     return {"rgb": rgb + left[..., None] * np.asarray(background, np.float64), "depth": depth, "alpha": alpha}
+
+
+class Picture:
+    """What pixels have gathered."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.left, self.stopped = np.ones(shape), np.zeros(shape, bool)
+        self.rgb, self.depth = np.zeros((*shape, 3)), np.zeros(shape)
+
+    def blend(self, alpha: NDArray, colour: NDArray, z: float) -> None:
+        """Blend the next splat."""
+        self.stopped |= self.left * (1 - alpha) < 1e-4
+        weight = np.where(self.stopped, 0, alpha * self.left)
+        self.rgb += weight[..., None] * colour
+        self.depth += weight * z
+        self.left -= weight

@@ -120,4 +120,4 @@ def test_splats_that_fade_below_one_255th_are_not_drawn(opacity, shown):
     view = View.of(gaussians.cameras[0].resized(4, 4), gaussians.origin, 0.01)
     rows = project(block, view, (4, 4), splats)
     assert rows.size == shown
-    np.testing.assert_allclose(np.exp(splats.log_opacities[0, rows]), opacity / 16, rtol=1e-5)
+    np.testing.assert_allclose(np.exp(splats.log_opacities[rows]), opacity / 16, rtol=1e-5)

@@ -13,7 +13,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import Renderer, lists, render, renderer
 from tinysplat_runtime.render.prepare import parts, prepare
 from tinysplat_runtime.render.project import Splats, View, may_show, project, projected
-from tinysplat_runtime.render.tiles import FRONT, WHOLE, Grid, bands, depth_order, find_pairs, runs
+from tinysplat_runtime.render.tiles import Grid, bands, depth_order, find_pairs, runs
 from tinysplat_runtime.scene.cameras import Camera
 
 OUTPUTS = ("rgb", "depth", "alpha")
@@ -265,7 +265,7 @@ def test_splats_are_listed_for_the_tiles_that_they_cover_and_for_no_others():
     rng, grid, count = np.random.default_rng(3), Grid(61, 43), 40
     splats = Splats(count)
     covariances, centres = [], rng.uniform(-8, 68, (count, 2)) * [1, 0.7]
-    splats.log_opacities[WHOLE, :count] = log_opacities = np.log(rng.uniform(0.1, 1, count))
+    splats.log_opacities[:count] = log_opacities = np.log(rng.uniform(0.1, 1, count))
     for n in range(count):
         a = np.diag(np.exp(rng.uniform(-0.5, 2.2, 2)))
         turn = np.array([[np.cos(n), -np.sin(n)], [np.sin(n), np.cos(n)]])
@@ -275,7 +275,7 @@ def test_splats_are_listed_for_the_tiles_that_they_cover_and_for_no_others():
         factors = alpha_x, -alpha_x * sigma[0, 1] / sigma[1, 1], np.sqrt(0.5 / sigma[1, 1])
         splats.records[n, :5] = *centres[n], *factors
     order = rng.permutation(count)
-    pairs = find_pairs(splats, order, 0, grid, None, [WHOLE])
+    pairs = find_pairs(splats, order, 0, grid, None)
     listed = [set() for _ in range(count)]
     for tile in range(grid.count):
         batches = pairs.batches[pairs.bounds[tile] : pairs.bounds[tile + 1]].ravel()
@@ -300,8 +300,7 @@ def _needles(count, seed=3):
     splats.records[:count, 0], splats.records[:count, 1] = rng.uniform(-8, 68, count), rng.uniform(-8, 50, count)
     splats.records[:count, 2] = alpha_x = np.sqrt(c / (2 * (a * c - b * b)))
     splats.records[:count, 3], splats.records[:count, 4] = -alpha_x * b / c, np.sqrt(0.5 / c)
-    splats.log_opacities[WHOLE, :count] = np.log(rng.uniform(0.1, 1, count))
-    splats.log_opacities[FRONT, :count] = splats.log_opacities[WHOLE, :count] + rng.uniform(-8, 0, count)
+    splats.log_opacities[:count] = np.log(rng.uniform(0.1, 1, count))
     return splats
 
 
@@ -313,28 +312,19 @@ def _lists(splats, pairs):
 
 def test_bands_list_what_the_whole_picture_lists():
     splats, order, whole = _needles(500), np.random.default_rng(1).permutation(500), Grid(61, 43)
-    wanted = _lists(splats, find_pairs(splats, order, 0, whole, None, [WHOLE]))
+    wanted = _lists(splats, find_pairs(splats, order, 0, whole, None))
     found = []
     for first, rows in ((0, 3), (3, 1), (4, 7)):
         grid = Grid(61, min(4 * (first + rows), 43) - 4 * first)
-        found += _lists(splats, find_pairs(splats, order, first, grid, None, [WHOLE]))
+        found += _lists(splats, find_pairs(splats, order, first, grid, None))
     assert found == wanted and sum(map(len, found)) > 5000
-
-
-def test_what_is_drawn_in_front_is_listed_before_the_same_splats_as_they_are():
-    splats, order, grid = _needles(300), np.random.default_rng(1).permutation(300), Grid(61, 43)
-    both = _lists(splats, find_pairs(splats, order, 0, grid, None, [FRONT, WHOLE]))
-    whole = _lists(splats, find_pairs(splats, order, 0, grid, None, [WHOLE]))
-    shows = np.exp(splats.log_opacities[FRONT]) >= 1 / 255
-    assert both == [[n + 301 for n in tile if shows[n]] + tile for tile in whole]
-    assert 50 < shows[:300].sum() < 250
 
 
 def test_tiles_that_are_closed_take_no_splats():
     splats, order, grid = _needles(300), np.arange(300), Grid(61, 43)
     is_open = np.random.default_rng(2).random(grid.count) < 0.5
-    whole = _lists(splats, find_pairs(splats, order, 0, grid, None, [WHOLE]))
-    found = _lists(splats, find_pairs(splats, order, 0, grid, is_open, [WHOLE]))
+    whole = _lists(splats, find_pairs(splats, order, 0, grid, None))
+    found = _lists(splats, find_pairs(splats, order, 0, grid, is_open))
     assert found == [tile if takes else [] for tile, takes in zip(whole, is_open, strict=True)]
 
 

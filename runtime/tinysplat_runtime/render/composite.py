@@ -76,31 +76,42 @@ class Band:
     Attributes:
         first_row: of its tiles.
         grid: its tiles.
-        state: (tiles, 2 + 3 or 5, 16) float32: transmittance left to later splats (0 once the pixel has stopped),
+        planes: 2 + 3 or 5 of a picture: transmittance left to later splats (0 once the pixel has stopped),
             transmittance at which it stopped (0 before), red, green, blue, and Σ w·z and Σ w where depth is gathered.
-            A tile's numbers lie together because tiles come and go in any order.
+        state: (tiles, planes or 2·planes, 16) float32: the picture of everything, and the one before it, of what is
+            drawn in front, where there is any. A tile's numbers lie together because tiles come and go in any order.
     """
 
-    def __init__(self, first_row: int, grid: Grid, with_depth: bool) -> None:
-        self.first_row, self.grid, self.with_depth = first_row, grid, with_depth
-        planes = SUMS + N_COLOUR + (N_DEPTH if with_depth else 0)
-        self.state = np.zeros((grid.count, planes, PIXELS), np.float32)
+    def __init__(self, first_row: int, grid: Grid, with_depth: bool, has_front: bool) -> None:
+        self.first_row, self.grid, self.with_depth, self.has_front = first_row, grid, with_depth, has_front
+        self.planes = SUMS + N_COLOUR + (N_DEPTH if with_depth else 0)
+        self.state = np.zeros((grid.count, self.planes * (1 + has_front), PIXELS), np.float32)
         # pixels of the last tiles that lie outside the image start out stopped
         y, x = np.arange(grid.rows * TILE_HEIGHT) < grid.height, np.arange(grid.columns * TILE_WIDTH) < grid.width
         inside = (y[:, None] & x).reshape(grid.rows, TILE_HEIGHT, grid.columns, TILE_WIDTH)
-        self.state[:, LEFT] = inside.swapaxes(1, 2).reshape(grid.count, PIXELS)
+        self.state[:, LEFT :: self.planes] = inside.swapaxes(1, 2).reshape(grid.count, 1, PIXELS)
 
     def open_tiles(self) -> NDArray:
         """(tiles,) bool: those with a pixel that has not stopped."""
-        return self.state[:, LEFT].max(axis=-1) > 0
+        return self.state[:, LEFT :: self.planes].max(axis=(1, 2)) > 0
 
     def write(self, canvas: Canvas) -> None:
         """Hand over what was gathered."""
         rows = slice(self.first_row * TILE_HEIGHT, self.first_row * TILE_HEIGHT + self.grid.height)
-        canvas.colour[rows] = self._image(slice(SUMS, SUMS + N_COLOUR))
-        canvas.left[rows] = self._image(slice(LEFT, STOPPED + 1)).max(axis=-1)
+        left, sums = self._picture(0)
+        if self.has_front:
+            through, before = self._picture(self.planes)
+            left *= through
+            sums *= through[..., None]
+            sums += before
+        canvas.colour[rows], canvas.left[rows] = sums[..., :N_COLOUR], left
         if self.with_depth:
-            canvas.depth[:, rows] = np.moveaxis(self._image(slice(SUMS + N_COLOUR, None)), -1, 0)
+            canvas.depth[:, rows] = np.moveaxis(sums[..., N_COLOUR:], -1, 0)
+
+    def _picture(self, first: int) -> tuple[NDArray, NDArray]:
+        """(h, w) transmittance and (h, w, 3 or 5) sums of the picture whose planes begin there."""
+        left = self._image(slice(first + LEFT, first + STOPPED + 1)).max(axis=-1)
+        return left, self._image(slice(first + SUMS, first + self.planes))
 
     def _image(self, planes: slice) -> NDArray:
         """Planes of the state as an image (h, W, planes)."""
@@ -123,6 +134,7 @@ class Workspace:
         # numpy has no fast path for the minimum of an array and a number
         self.max_change = np.full(GROUP, MAX_CHANGE)
         self.max_alpha = np.full(GROUP, ALPHA_MAX)
+        self.fronts = np.empty(BATCH * PIXELS * GROUP, np.float32)
         self.shows = np.empty(BATCH * PIXELS * GROUP, np.bool_)
 
 
@@ -161,15 +173,18 @@ def composite(band: Band, splats: Splats, pairs: Pairs, tiles: NDArray, work: Wo
         with part("blend: picking records"):
             planes = _planes(splats, ids, work)
         with part("blend: alphas"):
-            weights = _alphas(planes, splats.log_opacities.reshape(-1).take(ids), lists.x[:n], lists.y[:n], work)
+            fronts = splats.fronts.take(ids) if band.has_front else None
+            weights, before = _alphas(planes, splats.log_opacities.take(ids), fronts, lists.x[:n], lists.y[:n], work)
         tally_nonzero("alphas above 1/255", weights)
         depths = splats.depths.take(ids, mode="wrap") if band.with_depth else None
         with part("blend: sums"):
-            some_stopped = _blend(state[:, :, :n], weights, planes[RED : BLUE + 1], depths)
+            some_stopped = _blend(state[: band.planes, :, :n], weights, planes[RED : BLUE + 1], depths)
+            if before is not None:
+                some_stopped |= _blend(state[band.planes :, :, :n], before, planes[RED : BLUE + 1], depths)
         done += 1
         at_work = lists.lengths > done
         if some_stopped:
-            at_work &= state[LEFT].any(axis=0)
+            at_work &= state[LEFT :: band.planes].any(axis=(0, 1))
         if 4 * np.count_nonzero(at_work) < 3 * at_work.size:  # dropping tiles costs about as much as a step
             leaving = ~at_work
             band.state[tiles.compress(leaving)] = np.ascontiguousarray(
@@ -183,7 +198,7 @@ def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:
     """(8, BATCH, n) records of the splats `ids`, planar.
 
     Picking whole records and turning them over takes half the time of picking from eight arrays, as it misses the
-    cache once where they miss it eight times. A splat and what of it is drawn in front have one record.
+    cache once where they miss it eight times.
     """
     records = splats.records.take(ids.reshape(-1), axis=0, out=work.records[: ids.size], mode="wrap")
     planes = work.planes[: records.size].reshape(RECORD, ids.size)
@@ -191,8 +206,10 @@ def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:
     return planes.reshape(RECORD, *ids.shape)
 
 
-def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: NDArray, work: Workspace) -> NDArray:
-    """Alphas of splats at the pixels of their tiles, 0 where under 1/255.
+def _alphas(
+    planes: NDArray, log_opacities: NDArray, fronts: NDArray | None, first_x: NDArray, first_y: NDArray, work: Workspace
+) -> tuple[NDArray, NDArray | None]:
+    """Alphas of splats at the pixels of their tiles, 0 where under 1/255, and the shares of them in front.
 
     The exponent E = ln o − (αx·dx + βx·dy)² − (γ·dy)² is quadratic in dy. From one row of pixels to the next it
     changes by D, and D itself by a constant; so exp(E) of the later rows follows from the first by multiplication, and
@@ -202,12 +219,13 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
     Args:
         planes: (8, BATCH, n) records.
         log_opacities: (BATCH, n).
+        fronts: (BATCH, n) shares of alphas that are drawn in front; None where there are none.
         first_x: (n,) centre of each tile's first column of pixels.
         first_y: (n,) centre of its first row.
         work: holds the result until the next call.
 
     Returns:
-        (BATCH, 16, n) float32.
+        (BATCH, 16, n) float32 each.
     """
     n = planes.shape[-1]
     x, y, alpha_x, beta_x, gamma = planes[: GAMMA + 1]
@@ -238,7 +256,10 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
         np.minimum(alphas, work.max_alpha[:n], out=alphas)
     shows = np.greater_equal(alphas, ALPHA_MIN, out=work.shows[: alphas.size].reshape(alphas.shape))
     np.multiply(alphas, shows, out=alphas)  # ten times as fast as any masked assignment
-    return alphas.reshape(BATCH, PIXELS, n)
+    alphas = alphas.reshape(BATCH, PIXELS, n)
+    if fronts is None or not fronts.any():
+        return alphas, None
+    return alphas, np.multiply(alphas, fronts[:, None], out=work.fronts[: alphas.size].reshape(alphas.shape))
 
 
 def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray | None) -> bool:

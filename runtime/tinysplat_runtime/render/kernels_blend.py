@@ -47,9 +47,12 @@ PLANES = 5
 
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES  # a vector may begin at any pixel, so that it may end beyond the tile
-_ROW = PLANES * _STRIDE
-STATE = TILE_HEIGHT * _ROW
+ROW = 2 * PLANES * _STRIDE
+"""Floats of a row of a tile: of the picture of everything, and of the one in front of it."""
+
+STATE = TILE_HEIGHT * ROW
 _RED, _GREEN, _BLUE, _DEPTH = (_I(plane * _STRIDE) for plane in range(1, PLANES))
+_FRONT = _I(PLANES * _STRIDE)
 _ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
 _HALF, _MARGIN, _ZERO = _F(0.5), _F(MARGIN_PX), _F(0)
 
@@ -214,9 +217,8 @@ def composite_tile(
     state = work.state
     blend_tile(records, rows, listed, extent, work, has_front)
     for line in range(extent.rows):
-        row = extent.row + line
         for lane in range(extent.columns):
-            at, column = line * _ROW + lane, extent.column + lane
+            at, row, column = line * ROW + lane, extent.row + line, extent.column + lane
             picture.left[row, column] = abs(state[at])
             for channel in range(3):
                 picture.colour[row, column, channel] = state[at + (1 + channel) * _STRIDE]
@@ -227,7 +229,7 @@ def composite_tile(
 @compiled
 def blend_tile(
     records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, has_front: bool
-) -> tuple[NDArray, tuple[Number, Number]]:
+) -> tuple[NDArray, Number]:
     """Blend a tile's splats in its state.
 
     Args:
@@ -236,38 +238,53 @@ def blend_tile(
         listed: the tile's list.
         extent: where it lies.
         work: the thread's.
-        has_front: whether splats are blended twice: with a share of their opacity, whose logarithm is the last number
-            of their records, and after all of those as they are.
+        has_front: whether a second picture, of shares of splats' alphas, the last numbers of their records, comes
+            before that of everything. Both are made in one walk, as most of what a splat takes, it takes once.
 
     Returns:
-        The sorted list, and how many of it were looked at as a share, and as a whole.
+        The sorted list, and how many of it were looked at.
     """
     state, near = work.state, work.near
-    state[:] = 0
-    for line in range(extent.rows):
-        state[line * _ROW : line * _ROW + extent.columns] = 1
+    _clear(state, extent)
     keys = sort_by_depth(listed.keys, listed.scratch, work.histogram)
-    drawn = 0, 0
-    for is_whole in range(1 - has_front, 2):
-        count = 0
-        while count < keys.size and (count == 0 or is_open(state)):
-            end = min(count + AHEAD, keys.size)
-            bring_near(records, rows, keys[count:end], is_whole, near)
-            for entry in range(end - count):
-                if near[entry, LOG_OPACITY] >= _LOG_ALPHA_MIN:
-                    blend_splat(near[entry], extent, state)
-            count = end
-        drawn = (drawn[0], count) if is_whole else (count, 0)
-    return keys, drawn
+    count = 0
+    while count < keys.size and (count == 0 or is_open(state) or (has_front and is_open(state[_FRONT:]))):
+        end = min(count + AHEAD, keys.size)
+        bring_near(records, rows, keys[count:end], near)
+        for entry in range(end - count):
+            blend_splat(near[entry], extent, state, has_front and near[entry, LAST] > _ZERO)
+        count = end
+    if has_front:
+        _put_together(state, extent)
+    return keys, count
 
 
 @compiled
-def bring_near(records: NDArray, rows: NDArray, keys: NDArray, is_whole: Number, near: NDArray) -> None:
-    """Copy what is to be blended next, with the share of its opacity that is drawn in front or its whole."""
+def _put_together(state: NDArray, extent: Extent) -> None:
+    """Put the picture in front before that of everything."""
+    for line in range(extent.rows):
+        for lane in range(extent.columns):
+            at = _I(line * ROW + lane)
+            through = abs(state[at + _FRONT])
+            state[at] = through * abs(state[at])
+            for plane in (_RED, _GREEN, _BLUE, _DEPTH):
+                state[at + plane] = state[at + plane + _FRONT] + through * state[at + plane]
+
+
+@compiled
+def _clear(state: NDArray, extent: Extent) -> None:
+    """A tile that nothing is drawn in."""
+    state[:] = 0
+    for line in range(extent.rows):
+        for start in (line * ROW, line * ROW + int(_FRONT)):
+            state[start : start + extent.columns] = 1
+
+
+@compiled
+def bring_near(records: NDArray, rows: NDArray, keys: NDArray, near: NDArray) -> None:
+    """Copy what is to be blended next."""
     for entry in range(keys.size):
         near[entry] = records[rows[keys[entry] & _I(0xFFFFFFFF)]]
-        if not is_whole:
-            near[entry, LOG_OPACITY] += near[entry, LAST]
 
 
 @compiled
@@ -275,14 +292,14 @@ def is_open(state: NDArray) -> bool:
     """Whether any pixel of a tile still lets something through."""
     for row in range(TILE_HEIGHT):
         for column in range(TILE_WIDTH):
-            if state[row * _ROW + column] > _ZERO:
+            if state[row * ROW + column] > _ZERO:
                 return True
     return False
 
 
 @compiled
-def blend_splat(splat: NDArray, extent: Extent, state: NDArray) -> None:
-    """Blend one splat into a tile."""
+def blend_splat(splat: NDArray, extent: Extent, state: NDArray, in_front: bool) -> None:
+    """Blend one splat into a tile, and its share into what is drawn in front."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
     colour = splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
@@ -296,10 +313,14 @@ def blend_splat(splat: NDArray, extent: Extent, state: NDArray) -> None:
                 continue
             left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, extent.columns)
         # Unsigned, as a signed index might be negative and count from the end, which no vector can.
-        start = _I((row - extent.row) * _ROW)
+        start = _I((row - extent.row) * ROW)
         for column in range(left, right + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
-            _blend_lanes(state, start + _I(column), across, alpha_x, log_opacity - fall, colour)
+            at, exponent = start + _I(column), log_opacity - fall
+            if in_front:
+                _blend_lanes_twice(state, at, across, alpha_x, exponent, splat[LAST], colour)
+            else:
+                _blend_lanes(state, at, across, alpha_x, exponent, colour)
 
 
 @compiled
@@ -335,28 +356,45 @@ def quick_exp(x: Number) -> Number:
     return (p * r * r + r + _F(1)) * np.int32(biased << np.int32(23)).view(np.float32)
 
 
+Colour = tuple[Number, Number, Number, Number]  # and depth
+
+
 @compiled
 def _blend_lanes(
-    pixels: NDArray,
-    start: Number,
-    across: Number,
-    alpha_x: Number,
-    exponent: Number,
-    colour: tuple[Number, Number, Number, Number],
+    pixels: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, colour: Colour
 ) -> None:
     """Blend one splat into the eight pixels whose planes begin at `start`; free of branches, so that it vectorises."""
-    red, green, blue, depth = colour
     for lane in range(LANES):
-        at = start + _I(lane)
         u = across + alpha_x * _F(lane)
-        alpha = min(quick_exp(max(exponent - u * u, _F(-80))), _ALPHA_MAX)
-        before = pixels[at]
-        weight = alpha * max(before, _ZERO) if alpha >= _ALPHA_MIN else _ZERO
-        after = before - weight
-        stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
-        weight = _ZERO if stops else weight
-        pixels[at] = -before if stops else after
-        pixels[at + _RED] += weight * red
-        pixels[at + _GREEN] += weight * green
-        pixels[at + _BLUE] += weight * blue
-        pixels[at + _DEPTH] += weight * depth
+        full = quick_exp(max(exponent - u * u, _F(-80)))
+        alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
+        _blend_pixel(pixels, start + _I(lane), alpha, colour)
+
+
+@compiled
+def _blend_lanes_twice(
+    pixels: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, share: Number, colour: Colour
+) -> None:
+    """Blend all of it, and its share into the pixels in front."""
+    for lane in range(LANES):
+        u = across + alpha_x * _F(lane)
+        full = quick_exp(max(exponent - u * u, _F(-80)))
+        alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
+        _blend_pixel(pixels, start + _I(lane), alpha, colour)
+        _blend_pixel(pixels, start + _I(lane) + _FRONT, share * alpha, colour)
+
+
+@compiled
+def _blend_pixel(pixels: NDArray, at: Number, alpha: Number, colour: Colour) -> None:
+    """Blend an alpha into a pixel."""
+    red, green, blue, depth = colour
+    before = pixels[at]
+    weight = alpha * max(before, _ZERO)
+    after = before - weight
+    stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
+    weight = _ZERO if stops else weight
+    pixels[at] = -before if stops else after
+    pixels[at + _RED] += weight * red
+    pixels[at + _GREEN] += weight * green
+    pixels[at + _BLUE] += weight * blue
+    pixels[at + _DEPTH] += weight * depth

@@ -21,6 +21,7 @@ from .kernels_blend import (
     AHEAD,
     LANES,
     PLANES,
+    ROW,
     TILE_WIDTH,
     Extent,
     Listed,
@@ -39,12 +40,14 @@ from .kernels_project import (
     CHUNK,
     GAMMA,
     GREEN,
+    LAST,
     LOG_OPACITY,
     MEAN,
     OPACITY,
     OWN_PIXEL,
     REACH,
     RED,
+    Number,
     X,
     Y,
     compiled,
@@ -77,7 +80,6 @@ ABSOLUTE, SQUARED, BY_GAIN, BY_OFFSET, KNOWN = range(SUMS)
 
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
-_ROW = PLANES * _STRIDE
 _RED, _GREEN, _BLUE, _BEHIND = (_I(plane * _STRIDE) for plane in range(1, PLANES))
 _ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
 _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
@@ -147,21 +149,35 @@ def measure_tile(
         pairs: (pairs, 9) float32, written at the tile's places; (0, 9) where none are wanted.
     """
     state, near = work.state, work.near
-    keys, drawn = blend_tile(records, rows, listed, extent, work, has_front)
+    keys, count = blend_tile(records, rows, listed, extent, work, has_front)
     _compare(state, sought, extent, sums)
     if not pairs.size:
         return
     for key in keys:
         pairs[key & _I(0xFFFFFFFF)] = 0
     for is_whole in range(1 - has_front, 2):
-        count = drawn[is_whole]
         for start in range(0, count, AHEAD):
             end = min(start + AHEAD, count)
-            bring_near(records, rows, keys[start:end], is_whole, near)
+            bring_near(records, rows, keys[start:end], near)
             for entry in range(end - start):
-                if near[entry, LOG_OPACITY] >= _LOG_ALPHA_MIN:
+                share = _ONE if is_whole else near[entry, LAST]
+                if share > _ZERO:
                     pair = keys[start + entry] & _I(0xFFFFFFFF)
-                    _walk(near[entry], extent, state, pairs[pair])
+                    _walk(near[entry], share, extent, state, pairs[pair])
+        if not is_whole:
+            _go_behind(state, extent)
+
+
+@compiled
+def _go_behind(state: NDArray, extent: Extent) -> None:
+    """From the picture in front to that of everything, of which the first lets a part through."""
+    for line in range(extent.rows):
+        for lane in range(extent.columns):
+            at = _I(line * ROW + lane)
+            through = abs(state[at])
+            state[at] = _ONE
+            for plane in (_RED, _GREEN, _BLUE):
+                state[at + plane] *= through
 
 
 @compiled
@@ -174,7 +190,7 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
     sums[:] = 0
     for line in range(extent.rows):
         for lane in range(extent.columns):
-            at = line * _ROW + lane
+            at = line * ROW + lane
             is_known, behind = not np.isnan(photo[row + line, column + lane, 0]), _ZERO
             if left.size:
                 left[row + line, column + lane] = abs(state[at])
@@ -199,8 +215,8 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
 
 
 @summing
-def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
-    """Add a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
+def _walk(splat: NDArray, share: Number, extent: Extent, state: NDArray, out: NDArray) -> None:
+    """Add the sums of a splat's share over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
     red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
@@ -215,7 +231,7 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
             if fall > tau:
                 continue
             left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, extent.columns)
-        start = _I((row - extent.row) * _ROW)
+        start = _I((row - extent.row) * ROW)
         for column in range(left, right + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             exponent = log_opacity - fall
@@ -224,10 +240,10 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
                 at = start + _I(column) + _I(lane)
                 u = across + alpha_x * _F(lane)
                 full = quick_exp(max(exponent - u * u, _F(-80)))
-                alpha = min(full, _ALPHA_MAX)
+                alpha = share * min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
                 before = state[at]
                 opened = max(before, _ZERO)
-                weight = alpha * opened if alpha >= _ALPHA_MIN else _ZERO
+                weight = alpha * opened
                 after = before - weight
                 stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
                 weight = _ZERO if stops else weight

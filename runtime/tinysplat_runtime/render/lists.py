@@ -77,14 +77,14 @@ class SplatBuffers:
         self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
         self._run, self._local = run_jobs, threading.local()
 
-    def project(self, chunks: Chunks, view: View, log_share: float, log_front: float) -> Visible:
+    def project(self, chunks: Chunks, view: View, log_share: float, front: float) -> Visible:
         """Fill a block's records, and list what of them is visible.
 
         Args:
             chunks: the block.
             view: the camera.
             log_share: logarithm of the share of their opacity that its Gaussians are drawn with.
-            log_front: logarithm of what part of that is drawn before everything else.
+            front: share of their alphas that is drawn before everything else.
         """
         own = slice(chunks.first, chunks.first + kernels_project.CHUNK * len(chunks.sh))
         records = self.records[own]
@@ -95,7 +95,7 @@ class SplatBuffers:
             )
         if is_wide:
             _redo_wide(chunks.block().fainter(log_share), view, records)
-        records[:, LAST] = log_front
+        records[:, LAST] = front
         grid = _grid(view)
         found = Visible(self._ids[own], self._boxes[own], np.zeros(grid.stop, np.int64))
         with part("listing what is visible"):

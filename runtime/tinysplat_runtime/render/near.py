@@ -23,7 +23,7 @@ and direction, so that nothing pops along a path.
   nearest views alone are drawn, whose errors are small from here, and no other is even looked at. Of views at one place
   that look one way, which no camera can tell apart, the first counts alone.
 
-Surfaces are drawn in front with w_v² of their opacity, as a surface of many Gaussians that overlap covers more than its
+Surfaces are drawn in front with w_v² of what they are, as a surface of many Gaussians that overlap covers more than its
 share: with 0.2 each, six of them cover 0.7.
 """
 
@@ -52,11 +52,11 @@ DRAWN = 4
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """What of each view's opacity a picture is drawn with.
+    """What of each view a picture is drawn with.
 
     Attributes:
-        front: (V,) float64 in [0, 1], of its surface, before everything else; nowhere more than
-        whole: (V,) float64 in [0, 1], of all its Gaussians.
+        front: (V,) float64 in [0, 1], the share of its surface that comes before everything else; nowhere more than
+        whole: (V,) float64 in [0, 1], the share of their opacity that all its Gaussians are drawn with.
     """
 
     front: NDArray
@@ -73,11 +73,11 @@ class Shares:
         return bool(self.front.any())
 
     def of(self, view: int, is_surface: bool) -> tuple[float, float]:
-        """Logarithms: of the share that a view's Gaussians are drawn with, and of what part of it comes first; −∞ for
-        nothing.
+        """For a view's Gaussians, of which something is drawn: the logarithm of that share of their opacity, and the
+        share of their alphas, as these are then, that comes first.
         """
-        whole, front = float(self.whole[view]), float(self.front[view]) if is_surface else 0.0
-        return (math.log(whole) if whole > 0 else -math.inf), (math.log(front / whole) if front > 0 else -math.inf)
+        whole = float(self.whole[view])
+        return math.log(whole), float(self.front[view]) / whole if is_surface else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -98,8 +98,8 @@ class Splats:
     Attributes:
         count: N, the rows. One more, `blank`, is a splat without opacity, to fill lists up with.
         records: (N + 1, 8) float32: pixel of the mean, the exponent's factors, colour.
-        log_opacities: (2, N + 1) float32: of the splat as it is, and of its part that is drawn before all others. A
-            splat's number in a list is its row, or for that part its row + N + 1.
+        log_opacities: (N + 1,) float32.
+        fronts: (N + 1,) float32, the share of their alphas that is drawn before all others; where any is.
         depths: (N + 1,) float32.
         boxes: (3, N) int16: first and last row of the tiles of the footprint's bounding box, and how many columns.
     """
@@ -108,8 +108,8 @@ class Splats:
         self.count = self.blank = count
         self.records = np.empty((count + 1, RECORD), np.float32)
         self.records[-1] = 0
-        self.log_opacities = np.empty((2, count + 1), np.float32)
-        self.log_opacities[:, -1] = -np.inf
+        self.log_opacities, self.fronts = np.empty((2, count + 1), np.float32)
+        self.log_opacities[-1], self.fronts[-1] = -np.inf, 0
         self.depths = np.empty(count + 1, np.float32)
         self.depths[-1] = 0
         self.boxes = np.empty((3, count), np.int16)
@@ -136,7 +136,7 @@ class Projected:
 
 
 def project(
-    block: Block, view: View, tile: tuple[int, int], splats: Splats, *, first: int = 0, log_front: float | None = None
+    block: Block, view: View, tile: tuple[int, int], splats: Splats, *, first: int = 0, front: float = 0.0
 ) -> NDArray:
     """Project a block into rows of `splats`.
 
@@ -146,7 +146,7 @@ def project(
         tile: (width, height) of a tile in pixels.
         splats: where to write.
         first: the first of these rows.
-        log_front: logarithm of the share of their opacity that is drawn before all others; None where none are.
+        front: share of their alphas that is drawn before all others.
 
     Returns:
         (m,) int32, the rows of visible splats, rising and in the block's order.
@@ -157,9 +157,7 @@ def project(
     keep: NDArray | slice = seen.visible if seen.visible.size < block.size else slice(None)
     rows = slice(first, first + seen.visible.size)
     splats.records[rows] = seen.planes[:, keep].T
-    splats.log_opacities[0, rows] = seen.log_opacities[keep]
-    if log_front is not None:
-        splats.log_opacities[1, rows] = seen.log_opacities[keep] + np.float32(log_front)
+    splats.log_opacities[rows], splats.fronts[rows] = seen.log_opacities[keep], front
     splats.depths[rows] = seen.depths[keep]
     left, right, top, bottom = seen.bounds[:, keep]
     splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]

@@ -21,7 +21,7 @@ from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews
 from .prepare import BLOCK_SIZE, Block, Part, Shelf, parts
 from .project import Splats, View, may_show, project
-from .tiles import FRONT, MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, WHOLE, Grid, bands, depth_order, find_pairs, runs
+from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, Grid, bands, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
@@ -154,11 +154,11 @@ class Renderer:
                 block = cut.block(may_show(cut, view))
             else:  # picking rows costs about as much as projecting a few more
                 block = cut.compress(may_show(cut, view)) if may_show(cut, view, SAMPLE).mean() < 0.75 else cut
-            front = None
+            front = 0.0
             if shares is not None:
                 whole, front = shares.of(block.view, block.is_surface)
                 block = block if whole == 0 else block.fainter(whole)
-            return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, log_front=front)
+            return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
 
         with part("projection"):
             ids = self._run(project_part, list(zip(cuts, ends.tolist(), strict=True)))
@@ -166,36 +166,34 @@ class Renderer:
             order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int32), *ids]))
             boxes = splats.boxes.take(order, axis=1)
             pairs = int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64))
-        kinds = (WHOLE,) if shares is None or not shares.has_front else (FRONT, WHOLE)
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
+        has_front = shares is not None and shares.has_front
 
         def draw_band(place: tuple[int, Grid]) -> None:
-            band = Band(*place, with_depth)
-            self._composite(band, order, boxes, kinds)
+            band = Band(*place, with_depth, has_front)
+            self._composite(band, order, boxes)
             band.write(canvas)
 
         self._run(draw_band, bands(view.camera.width, view.camera.height, pairs))
         return canvas
 
-    def _composite(self, band: Band, order: NDArray, boxes: NDArray, kinds: tuple[int, ...]) -> None:
-        """Draw what of `order` reaches a band: all of what is drawn in front, then all as it is."""
+    def _composite(self, band: Band, order: NDArray, boxes: NDArray) -> None:
+        """Draw what of `order` reaches a band."""
         first, last = band.first_row, band.first_row + band.grid.rows - 1
         here = np.flatnonzero((boxes[0] <= last) & (boxes[1] >= first))
         top, bottom, columns = boxes.take(here, axis=1)
         areas = (np.minimum(bottom, last) - np.maximum(top, first) + 1) * columns
-        fits = areas.sum(dtype=np.int64) <= MAX_PAIRS
         open_tiles = None  # in the first run, all
-        for together in [kinds] if fits else [(kind,) for kind in kinds]:
-            for run in runs(areas, MAX_PAIRS):
-                if open_tiles is not None and not open_tiles.any():
-                    return
-                with part("lists by tile"):
-                    pairs = find_pairs(self._splats, order.take(here[run]), first, band.grid, open_tiles, together)
-                    groups = tile_groups(pairs)
-                for tiles in groups:
-                    with part("blend: rest"):
-                        composite(band, self._splats, pairs, tiles, self._workspace())
-                open_tiles = band.open_tiles()
+        for run in runs(areas, MAX_PAIRS):
+            if open_tiles is not None and not open_tiles.any():
+                return
+            with part("lists by tile"):
+                pairs = find_pairs(self._splats, order.take(here[run]), first, band.grid, open_tiles)
+                groups = tile_groups(pairs)
+            for tiles in groups:
+                with part("blend: rest"):
+                    composite(band, self._splats, pairs, tiles, self._workspace())
+            open_tiles = band.open_tiles()
 
     def _workspace(self) -> Workspace:
         if not hasattr(self._local, "workspace"):

@@ -11,8 +11,7 @@ tiles whose pixels have all stopped take no further pairs.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..system.stopwatch import part
-from .prepare import ALPHA_MIN, BLOCK_SIZE
+from .prepare import BLOCK_SIZE
 from .project import GAMMA, LIMIT, Splats, X, Y, footprint_exponent, is_wide, pixels_between
 
 TILE_WIDTH, TILE_HEIGHT = 4, 4
@@ -45,9 +44,6 @@ LEAST_BANDS = 8
 
 WIDE_MARGIN = 0.05
 """Exponent by which the footprints of wide splats are enlarged for the search for their tiles."""
-
-WHOLE, FRONT = 0, 1
-"""Rows of `Splats.log_opacities`: splats as they are, and what of them is drawn before all others."""
 
 # Planes of `_spans`; the first, second and fifth are those of `Splats.records`
 SLOPE, REACH, TAU, Y_RIGHTMOST, HALF_HEIGHT = 2, 3, 5, 6, 7
@@ -122,9 +118,7 @@ def runs(areas: NDArray, limit: int) -> Iterator[slice]:
         start, done = stop, int(ends[stop - 1])
 
 
-def find_pairs(
-    splats: Splats, order: NDArray, first_row: int, grid: Grid, open_tiles: NDArray | None, kinds: Sequence[int]
-) -> Pairs:
+def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: Grid, open_tiles: NDArray | None) -> Pairs:
     """List the tiles of a band that a run of splats reaches.
 
     Args:
@@ -133,7 +127,6 @@ def find_pairs(
         first_row: of the band's tiles.
         grid: the band's tiles.
         open_tiles: (tiles,) bool, which tiles still take splats; None for all.
-        kinds: what of the splats is drawn, one after the other: `WHOLE`, `FRONT` or both.
     """
     bits = np.uint8(max(order.size - 1, 1).bit_length())
     key_type: Any = np.uint32 if int(bits) + (grid.count - 1).bit_length() <= 32 else np.uint64
@@ -150,29 +143,17 @@ def find_pairs(
     keys.sort()
     ends = np.searchsorted(keys, np.arange(1, grid.count + 1, dtype=np.uint64).astype(key_type) << key_type(bits))
     keys &= key_type((1 << int(bits)) - 1)
-    return _in_batches(splats, order.take(keys), ends, kinds)
+    return _in_batches(order.take(keys), ends, splats.blank)
 
 
-def _in_batches(splats: Splats, ids: NDArray, ends: NDArray, kinds: Sequence[int]) -> Pairs:
-    """Lists `ids` (M,) that end at `ends` (tiles,), repeated for every kind and filled up to whole batches."""
-    parts, counts = [], []
-    for kind in kinds:
-        if kind == WHOLE:
-            parts.append(ids)
-            counts.append(np.diff(ends, prepend=0))
-            continue
-        shows = (splats.log_opacities[FRONT] >= np.float32(math.log(ALPHA_MIN))).take(ids)
-        parts.append(ids.compress(shows) + np.int32(splats.count + 1))
-        counts.append(np.diff(np.append(0, np.cumsum(shows))[ends], prepend=0))
-    lengths = -(-np.sum(counts, axis=0) // BATCH)
-    bounds = np.append(0, np.cumsum(lengths))
-    out = np.full(BATCH * bounds[-1], splats.blank, np.int32)
-    starts = BATCH * bounds[:-1]
-    for part_ids, count in zip(parts, counts, strict=True):
-        places = np.repeat(starts - (np.cumsum(count) - count), count)
-        places += np.arange(places.size)
-        out[places] = part_ids
-        starts = starts + count
+def _in_batches(ids: NDArray, ends: NDArray, blank: int) -> Pairs:
+    """Lists `ids` (M,) that end at `ends` (tiles,), each filled up to whole batches."""
+    counts = np.diff(ends, prepend=0)
+    bounds = np.append(0, np.cumsum(-(-counts // BATCH)))
+    out = np.full(BATCH * bounds[-1], blank, np.int32)
+    places = np.repeat(BATCH * bounds[:-1] - (ends - counts), counts)
+    places += np.arange(places.size)
+    out[places] = ids
     return Pairs(out.reshape(-1, BATCH), bounds)
 
 
@@ -198,7 +179,7 @@ def _spans(splats: Splats, ids: NDArray) -> NDArray:
     spans = np.empty((8, ids.size), np.float32)
     spans[: GAMMA + 1] = splats.records.take(ids, axis=0)[:, : GAMMA + 1].T
     _, _, alpha_x, beta_x, gamma = spans[: GAMMA + 1]
-    tau = footprint_exponent(splats.log_opacities[WHOLE].take(ids))
+    tau = footprint_exponent(splats.log_opacities.take(ids))
     root, norm = np.sqrt(tau), np.sqrt(np.square(beta_x) + np.square(gamma))
     wide = np.flatnonzero(is_wide(norm / (alpha_x * gamma), 1 / gamma))
     spans[TAU], spans[HALF_HEIGHT], spans[Y_RIGHTMOST] = tau, root / gamma, -beta_x * root / (gamma * norm)
