@@ -15,7 +15,7 @@ from ..graphs.providers import providers_of
 from ..recipe import stages
 from ..recipe.encode import Encoded, Listener, raw_bytes
 from ..recipe.encode import encode as encode_photos
-from ..recipe.own import LOW_DB, own_psnr
+from ..recipe.own import LOW_DB, looked_at, own_psnr
 from ..recipe.report import encode_report
 from ..refine.stats import RefineStats
 from ..scene.intake.layouts import load_cameras, load_scene
@@ -36,7 +36,8 @@ def encode(args: Namespace) -> None:
     if not args.quiet:
         with working("render at the photos' views", quiet=False):
             decoded = runtime.decompress(coded.data, model=args.model)
-            psnr = own_psnr(decoded, coded.photos.images(), args.threads)
+            views = looked_at(len(coded.photos.frames))
+            psnr = own_psnr(decoded, coded.photos.views(views).images(), args.threads, views)
         _report_own(voice_of(args), coded, decoded.count, psnr)
 
 

@@ -7,8 +7,10 @@ from collections.abc import Callable
 from ..codec.modes import DEFAULT_MODE
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger
+from ..scene.neighbours import GROUP
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
+from .prepare import ALL_VIEWS
 
 BYTES_AT_ALL = 250_000_000
 """Memory that libraries and graphs take, whatever the photos."""
@@ -19,6 +21,10 @@ with 2 views 335, 4 views 1,124 and 6 views 1,807, at 1024×1024 with 2 views 47
 
 HYBRID_BYTES_PER_PIXEL = 460
 """What mode hybrid adds: two sets of Gaussians, their planes, and what these lack."""
+
+CAPTURE_BYTES_PER_PIXEL = 150
+"""What a capture takes of every pixel of its photos, which the network sees in groups: Gaussians, and planes while
+they are coded."""
 
 REFINED_BYTES_PER_PIXEL = 1350
 """What refinement takes of every pixel, however large the photos; of six views as measured."""
@@ -49,13 +55,17 @@ def check_memory(
 
     def needed(pixels: float) -> float:
         """Bytes that so many pixels of all photos take."""
-        network = NETWORK_BYTES[0] * views + NETWORK_BYTES[1]
+        together = views if views in ALL_VIEWS else GROUP
+        network = (NETWORK_BYTES[0] * together + NETWORK_BYTES[1]) * together
+        hybrid = HYBRID_BYTES_PER_PIXEL * pixels if mode == "hybrid" else 0
         taken = [REFINED_BYTES_PER_PIXEL * pixels if refined else 0.0]
         if enlarger is None or pixels <= views * LARGE_PIXELS:
-            taken.append((network + HYBRID_BYTES_PER_PIXEL * (mode == "hybrid")) * pixels)
+            taken.append(network * pixels / views + hybrid)
         else:
-            taken.append(network * views * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels)
+            taken.append(network * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels)
             taken.append(LARGE_BYTES_PER_PIXEL * pixels)
+        if together < views:
+            taken.append(CAPTURE_BYTES_PER_PIXEL * pixels + hybrid)
         return BYTES_AT_ALL + max(taken)
 
     pixels = views * camera.width * camera.height

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render import Renderer
 from ..scene.cameras import Camera
 from ..system.decibels import decibels
+from .prepare import ALL_VIEWS
 
 LOW_DB = 20.0
 """Renders that differ more than this from their own photos point to something wrong with what was given."""
@@ -20,14 +23,33 @@ _SAMPLED = 16
 """Every so many-th row and column tell which rows of pixels a band is drawn with."""
 
 
-def own_psnr(gaussians: Gaussians, images: NDArray, threads: int | None) -> float:
-    """PSNR in dB of Gaussians' render at their own views to photos (V, H, W, 3), the mean over the views."""
+OWN_VIEWS = 8
+"""Photos of a capture that are looked at, spread over it."""
+
+
+def looked_at(count: int) -> list[int]:
+    """Which of so many photos a scene is compared with."""
+    if count in ALL_VIEWS:
+        return list(range(count))
+    return [int(i) for i in np.rint(np.linspace(0, count - 1, min(count, OWN_VIEWS)))]
+
+
+def own_psnr(gaussians: Gaussians, images: NDArray, threads: int | None, views: Sequence[int] | None = None) -> float:
+    """PSNR in dB of Gaussians' render at their own views to photos (V, H, W, 3), the mean over the views.
+
+    Args:
+        gaussians: with cameras.
+        images: the photos.
+        threads: see `Renderer`.
+        views: which views the photos are of; None for all, in their order.
+    """
     height, width = images.shape[1:3]
+    cameras = [gaussians.cameras[v] for v in (range(len(images)) if views is None else views)]
     rows = min(max(OWN_PIXELS // width, 1), height)
     first = (height - rows) // 2
     whole = Renderer(gaussians, threads=threads, compiled=False) if rows == height else None
     errors = []
-    for camera, image in zip(gaussians.cameras, images, strict=True):
+    for camera, image in zip(cameras, images, strict=True):
         band = _rows_of(camera, slice(first, first + rows))
         renderer = whole or Renderer(_about(gaussians, band), threads=threads, compiled=False)
         errors.append(float(np.mean((renderer.render(band) - image[first : first + rows]) ** 2, dtype=np.float64)))
