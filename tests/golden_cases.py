@@ -35,6 +35,7 @@ FILES = [
     FileCase("tiny_paper", lambda: make_smooth_gaussians(1, 5, 7, 0, seed=3), "paper", 0),
     FileCase("degree2_paper", lambda: make_smooth_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
     FileCase("degree1_balanced", _view_dependent, "balanced", 0),
+    FileCase("views_balanced", lambda: make_smooth_gaussians(8, 12, 16, 1, seed=7, layers=2), "balanced", 0),
     FileCase("free_balanced", lambda: make_free_gaussians(300, 1, np.random.default_rng(6)), "balanced", 0),
 ]
 

@@ -29,7 +29,7 @@ from tinysplat_runtime.container.photos import (
 )
 from tinysplat_runtime.container.points import Points
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import StreamRef
+from tinysplat_runtime.container.records import StreamRef, UnitPictures
 
 from .damage import VALUES, damage
 
@@ -64,6 +64,10 @@ class Seed:
             pictures += [_place(parts, [i for i, p in enumerate(parts) if p.kind == kind], s) for s in streams]
         for index, channels in enumerate(container.pictures.channels):
             for channel in channels:
+                if isinstance(container.pictures, UnitPictures):
+                    units = [i for i, p in enumerate(parts) if p.kind == L.VIEW]
+                    pictures += [(units[v], s.offset, s.length) for v, s in enumerate(channel.streams)]
+                    continue
                 kind = L.PLANES[channel.plane_class]
                 sections = [i for i, p in enumerate(parts) if p.kind == kind and p.index % L.PART == index]
                 pictures += [_place(parts, sections, stream) for stream in channel.streams]
@@ -223,6 +227,12 @@ def damage_pictures(seed: Seed, rng: Random) -> bytes:
 def _with_picture(parts: list[Part], i: int, start: int, picture: bytes) -> Part:
     """Section `i` with another picture of the same length; its checksum in the layer's records follows."""
     old = parts[i].data[start : start + len(picture)]
+    if parts[i].kind == L.VIEW:
+        size = min(offset for n, offset, _ in Seed.of(join(parts)).pictures if n == i)
+        head = parts[i].data[L.VIEW_HEAD.size : size]
+        head = head.replace(*(L.STREAM.pack(len(old), crc32(data)) for data in (old, picture)))
+        data = L.VIEW_HEAD.pack(crc32(head)) + head + parts[i].data[size:]
+        return replace(parts[i], data=data[:start] + picture + data[start + len(picture) :])
     table = (PHOTOS, 0) if parts[i].kind == PHOTO_PICTURES else (L.LAYER, parts[i].index % L.PART)
     if any(p.kind == FREE for p in parts):
         table = FREE, 0
@@ -264,6 +274,8 @@ _FIELDS = {
     L.SCENE: _field_offsets(L.SCENE_FIXED),
     L.CAMERAS: _field_offsets(L.CAMERA),
     L.LAYER: _field_offsets(L.LAYER_FIXED),
+    L.UNITS: _field_offsets(L.UNITS_FIXED),
+    L.VIEW: _field_offsets(L.VIEW_HEAD),
     EXACT: _field_offsets(EXACT_FIXED),
     PHOTOS: _field_offsets(PHOTOS_FIXED),
     NETWORK: _field_offsets(NETWORK_FIXED),

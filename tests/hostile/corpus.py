@@ -36,7 +36,7 @@ from .containers import Seed
 @lru_cache(maxsize=1)
 def tsplat_seeds() -> tuple[Seed, ...]:
     """Files of 16×16 and less: both ways to code, one and two layers, one to three views, SH degree 0 to 2;
-    one of exact planes, and one with notes."""
+    one of exact planes, one with notes, and one whose views are units."""
     cases = [
         (make_smooth_gaussians(1, 5, 7, 0), "paper"),
         (make_smooth_gaussians(2, 16, 16, 1), "paper"),
@@ -45,6 +45,7 @@ def tsplat_seeds() -> tuple[Seed, ...]:
         (make_smooth_gaussians(3, 8, 12, 0), "balanced"),
     ]
     runtime = ts.Runtime(threads=1)
+    cases.append((make_smooth_gaussians(7, 6, 8, 1, layers=2), "fast"))
     files = [runtime.compress(g, profile) for g, profile in cases]
     files.append(runtime.compress(make_smooth_gaussians(1, 6, 8, 0), lossless=True))
     noted = make_smooth_gaussians(1, 5, 7, 0).with_notes(ts.Notes("metre", "Jörg Müller", "CC-BY-4.0", "20 steps"))

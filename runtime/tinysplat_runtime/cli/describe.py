@@ -80,8 +80,11 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         "a prefix of  adds",
         *_prefix_lines(d["prefixes"]),
     ]
-    if d["left_out"]:
-        lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in d["left_out"])]
+    left_out = d["left_out"]
+    if d["views"] > MOST_LISTED:  # that a plane is constant stands above
+        left_out = [entry for entry in left_out if entry.get("why") != "constant"]
+    if left_out:
+        lines += ["", "left out", *(f"  {_left_out_text(entry)}" for entry in left_out)]
     return "\n".join(lines)
 
 
