@@ -45,7 +45,7 @@ FLAGS = [
 ]
 CUT_AT = "0.9"
 CUT = f"const s = document.getElementById('opacity'); s.value = {CUT_AT}; s.dispatchEvent(new Event('input'))"
-READY = "body[data-ready='{}']"
+READY = "body[data-whole][data-ready='{}']"
 TURN = """async () => {
   const pixel = new Uint8Array(4), { gl } = page.splats, start = performance.now();
   const sorted = async () => { while (!page.splats.isSorted) await new Promise((done) => setTimeout(done)); };

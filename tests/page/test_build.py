@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
-import gzip
+import hashlib
 import io
 import json
+import re
 import subprocess
 import sys
 import urllib.error
 import urllib.request
+from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -18,12 +20,10 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from scenes import make_cameras, make_gaussians, make_photo, make_smooth_gaussians, write_scene
+from web.node import node
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.page.build import DEPTH, build_page
-from tinysplat_runtime.render import DEFINITION
-from tinysplat_runtime.render.paths import outside
+from tinysplat_runtime.page.build import player_page, scene_page
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
@@ -41,113 +41,80 @@ class Elements(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = dict(attrs)
         self._inside = given.get("id") or tag
+        if given.get("http-equiv") == "Content-Security-Policy":
+            self.policy = str(given["content"])
         self.addresses += [str(given[name]) for name in ("src", "href") if name in given]
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = None
 
     def handle_data(self, data: str) -> None:
         if self._inside:
             self.texts[self._inside] = self.texts.get(self._inside, "") + data
 
 
-def page_of(gaussians: Gaussians, **options: object) -> Elements:
-    return Elements(build_page(gaussians, gaussians.cameras, title="a <b>", **options).whole())  # type: ignore[arg-type]
-
-
-def columns_of(elements: Elements) -> tuple[dict[str, NDArray], dict]:
-    """Columns of whole numbers as unpack.js reads them, and the page's JSON."""
-    scene = json.loads(elements.texts["scene"])
-    data = gzip.decompress(base64.b64decode(elements.texts["data"]))
-    columns, at, n = {}, 0, scene["count"]
-    for name, width in scene["columns"]:
-        planes = np.frombuffer(data[at : at + n * width], np.uint8).reshape(width, n).astype(np.int64)
-        code = (planes << (8 * np.arange(width))[:, None]).sum(axis=0)
-        columns[name] = np.cumsum((code >> 1) ^ -(code & 1))
-        at += n * width
-    assert at == len(data)
-    return columns, scene
-
-
-def gaussians_of(columns: dict[str, NDArray], scene: dict) -> Gaussians:
-    """What unpack.js and splats.js make of a page's columns, in page units."""
-    if "view" in columns:
-        means = np.empty((scene["count"], 3))
-        for v, view in enumerate(scene["views"]):
-            own = columns["view"] % 64 == v  # layers behind the first are 64 on
-            fx, skew, fy, cx, cy = view["K"]
-            K = np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])
-            pixel = np.stack([columns["pixel_0"][own], columns["pixel_1"][own]]) / scene["pixelSteps"]
-            ray = np.linalg.inv(K) @ np.vstack([pixel, np.ones(own.sum())])
-            depth = 2 ** (columns["depth"][own] / scene["depthSteps"])
-            means[own] = (ray * depth).T @ np.array(view["rotation"]) + view["position"]
-    else:
-        codes = np.stack([columns[f"mean_{k}"] for k in range(3)], axis=1)
-        means = np.sinh(codes * scene["meanStep"]) * scene["meanKnee"]
-    steps, lowest = scene["logSteps"]
-    codes = np.stack([columns[f"scale_{k}"] for k in range(3)], axis=1)
-    three = np.stack([columns[f"quat_{k}"] for k in range(3)], axis=1) / scene["quatSteps"]
-    quats = np.array([np.insert(q, k, np.sqrt(1 - q @ q)) for q, k in zip(three, columns["quat_largest"], strict=True)])
-    sh, basis = scene["sh"], scene["sh"]["basis"]
-    parts = np.stack([columns[name] for name in columns if name.startswith("sh_")], axis=1) * sh["step"]
-    coefficients = np.array(sh["mean"]) + (parts if basis is None else parts @ np.array(basis))
-    return Gaussians(
-        means=means, quats=quats, scales=2 ** (codes / steps - lowest), opacities=columns["opacity"] / 255,
-        sh=coefficients.reshape(len(means), -1, 3),
-    )  # fmt: skip
-
-
-def view_of(view: dict) -> ts.Camera:
-    fx, skew, fy, cx, cy = view["K"]
-    c2w = np.eye(4)
-    c2w[:3, :3], c2w[:3, 3] = np.array(view["rotation"]).T, view["position"]
-    return ts.Camera(np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]]), c2w, view["width"], view["height"])
-
-
 def psnr(a: NDArray, b: NDArray) -> float:
     return float(-10 * np.log10(np.mean((a.astype(float) - b) ** 2)))
 
 
+def file_of(elements: Elements) -> bytes:
+    """The file that a page carries."""
+    return base64.b85decode(elements.texts.get("file", "").encode().translate(bytes.maketrans(b",./:[", b"<>&$`")))
+
+
 def test_the_page_loads_nothing_and_escapes_what_it_is_given() -> None:
-    elements = page_of(make_gaussians(degree=2), summary="</script><script>alert(1)</script>")
+    page = scene_page(b"", title="a <b> </script><script>alert(1)</script>", photos={0: make_photo(8, 12)})
+    elements = Elements(page)
     assert elements.addresses == ["data:,"]
-    assert elements.texts["title"].strip() == "a <b>"
-    assert json.loads(elements.texts["scene"])["summary"] == "</script><script>alert(1)</script>"
-    assert "http" not in build_page(make_gaussians(), (), title="").whole()
+    assert elements.texts["title"].strip() == "a <b> </script><script>alert(1)</script>"
+    assert "http:" not in page.replace('http-equiv="', "") and "https:" not in page
+    assert page.count("<script") == 4
 
 
-@pytest.mark.parametrize("degree", [0, 1, 4])
-def test_the_page_s_data_draw_the_scene_s_picture_at_every_view(degree: int) -> None:
-    scene = make_smooth_gaussians(2, 24, 32, degree=degree, layers=2, origin=np.array([1e5, -3e5, 0.0]))
-    columns, described = columns_of(page_of(scene))
-    packed = gaussians_of(columns, described)
-    assert described["hasCameras"] and "view" in columns and packed.degree == degree
-    for camera, view in zip(scene.cameras, described["views"], strict=True):
-        assert psnr(ts.render(packed, view_of(view), **DEFINITION), ts.render(scene, camera, **DEFINITION)) > 50
-    depths = (packed.means - view_of(described["views"][0]).centre) @ np.array(described["views"][0]["rotation"])[2]
-    assert 0.5 * DEPTH < np.median(depths) < 2 * DEPTH
+def test_the_policy_names_the_page_s_own_script_and_style() -> None:
+    elements = Elements(player_page())
+    for name in ("script", "style"):
+        digest = base64.b64encode(hashlib.sha256(elements.texts[name].encode()).digest()).decode()
+        assert f"{name}-src 'sha256-{digest}'" in elements.policy
+    assert "default-src 'none'" in elements.policy and "unsafe" not in elements.policy
+    assert "connect-src blob:;" in Elements(scene_page(b"", title="")).policy + ";"
 
 
-def test_gaussians_of_no_views_are_packed_by_coordinates_and_seen_from_outside() -> None:
-    flat = make_gaussians(2, 24, 32, degree=3).flat()
-    columns, described = columns_of(Elements(build_page(flat, (), title="").whole()))
-    assert not described["hasCameras"] and len(described["views"]) == 1
-    packed, view = gaussians_of(columns, described), view_of(described["views"][0])
-    picture = ts.render(packed, view)
-    assert picture.max() > 0.1
-    assert psnr(picture, ts.render(flat, outside(flat))) > 45
+@pytest.mark.parametrize("size", range(9))
+def test_the_page_carries_the_file_as_it_is(size: int) -> None:
+    data = np.random.default_rng(size).integers(0, 256, 1000 + size).astype(np.uint8).tobytes()
+    elements = Elements(scene_page(data, title=""))
+    assert file_of(elements) == data
+    script = Path(ts.__file__).parent / "page" / "start.js"
+    unpack = script.read_text().partition("\nconst text =")[0]
+    code = f"globalThis.document = {{ getElementById: () => ({{ textContent: {elements.texts['file']!r} }}) }};{unpack}"
+    code += "process.stdout.write(bytesOf('file'));"
+    assert subprocess.run([node(), "-e", code], capture_output=True, check=True).stdout == data
 
 
-def test_the_data_are_small_where_neighbours_are_alike() -> None:
-    decoded = ts.decompress(ts.compress(make_smooth_gaussians(2, 48, 64, degree=0), qp=12))
-    assert len(build_page(decoded, decoded.cameras, title="").data) < 9 * decoded.count  # 52 bytes as they are
+def test_a_page_takes_little_more_than_its_file() -> None:
+    data = bytes(131_000)
+    assert len(scene_page(data, title="a")) < len(data) * 4 / 3 + 90_000
 
 
-def test_photos_and_bytes_are_in_the_page() -> None:
-    gaussians = make_gaussians()
-    photo = make_photo(8, 12)
-    _, scene = columns_of(page_of(gaussians, photos={1: photo}, bytes_by_class={"depth": 7}))
-    kind, _, data = scene["views"][1]["photo"].partition(",")
-    assert kind == "data:image/jpeg;base64" and "photo" not in scene["views"][0]
+def test_names_at_the_top_of_modules_are_unique() -> None:
+    names = r"^(?:export )?(?:async )?(?:function\*?|class) (\w+)|^(?:export )?(?:const|let) (?:.*, )?(\w+) ="
+    pattern = re.compile(names, re.MULTILINE)
+    folder = Path(ts.__file__).parent / "page"
+    texts = [path.read_text("utf-8") for path in folder.glob("*.js") if path.name != "start.js"]
+    found = Counter(first or other for text in texts for first, other in pattern.findall(text))
+    assert len(found) > 80
+    assert [name for name, count in found.items() if count > 1] == []
+
+
+def test_photos_and_cameras_are_in_the_page() -> None:
+    photo, camera = make_photo(8, 12), make_cameras(1, 24, 32)[0]
+    scene = json.loads(Elements(scene_page(b"", title="", cameras=[camera], photos={1: photo})).texts["scene"])
+    kind, _, data = scene["photos"]["1"].partition(",")
+    assert kind == "data:image/jpeg;base64" and list(scene["photos"]) == ["1"]
     assert psnr(np.array(Image.open(io.BytesIO(base64.b64decode(data)))) / 255, photo / 255) > 32
-    assert scene["bytes"] == {"depth": 7}
+    view = scene["cameras"][0]
+    assert (view["width"], view["fx"], view["c2w"]) == (32, camera.K[0, 0], camera.c2w.reshape(-1).tolist())
 
 
 # ---- the command -------------------------------------------------------------------------------------------------
@@ -172,13 +139,29 @@ def encoded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_a_file_becomes_a_page_with_its_photos(encoded: dict[str, Path], tmp_path: Path) -> None:
     done = tinysplat("view", encoded["tsplat"], "--html", tmp_path / "v.html", "--photos", encoded["scene"])
     assert done.returncode == 0, done.stderr
-    _, scene = columns_of(Elements((tmp_path / "v.html").read_text()))
-    assert [("photo" in view) for view in scene["views"]] == [True] * 3
-    assert set(scene["bytes"]) >= {"depth", "color", "metadata"} and "profile balanced" in scene["summary"]
-    assert scene["summary"].endswith("; Ana <b>, CC-BY-4.0")
+    page = Elements((tmp_path / "v.html").read_text())
+    assert list(json.loads(page.texts["scene"])["photos"]) == ["0", "1", "2"]
+    assert file_of(page) == encoded["tsplat"].read_bytes()
     done = tinysplat("view", encoded["spz"], "--html", tmp_path / "w.html")
     assert done.returncode == 0, done.stderr
-    assert columns_of(Elements((tmp_path / "w.html").read_text()))[1]["hasCameras"] is False
+    assert ts.inspect(file_of(Elements((tmp_path / "w.html").read_text())))["mode"] == "free"
+
+
+def test_files_of_photos_become_gaussians_in_the_page(encoded: dict[str, Path], tmp_path: Path) -> None:
+    scene, photos = encoded["scene"], tmp_path / "p.tsplat"
+    assert tinysplat("encode", scene, "--mode", "photos", "-o", photos, "--model", "sweep", "-q").returncode == 0
+    done = tinysplat("view", photos, "--html", tmp_path / "p.html")
+    assert done.returncode == 0, done.stderr
+    assert ts.inspect(file_of(Elements((tmp_path / "p.html").read_text())))["mode"] == "gaussians"
+
+
+def test_a_player_has_no_file(encoded: dict[str, Path], tmp_path: Path) -> None:
+    done = tinysplat("view", "--player", "-o", tmp_path / "player.html")
+    assert done.returncode == 0, done.stderr
+    assert file_of(Elements((tmp_path / "player.html").read_text())) == b""
+    for arguments, words in (("--player",), "-o names the page"), (("--no-browser",), "name a scene"):
+        done = tinysplat("view", *arguments)
+        assert done.returncode == 2 and words in done.stderr and done.stderr.count("\n") == 1
 
 
 def test_the_server_gives_the_page_and_nothing_else(encoded: dict[str, Path]) -> None:
@@ -190,9 +173,7 @@ def test_the_server_gives_the_page_and_nothing_else(encoded: dict[str, Path]) ->
             assert address.startswith("http://127.0.0.1:")
             with urllib.request.urlopen(address) as response:
                 text = response.read()
-            assert b"<title>g</title>" in text and len(text) < 100_000
-            with urllib.request.urlopen(f"{address}data") as response:
-                assert gzip.decompress(response.read())
+            assert b"<title>g</title>" in text and file_of(Elements(text.decode())) == encoded["tsplat"].read_bytes()
             with pytest.raises(urllib.error.HTTPError, match="404"):
                 urllib.request.urlopen(f"{address}etc/passwd")
         finally:

@@ -243,10 +243,13 @@ def _view(commands: Commands) -> None:
     parser = commands.add_parser(
         "view", parents=[_common(), _written()], help="a scene in the browser, or as one web page",
         description="Serves one page on this machine and opens the browser; with --html writes the page, which opens"
-        " anywhere without a network.",
+        " anywhere without a network. --player writes a page that opens any .tsplat file.",
     )  # fmt: skip
-    parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
+    parser.add_argument("file", metavar="F", nargs="?", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
+    parser.add_argument("--player", action="store_true", help="a page without a scene, which opens files that are"
+                        " dropped on it, chosen, or named by ?file=URL")  # fmt: skip
+    parser.add_argument("-o", "--output", metavar="OUT.html", help="where --player writes its page")
     parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
     parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")

@@ -1,4 +1,4 @@
-"""`tinysplat view`: a scene in the browser, or as one web page."""
+"""`tinysplat view`: a scene in the browser, or as one web page, or a player of any file."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ..api import decompress
-from ..container.inspection import inspect_bytes
+from ..api import compress, decompress
+from ..container.layout import SUFFIX
+from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
-from ..gaussian.gaussians import Gaussians
-from ..page.build import Page, build_page
+from ..page.build import player_page, scene_page
 from ..scene.cameras import Camera
 from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.matching import reach_of, taken_as
@@ -25,52 +25,47 @@ from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
 from .files import MAX_FILE_BYTES
 
+FINE_QP = -6.0
+"""Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
+
+NETWORK_MODES = ("photos", "hybrid")
+
 
 def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
-    page = make_page(args.file, args.cameras, args.photos)
-    if args.html:
-        text = page.whole().encode()
-        write_atomically(args.html, text)
-        if not args.quiet:
-            print(f"{args.html}: {len(text) / 1e6:.1f} MB, opens without a network")
-        return
-    serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
+    if args.player:
+        written = _written(args.output or args.html, player_page())
+    elif args.file is None:
+        raise InputError("missing; name a scene, or write a player of any with --player", where="F")
+    else:
+        page, path = make_page(args.file, args.cameras, args.photos), args.html or args.output
+        if path is None:
+            return serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
+        written = _written(path, page)
+    if not args.quiet:
+        print(written)
 
 
-def make_page(file: str, cameras_file: str | None, photos_of: str | None) -> Page:
+def _written(path: str | None, page: str) -> str:
+    if path is None:
+        raise InputError("missing; -o names the page to write", where="--player")
+    text = page.encode()
+    write_atomically(path, text)
+    return f"{path}: {len(text) / 1e3:.0f} KB, opens without a network"
+
+
+def make_page(file: str, cameras_file: str | None, photos_of: str | None) -> str:
     """The page of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
-    gaussians = _load(file)
-    cameras = list(gaussians.cameras) or (load_cameras(cameras_file) if cameras_file else [])
-    photos = _photos(load_scene(photos_of), cameras) if photos_of and cameras else {}
-    described = _described(file)
-    summary = f"{gaussians.count:,} Gaussians, SH degree {gaussians.degree}"
-    if described:
-        summary += f"; {described['bytes'] / 1000:.1f} KB, profile {described['profile']}"
-    who = ", ".join(filter(None, (gaussians.notes.attribution, gaussians.notes.licence)))
-    summary += f"; {who}" if who else ""
-    classes = {**described["bytes_by_class"], "metadata": described["metadata_bytes"]} if described else {}
-    return build_page(
-        gaussians,
-        cameras,
-        title=Path(file).stem,
-        caption=_caption(len(gaussians.cameras), described),
-        summary=summary,
-        bytes_by_class=classes,
-        photos=photos,
-    )
+    data, views = _file(file)
+    cameras = load_cameras(cameras_file) if cameras_file and not views else []
+    photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
+    return scene_page(data, title=Path(file).stem, cameras=cameras, photos=photos)
 
 
-def _caption(views: int, described: dict[str, Any]) -> str:
-    photos = f"{views} photos" if views > 1 else "1 photo" if views else ""
-    size = f"{described['bytes'] / 1000:.0f} KB" if described else ""
-    return " · ".join(filter(None, (photos, size)))
-
-
-def serve(page: Page, port_number: int, *, quiet: bool, browser: bool) -> None:
+def serve(page: str, port_number: int, *, quiet: bool, browser: bool) -> None:
     """Serve the page on this machine alone until interrupted."""
-    text = ("text/html; charset=utf-8", page.served().encode())
-    parts = {"/": text, "/index.html": text, "/data": ("application/octet-stream", page.data)}
+    text = ("text/html; charset=utf-8", page.encode())
+    parts = {"/": text, "/index.html": text}
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -93,19 +88,19 @@ def serve(page: Page, port_number: int, *, quiet: bool, browser: bool) -> None:
         server.serve_forever()
 
 
-def _load(file: str) -> Gaussians:
-    if Path(file).suffix.lower() != ".tsplat":
-        return load_gaussians(file)
+def _file(file: str) -> tuple[bytes, Sequence[Camera]]:
+    """A .tsplat file that any page decodes, as it is where it is one, and its views."""
     try:
-        return decompress(read_limited(file, MAX_FILE_BYTES))
+        if Path(file).suffix.lower() != SUFFIX:
+            gaussians = load_gaussians(file)
+            return compress(gaussians, qp=FINE_QP), gaussians.cameras
+        data = read_limited(file, MAX_FILE_BYTES)
+        container = read_container(data)
+        if container.mode in NETWORK_MODES:
+            data = compress(decompress(data))
+        return data, container.cameras
     except TinySplatError as error:
         raise error.within(file) from None
-
-
-def _described(file: str) -> dict[str, Any]:
-    if Path(file).suffix.lower() != ".tsplat":
-        return {}
-    return inspect_bytes(read_limited(file, MAX_FILE_BYTES))
 
 
 def _photos(scene: Scene, cameras: Sequence[Camera]) -> dict[int, NDArray]:

@@ -7,7 +7,7 @@ const LEAST_SIDE = 0.02, MOST_SIDE = 0.12; // of the depth
 const AHEAD = 2.5; // times as far: coming closer uncovers little
 const LOOK = 0.08; // of a picture's half, that the middle of the window may leave what the picture shows
 const ELASTIC = 0.35; // of a bound, that a hand may pull beyond it
-const NEIGHBOURS = 3, FEW = 4; // of many views, each is joined to its nearest; of few, all to all
+const NEIGHBOURS = 3, ALL_JOINED = 4; // of many views, each is joined to its nearest; of few, all to all
 const TURN = 0.5; // of directions beside places (in depths), where neighbours are looked for
 const TIE = 0.02; // and where the nearest part of the hull is: they decide between equals
 
@@ -28,7 +28,7 @@ function joined(views, depth) {
   const edges = [];
   views.forEach((view, i) => {
     const others = views.map((other, j) => [apart(view, other, depth), j]).filter(([, j]) => j !== i).sort((a, b) => a[0] - b[0]);
-    for (const [, j] of others.slice(0, views.length > FEW ? NEIGHBOURS : FEW)) if (i < j || views.length > FEW) edges.push([i, j]);
+    for (const [, j] of others.slice(0, views.length > ALL_JOINED ? NEIGHBOURS : ALL_JOINED)) if (i < j || views.length > ALL_JOINED) edges.push([i, j]);
   });
   return edges;
 }

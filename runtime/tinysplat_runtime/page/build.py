@@ -1,145 +1,96 @@
-"""Gaussians, cameras and photos as one self-contained HTML page.
+"""Pages: a `.tsplat` file with the scripts that decode and draw it, as one HTML text, or a player of any such file.
 
-The page keeps the world's axes. Its origin is the mean camera centre, and its unit makes the median depth DEPTH, so
-that what splats.js does in float32 does not depend on where a scene lies and how large it is.
+Scripts are modules: those of `web/`, which decode, and those here. They travel as gzip; start.js unpacks and starts
+them. Bytes are written to base 85, which takes a quarter more than they do.
 """
 
 from __future__ import annotations
 
 import base64
+import gzip
+import hashlib
 import html
 import importlib.resources
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from string import Template
-from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.gaussians import Gaussians
-from ..render.paths import outside
-from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
 from ..scene.images import jpeg_bytes
-from .bundle import bundle
-from .columns import OTHER_LAYERS, Cloud, pack
+from ..web import bundled
 
-DEPTH = 4.0
-"""Median depth of a page's scene, page units."""
-
-KNEE = DEPTH / 16
-"""Within this distance of the page's origin a mean's step is constant."""
-
-HELP = (
-    "Drag to look around, two fingers or the right button to slide, wheel or pinch to come closer. Keys: arrows, plus, "
-    "minus, Home to return. A double click leads back. Going anywhere: W A S D Q E walk, and a double click says where "
-    "to turn about."
+_POLICY = (
+    "default-src 'none'; base-uri 'none'; form-action 'none'; script-src {start} blob:{networks}; "
+    "worker-src blob:{beside}; style-src {style}; img-src data: blob:; connect-src {sources}"
 )
 
-
-@dataclass(frozen=True)
-class Page:
-    """A page's text but for the Gaussians, and those.
-
-    Attributes:
-        template: page.html.
-        fields: what stands in its places but for the data.
-        data: the packed Gaussians, which a server gives as `data` beside the page.
-    """
-
-    template: Template
-    fields: dict[str, str]
-    data: bytes
-
-    def served(self) -> str:
-        """HTML that fetches `data` from beside it."""
-        return self.template.substitute(self.fields, data="")
-
-    def whole(self) -> str:
-        """HTML that loads nothing from anywhere."""
-        return self.template.substitute(self.fields, data=base64.b64encode(self.data).decode())
+_MARKUP = bytes.maketrans(b"<>&$`", b",./:[")
+"""What stands for characters of RFC 1924's base 85 that mean something in HTML or in a template."""
 
 
-def build_page(
-    gaussians: Gaussians,
-    cameras: Sequence[Camera],
-    *,
-    title: str,
-    caption: str = "",
-    summary: str = "",
-    bytes_by_class: Mapping[str, int] | None = None,
-    photos: Mapping[int, NDArray] | None = None,
-) -> Page:
-    """The page of a scene.
+def scene_page(
+    data: bytes, *, title: str, cameras: Sequence[Camera] = (), photos: Mapping[int, NDArray] | None = None
+) -> str:
+    """The page of one file, which loads nothing from anywhere.
 
     Args:
-        gaussians: any; all layers are shown.
-        cameras: input views; without any the page has no views to choose from and opens in front of the scene.
+        data: a .tsplat file of a mode that needs no network, as it is.
         title: heading, plain text.
-        caption: a few words beside it, plain text.
-        summary: a line among the details, plain text.
-        bytes_by_class: what a .tsplat file spends on what; shown when there is any.
-        photos: (H, W, 3) in [0, 1] or uint8, by index into `cameras`.
+        cameras: views to choose from, of a file that has none.
+        photos: (H, W, 3) in [0, 1] or uint8, by index of the file's views or `cameras`.
     """
-    views = list(cameras) or [outside(gaussians)]
-    flat, centre = gaussians.flat(), np.mean([camera.centre for camera in views], axis=0)
-    means = flat.means.astype(np.float64) + (flat.origin - centre)
-    depths = (means - (views[0].centre - centre)) @ views[0].rotation[2]
-    seen = depths[(depths > 0) & (flat.opacities > 0.1)]
-    scale = DEPTH / float(np.median(seen)) if seen.size else 1.0
-    described, data = pack(Cloud(flat, means * scale, scale, KNEE, *_seen_by_own(gaussians, scale)))
-    up = -np.mean([camera.rotation[1] for camera in views], axis=0)
-    scene = {
-        **described,
-        "caption": caption,
-        "summary": summary,
-        "bytes": dict(bytes_by_class or {}),
-        "hasCameras": bool(cameras),
-        "views": [_view(camera, centre, scale, (photos or {}).get(i)) for i, camera in enumerate(views)],
-        "up": (up / max(float(np.linalg.norm(up)), 1e-9)).tolist(),
-        "reach": DEPTH,
-        "nearPlane": NEAR_PLANE * scale,
-    }
-    fields = {
-        "title": html.escape(title),
-        "style": _text("style.css"),
-        "scene": json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element
-        "help": html.escape(HELP),
-        "scripts": bundle("page.js", _text),
-    }
-    return Page(Template(_text("page.html")), fields, data)
+    shown = {i: "data:image/jpeg;base64," + _base64(jpeg_bytes(photo)) for i, photo in (photos or {}).items()}
+    scene = {"cameras": [_camera(camera) for camera in cameras], "photos": shown, "isPlayer": False}
+    return _page(title, scene, _base85(data), sources="blob:")
 
 
-def _seen_by_own(gaussians: Gaussians, scale: float) -> tuple[NDArray | None, NDArray | None]:
-    """Each Gaussian's view (N,), and its mean's pixel and depth there (N, 3), in `flat`'s order; None without views."""
-    if not gaussians.is_per_pixel or len(gaussians.cameras) > OTHER_LAYERS:
-        return None, None
-    views, local = [], []
-    for n, layer in enumerate(gaussians.layers):
-        for v, camera in enumerate(gaussians.cameras):
-            rays = layer.means[v].reshape(-1, 3).astype(np.float64) + (layer.origin - camera.centre)
-            point = rays @ (camera.K @ camera.rotation).T
-            with np.errstate(divide="ignore", invalid="ignore"):
-                local.append(np.column_stack([point[:, :2] / point[:, 2:], scale * point[:, 2]]))
-            views.append(np.full(len(rays), v + (OTHER_LAYERS if n else 0)))
-    return np.concatenate(views), np.concatenate(local)
+def player_page(title: str = "TinySplat player", *, networks: str | None = None) -> str:
+    """A page without a scene, which opens files that are dropped on it, chosen, or named by `?file=URL`.
+
+    Args:
+        title: heading, plain text.
+        networks: the module beside the page that runs networks, for files of photos; None without any.
+    """
+    scene = {"cameras": [], "photos": {}, "isPlayer": True, "networks": networks}
+    return _page(title, scene, "", sources="* data: blob:", has_networks=networks is not None)
 
 
-def _view(camera: Camera, centre: NDArray, scale: float, photo: NDArray | None) -> dict[str, Any]:
-    """A camera as the page takes it: page units, rows of its rotation right, down and forward."""
+def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, has_networks: bool = False) -> str:
+    code = json.dumps([bundled(), bundled("page.js", __package__)]).encode()
+    start, style = _text("start.js"), _text("style.css")
+    policy = _POLICY.format(
+        start=_hash(start), style=_hash(style), sources=sources, networks=" 'self' 'wasm-unsafe-eval'" * has_networks,
+        beside=" 'self'" * has_networks,
+    )  # fmt: skip
+    return Template(_text("page.html")).substitute(
+        policy=policy, title=html.escape(title), style=style, start=start, file=file,
+        scene=json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element
+        code=_base85(gzip.compress(code, 9, mtime=0)),
+    )  # fmt: skip
+
+
+def _camera(camera: Camera) -> dict[str, object]:
+    """A camera as tsplat.js has them."""
     K = camera.K
-    entry: dict[str, Any] = {
-        "width": camera.width,
-        "height": camera.height,
-        "K": [K[0, 0], K[0, 1], K[1, 1], K[0, 2], K[1, 2]],
-        "rotation": camera.rotation.tolist(),
-        "position": (scale * (camera.centre - centre)).tolist(),
-    }
-    if photo is not None:
-        entry["photo"] = "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(photo)).decode()
-    return entry
+    return {
+        "width": camera.width, "height": camera.height, "fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2],
+        "skew": K[0, 1], "c2w": camera.c2w.reshape(-1).tolist(),
+    }  # fmt: skip
+
+
+def _hash(text: str) -> str:
+    """A script or a style as Content-Security-Policy names it."""
+    return f"'sha256-{_base64(hashlib.sha256(text.encode()).digest())}'"
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()
+
+
+def _base85(data: bytes) -> str:
+    return base64.b85encode(data).translate(_MARKUP).decode()
 
 
 def _text(name: str) -> str:

@@ -1,7 +1,7 @@
 // Which views are drawn from here, and with what share: render/near.py has the reasons.
 import { add, length } from "./vectors.js";
 
-const REACH = 1.5; // of the second nearest view's distance, where few views' shares reach 0
+const NEAR_REACH = 1.5; // of the second nearest view's distance, where few views' shares reach 0
 const FEW = 6; // views, up to which all are drawn behind the near ones
 const DRAWN = 4; // views of more, that a picture is drawn from
 
@@ -28,7 +28,7 @@ export function shares(far, views) {
   const front = new Float32Array(far.length), all = new Float32Array(far.length);
   if (far.length < 2) return { front, all: all.fill(1) };
   const near = [...views].sort((a, b) => far[a] - far[b] || a - b), isMany = near.length > FEW;
-  const reach = isMany ? far[near[DRAWN]] : REACH * far[near[Math.min(1, near.length - 1)]];
+  const reach = isMany ? far[near[DRAWN]] : NEAR_REACH * far[near[Math.min(1, near.length - 1)]];
   for (const v of isMany ? near.slice(0, DRAWN) : near) {
     const share = ramp(far[v], far[near[0]], reach);
     front[v] = share * share;

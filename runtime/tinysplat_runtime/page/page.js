@@ -1,15 +1,14 @@
 // Puts the page together: its scene, its panel and its words.
 import { makeCloud } from "./cloud.js";
-import { unpack } from "./unpack.js";
+import { bytesByUse, fetched, inKilobytes, paced } from "./files.js";
+import { sceneOf } from "./scene.js";
 import { Viewer } from "./viewer.js";
 
 const find = (id) => document.getElementById(id);
 const MANY_VIEWS = 12; // from which a slider chooses among them
 const HINT_MS = 9000;
-const WORDS = { // classes of bytes, as visitors may call them
-  depth: "distances", color: "colours", opacity: "transparency", scale: "sizes", rotation: "directions", offset: "fine positions",
-  metadata: "description", photos: "photos",
-};
+const THREADS = globalThis.origin === "null" ? 0 : undefined; // pages from disk may not start workers that are modules
+const FIRST = "first picture"; // a mark of the browser's clock, for measurements
 
 function element(tag, text) {
   const made = document.createElement(tag);
@@ -17,34 +16,39 @@ function element(tag, text) {
   return made;
 }
 
-async function packedData() { // within the page, or beside it on the server that serves it
-  const text = find("data").textContent.trim();
-  if (!text) return new Uint8Array(await (await fetch("data")).arrayBuffer());
-  return Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-}
-
-function fillClasses(bytes) {
-  const shown = Object.entries(bytes).filter(([, n]) => n > 0), total = shown.reduce((sum, [, n]) => sum + n, 0), table = element("table");
-  for (const [name, n] of shown) {
+function fillUses(uses) {
+  const total = uses.reduce((sum, [, n]) => sum + n, 0), table = element("table");
+  for (const [name, n] of uses) {
     const row = table.insertRow();
-    row.insertCell().textContent = WORDS[name] ?? name;
-    row.insertCell().textContent = `${(n / 1000).toFixed(1)} KB`;
+    row.insertCell().textContent = name;
+    row.insertCell().textContent = inKilobytes(n);
     const bar = element("div"), cell = table.insertRow().insertCell();
     bar.className = "bar";
     bar.style.width = `${(100 * n) / total}%`;
     cell.colSpan = 2;
     cell.append(bar);
   }
-  find("classes").replaceChildren(...(total ? [table] : []));
+  find("classes").replaceChildren(table);
 }
 
 class Panel {
-  constructor(viewer, scene, cloud) {
-    Object.assign(this, { viewer, scene });
-    const { views, hasCameras } = scene, isMany = views.length > MANY_VIEWS;
-    find("caption").textContent = scene.caption;
-    find("summary").textContent = scene.summary;
-    fillClasses(scene.bytes);
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.scene = null;
+    this.photos = [];
+    this.#listen();
+  }
+
+  // A scene, and what tsplat.js says of its file.
+  show(scene, cloud, about) {
+    const { views, hasCameras } = scene, isMany = views.length > MANY_VIEWS, { attribution, licence } = about.notes;
+    Object.assign(this, { scene, isMany });
+    find("summary").textContent = [
+      `${scene.count.toLocaleString("en")} Gaussians, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
+      [attribution, licence].filter(Boolean).join(", "),
+    ].filter(Boolean).join("; ");
+    fillUses(bytesByUse(about));
+    find("panel").hidden = false;
     find("views").hidden = !hasCameras || isMany || views.length < 2;
     find("placeRow").hidden = !hasCameras || !isMany;
     find("linesRow").hidden = find("freeRow").hidden = find("nearRow").hidden = find("ownRow").hidden = !hasCameras;
@@ -59,8 +63,13 @@ class Panel {
     find("place").max = views.length - 1;
     find("degree").max = find("degree").value = Math.sqrt(cloud.functions) - 1;
     find("degreeRow").hidden = cloud.functions === 1;
-    this.#listen();
     this.shown();
+  }
+
+  // What of the file is there: a line beside the title.
+  tell(views, received, whole) {
+    const photos = views ? `${views} ${views > 1 ? "photos" : "photo"} · ` : "";
+    find("caption").textContent = photos + (received < whole ? `${Math.floor((100 * received) / whole)} % of ${inKilobytes(whole)}` : inKilobytes(whole));
   }
 
   #listen() {
@@ -90,7 +99,9 @@ class Panel {
   }
 
   shown() {
-    const { viewer, scene } = this, { current } = viewer, { photo } = scene.views[current], place = find("photoPlace").value;
+    const { viewer, scene } = this;
+    if (!scene) return;
+    const { current } = viewer, photo = this.photos[current], place = find("photoPlace").value;
     for (const id of ["degree", "opacity"]) find(id).parentElement.querySelector("output").textContent = find(id).value;
     find("place").parentElement.querySelector("output").textContent = current + 1;
     this.buttons.forEach((button, n) => button.setAttribute("aria-pressed", String(n === current && !viewer.isAway)));
@@ -110,32 +121,108 @@ function hint(isTouch) {
   setTimeout(() => words.classList.add("done"), HINT_MS);
 }
 
-function fail(error) {
-  find("fault").textContent = `This page cannot show the scene: ${error.message ?? error}`;
-  find("fault").hidden = false;
-  find("cover").hidden = true;
-  console.error(error);
+const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
+
+class Page {
+  constructor(decoder, given, options) {
+    const isBare = options.has("bare"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
+    document.body.classList.toggle("bare", isBare);
+    Object.assign(this, { decoder, given, isBare, first: Number(options.get("camera") ?? 0) });
+    this.viewer = new Viewer(find("view"), {
+      drawn: () => this.#drawn(), moved: () => this.panel.shown(), touched: () => { find("hint").classList.add("done"); this.panel.shown(); },
+    }, { isBare, isStill });
+    this.panel = new Panel(this.viewer);
+    globalThis.page = this.viewer; // for the console, and for checks
+  }
+
+  #drawn() {
+    if (!performance.getEntriesByName(FIRST).length) performance.mark(FIRST);
+    find("cover").classList.add("done");
+    this.wake?.();
+  }
+
+  #whenDrawn() { return new Promise((done) => { this.wake = done; setTimeout(done, 1000); }); }
+
+  fail(error) {
+    if (error.name === "AbortError") return;
+    find("fault").textContent = `This scene cannot be shown: ${error.message ?? error}`;
+    find("fault").hidden = false;
+    find("cover").classList.add("done");
+    console.error(error);
+  }
+
+  // Shows a file of which there are chunks, better and better.
+  async open(name, chunks, whole) {
+    this.opening?.abort();
+    const { signal } = (this.opening = new AbortController());
+    let frame = null, about = null;
+    find("open").hidden = find("fault").hidden = true;
+    find("cover").classList.remove("done");
+    find("status").textContent = "Loading …";
+    if (name) document.title = find("name").textContent = name;
+    const parts = [];
+    const kept = async function* () {
+      for await (const chunk of chunks(signal)) { if (!about) parts.push(chunk); yield chunk; }
+    };
+    for await (const decoded of this.decoder.decodeStream(kept(), { signal, threads: THREADS, network: this.network })) {
+      about ??= this.decoder.inspect(await new Blob(parts).arrayBuffer());
+      const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene);
+      if (signal.aborted) return;
+      this.viewer.show(scene, cloud, frame !== null);
+      if (!frame && this.first && scene.views[this.first]) this.viewer.select(this.first, true);
+      frame = scene.frame;
+      this.panel.show(scene, cloud, about);
+      this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received, whole || about.bytes);
+    }
+    document.body.dataset.whole = "";
+    if (!this.isBare) hint(matchMedia("(pointer: coarse)").matches);
+  }
+
+  openOwn(bytes) {
+    const { steps } = this.decoder.inspect(bytes);
+    return this.open("", () => paced(bytes, this.isBare ? [] : steps, () => this.#whenDrawn()), bytes.length);
+  }
+
+  openChosen(file) {
+    this.panel.photos = [];
+    return this.open(file.name.replace(/\.tsplat$/, ""), () => file.stream(), file.size);
+  }
+
+  openAddress(address) {
+    const name = decodeURIComponent(new URL(address, location.href).pathname.split("/").at(-1)).replace(/\.tsplat$/, "");
+    const told = (received, whole) => {
+      find("status").textContent = whole ? `Loading … ${Math.floor((100 * received) / whole)} %` : `Loading … ${inKilobytes(received)}`;
+    };
+    return this.open(name, (signal) => fetched(address, signal, told), 0);
+  }
+
+  listen() { // for files that are dropped or chosen
+    const take = (file) => { if (file) this.openChosen(file).catch((error) => this.fail(error)); };
+    find("chosen").onchange = () => take(find("chosen").files[0]);
+    find("open").onsubmit = (event) => event.preventDefault();
+    addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("dropping"); });
+    addEventListener("dragleave", (event) => { if (!event.relatedTarget) document.body.classList.remove("dropping"); });
+    addEventListener("drop", (event) => {
+      event.preventDefault();
+      document.body.classList.remove("dropping");
+      take(event.dataTransfer.files[0]);
+    });
+  }
 }
 
-async function main() {
-  const options = new URLSearchParams(location.search.slice(1) || location.hash.slice(1)), isBare = options.has("bare");
-  document.body.classList.toggle("bare", isBare);
-  const scene = JSON.parse(find("scene").textContent), poster = scene.views[0].photo;
-  if (poster) Object.assign(find("poster"), { src: poster, hidden: false });
-  await new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); }); // the poster first
-  const isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
-  let panel = null;
-  const viewer = new Viewer(find("view"), {
-    drawn: () => find("cover").classList.add("done"), moved: () => panel?.shown(),
-    touched: () => { find("hint").classList.add("done"); panel?.shown(); },
-  }, { isBare, isStill });
-  const cloud = makeCloud(await unpack(scene, await packedData()));
-  viewer.show(scene, cloud);
-  panel = new Panel(viewer, scene, cloud);
-  const first = Number(options.get("camera") ?? 0);
-  if (first && scene.views[first]) viewer.select(first, true);
-  if (!isBare) hint(matchMedia("(pointer: coarse)").matches);
-  globalThis.page = viewer; // for the console, and for checks
+// decoder: tsplat.js; own: the file that the page carries, empty where it has none.
+export async function start(decoder, own) {
+  const given = JSON.parse(find("scene").textContent), options = new URLSearchParams(location.search.slice(1) || location.hash.slice(1));
+  const page = new Page(decoder, given, options);
+  if (given.photos[0]) Object.assign(find("poster"), { src: given.photos[0], hidden: false });
+  page.panel.photos = given.photos;
+  if (given.isPlayer) page.listen();
+  try {
+    await nextFrame(); // the poster first
+    if (own.length) await page.openOwn(own);
+    else if (options.get("file")) await page.openAddress(options.get("file"));
+    else [find("open").hidden, find("cover").hidden] = [false, true];
+  } catch (error) {
+    page.fail(error);
+  }
 }
-
-main().catch(fail);

@@ -253,53 +253,69 @@ function bindTextures(gl, uniforms, textures) {
 }
 
 export class Splats {
-  // cloud: see cloud.js. onSorted is called when a new order is at hand.
-  constructor(canvas, cloud, onSorted) {
+  // onSorted is called when a new order is at hand.
+  constructor(canvas, onSorted) {
     const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("this browser has no WebGL2");
     this.gl = gl;
-    this.cloud = cloud;
+    this.onSorted = onSorted;
     this.isHalf = Boolean(gl.getExtension("EXT_color_buffer_half_float") || gl.getExtension("EXT_color_buffer_float"));
-    const { count, functions } = cloud, most = (this.most = mostDrawn(cloud));
-    this.textures = {
-      order: dataTexture(gl, most, 1),
-      geometry: dataTexture(gl, 2 * count, 4, cloud.geometry),
-      colours: dataTexture(gl, functions * count, 2, cloud.colours),
-    };
-    this.records = { shapes: dataTexture(gl, most, 4), paints: dataTexture(gl, most, 4) };
-    this.shares = floatTexture(gl, cloud.viewCount + 1);
-    this.behind = null;
-    this.recordFrame = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
-    const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
-    Object.values(this.records).forEach((texture, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0));
-    gl.drawBuffers(places);
     this.project = program(gl, WHOLE, PROJECT);
     this.paint = program(gl, TRIANGLE, PAINT);
     this.close = program(gl, WHOLE, CLOSE);
     this.show = program(gl, WHOLE, SHOW);
     this.lines = program(gl, LINES, ORANGE);
     this.empty = gl.createVertexArray();
+    this.recordFrame = gl.createFramebuffer();
     this.target = { texture: gl.createTexture(), frame: gl.createFramebuffer(), width: 0, height: 0 };
     this.closed = { depth: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
+    this.behind = null;
     this.sortedCount = -1; // none yet
-    this.#startSorter(onSorted);
+    this.asked = this.answered = 0;
   }
 
-  #startSorter(onSorted) {
+  // Takes a cloud (cloud.js) in place of the one before.
+  load(cloud) {
+    const { gl } = this, { count, functions } = cloud;
+    this.#release();
+    this.cloud = cloud;
+    this.most = mostDrawn(cloud);
+    this.textures = {
+      order: dataTexture(gl, this.most, 1),
+      geometry: dataTexture(gl, 2 * count, 4, cloud.geometry),
+      colours: dataTexture(gl, functions * count, 2, cloud.colours),
+    };
+    this.records = { shapes: dataTexture(gl, this.most, 4), paints: dataTexture(gl, this.most, 4) };
+    this.shares = floatTexture(gl, cloud.viewCount + 1);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
+    const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
+    Object.values(this.records).forEach((texture, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0));
+    gl.drawBuffers(places);
+    this.lineArray = null;
+    this.#startSorter();
+  }
+
+  #release() {
     const { gl } = this;
+    this.worker?.terminate();
+    for (const texture of [...Object.values(this.textures ?? {}), ...Object.values(this.records ?? {}), this.shares ?? null]) gl.deleteTexture(texture);
+    this.sortedCount = -1;
+    this.asked = this.answered = 0;
+  }
+
+  #startSorter() {
+    const { gl, cloud } = this;
     const text = `"use strict";const sorting=${sorting};(${work})()`, address = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
     this.worker = new Worker(address);
-    this.worker.postMessage({ means: this.cloud.means, parts: this.cloud.parts });
-    this.asked = this.answered = 0;
+    this.worker.postMessage({ means: cloud.means, parts: cloud.parts });
     this.worker.onmessage = ({ data }) => {
-      this.answered = data.id;
       const sorted = data.sorted.subarray(0, this.most);
+      this.answered = data.id;
       this.sortedCount = sorted.length;
       gl.activeTexture(gl.TEXTURE0);
       gl.bindTexture(gl.TEXTURE_2D, this.textures.order);
       fill(gl, sorted, 1, gl.RED_INTEGER);
-      onSorted();
+      this.onSorted();
     };
   }
 
@@ -411,12 +427,6 @@ export class Splats {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, BEHIND, BEHIND, 0, gl.RGBA, gl.UNSIGNED_BYTE, texels);
     for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
-  }
-
-  // Gives back what the page holds of these Gaussians, before others take their place.
-  release() {
-    this.worker.terminate();
-    for (const texture of [...Object.values(this.textures), ...Object.values(this.records), this.shares, this.behind, this.target.texture]) this.gl.deleteTexture(texture);
   }
 
   #resize(width, height) {

@@ -29,13 +29,14 @@ export class Viewer {
     requestAnimationFrame((now) => this.#frame(now));
   }
 
-  // scene: { views, up, nearPlane, reach, hasCameras }, cloud: cloud.js; keeps the camera where a sharper cloud of the same scene comes.
+  // scene: scene.js, cloud: cloud.js; keeps the camera where a sharper cloud of the same scene comes.
   show(scene, cloud, isSame = false) {
-    const splats = new Splats(this.canvas, cloud, () => { this.isDirty = true; });
-    this.splats?.release();
-    Object.assign(this, { scene, splats, cloud, isDirty: true });
-    if (cloud.behind && !this.isBare) splats.setBehind(cloud.behind);
+    this.splats ??= new Splats(this.canvas, () => { this.isDirty = true; });
+    this.splats.load(cloud);
+    Object.assign(this, { scene, cloud, isDirty: true });
+    if (cloud.behind && !this.isBare) this.splats.setBehind(cloud.behind);
     if (!isSame) this.#stand();
+    else if (this.bound) this.bound = this.near.bound = new Bound(scene.views, cloud.depth, cloud.spread);
     this.move();
   }
 
@@ -51,6 +52,14 @@ export class Viewer {
     this.current = 0;
     this.fit();
     this.#set(views[0]);
+  }
+
+  // Whether a frame has to be drawn.
+  get isDirty() { return this.hasChanged; }
+
+  set isDirty(isDirty) {
+    this.hasChanged = isDirty;
+    if (isDirty) delete document.body.dataset.ready;
   }
 
   get mover() { return this.isFree || !this.near ? this.free : this.near; }
@@ -202,13 +211,12 @@ export class Viewer {
     requestAnimationFrame((next) => this.#frame(next));
     const elapsed = Math.min(now - this.last, 250);
     this.last = now;
-    if (!this.splats || this.splats.isLost) return;
+    if (!this.splats) return;
     const moves = this.#step(elapsed / 1000);
     if (this.waits && this.splats.isSorted) {
       this.waits = false;
       this.splats.sort(this.camera, this.scene.nearPlane, this.shares());
     }
-    if (this.isDirty) delete document.body.dataset.ready;
     if (this.splats.sortedCount >= 0 && (this.isDirty || (!moves && this.share < 1))) this.#draw(moves, elapsed);
     this.wasMoving = moves;
   }

@@ -4,35 +4,36 @@ from __future__ import annotations
 
 import importlib.resources
 import re
+from collections.abc import Callable
 
 ENTRY = "tsplat.js"
 
 _IMPORT = re.compile(r'^import \{([^}]*)\} from "(\.{1,2}/[^"]+)";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:async )?function|const|class|let)", re.MULTILINE)
-_COMMENT = re.compile(r"^ */\*\*.*?\*/\n", re.MULTILINE | re.DOTALL)
+_COMMENT = re.compile(r"^ */\*\*.*?\*/\n|^ *//[^\n]*\n| // [^\n\"'`]*$|^\s+", re.MULTILINE | re.DOTALL)
 
 
-def bundled() -> str:
-    """tsplat.js and all that it imports as one ES module with the same exports.
+def bundled(entry: str = ENTRY, package: str = __name__) -> str:
+    """tsplat.js, or another module, and all that it imports as one ES module with the same exports.
 
-    Modules stand in the order in which they are needed, without comments. They share one scope: names at their top are
-    unique.
+    Modules stand in the order in which they are needed, without comments and indentation. They share one scope: names
+    at their top are unique.
     """
-    texts: dict[str, str] = {}
-    _collect(ENTRY, texts)
+    folder, texts = importlib.resources.files(package), dict[str, str]()
+    _collect(entry, entry, lambda name: folder.joinpath(name).read_text("utf-8"), texts)
     return "".join(texts.values())
 
 
-def _collect(name: str, texts: dict[str, str]) -> None:
+def _collect(name: str, entry: str, read: Callable[[str], str], texts: dict[str, str]) -> None:
     if name in texts:
         return
-    text = importlib.resources.files(__name__).joinpath(name).read_text("utf-8")
+    text = read(name)
     texts[name] = ""  # of two modules that import each other, the one asked for first stands behind
     for _, path in _IMPORT.findall(text):
-        _collect(_resolved(name, path), texts)
+        _collect(_resolved(name, path), entry, read, texts)
     del texts[name]
     text = _COMMENT.sub("", _IMPORT.sub("", text))
-    texts[name] = text if name == ENTRY else _EXPORT.sub("", text)
+    texts[name] = text if name == entry else _EXPORT.sub("", text)
 
 
 def _resolved(name: str, path: str) -> str:

@@ -1,0 +1,86 @@
+// What tsplat.js decodes, in the page's units: its origin is the mean camera centre and its unit makes the median depth
+// REACH, so that float32 does not depend on where a scene lies and how large it is.
+import { add, cross, dot, length, scaled, unit } from "./vectors.js";
+
+const REACH = 4;
+const LEAST_OPACITY = 1 / 255; // that shows
+const NEAR_PLANE = 0.01; // scene units
+const BULK = [0.05, 0.95]; // of a scene without views, which is looked at
+
+// A camera as the page takes it: rows of its rotation right, down and forward; position in the world.
+export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
+  const forward = unit([c2w[2], c2w[6], c2w[10]]), right = [c2w[0], c2w[4], c2w[8]];
+  const x = unit(add(right, forward, -dot(right, forward))); // exact where few digits were written
+  return { width, height, K: [fx, skew, fy, cx, cy], rotation: [x, cross(forward, x), forward], position: [c2w[3], c2w[7], c2w[11]] };
+}
+
+// In front of all but strays, y down: [left, top, front] and [right, bottom, back] of the bulk.
+function outside({ means, count, origin }) {
+  const [low, high] = BULK.map((share) => [0, 1, 2].map((k) => {
+    const some = [];
+    for (let i = 0; i < count; i += Math.ceil(count / 20000)) some.push(means[3 * i + k]);
+    return some.sort((a, b) => a - b)[Math.floor(share * (some.length - 1))] + origin[k];
+  }));
+  const middle = scaled(add(low, high), 0.5), far = 1.5 * length(add(high, low, -1)) || 1;
+  return { width: 800, height: 600, K: [600, 0, 600, 400, 300], rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], position: add(middle, [0, 0, -far]) };
+}
+
+// Runs of Gaussians: of a view's pixels, or of none.
+function partsOf(layers) {
+  return layers.flatMap(({ views, count, offset }, layer) => {
+    if (!views) return [{ view: -1, isFront: false, from: offset, to: offset + count }];
+    const own = count / views;
+    return Array.from({ length: views }, (_, view) => ({ view, isFront: layer === 0, from: offset + view * own, to: offset + (view + 1) * own }));
+  });
+}
+
+// decoded: of tsplat.js. cameras: views of a file that has none. frame: of the same scene, decoded from fewer bytes.
+export function sceneOf(decoded, cameras = [], frame = null) {
+  const given = decoded.cameras.length ? decoded.cameras : cameras, world = given.length ? given.map(viewOf) : [outside(decoded)];
+  const { scale, centre } = frame ?? frameOf(decoded, world);
+  const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
+  const down = views.reduce((sum, { rotation }) => add(sum, rotation[1]), [0, 0, 0]);
+  return {
+    ...shown(decoded, scale, add([...decoded.origin], centre, -1)), frame: { scale, centre }, views, hasCameras: given.length > 0, reach: REACH,
+    nearPlane: NEAR_PLANE * scale, up: length(down) > 1e-6 ? unit(scaled(down, -1)) : scaled(views[0].rotation[1], -1),
+  };
+}
+
+function frameOf({ means, opacities, count, origin }, views) {
+  const centre = scaled(views.reduce((sum, { position }) => add(sum, position), [0, 0, 0]), 1 / views.length), depths = [];
+  const { position, rotation } = views[0], offset = add([...origin], position, -1);
+  for (let i = 0; i < count; i += Math.ceil(count / 20000)) {
+    const z = dot(rotation[2], add(means.subarray(3 * i, 3 * i + 3), offset));
+    if (z > 0 && opacities[i] > 0.1) depths.push(z);
+  }
+  const median = depths.sort((a, b) => a - b)[depths.length >> 1];
+  return { centre, scale: median ? REACH / median : 1 };
+}
+
+// The Gaussians that can show, moved and scaled.
+function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset) {
+  const functions = (degree + 1) ** 2, width = 3 * functions, parts = [];
+  const isShown = (i) => opacities[i] >= LEAST_OPACITY && Number.isFinite(means[3 * i] + means[3 * i + 1] + means[3 * i + 2]);
+  let count = 0;
+  for (let i = 0; i < opacities.length; i++) count += isShown(i) ? 1 : 0;
+  const out = {
+    means: new Float32Array(3 * count), scales: new Float32Array(3 * count), quats: new Float32Array(4 * count), opacities: new Float32Array(count),
+    sh: new Float32Array(width * count),
+  };
+  let at = 0;
+  for (const { view, isFront, from, to } of partsOf(layers)) {
+    const start = at;
+    for (let i = from; i < to; i++) {
+      if (!isShown(i)) continue;
+      for (let k = 0; k < 3; k++) {
+        out.means[3 * at + k] = scale * (means[3 * i + k] + offset[k]);
+        out.scales[3 * at + k] = scale * scales[3 * i + k];
+      }
+      for (let k = 0; k < 4; k++) out.quats[4 * at + k] = quats[4 * i + k];
+      for (let k = 0; k < width; k++) out.sh[width * at + k] = sh[width * i + k];
+      out.opacities[at++] = opacities[i];
+    }
+    if (at > start) parts.push({ view, isFront, from: start, to: at });
+  }
+  return { ...out, count, functions, parts };
+}

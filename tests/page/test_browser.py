@@ -1,0 +1,170 @@
+"""The whole page in Chromium: its pictures are the rasteriser's, and it keeps a visitor near the views."""
+
+from __future__ import annotations
+
+import base64
+import http.server
+import io
+import threading
+import urllib.parse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from page.browser import Browser, Tab
+from PIL import Image
+from scenes import make_smooth_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.page.build import player_page, scene_page
+
+LEAST_DB = 45.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as running:
+        yield running
+        assert [message for message in running.messages if "ReadPixels" not in message] == []  # of our own reading
+
+
+def picture(tab: Tab) -> NDArray:
+    """(H, W, 3) in [0, 1] of what the page has drawn."""
+    data = tab.evaluate("document.getElementById('view').toDataURL()").partition(",")[2]
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.float64) / 255
+
+
+def psnr(a: NDArray, b: NDArray) -> float:
+    return float(-10 * np.log10(np.mean((a - np.clip(b, 0, 1)) ** 2)))
+
+
+def coded(views: int, degree: int = 1, layers: int = 2) -> bytes:
+    scene = make_smooth_gaussians(views, 48, 64, degree=degree, layers=layers, origin=np.array([1e5, -3e5, 0.0]))
+    return ts.compress(scene, qp=-6)
+
+
+@pytest.mark.parametrize("views", [2, 5])
+def test_pictures_at_views_are_the_rasteriser_s(browser: Browser, tmp_path: Path, views: int) -> None:
+    data = coded(views)
+    gaussians = ts.decompress(data)
+    (tmp_path / "page.html").write_text(scene_page(data, title="a <b>"))
+    for view, times in ((0, 1), (1, 3)):
+        camera = gaussians.cameras[view].resized(times * 48, times * 64)
+        tab = browser.open(f"{(tmp_path / 'page.html').as_uri()}#bare&camera={view}", camera.width, camera.height)
+        tab.ready()
+        assert psnr(picture(tab), ts.render(gaussians, camera)) > LEAST_DB
+        tab.close()
+
+
+def test_gaussians_of_no_pixels_are_seen_from_outside(browser: Browser, tmp_path: Path) -> None:
+    data = ts.compress(ts.decompress(coded(2, degree=2)).flat(), qp=-6)
+    (tmp_path / "page.html").write_text(scene_page(data, title="list"))
+    tab = browser.open(f"{(tmp_path / 'page.html').as_uri()}#bare", 320, 240)
+    tab.ready()
+    assert picture(tab).max() > 0.2
+    assert tab.evaluate("[page.bound, document.getElementById('free').closest('label').hidden]") == [None, True]
+    tab.close()
+
+
+def test_a_visitor_stays_near_the_views_and_comes_back(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "page.html").write_text(scene_page(coded(2), title="scene", photos={0: np.full((48, 64, 3), 0.5)}))
+    tab = browser.open((tmp_path / "page.html").as_uri(), 390, 844)
+    tab.ready()
+    assert tab.evaluate("[document.getElementById('panel').open, document.getElementById('back').hidden]") == [
+        False,
+        True,
+    ]
+    assert "2 photos" in tab.evaluate("document.getElementById('caption').textContent")
+    start = picture(tab)
+    tab.drag(195, 420, 150, 40)
+    tab.wait("page.bound.strain(page.camera) < 1.01 && !page.mover.spring(0)")
+    tab.ready()
+    assert tab.evaluate("page.bound.strain(page.camera)") > 0.2
+    assert np.abs(picture(tab) - start).mean() > 0.005
+    assert not tab.evaluate("document.getElementById('back').hidden")
+    tab.evaluate("document.getElementById('back').click()")
+    tab.wait("page.bound.strain(page.camera) < 1e-6")
+    tab.ready()
+    assert np.abs(picture(tab) - start).mean() < 1e-3
+    tab.close()
+
+
+def test_switches_change_the_picture(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "page.html").write_text(scene_page(coded(2), title="scene"))
+    tab = browser.open((tmp_path / "page.html").as_uri(), 160, 120)
+    tab.ready()
+    before = picture(tab)
+    for change in ("depth.click()", "depth.click(), opacity.value = 0.9, opacity.dispatchEvent(new Event('input'))"):
+        tab.evaluate(f"{change}; 0")
+        tab.ready()
+        assert np.abs(picture(tab) - before).mean() > 0.01
+    tab.close()
+
+
+# ---- the player ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[dict[str, bytes]], str]]:
+    """Serves bodies by path on this machine; gives the address."""
+    bodies: dict[str, bytes] = {}
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            body = bodies.get(urllib.parse.unquote(self.path.partition("?")[0]))
+            self.send_response(404 if body is None else 200)
+            self.send_header(
+                "Content-Type", "text/html" if self.path.startswith("/player") else "application/octet-stream"
+            )
+            self.send_header("Content-Length", str(len(body or b"")))
+            self.end_headers()
+            self.wfile.write(body or b"")
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Requests are nobody's concern."""
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+
+    def given(more: dict[str, bytes]) -> str:
+        bodies.update(more)
+        return f"http://127.0.0.1:{server.server_address[1]}"
+
+    yield given
+    server.shutdown()
+    server.server_close()
+
+
+def test_the_player_opens_what_is_linked(browser: Browser, serve: Callable[[dict[str, bytes]], str]) -> None:
+    data = coded(2)
+    gaussians = ts.decompress(data)
+    address = serve({"/player.html": player_page().encode(), "/a b.tsplat": data})
+    camera = gaussians.cameras[0]
+    tab = browser.open(f"{address}/player.html?file=a%20b.tsplat&bare", camera.width, camera.height)
+    tab.ready()
+    assert psnr(picture(tab), ts.render(gaussians, camera)) > LEAST_DB
+    assert tab.evaluate("document.title") == "a b"
+    tab.close()
+
+
+def test_the_player_opens_what_is_dropped_and_refuses_what_is_none(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "player.html").write_text(player_page())
+    tab = browser.open((tmp_path / "player.html").as_uri(), 300, 200)
+    tab.wait("globalThis.page && !document.getElementById('open').hidden")
+    drop = """(bytes) => {
+      const files = new DataTransfer();
+      files.items.add(new File([Uint8Array.from(bytes)], "scene.tsplat"));
+      dispatchEvent(new DragEvent("drop", { dataTransfer: files, bubbles: true, cancelable: true }));
+    }"""
+    tab.evaluate(f"({drop})({list(coded(2))})")
+    tab.ready()
+    assert picture(tab).std() > 0.02
+    assert tab.evaluate("[document.title, document.getElementById('open').hidden]") == ["scene", True]
+    tab.evaluate(f"({drop})([1, 2, 3, 4])")
+    assert "cannot be shown" in tab.wait("document.getElementById('fault').textContent")
+    browser.messages[:] = [
+        message for message in browser.messages if "tsplat" not in message and "Error" not in message
+    ]
+    tab.close()
