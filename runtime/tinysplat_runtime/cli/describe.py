@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -94,7 +93,7 @@ def _view_lines(sizes: Sequence[int]) -> list[str]:
         return []
     if len(sizes) <= MOST_LISTED:
         return ["view         bytes", *(f"{view:<9} {n:8}" for view, n in enumerate(sizes)), ""]
-    low, middle, high = min(sizes), statistics.median_low(sizes), max(sizes)
+    low, middle, high = min(sizes), sorted(sizes)[(len(sizes) - 1) // 2], max(sizes)
     spread = (("least", low), ("median", middle), ("most", high))
     return ["views        bytes", *(f"{word:<9} {n:8}  view {sizes.index(n)}" for word, n in spread), ""]
 
