@@ -15,7 +15,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.own import own_psnr
 from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.scene.look import range_guessed, range_seen
+from tinysplat_runtime.scene.look import Look, agreed, range_guessed, range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 DEPTHS = (2.0, 5.0)
@@ -96,6 +96,67 @@ def test_right_cameras_are_not_suspected(scene: Scene) -> None:
 )
 def test_what_is_wrong_with_cameras_is_named(scene: Scene, change, words: str) -> None:
     (fault,) = doubts(changed(scene, change))
+    assert words in fault
+
+
+def with_intrinsics(scene: Scene, change) -> Scene:
+    def moved(frame: Frame) -> Frame:
+        K = frame.camera.K.copy()
+        change(K)
+        return dataclasses.replace(frame, camera=ts.Camera(K, frame.camera.c2w, W, H))
+
+    return dataclasses.replace(scene, frames=tuple(map(moved, scene.frames)))
+
+
+def zoomed(factor: float):
+    def change(K: NDArray) -> None:
+        K[:2, :2] *= factor
+
+    return change
+
+
+def centred_at(x: float, y: float):
+    def change(K: NDArray) -> None:
+        K[:2, 2] = x, y
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (zoomed(0.5), "focal lengths are off, or of another size of photo: times 2,"),
+        (centred_at(0, 0), "photo 1 (0.png): K's principal point lies at (0 %, 0 %)"),
+        (centred_at(W, H), "principal point lies at (100 %, 100 %)"),
+        (centred_at(W / 2, 0.95 * H), "(50 %, 95 %)"),
+        (centred_at(0.4 * W, 0.6 * H), None),
+        (zoomed(1.02), None),
+    ],
+)
+def test_what_is_wrong_with_intrinsics_is_named(tmp_path: Path, change, words: str | None) -> None:
+    """Of cameras that turn to what they look at: of parallel ones focal lengths are depths in other units."""
+    views = [camera(x, -x / 2.5) for x in (-0.3, 0.3)]
+    scene = stored(tmp_path, views, [photo(view) for view in views])
+    assert doubts(scene) == []
+    found = doubts(with_intrinsics(scene, change))
+    assert found == [] if words is None else len(found) == 1 and words in found[0]
+
+
+@pytest.mark.parametrize(
+    ("order", "turn", "words"),
+    [
+        ((1, 0), 0, "photos are swapped (left for right?)"),
+        ((2, 1, 0), 0, "in the reverse order of their cameras"),
+        ((1, 2, 3, 0), 0, "belong to the"),
+        ((0, 1), 2, "upside down, by their Exif orientation"),
+    ],
+)
+def test_photos_of_other_cameras_or_turned_are_told(tmp_path: Path, order, turn: int, words: str) -> None:
+    places = np.array([0.0, 0.35, 0.6, 1.1])[: len(order)]
+    views = [camera(x - 0.4, 0.1 * (x - 0.4)) for x in places]
+    photos = [np.rot90(photo(view), turn) for view in views]
+    assert doubts(stored(tmp_path, views, [photo(view) for view in views])) == []
+    (fault,) = doubts(stored(tmp_path, views, [photos[i] for i in order]))
     assert words in fault
 
 
@@ -202,3 +263,55 @@ def test_of_large_photos_a_band_across_the_middle_tells(monkeypatch: pytest.Monk
     monkeypatch.setattr(own, "Renderer", renderer)
     assert own_psnr(gaussians, pictures, None) > 45  # but for what the nearest rows left out add to the band's ends
     assert len(drawn) == 2 and all(rows < 200 for _, rows, _ in drawn)
+
+
+def look_with_best(planes: int, depths: NDArray) -> Look:
+    """Every pixel's cost is least at one plane."""
+    costs = np.ones((len(depths), H, W), np.float32)
+    costs[planes] = 0
+    return Look(costs, depths)
+
+
+@pytest.mark.parametrize(("apart", "share"), [(0, 1.0), (1, 1.0), (2, 0.0), (5, 0.0)])
+def test_photos_agree_about_a_depth_within_a_plane_and_a_half(apart: int, share: float) -> None:
+    depths = 1 / np.linspace(1 / 2, 1 / 8, 31)
+    here, there = camera(0), camera(0)
+    assert agreed(look_with_best(10, depths), here, look_with_best(10 + apart, depths), there) == share
+
+
+def test_the_range_found_has_its_margins(scene: Scene) -> None:
+    near, far = range_seen(scene.images(), scene.cameras)
+    assert DEPTHS[0] / 1.4 * 0.9 < near < DEPTHS[0] / 1.4 * 1.1
+    assert DEPTHS[1] * 2 * 0.85 < far < DEPTHS[1] * 2 * 1.15
+
+
+@pytest.mark.parametrize(("share", "names"), [(0.9, False), (0.8, False), (0.7, True)])
+def test_a_reading_that_is_only_a_little_better_is_no_fault(
+    scene: Scene, monkeypatch, share: float, names: bool
+) -> None:
+    """All that reads poses in another way costs `share` of 0.1; what is given costs that."""
+    from tinysplat_runtime.recipe import doubts as room
+
+    given = [camera.c2w.tobytes() for camera in scene.cameras]
+
+    def look_of(images: NDArray, cameras, depths: NDArray) -> list[Look]:
+        same = [camera.c2w.tobytes() for camera in cameras] == given
+        return [Look(np.full((1, H, W), 0.1 if same else 0.1 * share), depths[:1])] * len(cameras)
+
+    monkeypatch.setattr(room, "look", look_of)
+    monkeypatch.setattr(room, "_range_doubts", lambda seen: [])
+    assert bool(doubts(scene)) is names
+
+
+def test_photos_that_match_equally_badly_are_none_of_them_odd(tmp_path: Path, monkeypatch) -> None:
+    from tinysplat_runtime.recipe import doubts as room
+
+    seen = room._Thumbnails.of(four(tmp_path, lambda photos: photos[1]))
+    seen = dataclasses.replace(seen, looks=[Look(np.full((1, H, W), 0.2), seen.depths[:1])] * 4)
+    costs = {0: 0.2, 1: 0.2, 2: 0.2, 3: 0.2}
+    monkeypatch.setattr(room, "_least_cost", lambda seen, view: costs[view])
+    assert room._odd(seen) == []
+    costs[2] = 0.2 * 1.6
+    assert room._odd(seen) == []
+    costs[2] = 0.2 * 1.8
+    assert [line.split(" (")[0] for line in room._odd(seen)] == ["photo 3"]

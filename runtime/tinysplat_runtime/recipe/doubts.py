@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,18 @@ EMPTY = (0.72, 3.0)
 away as near: nothing is near `near`. Pairs of nine scenes begin at 0.6 at most, with a tenth of near nearly all at 0.8
 and more; from the air some begin at 0.75, at 2.5 times near."""
 
+NEARLY = 0.8
+"""The same of focal lengths, whose faults nearer and farther depths make up for in part."""
+
+AS_GOOD, MOST_NAMED = 1.08, 3
+"""Readings whose cost is at most so many times the best one's are named beside it, up to so many: of cameras in a row,
+pictures swapped, turned upside down and with inverted poses say the same."""
+
+FOCAL_FACTORS = (0.5, 2 / 3, 1.5, 2.0)
+
+CENTRAL = (0.1, 0.9)
+"""Where in a photo's width and height its principal point lies, even of one that was cut out of another."""
+
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
 
@@ -69,31 +81,82 @@ def doubts(scene: Scene) -> list[str]:
 
 def _camera_fault(seen: _Thumbnails) -> list[str]:
     """Photos whose thumbnails agree much better once the cameras are read in another way were given in that way."""
-    cameras = seen.cameras
-
-    def cost(read: Sequence[Camera]) -> float:
-        return float(np.mean([found.cost for found in look(seen.images, read, seen.depths)]))
-
     given = float(np.mean([found.cost for found in seen.looks]))
+    border = [f"{name}: {text}" for name, text in zip(seen.names, map(_off_centre, seen.cameras), strict=True) if text]
+    if border:
+        return border[:1]
     if given < SUSPICIOUS:
         return []
-    readings = {
-        "c2w holds world-to-camera matrices (w2c): with their inverses": [_inverse(camera) for camera in cameras],
-        "c2w has OpenGL axes (y up, z backward) where OpenCV's are expected: with y and z turned": [
-            _flipped(camera) for camera in cameras
-        ],
-        **{
-            f"translations are in other units than near and far: times {unit:g}": [_scaled(c, unit) for c in cameras]
-            for unit in UNITS
-        },
-    }
-    costs = {text: cost(read) for text, read in readings.items()}
-    best = min(costs, key=costs.__getitem__)
-    if costs[best] < BETTER * given:
-        return [f"{best}, photos agree far better"]
+
+    def cost(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> float:
+        return float(np.mean([one.cost for one in look(images, cameras, depths)]))
+
+    shares = {}
+    for reading in _readings(seen):
+        found = cost(reading.images, reading.cameras, seen.depths)
+        share = found / (reading.better * given)
+        if share < 1 and reading.zoom:  # which depths nearer or farther by as much may explain as well
+            share = max(share, found / (reading.better * cost(seen.images, seen.cameras, seen.depths / reading.zoom)))
+        shares[reading.text] = share
+    best = sorted((text for text in shares if shares[text] < min(1, AS_GOOD * min(shares.values()))), key=shares.get)
+    if best:
+        return [f"{'; or '.join(best[:MOST_NAMED])}, photos agree far better"]
     if given > 0.97 * UNSEEN:
         return ["the cameras stand back to back: no photo shows what another does between near and far"]
     return []
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """Photos and cameras read in another way.
+
+    Attributes:
+        text: what that says.
+        images, cameras: as read.
+        better: below which share of the cost as given it is taken for the right one.
+        zoom: by which focal lengths differ, 0 where they do not.
+    """
+
+    text: str
+    images: NDArray
+    cameras: Sequence[Camera]
+    better: float = BETTER
+    zoom: float = 0.0
+
+
+def _readings(seen: _Thumbnails) -> Iterator[_Reading]:
+    """Other ways to read poses, intrinsics, and which photo is whose."""
+    images, cameras = seen.images, seen.cameras
+    yield _Reading("c2w holds world-to-camera matrices (w2c): with their inverses", images, [*map(_inverse, cameras)])
+    axes = "c2w has OpenGL axes (y up, z backward) where OpenCV's are expected: with y and z turned"
+    yield _Reading(axes, images, [*map(_flipped, cameras)])
+    for unit in UNITS:
+        text = f"translations are in other units than near and far: times {unit:g}"
+        yield _Reading(text, images, [_scaled(camera, unit) for camera in cameras])
+    for factor in FOCAL_FACTORS:
+        text = f"focal lengths are off, or of another size of photo: times {factor:g}"
+        yield _Reading(text, images, [_zoomed(camera, factor) for camera in cameras], NEARLY, factor)
+    swapped = "swapped (left for right?)" if len(cameras) == 2 else "in the reverse order of their cameras"
+    yield _Reading(f"photos are {swapped}: exchanged", images[::-1], cameras)
+    if len(cameras) > 2:
+        yield _Reading("photos belong to the next camera: each moved by one", np.roll(images, 1, axis=0), cameras)
+        yield _Reading("photos belong to the camera before: each moved by one", np.roll(images, -1, axis=0), cameras)
+    upside = "photos are upside down, by their Exif orientation or for want of it: turned by 180 degrees"
+    yield _Reading(upside, images[:, ::-1, ::-1], cameras)
+    if images.shape[1] == images.shape[2]:
+        for turns, way in ((1, "left"), (3, "right")):
+            text = f"photos lie on their side, by their Exif orientation or for want of it: turned to the {way}"
+            yield _Reading(text, np.rot90(images, turns, axes=(1, 2)), cameras)
+
+
+def _off_centre(camera: Camera) -> str:
+    """What to say of a principal point that no photo has, which lies at the border or beyond."""
+    x, y = camera.K[0, 2] / camera.width, camera.K[1, 2] / camera.height
+    low, high = CENTRAL
+    if low <= x <= high and low <= y <= high:
+        return ""
+    place = f"({100 * x:.0f} %, {100 * y:.0f} %) of width and height"
+    return f"K's principal point lies at {place}, where it is near (50 %, 50 %): of another size of photo, or missing"
 
 
 def _useless(seen: _Thumbnails) -> list[str]:
@@ -172,6 +235,12 @@ def _inverse(camera: Camera) -> Camera:
 
 def _flipped(camera: Camera) -> Camera:
     return Camera(camera.K, camera.c2w @ np.diag([1.0, -1.0, -1.0, 1.0]), camera.width, camera.height)
+
+
+def _zoomed(camera: Camera, factor: float) -> Camera:
+    K = camera.K.copy()
+    K[:2, :2] *= factor
+    return Camera(K, camera.c2w, camera.width, camera.height)
 
 
 def _scaled(camera: Camera, factor: float) -> Camera:

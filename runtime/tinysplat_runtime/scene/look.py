@@ -162,7 +162,8 @@ def _costs(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: 
     costs = np.empty((len(depths), height, width), np.float32)
     for p, point in enumerate(_points(camera, its, (height, width), depths[:, None, None, None])):
         row, column, inside = _places(point, its)
-        costs[p] = np.where(inside, np.abs(other[row, column] - image).mean(axis=-1), UNSEEN)
+        red, green, blue = np.moveaxis(np.abs(other[row, column] - image), -1, 0)
+        costs[p] = np.where(inside, (red + green + blue) / 3, UNSEEN)
     return _smoothed(costs)
 
 
@@ -190,6 +191,7 @@ def _smoothed(costs: NDArray) -> NDArray:
         padding = [(0, 0)] * 3
         padding[axis] = (_WINDOW, _WINDOW)
         padded = np.pad(costs, padding, mode="edge")
-        views = np.lib.stride_tricks.sliding_window_view(padded, 2 * _WINDOW + 1, axis=axis)
-        costs = views.mean(axis=-1)
+        length, width = costs.shape[axis], 2 * _WINDOW + 1
+        shifted = (padded.take(range(n, n + length), axis) for n in range(width))
+        costs = np.add.reduce(list(shifted)) / np.float32(width)
     return costs
