@@ -7,7 +7,7 @@ from threading import Event
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians
+from scenes import make_cameras, make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import (
@@ -156,7 +156,7 @@ def _row_of_dots(pixels, *, depth=2.0, scale=0.01, opacity=0.9) -> Gaussians:
 
 def test_a_stripe_takes_what_reaches_it_and_weighs_what_lies_in_it_by_hand():
     """Rows 8 to 20 of a picture of 40 × 30: splats of σ = 0.25 px reach 3 · 0.25 and 3 px more."""
-    stripe = _Stripe(Camera([[50, 0, 20], [0, 50, 7], [0, 0, 1]], np.eye(4), 40, 12), 8, 30)
+    stripe = _Stripe(Camera([[50, 0, 20], [0, 50, 7], [0, 0, 1]], np.eye(4), 40, 12), 8, 30, [0])
     reach = 3 * 0.01 * 50 / 2 + 3
     inside = [(20, 14), (0.01, 8.01), (39.9, 19.9)]
     picture = [(20, 0.1), (20, 29.9), (20, 7.9), (20, 20.1)]
@@ -180,16 +180,29 @@ def test_a_stripe_takes_what_reaches_it_and_weighs_what_lies_in_it_by_hand():
 def test_stripes_are_spread_over_the_middles_and_over_the_rows():
     """Five of four cameras' three middles: the 1st, 1st, 2nd, 3rd, 3rd; rows by the golden ratio from the middle on."""
     cameras = make_smooth_gaussians(4, 100, 20).cameras
-    stripes = _stripes(cameras, 5)
+    stripes = _stripes(cameras, 5, 2.0)
     for n, (stripe, middle) in enumerate(zip(stripes, (0, 0, 1, 2, 2), strict=True)):
         halfway = (cameras[middle].centre + cameras[middle + 1].centre) / 2
         np.testing.assert_allclose(stripe.camera.centre, halfway, atol=1e-12)
         assert stripe.first == int((0.5 + 0.6180339887498949 * n) % 1 * 68)
         assert (stripe.height, stripe.camera.height, stripe.camera.width) == (100, 32, 20)
+        assert list(stripe.views) == [0, 1, 2, 3]
         K = (cameras[middle].K + cameras[middle + 1].K) / 2
         np.testing.assert_allclose(stripe.camera.K, K - [[0, 0, 0], [0, 0, stripe.first], [0, 0, 0]])
-    (only,) = _stripes(cameras[:1], 1)
+    (only,) = _stripes(cameras[:1], 1, 2.0)
     np.testing.assert_array_equal(only.camera.c2w, cameras[0].c2w)
+
+
+def test_of_many_views_a_stripe_shows_the_four_next_to_it():
+    """Ten cameras in a row, half a depth from one to the next: two on either side of each middle."""
+    row = make_cameras(10, 8, 12, spacing=1.0, turn=0.0)
+    scene = make_smooth_gaussians(10, 8, 12, degree=0).with_cameras(row)
+    stripes = _stripes(scene.cameras, 9, 2.0)
+    assert [list(stripe.views) for stripe in stripes[1:-1]] == [[n - 1, n, n + 1, n + 2] for n in range(1, 8)]
+    inverse = -1 / scene.means[..., 2]
+    found = _select(scene, inverse, np.ones_like(inverse), stripes[4])
+    assert set(found.at[0].tolist()) == {3, 4, 5, 6}
+    assert [list(stripe.views) for stripe in _stripes(scene.cameras[:6], 1, 2.0)] == [list(range(6))]
 
 
 def test_contrast_carries_what_a_stripe_shows_over_to_its_picture(store, monkeypatch):
@@ -380,7 +393,7 @@ def test_q_g_is_accepted_from_minus_60_to_60():
 def test_a_file_states_the_least_and_the_largest_depth(profile):
     scene = make_smooth_gaussians(2, 24, 32, degree=0, layers=2)
     found = read_container(Runtime(threads=1).compress(scene, profile))
-    for layer, header in zip(scene.layers, found.layers, strict=True):
+    for layer, header in zip(scene.layers, found.body.layers, strict=True):
         pairs = zip(layer.means.astype(np.float64), scene.cameras, strict=True)
         z = np.stack([(means - camera.centre) @ camera.c2w[:3, 2] for means, camera in pairs])
         np.testing.assert_allclose(header.depth_limits, (z.min(), z.max()), rtol=1e-5)

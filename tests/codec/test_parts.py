@@ -177,3 +177,15 @@ def test_a_table_that_announces_more_than_memory_holds_is_refused_before_it_is_r
     head = huge[:16] + crc32(huge[20 : 20 + 16 * count], crc32(huge[:16])).to_bytes(4, "little") + huge[20:]
     with pytest.raises(FormatError, match="bytes to read at once"):
         ts.open(io.BytesIO(head))
+
+
+def test_targets_are_met_over_all_views_and_files_like_others_keep_their_pictures(gaussians, data):
+    """Both ways of coding that read a file back: of views as units they find the same."""
+    wanted = len(data) * 3 // 4
+    sized = ts.compress(gaussians, profile="fast", target_size=wanted)
+    assert 0.95 * wanted <= len(sized) <= wanted and len(ts.decompress(sized).cameras) == VIEWS
+    again = ts.compress(ts.decompress(data), like=data)
+    found, before = (
+        {(k, i): section for k, _, i, section in sections_of(one) if k == b"VIEW"} for one in (again, data)
+    )
+    assert found == before
