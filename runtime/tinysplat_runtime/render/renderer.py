@@ -140,7 +140,7 @@ class Renderer:
         if self._compiled is not None:
             return self._compiled.draw(drawn, view, shares, with_depth)
         cuts: list[Part | Block] = self._shelf.take(drawn) if self._shelf else [self._parts[n] for n in drawn]
-        ends = np.cumsum([cut.size for cut in cuts])
+        ends = np.cumsum([0, *(cut.size for cut in cuts)])  # of a stripe that nothing reaches, there are none
         if self._splats.count < ends[-1]:
             self._splats = Splats(int(ends[-1]))
         splats = self._splats
@@ -161,7 +161,7 @@ class Renderer:
             return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
 
         with part("projection"):
-            ids = self._run(project_part, list(zip(cuts, ends.tolist(), strict=True)))
+            ids = self._run(project_part, list(zip(cuts, ends[1:].tolist(), strict=True)))
         with part("depth order"):
             order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int32), *ids]))
             boxes = splats.boxes.take(order, axis=1)
