@@ -135,3 +135,28 @@ def test_gaussians_without_views_are_looked_at_from_before_all_but_strays():
     assert (found.width, found.height) == (800, 600)
     one = Gaussians(means[1:2], scene.quats[:1], scene.scales[:1], scene.opacities[:1], scene.sh[:1])
     np.testing.assert_allclose(outside(one).centre, means[1] - [0, 0, 1])
+
+
+def test_a_path_through_many_cameras_meets_them_without_a_jerk_or_a_detour():
+    rng = np.random.default_rng(3)
+    cameras = [camera(about_y(0.1 * i * (-1) ** (i // 3)), (0.5 * i, rng.uniform(-0.2, 0.2), 0)) for i in range(7)]
+    path = between(cameras, 6 * 40 + 1)
+    for i, given in enumerate(cameras):
+        np.testing.assert_allclose(path[40 * i].c2w, given.c2w, atol=1e-12)
+    poses = np.stack([one.c2w[:3] for one in path])
+    steps = np.diff(poses, axis=0)
+    turns = np.abs(np.diff(steps, axis=0)).max(axis=(1, 2))
+    straight = np.diff(np.stack([one.c2w[:3] for one in cameras]), axis=0)
+    corners = np.abs(np.diff(straight, axis=0)).max() / 40  # of a path of straight lines
+    assert turns.max() < 0.2 * corners
+    for i in range(6):  # no farther aside than a tenth of the way
+        along = poses[40 * i : 40 * i + 41, :, 3]
+        a, b = cameras[i].centre, cameras[i + 1].centre
+        away = np.linalg.norm(np.cross(along - a, (b - a) / np.linalg.norm(b - a)), axis=1)
+        assert away.max() < 0.1 * np.linalg.norm(b - a)
+        assert (np.diff(along[:, 0]) > 0).all()  # never back
+
+
+def test_cameras_far_apart_pull_no_loop_between_near_ones():
+    path = between([camera(), camera(centre=(0.1, 0, 0)), camera(centre=(10, 0, 0))], 81)
+    assert (np.diff([one.centre[0] for one in path]) > 0).all()

@@ -205,7 +205,9 @@ def _render(commands: Commands) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
     parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
     parser.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
-    parser.add_argument("--frames", type=count, default=60, metavar="N", help="frames of a video; default 60")
+    parser.add_argument(
+        "--frames", type=count, metavar="N", help="frames of a video; default 60, and of a capture 8 from view to view"
+    )
     parser.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
     parser.add_argument("--depth", action="store_true", help="a depth map (z, 16-bit PNG) in place of colours")
     parser.add_argument("--depth-colours", action="store_true", help="depth as a picture, near in red, far in blue")

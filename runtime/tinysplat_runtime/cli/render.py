@@ -26,6 +26,10 @@ DEEPEST = 65535
 """Largest value of a depth map's 16 bits."""
 
 
+FRAMES, FRAMES_A_VIEW = 60, 8
+"""Of a video where none are asked for: at least the first, and the second from view to view."""
+
+
 def render(args: Namespace) -> None:
     """A picture or a video of Gaussians."""
     suffix = ".png" if args.output == STANDARD else Path(args.output).suffix.lower()
@@ -113,7 +117,9 @@ def _load_cameras(source: str) -> Sequence[Camera]:
     return load_cameras(source)
 
 
-def _camera_path(gaussians: Gaussians, file: str, camera: str | None, path: str | None, frames: int) -> list[Camera]:
+def _camera_path(
+    gaussians: Gaussians, file: str, camera: str | None, path: str | None, frames: int | None
+) -> list[Camera]:
     """Along the file's own views or those of `--camera`; around Gaussians without views, framed as `view` does it."""
     source = (camera or "").rpartition(":")[0]
     cameras = tuple(_load_cameras(source)) if source else gaussians.cameras
@@ -125,8 +131,8 @@ def _camera_path(gaussians: Gaussians, file: str, camera: str | None, path: str 
         )
     views = cameras or (outside(gaussians),)
     if path == "orbit" or not cameras:
-        return orbit(views, frames, _median_depth(gaussians, views[0]))
-    return between(views, frames)
+        return orbit(views, frames or FRAMES, _median_depth(gaussians, views[0]))
+    return between(views, frames or max(FRAMES, FRAMES_A_VIEW * (len(views) - 1)))
 
 
 def _median_depth(gaussians: Gaussians, camera: Camera) -> float:

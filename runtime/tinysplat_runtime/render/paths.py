@@ -27,9 +27,12 @@ RING_SIDE = 384
 
 
 def between(cameras: Sequence[Camera], frames: int) -> list[Camera]:
-    """Cameras evenly spaced along the path through all given ones, in their order.
+    """Cameras on a smooth path through all given ones, in their order, as many from each to the next.
 
-    Rotations turn at constant speed about a fixed axis (slerp, the shorter way); centres and K move in straight lines.
+    Between two the centre moves in a straight line and the rotation turns at constant speed about a fixed axis (slerp,
+    the shorter way). Of more, both go along cubic curves whose direction at a camera is the mean of those to it and
+    from it, so that nothing jerks, and whose speed there is at most the lower of the two, so that nothing overshoots.
+    K moves in straight lines.
 
     Args:
         cameras: at least one, all of one image size.
@@ -40,20 +43,43 @@ def between(cameras: Sequence[Camera], frames: int) -> list[Camera]:
     """
     _check(cameras, frames)
     quats = matrices_to_quats(np.stack([camera.rotation.T for camera in cameras]))
+    for i in range(1, len(quats)):
+        quats[i] *= 1 if (quats[i] * quats[i - 1]).sum() >= 0 else -1
+    centres = np.stack([camera.centre for camera in cameras])
     path = []
     for t in np.linspace(0, len(cameras) - 1, frames):
         i = min(int(t), max(len(cameras) - 2, 0))
         j = min(i + 1, len(cameras) - 1)
         a, b, s = cameras[i], cameras[j], t - i
+        quat = _slerp(quats[i], quats[j], s) if len(cameras) < 3 else _curve(quats, i, s)
         path.append(
             _camera(
                 like=a,
                 K=(1 - s) * a.K + s * b.K,
-                rotation=quats_to_matrices(_slerp(quats[i], quats[j], s)),
-                centre=(1 - s) * a.centre + s * b.centre,
+                rotation=quats_to_matrices(quat / np.linalg.norm(quat)),
+                centre=_curve(centres, i, s),
             )
         )
     return path
+
+
+def _curve(points: NDArray, i: int, s: float) -> NDArray:
+    """A share s of the way from point i of (V, n) to the next: a cubic Hermite curve, of two points a straight line."""
+    if len(points) < 2:
+        return points[0]
+    steps = np.diff(points, axis=0)
+
+    def speed(at: int) -> NDArray:
+        if at in (0, len(points) - 1):
+            return steps[min(at, len(steps) - 1)]
+        mean = (steps[at - 1] + steps[at]) / 2
+        most = min(np.linalg.norm(steps[at - 1]), np.linalg.norm(steps[at]))
+        return mean * min(1.0, most / max(float(np.linalg.norm(mean)), 1e-300))
+
+    start, end = speed(i), speed(i + 1)
+    bend = s * (1 - s) * ((1 - s) * (start - steps[i]) - s * (end - steps[i]))
+    moved: NDArray = points[i] + s * steps[i] + bend
+    return moved
 
 
 def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
