@@ -9,7 +9,7 @@ import { LIMITS, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
 import { TsplatError } from "./errors.js";
-import { channelName } from "./layers.js";
+import { COLOR, channelName } from "./layers.js";
 import { label, metadataBytes } from "./sections.js";
 
 export { TsplatError };
@@ -112,10 +112,21 @@ function stepsOf(file) {
     const pass = passes[type]?.[index < 256 ? 0 : 1];
     if (pass === undefined) continue;
     if (`${pass} ${index % 256}` === ending) steps.pop();
+    if (type === "COLO" && index === 0) steps.push(start + Math.min(firstColours(file), length));
     steps.push(start + length);
     ending = `${pass} ${index % 256}`;
   }
   return steps.length ? steps : [file.total];
+}
+
+/**
+ * Bytes of layer 0's colours up to the first component of the first view, which is then seen in its own light.
+ *
+ * @param {Container} file
+ */
+function firstColours(file) {
+  const component = file.layers[0]?.channels.find((channel) => channel.planeClass === COLOR);
+  return component?.streams[0]?.end ?? Infinity;
 }
 
 /**
