@@ -1,14 +1,14 @@
-"""Our .glb in three.js, Babylon.js and CesiumJS, beside our rasteriser, in a headless Chromium.
+"""`.tsplat` in three.js, Spark and Babylon.js by our adapters, beside our rasteriser, in a headless Chromium; and in
+PlayCanvas' splat-transform.
 
-    apt-get install -y chromium && pip install playwright
-    npm install three babylonjs babylonjs-loaders cesium    # in the folder that this is run in
+    apt-get install -y chromium
+    npm install three @sparkjsdev/spark @babylonjs/core @playcanvas/splat-transform    # in the folder this is run in
     python checks/engines.py F.tsplat [pictures.png]
 
-Every engine draws the same Gaussians from the same camera, moved and rolled against the first input view and three
-times as large, with Gaussians widened as for other viewers (`--dilate`); turned so that it looks along no axis, and
-with SH of degree 3 that tint, so that a wrong sign of any coefficient costs more than LEAST_DB allows. three.js and
-Babylon.js read the extension KHR_gaussian_splatting, CesiumJS only SPZ within it, in a tile. Ours is drawn from the
-very file that the engine reads. Fails where an engine agrees with it to less than LEAST_DB.
+Every engine draws the same file from the same camera, moved and rolled against the first input view and three times as
+large. The file is F's Gaussians, widened as for other viewers (`--dilate`); turned so that it looks along no axis, and
+with SH of degree 3 that tint, so that a wrong sign of any coefficient costs more than LEAST_DB allows; kept exactly.
+Fails where an engine agrees with our picture to less than LEAST_DB, or splat-transform's .ply is not what we decode.
 """
 
 from __future__ import annotations
@@ -17,20 +17,22 @@ import base64
 import functools
 import http.server
 import io
-import json
 import math
-import shutil
+import subprocess
 import sys
 import tempfile
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
-from viewer import FLAGS
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from page.browser import Browser
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian import OWN_VARIANCE
@@ -40,27 +42,31 @@ from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_mat
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.images import to_uint8
 
-ENGINES = ("three", "babylon", "cesium")
-LEAST_DB = 34.0
+ENGINES = ("three", "spark", "babylon")
+LEAST_DB = 36.0
 ZOOM = 3
 PANEL = 256  # pixels of a picture's side in the composite
 TURN, TINT = (0.7, -0.4, 0.5, 0.3), 0.1  # a rotation, and the spread of SH coefficients that all Gaussians share
 ROLL_DEGREES, SHIFT = 10.0, (0.03, 0.02, 0.1)  # against the first view; scene units
-FRAME = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's axes to glTF's
-Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # glTF's axes to a tile's
-ON_GLOBE = np.array([[0.0, 0, 1, 6378137], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # east, north, up at 0° N 0° E
+FRAME = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's axes to those with y up
+WEB = Path(ts.__file__).parent / "web"
+TOLERANCE = 1e-5
 
 
-def scene(file: str) -> tuple[ts.Gaussians, ts.Camera]:
-    """A file's Gaussians (N,), widened, turned and tinted, and its first camera, turned along."""
+def scene(file: str) -> tuple[bytes, ts.Camera]:
+    """The file that engines read, and its first camera."""
     turn = quats_to_matrices(normalize_quats(np.array(TURN)))
-    gaussians = similarity(widened(ts.load_gaussians(file), OWN_VARIANCE), turn)
-    flat = gaussians.flat()
+    turned = similarity(widened(ts.load_gaussians(file), OWN_VARIANCE), turn)
     tint = np.random.default_rng(0).normal(scale=TINT, size=(16, 3)).astype(np.float32)
-    sh = np.repeat(tint[None], flat.count, axis=0)
-    sh[:, : flat.sh.shape[1]] += flat.sh[:, :16]
-    tinted = ts.Gaussians(flat.means, flat.quats, flat.scales, flat.opacities, sh, origin=flat.origin)
-    return tinted, gaussians.cameras[0]
+
+    def tinted(layer: ts.Gaussians) -> ts.Gaussians:
+        sh = np.repeat(tint[None], layer.opacities.size, axis=0).reshape(*layer.opacities.shape, 16, 3)
+        sh[..., : layer.sh.shape[-2], :] += layer.sh[..., :16, :]
+        return replace(layer, sh=sh)
+
+    layers = [tinted(layer) for layer in turned.extra_layers]
+    whole = replace(tinted(turned), extra_layers=tuple(layers))
+    return ts.compress(whole, lossless=True), turned.cameras[0]
 
 
 def moved(camera: ts.Camera) -> ts.Camera:
@@ -77,59 +83,55 @@ def moved(camera: ts.Camera) -> ts.Camera:
 def described(camera: ts.Camera) -> dict[str, Any]:
     """The camera as engines.html takes it."""
     matrix = FRAME @ camera.c2w
-    place = ON_GLOBE @ Z_UP
     return {
         "eye": matrix[:3, 3].tolist(),
         "forward": matrix[:3, 2].tolist(),
         "up": (-matrix[:3, 1]).tolist(),
         "fov": 2 * math.atan(camera.height / (2 * float(camera.K[1, 1]))),
         "size": camera.width,
-        "place": place.T.ravel().tolist(),
     }
-
-
-def write_tileset(path: Path, gaussians: ts.Gaussians) -> None:
-    """A tileset of one tile, `scene_spz.glb`, at a place on the globe."""
-    means = (gaussians.means.astype(np.float64) + gaussians.origin) @ (Z_UP @ FRAME)[:3, :3].T
-    middle = (means.min(axis=0) + means.max(axis=0)) / 2
-    radius = float(np.linalg.norm(means - middle, axis=1).max())
-    used = ["KHR_gaussian_splatting", "KHR_gaussian_splatting_compression_spz_2"]
-    root = {
-        "transform": ON_GLOBE.T.ravel().tolist(),
-        "boundingVolume": {"sphere": [*middle.tolist(), radius]},
-        "geometricError": 0,
-        "refine": "ADD",
-        "content": {"uri": "scene_spz.glb"},
-    }
-    content = {"extensionsUsed": used, "extensionsRequired": used}
-    document = {
-        "asset": {"version": "1.1"},
-        "extensionsUsed": ["3DTILES_content_gltf"],
-        "extensions": {"3DTILES_content_gltf": content},
-        "geometricError": 100,
-        "root": root,
-    }
-    path.write_text(json.dumps(document))
 
 
 class Handler(http.server.SimpleHTTPRequestHandler):
-    """The folder of scenes, and below /node_modules the packages of the folder that this is run in."""
+    """The scene's folder; below /web our decoder; below /node_modules the packages of the folder this is run in."""
 
     def translate_path(self, path: str) -> str:
         """Where the file of a request lies."""
-        if path.startswith("/node_modules/"):
-            return str(Path.cwd() / path.partition("?")[0].lstrip("/"))
+        bare = path.partition("?")[0]
+        if bare.startswith("/node_modules/"):
+            return str(Path.cwd() / bare.lstrip("/"))
+        if bare.startswith("/web/"):
+            return str(WEB / bare.removeprefix("/web/"))
         return super().translate_path(path)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing is said of requests."""
 
 
-def picture_of(page: Page, engine: str, view: dict[str, Any]) -> tuple[str, NDArray]:
+def picture_of(browser: Browser, address: str, engine: str, camera: ts.Camera) -> tuple[str, NDArray]:
     """An engine's name with its version, and its picture (H, W, 3) in [0, 1]."""
-    shown = page.evaluate("([engine, view]) => window.show(engine, view)", [engine, view])
+    tab = browser.open(f"{address}/engines.html?engine={engine}", camera.width, camera.height)
+    tab.wait("window.isReady")
+    shown = tab.evaluate(f"window.show({engine!r}, {described(camera)!r})")
+    tab.close()
     data = base64.b64decode(shown["picture"].partition(",")[2])
     return shown["name"], np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), np.float64) / 255
+
+
+def check_splat_transform(data: bytes, folder: Path) -> bool:
+    """Whether the .ply that splat-transform makes of scene.tsplat is what we decode."""
+    program = Path.cwd() / "node_modules" / ".bin" / "splat-transform"
+    adapter, out = WEB / "adapters" / "splat-transform.mjs", folder / "scene.ply"
+    subprocess.run([program, "-q", adapter, "-p", f"file={folder / 'scene.tsplat'}", out], check=True)
+    theirs, ours = ts.load_gaussians(out), ts.decompress(data).flat()
+    quats = np.abs(np.sum(normalize_quats(theirs.quats) * normalize_quats(ours.quats), axis=1))
+    found = {
+        name: float(np.abs(getattr(theirs, name) - getattr(ours, name)).max()) for name in ("means", "scales", "sh")
+    }
+    found["opacities"] = float(np.abs(theirs.opacities - ours.opacities).max())
+    found["quats"] = float((1 - quats).max())
+    print("splat-transform's .ply differs by", {name: f"{value:.1g}" for name, value in found.items()})
+    return max(found.values()) < TOLERANCE
 
 
 def composite(pictures: list[NDArray]) -> Image.Image:
@@ -143,41 +145,32 @@ def composite(pictures: list[NDArray]) -> Image.Image:
 
 def main(file: str, out: str | None = None) -> int:
     """Run the check; returns the exit status."""
-    gaussians, first = scene(file)
+    data, first = scene(file)
     camera = moved(first)
-    faults = 0
-    messages: list[str] = []
-    pictures: list[NDArray] = []
-    with tempfile.TemporaryDirectory() as name, sync_playwright() as play:
+    ours = Renderer(ts.decompress(data), 1, compiled=None, **DEFINITION).render(camera)
+    faults, pictures = 0, [ours]
+    with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        shutil.copy(Path(__file__).with_name("engines.html"), folder)
-        ts.save_gaussians(folder / "scene.glb", gaussians)
-        ts.save_gaussians(folder / "scene_spz.glb", gaussians, gltf_spz=True)
-        write_tileset(folder / "tileset.json", gaussians)
+        (folder / "scene.tsplat").write_bytes(data)
+        faults += not check_splat_transform(data, folder)
+        (folder / "engines.html").write_text(Path(__file__).with_name("engines.html").read_text())
         server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=name))
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-        for engine in ENGINES:
-            read = ts.load_gaussians(folder / ("scene_spz.glb" if engine == "cesium" else "scene.glb"))
-            ours = Renderer(read, 1, compiled=None, **DEFINITION).render(camera)
-            page = browser.new_page(viewport={"width": camera.width, "height": camera.height})
-            page.set_default_timeout(300_000)
-            page.on("console", lambda message: messages.append(message.text))
-            page.on("pageerror", lambda error: messages.append(str(error)))
-            page.goto(f"http://127.0.0.1:{server.server_port}/engines.html")
-            version, theirs = picture_of(page, engine, described(camera))
-            page.close()
-            agreement = -10 * math.log10(np.mean((theirs - ours) ** 2))
-            faults += agreement < LEAST_DB
-            print(f"{version}: {agreement:.2f} dB beside our rasteriser, {camera.width}x{camera.height}", flush=True)
-            pictures += [theirs] if pictures else [ours, theirs]
-        browser.close()
+        with Browser() as browser:
+            for engine in ENGINES:
+                address = f"http://127.0.0.1:{server.server_port}"
+                version, theirs = picture_of(browser, address, engine, camera)
+                agreement = -10 * math.log10(np.mean((theirs - ours) ** 2))
+                faults += agreement < LEAST_DB
+                print(
+                    f"{version}: {agreement:.2f} dB beside our rasteriser, {camera.width}x{camera.height}", flush=True
+                )
+                pictures.append(theirs)
+            for message in browser.messages:
+                print("console:", message[:300])
         server.shutdown()
     if out:
         composite(pictures).save(out, optimize=True)
-    for message in messages:
-        if "ReadPixels" not in message:  # of our own reading
-            print("console:", message)
     return 1 if faults else 0
 
 

@@ -16,7 +16,7 @@ from web.node import SCRIPT, Decoder, node
 
 import tinysplat_runtime as ts
 
-LACKING = {"python": {"views"}, "javascript": {"network"}}
+LACKING: dict[str, set[str]] = {"python": set(), "javascript": {"network"}}
 """What a decoder cannot do by itself."""
 
 

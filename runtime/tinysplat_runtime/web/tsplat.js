@@ -29,7 +29,7 @@ export { TsplatError };
  * @property {(name: string) => void} [onPicture] is told every picture once it is decoded
  */
 
-/** @typedef {import("./decoder.js").Decoded & { notes: Record<string, string>, mode: string, bytes: number }} Scene */
+/** @typedef {import("./decoder.js").Decoded & { notes: Record<string, string>, mode: import("./container.js").Mode, bytes: number }} Scene */
 
 /** @param {ArrayBuffer | ArrayBufferView} bytes */
 function bytesOf(bytes) {
