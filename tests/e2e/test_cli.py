@@ -448,7 +448,7 @@ def test_info_and_orbit_take_files_without_views(encoded, tmp_path):
 
 
 def test_depth_is_a_picture_in_colours_too(encoded, tmp_path):
-    succeed("render", encoded["file"], "-o", tmp_path / "d.png", "--depth-colours")
+    succeed("render", encoded["file"], "-o", tmp_path / "d.png", "--depth")
     picture = np.asarray(Image.open(tmp_path / "d.png")).astype(int)
     assert picture.ndim == 3 and np.ptp(picture[..., 0] - picture[..., 2]) > 300  # red near, blue far
 

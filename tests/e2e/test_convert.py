@@ -125,13 +125,15 @@ def test_a_point_cloud_has_positions_and_colours(files: dict[str, Path], tmp_pat
 
 
 def test_a_depth_map_is_z_in_16_bits(files: dict[str, Path], tmp_path: Path) -> None:
-    succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth")
+    succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth-values")
     gaussians = ts.load_gaussians(files["npz"])
     depth = ts.render(gaussians, gaussians.cameras[0], outputs=("depth",))["depth"]
     image = np.array(Image.open(tmp_path / "d.png"))
     assert image.dtype == np.uint16
     np.testing.assert_allclose(image / 1000, depth, atol=5.1e-4)
-    done = succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth", "--depth-scale", "30000", "--force")
+    done = succeed(
+        "render", files["npz"], "-o", tmp_path / "d.png", "--depth-values", "--depth-scale", "30000", "--force"
+    )
     assert "deeper than 2.1845 units" in done.stderr
     assert "expected an output that ends in .png" in fail("render", files["npz"], "-o", tmp_path / "d.mp4", "--depth")
 

@@ -54,6 +54,7 @@ def test_the_container_s_example_is_a_command_line_of_ours() -> None:
     text = (FOLDER / "Containerfile").read_text()
     (example,) = re.findall(r"^#.*podman run .* (tinysplat .*)$", text, re.M)
     assert arguments_of(example)[0] == "encode"
+    assert '--user "$(id -u):$(id -g)"' in text  # the image's own user may not write to a folder of the caller's
 
 
 def test_the_unit_s_command_and_writable_folder_are_those_of_a_batch(tmp_path: Path) -> None:

@@ -238,6 +238,23 @@ def test_every_type_of_number_is_read_as_the_specification_has_it(
     np.testing.assert_allclose(load_gaussians(tmp_path / "a.gltf").opacities, [wanted, 0], rtol=1e-6)
 
 
+@pytest.mark.parametrize(("component", "letter", "least"), [(5120, "b", -128), (5122, "h", -32768)])
+def test_the_least_normalised_integer_is_no_less_than_minus_one(
+    tmp_path: Path, component: int, letter: str, least: int
+) -> None:
+    """glTF 2.0, 3.6.2.2: f = max(c / 127, −1.0). A red of SH degree 0 shows it."""
+
+    def change(document: dict[str, Any]) -> None:
+        data = struct.pack(f"<6{letter}", least, least + 1, 0, 0, 0, 0)
+        document["bufferViews"].append({"buffer": 1, "byteLength": len(data)})
+        document["buffers"].append({"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()})
+        accessor = {"bufferView": 1, "componentType": component, "count": 2, "type": "VEC3", "normalized": True}
+        document["accessors"][4] = accessor
+
+    by_hand(tmp_path / "a.gltf", change)
+    np.testing.assert_array_equal(load_gaussians(tmp_path / "a.gltf").sh[0, 0], [-1, -1, 0])
+
+
 def test_a_node_s_matrix_is_column_by_column_and_its_children_follow(tmp_path: Path) -> None:
     """A quarter turn about z that doubles: (x, y, z) becomes (−2y, 2x, 2z), then 5 along y; below it 1 along x."""
 

@@ -28,6 +28,9 @@ def test_usd_finds_the_schemas_attributes_and_nothing_to_complain_of(tmp_path: P
     quat = normalize_quats(made.flat().quats[0]) * [1, 1, -1, -1]
     np.testing.assert_allclose([first.GetReal(), *first.GetImaginary()], quat, atol=1e-6)
     assert prim.GetRadianceSphericalHarmonicsDegreeAttr().Get() == 1
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0  # not USD's own hundredth
+    assert prim.GetSortingModeHintAttr().Get() == UsdVol.Tokens.zDepth  # as we draw: by depth, not by distance
+    assert prim.GetProjectionModeHintAttr().Get() == UsdVol.Tokens.perspective
     assert len(prim.GetRadianceSphericalHarmonicsCoefficientsAttr().Get()) == 4 * made.count
     assert stage.GetPrimAtPath("/Scene/Gaussians").GetCustomDataByKey("tinysplat:licence") == "CC-BY-4.0"
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()

@@ -31,7 +31,7 @@ def draw_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     for position, name in enumerate(names, start=1):
         axes = figure.add_subplot(rows, columns, position)
         points = [(point["step"], point[name]) for point in history if name in point]
-        axes.plot(*zip(*points, strict=True), linewidth=1)
+        axes.plot(*zip(*points, strict=True), linewidth=1, marker=".", markersize=3)
         axes.set_title(name, fontsize=9)
         axes.tick_params(labelsize=7)
         axes.grid(alpha=0.3)

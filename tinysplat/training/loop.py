@@ -145,6 +145,8 @@ class _Run:
                 self.validate()
             if time.monotonic() > self.saved + 60 * settings.save_minutes:
                 self.save()
+        if self.recent and not state.history:  # a run too short for a line of its own leaves curves, too
+            self.log()
 
     def log(self) -> None:
         """Means of the figures since the last time."""

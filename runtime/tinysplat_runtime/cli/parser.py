@@ -209,10 +209,10 @@ def _render(commands: Commands) -> None:
         "--frames", type=count, metavar="N", help="frames of a video; default 60, and of a capture 8 from view to view"
     )
     parser.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
-    parser.add_argument("--depth", action="store_true", help="a depth map (z, 16-bit PNG) in place of colours")
-    parser.add_argument("--depth-colours", action="store_true", help="depth as a picture, near in red, far in blue")
+    parser.add_argument("--depth", action="store_true", help="depth as a picture, near in red, far in blue")
+    parser.add_argument("--depth-values", action="store_true", help="depth as numbers (z, 16-bit PNG)")
     parser.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",
-                        help="value of a depth map per scene unit; default 1000")  # fmt: skip
+                        help="value of --depth-values per scene unit; default 1000")  # fmt: skip
     parser.add_argument("--dilation", choices=("own", "screen"), default="own",
                         help="widen each Gaussian by its own photo's pixel, or the screen's; default own")  # fmt: skip
     parser.add_argument("--order", choices=("near", "depth"), default="near",

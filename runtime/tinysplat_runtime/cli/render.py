@@ -35,7 +35,7 @@ def render(args: Namespace) -> None:
     suffix = ".png" if args.output == STANDARD else Path(args.output).suffix.lower()
     if suffix not in (".png", ".mp4"):
         raise InputError(f"'{suffix}', accepted are .png and .mp4", where=args.output)
-    wants_depth = args.depth or args.depth_colours
+    wants_depth = args.depth or args.depth_values
     if suffix == ".mp4" and wants_depth:
         raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
     if suffix == ".png" and args.path:
@@ -54,9 +54,9 @@ def render(args: Namespace) -> None:
             image = renderer.render(camera, args.size, outputs=("depth",) if wants_depth else ("rgb",))
         if wants_depth:
             image = (
-                depth_colours(image["depth"])
-                if args.depth_colours
-                else depth_map(args.output, image["depth"], args.depth_scale)
+                depth_map(args.output, image["depth"], args.depth_scale)
+                if args.depth_values
+                else depth_colours(image["depth"])
             )
         write_file(args.output, png_bytes(image))
     else:
