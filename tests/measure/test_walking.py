@@ -46,7 +46,13 @@ def test_a_row_per_way_and_number_of_photos(tmp_path: Path, monkeypatch: pytest.
     assert all(row.figures["worst"] <= row.figures["psnr"] for row in rows)
     assert rows[0].figures["psnr"] > rows[-1].figures["psnr"] + 3  # a plane is drawn better than shown from beside
     table = cells(find_study("walk").tables["walk"](rows))
-    assert table["own pair"][0] == "2" and table["walk"][0] == "10" and float(table["walk"][3]) > 20
+    assert (
+        table["own pair"][0] == "2"
+        and table["walk, all"][0] == "10"
+        and table["walk, 8"][0] == "8"
+        and float(table["walk, 8"][3]) > 20
+    )
+    assert rows[0].costs["cpu"] > 0 and len(cells(find_study("walk").tables["walk summary"](rows))["walk, 8"]) == 6
 
 
 def test_flicker_is_the_largest_change_beside_those_about_it(monkeypatch: pytest.MonkeyPatch) -> None:

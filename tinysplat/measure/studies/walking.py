@@ -26,7 +26,7 @@ from tinysplat_runtime.scene.scenes import Scene
 from ..metrics import psnr
 from ..pictures import Drawing
 from ..rows import Row
-from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean, said
+from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean
 from ..study import Run, Study
 from ..subjects.sources import FolderSource
 
@@ -99,17 +99,17 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         given = capture.given(count)
         photos = len(given.frames)
         if photos not in known:
-            start = time.perf_counter()
+            start, cpu = time.perf_counter(), time.process_time()
             gaussians = runtime.predict(given, model)
             data = runtime.compress(gaussians, drop_invalid=True)
-            seconds = time.perf_counter() - start
+            costs = {"seconds": time.perf_counter() - start, "cpu": time.process_time() - cpu}
             coded = drawn(runtime.decompress(data))
             more = {"bytes": len(data), "coded": statistics.fmean(coded), "coded_worst": min(coded)}
-            if count == COMPARED or run.quick:
-                more["flicker"] = flicker(gaussians, drawing)
             walked = row("walk", photos, asked, drawn(gaussians))
-            known[photos] = replace(walked, figures={**walked.figures, **more}, costs={"seconds": seconds})
-        yield replace(known[photos], setting={**known[photos].setting, "asked": asked})
+            known[photos] = replace(walked, figures={**walked.figures, **more}, costs=costs)
+        found = known[photos]
+        swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
+        yield replace(found, setting={**found.setting, "asked": asked}, figures={**found.figures, **swing})
     given, compared = capture.given(COMPARED), str(COMPARED)
     six = Capture(given, (), tuple(range(len(given.frames)))).given(6)
     yield row("six spread", 6, compared, drawn(runtime.predict(six, model)))
@@ -142,21 +142,30 @@ def flicker(gaussians: Gaussians, drawing: Drawing) -> float:
     return max(change / max(statistics.median(near), 1e-6) for change, near in zip(changes, about, strict=True))
 
 
+def _named(rows: Sequence[Row]) -> str:
+    """The way, and of a walk how many photos were asked for."""
+    row = rows[0]
+    return f"{row.way}, {row.setting['asked']}" if row.way == STUDY else row.way
+
+
 def _photos(rows: Sequence[Row]) -> str:
     """How many were given: one number, or from how few to how many."""
     counts = sorted({row.setting["photos"] for row in rows})
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
 
 
-WALK = Study.of(
+_COLUMNS = {
+    "": _named, "photos": _photos, "dB at photos left out": mean("psnr", decibels),
+    "worst picture": mean("worst", decibels), "from the file": mean("coded", decibels), "KB": mean("bytes", kilobytes),
+    "flicker": mean("flicker", digits(1)),
+}  # fmt: skip
+_SECONDS = {"seconds": mean("seconds", duration, "costs"), "CPU s": mean("cpu", duration, "costs")}
+
+WALK = Study(
     "Captures",
     walk_rows,
-    Listing(
-        STUDY,
-        {"": said("way"), "photos": _photos, "dB at photos left out": mean("psnr", decibels),
-         "worst picture": mean("worst", decibels), "from the file": mean("coded", decibels),
-         "KB": mean("bytes", kilobytes), "seconds": mean("seconds", duration, "costs"),
-         "flicker": mean("flicker", digits(1))},
-        by=("way", "asked"),
-    ),
-)  # fmt: skip
+    {
+        STUDY: Listing(STUDY, {**_COLUMNS, **_SECONDS}, by=("way", "asked")),
+        f"{STUDY} summary": Listing(STUDY, _COLUMNS, by=("way", "asked")),
+    },
+)
