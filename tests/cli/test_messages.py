@@ -151,7 +151,7 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("encode desk -o o.tsplat --size 0x10", "'0x10', expected HEIGHTxWIDTH"),
         ("encode desk -o o.tsplat --size 64", "'64', expected HEIGHTxWIDTH"),
         ("encode desk -o o.tsplat --size x", "'x', expected HEIGHTxWIDTH"),
-        ("encode desk -o o.tsplat --views -1,0", "view -1"),
+        ("encode desk -o o.tsplat --views -1,0", "expected indices such as 0,4"),
         ("encode desk -o o.tsplat --views 0,0", "view 0 given twice"),
         ("encode desk -o o.tsplat --views 0,9", "views are 0 to 2"),
         ("encode desk -o o.tsplat --views 1", "expected two or more"),
