@@ -5,13 +5,17 @@ DEMO_VENV := .venv-demo
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
+.PHONY: help demo flight dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
 demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back, pictures in demo_out/ (no torch)
 	$(DEMO_VENV)/bin/python examples/demo.py --out demo_out
+
+flight: $(VENV)/.installed  ## the README's moving picture anew
+	$(VENV)/bin/python examples/demo.py --out demo_out --photos
+	$(VENV)/bin/python examples/flight.py docs/flight.webp
 
 dev: $(VENV)/.installed  ## the development environment
 

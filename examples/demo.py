@@ -1,6 +1,7 @@
 """The whole chain on a real stereo pair, and on a walk: photos in, .tsplat out, pictures back (`make demo`).
 
     python examples/demo.py --out demo_out
+    python examples/demo.py --out demo_out --photos     # the photos alone, as two scene folders
 
 The photos are the calibrated Middlebury motorcycle pair that scikit-image's wheel carries, and a made-up room's;
 nothing is fetched.
@@ -118,15 +119,20 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
     }
 
 
-def walk(out: Path, runtime: ts.Runtime) -> str:
-    """A walk through a made-up room: photos along it to one file, photos left out drawn from it; what came of it."""
-    folder = out / "room"
+def write_room(folder: Path) -> None:
+    """Write photos along a made-up room as a scene folder."""
     folder.mkdir(parents=True, exist_ok=True)
     cameras, entries = room_cameras(WALK_PHOTOS, WALK_SIDE, WALK_SIDE), []
     for index, camera in enumerate(cameras):
         write_png(folder / f"{index:02}.png", photograph(camera)[0])
         entries.append(camera_entry(f"{index:02}.png", camera))
     (folder / "cameras.json").write_text(json.dumps({"frames": entries, "near": NEAR, "far": FAR}, indent=1))
+
+
+def walk(out: Path, runtime: ts.Runtime) -> str:
+    """A walk through a made-up room: photos along it to one file, photos left out drawn from it; what came of it."""
+    folder = out / "room"
+    write_room(folder)
     scene, left_out = ts.load_scene(folder), range(2, WALK_PHOTOS, 4)
     given = scene.views(i for i in range(WALK_PHOTOS) if i not in left_out)
 
@@ -135,7 +141,7 @@ def walk(out: Path, runtime: ts.Runtime) -> str:
         data = runtime.encode(given)
     (out / "walk.tsplat").write_bytes(data)
     renderer = Renderer(runtime.decompress(data))
-    photos, drawn = scene.views(left_out).images(), [renderer.render(cameras[i]) for i in left_out]
+    photos, drawn = scene.views(left_out).images(), [renderer.render(scene.cameras[i]) for i in left_out]
     write_png(out / "walk.png", np.concatenate([np.concatenate(list(row), axis=1) for row in (photos, drawn)]))
     write_video(out / "walk.mp4", map(renderer.render, between(given.cameras, WALK_FRAMES)))
     found = np.mean([psnr(picture, photo) for picture, photo in zip(drawn, photos, strict=True)])
@@ -153,7 +159,9 @@ def main() -> int:
     """Run the demo; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("demo_out"))
-    out: Path = parser.parse_args().out
+    parser.add_argument("--photos", action="store_true", help="write the photos and their cameras alone")
+    args = parser.parse_args()
+    out: Path = args.out
     folder = out / "motorcycle"
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -161,6 +169,10 @@ def main() -> int:
     except ts.InputError as error:
         print(error, file=sys.stderr)
         return 2
+    if args.photos:
+        write_room(out / "room")
+        print(f"{folder}: 2 photos and their cameras\n{out / 'room'}: {WALK_PHOTOS} photos and their cameras")
+        return 0
     full, runtime = ts.load_scene(folder), ts.Runtime()
     small, rows = full.resized(256, 256), []
     for scene, profile in ((small, "paper"), (small, "balanced"), (full, "balanced")):
