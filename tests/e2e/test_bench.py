@@ -22,7 +22,16 @@ STUDIED = {
     *("chain", "network", "transforms", "encode", "preset"),
     *("decode", "cold start", "rasteriser", "rasteriser approximations", "k", "component bits", "SH degree"),
     *("peers encode", "peers decode", "torch rasteriser", "growth plane", "growth network", "growth encode"),
-    *("growth decode", "growth render", "growth photos", "growth clouds", "parts", "targets", "prefixes"),
+    *(
+        "growth decode",
+        "growth render",
+        "growth photos",
+        "growth captures",
+        "growth clouds",
+        "parts",
+        "targets",
+        "prefixes",
+    ),
     "run",
 }
 
@@ -38,6 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             (growth, "SIDES", ((16, 16), (32, 32))), (growth, "PICTURES", ((16, 16), (32, 32))),
             (growth, "PHOTO_SIZES", ((64, 64), (96, 64), (640, 512))),
             (growth, "COUNT_SIDES", (16, 32)), (growth, "QUICK_SIDE", 16),
+            (growth, "CAPTURES", (7, 12)), (growth, "CAPTURE_PHOTOS", 6), (growth, "CAPTURE_SIDE", 32),
             (growth, "CLOUDS", (500, 900)), (growth, "CLOUD_PICTURES", ((16, 16), (32, 48))),
         ):  # fmt: skip
             patch.setattr(module, name, value)

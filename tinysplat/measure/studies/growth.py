@@ -84,7 +84,10 @@ PHOTO_SIZES: tuple[Size, ...] = ((256, 256), (512, 512), (1024, 1024), (3024, 40
 """Of two photos that a command makes a file and a picture of; the last are a phone's."""
 
 QUICK_SIZES = 2
-"""How many of them the short form has."""
+"""How many of them, of captures and of clouds, the short form has."""
+
+CAPTURES, CAPTURE_PHOTOS, CAPTURE_SIDE = (20, 60, 200, 1000), 20, 64
+"""Numbers of photos, how many of them show one place, and their side."""
 
 CLOUDS = (131_072, 1_000_000, 3_000_000, 7_000_000)
 CLOUD_PICTURES: tuple[Size, ...] = ((256, 256), (1080, 1920), (2160, 3840))
@@ -119,6 +122,7 @@ def growth_rows(run: Run) -> Iterator[Row]:
         planes.append(Variant(f"{side}×{side}", partial(encode_plane, codes, 24, settings), setting={"x": side**2}))
     yield from measure("growth plane", "pixels", planes, run.effort)
     yield from _photo_rows(run)
+    yield from _capture_rows(run)
     yield from _cloud_rows(run)
     makers = {"network": _network, "encode": _encode, "decode": _decode, "render": _render, "frame": _frame}
     for task, make in makers.items():
@@ -215,6 +219,42 @@ def draw_cloud(folder: str, count: str, height: str, width: str, way: str, threa
         start = time.perf_counter()
         Renderer(gaussians, **settings).render(camera)
         (Path(folder) / "seconds.json").write_text(json.dumps(time.perf_counter() - start), "utf-8")
+
+    return run
+
+
+def _capture_rows(run: Run) -> Iterator[Row]:
+    """Rows `growth captures`, a file and a picture each, in their own process: a capture repeated in far places."""
+    for count in CAPTURES[:QUICK_SIZES] if run.quick else CAPTURES:
+        row = Row("growth captures", "photos", f"{count}x{CAPTURE_SIDE}²", {"x": count, "threads": run.threads})
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                peak = measure_peak(f"{__name__}.walk_capture", folder, count, run.models[0], run.threads)
+            except (TinySplatError, subprocess.TimeoutExpired) as error:
+                yield replace(row, note=str(error))
+                continue
+            found = json.loads((Path(folder) / STAGES_FILE).read_text("utf-8"))
+        yield replace(row, figures={"bytes": found.pop("bytes")}, costs={**found, "peak_bytes": peak.total})
+
+
+def walk_capture(folder: str, count: str, model: str, threads: str) -> Callable[[], Any]:
+    """A task: so many photos to a file and a picture of it; seconds and bytes go to `STAGES_FILE`."""
+    Room(CAPTURE_PHOTOS).write(Path(folder), (CAPTURE_SIDE, CAPTURE_SIDE))
+    scene, frames = load_scene(folder), []
+    for number in range(int(count)):
+        place, frame = number // CAPTURE_PHOTOS, scene.frames[number % CAPTURE_PHOTOS]
+        c2w = frame.camera.c2w + 100 * place * np.eye(4, k=3)  # along x
+        frames.append(replace(frame, camera=replace(frame.camera, c2w=c2w)))
+    scene, runtime = replace(scene, frames=tuple(frames)), Runtime(threads=int(threads))
+
+    def run() -> None:
+        watch = Stopwatch()
+        with watch.stage("seconds"):
+            data = runtime.compress(runtime.predict(scene, model), drop_invalid=True)
+        renderer = Renderer(runtime.decompress(data), int(threads), compiled=False)
+        with watch.stage("frame"):
+            renderer.render(scene.cameras[0])
+        (Path(folder) / STAGES_FILE).write_text(json.dumps({**watch.seconds, "bytes": len(data)}), "utf-8")
 
     return run
 
