@@ -159,12 +159,13 @@ class Runtime:
 
         Args:
             gaussians: per pixel, with cameras; or belonging to no pixels, as of a trained or an edited scene, which
-                mode `free` codes: as one list, in an order of its own, without those of opacity under 1/255. The file
-                carries their notes.
+                mode `free` codes: as one list, in an order of its own, without those that pictures hardly need
+                (`keep_all` keeps them; so does a Python without numba, with a warning) and those of opacity
+                under 1/255. The file carries their notes.
             profile: see `recipe.request.Coding`.
             qp: see there.
             stats: filled with what coding measured.
-            **options: `target_size`, `target_psnr`, `lossless`, `like`, `drop_invalid`; see there.
+            **options: `target_size`, `target_psnr`, `lossless`, `like`, `drop_invalid`, `keep_all`; see there.
 
         Raises:
             FormatError: `like` is damaged.

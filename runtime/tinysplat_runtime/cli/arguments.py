@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from ..errors import InputError
+from ..prune.amount import Amount
 from ..recipe import words
 
 T = TypeVar("T")
@@ -33,6 +34,7 @@ size = _word(words.size)
 size_or_full = _word(words.size_or_full)
 byte_count = _word(words.byte_count)
 budget = _word(words.refinement)
+amount = _word(Amount.of)
 
 
 def port(text: str) -> int:

@@ -25,6 +25,10 @@ def decode(args: Namespace) -> None:
     reading, watch = replace(reading_of(args), views=args.views), Stopwatch()
     data = read_file(args.file)
     gaussians = noted(selection_of(args).of(reading.decompress(args.file, data, watch)), notes_of(args))
+    if args.prune is not None:
+        from .written import pruned
+
+        gaussians = pruned(gaussians, args.prune, reading, voice_of(args))
     with watch.stage("write"):
         writing_of(args).write(args.output, gaussians)
     if args.report:

@@ -16,6 +16,7 @@ from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.stopwatch import Stopwatch
 from .files import noted
 from .given import notes_of, reading_of, selection_of, voice_of, writing_of
+from .written import pruned
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
@@ -35,7 +36,7 @@ def convert(args: Namespace) -> None:
     if args.crop:
         gaussians = crop(gaussians, args.crop[:3], args.crop[3:])
     gaussians = similarity(gaussians, _rotation(args.rotate or "x,0"), args.scale, args.translate)
-    gaussians = noted(gaussians, notes_of(args))
+    gaussians = pruned(noted(gaussians, notes_of(args)), args.prune, reading, voice_of(args))
     writing_of(args).write(args.output, gaussians)
     voice_of(args)(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
     if args.check:

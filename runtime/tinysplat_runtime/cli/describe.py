@@ -67,6 +67,7 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         *(f"{name}: {text}" for name, text in d["notes"].items() if text),
         *([f"refined: {d['refined']}"] if d["refined"] else []),
         *(["antialiased: yes"] if d["antialiased"] else []),
+        *([f"Gaussians: {d['thinned']}"] if d["thinned"] else []),
         "",
         "class        bytes   share",
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),

@@ -115,6 +115,8 @@ def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, 
     if stats.reason:
         say(f"mode {stats.mode}: {stats.reason}")
     elif stats.mode == "free":
+        if stats.left_out:
+            say(f"{stats.left_out:,} Gaussians left out that pictures hardly need: {stats.left_out_psnr:.1f} dB")
         say("mode free: Gaussians that belong to no pixels; --grid V,H,W and --cameras cameras.json say whose they are")
 
 

@@ -65,6 +65,7 @@ def writing_of(args: Namespace) -> Writing:
         source=files[0] if has_quality else None,
         turned=bool(getattr(args, "rotate", None)),
         keeps_pixels=args.views is None and getattr(args, "scale", 1) == 1,
+        keep_all=args.keep_all or args.prune is not None,
     )
 
 

@@ -14,7 +14,7 @@ from .. import __version__
 from ..codec.modes import CHOICES
 from ..errors import InputError
 from ..gaussian import OWN_VARIANCE
-from .arguments import byte_count, count, indices, numbers, port, positive, size
+from .arguments import amount, byte_count, count, indices, numbers, port, positive, size
 from .options import add_coding, add_notes, add_photos, add_provider
 
 _GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another Gaussian file (docs/FORMATS.md)"
@@ -86,6 +86,15 @@ def _selection() -> _Parser:
     selection.add_argument(
         "--dilate", type=positive, nargs="?", const=OWN_VARIANCE, metavar="VARIANCE",
         help=f"widen each Gaussian by its photo's pixel, for other viewers; in pixels², default {OWN_VARIANCE}",
+    )  # fmt: skip
+    selection.add_argument(
+        "--prune", type=amount, metavar="SHARE|DB|N",
+        help="leave out this share of the Gaussians (0.5), as many as a quality bears (45dB), or all but N, those that"
+        " pictures need least first (needs numba)",
+    )  # fmt: skip
+    selection.add_argument(
+        "--keep-all", action="store_true",
+        help="in a .tsplat file of points of no pixels keep even those that pictures hardly need",
     )  # fmt: skip
     selection.add_argument(
         "--points", action="store_true", help="write a plain point cloud (.ply) of means and colours"
@@ -181,6 +190,10 @@ def _compress(commands: Commands) -> None:
     parser.add_argument("--mode", choices=CHOICES, help=argparse.SUPPRESS)
     parser.add_argument("--photos", metavar="SCENE", help="the photos that --refine holds the Gaussians against")
     parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
+    parser.add_argument(
+        "--keep-all", action="store_true",
+        help="of points of no pixels keep even those that pictures hardly need; they are left out where numba is there",
+    )  # fmt: skip
     parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 
 

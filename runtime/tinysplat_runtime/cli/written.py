@@ -16,8 +16,9 @@ from ..formats.table import save_gaussians, save_points
 from ..gaussian.editing import cut_degree, drop_transparent, trim_border
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
+from ..prune.amount import Amount
 from ..system.files import read_limited
-from .files import Reading, write_file
+from .files import Reading, Voice, write_file
 from .outputs import is_standard
 
 
@@ -48,6 +49,23 @@ class Selection:
         return gaussians if self.sh_degree is None else cut_degree(gaussians, self.sh_degree)
 
 
+def pruned(gaussians: Gaussians, amount: Amount | None, reading: Reading, say: Voice) -> Gaussians:
+    """What `--prune` leaves, as one list; as they are without it.
+
+    Raises:
+        InputError: numba is missing, none shows, or the quality is out of reach.
+    """
+    if amount is None:
+        return gaussians
+    try:
+        from ..prune.reduction import leave_out
+    except ImportError as error:
+        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="--prune") from None
+    found = leave_out(gaussians, amount, reading.runtime().threads)
+    say(f"{found.text or 'none left out'}, in pictures by 3DGS' definition")
+    return found.gaussians
+
+
 @dataclass(frozen=True)
 class Writing:
     """How Gaussian files are written.
@@ -59,6 +77,7 @@ class Writing:
         source: the .tsplat file whose quality a .tsplat file is written with; None for the default profile's.
         turned: whether the Gaussians were turned since it was read.
         keeps_pixels: whether they are all that it holds, at its scale.
+        keep_all: of Gaussians of no pixels, even those that pictures hardly need, in a .tsplat file.
     """
 
     reading: Reading
@@ -69,6 +88,7 @@ class Writing:
     source: str | None = None
     turned: bool = False
     keeps_pixels: bool = True
+    keep_all: bool = False
 
     def write(self, path: str, gaussians: Gaussians) -> None:
         """Write a file, or to standard output; what the format cannot keep goes to standard error."""
@@ -87,11 +107,12 @@ class Writing:
         """A .tsplat file's bytes.
 
         Moved as a whole they take their source's very pictures, which hold what cameras see; else its profile and Q_g.
-        Cut or joined they are no longer pixels of views, and coded as such.
+        Cut or joined they are no longer pixels of views, and coded as such. What was thinned once stays as it is.
         """
         runtime = self.reading.runtime()
+        keep_all = self.keep_all or bool(gaussians.notes.thinned)
         if self.source is None:
-            return runtime.compress(gaussians)
+            return runtime.compress(gaussians, keep_all=keep_all)
         source = read_limited(self.source, MAX_FILE_BYTES)
         container = read_container(source, runtime.limits)
         if container.mode == "lossless":
@@ -99,7 +120,7 @@ class Writing:
         turns = self.turned and gaussians.degree > 0  # a basis of SH does not turn along
         # Where the scene grew, steps of depth did not grow along.
         if container.mode != "gaussians" or not gaussians.is_per_pixel or turns or not self.keeps_pixels:
-            return runtime.compress(gaussians, container.profile, container.qp)
+            return runtime.compress(gaussians, container.profile, container.qp, keep_all=keep_all)
         return runtime.compress(gaussians, like=source)
 
     def _write_standard(self, path: str, gaussians: Gaussians) -> None:

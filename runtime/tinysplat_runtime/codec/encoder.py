@@ -46,12 +46,16 @@ class EncodeStats:
         watch: seconds per stage.
         mode: what the file carries; see `modes`.
         reason: why mode `auto` came to it; empty where the caller chose.
+        left_out: Gaussians of no pixels that pictures hardly need.
+        left_out_psnr: dB of pictures without them; None where none are.
     """
 
     clipped: dict[str, int] = field(default_factory=dict)
     watch: Stopwatch = field(default_factory=Stopwatch)
     mode: str = "gaussians"
     reason: str = ""
+    left_out: int = 0
+    left_out_psnr: float | None = None
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         is_prefix: accept bytes that end before the file does.
 
     Returns:
-        A JSON-ready object: version, mode, network, photos, notes, refined, profile, qp, views, height, width,
-        gaussians, sh_degree, k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras, layers, planes,
-        prefixes, left_out.
+        A JSON-ready object: version, mode, network, photos, notes, refined, antialiased, thinned, profile, qp, views,
+        height, width, gaussians, sh_degree, k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras,
+        layers, planes, prefixes, left_out.
         In mode photos, what only the network knows (gaussians, sh_degree, k) is None; without photos, network and
         photos are; in mode free, height and width.
 
@@ -41,6 +41,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "notes": {name: getattr(container.notes, name) for name in NOTE_NAMES},
         "refined": container.notes.refined or None,
         "antialiased": bool(container.notes.antialiased),
+        "thinned": container.notes.thinned or None,
         "profile": container.profile,
         "qp": container.qp,
         "views": len(container.cameras),

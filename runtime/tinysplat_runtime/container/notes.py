@@ -1,4 +1,4 @@
-"""The optional sections with what is said about a scene. Layout: docs/FORMAT.md, `NOTE`, `REFI`, `ANTI`."""
+"""The optional sections with what is said about a scene. Layout: docs/FORMAT.md, `NOTE`, `REFI`, `ANTI`, `THIN`."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from .sections import Cursor, NewSection, Section, only
 NOTES = b"NOTE"
 REFINED = b"REFI"
 ANTIALIASED = b"ANTI"
+THINNED = b"THIN"
 
 NOTES_FIXED = struct.Struct("<HHH")
 """Bytes of unit, attribution and licence, whose UTF-8 follows in this order."""
 
 NOTE_NAMES = ("unit", "attribution", "licence")
 
-TEXTS = {REFINED: "refined", ANTIALIASED: "antialiased"}
+TEXTS = {REFINED: "refined", ANTIALIASED: "antialiased", THINNED: "thinned"}
 """Sections of one text each, and the note that it is."""
 
-MINOR = {NOTES: 1, REFINED: 2, ANTIALIASED: 3}
+MINOR = {NOTES: 1, REFINED: 2, ANTIALIASED: 3, THINNED: 5}
 """Minor version of a file with such a section, which readers that do not know it may skip."""
 
 
@@ -35,7 +36,7 @@ def note_sections(notes: Notes) -> list[NewSection]:
 
 
 def read_notes(sections: Sequence[Section]) -> Notes:
-    """Parse and check the sections NOTE, REFI and ANTI of a file, which need not be there."""
+    """Parse and check the sections NOTE, REFI, ANTI and THIN of a file, which need not be there."""
     kinds = {section.kind for section in sections}
     texts = _read_texts(Cursor(only(sections, NOTES))) if NOTES in kinds else {}
     for kind, name in TEXTS.items():

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 
 from ..errors import InputError
 
-MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3}
+MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3, "thinned": 128}
 """Longest text of a field in UTF-8."""
 
 YES = "yes"
@@ -31,6 +31,7 @@ class Notes:
         refined: how the Gaussians were corrected after a network made them; `refine` says it, not the maker.
         antialiased: `yes` of Gaussians that were trained to fade where they are widened (Mip-Splatting); carried from
             file to file, and not acted on here.
+        thinned: how many Gaussians were left out because pictures hardly need them, and the dB of pictures without.
 
     Raises:
         InputError: names the field: too long, or with characters that do not print.
@@ -41,6 +42,7 @@ class Notes:
     licence: str = ""
     refined: str = ""
     antialiased: str = ""
+    thinned: str = ""
 
     def __post_init__(self) -> None:
         for name, text in asdict(self).items():
@@ -86,6 +88,7 @@ class Notes:
             licence=" AND ".join(licences),
             refined=common("refined"),
             antialiased=common("antialiased"),
+            thinned=common("thinned"),
         )
 
 

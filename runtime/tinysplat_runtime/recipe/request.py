@@ -57,6 +57,7 @@ class Coding:
             where nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
         mode: what the file of photos carries: gaussians, photos, hybrid or auto (`codec.modes` says what they are).
         drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
+        keep_all: of Gaussians of no pixels, all that show at all, in place of those alone that are worth their bytes.
 
     Raises:
         InputError: a value of another type or out of range, or two that contradict each other.
@@ -70,6 +71,7 @@ class Coding:
     like: bytes | StrPath | None = None
     mode: str = DEFAULT_MODE
     drop_invalid: bool = False
+    keep_all: bool = False
 
     def __post_init__(self) -> None:
         check_types(self)
@@ -223,6 +225,7 @@ class CodingOptions(TypedDict, total=False):
     lossless: bool
     like: bytes | StrPath | None
     drop_invalid: bool
+    keep_all: bool
 
 
 class SceneOptions(CodingOptions, total=False):

@@ -19,7 +19,7 @@ from ..codec.modes.registry import MODES
 from ..codec.rate import encode_to_psnr, encode_to_size
 from ..codec.recode import encode_like
 from ..container.records import Limits
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from ..graphs.inference import GraphStore
@@ -37,6 +37,7 @@ from .request import Coding
 from .words import Refinement
 
 if TYPE_CHECKING:
+    from ..prune.thinning import ThinningEncoder
     from ..refine.stats import RefineStats
 
 FREE_VIEWS, MOST_JUDGED = 4, 16
@@ -152,29 +153,37 @@ def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeSta
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, coding.drop_invalid)
     mode = "lossless" if coding.lossless else DEFAULT_MODE if gaussians.is_per_pixel else "free"
     stats.mode = stats.mode if mode == DEFAULT_MODE else mode
+    if mode == "free":
+        return _free(job, coding, tools)
     if coding.target_size is not None:
-        return _to_size(job, coding.target_size)
+        return encode_to_size(job.encoder(), coding.target_size)
     if coding.target_psnr is not None:
-        return _to_psnr(job, coding.target_psnr, _fidelity(gaussians, tools))
+        return encode_to_psnr(job.encoder(), coding.target_psnr, _fidelity(gaussians, tools))
     return MODES[mode].encode(job)
 
 
-def _to_size(job: Job, target: int) -> bytes:
-    if job.gaussians.is_per_pixel:
-        return encode_to_size(job.encoder(), target)
-    from ..codec.free.search import code_to_size
+def _free(job: Job, coding: Coding, tools: Tools) -> bytes:
+    """Gaussians of no pixels, without those that pictures hardly need."""
+    from ..codec.free.search import Coder, code_to_psnr, code_to_size
     from ..codec.modes.free import encoder
 
-    return code_to_size(encoder(job), target)
+    coder: Coder = encoder(job) if coding.keep_all else _thinning(job) or encoder(job)
+    if coding.target_size is not None:
+        return code_to_size(coder, coding.target_size)
+    if coding.target_psnr is not None:
+        return code_to_psnr(coder, coding.target_psnr, _fidelity(job.gaussians, tools))
+    return coder.code(job.qp)
 
 
-def _to_psnr(job: Job, target: float, fidelity: Callable[[bytes], float]) -> bytes:
-    if job.gaussians.is_per_pixel:
-        return encode_to_psnr(job.encoder(), target, fidelity)
-    from ..codec.free.search import code_to_psnr
-    from ..codec.modes.free import encoder
-
-    return code_to_psnr(encoder(job), target, fidelity)
+def _thinning(job: Job) -> ThinningEncoder | None:
+    """What leaves Gaussians out; without numba None, and a warning that says so."""
+    try:
+        from ..prune.thinning import ThinningEncoder
+    except ImportError as error:
+        found = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
+        warn(found)
+        return None
+    return ThinningEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
 
 
 def _fidelity(gaussians: Gaussians, tools: Tools) -> Callable[[bytes], float]:

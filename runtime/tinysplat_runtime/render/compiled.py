@@ -56,7 +56,7 @@ class Rasteriser:
         """Parts are packed when a frame needs them, and kept while there are places; `run_jobs` maps over a list."""
         longest = CHUNK * max(-(-part.size // CHUNK) for part in parts)
         self._parts, self._run = parts, run_jobs
-        self._shelf = Shelf(lambda number, place: _packed(parts[number].block(), place * longest), places)
+        self._shelf = Shelf(lambda number, place: pack(parts[number].block(), place * longest), places)
         self._buffers = SplatBuffers(places * longest, run_jobs)
         self._place = np.full(3, np.nan)
 
@@ -84,7 +84,8 @@ class Rasteriser:
         return canvas
 
 
-def _packed(block: Block, first: int) -> Chunks:
+def pack(block: Block, first: int) -> Chunks:
+    """A block as loops take it; `first` is the row of its first record."""
     chunks, functions = -(-block.size // CHUNK), block.sh.shape[0]
     planes = np.zeros((GEOMETRY, chunks * CHUNK), np.float32)
     planes[OPACITY] = -np.inf

@@ -108,7 +108,7 @@ def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
     path = []
     for angle in 2 * math.pi * np.arange(frames) / frames:
         shift = radius_x * math.cos(angle) * rotation[:, 0] + radius_y * math.sin(angle) * rotation[:, 1]
-        turned = _looking_along(target - (centre + shift), down=rotation[:, 1])
+        turned = looking_along(target - (centre + shift), down=rotation[:, 1])
         path.append(_camera(like=cameras[0], K=K, rotation=turned, centre=centre + shift))
     return path
 
@@ -136,7 +136,7 @@ def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
         turn, rise = 2 * math.pi * number / frames + 0.3, 0.25 * (-1) ** number
         towards = np.array([math.sin(turn) * math.cos(rise), math.sin(rise), math.cos(turn) * math.cos(rise)])
         c2w = np.eye(4)
-        c2w[:3, :3] = _looking_along(-towards, down=np.array([0.0, 1.0, 0.0]))
+        c2w[:3, :3] = looking_along(-towards, down=np.array([0.0, 1.0, 0.0]))
         c2w[:3, 3] = target + distance * towards
         views.append(Camera(K, c2w, RING_SIDE, RING_SIDE))
     return views
@@ -175,7 +175,7 @@ def _mean_rotation(cameras: Sequence[Camera]) -> NDArray:
     return quats_to_matrices(symmetric_eigen(product(quats.T, quats))[1][:, -1])
 
 
-def _looking_along(direction: NDArray, down: NDArray) -> NDArray:
+def looking_along(direction: NDArray, down: NDArray) -> NDArray:
     """(3, 3) camera-to-world rotation with z along `direction` and y as near to `down` as that allows."""
     z = direction / np.linalg.norm(direction)
     x = np.cross(down, z)

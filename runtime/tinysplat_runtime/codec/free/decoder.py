@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -38,7 +38,7 @@ def decode_free(container: Container, scene: FreeScene, missing: Collection[Plan
         FormatError: damaged; or a picture is missing that the order of others depends on.
     """
     keys = decode_points(scene.grid.streams, scene.grid.levels, scene.grid.leaves, scene.grid.escapes, scene.count)
-    means = _means(scene.grid, keys)
+    means = means_of(scene.grid, cells_of(keys))
     absent = {scene.channels[ref.channel].record.name for ref in missing}
     seen: list[NDArray] = []
     orders = [along_the_curve(scene.count)]
@@ -59,19 +59,29 @@ def decode_free(container: Container, scene: FreeScene, missing: Collection[Plan
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
         found = {(c.record.plane_class, c.record.target): v for c, v in zip(rest, pool.map(decode, rest), strict=True)}
-    columns = Columns(
-        roots=seen[0],
-        sizes=expanded(seen[1], scene.size_middle),
-        lengths=seen[2],
-        thins=found[PlaneClass.SCALE, 2],
-        turns=np.stack([found[PlaneClass.ROTATION, target] for target in range(3)], axis=1),
-        sh=_coefficients(scene, [found[PlaneClass.COLOR, target] for target in range(scene.basis.shape[1])]),
-    )
+    found |= dict(zip(DETERMINING, seen, strict=True))
+    columns = columns_of(found, scene.size_middle, scene.mean, scene.basis)
     return Gaussians.unchecked(means=means, **from_columns(columns), origin=container.origin)
 
 
-def _means(grid: PointGrid, keys: NDArray) -> NDArray:
-    space = grid.low + cells_of(keys) * grid.cell
+def columns_of(
+    channels: Mapping[tuple[PlaneClass, int], NDArray], size_middle: float, mean: NDArray, basis: NDArray
+) -> Columns:
+    """Columns (N) of the numbers of all channels, by class and target."""
+    colours = [channels[PlaneClass.COLOR, target] for target in range(basis.shape[1])]
+    return Columns(
+        roots=channels[PlaneClass.OPACITY, 0],
+        sizes=expanded(channels[PlaneClass.SCALE, 0], size_middle),
+        lengths=channels[PlaneClass.SCALE, 1],
+        thins=channels[PlaneClass.SCALE, 2],
+        turns=np.stack([channels[PlaneClass.ROTATION, target] for target in range(3)], axis=1),
+        sh=_coefficients(len(channels[PlaneClass.OPACITY, 0]), mean, basis, colours),
+    )
+
+
+def means_of(grid: PointGrid, cells: NDArray) -> NDArray:
+    """(N, 3) float32 positions of (N, 3) cells."""
+    space = grid.low + cells * grid.cell
     return np.ascontiguousarray(grid.centre + grid.radius * uncontracted(space), np.float32)
 
 
@@ -84,15 +94,15 @@ def _values(container: Container, channel: FreeChannel, order: Order) -> NDArray
     return channel_values(channel, codes, order)
 
 
-def _coefficients(scene: FreeScene, components: list[NDArray]) -> NDArray:
+def _coefficients(count: int, mean: NDArray, basis: NDArray, components: list[NDArray]) -> NDArray:
     """(N, d) float32."""
-    out = np.empty((scene.count, len(scene.mean)), np.float32)
-    basis = scene.basis.astype(np.float64)
-    for start in range(0, scene.count, _ROWS):
+    out = np.empty((count, len(mean)), np.float32)
+    wide = basis.astype(np.float64)
+    for start in range(0, count, _ROWS):
         stop = start + _ROWS
         if components:
             part = np.stack([values[start:stop] for values in components], axis=1)
-            out[start:stop] = product(part, basis.T) + scene.mean
+            out[start:stop] = product(part, wide.T) + mean
         else:
-            out[start:stop] = scene.mean
+            out[start:stop] = mean
     return out

@@ -26,7 +26,8 @@ from ..encoder import EncodeStats, check_qp
 from ..hevc import PlaneDecoder, encode_plane
 from ..profiles import EncoderSettings, Profile
 from ..quantise import choose_code_map, without_outliers
-from .attributes import Columns, companded, contracted, to_columns
+from .attributes import Columns, companded, contracted, from_columns, to_columns
+from .decoder import columns_of, means_of
 from .octree import encode_points, morton_keys
 from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
 from .planes import to_plane
@@ -67,17 +68,21 @@ FLAT_SHARE = 0.12
 BULK = (5, 95)
 """Percentiles between which the scene's bulk lies, along each axis."""
 
+DEAD_ZONE = 1 / 3
+"""What is added before a number of steps is cut to a whole one where x265's choice is only estimated."""
+
 _SAMPLE = 1 << 17
 _ROWS = 1 << 16
 
 
 @dataclass(frozen=True)
 class _Coded:
+    """A channel in the file, and (N,) float64 what a decoder makes of it, by the curve."""
+
     channel: FreeChannel
     payload: bytes | None
     parameter_sets: bytes
     values: NDArray
-    """(N,) float64 by the curve, as a decoder computes them."""
 
 
 class FreeEncoder:
@@ -89,9 +94,7 @@ class FreeEncoder:
         Raises:
             InputError: that is all of them; or numbers beyond what a file can hold.
         """
-        flat = gaussians.flat()
-        _check_values(flat)
-        self._gaussians = _selected(flat, np.flatnonzero(flat.opacities >= LEAST_OPACITY))
+        self._gaussians = visible(gaussians)
         self.notes = gaussians.notes
         self.profile, self._threads, self._stats = profile, threads, stats
         # Order by weight leaves no blocks that have QPs of their own.
@@ -126,6 +129,19 @@ class FreeEncoder:
             raise InputError(found, where="qp")
         return data
 
+    def rounded(self, qp: float) -> Gaussians:
+        """About what a decoder will see of a file at Q_g, in the order given: every number rounded to its step.
+
+        Without x265 and the octree's bytes, which take most of the time.
+        """
+        factor = 2 ** (qp / 6)
+        grid, cells = _grid_of(self._gaussians.means.astype(np.float64), factor)
+        columns, count = to_columns(self._gaussians), len(cells)
+        scene, coded = _code_columns(columns, grid, count, factor, None, self._threads)
+        values = {(c.channel.record.plane_class, c.channel.record.target): c.values for c in coded}
+        fields = from_columns(columns_of(values, scene.size_middle, scene.mean, scene.basis))
+        return Gaussians.unchecked(means=means_of(grid, cells), **fields, origin=self._gaussians.origin)
+
     def _points(self, factor: float) -> tuple[PointGrid, Columns, int]:
         """The positions, coded, and the channels of the Gaussians along the curve."""
         means = self._gaussians.means.astype(np.float64)
@@ -135,6 +151,13 @@ class FreeEncoder:
         points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
         grid = replace(grid, levels=points.levels, leaves=points.leaves, escapes=points.escapes, streams=points.streams)
         return grid, to_columns(_selected(self._gaussians, order)), len(order)
+
+
+def visible(gaussians: Gaussians) -> Gaussians:
+    """As one list, without those that no renderer shows; errors as those of `FreeEncoder`."""
+    flat = gaussians.flat()
+    _check_values(flat)
+    return _selected(flat, np.flatnonzero(flat.opacities >= LEAST_OPACITY))
 
 
 def _check_values(gaussians: Gaussians) -> None:
@@ -181,9 +204,9 @@ def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
 
 
 def _code_columns(
-    columns: Columns, grid: PointGrid, count: int, factor: float, settings: EncoderSettings, threads: int
+    columns: Columns, grid: PointGrid, count: int, factor: float, settings: EncoderSettings | None, threads: int
 ) -> tuple[FreeScene, list[_Coded]]:
-    """Channels in the order in which each one's order is known."""
+    """Channels in the order in which each one's order is known; without settings they are rounded alone."""
     steps = {channel: step * factor for channel, step in STEPS.items()}
     middle = float(
         np.float32(2 * np.log(np.exp(columns.sizes / 2 - columns.sizes.max() / 2).mean()) + columns.sizes.max())
@@ -216,7 +239,7 @@ def _code_columns(
 
 
 def _code_channel(
-    plane_class: PlaneClass, target: int, values: NDArray, step: float, order: Order, settings: EncoderSettings
+    plane_class: PlaneClass, target: int, values: NDArray, step: float, order: Order, settings: EncoderSettings | None
 ) -> _Coded:
     """One channel: numbers over their gains, as a picture in their order."""
     # Components of colour have no mean: it is stored for all coefficients.
@@ -230,6 +253,11 @@ def _code_channel(
         record = ChannelRecord(plane_class, target, 0, 0.0, float(np.float32(mean)))
         channel = FreeChannel(record, centre)
         return _Coded(channel, None, b"", channel_values(channel, None, order))
+    if settings is None:
+        away = (numbers - mean) / step
+        rounded = mean + step * np.sign(away) * np.floor(np.abs(away) + DEAD_ZONE)
+        channel = FreeChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
+        return _Coded(channel, None, b"", rounded * order.gains + centre)
     code_map = choose_code_map(low, high, mean, step)
     codes, _ = code_map.quantise(to_plane(order.sorted(numbers)))
     coded = encode_plane(codes, code_map.qp, settings)

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 from ...errors import InputError
+from ..profiles import Profile
 from ..rate import PSNR_TOLERANCE, SIZE_TOLERANCE, tries
-from .encoder import FreeEncoder
 
 _OCTAVES_PER_QP, _DB_PER_QP = 0.1, 0.95
 """Typical falls, for the first guesses."""
 
 
-def code_to_size(encoder: FreeEncoder, target: int) -> bytes:
+class Coder(Protocol):
+    """What codes the same Gaussians at any Q_g."""
+
+    profile: Profile
+
+    def code(self, qp: float) -> bytes:
+        """The file."""
+        ...
+
+
+def code_to_size(encoder: Coder, target: int) -> bytes:
     """The largest file found of at most `target` bytes; InputError where there is none."""
     low, high = math.log2((1 - SIZE_TOLERANCE) * target), math.log2(target)
     files = [file.data for file in tries(encoder.code, lambda data: math.log2(len(data)), low, high, _OCTAVES_PER_QP)]
@@ -24,7 +35,7 @@ def code_to_size(encoder: FreeEncoder, target: int) -> bytes:
     raise InputError(message, where="target_size")
 
 
-def code_to_psnr(encoder: FreeEncoder, target: float, measure: Callable[[bytes], float]) -> bytes:
+def code_to_psnr(encoder: Coder, target: float, measure: Callable[[bytes], float]) -> bytes:
     """The smallest file found of at least `target` dB; InputError where there is none."""
     found = list(tries(encoder.code, measure, target, target + PSNR_TOLERANCE, _DB_PER_QP))
     met = [file.data for file in found if file.score >= target]

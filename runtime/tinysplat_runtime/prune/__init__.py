@@ -1,0 +1,1 @@
+"""Leaving out Gaussians that pictures hardly need; needs numba (`tinysplat[fast]`)."""

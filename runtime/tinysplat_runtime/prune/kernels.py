@@ -1,0 +1,271 @@
+"""What every Gaussian does to a picture, as compiled code: what its removal would change, and what its colour should.
+
+A pixel is linear in each α. Without splat i it is C + ΔC with ΔC = −α ∂C/∂α = α/(1 − α)·behind − w·c, w = α·T its
+weight, c its colour, behind what is blended after it. With e = C − wanted, its removal changes the squared error by
+2⟨e, ΔC⟩ + |ΔC|², which is exact for one splat at a time (POTR, arXiv 2601.14821). Opacity counts as a fourth colour, so
+that nothing is left out for being as black as the background.
+
+A tile is blended as for a picture, and walked again front to back; each pair of tile and splat has a place of its own
+for its sums (`kernels_blend.list_by_tile`), so that results do not depend on threads.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..render.composite import ALPHA_MAX, TRANSMITTANCE_MIN
+from ..render.kernels_blend import (
+    AHEAD,
+    LANES,
+    PLANES,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    Extent,
+    Listed,
+    Scratch,
+    Tiles,
+    Visible,
+    blend_tile,
+    box,
+    bring_near,
+    chord,
+    quick_exp,
+    rows_of,
+    tiles_of,
+)
+from ..render.kernels_project import (
+    ALPHA_X,
+    BETA_X,
+    BLUE,
+    GAMMA,
+    GREEN,
+    LOG_OPACITY,
+    REACH,
+    RED,
+    Number,
+    X,
+    Y,
+    compiled,
+    summing,
+)
+from ..render.prepare import ALPHA_MIN
+
+CHANNELS = 4
+"""Red, green, blue, and opacity times `OPACITY_COLOUR`."""
+
+OPACITY_COLOUR = 0.5
+
+SUMS = 6
+"""Of a pair: Σ |ΔC|²; Σ w·(wanted − C) of three colours; Σ w·(all weights of the pixel), which bounds what colours
+change together; Σ ⟨e, ΔC⟩."""
+
+COST, LACK, BOUND, CROSS = 0, 1, 4, 5
+
+WALK_PLANES = 10
+"""Second walk: transmittance; four of what is behind; four of 2·(C − wanted); the sum of all weights."""
+
+_F, _I = np.float32, np.uint64
+_STRIDE = TILE_WIDTH + LANES
+_ROW, _WALK_ROW = PLANES * _STRIDE, WALK_PLANES * _STRIDE
+WALK_STATE = TILE_HEIGHT * _WALK_ROW
+_BEHIND = tuple(_I((1 + channel) * _STRIDE) for channel in range(4))
+_ERROR = tuple(_I((5 + channel) * _STRIDE) for channel in range(4))
+_ALL = _I(9 * _STRIDE)
+_ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
+_ZERO, _ONE, _TWO, _HALF, _OPACITY = _F(0), _F(1), _F(2), _F(0.5), _F(OPACITY_COLOUR)
+
+
+@compiled
+def score_tile(
+    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, walk: NDArray, wanted: NDArray,
+    is_first: bool, pairs: NDArray,
+) -> Number:  # fmt: skip
+    """Draw a tile and fill the sums of its splats.
+
+    Args:
+        records, rows, listed, extent, work: as `kernels_blend.blend_tile` has them.
+        walk: (`WALK_STATE`,) float32, the thread's.
+        wanted: (H, W, 4) float32: the picture that is wanted, its last channel opacity times `OPACITY_COLOUR`.
+        is_first: the picture as drawn is what is wanted; `wanted` is written.
+        pairs: (pairs, 6) float32, written at the tile's places.
+
+    Returns:
+        Σ (C − wanted)² of red, green and blue of at most 1.
+    """
+    keys, drawn = blend_tile(records, rows, listed, extent, work, False)
+    error = _turn_over(work.state, walk, wanted, extent, is_first)
+    for key in keys:
+        pairs[key & _I(0xFFFFFFFF)] = 0
+    for start in range(0, drawn[1], AHEAD):
+        end = min(start + AHEAD, drawn[1])
+        bring_near(records, rows, keys[start:end], True, work.near)
+        for entry in range(end - start):
+            _walk(work.near[entry], extent, walk, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
+    return error
+
+
+@compiled
+def _turn_over(state: NDArray, walk: NDArray, wanted: NDArray, extent: Extent, is_first: bool) -> Number:
+    """From a drawn tile to what its second walk begins with; the squared error."""
+    walk[:] = 0
+    squared = 0.0
+    for line in range(extent.rows):
+        for lane in range(extent.columns):
+            at, to = line * _ROW + lane, line * _WALK_ROW + lane
+            covered = _ONE - abs(state[at])
+            walk[to] = _ONE
+            walk[to + 9 * _STRIDE] = covered
+            for channel in range(CHANNELS):
+                found = _OPACITY * covered if channel == 3 else state[at + (1 + channel) * _STRIDE]
+                if is_first:
+                    wanted[extent.row + line, extent.column + lane, channel] = found
+                aim = wanted[extent.row + line, extent.column + lane, channel]
+                walk[to + (1 + channel) * _STRIDE] = found
+                walk[to + (5 + channel) * _STRIDE] = _TWO * (found - aim)
+                if channel < 3:
+                    apart = np.float64(min(found, _ONE) - min(aim, _ONE))
+                    squared += apart * apart
+    return squared
+
+
+@summing
+def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
+    """Add a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
+    x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
+    log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
+    red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
+    tau = log_opacity - _LOG_ALPHA_MIN
+    left, right, top, bottom = box(splat, extent)
+    cost = lack_red = lack_green = lack_blue = bound = cross = _ZERO
+    for row in range(top, bottom + 1):
+        dy = _F(row) + _HALF - y
+        w = gamma * dy
+        fall = w * w
+        if reach > _ZERO:
+            if fall > tau:
+                continue
+            left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, extent.columns)
+        start = _I((row - extent.row) * _WALK_ROW)
+        for column in range(left, right + 1, LANES):
+            across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
+            exponent = log_opacity - fall
+            s_cost = s_red = s_green = s_blue = s_bound = s_cross = _ZERO
+            for lane in range(LANES):
+                at = start + _I(column) + _I(lane)
+                u = across + alpha_x * _F(lane)
+                alpha = min(quick_exp(max(exponent - u * u, _F(-80))), _ALPHA_MAX)
+                before = state[at]
+                weight = alpha * max(before, _ZERO) if alpha >= _ALPHA_MIN else _ZERO
+                after = before - weight
+                stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
+                weight = _ZERO if stops else weight
+                state[at] = -before if stops else after
+                more = alpha / (_ONE - alpha) if weight > _ZERO else _ZERO
+                behind_red = state[at + _BEHIND[0]] - weight * red
+                behind_green = state[at + _BEHIND[1]] - weight * green
+                behind_blue = state[at + _BEHIND[2]] - weight * blue
+                behind_opacity = state[at + _BEHIND[3]] - weight * _OPACITY
+                state[at + _BEHIND[0]], state[at + _BEHIND[1]] = behind_red, behind_green
+                state[at + _BEHIND[2]], state[at + _BEHIND[3]] = behind_blue, behind_opacity
+                change_red, change_green = more * behind_red - weight * red, more * behind_green - weight * green
+                change_blue = more * behind_blue - weight * blue
+                change_opacity = more * behind_opacity - weight * _OPACITY
+                e_red, e_green, e_blue = state[at + _ERROR[0]], state[at + _ERROR[1]], state[at + _ERROR[2]]
+                s_cost += change_red * change_red + change_green * change_green
+                s_cost += change_blue * change_blue + change_opacity * change_opacity
+                s_cross += change_red * e_red + change_green * e_green
+                s_cross += change_blue * e_blue + change_opacity * state[at + _ERROR[3]]
+                s_red -= weight * e_red
+                s_green -= weight * e_green
+                s_blue -= weight * e_blue
+                s_bound += weight * state[at + _ALL]
+            cost += s_cost
+            lack_red += s_red
+            lack_green += s_green
+            lack_blue += s_blue
+            bound += s_bound
+            cross += s_cross
+    out[COST] += cost
+    out[LACK] += _HALF * lack_red
+    out[LACK + 1] += _HALF * lack_green
+    out[LACK + 2] += _HALF * lack_blue
+    out[BOUND] += bound
+    out[CROSS] += _HALF * cross
+
+
+@compiled
+def add_up(seen: Visible, tiles: Tiles, ends: NDArray, pairs: NDArray, sums: NDArray) -> None:
+    """Add the sums of a block's pairs by Gaussian.
+
+    Args:
+        seen, tiles: as `kernels_blend.list_by_tile` was given them.
+        ends: (tiles,) int64, where each list began; moved on.
+        pairs: (pairs, 6) float32.
+        sums: (rows, 6) float32, of all blocks, added to.
+    """
+    for entry in range(seen.ids.size):
+        reached = seen.boxes[entry]
+        for tile_row in range(*rows_of(reached, tiles)):
+            for tile in range(*tiles_of(reached, tiles, tile_row)):
+                pair = ends[tile - tiles.first]
+                for number in range(SUMS):
+                    sums[seen.ids[entry], number] += pairs[pair, number]
+                ends[tile - tiles.first] += 1
+
+
+@compiled
+def solve_colours(
+    basis: NDArray, weights: NDArray, lacks: NDArray, penalties: NDArray, hold: Number, relaxation: Number, sh: NDArray
+) -> None:
+    """Move SH coefficients towards those that views ask for: a ridge regression by Gaussian and colour.
+
+    With what a Gaussian's colour lacks in view v, l_v, and its weight there, b_v: the minimum over δ of
+    Σ_v b_v (Y_v·δ)² − 2 l_v (Y_v·δ) + h |δ|²/4π Σ_v b_v + Σ_k p_k (s_k + δ_k)², by Cholesky's decomposition. The third
+    term is that of views from everywhere in which nothing is to change: few views do not bear out all coefficients.
+
+    Args:
+        basis: (n, V, B) float64.
+        weights: (n, V) float64.
+        lacks: (n, V, 3) float64.
+        penalties: (B,) float64.
+        hold: h.
+        relaxation: what δ is multiplied by.
+        sh: (n, B, 3) float32, changed.
+    """
+    views, size = basis.shape[1], basis.shape[2]
+    matrix, right = np.empty((size, size)), np.empty((size, 3))
+    for row in range(len(basis)):
+        held = hold / (4 * math.pi) * weights[row].sum()
+        for i in range(size):
+            for j in range(i + 1):
+                total = 0.0
+                for view in range(views):
+                    total += weights[row, view] * basis[row, view, i] * basis[row, view, j]
+                matrix[i, j] = total
+            matrix[i, i] += penalties[i] + held + 1e-9
+            for channel in range(3):
+                total = -penalties[i] * sh[row, i, channel]
+                for view in range(views):
+                    total += lacks[row, view, channel] * basis[row, view, i]
+                right[i, channel] = total
+        for i in range(size):
+            for j in range(i + 1):
+                total = matrix[i, j]
+                for k in range(j):
+                    total -= matrix[i, k] * matrix[j, k]
+                matrix[i, j] = math.sqrt(max(total, 1e-12)) if i == j else total / matrix[j, j]
+        for channel in range(3):
+            for i in range(size):
+                total = right[i, channel]
+                for k in range(i):
+                    total -= matrix[i, k] * right[k, channel]
+                right[i, channel] = total / matrix[i, i]
+            for i in range(size - 1, -1, -1):
+                total = right[i, channel]
+                for k in range(i + 1, size):
+                    total -= matrix[k, i] * right[k, channel]
+                right[i, channel] = total / matrix[i, i]
+                sh[row, i, channel] += _F(relaxation * right[i, channel])

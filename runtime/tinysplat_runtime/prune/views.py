@@ -1,0 +1,77 @@
+"""Views that Gaussians of no pixels are looked at from: from all sides, far and near, and from within rooms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussian.gaussians import Gaussians
+from ..render import DEFINITION, Renderer
+from ..render.paths import looking_along
+from ..scene.cameras import Camera
+
+SIDE = 384
+"""Pixels of a view's sides."""
+
+FAR, NEAR = 1.2, 0.6
+"""Distances of the outer views from the middle, in diagonals of the bulk."""
+
+NEAR_EVERY = 5
+"""One of so many outer views is a near one."""
+
+STEEPEST = 0.7
+"""Sine of the largest angle that outer views look up or down by."""
+
+OPEN, CLOSED = 0.2, 0.75
+"""A scene is a room where, from its middle, so far (in diagonals) nothing stands in most directions, and something
+beyond in this share of them."""
+
+_GOLDEN = math.pi * (3 - math.sqrt(5))
+_DOWN = np.array([0.0, 1.0, 0.0])
+
+
+def views_about(gaussians: Gaussians, count: int) -> list[Camera]:
+    """Cameras that see (N,) Gaussians as those would who walk about them.
+
+    They stand outside, some of them near, evenly on the sphere but for its poles; of a room, a third of all
+    stand in its middle and look outwards.
+    """
+    means = gaussians.means.astype(np.float64) + gaussians.origin
+    low, high = np.percentile(means, (5, 95), axis=0)
+    middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
+    inner = count // 3 if _is_room(gaussians, middle, diagonal) else 0
+    outer = count - inner
+    cameras = []
+    for number in range(outer):
+        towards = _on_the_sphere(number, outer, STEEPEST)
+        distance = (NEAR if number % NEAR_EVERY == 2 else FAR) * diagonal
+        cameras.append(_camera(middle + distance * towards, -towards, SIDE, SIDE))
+    return cameras + [_camera(middle, _on_the_sphere(n, inner, 0.5), SIDE / 2, SIDE) for n in range(inner)]
+
+
+def _on_the_sphere(number: int, count: int, steepest: float) -> NDArray:
+    """Unit vector of a Fibonacci spiral about the y axis."""
+    height = steepest * (1 - (2 * number + 1) / count)
+    turn, flat = number * _GOLDEN + 0.1, math.sqrt(1 - height * height)
+    return np.array([math.sin(turn) * flat, height, math.cos(turn) * flat])
+
+
+def _camera(place: NDArray, direction: NDArray, focal: float, side: int) -> Camera:
+    c2w = np.eye(4)
+    c2w[:3, :3], c2w[:3, 3] = looking_along(direction, down=_DOWN), place
+    return Camera(np.array([[focal, 0, side / 2], [0, focal, side / 2], [0, 0, 1]]), c2w, side, side)
+
+
+def _is_room(gaussians: Gaussians, middle: NDArray, diagonal: float) -> bool:
+    """Whether the middle is empty and walled in."""
+    renderer = Renderer(gaussians, 1, **DEFINITION)
+    depths, alphas = [], []
+    for turn in range(4):
+        direction = np.array([math.sin(turn * math.pi / 2), 0.0, math.cos(turn * math.pi / 2)])
+        seen = renderer.render(_camera(middle, direction, 16, 32), outputs=("depth", "alpha"))
+        depths.append(seen["depth"])
+        alphas.append(seen["alpha"])
+    alpha, depth = np.concatenate(alphas), np.concatenate(depths)
+    return bool(np.median(depth) > OPEN * diagonal and (alpha > 0.5).mean() > CLOSED)

@@ -1,0 +1,101 @@
+"""What one removal changes, and what colours lack, against pictures drawn without and with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import make_free_gaussians
+
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.sh import C0
+from tinysplat_runtime.render import DEFINITION, Renderer
+from tinysplat_runtime.render.paths import ring
+from tinysplat_runtime.system.threads import Crew
+
+pytest.importorskip("numba")
+
+from tinysplat_runtime.prune import kernels
+from tinysplat_runtime.prune.pictures import Pictures
+from tinysplat_runtime.prune.removal import taken
+
+
+@pytest.fixture(scope="module")
+def cloud() -> Gaussians:
+    return make_free_gaussians(400, 1, np.random.default_rng(5))
+
+
+def drawn(gaussians: Gaussians, camera) -> np.ndarray:
+    """(H, W, 4) float64 by the numpy rasteriser: colours unclipped above, and opacity as `kernels` weighs it."""
+    image = Renderer(gaussians, threads=1, compiled=False, **DEFINITION).render(camera, outputs=("rgb", "alpha"))
+    return np.concatenate([image["rgb"], kernels.OPACITY_COLOUR * image["alpha"][..., None]], -1).astype(np.float64)
+
+
+def test_a_removal_costs_what_pictures_without_it_show(cloud):
+    dim = replace(cloud, sh=0.3 * cloud.sh)  # below white, where the renderer would cut
+    camera = ring(dim, 2)[1].resized(96, 140)
+    (sums, error), whole = next(Pictures([camera], Crew(2).map).measure(dim)), drawn(dim, camera)
+    assert error == 0
+    dearest = np.argsort(-sums[:, kernels.COST])[[0, 5, 40, 120]]
+    for row in dearest:
+        without = drawn(taken(dim, np.delete(np.arange(400), row)), camera)
+        assert sums[row, kernels.COST] == pytest.approx(np.square(without - whole).sum(), rel=2e-3)
+
+
+def test_errors_are_those_of_the_pictures_and_of_what_they_were_first(cloud):
+    cameras, run = ring(cloud, 2), Crew(1).map
+    pictures = Pictures(cameras, run)
+    first = [drawn(cloud, camera) for camera in cameras]
+    assert [error for _, error in pictures.measure(cloud)] == [0, 0]
+    for wanted, seen in zip(pictures.wanted, first, strict=True):
+        np.testing.assert_allclose(np.minimum(wanted, 1)[..., :3], seen[..., :3], atol=2e-5)
+        np.testing.assert_allclose(wanted[..., 3], seen[..., 3], atol=2e-5)
+    half = taken(cloud, np.arange(0, 400, 2))
+    for (_, error), camera, wanted in zip(pictures.measure(half), cameras, first, strict=True):
+        assert error == pytest.approx(np.square(drawn(half, camera) - wanted)[..., :3].sum(), rel=1e-3)
+
+
+def test_a_lack_of_colour_is_the_gradient_of_the_error(cloud):
+    """Σ w·(wanted − C) is half of what the error falls by with a Gaussian's colour."""
+    dim = replace(cloud, sh=0.3 * cloud.sh)
+    camera, row, step = ring(dim, 1)[0].resized(80, 80), 17, 2e-2
+    wanted = taken(dim, np.arange(300))
+    pictures = Pictures([camera], Crew(1).map)
+    next(iter(pictures.measure(wanted)))
+    sums, _ = next(iter(pictures.measure(dim)))
+    row = int(np.argmax(np.abs(sums[:, kernels.LACK])))
+    errors = []
+    for sign in (-1, 1):
+        sh = dim.sh.copy()
+        sh[row, 0, 0] += sign * step / C0
+        errors.append(next(iter(pictures.measure(replace(dim, sh=sh))))[1])
+    assert sums[row, kernels.LACK] == pytest.approx(-(errors[1] - errors[0]) / (4 * step), rel=2e-3)
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_sums_do_not_depend_on_threads(cloud, threads):
+    cameras = ring(cloud, 2)
+    one, more = (list(Pictures(cameras, Crew(n).map).measure(cloud)) for n in (1, threads))
+    for (sums, _), (others, _) in zip(one, more, strict=True):
+        assert (sums == others).all()
+
+
+def test_colours_are_fitted_as_least_squares_has_them():
+    rng = np.random.default_rng(2)
+    basis, weights = rng.normal(size=(5, 9, 4)), rng.uniform(0.1, 2, (5, 9))
+    lacks, sh = rng.normal(size=(5, 9, 3)), rng.normal(size=(5, 4, 3)).astype(np.float32)
+    penalties, hold = np.array([0, 0.7, 0.7, 0.7]), 0.4
+    found = sh.copy()
+    kernels.solve_colours(basis, weights, lacks, penalties, hold, 0.5, found)
+    for row in range(5):
+        held = hold / (4 * np.pi) * weights[row].sum()
+        # the same as one least-squares problem: views, then what holds coefficients, then what draws them to zero
+        design = [np.sqrt(weights[row])[:, None] * basis[row], np.sqrt(held) * np.eye(4), np.diag(np.sqrt(penalties))]
+        aims = [
+            lacks[row] / np.sqrt(weights[row])[:, None],
+            np.zeros((4, 3)),
+            -np.sqrt(penalties)[:, None] * sh[row],
+        ]
+        step = np.linalg.lstsq(np.concatenate(design), np.concatenate(aims), rcond=None)[0]
+        np.testing.assert_allclose(found[row], sh[row] + 0.5 * step, atol=1e-5)

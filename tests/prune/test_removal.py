@@ -1,0 +1,193 @@
+"""Scenes of which half is not needed: what goes, what stays, and what that costs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import make_free_gaussians, make_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.cli import main
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.prune.amount import Amount
+from tinysplat_runtime.render import DEFINITION, Renderer
+from tinysplat_runtime.render.paths import ring
+from tinysplat_runtime.system.threads import Crew
+
+pytest.importorskip("numba")
+
+from tinysplat_runtime.prune import views
+from tinysplat_runtime.prune.reduction import leave_out
+from tinysplat_runtime.prune.removal import Remover, taken
+from tinysplat_runtime.prune.views import views_about
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small_pictures() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(views, "SIDE", 96)
+        yield
+
+
+def joined(*parts: Gaussians) -> Gaussians:
+    return Gaussians(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS})
+
+
+@pytest.fixture(scope="module")
+def ball() -> Gaussians:
+    """A shell of large opaque Gaussians, and as many small ones inside that nobody sees."""
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(600, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    some = make_free_gaussians(600, 0, rng)
+    shell = replace(
+        some, means=directions, scales=np.full((600, 3), 0.14), opacities=np.full(600, 0.95), sh=0.2 * some.sh
+    )
+    inside = replace(shell, means=0.6 * directions, scales=np.full((600, 3), 0.02))
+    return joined(shell, inside)
+
+
+def psnr(gaussians: Gaussians, reference: Gaussians, frames: int = 3) -> float:
+    errors = []
+    for camera in [camera.resized(96, 96) for camera in ring(reference, frames)]:
+        images = [Renderer(g, threads=1, compiled=True, **DEFINITION).render(camera) for g in (gaussians, reference)]
+        errors.append(np.mean((images[0] - images[1]) ** 2))
+    return float(-10 * np.log10(np.mean(errors)))
+
+
+def test_what_nobody_sees_goes_first(ball):
+    found = Remover(ball, views_about(ball, 8), Crew(2).map).thin_to(600)
+    distance = np.linalg.norm(found.gaussians.means, axis=1)
+    assert found.left_out == 600 and (distance > 0.9).mean() > 0.97
+    assert found.psnr > 42 and psnr(found.gaussians, ball) > 40
+
+
+def test_colours_make_up_for_what_went_at_views_that_nobody_looked_at(ball):
+    haze = replace(ball, opacities=np.full(1200, 0.2), scales=2 * ball.scales, sh=0.3 * ball.means[:, None])
+    found = Remover(haze, views_about(haze, 10), Crew(2).map).thin_to(500).gaussians
+    rows = [np.flatnonzero((haze.means == mean).all(axis=1))[0] for mean in found.means]
+    corrected, as_it_was = psnr(found, haze), psnr(taken(haze, np.array(rows)), haze)
+    assert corrected > as_it_was + 0.15, (corrected, as_it_was)
+
+
+def test_a_higher_worth_leaves_out_more_and_costs_more():
+    cloud = make_free_gaussians(800, 1, np.random.default_rng(3))
+    remover = Remover(cloud, views_about(cloud, 6), Crew(2).map)
+    thinned = [remover.thin(worth) for worth in (0.0, 0.02, 0.2, 1e9)]
+    left = [one.left_out for one in thinned]
+    assert left[0] == 0 and left[0] < left[1] < left[2] < left[3] < 800
+    assert thinned[1].psnr > thinned[2].psnr + 3
+
+
+def test_nothing_depends_on_threads(ball):
+    one, three = (Remover(ball, views_about(ball, 4), Crew(n).map).thin_to(350).gaussians for n in (1, 3))
+    assert all((getattr(one, name) == getattr(three, name)).all() for name in FIELDS)
+    assert ts.Runtime(threads=1).compress(ball) == ts.Runtime(threads=3).compress(ball)
+
+
+def test_compress_leaves_out_says_so_and_keeps_all_where_asked(ball):
+    stats = EncodeStats()
+    data, whole = ts.Runtime().compress(ball, stats=stats), ts.compress(ball, keep_all=True)
+    thin = ts.decompress(data)
+    assert 550 < stats.left_out < 1000 and thin.count == 1200 - stats.left_out
+    assert ts.decompress(whole).count == 1200 and len(data) < 0.62 * len(whole)
+    about = ts.inspect(data)
+    assert about["version"] == "1.5" and about["thinned"] == thin.notes.thinned
+    assert about["thinned"] == f"{stats.left_out:,} of 1,200 left out: {stats.left_out_psnr:.1f} dB"
+    assert ts.inspect(whole)["thinned"] is None
+    # what is left out costs no more than rounding does
+    assert psnr(thin, ball) > psnr(ts.decompress(whole), ball) - 4.5
+
+
+def test_finer_steps_leave_out_less():
+    cloud = make_free_gaussians(900, 1, np.random.default_rng(6))
+    counts = [ts.decompress(ts.compress(cloud, qp=qp)).count for qp in (-18.0, 0.0, 12.0)]
+    assert counts[0] > counts[1] > counts[2]
+
+
+def test_targets_are_met_without_what_is_left_out(ball):
+    data = ts.compress(ball, target_size=5000)
+    assert 0.97 * 5000 <= len(data) <= 5000 and ts.decompress(data).count < 1200
+
+
+@pytest.mark.parametrize(
+    ("text", "amount"),
+    [
+        ("0.5", Amount(share=0.5)),
+        ("45dB", Amount(psnr=45.0)),
+        ("40.5db", Amount(psnr=40.5)),
+        ("2e5", Amount(count=200000)),
+    ],
+)
+def test_amounts_have_three_forms(text, amount):
+    assert Amount.of(text) == amount
+
+
+@pytest.mark.parametrize("text", ["", "0", "1.5", "-3", "nan", "inf", "9dB", "101dB", "half"])
+def test_other_amounts_are_refused(text):
+    with pytest.raises(InputError, match=r"--prune: .*expected a share such as 0\.5"):
+        Amount.of(text)
+
+
+def test_amounts_are_met(ball):
+    assert leave_out(ball, Amount(share=0.25), 2).gaussians.count == 900
+    assert leave_out(ball, Amount(count=250), 2).gaussians.count == 250
+    assert leave_out(ball, Amount(count=5000), 2).gaussians.count == 1200
+    found = leave_out(ball, Amount(psnr=36.0), 2)
+    assert 36.0 <= found.psnr < 38.0 and found.left_out > 600
+
+
+def test_gaussians_with_pixels_are_looked_at_from_their_own_cameras():
+    gaussians = make_gaussians(2, 16, 24, degree=1)
+    found = leave_out(gaussians, Amount(share=0.5), 1)
+    assert found.gaussians.count == gaussians.count // 2 and not found.gaussians.cameras
+
+
+def test_every_format_takes_what_is_left(ball, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    source = tmp_path / "ball.npz"
+    ts.save_gaussians(source, ball)
+    for name in ("b.spz", "b.npz", "b.tsplat"):
+        assert main(["convert", str(source), "-o", str(tmp_path / name), "--prune", "0.5"]) == 0
+        assert "600 of 1,200 left out: " in capsys.readouterr().out
+        assert ts.load_gaussians(tmp_path / name).count == 600
+    assert main(["convert", str(tmp_path / "b.tsplat"), "-o", str(tmp_path / "again.tsplat")]) == 0
+    assert ts.load_gaussians(tmp_path / "again.tsplat").count == 600  # thinned once
+    assert main(["decode", str(tmp_path / "b.tsplat"), "-o", str(tmp_path / "few.npz"), "--prune", "100"]) == 0
+    assert ts.load_gaussians(tmp_path / "few.npz").count == 100
+    assert main(["info", str(tmp_path / "b.tsplat")]) == 0
+    assert "Gaussians: 600 of 1,200 left out: " in capsys.readouterr().out
+    assert main(["compress", str(source), "-o", str(tmp_path / "c.tsplat"), "--keep-all"]) == 0
+    assert ts.load_gaussians(tmp_path / "c.tsplat").count == 1200
+
+
+_WITHOUT = """
+import sys
+sys.modules["numba"] = None
+from tinysplat_runtime.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_without_numba_all_are_kept_and_one_line_says_so(ball, tmp_path: Path):
+    source, file = tmp_path / "ball.npz", tmp_path / "b.tsplat"
+    ts.save_gaussians(source, taken(ball, np.arange(200)))
+
+    def run(*words: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", _WITHOUT, *map(str, words)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+    done = run("compress", source, "-o", file, "-q")
+    assert done.returncode == 0 and done.stderr.count("\n") == 1
+    assert "all Gaussians are kept: to leave some out needs numba" in done.stderr
+    assert ts.load_gaussians(file).count == 200
+    assert run("compress", source, "-o", file, "-q", "--keep-all", "--force").stderr == ""
+    refused = run("convert", source, "-o", tmp_path / "b.npz", "--prune", "0.5")
+    assert refused.returncode == 2 and "--prune: needs numba" in refused.stderr and refused.stderr.count("\n") == 1

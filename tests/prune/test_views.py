@@ -1,0 +1,44 @@
+"""Views about scenes: all of an object, and a room from within."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import make_free_gaussians
+
+pytest.importorskip("numba")
+
+from tinysplat_runtime.prune.views import FAR, NEAR, views_about
+
+
+def _on_a_box(count: int, size: float, rng: np.random.Generator) -> np.ndarray:
+    points = rng.uniform(-1, 1, (count, 3))
+    axis = rng.integers(0, 3, count)
+    points[np.arange(count), axis] = np.sign(points[np.arange(count), axis])
+    return size * points
+
+
+def test_objects_are_seen_from_all_sides():
+    cloud = make_free_gaussians(500, 0, np.random.default_rng(0))
+    moved = replace(cloud, origin=np.array([1e4, -2e4, 5.0]))
+    low, high = np.percentile(moved.means, (5, 95), axis=0)
+    diagonal, middle = np.linalg.norm(high - low), (low + high) / 2 + moved.origin
+    cameras = views_about(moved, 20)
+    away = np.stack([camera.centre for camera in cameras]) - middle
+    distances = np.linalg.norm(away, axis=1) / diagonal
+    assert len(cameras) == 20 and sorted(set(distances.round(3))) == [NEAR, FAR]
+    assert np.abs(away.mean(axis=0)).max() < 0.25 * diagonal
+    for camera, towards in zip(cameras, away, strict=True):  # each looks at the middle
+        assert camera.c2w[:3, 2] @ towards / np.linalg.norm(towards) < -0.999
+
+
+def test_rooms_are_seen_from_within_too():
+    rng = np.random.default_rng(1)
+    walls = make_free_gaussians(4000, 0, rng)
+    room = replace(walls, means=_on_a_box(4000, 3.0, rng), scales=np.full((4000, 3), 0.2), opacities=np.full(4000, 0.9))
+    inside = [c for c in views_about(room, 18) if np.linalg.norm(c.centre) < 1]
+    assert len(inside) == 6
+    sparse = replace(room, opacities=np.full(4000, 0.01))
+    assert not [c for c in views_about(sparse, 18) if np.linalg.norm(c.centre) < 1]
