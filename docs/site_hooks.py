@@ -21,6 +21,13 @@ def on_page_markdown(markdown: str, page: object, **_: object) -> str:
     return markdown.replace(COMMANDS, _reference()) if COMMANDS in markdown else markdown
 
 
+def on_post_build(config: object, **_: object) -> None:
+    """The player, which PLAYER.md links to."""
+    from tinysplat_runtime.page.build import player_page
+
+    (Path(config["site_dir"]) / "player.html").write_text(player_page(), "utf-8")  # type: ignore[index]
+
+
 def _reference() -> str:
     from tinysplat_runtime.cli.parser import build_parser, join_commands
 

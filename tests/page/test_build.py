@@ -180,6 +180,30 @@ def test_the_server_gives_the_page_and_nothing_else(encoded: dict[str, Path]) ->
             server.terminate()
 
 
+def test_a_player_with_networks_is_a_folder_for_a_server(tmp_path: Path) -> None:
+    package = tmp_path / "onnxruntime-web"
+    (package / "dist").mkdir(parents=True)
+    for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm"):
+        (package / "dist" / name).write_text(name)
+    command = ("view", "--player", "-o", tmp_path / "out", "--networks", package)
+    for described in (None, "[]", '{"name": "left-pad"}'):
+        if described:
+            (package / "package.json").write_text(described)
+        done = tinysplat(*command)
+        assert done.returncode == 2 and "npm package" in done.stderr and done.stderr.count("\n") == 1
+    (package / "package.json").write_text('{"name": "onnxruntime-web"}')
+    done = tinysplat(*command)
+    assert done.returncode == 0, done.stderr
+    page = Elements((tmp_path / "out" / "index.html").read_text())
+    networks = json.loads(page.texts["scene"])["networks"]
+    for digest, model in networks["models"].items():
+        data = (tmp_path / "out" / model["file"]).read_bytes()
+        assert hashlib.sha256(data).hexdigest() == digest
+    assert {model["stride"] for model in networks["models"].values()} == {4, 16}
+    assert (tmp_path / "out" / networks["wasm"]).read_text() == networks["wasm"]
+    assert "'wasm-unsafe-eval'" in page.policy
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

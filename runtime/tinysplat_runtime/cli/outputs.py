@@ -49,7 +49,7 @@ def check_outputs(args: Namespace) -> None:
         if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
             found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
             raise InputError(found, where=path)
-        if target.is_dir():
+        if target.is_dir() and not getattr(args, "networks", None):
             raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
         if not target.absolute().parent.is_dir():
             raise InputError(f"folder {target.parent} does not exist; create it first", where=path)

@@ -24,6 +24,7 @@ from ..scene.matching import reach_of, taken_as
 from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
 from .files import MAX_FILE_BYTES
+from .player import write_player
 
 FINE_QP = -6.0
 """Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
@@ -33,7 +34,11 @@ NETWORK_MODES = ("photos", "hybrid")
 
 def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
-    if args.player:
+    if args.networks:
+        if not (args.player and args.output):
+            raise InputError("goes with --player -o FOLDER", where="--networks")
+        written = write_player(args.output, args.networks)
+    elif args.player:
         written = _written(args.output or args.html, player_page())
     elif args.file is None:
         raise InputError("missing; name a scene, or write a player of any with --player", where="F")

@@ -46,12 +46,13 @@ def scene_page(
     return _page(title, scene, _base85(data), sources="blob:")
 
 
-def player_page(title: str = "TinySplat player", *, networks: str | None = None) -> str:
+def player_page(title: str = "TinySplat player", *, networks: Mapping[str, object] | None = None) -> str:
     """A page without a scene, which opens files that are dropped on it, chosen, or named by `?file=URL`.
 
     Args:
         title: heading, plain text.
-        networks: the module beside the page that runs networks, for files of photos; None without any.
+        networks: what lies beside the page to run networks with, for files of photos (network.js has the fields); None
+            where nothing does.
     """
     scene = {"cameras": [], "photos": {}, "isPlayer": True, "networks": networks}
     return _page(title, scene, "", sources="* data: blob:", has_networks=networks is not None)

@@ -1,6 +1,7 @@
 // Puts the page together: its scene, its panel and its words.
 import { makeCloud } from "./cloud.js";
 import { bytesByUse, fetched, inKilobytes, paced } from "./files.js";
+import { networkRunner } from "./network.js";
 import { sceneOf } from "./scene.js";
 import { Viewer } from "./viewer.js";
 
@@ -164,7 +165,7 @@ class Page {
     const kept = async function* () {
       for await (const chunk of chunks(signal)) { if (!about) parts.push(chunk); yield chunk; }
     };
-    for await (const decoded of this.decoder.decodeStream(kept(), { signal, threads: THREADS, network: this.network })) {
+    for await (const decoded of this.decoder.decodeStream(kept(), { signal, threads: THREADS, network: this.given.networks ? networkRunner(this.given.networks) : undefined })) {
       about ??= this.decoder.inspect(await new Blob(parts).arrayBuffer());
       const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene);
       if (signal.aborted) return;

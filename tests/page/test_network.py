@@ -1,0 +1,95 @@
+"""What the page feeds a network with and makes of its outputs, beside graphs/predict.py."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import make_cameras
+from web.node import node
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.graphs.inference import Graph
+from tinysplat_runtime.graphs.predict import Limits, network_inputs, predict
+
+PAGE = Path(ts.__file__).parent / "page"
+NEAR, FAR = 1.5, 9.0
+
+
+def run(call: str, request: dict[str, Any]) -> Any:
+    code = f"""
+    import {{ networkInputs, predictionOf }} from "./network.js";
+    import {{ readFileSync }} from "node:fs";
+    const {{ request, outputs }} = JSON.parse(readFileSync(0, "utf8"));
+    for (const tensor of Object.values(outputs ?? {{}})) tensor.data = Float32Array.from(tensor.data);
+    console.log(JSON.stringify({call}, (_, value) => (ArrayBuffer.isView(value) ? [...value] : value)));
+    """
+    command = [node(), "--input-type=module", "-e", code]
+    given = json.dumps(request)
+    done = subprocess.run(command, cwd=PAGE, input=given, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def asked(images: NDArray, cameras: tuple[ts.Camera, ...]) -> dict[str, Any]:
+    return {
+        "photos": [image.reshape(-1).tolist() for image in images],
+        "width": cameras[0].width, "height": cameras[0].height, "near": NEAR, "far": FAR,
+        "cameras": [
+            {
+                "width": camera.width, "height": camera.height, "fx": camera.K[0, 0], "fy": camera.K[1, 1],
+                "cx": camera.K[0, 2], "cy": camera.K[1, 2], "skew": camera.K[0, 1],
+                "c2w": camera.c2w.reshape(-1).tolist(),
+            }
+            for camera in cameras
+        ],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("height", "width"), [(18, 22), (32, 48)])
+def test_inputs_are_the_host_s(height: int, width: int) -> None:
+    cameras = make_cameras(3, height, width)
+    images = np.random.default_rng(1).random((3, height, width, 3)).astype(np.float32)
+    expected = network_inputs(images, cameras, NEAR, FAR, Limits(stride=16, min_side=40))
+    found = run("networkInputs(request, { stride: 16, minSide: 40 })", {"request": asked(images, tuple(cameras))})
+    assert set(found) == set(expected)
+    for name, array in expected.items():
+        data, shape = found[name]
+        assert tuple(shape) == array.shape
+        np.testing.assert_allclose(np.array(data).reshape(shape), array, atol=1e-6)
+
+
+@pytest.mark.parametrize("away", [0.0, 1e4])
+def test_outputs_become_the_host_s_gaussians(away: float) -> None:
+    rng, cameras = np.random.default_rng(2), []
+    for camera in make_cameras(2, 18, 22):
+        c2w = np.array(camera.c2w)
+        c2w[0, 3] += away
+        cameras.append(ts.Camera(camera.K, c2w, camera.width, camera.height))
+    outputs: dict[str, NDArray] = {"layer1_K": np.stack([camera.K for camera in cameras]).astype(np.float32)}
+    for prefix, rows, columns in (("", 32, 32), ("layer1_", 10, 12)):
+        for name, trailing in FIELDS.items():
+            rest = (1, 3) if name == "sh" else trailing
+            outputs[prefix + name] = rng.uniform(0, 1.2, (2, rows, columns, *rest)).astype(np.float32)
+    images = np.zeros((2, 18, 22, 3), np.float32)
+
+    class Given(Graph):
+        def run(self, *_: object) -> dict[str, NDArray]:  # type: ignore[override]
+            return outputs
+
+    expected = predict(images, cameras, NEAR, FAR, Given("given", None))
+    tensors = {name: {"data": array.reshape(-1).tolist(), "dims": array.shape} for name, array in outputs.items()}
+    found = run("predictionOf(outputs, request)", {"request": asked(images, tuple(cameras)), "outputs": tensors})
+    np.testing.assert_allclose(found["origin"], expected.origin)
+    for layer, wanted in zip(found["layers"], expected.layers, strict=True):
+        for name in FIELDS:
+            array = getattr(wanted, name)
+            np.testing.assert_allclose(np.array(layer[name]).reshape(array.shape), array, rtol=1e-6)
+        assert [camera["fx"] for camera in layer["cameras"]] == pytest.approx([c.K[0, 0] for c in wanted.cameras])
+        assert (layer["height"], layer["width"]) == (wanted.cameras[0].height, wanted.cameras[0].width)
