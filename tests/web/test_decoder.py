@@ -156,6 +156,16 @@ def test_a_network_that_is_given_makes_photos_and_hybrid_files_gaussians(
         assert asked == {"near": photos.network.near, "far": photos.network.far, "name": photos.network.name}
 
 
+def test_some_views_are_decoded_from_their_byte_ranges(decoder: Decoder, runtime: ts.Runtime) -> None:
+    data = runtime.compress(make_smooth_gaussians(9, 24, 32, 1, layers=2))
+    assert ts.inspect(data)["version"] == "1.5"
+    said, found = decoder(data, ranges=[7, 2])
+    check(found, runtime.decompress(data, views=[7, 2]))
+    assert said["asked"] < 0.5 * len(data)
+    alone = (DATA / "degree1_balanced.tsplat").read_bytes()
+    check(decoder(alone, ranges=[1])[1], runtime.decompress(alone, views=[1]))
+
+
 def test_photos_without_a_network_are_refused(decoder: Decoder) -> None:
     said, _ = decoder(corpus.photo_file_seeds()[0].data)
     assert (said["error"], said["section"]) == ("TsplatError", "NETW[0]")

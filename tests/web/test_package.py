@@ -43,4 +43,4 @@ def test_the_example_for_node_runs_as_pasted(tmp_path: Path) -> None:
 
 def test_the_types_declare_what_is_exported() -> None:
     declared = set(re.findall(r"^export (?:function|class) (\w+)", (WEB / "tsplat.d.ts").read_text(), re.MULTILINE))
-    assert declared == {"decode", "decodeStream", "inspect", "TsplatError"}
+    assert declared == {"decode", "decodeStream", "decodeViews", "inspect", "TsplatError"}

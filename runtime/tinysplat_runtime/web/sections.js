@@ -3,7 +3,7 @@ import { Cursor, crc32 } from "./cursor.js";
 import { require } from "./errors.js";
 
 const MAGIC = [0x89, 0x54, 0x53, 0x50, 0x4c, 0x41, 0x54, 0x0a];
-const HEADER_BYTES = 20;
+export const HEADER_BYTES = 20;
 const ROW_BYTES = 16;
 const MAX_SECTIONS = 8192;
 const REQUIRED = 1;
@@ -76,6 +76,13 @@ export function readTable(bytes, isPrefix) {
   return { version: [major, minor], total: end, sections };
 }
 
+/** Bytes of header and table. @param {Uint8Array} header */
+export function tableBytes(header) {
+  const count = header[12] + 256 * header[13];
+  require(count <= MAX_SECTIONS, `${count} sections, at most ${MAX_SECTIONS}`, "table", 12);
+  return HEADER_BYTES + ROW_BYTES * count;
+}
+
 /**
  * Bytes of the file that hold all metadata; undefined where `bytes` do not even hold the table.
  *
@@ -83,12 +90,11 @@ export function readTable(bytes, isPrefix) {
  */
 export function metadataBytes(bytes) {
   if (bytes.length < HEADER_BYTES) return undefined;
-  const count = bytes[12] + 256 * bytes[13];
-  let end = HEADER_BYTES + ROW_BYTES * count;
+  let end = tableBytes(bytes);
   if (bytes.length < end) return undefined;
   const rows = new Cursor(bytes.subarray(HEADER_BYTES, end), "table");
   let metadataEnd = end;
-  for (let row = 0; row < count; row++) {
+  while (rows.at < rows.bytes.length) {
     const type = String.fromCharCode(...rows.take(4));
     rows.take(4);
     end += rows.u32();

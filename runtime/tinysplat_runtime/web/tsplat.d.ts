@@ -123,6 +123,16 @@ export function decodeStream(
   options?: Options,
 ): AsyncGenerator<Scene & { received: number }>;
 
+/**
+ * Decode some views of a file that is elsewhere: of one whose views are units, only header, metadata and these views
+ * are read.
+ */
+export function decodeViews(
+  read: (offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>,
+  views: number[],
+  options?: Options,
+): Promise<Scene>;
+
 /** What a file holds, from its metadata alone. */
 export function inspect(
   bytes: ArrayBuffer | ArrayBufferView,

@@ -8,9 +8,9 @@
 import { LIMITS, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
-import { TsplatError } from "./errors.js";
+import { TsplatError, require } from "./errors.js";
 import { COLOR, channelName } from "./layers.js";
-import { label, metadataBytes } from "./sections.js";
+import { HEADER_BYTES, label, metadataBytes, tableBytes } from "./sections.js";
 
 export { TsplatError };
 
@@ -85,6 +85,39 @@ async function decodeContainer(file, options, known) {
     failed.abort(error); // what is still queued is not decoded
     throw error;
   }
+}
+
+/**
+ * Decode some views of a file that is elsewhere, of which only header, metadata and these views are read (FORMAT.md,
+ * "Views as units"); a file that is in one piece is read whole.
+ *
+ * @param {(offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>} read gives bytes of the file
+ * @param {number[]} views
+ * @param {Options} [options]
+ * @returns {Promise<Scene>}
+ */
+export async function decodeViews(read, views, options = {}) {
+  /** @param {number} offset @param {number} length */
+  const get = async (offset, length) => {
+    require(length <= reading(options, true).limits.maxMemory, `${length} bytes of metadata or of a view`, "file", offset);
+    const bytes = bytesOf(await read(offset, length));
+    require(bytes.length === length, `${bytes.length} bytes where ${length} were asked for`, "file", offset);
+    options.signal?.throwIfAborted();
+    return bytes;
+  };
+  const table = await get(0, tableBytes(await get(0, HEADER_BYTES)));
+  const metadata = await get(0, metadataBytes(table) ?? table.length);
+  const { sections } = readContainer(metadata, { ...reading(options, true), views: undefined });
+  /** @type {Map<number, Uint8Array>} */
+  const fetched = new Map();
+  for (const { type, index, start, length } of sections) {
+    if (type === "VIEW" && views.includes(index)) fetched.set(index, await get(start, length));
+  }
+  const inParts = sections.some(({ type }) => type === "UNIT");
+  const end = Math.max(...sections.map(({ start, length }) => start + length));
+  const bytes = inParts ? metadata : await get(0, end);
+  const file = readContainer(bytes, { ...reading(options, true), views, fetched });
+  return decodeContainer(file, options, undefined);
 }
 
 /** @param {AbortSignal} outer @param {AbortSignal} inner */
