@@ -256,10 +256,10 @@ def _alphas(
         np.minimum(alphas, work.max_alpha[:n], out=alphas)
     shows = np.greater_equal(alphas, ALPHA_MIN, out=work.shows[: alphas.size].reshape(alphas.shape))
     np.multiply(alphas, shows, out=alphas)  # ten times as fast as any masked assignment
-    alphas = alphas.reshape(BATCH, PIXELS, n)
+    found = alphas.reshape(BATCH, PIXELS, n)
     if fronts is None or not fronts.any():
-        return alphas, None
-    return alphas, np.multiply(alphas, fronts[:, None], out=work.fronts[: alphas.size].reshape(alphas.shape))
+        return found, None
+    return found, np.multiply(found, fronts[:, None], out=work.fronts[: found.size].reshape(found.shape))
 
 
 def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray | None) -> bool:
