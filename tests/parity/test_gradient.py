@@ -257,6 +257,26 @@ def test_pictures_without_a_view_are_those_of_the_others() -> None:
     assert field.measure(target) != others.measure(target)
 
 
+def test_gradients_of_what_fades_from_afar_are_those_of_its_fading() -> None:
+    """Own pixels of a third of the picture's, and footprints before dilation from nothing to more than its own."""
+    c2w = side_camera().c2w
+    for size in (0.3, 4.0):
+        found = assert_is_gradient(scene(size=size), Camera([[3, 0, 4], [0, 3, 4], [0, 0, 1]], c2w, 8, 8))
+        assert (np.abs(found).max(axis=1) > 0.01).all()
+
+
+@pytest.mark.parametrize("kind", [LOG_DEPTH, LOG_SIZE])
+def test_wide_splats_that_moved_are_drawn_as_they_are_now(kind: int) -> None:
+    gaussians, camera = scene(stretch=(600, 0.5, 0.5), opacity=0.3), side_camera()
+    field = MovableGaussians(gaussians, Crew(1).map)
+    field.values[kind] -= 0.4
+    field.place()
+    photo = np.full((camera.height, camera.width, 3), 0.4, np.float32)
+    wanted = MovableGaussians(field.gaussians(gaussians), Crew(1).map).measure(Target(camera, photo))
+    assert field.measure(Target(camera, photo)).absolute == pytest.approx(wanted.absolute, rel=1e-4)
+    assert found_gradient(gaussians, camera, photo)[0].absolute != pytest.approx(wanted.absolute, rel=1e-2)
+
+
 def test_what_is_wide_but_too_faint_to_show_is_not_drawn():
     gaussians = scene(size=1e7, opacity=1e-4)
     camera = gaussians.cameras[0]

@@ -235,7 +235,7 @@ def test_photos_without_numbers_or_without_a_file_are_refused(
 
 @pytest.mark.parametrize("budget", [{"steps": 0}, {"steps": 1.5}, {"seconds": -1.0}, {"steps": 3, "seconds": 3.0}])
 def test_budgets_out_of_range_are_refused(case: tuple[ts.Gaussians, Scene, Scene], budget: dict) -> None:
-    with pytest.raises(ts.InputError, match=r"^(steps|seconds): "):
+    with pytest.raises(ts.InputError, match=r"^(steps|seconds|refine): "):
         ts.refine(case[0], case[1], **budget)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,14 @@ from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
 from . import kernels
 from .price import PlanePrice
+from .schedule import turn
 from .settings import LIMITS, Settings
 
 NEIGHBOURS = 2
 """Views nearest to a photo's, between which and it are the places that it is drawn as if from."""
+
+JUDGED = 8
+"""Photos, spread over all, that a state is judged by: what steps cost stays most of the time."""
 
 COVERED = 0.4
 """A pixel is covered where no more than this transmittance is left."""
@@ -55,28 +60,30 @@ class Loop:
         self._first, self._second = np.zeros((2, *field.values.shape), np.float32)
         self._count = 0
         self._edges = {(grid.layer, grid.view): self._edge_weights(grid) for grid in field.grids}
-        self._checks = [self._covered(view, target) for view, target in enumerate(sizes[0])]
-        self._fronts = [self._seen_between(view) for view in range(len(sizes[0]))]
+        views = len(sizes[0])
+        self._judged = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
+        self._fronts = [self._seen_between(view) for view in range(views)]
 
     def step(self) -> None:
-        """Draw all photos at one size and in one order, and correct."""
-        targets = self._sizes[self._count % len(self._sizes)]
+        """Draw all photos at one size and in one way, and correct."""
+        now = turn(self._count, len(self._sizes))
+        targets = self._sizes[now.size]
         area = self._sizes[0][0].photo.size / targets[0].photo.size
         self._gradient[:] = 0
-        self.errors = tuple(self._draw(view, target, area) for view, target in enumerate(targets))
+        self.errors = tuple(self._draw(view, target, area, now.place) for view, target in enumerate(targets))
         self._count += 1
         self._run(self._regularise, self.field.grids)
         self._run(self._correct, range(VALUES))
         self._expose()
         self.field.place()
 
-    def _draw(self, view: int, target: Target, area: float) -> PhotoError:
+    def _draw(self, view: int, target: Target, area: float, place: int | None) -> PhotoError:
         """What a photo lacks; what would mend it is added to the gradient.
 
         Drawn by depth, a photo corrects the Gaussians of the others alone: its own show it from wherever on their rays
         they are.
         """
-        shares, own = self._front(view), [grid.rows for grid in self.field.grids if grid.view == view]
+        shares, own = self._shares(view, place), [grid.rows for grid in self.field.grids if grid.view == view]
         spared = [(rows, self._gradient[:, rows].copy()) for rows in own if not shares.has_front]
         error = self.field.measure(self._exposed(view, target), shares=shares, gradient=self._gradient, weight=area)
         for rows, before in spared:
@@ -89,18 +96,24 @@ class Loop:
         self.field.place()
 
     def photo_psnr(self) -> float:
-        """dB of the photos as they are, drawn from all Gaussians, near views first; the mean."""
-        errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in self._sizes[0]]
+        """dB of the photos that are judged, as they are, drawn from all Gaussians, near views first; the mean."""
+        targets = [self._sizes[0][view] for view in self._judged]
+        errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
         return float(np.mean([error.psnr for error in errors]))
 
     def check(self) -> float:
-        """dB of the photos, each drawn from the Gaussians of the others where those showed something at the start.
+        """dB of the photos that are judged, each drawn from the others' Gaussians where those showed something first.
 
         The mean; 0 where they showed nothing of any.
         """
-        errors = [self._from_others(view, self._exposed(view, target)) for view, target in enumerate(self._checks)]
+        errors = [self._from_others(view, self._exposed(view, target)) for view, target in self._checks.items()]
         known = [error.psnr for error in errors if error.known]
         return float(np.mean(known)) if known else 0.0
+
+    @cached_property
+    def _checks(self) -> dict[int, Target]:
+        """The photos that are judged, where the Gaussians of the others show something when this is first asked for."""
+        return {view: self._covered(view, self._sizes[0][view]) for view in self._judged}
 
     def _exposed(self, view: int, target: Target) -> Target:
         """A photo of a view as the loop has found that it was exposed."""
@@ -125,15 +138,11 @@ class Loop:
         halfway = [between([cameras[view], cameras[other]], 3)[1] for other in others[:NEIGHBOURS]]
         return [self.field.shares(camera) for camera in halfway]
 
-    def _front(self, view: int) -> Shares:
-        """What of each view a photo is drawn with: by depth, or what is in front where nobody stood, by turns.
-
-        From its own place a photo's own surfaces would hide what is wrong with all others.
-        """
-        turn, is_by_depth = divmod(self._count // len(self._sizes), 2)
-        if is_by_depth:
+    def _shares(self, view: int, place: int | None) -> Shares:
+        """What of each view a photo is drawn with; see `schedule.Turn.place`."""
+        if place is None:
             return Shares.by_depth(self.field.shares(self._sizes[0][view].camera).whole)
-        return self._fronts[view][turn % len(self._fronts[view])]
+        return self._fronts[view][place % len(self._fronts[view])]
 
     def _regularise(self, grid: Grid) -> None:
         shape = (VALUES, grid.height, grid.width)

@@ -4,23 +4,33 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codec.profiles import Profile
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..render.gradient import MovableGaussians
+from ..render.gradient import MovableGaussians, Target
 from ..scene.scenes import Scene
+from .coarse import bring_up, halved, halved_target
 from .loop import Loop
 from .photos import matched, sizes_of
 from .price import plane_prices
+from .schedule import steps_below
 from .settings import STEPS, settings_for
 from .stats import RefineStats
 
 MAX_STEPS = 10_000
+
+LOOK_AFTER_SMALLER = 2
+"""Steps at full size from one look to the next where smaller copies went before: little is left to do."""
+
+FIRST_STEP = 8
+"""Looks that a first step may be expected to cost, with photos of twice the size among them."""
 
 SAME_PICTURE = 0.25
 """Least share of a photo's variance, after gain and offset, that the Gaussians' picture has to explain at the start:
@@ -44,13 +54,14 @@ def refine(
     Every step draws all photos, takes the gradient of what each lacks (L1, after a gain and an offset a photo) and
     moves every Gaussian of every layer along its pixel's ray, in size, opacity and colour. Now and then every photo is
     drawn from the Gaussians of the others: the result is the step at which that was best, and the very Gaussians that
-    were given if none was better than the start.
+    were given if none was better than the start. Of three photos or more, most steps are taken on smaller copies
+    (`coarse.py`).
 
     Args:
         gaussians: per pixel, with cameras, of two views or more.
         scene: the photos, found by their cameras' poses; those of twice the size are used where they are at hand.
         steps: how many to take at most; the same number gives the same result on any number of threads.
-        seconds: for how long at most, in place of `steps`.
+        seconds: for how long, in place of `steps`; no step begins that would end later, as far as can be told.
         profile, qp: what the result will be coded with: what bits of its planes are worth is counted in its steps.
         run_jobs: maps a function over a list, on any number of threads.
         stats: filled with what was done.
@@ -73,7 +84,7 @@ def refine(
 
 
 class Refining:
-    """Gaussians being refined, step by step.
+    """Gaussians being refined, step by step: first smaller copies of them, then they themselves.
 
     Attributes:
         stats: what was done so far.
@@ -86,27 +97,53 @@ class Refining:
         """Begin; see `refine` for arguments and errors."""
         self.stats = stats if stats is not None else RefineStats()
         self._start, self._worse, self._score = gaussians, 0, -math.inf
-        self._loop = _begin(gaussians, scene, profile, qp, run_jobs, self.stats)
-        if self._loop is not None:
-            self.stats.before = self._loop.photo_psnr()
-            self._look()
+        self._told = profile, qp, run_jobs
+        self._settings = settings_for(len(gaussians.cameras))
+        self._smaller: _Smaller | None = None
+        self._is_new, self._seconds = True, dict[str, float]()
+        self._sizes = sizes_of(gaussians, matched(gaussians, scene))
+        moving = MovableGaussians(gaussians, run_jobs)
+        if (view := _other(moving, self._sizes[0])) is not None:
+            self.stats.reason = f"photo {view} shows something else than they do"
+            self._loop = None
+            return
+        self._loop = Loop(moving, self._sizes, self._prices(gaussians, moving), self._settings, run_jobs)
+        self.stats.before = self._timed("judging", self._loop.photo_psnr)
+        self._look()
 
     def advance(self, limit: int, deadline: float) -> Iterator[int]:
-        """Take steps, up to a number of them in all or a `time.perf_counter()`; ends by itself once they do no good."""
-        loop, stats = self._loop, self.stats
+        """Take steps, up to a number of them in all, or as long as what is then to be done ends before a
+        `time.perf_counter()`; ends by itself once they do no good.
+        """
+        loop, stats, settings = self._loop, self.stats, self._settings
         if loop is None:
             return
-        limit = min(limit, loop.settings.most_steps)
-        while stats.steps < limit and time.perf_counter() < deadline and self._worse < loop.settings.patience:
-            loop.step()
-            stats.steps += 1
-            if stats.steps % loop.settings.look_every == 0:
+        limit = min(limit, settings.most_steps)
+        below = steps_below(self._start.opacities[0].size, limit) if len(self._start.cameras) > 2 else {}
+        for halvings, steps in below.items() if self._is_new else ():
+            self._is_new = False
+            self._go_to(halvings)
+            assert self._smaller is not None
+            for _ in range(steps):
+                if not self._has_time(f"step {halvings}", deadline):
+                    break
+                self._timed(f"step {halvings}", self._smaller.loop.step)
+                stats.steps += 1
+                yield stats.steps
+        self._go_to(0)
+        every = LOOK_AFTER_SMALLER if below else settings.look_every
+        taken = 0
+        while stats.steps < limit and self._worse < settings.patience and self._has_time("step 0", deadline):
+            self._timed("step 0", loop.step)
+            stats.steps, taken = stats.steps + 1, taken + 1
+            if taken % every == 0:
                 self._look()
             yield stats.steps
 
     def note(self) -> str:
         """How things stand, in few words."""
-        errors = self._loop.errors if self._loop else ()
+        loop = self._smaller.loop if self._smaller else self._loop
+        errors = loop.errors if loop else ()
         return f"photos {np.mean([error.psnr for error in errors]):.2f} dB" if errors else ""
 
     def result(self) -> Gaussians:
@@ -114,6 +151,7 @@ class Refining:
         loop, stats, start = self._loop, self.stats, self._start
         if loop is None:
             return start
+        self._go_to(0)
         if stats.looks[-1][0] != stats.steps:
             self._look()
         if stats.kept == 0:
@@ -133,28 +171,64 @@ class Refining:
     def _look(self) -> None:
         """See whether the present state is the best."""
         assert self._loop is not None
-        check = self._loop.check()
+        check = self._timed("look", self._loop.check)
         self.stats.looks.append((self.stats.steps, check))
-        if check >= self._score + self._loop.settings.least_gain:
+        if check >= self._score + self._settings.least_gain:
             self._score, self._best, self._worse = check, self._loop.field.values.copy(), 0
             self.stats.kept = self.stats.steps
         else:
             self._worse += 1
 
+    def _go_to(self, halvings: int) -> None:
+        """From the smaller copy that there is, if any, to one that is halved so many times, or to all pixels."""
+        was = self._smaller
+        loop, self._smaller = self._loop, None
+        assert loop is not None
+        if halvings:
+            gaussians, targets = self._start, self._sizes[0]
+            for _ in range(halvings):
+                gaussians, targets = halved(gaussians), [halved_target(target) for target in targets]
+            moving = MovableGaussians(gaussians, self._told[2])
+            loop = Loop(moving, [targets], self._prices(gaussians, moving), self._settings, self._told[2])
+            self._smaller = _Smaller(loop, moving.values.copy())
+        if was is not None:
+            bring_up(loop.field, was.loop.field, was.start)
+            loop.exposures[:] = was.loop.exposures
 
-def _begin(
-    gaussians: Gaussians, scene: Scene, profile: Profile, qp: float, run_jobs: Callable, stats: RefineStats
-) -> Loop | None:
-    """The loop before its first step; None, and the reason in `stats`, where photos show something else than they."""
-    sizes = sizes_of(gaussians, matched(gaussians, scene))
-    settings = settings_for(len(gaussians.cameras))
-    moving = MovableGaussians(gaussians, run_jobs)
-    for view, target in enumerate(sizes[0]):
+    def _prices(self, gaussians: Gaussians, moving: MovableGaussians) -> dict:
+        profile, qp, _ = self._told
+        return plane_prices(gaussians, moving.grids, profile, qp, self._settings.price)
+
+    def _timed(self, what: str, work: Callable[[], Any]) -> Any:
+        start = time.perf_counter()
+        found = work()
+        self._seconds[what] = time.perf_counter() - start
+        return found
+
+    def _has_time(self, step: str, deadline: float) -> bool:
+        """Whether a step, a look at it and the end may be expected to fit; a first one is expected to cost what a look
+        costs several times, or less the smaller it is.
+        """
+        first = FIRST_STEP * self._seconds["look"] / 2 ** int(step.split()[1])
+        ahead = self._seconds.get(step, first) + self._seconds["look"] + self._seconds["judging"]
+        return time.perf_counter() + ahead < deadline
+
+
+@dataclass(frozen=True, eq=False)
+class _Smaller:
+    """A smaller copy on its way, and its values (6, rows) when it was made."""
+
+    loop: Loop
+    start: NDArray
+
+
+def _other(moving: MovableGaussians, targets: Sequence[Target]) -> int | None:
+    """The first photo that shows something else than the Gaussians; None where all show them."""
+    for view, target in enumerate(targets):
         error = moving.measure(target, shares=moving.shares(target.camera))
         if 1 - error.squared / float(((target.photo - target.photo.mean((0, 1))) ** 2).sum() + 1e-9) < SAME_PICTURE:
-            stats.reason = f"photo {view} shows something else than they do"
-            return None
-    return Loop(moving, sizes, plane_prices(gaussians, moving.grids, profile, qp, settings.price), settings, run_jobs)
+            return view
+    return None
 
 
 def _limit(steps: int | None, seconds: float | None) -> int:

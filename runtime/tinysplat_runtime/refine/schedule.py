@@ -1,0 +1,51 @@
+"""When refinement does what: at which size a step is taken, and how its photos are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+HALVED_FROM = (96 * 96, 400 * 400)
+"""Pixels of a view from which steps are taken at half and at a quarter of the size first."""
+
+STEPS_BELOW = 12
+"""Steps at each of these sizes, or less where few steps are asked for."""
+
+SHARE_BELOW = 2 / 3
+"""Most of all steps that are taken at them."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """How a step draws its photos.
+
+    Attributes:
+        size: which of the sizes that there are of a photo.
+        place: from which of the places between a photo's and its neighbours' it is drawn as if, by number, which goes
+            round; None where all that shows is drawn by depth.
+    """
+
+    size: int
+    place: int | None
+
+
+def turn(step: int, sizes: int) -> Turn:
+    """The turn of a step, counted from 0: one size after the other, then by turns as if from between and by depth.
+
+    From its own place a photo's own surfaces would hide what is wrong with all others.
+    """
+    place, is_by_depth = divmod(step // sizes, 2)
+    return Turn(step % sizes, None if is_by_depth else place)
+
+
+def steps_below(pixels: int, limit: int) -> dict[int, int]:
+    """Steps to take of Gaussians that are halved so many times, from the smallest on, before those at full size.
+
+    Args:
+        pixels: of a view.
+        limit: most steps of all sizes together.
+    """
+    halvings = sum(pixels >= least for least in HALVED_FROM)
+    if not halvings:
+        return {}
+    steps = min(STEPS_BELOW, int(SHARE_BELOW * limit / halvings))
+    return dict.fromkeys(range(halvings, 0, -1), steps) if steps else {}

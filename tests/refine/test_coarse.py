@@ -1,0 +1,102 @@
+"""Smaller copies show what their originals do, what changes in them comes back smoothly, and steps gain by them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import count
+
+import numpy as np
+import pytest
+from scenes import make_gaussians, make_smooth_gaussians
+
+from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.refine import refine as refine_module
+from tinysplat_runtime.refine.coarse import bring_up, halved, halved_target
+from tinysplat_runtime.refine.refine import Refining, refine
+from tinysplat_runtime.refine.schedule import STEPS_BELOW, Turn, steps_below, turn
+from tinysplat_runtime.refine.settings import LIMITS
+from tinysplat_runtime.refine.stats import RefineStats
+from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render.gradient import MovableGaussians, Target
+from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOGIT
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.system.threads import Crew
+
+TOLD = find_profile("balanced"), 0.0, Crew(1).map
+
+
+def test_a_copy_has_a_gaussian_for_every_four_pixels_and_shows_the_same() -> None:
+    whole = make_smooth_gaussians(2, 25, 40, degree=0)
+    whole = replace(whole, opacities=np.full_like(whole.opacities, 0.9))
+    half = halved(whole)
+    assert half.opacities.shape == (2, 12, 20)
+    np.testing.assert_allclose(half.means[1, 3, 5], whole.means[1, 6:8, 10:12].mean((0, 1)), rtol=1e-5)
+    np.testing.assert_allclose(half.scales[1, 3, 5], 2 * whole.scales[1, 6:8, 10:12].mean((0, 1)), rtol=1e-5)
+    photo = halved_target(Target(whole.cameras[0], Renderer(whole, 1).render(whole.cameras[0])))
+    shown = Renderer(half, 1).render(half.cameras[0])
+    assert photo.photo.shape == shown.shape and photo.camera.K[0, 0] == whole.cameras[0].K[0, 0] / 2
+    assert -10 * np.log10(np.mean((photo.photo - shown)[1:-1, 1:-1] ** 2)) > 25
+
+
+def test_changes_come_back_in_the_middle_of_what_they_were_made_for() -> None:
+    whole = make_gaussians(2, 9, 12, degree=0, layers=2)
+    field, smaller = (MovableGaussians(gaussians, Crew(1).map) for gaussians in (whole, halved(whole)))
+    before, start = field.values.copy(), smaller.values.copy()
+    grid, place = smaller.grids[1], field.grids[1]
+    rows = np.arange(grid.height, dtype=np.float32)[:, None] + np.zeros(grid.width, np.float32)
+    smaller.values[LOG_DEPTH, grid.rows] += 0.1 * rows.ravel()
+    smaller.values[LOGIT] = 1e3
+    bring_up(field, smaller, start)
+    found = (field.values[:, place.rows] - before[:, place.rows])[LOG_DEPTH].reshape(place.height, place.width)
+    wanted = 0.1 * ((np.arange(place.height) - 0.5) / 2).clip(0, grid.height - 1)
+    np.testing.assert_allclose(found, np.repeat(wanted[:, None], place.width, 1), atol=1e-6)
+    assert (field.values[LOG_DEPTH, field.grids[0].rows] == before[LOG_DEPTH, field.grids[0].rows]).all()
+    assert field.values[LOGIT, place.rows].max() == LIMITS[LOGIT][1]
+
+
+def test_most_steps_of_large_views_are_small_ones() -> None:
+    assert steps_below(40 * 48, 20) == {} and steps_below(256 * 256, 1) == {}
+    assert steps_below(256 * 256, 20) == {1: STEPS_BELOW} and steps_below(256 * 256, 9) == {1: 6}
+    assert list(steps_below(739 * 416, 20).items()) == [(2, 6), (1, 6)]
+
+
+def test_turns_take_every_size_in_every_way() -> None:
+    turns = [turn(step, 2) for step in range(8)]
+    assert [now.size for now in turns] == [0, 1] * 4
+    assert [now.place for now in turns] == [0, 0, None, None, 1, 1, None, None]
+    assert turn(2, 1) == Turn(0, 1)
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory: pytest.TempPathFactory):
+    """Gaussians too faint here and there, and photos of what they should be."""
+    folder, whole = tmp_path_factory.mktemp("photos"), make_smooth_gaussians(3, 96, 100, degree=0)
+    whole = replace(whole, opacities=np.full_like(whole.opacities, 0.9))
+    frames = []
+    for n, camera in enumerate(whole.cameras):
+        write_png(folder / f"{n}.png", Renderer(whole, 1).render(camera))
+        frames.append(Frame(camera, folder / f"{n}.png"))
+    wrong = replace(whole, sh=whole.sh + 0.2 * np.sin(np.arange(100) / 9)[:, None, None].astype(np.float32))
+    return wrong, Scene(folder, tuple(frames), 1.0, 10.0)
+
+
+def test_small_steps_gain_and_count(worn) -> None:
+    stats = RefineStats()
+    refine(worn[0], worn[1], steps=6, profile=TOLD[0], run_jobs=TOLD[2], stats=stats)
+    assert stats.steps == stats.kept == 6 and [step for step, _ in stats.looks] == [0, 6]
+    assert stats.after > stats.before + 2
+    alone = RefineStats()
+    refine(worn[0], worn[1], steps=1, profile=TOLD[0], run_jobs=TOLD[2], stats=alone)
+    assert stats.looks[-1][1] > alone.looks[-1][1] + 0.5  # one at full size is not what gained
+
+
+def test_no_step_begins_that_would_end_too_late(worn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that goes on by a second whenever it is read: what is timed takes one, and looks ahead another."""
+    ticks = count()
+    monkeypatch.setattr(refine_module.time, "perf_counter", lambda: float(next(ticks)))
+    refining = Refining(*worn, *TOLD)
+    taken = list(refining.advance(100, next(ticks) + 30.0))
+    assert 2 <= len(taken) < 12
+    refining.result()
+    assert next(ticks) <= 36

@@ -1,0 +1,102 @@
+"""What a step is held to: exposures photo by photo, sizes that weigh alike, and a gain that pays for its bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import make_smooth_gaussians
+
+from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.refine.loop import JUDGED, Loop
+from tinysplat_runtime.refine.photos import matched
+from tinysplat_runtime.refine.refine import Refining
+from tinysplat_runtime.refine.settings import settings_for
+from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render.gradient import MovableGaussians, PhotoError, Target
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.system.threads import Crew
+
+
+def begun(views: int = 3, sizes: tuple[int, ...] = (1,)) -> Loop:
+    """A loop on photos that show what Gaussians do, at multiples of the views' size."""
+    gaussians = make_smooth_gaussians(views, 16, 20, degree=0)
+    renderer = Renderer(gaussians, 1, compiled=True)
+    targets = []
+    for size in sizes:
+        cameras = [camera.resized(16 * size, 20 * size) for camera in gaussians.cameras]
+        targets.append([Target(camera, renderer.render(camera)) for camera in cameras])
+    return Loop(MovableGaussians(gaussians, Crew(1).map), targets, {}, settings_for(3), Crew(1).map)
+
+
+def test_every_photo_has_an_exposure_of_its_own_and_their_mean_stays() -> None:
+    loop = begun()
+    loop._count = 1  # Adam's first step
+    loop.errors = tuple(PhotoError(1.0, 1.0, by_gain, by_offset, 100.0) for by_gain, by_offset in
+                        ((90.0, 0.0), (-90.0, 30.0), (0.0, -30.0)))  # fmt: skip
+    loop._expose()
+    step = loop.settings.exposure
+    np.testing.assert_allclose(loop.exposures[:, 0] - 1, [-step, step, 0], atol=0.02 * step)
+    np.testing.assert_allclose(loop.exposures[:, 1], [0, -step, step], atol=0.02 * step)
+
+
+def test_photos_of_twice_the_size_weigh_as_much_as_the_others() -> None:
+    loop = begun(sizes=(1, 2))
+    loop._regularise = lambda grid: None  # type: ignore[method-assign]
+    weights = []
+
+    def measure(target: Target, *, weight: float, **options: object) -> PhotoError:
+        weights.append(weight * target.photo.size)
+        return PhotoError(1.0, 1.0, 0.0, 0.0, 1.0)
+
+    loop.field.measure = measure  # type: ignore[method-assign]
+    for _ in range(2):
+        loop.step()
+    assert len(weights) == 6 and set(weights) == {3 * 16 * 20}
+
+
+def test_a_state_is_judged_by_some_photos_spread_over_all() -> None:
+    loop, seen = begun(19), []
+    measure = loop.field.measure
+
+    def counted(target: Target, **options: object) -> PhotoError:
+        seen.append(loop._sizes[0].index(target))
+        return measure(target, **options)
+
+    loop.field.measure = counted  # type: ignore[method-assign]
+    loop.photo_psnr()
+    assert len(seen) == JUDGED and (seen[0], seen[-1]) == (0, 18) and set(np.diff(seen)) == {2, 3}
+
+
+@pytest.fixture
+def scene(tmp_path) -> Scene:
+    gaussians = make_smooth_gaussians(3, 16, 20, degree=0)
+    frames = []
+    for n, camera in enumerate(gaussians.cameras):
+        write_png(tmp_path / f"{n}.png", Renderer(gaussians, 1).render(camera))
+        frames.append(Frame(camera, tmp_path / f"{n}.png"))
+    return Scene(tmp_path, tuple(frames), 1.0, 10.0)
+
+
+def test_a_step_is_kept_for_the_least_gain_and_for_no_less(scene: Scene) -> None:
+    gaussians = make_smooth_gaussians(3, 16, 20, degree=0)
+    refining = Refining(gaussians, scene, find_profile("balanced"), 0.0, Crew(1).map)
+    least, score = settings_for(3).least_gain, refining.stats.looks[0][1]
+    kept = []
+    for step, check in enumerate((score + 0.9 * least, score + 1.1 * least, score + 2 * least), start=1):
+        refining._loop.check = lambda check=check: check  # type: ignore[union-attr, method-assign]
+        refining.stats.steps = step
+        refining._look()
+        kept.append(refining.stats.kept)
+    assert kept == [0, 2, 2]
+
+
+def test_photos_of_a_camera_that_turns_on_the_spot_are_told_apart(scene: Scene) -> None:
+    gaussians = make_smooth_gaussians(3, 16, 20, degree=0)
+    first = gaussians.cameras[0]
+    c2w = first.c2w.copy()
+    c2w[:3, :3] = c2w[:3, :3] @ np.array([[np.cos(0.1), 0, np.sin(0.1)], [0, 1, 0], [-np.sin(0.1), 0, np.cos(0.1)]])
+    turned = Frame(Camera(first.K, c2w, first.width, first.height), scene.frames[1].path)
+    found = matched(gaussians, Scene(scene.path, (turned, *scene.frames), 1.0, 10.0))
+    assert [frame.path.name for frame in found.frames] == ["0.png", "1.png", "2.png"]
