@@ -17,6 +17,9 @@ flight: $(VENV)/.installed  ## the README's moving picture anew
 	$(VENV)/bin/python examples/demo.py --out demo_out --photos
 	$(VENV)/bin/python examples/flight.py docs/flight.webp
 
+flight: $(DEMO_VENV)/.installed  ## the README's moving picture, docs/flight.webp, anew from the demo's scene
+	$(DEMO_VENV)/bin/python examples/flight.py docs/flight.webp
+
 dev: $(VENV)/.installed  ## the development environment
 
 test: $(VENV)/.installed  ## the tests, on all cores (under 15 minutes on 2); says first how many it leaves to test-slow
