@@ -14,7 +14,7 @@ from tinysplat.measure.lpips import BACKBONE_FILES, LpipsFiles, find_lpips
 from tinysplat.measure.quality import Coding, Quality, document, record
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile
 from tinysplat.measure.runner import Outcome, Plan, run_jobs
-from tinysplat.measure.show.tables import csv_text
+from tinysplat.measure.show.tables import csv_text, within
 from tinysplat.measure.studies.quality import results_text
 from tinysplat.measure.subjects.cases import LeftOut, Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
@@ -29,6 +29,9 @@ from tinysplat_runtime.system.threads import available_cores
 HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
 
 DEFAULT_FOLDER = "eval_results"
+
+TERMINAL = 100
+"""Columns that tables on the terminal fit."""
 DEFAULT_SIZE = (256, 256)
 DRAW_OPTIONS = {"dilation": DILATIONS, "order": ORDERS}
 DRAW_WORDS = ", ".join(f"{name}={'|'.join(accepted)}" for name, accepted in DRAW_OPTIONS.items())
@@ -145,7 +148,7 @@ def run(args: Namespace) -> None:
         objects = [{k: v for k, v in record(row).items() if k != "per_image"} for row in outcome.rows]
         write_atomically(args.csv, csv_text(objects).encode())
     if not args.quiet:
-        print(results_text(outcome.rows, has_lpips=lpips is not None))
+        print(within(results_text(outcome.rows, has_lpips=lpips is not None), TERMINAL))
         print(f"\n{summary_line(outcome)}; {lpips_text}; results in {folder}")
 
 

@@ -102,7 +102,9 @@ def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], Non
     wanted = asked.count if isinstance(asked, AutoViews) else None
     if wanted is not None and (wanted in ALL_VIEWS or wanted > count):
         near, far = _range_or_guess(scene)
-        return _with_range(scene.views(choose_views(scene.cameras, near, far, wanted)), say), "as asked"
+        seen = choose_views(scene.cameras, near, far, wanted)
+        say(f"views {','.join(map(str, seen))} of {count}, which see most; --views chooses others")
+        return _with_range(scene.views(seen), say), "as asked"
     if scene.near is None or scene.far is None:  # which a few photos tell, spread as well as can be without it
         some = _with_range(scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS)), say)
         scene = replace(scene, near=some.near, far=some.far)
