@@ -42,7 +42,7 @@ from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
 from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
 from tinysplat.measure.show.tables import csv_text, format_table
-from tinysplat.measure.studies.quality import refined_summary, refined_table, results_text
+from tinysplat.measure.studies.quality import refined_summary, refined_table, results_text, summary_table
 from tinysplat.measure.subjects.cases import LeftOut, Window, covered_pixels
 from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources, read_depth
 from tinysplat_runtime.api import Runtime
@@ -331,6 +331,8 @@ def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
     ((_, members),) = groups_of(rows)
     assert mean_of_rows(members)["psnr"] == 20
     assert mean_of_scenes(members)["psnr"] == 22.5
+    line = summary_table(rows).splitlines()[2]
+    assert [cell.strip() for cell in line.split("|")[3:5]] == ["2", "3"] and "22.50" in line
 
 
 def test_what_refinement_gained_is_told_by_scene_and_with_its_worst_window(measured):

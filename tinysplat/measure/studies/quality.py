@@ -167,15 +167,16 @@ def _tables(rows: Sequence[Row], table: Callable[[Sequence[Row]], str]) -> str:
 
 
 def summary_table(rows: Sequence[Row]) -> str:
-    """A line per group: means of windows."""
+    """A line per group: means over scenes, each scene's the mean of its windows."""
     lines = []
     for identity, members in groups_of([row for row in rows if row.study == STUDY]):
-        mean = mean_of_rows(members)
+        mean, scenes = mean_of_scenes(members), len(grouped(members, "scene"))
         name = f"{identity['kind']}, {identity['views']} views"
         how = f"{identity['model']}, {identity['profile']} {identity['qp']:g}, {identity['height']}×{identity['width']}"
         cells = (decibels(mean[key]) for key in ("psnr_photo", "psnr_raw", "psnr", "psnr_covered"))
-        lines.append([name, how, str(len(members)), *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
-    heads = ["", "network, coding", "windows", "photo dB", "raw dB", "coded dB", "covered dB", "SSIM", "KB"]
+        counts = str(scenes), str(len(members))
+        lines.append([name, how, *counts, *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
+    heads = ["", "network, coding", "scenes", "windows", "photo dB", "raw dB", "coded dB", "covered dB", "SSIM", "KB"]
     return format_table(heads, lines) if lines else ""
 
 

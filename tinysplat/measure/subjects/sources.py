@@ -16,6 +16,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -190,8 +191,9 @@ class FileSource:
                 if {"target_K", "target_c2w"} <= set(arrays.files):
                     pairs = zip(arrays["target_K"], arrays["target_c2w"], strict=True)
                     return [Camera(K, c2w, **size) for K, c2w in pairs]
-        views = len(gaussians.cameras)
-        return between(gaussians.cameras, 2 * views - 1)[1::2] if views > 1 else list(gaussians.cameras)
+        if len(gaussians.cameras) == 1:
+            return list(gaussians.cameras)
+        return [between(pair, 3)[1] for pair in pairwise(gaussians.cameras)]
 
 
 def find_sources(

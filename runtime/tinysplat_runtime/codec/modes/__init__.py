@@ -1,7 +1,8 @@
 """What a file carries. A mode is a module here, with a value that knows how to encode and decode it.
 
     gaussians   planes of the network's output; any receiver decodes it. The default.
-    photos      the photos and the network's hash: a tenth of the size, for receivers that have the network.
+    photos      the photos and the network's hash: a quarter to a half of the planes' bytes at equal Q_g, for receivers
+                that have the network.
     hybrid      photos, and planes with the difference between what the network makes of the decoded photos and what it
                 made of the originals.
     lossless    planes as float16, bit for bit.
