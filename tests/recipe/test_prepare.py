@@ -124,3 +124,12 @@ def test_cameras_at_one_place_are_refused_in_a_line(capture: Path) -> None:
         chosen(replace(scene, frames=tuple(frames)))
     with pytest.raises(ts.InputError, match="stand at one place"):
         chosen(replace(scene, frames=tuple(frames)), views="all")
+
+
+def test_more_photos_than_a_file_can_have_are_refused_before_work_begins(
+    capture: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tinysplat_runtime.recipe.prepare.MAX_VIEWS", 8)
+    with pytest.raises(ts.InputError, match=f"{VIEWS} photos, a file has at most 8 views; --views auto:8"):
+        chosen(capture)
+    assert len(chosen(capture, views="auto:8")[0]) == 8

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from ..container.layout import MAX_VIEWS
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS
 from ..scene.intake.layouts import load_scene
@@ -52,6 +53,9 @@ def prepared(request: EncodeRequest, notice: Callable[[str], object]) -> Scene:
     if len(sized.frames) in ALL_VIEWS:
         return sized
     camera, photos = sized.frames[0].camera, len(sized.frames)
+    if photos > MAX_VIEWS:
+        found = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
+        raise InputError(found, where=str(scene.path))
     pixels = camera.width * camera.height
     seconds = photos * min(pixels, LARGE_PIXELS) * CPU_SECONDS / available_cores()
     is_usual = request.coding == Coding()
