@@ -20,7 +20,7 @@ from ..render.composite import ALPHA_MAX, TRANSMITTANCE_MIN
 from ..render.kernels_blend import (
     AHEAD,
     LANES,
-    PLANES,
+    ROW,
     TILE_HEIGHT,
     TILE_WIDTH,
     Extent,
@@ -69,7 +69,7 @@ WALK_PLANES = 10
 
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
-_ROW, _WALK_ROW = PLANES * _STRIDE, WALK_PLANES * _STRIDE
+_WALK_ROW = WALK_PLANES * _STRIDE
 WALK_STATE = TILE_HEIGHT * _WALK_ROW
 _BEHIND = tuple(_I((1 + channel) * _STRIDE) for channel in range(4))
 _ERROR = tuple(_I((5 + channel) * _STRIDE) for channel in range(4))
@@ -95,13 +95,13 @@ def score_tile(
     Returns:
         Σ (C − wanted)² of red, green and blue of at most 1.
     """
-    keys, drawn = blend_tile(records, rows, listed, extent, work, False)
+    keys, count = blend_tile(records, rows, listed, extent, work, False)
     error = _turn_over(work.state, walk, wanted, extent, is_first)
     for key in keys:
         pairs[key & _I(0xFFFFFFFF)] = 0
-    for start in range(0, drawn[1], AHEAD):
-        end = min(start + AHEAD, drawn[1])
-        bring_near(records, rows, keys[start:end], True, work.near)
+    for start in range(0, count, AHEAD):
+        end = min(start + AHEAD, count)
+        bring_near(records, rows, keys[start:end], work.near)
         for entry in range(end - start):
             _walk(work.near[entry], extent, walk, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
     return error
@@ -114,7 +114,7 @@ def _turn_over(state: NDArray, walk: NDArray, wanted: NDArray, extent: Extent, i
     squared = 0.0
     for line in range(extent.rows):
         for lane in range(extent.columns):
-            at, to = line * _ROW + lane, line * _WALK_ROW + lane
+            at, to = line * ROW + lane, line * _WALK_ROW + lane
             covered = _ONE - abs(state[at])
             walk[to] = _ONE
             walk[to + 9 * _STRIDE] = covered
