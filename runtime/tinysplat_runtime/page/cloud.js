@@ -110,8 +110,19 @@ function behindOf({ means, opacities, sh, functions, views }, solid) {
     sums[at + 3] += 1;
   }
   const all = [0, 1, 2].map((k) => sums.filter((_, i) => i % 4 === k).reduce((a, b) => a + b, 0)), n = sums.filter((_, i) => i % 4 === 3).reduce((a, b) => a + b, 0) || 1;
-  return Float32Array.from({ length: 3 * BEHIND * BEHIND }, (_, i) => {
+  return softened(softened(Float32Array.from({ length: 3 * BEHIND * BEHIND }, (_, i) => {
     const at = 4 * Math.floor(i / 3), k = i % 3;
     return sums[at + 3] ? sums[at + k] / sums[at + 3] : all[k] / n;
+  })));
+}
+
+// Each colour with those around it, so that no bars are seen.
+function softened(colours) {
+  const inside = (i) => clamp(i, 0, BEHIND - 1);
+  return colours.map((_, i) => {
+    const k = i % 3, column = ((i - k) / 3) % BEHIND, row = Math.floor(i / 3 / BEHIND);
+    let sum = 0;
+    for (let y = -1; y <= 1; y++) for (let x = -1; x <= 1; x++) sum += colours[3 * (inside(row + y) * BEHIND + inside(column + x)) + k];
+    return sum / 9;
   });
 }

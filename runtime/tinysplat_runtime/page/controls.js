@@ -31,7 +31,6 @@ export class Controls {
   #down(event) {
     this.touched();
     this.canvas.setPointerCapture(event.pointerId);
-    this.canvas.focus({ preventScroll: true });
     this.fingers.set(event.pointerId, [event.clientX, event.clientY]);
     this.pressed = { x: event.clientX, y: event.clientY, at: event.timeStamp };
     this.anchor = null;
