@@ -185,12 +185,16 @@ def structure() -> Iterator[Case]:
 def other_modes() -> Iterator[Case]:
     """Modes free, lossless, photos and hybrid."""
     rng = np.random.default_rng(7)
-    data = compress(make_free_gaussians(300, 1, rng))
+    data = compress(make_free_gaussians(300, 1, rng), keep_all=True)
     yield Case("minor4_free", "format 1.4: mode free, SH degree 1", data)
-    yield Case("free_degree3", "SH degree 3, radii far apart", compress(make_free_gaussians(90, 3, rng, 40.0), qp=-6))
-    yield Case("free_one", "one Gaussian", compress(make_free_gaussians(1, 0, rng)))
+    yield Case(
+        "free_degree3",
+        "SH degree 3, radii far apart",
+        compress(make_free_gaussians(90, 3, rng, 40.0), qp=-6, keep_all=True),
+    )
+    yield Case("free_one", "one Gaussian", compress(make_free_gaussians(1, 0, rng), keep_all=True))
     crowd = make_free_gaussians(600, 0, rng, 0.0)
-    yield Case("free_crowd", "600 in one place: numbers beyond a byte", compress(crowd))
+    yield Case("free_crowd", "600 in one place: numbers beyond a byte", compress(crowd, keep_all=True))
     end = ts.inspect(data)["prefixes"][0]["bytes"]
     yield Case("free_prefix", "a prefix that holds what sorts", data, {"maxBytes": end}, scale=1.0)
     exact = lossless(make_smooth_gaussians(2, 6, 9, 1, layers=2))
@@ -206,7 +210,7 @@ def refused() -> Iterator[Case]:
     """Files that a reader must not accept."""
     data = compress(make_smooth_gaussians(2, 8, 8, 1, seed=8), "fast")
     sections = sections_of(data)
-    free = compress(make_free_gaussians(40, 0, np.random.default_rng(9)))
+    free = compress(make_free_gaussians(40, 0, np.random.default_rng(9)), keep_all=True)
     exact = lossless(make_smooth_gaussians(1, 4, 4, 0))
 
     def made(name: str, tests: str, file: bytes, **options: Any) -> Case:

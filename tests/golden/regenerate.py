@@ -24,7 +24,7 @@ def main() -> None:
     """Write every golden file."""
     DATA.mkdir(exist_ok=True)
     for case in FILES:
-        data = ts.compress(case.make(), case.profile, case.qp)
+        data = ts.compress(case.make(), case.profile, case.qp, keep_all=True)
         (DATA / f"{case.name}.tsplat").write_bytes(data)
         decoded = ts.decompress(data)
         arrays = {f"layer{n}_{name}": getattr(layer, name) for n, layer in enumerate(decoded.layers) for name in FIELDS}

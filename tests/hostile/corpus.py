@@ -58,7 +58,10 @@ def free_seeds() -> tuple[Seed, ...]:
     """Files of Gaussians of no pixels: one, some in one place, and a few hundred of SH degree 0 and 2."""
     runtime, rng = ts.Runtime(threads=1), np.random.default_rng(5)
     scenes = [(1, 0, 1.0), (9, 1, 0.0), (300, 0, 1.0), (200, 2, 1.0)]
-    return tuple(Seed.of(runtime.compress(make_free_gaussians(n, degree, rng, size))) for n, degree, size in scenes)
+    return tuple(
+        Seed.of(runtime.compress(make_free_gaussians(n, degree, rng, size), keep_all=True))
+        for n, degree, size in scenes
+    )
 
 
 @lru_cache(maxsize=1)

@@ -54,7 +54,7 @@ MADE: dict[str, Callable[[ts.Runtime], bytes]] = {
     "degree4": lambda run: run.compress(make_smooth_gaussians(1, 20, 28, 4), "paper"),
     "own_k": lambda run: run.compress(make_smooth_gaussians(2, 32, 40, 2, layers=2), "fast"),
     "max": lambda run: run.compress(make_smooth_gaussians(2, 40, 24, 1), "max", 6),
-    "free": lambda run: run.compress(make_free_gaussians(5000, 2, np.random.default_rng(1))),
+    "free": lambda run: run.compress(make_free_gaussians(5000, 2, np.random.default_rng(1)), keep_all=True),
     "lossless": lambda run: run.compress(make_smooth_gaussians(2, 9, 31, 3, layers=2), lossless=True),
 }
 
