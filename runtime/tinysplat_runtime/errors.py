@@ -39,6 +39,8 @@ class TinySplatError(Exception):
 
     def within(self, where: str) -> TinySplatError:
         """The same error seen from one level further out, for instance from the file that held the field."""
+        if self.where == where or (self.where or "").startswith(f"{where}: "):
+            return self
         return type(self)(self.message, where=f"{where}: {self.where}" if self.where else where)
 
 

@@ -214,7 +214,7 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("convert g.npz -o o.npz --translate 1,inf,2", "expected 3 numbers"),
         ("convert g.npz -o o.npz --unit " + "x" * 9000, "--unit"),
         ("convert g.npz -o o.ply --points --check", "--check"),
-        ("view none.tsplat", "none.tsplat"),
+        ("view none.tsplat", "tinysplat: none.tsplat: no such file"),
         ("view f.tsplat --port 99999", "'99999', expected a port"),
         ("view f.tsplat --html o.html --photos none", "none"),
         ("poses none -o o", "no such folder"),
