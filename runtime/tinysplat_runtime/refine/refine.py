@@ -29,8 +29,8 @@ MAX_STEPS = 10_000
 LOOK_AFTER_SMALLER = 2
 """Steps at full size from one look to the next where smaller copies went before: little is left to do."""
 
-FIRST_STEP = 8
-"""Looks that a first step may be expected to cost, with photos of twice the size among them."""
+FIRST_STEP = 4
+"""Looks that a first step may be expected to cost."""
 
 SAME_PICTURE = 0.25
 """Least share of a photo's variance, after gain and offset, that the Gaussians' picture has to explain at the start:
@@ -109,6 +109,7 @@ class Refining:
             return
         self._loop = Loop(moving, self._sizes, self._prices(gaussians, moving), self._settings, run_jobs)
         self.stats.before = self._timed("judging", self._loop.photo_psnr)
+        self._loop.check()  # the first one finds out where others cover a photo, which is no part of what looks cost
         self._look()
 
     def advance(self, limit: int, deadline: float) -> Iterator[int]:
@@ -209,7 +210,7 @@ class Refining:
         """Whether a step, a look at it and the end may be expected to fit; a first one is expected to cost what a look
         costs several times, or less the smaller it is.
         """
-        first = FIRST_STEP * self._seconds["look"] / 2 ** int(step.split()[1])
+        first = FIRST_STEP * self._seconds["look"] / 3 ** int(step.split()[1])
         ahead = self._seconds.get(step, first) + self._seconds["look"] + self._seconds["judging"]
         return time.perf_counter() + ahead < deadline
 
