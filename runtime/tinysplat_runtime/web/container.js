@@ -33,7 +33,7 @@ const MAX_VIEWS = 4096;
 export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: MAX_VIEWS, maxLayers: 16 };
 
 /** Sections that a file of a mode may have beside those of all. */
-const SHARED = ["SCEN", "NOTE", "REFI", "ANTI"];
+const SHARED = ["SCEN", "NOTE", "REFI", "ANTI", "THIN"];
 const OF_PLANES = ["CAMS", "LAYR", "HEVC", "UNIT", "VIEW", ...PLANES];
 const OF_PHOTOS = ["CAMS", "HEVC", "NETW", "PHOT", "PICS"];
 

@@ -1,4 +1,4 @@
-/** What a scene's maker says about it: docs/FORMAT.md, NOTE, REFI and ANTI. */
+/** What a scene's maker says about it: docs/FORMAT.md, NOTE, REFI, ANTI and THIN. */
 import { TsplatError } from "./errors.js";
 import { cursor, only } from "./sections.js";
 
@@ -6,7 +6,7 @@ import { cursor, only } from "./sections.js";
 
 /** Longest text in bytes. */
 const NOTES = [["unit", 32], ["attribution", 1024], ["licence", 128]];
-const TEXTS = [["REFI", "refined", 128], ["ANTI", "antialiased", 3]];
+const TEXTS = [["REFI", "refined", 128], ["ANTI", "antialiased", 3], ["THIN", "thinned", 128]];
 
 const NOT_PRINTED = /[\p{Cc}\p{Cf}\p{Cs}\p{Zl}\p{Zp}]/u;
 

@@ -12,7 +12,7 @@ const REQUIRED = 1;
 export const PLANES = ["DEPT", "COLO", "OPAC", "SCAL", "ROTA", "OFFS"];
 
 const KNOWN = new Set([
-  "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "NETW", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "FREP",
+  "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "THIN", "NETW", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "FREP",
   "UNIT", "VIEW", ...PLANES,
 ]);
 

@@ -42,7 +42,7 @@ export interface Scene {
   origin: ArrayLike<number>;
   cameras: Camera[];
   layers: LayerShape[];
-  /** What the scene's maker says: unit, attribution, licence, refined, antialiased. */
+  /** What the scene's maker says: unit, attribution, licence, refined, antialiased, thinned. */
   notes: Record<string, string>;
   mode: "gaussians" | "photos" | "hybrid" | "lossless" | "free";
   /** Of the whole file. */

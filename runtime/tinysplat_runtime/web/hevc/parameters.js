@@ -11,6 +11,8 @@ const VPS_TYPE = 32;
 const SPS_TYPE = 33;
 const PPS_TYPE = 34;
 const SLICE_TYPE_I = 2;
+/** vps_base_layer_internal_flag and vps_base_layer_available_flag, and no other layer. */
+const ONE_LAYER = 0xc0;
 
 /**
  * @typedef {object} Sps
@@ -147,10 +149,10 @@ function skipOrdering(reader, subLayers) {
 function readVps(unit) {
   const reader = new BitReader(unescaped(unit).subarray(2));
   const id = reader.bits(4);
-  const layers = reader.bits(8) & 63;
+  const layers = reader.bits(8);
   const subLayers = reader.bits(3);
   reader.skip(1);
-  require(layers === 0 && subLayers < 7 && reader.bits(16) === 0xffff, "a video parameter set of layers", "HEVC");
+  require(layers === ONE_LAYER && subLayers < 7 && reader.bits(16) === 0xffff, "a video parameter set of layers", "HEVC");
   skipProfile(reader, subLayers);
   skipOrdering(reader, subLayers);
   reader.skip(6);
