@@ -45,9 +45,11 @@ def notes_of(args: Namespace) -> dict[str, str]:
 
 def selection_of(args: Namespace) -> Selection:
     """Which Gaussians go out."""
-    from .written import Selection
+    from .written import Selection, is_drawn_whole
 
-    return Selection(args.dilate, args.trim_border, args.min_opacity, args.sh_degree)
+    chosen = args.dilate, args.trim_border, args.min_opacity, args.sh_degree
+    thins = is_drawn_whole(args.output) and not (args.keep_all or args.points or args.trim_border)
+    return Selection(*chosen, thins, args.fuse, args.threads, args.quiet)
 
 
 def writing_of(args: Namespace) -> Writing:

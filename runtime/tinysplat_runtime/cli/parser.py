@@ -13,7 +13,7 @@ from typing import NoReturn, TypeAlias
 from .. import __version__
 from ..codec.modes import CHOICES
 from ..errors import InputError
-from ..gaussian import OWN_VARIANCE
+from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
 from .arguments import amount, byte_count, count, indices, numbers, port, positive, size
 from .options import add_coding, add_notes, add_photos, add_provider
 
@@ -94,7 +94,13 @@ def _selection() -> _Parser:
     )  # fmt: skip
     selection.add_argument(
         "--keep-all", action="store_true",
-        help="in a .tsplat file of points of no pixels keep even those that pictures hardly need",
+        help="keep even what pictures hardly need of points of no pixels in a .tsplat file, and what several views of"
+        " more than six show in a list of points",
+    )  # fmt: skip
+    selection.add_argument(
+        "--fuse", type=positive, nargs="?", const=FUSE_SECONDS, metavar="SECONDS",
+        help="for other viewers: Gaussians of all views as one surface, corrected for so many seconds; default"
+        f" {FUSE_SECONDS:g}",
     )  # fmt: skip
     selection.add_argument(
         "--points", action="store_true", help="write a plain point cloud (.ply) of means and colours"

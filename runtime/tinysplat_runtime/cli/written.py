@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +16,12 @@ from ..formats.table import save_gaussians, save_points
 from ..gaussian.editing import cut_degree, drop_transparent, trim_border
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
+from ..gaussian.thin import thinned
 from ..prune.amount import Amount
+from ..render.near import FEW
 from ..system.files import read_limited
+from ..system.progress import progress
+from ..system.threads import Crew, available_cores
 from .files import Reading, Voice, write_file
 from .outputs import is_standard
 
@@ -31,12 +35,20 @@ class Selection:
         trim_border: without so many of the outermost pixels of each view.
         min_opacity: only those of this opacity or more.
         sh_degree: SH cut to this degree.
+        thins: whether of a capture, more than `FEW` views, what several of them show goes out once.
+        fuse: for how many seconds Gaussians of all views are made one surface; None for not at all.
+        threads: for that, None for all cores.
+        quiet: whether it says nothing of how far it is.
     """
 
     dilate: float | None = None
     trim_border: int | None = None
     min_opacity: float | None = None
     sh_degree: int | None = None
+    thins: bool = False
+    fuse: float | None = None
+    threads: int | None = None
+    quiet: bool = False
 
     def of(self, gaussians: Gaussians) -> Gaussians:
         """What goes out of some Gaussians."""
@@ -44,9 +56,31 @@ class Selection:
             gaussians = widened(gaussians, self.dilate)
         if self.trim_border:
             gaussians = trim_border(gaussians, self.trim_border)
+        if self.fuse is not None:
+            gaussians = self._fused(gaussians, self.fuse)
+        elif self.thins and len(gaussians.cameras) > FEW:
+            whole, gaussians = gaussians.count, thinned(gaussians, Crew(self.threads or available_cores()).map)
+            if not self.quiet:
+                found = f"{gaussians.count} of {whole} Gaussians go out, each surface once, for viewers that draw all"
+                print(f"{found}; --fuse makes them one, --keep-all keeps all", file=sys.stderr)
         if self.min_opacity is not None:
             gaussians = drop_transparent(gaussians, self.min_opacity)
         return gaussians if self.sh_degree is None else cut_degree(gaussians, self.sh_degree)
+
+    def _fused(self, gaussians: Gaussians, seconds: float) -> Gaussians:
+        try:
+            from ..refine.fuse import FuseStats, fused
+        except ImportError as error:
+            raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="--fuse") from None
+        stats = FuseStats()
+
+        def show(steps: Iterator[int]) -> Iterator[int]:
+            return progress(steps, None, "fuse", quiet=self.quiet, note=stats.note)
+
+        found = fused(gaussians, seconds=seconds, threads=self.threads, stats=stats, show=show)
+        if not self.quiet:
+            print(stats.text, file=sys.stderr)
+        return found
 
 
 def pruned(gaussians: Gaussians, amount: Amount | None, reading: Reading, say: Voice) -> Gaussians:
@@ -129,6 +163,16 @@ class Writing:
             copy = Path(folder) / f"standard output{Path('x' + path[1:]).suffix or SUFFIX}"
             self.write(str(copy), gaussians)
             write_file(path, copy.read_bytes())
+
+
+KEEPS_VIEWS = (SUFFIX, ".npz", ".safetensors")
+"""Endings of files that know of which view each Gaussian is."""
+
+
+def is_drawn_whole(path: str) -> bool:
+    """Whether those who read a file of this name know of no views, and draw all of its Gaussians."""
+    name = f"x{path[1:] or SUFFIX}" if is_standard(path) else path
+    return not name.lower().endswith(KEEPS_VIEWS)
 
 
 def _sh_bits(values: Sequence[int]) -> tuple[int, int]:

@@ -1,0 +1,178 @@
+"""Gaussians that belong to no pixels and may move anywhere: how well they draw a picture, and what would mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..render import kernels_gradient
+from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, PhotoError, Target
+from ..render.kernels_blend import Extent, Listed, Scratch, Visible
+from ..render.kernels_chain import Moved
+from ..render.kernels_gradient import PAIR, SUMS, Exposure, Sought
+from ..render.kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
+from ..render.lists import Chunks, SplatBuffers, TileLists, view_numbers
+from ..render.prepare import BLOCK_SIZE, Block
+from ..render.project import View
+from ..render.renderer import NEAR_PLANE
+from . import kernels_free
+from .kernels_free import BASE, LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
+
+LEAST_SCALE = 1e-4
+"""Of a Gaussian's unit: thinner axes begin at this, so that they have logarithms and may grow."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Rows that are worked on together.
+
+    Attributes:
+        rows: which; whole chunks.
+        base, geometry, sh: see `kernels_free.place`.
+    """
+
+    rows: slice
+    base: NDArray
+    geometry: NDArray
+    sh: NDArray
+
+
+class FreeGaussians:
+    """Gaussians, their values, and what drawing them as 3DGS defines takes.
+
+    Attributes:
+        values: (10, rows) float32, see `kernels_free.VALUES`; rows behind `count` fill the last chunk and show nowhere.
+        count: of Gaussians.
+    """
+
+    def __init__(self, gaussians: Gaussians, units: NDArray, run_jobs: Callable) -> None:
+        """Take (N,) Gaussians, and (N,) lengths in scene units that their means move in; `run_jobs` maps a function
+        over a list, on any number of threads.
+        """
+        self.count, self._start, self._units = len(gaussians.opacities), gaussians, units.astype(np.float32)
+        rows = -(-self.count // CHUNK) * CHUNK
+        self.values = np.zeros((VALUES, rows), np.float32)
+        self.values[LOGIT] = -np.inf
+        own = self.values[:, : self.count]
+        scales = np.maximum(gaussians.scales, LEAST_SCALE * self._units[:, None])
+        opacity = gaussians.opacities.astype(np.float64).clip(LEAST_OPACITY, LARGEST_OPACITY)
+        own[LOG_SCALE:LOGIT] = np.log(scales).T
+        own[LOGIT] = np.log(opacity / (1 - opacity))
+        own[SH_RED:] = gaussians.sh[:, 0].T
+        turned = quats_to_matrices(normalize_quats(gaussians.quats)).reshape(-1, 9)
+        base = np.concatenate([gaussians.means, turned, self._units[:, None]], axis=1).astype(np.float32)
+        planes, sh = _by_chunk(base.T), _by_chunk(gaussians.sh.reshape(self.count, -1).T)
+        assert planes.shape[1] == BASE
+        geometry = np.zeros((len(planes), GEOMETRY, CHUNK), np.float32)
+        sh = np.ascontiguousarray(sh).reshape(len(planes), -1)
+        self._pieces = [
+            _Piece(slice(CHUNK * first, CHUNK * min(first + step, len(planes))),
+                   planes[first : first + step], geometry[first : first + step], sh[first : first + step])
+            for step in [BLOCK_SIZE // CHUNK]
+            for first in range(0, len(planes), step)
+        ]  # fmt: skip
+        self._buffers, self._run = SplatBuffers(rows, run_jobs), run_jobs
+        self._pairs = np.empty((0, PAIR), np.float32)
+        self.place()
+
+    def place(self) -> None:
+        """Bring what is drawn up to date with `values`."""
+        self._run(
+            lambda piece: kernels_free.place(piece.base, self.values[:, piece.rows], piece.geometry, piece.sh),
+            self._pieces,
+        )
+
+    @property
+    def opacities(self) -> NDArray:
+        """(N,) float64."""
+        return 1 / (1 + np.exp(-self.values[LOGIT, : self.count].astype(np.float64)))
+
+    def gaussians(self) -> Gaussians:
+        """As they stand."""
+        own = self.values[:, : self.count].astype(np.float64)
+        sh = self._start.sh.copy()
+        sh[:, 0] = own[SH_RED:].T
+        fields = {
+            "means": self._start.means + self._units[:, None] * own[MOVE:LOG_SCALE].T,
+            "scales": np.exp(own[LOG_SCALE:LOGIT]).T,
+            "opacities": self.opacities,
+            "sh": sh,
+        }
+        return replace(self._start, **fields)
+
+    def kept(self, keep: NDArray) -> FreeGaussians:
+        """Those of a mask (N,), as they stand."""
+        found = self.gaussians()
+        fields = {name: getattr(found, name)[keep] for name in FIELDS}
+        return FreeGaussians(replace(found, **fields), self._units[keep], self._run)
+
+    def measure(self, target: Target, *, gradient: NDArray | None = None, weight: float = 1.0) -> PhotoError:
+        """Draw a picture as 3DGS defines and hold it against a target.
+
+        Args:
+            target: what it should be.
+            gradient: (10, rows) float32 that gradients with respect to `values` are added to, or None.
+            weight: what a unit of |error| counts in `gradient`.
+        """
+        view, buffers = View.of(target.camera, self._start.origin, NEAR_PLANE), self._buffers
+        visible = self._run(lambda piece: self._project(piece, view), self._pieces)
+        exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
+        sought = Sought(target.photo, exposure, np.empty((0, 0), np.float32))
+        sums = np.zeros((visible[0].counts.size, SUMS))
+
+        def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
+            kernels_gradient.measure_tile(
+                buffers.records, lists.rows, listed, extent, scratch, sought, False, sums[tile], pairs
+            )
+
+        for lists in buffers.lists(visible, view):
+            pairs = self._pairs[:0] if gradient is None else self._room(lists.rows.size)
+            buffers.work_on(lists, view, measure)
+            if gradient is not None:
+                self._add_up(visible, lists, view, gradient)
+        return PhotoError(*sums.sum(axis=0).tolist())
+
+    def _room(self, pairs: int) -> NDArray:
+        if len(self._pairs) < pairs:
+            self._pairs = np.empty((int(pairs * 1.1), PAIR), np.float32)
+        return self._pairs
+
+    def _project(self, piece: _Piece, view: View) -> Visible:
+        uncoloured = np.zeros(len(piece.base), np.uint8)
+        chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, uncoloured, lambda: self._block(piece))
+        return self._buffers.project(chunks, view, 0.0, 0.0)
+
+    def _block(self, piece: _Piece) -> Block:
+        """A piece as it stands, for the code that works in float64."""
+        rows = slice(piece.rows.start, min(piece.rows.stop, self.count))
+        planes = piece.geometry.swapaxes(0, 1).reshape(GEOMETRY, -1)[:, : rows.stop - rows.start]
+        nothing = np.zeros((0, 3, 0), np.float32)
+        scales = np.exp(self.values[LOG_SCALE:LOGIT, rows]).T
+        means, opacities = planes[MEAN : MEAN + 3], planes[OPACITY]
+        return Block(means, nothing, opacities, nothing, self._start.quats[rows], scales, planes[OWN_PIXEL])
+
+    def _add_up(self, visible: Sequence[Visible], lists: TileLists, view: View, gradient: NDArray) -> None:
+        numbers, nowhere = view_numbers(view), np.zeros(3)
+
+        def add(number: int) -> None:
+            piece = self._pieces[number]
+            kernels_free.add_up(
+                self._buffers.records, visible[number], lists.tiles, lists.starts[number], self._pairs,
+                Moved(piece.rows.start, piece.geometry, nowhere, self.values[:, piece.rows]), piece.base[:, 12],
+                numbers, gradient[:, piece.rows],
+            )  # fmt: skip
+
+        self._run(add, range(len(self._pieces)))
+
+
+def _by_chunk(planes: NDArray) -> NDArray:
+    """(planes, n) to (chunks, planes, 128), zeros behind the last."""
+    chunks = -(-planes.shape[1] // CHUNK)
+    padded = np.zeros((len(planes), chunks * CHUNK), np.float32)
+    padded[:, : planes.shape[1]] = planes
+    return np.ascontiguousarray(padded.reshape(len(planes), -1, CHUNK).swapaxes(0, 1))
