@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +98,7 @@ class FreeGaussians:
         own = self.values[:, : self.count].astype(np.float64)
         sh = self._start.sh.copy()
         sh[:, 0] = own[SH_RED:].T
-        fields = {
+        fields: dict[str, Any] = {
             "means": self._start.means + self._units[:, None] * own[MOVE:LOG_SCALE].T,
             "scales": np.exp(own[LOG_SCALE:LOGIT]).T,
             "opacities": self.opacities,
@@ -108,7 +109,7 @@ class FreeGaussians:
     def kept(self, keep: NDArray) -> FreeGaussians:
         """Those of a mask (N,), as they stand."""
         found = self.gaussians()
-        fields = {name: getattr(found, name)[keep] for name in FIELDS}
+        fields: dict[str, Any] = {name: getattr(found, name)[keep] for name in FIELDS}
         return FreeGaussians(replace(found, **fields), self._units[keep], self._run)
 
     def measure(self, target: Target, *, gradient: NDArray | None = None, weight: float = 1.0) -> PhotoError:
