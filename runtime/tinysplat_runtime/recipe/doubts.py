@@ -98,7 +98,10 @@ def _camera_fault(seen: _Thumbnails) -> list[str]:
         if share < 1 and reading.zoom:  # which depths nearer or farther by as much may explain as well
             share = max(share, found / (reading.better * cost(seen.images, seen.cameras, seen.depths / reading.zoom)))
         shares[reading.text] = share
-    best = sorted((text for text in shares if shares[text] < min(1, AS_GOOD * min(shares.values()))), key=shares.get)
+    best = sorted(
+        (text for text in shares if shares[text] < min(1, AS_GOOD * min(shares.values()))),
+        key=lambda text: shares[text],
+    )
     if best:
         return [f"{'; or '.join(best[:MOST_NAMED])}, photos agree far better"]
     if given > 0.97 * UNSEEN:
