@@ -70,7 +70,7 @@ def _pixel_centres(height: int, width: int, like: Tensor) -> tuple[Tensor, Tenso
 
 
 class ViewProjection(nn.Module):
-    """VPT: Gaussians of V views to planes.
+    """VPT: Gaussians of V views to planes (arXiv 2506.09479, view projection).
 
     The camera centre comes as a sum of two float32 numbers, so that means far from the origin lose nothing in the
     subtraction: mean − high is exact when the two are close (Sterbenz), and low corrects it.
@@ -127,7 +127,7 @@ class CoefficientMoment(nn.Module):
 
 
 class CoefficientProjection(nn.Module):
-    """VABR forward: coefficients of every pixel to k planes."""
+    """VABR forward: coefficients of every pixel to k planes (arXiv 2506.09479, basis reduction)."""
 
     def forward(self, sh: Tensor, projection: Tensor) -> Tensor:
         """Z = (WᵀΔ) X: sh (V, H, W, B, 3), projection (d, k) = (WᵀΔ)ᵀ; returns (V, k, H, W)."""
@@ -136,7 +136,7 @@ class CoefficientProjection(nn.Module):
 
 
 class Synthesis(nn.Module):
-    """Integer planes of one layer to Gaussians: dequantisation, VABR⁻¹, VPT⁻¹.
+    """Integer planes of one layer to Gaussians: dequantisation, VABR⁻¹ (X̂ = Δ⁻¹WZ), VPT⁻¹.
 
     Dequantisation and every linear map behind it arrive folded into one matrix per plane group, value = mix · codes,
     with a last plane of ones for the offsets: one graph serves all profiles, and memory is passed over once.

@@ -18,7 +18,10 @@ def pixel_centres(height: int, width: int) -> NDArray:
 
 
 def project_view(gaussians: Gaussians, view: int, origin: NDArray | None = None) -> NDArray:
-    """(11, H, W) float64: depth, offset x y, ŝ, quaternion in the camera frame, opacity."""
+    """(11, H, W) float64: depth, offset x y, ŝ, quaternion in the camera frame, opacity.
+
+    arXiv 2506.09479, view projection: z·(x, y, 1)ᵀ = K(Rμ + T), q̂ = Quat(R)·q, ŝ = f·s/z.
+    """
     camera = gaussians.cameras[view]
     R, c = camera.rotation, camera.centre
     means = gaussians.means[view].astype(np.float64) + (gaussians.origin if origin is None else origin)
@@ -33,7 +36,7 @@ def project_view(gaussians: Gaussians, view: int, origin: NDArray | None = None)
 
 
 def unproject_view(geometry: NDArray, camera: Camera, origin: NDArray) -> dict[str, NDArray]:
-    """The inverse of `project_view`, float64: means relative to the origin, quats, scales, opacities."""
+    """The inverse of `project_view` (11, H, W), float64: means (H, W, 3) relative to the origin, and the others."""
     z = geometry[0]
     uv = pixel_centres(*z.shape) + np.moveaxis(geometry[1:3], 0, -1)
     rays = np.concatenate([uv, np.ones((*z.shape, 1))], axis=-1) @ np.linalg.inv(camera.K).T
@@ -53,7 +56,7 @@ def coefficient_moment(sh: NDArray) -> NDArray:
 
 
 def project_coefficients(sh: NDArray, projection: NDArray) -> NDArray:
-    """Z (V, k, H, W) float64 of SH coefficients (V, H, W, B, 3) under `projection` (d, k)."""
+    """Z (V, k, H, W) float64 of SH coefficients (V, H, W, B, 3) under `projection` (d, k): Z = WᵀΔX."""
     x = sh.reshape(*sh.shape[:3], -1).astype(np.float64)
     return np.moveaxis(x @ projection.astype(np.float64), -1, 1)
 

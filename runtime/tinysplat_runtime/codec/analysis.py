@@ -45,7 +45,9 @@ class ProjectedLayer:
 
 
 def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, where: str) -> ProjectedLayer:
-    """VPT (arXiv 2506.09479): depth, pixel offset, projected scale, camera-frame rotation, opacity.
+    """VPT: depth, pixel offset, projected scale, camera-frame rotation, opacity.
+
+    arXiv 2506.09479, view projection: z·(x, y, 1)ᵀ = K(Rμ + T), q̂ = Quat(R)·q, ŝ = f·s/z.
 
     Args:
         store: opens the graph.
@@ -133,7 +135,9 @@ def blocks(shape: Sequence[int]) -> Iterator[tuple[int, slice]]:
 
 
 def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
-    """(d, d) float64 uncentred second moment of the layer's SH coefficients.
+    """(d, d) float64 uncentred second moment X Xᵀ / M of the layer's SH coefficients, X (d, M).
+
+    arXiv 2506.09479, basis reduction: what its PCA decomposes, before the weighting Δ.
 
     Raises:
         NumericError: a coefficient whose square would leave float32.
@@ -147,7 +151,10 @@ def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
 
 
 def color_planes(store: GraphStore, layer: Gaussians, projection: NDArray) -> NDArray:
-    """(V, k, H, W) float32 planes of the layer's SH coefficients under `projection` (d, k)."""
+    """(V, k, H, W) float32 planes of the layer's SH coefficients under `projection` (d, k).
+
+    arXiv 2506.09479, basis reduction: Z = WᵀΔX with projection = (WᵀΔ)ᵀ.
+    """
     views, height, width = layer.opacities.shape
     planes = np.empty((views, projection.shape[1], height, width), np.float32)
     graph, mix = store.transform("analysis_project"), as_input(projection)

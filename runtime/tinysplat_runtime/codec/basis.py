@@ -33,7 +33,10 @@ _LEAST_ENERGY = 1e-12
 
 
 def view_directions(cameras: Sequence[Camera]) -> NDArray:
-    """Unit rays (9·V, 3) in the world through the centres of 3 × 3 cells covering every view's image plane."""
+    """Unit rays (9·V, 3) in the world through the centres of 3 × 3 cells covering every view's image plane.
+
+    arXiv 2506.09479, basis reduction: its sample directions ω.
+    """
     directions = []
     for camera in cameras:
         cells = (np.arange(GRID) + 0.5) / GRID
@@ -45,7 +48,10 @@ def view_directions(cameras: Sequence[Camera]) -> NDArray:
 
 
 def mean_magnitude_weighting(directions: NDArray, degree: int) -> NDArray:
-    """Δ of the paper: diag(max(λ, floor)) (B, B), λ_b = mean over directions of |Y_b(ω)|."""
+    """Δ = diag(max(λ, floor)) (B, B) float64 of directions (n, 3), λ_b = mean over them of |Y_b(ω)|.
+
+    arXiv 2506.09479, basis reduction; the floor is ours.
+    """
     magnitudes = np.abs(sh_basis(directions, degree)).mean(axis=0)
     return np.diag(np.maximum(_rounded(magnitudes), LAMBDA_FLOOR))
 
@@ -82,7 +88,7 @@ def weighted_spectrum(moment: NDArray, weighting: NDArray) -> tuple[NDArray, NDA
     """Eigenvalues (d,) and eigenvectors (d, d) of Δ·E[x xᵀ]·Δᵀ, by falling eigenvalue.
 
     An eigenvalue is what its component would carry: mean squared weighted coefficients. In each column the entry of
-    largest magnitude is positive.
+    largest magnitude is positive. arXiv 2506.09479, basis reduction: the PCA of ΔX.
 
     Args:
         moment: (d, d) second moment of the coefficient vectors (coefficient-major, RGB last), d = 3B.
@@ -96,7 +102,7 @@ def weighted_spectrum(moment: NDArray, weighting: NDArray) -> tuple[NDArray, NDA
 
 
 def reduce_basis(spectrum: tuple[NDArray, NDArray], weighting: NDArray, k: int) -> Reduction:
-    """The maps of the k components of largest weighted energy.
+    """The maps of the k components of largest weighted energy: Z = WᵀΔX, X̂ = Δ⁻¹WZ (arXiv 2506.09479, basis reduction).
 
     The inverse map Δ⁻¹W is rounded to what the file stores first; the forward map is then its exact left inverse under
     the weighting, so that rounding costs nothing, not even at k = d.

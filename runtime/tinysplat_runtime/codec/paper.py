@@ -39,7 +39,12 @@ def paper_plan(
     settings: PaperSettings,
     qp: float,
 ) -> LayerPlan:
-    """Channels and steps at Q_g = `qp`."""
+    """Channels and steps at Q_g = `qp`.
+
+    arXiv 2506.09479, quantisation: σ_c/α, one step for all colours, and QP = Q_c + Q_g.
+
+    `colors` is (V, k, H, W) float32, as `paper_colors` gives it.
+    """
     channels: list[Channel] = []
     for plane_class in CODING_ORDER:
         planes = colors if plane_class == PlaneClass.COLOR else projected.planes(plane_class)
