@@ -13,10 +13,6 @@ help:  ## what there is to make
 demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back, pictures in demo_out/ (no torch)
 	$(DEMO_VENV)/bin/python examples/demo.py --out demo_out
 
-flight: $(VENV)/.installed  ## the README's moving picture anew
-	$(VENV)/bin/python examples/demo.py --out demo_out --photos
-	$(VENV)/bin/python examples/flight.py docs/flight.webp
-
 flight: $(DEMO_VENV)/.installed  ## the README's moving picture, docs/flight.webp, anew from the demo's scene
 	$(DEMO_VENV)/bin/python examples/flight.py docs/flight.webp
 
