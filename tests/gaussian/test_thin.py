@@ -8,7 +8,7 @@ import numpy as np
 from scenes import make_cameras
 
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.gaussian.thin import SHOWS_FOR, thinned
+from tinysplat_runtime.gaussian.thin import BEHIND, thinned
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
 
@@ -38,7 +38,7 @@ def views_of(gaussians: Gaussians) -> np.ndarray:
 
 def test_of_views_that_show_the_same_as_finely_the_first_one_stays():
     whole = wall(row())
-    thin = thinned(whole)
+    thin = thinned(whole, shown=1)
     counts = np.bincount(views_of(thin), minlength=VIEWS)
     assert counts[0] == HEIGHT * WIDTH
     assert thin.count < 0.4 * whole.count and not thin.cameras
@@ -52,7 +52,7 @@ def test_the_view_that_shows_finest_wins_whatever_its_number():
     K = cameras[1].K.copy()
     K[0, 0] = K[1, 1] = 4 * K[0, 0]
     whole = wall([cameras[0], Camera(K, cameras[0].c2w, WIDTH, HEIGHT)])
-    counts = np.bincount(views_of(thinned(whole)), minlength=2)
+    counts = np.bincount(views_of(thinned(whole, shown=1)), minlength=2)
     assert counts[1] == HEIGHT * WIDTH
     assert 0.9 < counts[0] / (HEIGHT * WIDTH) < 0.96  # all but the sixteenth that the other shows
 
@@ -66,14 +66,14 @@ def test_what_stands_before_what_other_views_see_goes():
     assert (z > 0.9 * DEPTH).all()
 
 
-def test_one_makes_up_for_the_others_that_go_and_a_lone_one_stays_as_it_is():
+def test_as_many_views_show_a_place_as_may_and_a_lone_one_always():
     cameras = row()
     apart = Camera(cameras[0].K, [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]], WIDTH, HEIGHT)
-    thin = thinned(wall([*cameras[:-1], apart], opacity=0.3))
-    views = views_of(thin)
-    np.testing.assert_allclose(thin.opacities[views == VIEWS - 1], 0.3, rtol=1e-6)
-    middle = thin.opacities[views == 0].reshape(HEIGHT, WIDTH)[10:14, 14:18]
-    np.testing.assert_allclose(middle, 1 - 0.7 ** (1 + SHOWS_FOR), rtol=1e-5)
+    whole = wall([*cameras[:-1], apart])
+    for shown in (1, 2, 3):
+        views = views_of(thinned(whole, shown=shown))
+        assert (np.bincount(views)[[*range(shown), -1]] == HEIGHT * WIDTH).all()
+    assert thinned(whole).count == thinned(whole, shown=2).count > thinned(whole, shown=1).count
 
 
 def test_further_layers_stay_only_where_no_surface_is():
@@ -81,7 +81,9 @@ def test_further_layers_stay_only_where_no_surface_is():
     beyond = wall(row(), 2 * DEPTH)
     for layer, stays in ((behind, False), (beyond, True), (wall(row()), False)):
         thin = thinned(replace(wall(row()), extra_layers=(layer,)))
-        assert (thin.count > thinned(wall(row())).count) == stays
+        more = thin.count - thinned(wall(row())).count
+        assert (more > 0) == stays
+        np.testing.assert_allclose(thin.opacities[thin.count - more :], 0.5 * BEHIND, rtol=1e-6)
 
 
 def test_threads_change_nothing():

@@ -104,8 +104,8 @@ def psnr(drawn: Gaussians, wanted: Gaussians) -> float:
 def test_fused_gaussians_show_by_definition_what_our_own_drawing_does():
     whole, stats = capture(), FuseStats()
     found = fused(whole, steps=150, threads=2, stats=stats)
-    assert psnr(found, whole) > psnr(thinned(whole), whole) + 8
-    assert (stats.given, stats.thinned, stats.kept) == (whole.count, thinned(whole).count, found.count)
+    assert psnr(found, whole) > psnr(thinned(whole, shown=1), whole) + 8
+    assert (stats.given, stats.thinned, stats.kept) == (whole.count, thinned(whole, shown=1).count, found.count)
     assert stats.steps == 150 and np.mean(stats.rounds[-2]) > np.mean(stats.rounds[0]) + 4
     assert found.opacities.min() >= FADED and not found.cameras and found.degree == 0
 
@@ -114,7 +114,7 @@ def test_the_same_steps_give_the_same_on_any_number_of_threads_and_what_fades_go
     whole = capture()
     fast = Pace(move=0, log_scale=0, sh=0, logit=2, last=1, looks=3)  # so that many fade
     one, three = (fused(whole, steps=30, threads=threads, pace=fast) for threads in (1, 3))
-    assert one.count < thinned(whole).count
+    assert one.count < thinned(whole, shown=1).count
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
 

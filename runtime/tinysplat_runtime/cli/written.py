@@ -35,7 +35,7 @@ class Selection:
         trim_border: without so many of the outermost pixels of each view.
         min_opacity: only those of this opacity or more.
         sh_degree: SH cut to this degree.
-        thins: whether of a capture, more than `FEW` views, what several of them show goes out once.
+        thins: whether of a capture, more than `FEW` views, what several of them show goes out from two.
         fuse: for how many seconds Gaussians of all views are made one surface; None for not at all.
         threads: for that, None for all cores.
         quiet: whether it says nothing of how far it is.
@@ -61,7 +61,7 @@ class Selection:
         elif self.thins and len(gaussians.cameras) > FEW:
             whole, gaussians = gaussians.count, thinned(gaussians, Crew(self.threads or available_cores()).map)
             if not self.quiet:
-                found = f"{gaussians.count} of {whole} Gaussians go out, each surface once, for viewers that draw all"
+                found = f"{gaussians.count} of {whole} Gaussians go out, for viewers that draw all"
                 print(f"{found}; --fuse makes them one, --keep-all keeps all", file=sys.stderr)
         if self.min_opacity is not None:
             gaussians = drop_transparent(gaussians, self.min_opacity)

@@ -5,7 +5,9 @@ see every surface as often as it was photographed, each time a little beside its
 past them got wrong: fog. So a Gaussian goes
 
 - where a near view sees past it: it lies before the surface there, more often than others bear it out;
-- where another near view shows the same place as finely or finer, which then shows it for both.
+- where two other near views show the same place as finely or finer, which then show it for all.
+
+Coarse layers, which close holes between surfaces, stay faint where no surface is.
 """
 
 from __future__ import annotations
@@ -30,8 +32,11 @@ AS_FINE = 1.1
 """A view shows a place as finely as another where its pixel there is at most so many times as wide."""
 
 
-SHOWS_FOR = 3
-"""Most other views whose Gaussians, gone, one makes up for: its opacity becomes that of so many more on top of it."""
+SHOWN = 2
+"""Views that may show a place: with one alone, holes open where the two do not quite agree."""
+
+BEHIND = 0.15
+"""Share of their opacity that Gaussians of further layers keep: enough to close holes, and little to see in front."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +54,20 @@ class _Verdict:
     served: NDArray
 
 
-def thinned(gaussians: Gaussians, run_jobs: Callable = map) -> Gaussians:
+def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) -> Gaussians:
     """The Gaussians of a capture that other viewers should draw, as a list (N,).
 
     Args:
         gaussians: per pixel, with cameras.
         run_jobs: maps a function over a list, on any number of threads.
+        shown: how many views may show a place.
     """
     views = range(len(gaussians.cameras))
     depths = [_depths(gaussians, view) for view in views]
     near = _near(gaussians.cameras, depths)
     parts = [(number, view) for number in range(len(gaussians.layers)) for view in views]
-    shown = run_jobs(lambda part: _shown(gaussians, part, near[part[1]], depths), parts)
-    opacities = np.concatenate(list(shown))
+    found = run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths, shown), parts)
+    opacities = np.concatenate(list(found))
     flat = gaussians.flat()
     keep = opacities >= 0
     if not keep.any():
@@ -70,16 +76,16 @@ def thinned(gaussians: Gaussians, run_jobs: Callable = map) -> Gaussians:
     return Gaussians.unchecked(**fields, origin=flat.origin, notes=flat.notes)
 
 
-def _shown(gaussians: Gaussians, part: tuple[int, int], near: Sequence[int], depths: Sequence[NDArray]) -> NDArray:
+def _opacities(
+    gaussians: Gaussians, part: tuple[int, int], near: Sequence[int], depths: Sequence[NDArray], shown: int
+) -> NDArray:
     """(n,) float32 opacities of a layer and view, by their numbers; −1 for what goes."""
     number, view = part
     layer, is_surface = gaussians.layers[number], number == 0
     seen = _judged(layer.means[view].reshape(-1, 3), view, near, gaussians, depths, is_surface)
-    keep = (seen.before <= seen.borne_out) & (seen.served == 0)
-    opacities = layer.opacities[view].ravel()
-    if is_surface:
-        opacities = 1 - (1 - opacities) ** (1 + np.minimum(seen.borne_out, SHOWS_FOR))
-    return np.where(keep, opacities, -1).astype(np.float32)
+    keep = (seen.before <= seen.borne_out) & (seen.served < (shown if is_surface else 1))
+    share = np.float32(1 if is_surface else BEHIND)
+    return np.where(keep, share * layer.opacities[view].ravel(), np.float32(-1))
 
 
 def _judged(

@@ -161,7 +161,7 @@ class _Fusing:
     def __init__(self, gaussians: Gaussians, threads: int | None, pace: Pace, stats: FuseStats) -> None:
         self._run = Crew(threads or available_cores()).map
         self._pictures, self._pace, self._stats = _Pictures(gaussians, threads), pace, stats
-        thin = thinned(gaussians, self._run)
+        thin = thinned(gaussians, self._run, shown=1)
         thin = replace(thin, sh=thin.sh[:, :4])
         stats.given, stats.thinned = gaussians.count, thin.count
         self._field = FreeGaussians(thin, _units(thin, gaussians.cameras), self._run)
