@@ -359,12 +359,12 @@ def test_a_write_that_the_system_cuts_short_is_one_line_and_no_debris(encoded, t
     assert list(tmp_path.iterdir()) == []
 
 
-def test_more_photos_than_can_all_be_used_names_the_option(scene, tmp_path):
+def test_many_photos_from_one_place_are_told_to_show_no_depth(scene, tmp_path):
     document = json.loads((scene / "cameras.json").read_text())
     document["frames"] = [document["frames"][0]] * 7
     (tmp_path / "0.png").write_bytes((scene / "0.png").read_bytes())
     (tmp_path / "cameras.json").write_text(json.dumps(document))
-    assert "--views" in fail("encode", tmp_path, "-o", tmp_path / "o.tsplat")
+    assert "stand at one place" in fail("encode", tmp_path, "-o", tmp_path / "o.tsplat")
 
 
 def test_commands_of_an_extra_that_is_not_installed_name_the_extra():
