@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .codec.encoder import EncodeStats
     from .codec.parts import SceneFile
     from .graphs.enlarge import Enlarger
-    from .recipe.request import CodingOptions, SceneOptions
+    from .recipe.request import CompressOptions, SceneOptions
     from .refine.stats import RefineStats
     from .scene.cameras import Camera
     from .scene.scenes import Scene
@@ -153,7 +153,7 @@ class Runtime:
         qp: float | None = None,
         *,
         stats: EncodeStats | None = None,
-        **options: Unpack[CodingOptions],
+        **options: Unpack[CompressOptions],
     ) -> bytes:
         """Code Gaussians as a `.tsplat` file's bytes.
 

@@ -13,6 +13,7 @@ import pytest
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe import request as requests
+from tinysplat_runtime.recipe import words
 from tinysplat_runtime.recipe.request import NOTES, Coding, EncodeOptions, EncodeRequest
 from tinysplat_runtime.recipe.words import AutoViews, Refinement
 
@@ -64,7 +65,15 @@ def test_options_in_words_and_as_values_are_the_same_request() -> None:
     assert EncodeRequest.of("d", views="auto", refine="2.5s", size="full") == EncodeRequest(
         "d", views=AutoViews(), refinement=Refinement(seconds=2.5), size="full"
     )
-    assert [str(Refinement(steps=7)), str(Refinement(seconds=2.5))] == ["7", "2.5s"]
+    assert [str(Refinement(steps=7)), str(Refinement(seconds=2.5)), str(Refinement())] == ["7", "2.5s", "auto"]
+
+
+def test_refinement_on_its_own_takes_seconds_by_the_photos_size():
+    asked = words.refinement("auto")
+    assert asked == Refinement() and asked.steps is None
+    assert asked.seconds_worth(4 * 256 * 256) == pytest.approx(7.9, abs=0.1)
+    assert (asked.seconds_worth(100), asked.seconds_worth(10**8)) == (5, 180)
+    assert Refinement(seconds=2.5).seconds_worth(10**8) == 2.5 and Refinement(steps=3).seconds_worth(10**8) is None
     assert EncodeRequest.of("d", qp=np.float64(2)).coding == Coding(qp=np.int64(2))
     assert EncodeRequest.of(Path("d"), poses=Path("p")).poses == Path("p")
 
@@ -72,7 +81,7 @@ def test_options_in_words_and_as_values_are_the_same_request() -> None:
 def test_options_by_name_are_the_fields_and_their_types() -> None:
     """What type checkers are told of `ts.encode` holds what the classes take, of which some have words too."""
     given = get_type_hints(EncodeOptions, vars(requests) | {"Unpack": None})
-    nested = {"coding", "refinement", "notes", "scene"}
+    nested = {"coding", "refinement", "notes", "scene", "keep_all"}  # the last is of Gaussians of no pixels
     stated = {one.name: one.type for cls in (EncodeRequest, Coding) for one in fields(cls) if one.name not in nested}
     assert set(given) == {*stated, *NOTES, "refine"}
     in_words = {"views", "size", "target_size"}

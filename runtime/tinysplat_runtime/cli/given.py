@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..container.layout import SUFFIX
 from ..container.records import Limits
 from ..errors import InputError
-from ..recipe.request import NOTES, Coding, CodingOptions, EncodeOptions, EncodeRequest
+from ..recipe.request import NOTES, Coding, CompressOptions, EncodeOptions, EncodeRequest
 from .files import Reading, Voice
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def given(args: Namespace, names: Any = EncodeOptions.__annotations__) -> dict[s
 def coding_of(args: Namespace) -> Coding:
     """How `compress` is to code; InputError names the option at fault."""
     with _named():
-        return Coding(**given(args, ("profile", "qp", "mode", *CodingOptions.__annotations__)))
+        return Coding(**given(args, ("profile", "qp", "mode", *CompressOptions.__annotations__)))
 
 
 def request_of(args: Namespace) -> EncodeRequest:

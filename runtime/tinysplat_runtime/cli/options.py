@@ -39,8 +39,9 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
     )
     parser.add_argument(
-        "--refine", type=budget, metavar="STEPS|10s",
-        help="correct the Gaussians until they show their photos better, for so many steps or seconds (needs numba)",
+        "--refine", type=budget, nargs="?", const="auto", metavar="STEPS|10s",
+        help="correct the Gaussians until they show their photos better, for so many steps or seconds, or for as long"
+        " as photos of their size are worth (needs numba)",
     )  # fmt: skip
 
 

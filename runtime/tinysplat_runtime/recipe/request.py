@@ -115,9 +115,9 @@ class Coding:
         )
 
 
-def coding_of(profile: str | None, qp: float | None, **options: Unpack[CodingOptions]) -> Coding:
+def coding_of(profile: str | None, qp: float | None, **options: Unpack[CompressOptions]) -> Coding:
     """How `compress` is to code, of its options by name; errors as those of `Coding`."""
-    given = _read(CodingOptions, dict(options))
+    given = _read(CompressOptions, dict(options))
     return Coding(profile, qp, **given)
 
 
@@ -218,13 +218,18 @@ def _read(accepted: Any, options: dict[str, Any]) -> dict[str, Any]:
 
 
 class CodingOptions(TypedDict, total=False):
-    """Options of `compress` by name besides profile and qp: the fields of `Coding`, one of them in words too."""
+    """Options of `compress` and `encode` by name besides profile and qp: fields of `Coding`, one also in words."""
 
     target_size: int | str | None
     target_psnr: float | None
     lossless: bool
     like: bytes | StrPath | None
     drop_invalid: bool
+
+
+class CompressOptions(CodingOptions, total=False):
+    """Options of `compress` by name besides profile and qp."""
+
     keep_all: bool
 
 

@@ -102,7 +102,8 @@ def refine(
         from ..refine.refine import refine as run
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
-    steps, seconds = (refinement.steps, refinement.seconds) if refinement else (None, None)
+    pixels = sum(camera.width * camera.height for camera in scene.cameras)
+    steps, seconds = (refinement.steps, refinement.seconds_worth(pixels)) if refinement else (None, None)
     return run(
         gaussians, scene, steps=steps, seconds=seconds, profile=coding.planes, qp=coding.step_qp,
         run_jobs=Crew(tools.threads).map, stats=stats, show=show,
