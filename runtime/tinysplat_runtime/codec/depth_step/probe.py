@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,7 +174,7 @@ def _stripes(cameras: Sequence[Camera], count: int, depth: float) -> list[_Strip
 
     Of more views than make one scene, those next to the camera are what is drawn; `depth` is the scene's.
     """
-    middles = between(cameras, 2 * len(cameras) - 1)[1::2] if len(cameras) > 1 else list(cameras)
+    middles = [between(pair, 3)[1] for pair in pairwise(cameras)] or list(cameras)
     stripes = []
     for n in range(count):
         camera = middles[int((n + 0.5) * len(middles) / count)]
