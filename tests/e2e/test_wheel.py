@@ -48,8 +48,15 @@ def test_every_package_on_disk_is_in_the_wheel_with_models_and_marker(wheel):
         for source in root.rglob("*.py"):
             assert str(source.relative_to(root.parent)) in names
     assert "tinysplat_runtime/py.typed" in names and "tinysplat_models/manifest.json" in names
-    for part in ("page.html", "style.css", "splats.js", "unpack.js", "controls.js", "page.js"):
-        assert f"tinysplat_runtime/page/{part}" in names
+    parts = [
+        part
+        for room in ("page", "web")
+        for part in (ROOT / "runtime" / "tinysplat_runtime" / room).rglob("*")
+        if part.suffix in {".html", ".css", ".js", ".mjs"}
+    ]
+    assert len(parts) > 10
+    for part in parts:
+        assert str(part.relative_to(ROOT / "runtime")) in names
     for artifact in (ROOT / "models").glob("*.onnx"):
         assert f"tinysplat_models/{artifact.name}" in names
 
