@@ -187,7 +187,7 @@ def test_a_photo_that_does_not_belong_is_named(tmp_path: Path, change, words: li
 
 @pytest.mark.parametrize(
     ("near", "far", "words"),
-    [(0.1, 90.0, "near 0.1 and far 90 lie far about what photos show"), (12.0, 12.5, "match hardly anywhere")],
+    [(0.1, 90.0, "near 0.1 and far 90 lie far about what photos show"), (12.0, 12.5, "hardly match anywhere")],
 )
 def test_a_depth_range_that_is_far_off_is_told(tmp_path: Path, near: float, far: float, words: str) -> None:
     scene = four(tmp_path, lambda photos: photos[1])
@@ -202,7 +202,7 @@ def test_two_photos_of_different_things_are_named(tmp_path: Path, wrong: int) ->
     photos = [photo(view) for view in views]
     photos[wrong] = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
     (doubt,) = doubts(stored(tmp_path, views, photos))
-    assert doubt.startswith("photo 1 (0.png) and photo 2 (1.png) match hardly anywhere from near 1.5 to far 6")
+    assert doubt.startswith("photo 1 (0.png) and photo 2 (1.png) hardly match anywhere from near 1.5 to far 6")
 
 
 def test_a_range_that_begins_far_too_near_is_told_of_many_depths(scene: Scene) -> None:

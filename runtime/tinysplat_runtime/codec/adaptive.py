@@ -69,7 +69,7 @@ class AdaptiveLayer:
 
     @cached_property
     def depth_offsets(self) -> NDArray:
-        """By how much the QP of depth's blocks differs from the plane's; see `Channel`."""
+        """Differences of the QPs of depth's blocks from the plane's, (V, rows, columns); see `Channel`."""
         return block_offsets(self.shown)
 
 
@@ -253,7 +253,7 @@ def with_depth_pictures(plan: LayerPlan, count: int) -> LayerPlan:
 
 
 def kept_components(energies: NDArray, step: float, settings: AdaptiveSettings) -> int:
-    """How many components are coded: what the others hold is small against a step (reverse water-filling)."""
+    """How many components are coded, of energies (d,): the others hold little against a step (water-filling)."""
     left_out = np.append(np.cumsum(energies[::-1])[::-1], 0.0)  # left_out[k]: energy without the first k
     return max(1, int(np.argmax(left_out <= settings.energy_floor * step**2)))
 

@@ -32,7 +32,7 @@ def as_codes(planes: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def add_colours(sh: NDArray, prediction: NDArray) -> NDArray:
-    """Coefficients of the sum; a degree that one of them lacks counts as zeros."""
+    """SH coefficients (…, B, 3) float32 of the sum; functions that the prediction lacks count as zeros."""
     return sh + fitted_sh(prediction, sh.shape)
 
 

@@ -114,7 +114,7 @@ def pack(plane: NDArray) -> bytes:
 
 
 def unpack(data: bytes | memoryview, shape: tuple[int, int], where: str) -> NDArray:
-    """The float16 plane of `pack`; FormatError if the bytes do not come to exactly one."""
+    """The float16 plane (h, w) of `pack`; FormatError if the bytes do not come to exactly one."""
     wanted = 2 * shape[0] * shape[1]
     stream = zlib.decompressobj()
     try:

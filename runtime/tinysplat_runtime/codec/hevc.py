@@ -97,7 +97,7 @@ def encode_picture(
     settings: EncoderSettings,
     offsets: NDArray | None = None,
 ) -> CodedPlane:
-    """Code the planes of one picture, uint16 and of the sizes that libavcodec's pixel format demands.
+    """Code the planes (h, w) uint16 of one picture, in the sizes that libavcodec's pixel format demands.
 
     Raises:
         MemoryError: less memory is to be had than libx265 may take, which ends the process or waits for ever without.

@@ -64,7 +64,7 @@ class CodeMap:
         return np.clip(codes, 0, MAX_CODE, out=codes).astype(np.uint16), clipped
 
     def dequantise(self, codes: NDArray) -> NDArray:
-        """float32 values of codes."""
+        """float32 values of codes of any shape, integer."""
         return codes.astype(np.float32) * np.float32(self.scale) + np.float32(self.offset)
 
 

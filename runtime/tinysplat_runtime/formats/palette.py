@@ -31,7 +31,7 @@ def codebook(values: NDArray, size: int = 256) -> NDArray:
 
 
 def nearest(values: NDArray, levels: NDArray) -> NDArray:
-    """Index of the nearest of ascending `levels` for each value, uint8."""
+    """Index (uint8, the shape of `values`) of the nearest of ascending `levels` (L,), L at most 256."""
     return np.searchsorted((levels[1:] + levels[:-1]) / 2, values).astype(np.uint8)
 
 

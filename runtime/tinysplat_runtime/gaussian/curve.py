@@ -28,14 +28,14 @@ _SPREADS = (
 
 
 def spread(values: NDArray) -> NDArray:
-    """Bits of 21-bit numbers (uint64), each followed by two zeros."""
+    """Bits of 21-bit numbers (any shape, uint64), each followed by two zeros."""
     for shift, mask in _SPREADS:
         values = (values | values << np.uint64(shift)) & np.uint64(mask)
     return values
 
 
 def gathered(keys: NDArray) -> NDArray:
-    """Every third bit of numbers below 2⁶³ (uint64), from the lowest: the inverse of `spread`."""
+    """Every third bit of numbers below 2⁶³ (any shape, uint64), from the lowest: the inverse of `spread`."""
     values = keys & np.uint64(_SPREADS[-1][1])
     masks = [mask for _, mask in _SPREADS[-2::-1]] + [(1 << _BITS) - 1]
     for (shift, _), mask in zip(_SPREADS[::-1], masks, strict=True):

@@ -27,7 +27,7 @@ ODD = (0.1, 1.7)
 the rest. On ten scenes of four and six photos: 0.03 to 0.14, and 0.1 to 0.25 where one is another scene's or black."""
 
 HARDLY = 0.1
-"""Share of pixels that tell their depth: of all photos less than this, and they match hardly anywhere."""
+"""Share of pixels that tell their depth: of all photos less than this, and they hardly match anywhere."""
 
 ALIKE = 0.25
 """Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
@@ -216,7 +216,7 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
         looks = look(_even(seen.images), seen.cameras, seen.depths)
     if not _match(seen, looks):
         who = " and ".join(seen.names) if len(seen.names) == 2 else "photos"
-        return [f"{who} match hardly anywhere from near {near:g} to far {far:g}: these, poses or photos are wrong"]
+        return [f"{who} hardly match anywhere from near {near:g} to far {far:g}: these, poses or photos are wrong"]
     low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))
     shown = seen.depths[round(low)], seen.depths[round(high)]
     if low < EMPTY[0] * (PLANES - 1) or shown[0] < EMPTY[1] * near:

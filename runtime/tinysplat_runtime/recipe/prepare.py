@@ -179,5 +179,5 @@ def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> 
     if not request.size:
         camera = scene.frames[0].camera
         found = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
-        say(f"{found}, which {request.model} is good for; --size full takes all of them")
+        say(f"{found}, the largest size that {request.model} handles well; --size full keeps all pixels")
     return scene.resized(*size)

@@ -219,12 +219,12 @@ def projected(block: Block, view: View) -> Projected | None:
 
 
 def footprint_exponent(log_opacities: NDArray) -> NDArray:
-    """τ, the exponent at which a footprint ends: opacity·exp(−τ) = 1/255."""
+    """τ (N,) float32, the exponent at which a footprint ends: opacity·exp(−τ) = 1/255."""
     return log_opacities - np.float32(math.log(ALPHA_MIN))
 
 
 def is_wide(half_width: NDArray, half_height: NDArray) -> NDArray:
-    """Whether half extents per √τ, in pixels, are too large for float32, or NaN."""
+    """(N,) bool: whether half extents (N,) per √τ, in pixels, are too large for float32, or NaN."""
     return ~(half_width + half_height < WIDE_PX)
 
 

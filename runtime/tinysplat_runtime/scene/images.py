@@ -206,7 +206,7 @@ def resize_cover(image: NDArray, height: int, width: int) -> NDArray:
 
 
 def scaled(image: NDArray, height: int, width: int) -> NDArray:
-    """As `resize_cover`, but stretched to height × width: all of the image, each side by its own factor."""
+    """As `resize_cover`, but stretches all of (H, W, 3) to (height, width, 3), each side by its own factor."""
     return _moved(image, height, width, np.diag([width / image.shape[1], height / image.shape[0], 1.0]))
 
 

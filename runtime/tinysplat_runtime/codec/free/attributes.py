@@ -98,7 +98,7 @@ def from_columns(columns: Columns) -> dict[str, NDArray]:
 
 
 def companded(sizes: NDArray, middle: float) -> NDArray:
-    """Sizes such that equal steps show alike: large Gaussians cover more, in proportion to the square root of a step.
+    """Log sizes of any shape, such that equal steps look alike: larger Gaussians cover more of a picture.
 
     Steps are those of the logarithm at `middle`, and up to 8 times finer or coarser.
     """
@@ -108,19 +108,19 @@ def companded(sizes: NDArray, middle: float) -> NDArray:
 
 
 def expanded(values: NDArray, middle: float) -> NDArray:
-    """Inverse of `companded`, of any numbers; within ±`MAX_LOG`."""
+    """Inverse of `companded`, of any shape and numbers; within ±`MAX_LOG`."""
     near = 2 * np.log(np.clip(values, 1 / 4, 16) / 2)
     x = near + np.minimum(values - 1 / 4, 0) * 8 + np.maximum(values - 16, 0) / 8
     return np.clip(x + middle, -MAX_LOG, MAX_LOG)
 
 
 def contracted(offsets: NDArray) -> NDArray:
-    """Coordinates, 1 where the scene's bulk ends: beyond that their logarithms."""
+    """Coordinates of any shape, 1 where the scene's bulk ends, with logarithms beyond."""
     far = np.maximum(np.abs(offsets), 1)
     return np.where(far > 1, np.sign(offsets) * (1 + np.log(far)), offsets)
 
 
 def uncontracted(values: NDArray) -> NDArray:
-    """Inverse of `contracted`."""
+    """Inverse of `contracted`, of any shape."""
     far = np.maximum(np.abs(values), 1)
     return np.where(far > 1, np.sign(values) * np.exp(far - 1), values)

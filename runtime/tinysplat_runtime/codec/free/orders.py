@@ -31,11 +31,11 @@ class Order:
     gains: NDArray
 
     def sorted(self, values: NDArray) -> NDArray:
-        """Numbers by the curve as a list in this order."""
+        """Numbers (N,) along the curve, in this order."""
         return values[self.rows]
 
     def restored(self, values: NDArray) -> NDArray:
-        """Inverse of `sorted`."""
+        """Inverse of `sorted`: (N,)."""
         out = np.empty_like(values)
         out[self.rows] = values
         return out
@@ -70,7 +70,7 @@ def classes_of(counts: NDArray, first: int, number: int) -> NDArray:
 
 
 def order_by(determinants: Sequence[NDArray], thresholds: Sequence[NDArray], weights: WeightClasses) -> Order:
-    """The order by the first so many determinants."""
+    """The order by the given determinants, (N,) each."""
     counts = reached(determinants, thresholds[: len(determinants)])
     classes = classes_of(counts, weights.first, len(weights.gains))
     return Order(np.argsort(classes, kind="stable"), np.array(weights.gains, np.float64)[classes])

@@ -35,7 +35,7 @@ def to_plane(values: NDArray) -> NDArray:
 
 
 def from_plane(plane: NDArray, count: int) -> NDArray:
-    """Inverse of `to_plane`."""
+    """Inverse of `to_plane`: (h, w) as (N,), N = `count`, of the same dtype."""
     height, width = plane.shape
     side = _side(count)
     tiles = plane.reshape(height // side, side, width // side, side).swapaxes(1, 2)
