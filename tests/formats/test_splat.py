@@ -131,7 +131,7 @@ def test_a_signalling_nan_is_refused_without_a_warning(tmp_path: Path, field: in
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        ("a.splat", bytes(33), "multiple of 32"), ("a.splat", b"", "multiple of 32"), ("a.ksplat", bytes(10), "header"),
+        ("a.splat", bytes(33), "multiple of 32"), ("a.splat", b"", "empty file"), ("a.ksplat", bytes(10), "header"),
         ("a.ksplat", ksplat(version=0), "version"), ("a.ksplat", ksplat(mode=3), "mode"),
         ("a.ksplat", ksplat(sections=4000), "too short"), ("a.ksplat", ksplat(count=2), "damaged header"),
         ("a.ksplat", ksplat(room=1 << 31), "too short"), ("a.ksplat", ksplat(degree=9), "degree 9"),

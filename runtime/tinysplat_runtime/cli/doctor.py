@@ -18,7 +18,7 @@ from ..graphs.providers import Provider, known_providers
 from ..system.threads import available_cores
 from .trial import ran_by
 
-_NOT_FOR_USERS = ("docs", "dev")
+_NOT_FOR_USERS = ("docs", "dev", "release")
 _MARKERS = (("extra", "=="), ("python_version", "<"))
 _PACKAGE = re.compile(r"([\w.-]+)(?:\[([\w,-]+)\])?")
 
