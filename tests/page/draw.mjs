@@ -38,9 +38,9 @@ function colour(i, d) {
   return sum.map((value) => max(value, 0));
 }
 
-const picture = new Float64Array(3 * width * height), left = new Float64Array(width * height).fill(1);
+const [front, back] = [0, 1].map(() => ({ picture: new Float64Array(3 * width * height), left: new Float64Array(width * height).fill(1) }));
 for (const entry of order) {
-  const i = entry & 0x7fffffff, isCopy = entry > 0x7fffffff, { view } = partOf(i);
+  const i = entry & 0x7fffffff, isCopy = entry > 0x7fffffff, { view } = partOf(i), { picture, left } = isCopy ? front : back;
   const at = [0, 1, 2].map((k) => means[3 * i + k] - camera.position[k]), ray = vector(...at);
   const point = rows.map((row) => glsl.dot3(row, ray)), u = point[0] / point[2], v = point[1] / point[2];
   const limit = (x, c, size) => max(-0.15 * size - c, Math.min(1.15 * size - c, x));
@@ -55,16 +55,16 @@ for (const entry of order) {
   }
   const wider = glsl.widening(a, b, c, plain, own), det = plain + wider.x * (a + c + wider.x);
   [a, c] = [a + wider.x, c + wider.x];
-  const opacity = opacities[i] * wider.y * (view < 0 ? 1 : isCopy ? share.front[view] : share.all[view]), reach = Math.log(opacity / glsl.LEAST_ALPHA);
+  const opacity = opacities[i] * wider.y * (view < 0 ? 1 : share.all[view]), part = isCopy ? share.front[view] / share.all[view] : 1, reach = Math.log(opacity / glsl.LEAST_ALPHA);
   if (!(reach > 0)) continue;
   const axes = glsl.halfAxes(a, b, c, det), long = [axes.x, axes.y], size = Math.hypot(...long), rgb = colour(i, unit(at));
   const x0 = u + principal[0], y0 = v + principal[1], far = sqrt(reach) * size;
   for (let y = max(0, Math.floor(y0 - far)); y < Math.min(height, y0 + far + 1); y++) for (let x = max(0, Math.floor(x0 - far)); x < Math.min(width, x0 + far + 1); x++) {
     const dx = x + 0.5 - x0, dy = y + 0.5 - y0, along = (dx * long[0] + dy * long[1]) / (size * size), aside = (dy * long[0] - dx * long[1]) / (size * axes.z);
-    const alpha = Math.min(opacity * Math.exp(-(along * along + aside * aside)), 0.99), pixel = y * width + x;
-    if (alpha < glsl.LEAST_ALPHA || left[pixel] * (1 - alpha) < 1e-4) continue;
+    const whole = Math.min(opacity * Math.exp(-(along * along + aside * aside)), 0.99), alpha = whole * part, pixel = y * width + x;
+    if (whole < glsl.LEAST_ALPHA || left[pixel] * (1 - alpha) < 1e-4) continue;
     for (let k = 0; k < 3; k++) picture[3 * pixel + k] += left[pixel] * alpha * rgb[k];
     left[pixel] *= 1 - alpha;
   }
 }
-writeFileSync(output, Float32Array.from(picture));
+writeFileSync(output, Float32Array.from(front.picture, (value, at) => value + front.left[Math.floor(at / 3)] * back.picture[at]));

@@ -7,7 +7,7 @@ import { ARITHMETIC } from "./arithmetic.js";
 import { sorting } from "./near.js";
 
 const TEXTURE_WIDTH = 4096;
-const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's share of its opacity
+const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's part of its alphas
 export const BEHIND = 8; // rows and columns of colours behind the picture
 const FEW_VIEWS = 6, DRAWN_VIEWS = 4; // so many are drawn at once of more than so many (near.js)
 const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
@@ -28,7 +28,7 @@ uniform vec2 logSteps;                // of lengths' codes: steps to a doubling,
 uniform int functions, stored;        // SH functions to use, and at hand
 uniform vec3 depths;                  // 1/nearest, 1/farthest, and whether they are drawn in place of colours
 layout(location = 0) out uvec4 shape; // centre in clip coordinates, and the longer half axis, where the exponent is 1
-layout(location = 1) out uvec4 paint; // length of the shorter half axis, colour in half floats, logarithm of opacity
+layout(location = 1) out uvec4 paint; // length of the shorter half axis, colour and part of alpha in half floats, logarithm of opacity
 uint index;
 const float MARGIN = 0.15;
 ${ARITHMETIC}
@@ -91,7 +91,8 @@ void main() {
   opacity *= wider.y;
   uint view = (first.w >> 8) & 0xffffu;
   vec2 share = texelFetch(shares, ivec2(view, 0), 0).xy;
-  opacity *= isCopy ? share.x : view == 0u ? 1.0 : share.y;
+  if (view > 0u) opacity *= share.y;
+  float part = isCopy ? share.x / share.y : 1.0; // of its alphas, that the picture in front has
   if (fades) opacity *= float(first.w >> 24) / 255.0;
   float reach = log(opacity / LEAST_ALPHA); // the exponent at which the footprint ends
   vec2 pixel = centred + principal, extent = sqrt(2.0 * reach * vec2(a, c));
@@ -99,7 +100,7 @@ void main() {
   vec3 axes = halfAxes(a, b, c, det);
   shape = floatBitsToUint(vec4(pixel / size * vec2(2.0, -2.0) + vec2(-1.0, 1.0), axes.xy));
   vec3 shown = depths.z > 0.0 ? ramp((1.0 / point.z - depths.y) / (depths.x - depths.y)) : max(seen(normalize(ray)), 0.0);
-  paint = uvec4(floatBitsToUint(axes.z), packHalf2x16(shown.xy), packHalf2x16(vec2(shown.z, 0.0)),
+  paint = uvec4(floatBitsToUint(axes.z), packHalf2x16(shown.xy), packHalf2x16(vec2(shown.z, part)),
     floatBitsToUint(log(opacity)));
 }`;
 
@@ -109,6 +110,7 @@ uniform usampler2D shapes, paints;
 uniform vec2 size;
 out vec2 place;
 flat out vec4 paint;
+flat out float part;
 const float LEAST = -5.541263545158426; // log(1/255)
 const vec2 CORNERS[3] = vec2[3](vec2(0.0, 2.0), vec2(-1.7320509, -1.0), vec2(1.7320509, -1.0)); // around the unit circle
 void main() {
@@ -117,6 +119,7 @@ void main() {
   vec4 shape = uintBitsToFloat(texelFetch(shapes, texel, 0));
   uvec4 code = texelFetch(paints, texel, 0);
   paint = vec4(unpackHalf2x16(code.y), unpackHalf2x16(code.z).x, uintBitsToFloat(code.w));
+  part = unpackHalf2x16(code.z).y;
   vec2 major = shape.zw;
   vec2 minor = uintBitsToFloat(code.x) * (major == vec2(0.0) ? major : normalize(vec2(-major.y, major.x)));
   place = CORNERS[gl_VertexID % 3] * sqrt(max(paint.a - LEAST, 0.0));
@@ -127,10 +130,12 @@ const PAINT = `#version 300 es
 precision highp float;
 in vec2 place;
 flat in vec4 paint;
+flat in float part;
 out vec4 result;
 void main() {
   float alpha = min(exp(paint.a - dot(place, place)), 0.99);
   if (alpha < 1.0 / 255.0) discard;
+  alpha *= part;
   result = vec4(paint.rgb * alpha, alpha);
 }`;
 
