@@ -51,7 +51,8 @@ def with_principal_row(container: Container, row: float) -> Container:
         K = camera.K.copy()
         K[1, 2] = row
         cameras.append(replace(camera, K=K))
-    return replace(container, layers=(replace(layer, cameras=tuple(cameras)),))
+    body = replace(container.body, layers=(replace(layer, cameras=tuple(cameras)),))
+    return replace(container, body=body)
 
 
 def test_views_made_at_once_and_in_halves_have_the_same_bits(

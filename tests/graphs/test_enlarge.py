@@ -17,6 +17,7 @@ from tinysplat_runtime.graphs.enlarge import Enlarger, _fixed_inputs, predict_la
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.scenes import Scene
 
 STORE = GraphStore()
 OPACITY, FOOTPRINT = 0.6, 0.45
@@ -143,8 +144,11 @@ def test_pictures_are_those_of_the_large_photos(scene: TracedScene) -> None:
 def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shipped networks on large photos, unless they are asked to look at the whole; no others."""
 
-    class Photos:
+    class Photos(Scene):
+        def __init__(self) -> None: ...
+
         cameras = scene.cameras
+        frames = scene.cameras  # type: ignore[assignment]
 
         def depth_range(self) -> tuple[float, float]:
             return NEAR, FAR
@@ -158,12 +162,12 @@ def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setitem(runtime.store._graphs, name, graph)
         monkeypatch.setattr(enlarge, "LARGE_PIXELS", 100 * 100)
         monkeypatch.setattr(Enlarger, "of", classmethod(lambda cls, g: cls(g, ("edge",), 48 * 60, 16)))
-        assert runtime.predict(Photos(), name).opacities.shape == scene.depth.shape  # type: ignore[arg-type]
+        assert runtime.predict(Photos(), name).opacities.shape == scene.depth.shape
         assert (session.size == (48, 60)) == taken
-        runtime.predict(Photos(), name, whole=True)  # type: ignore[arg-type]
+        runtime.predict(Photos(), name, whole=True)
         assert session.size == (120, 152)
         monkeypatch.setattr(enlarge, "LARGE_PIXELS", 120 * 150)
-        runtime.predict(Photos(), name)  # type: ignore[arg-type]
+        runtime.predict(Photos(), name)
         assert session.size == (120, 152)
 
 

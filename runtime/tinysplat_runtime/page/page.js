@@ -149,7 +149,7 @@ class Page {
     find("fault").textContent = `This scene cannot be shown: ${error.message ?? error}`;
     find("fault").hidden = false;
     find("cover").classList.add("done");
-    console.error(error);
+    if (error.name !== "TsplatError") console.error(error); // a file's fault is said, ours is to be found
   }
 
   // Shows a file of which there are chunks, better and better.

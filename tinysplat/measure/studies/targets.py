@@ -23,7 +23,7 @@ from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import FormatError, InputError
 
 from ..clock import timed
-from ..pictures import Pictures
+from ..pictures import Drawing, Pictures
 from ..rows import Row
 from ..show.plots import Axis, Chart
 from ..show.tables import Listing, decibels, digits, kilobytes, mean, percent, said
@@ -41,14 +41,14 @@ def target_rows(run: Run) -> Iterator[Row]:
     targets: list[dict[str, Any]] = [{"target_size": size} for size in sizes]
     targets += [{"target_psnr": db} for db in PSNRS]
     for case in run.cases:
-        pictures = Pictures(_at_its_views(case), run.drawing)
+        pictures = Pictures(_at_its_views(case), Drawing(run.threads, {"compiled": False}))
         for profile in run.options.profiles or (("balanced",) if run.quick else tuple(PROFILES)):
             for target in targets:
                 yield _target_row(pictures, profile, target, run.runtime, rounds=1 if run.quick else 3)
 
 
 def _at_its_views(case: Case) -> Case:
-    """The case judged where the search judges: at the views of its Gaussians."""
+    """The case judged where the search judges, as it draws: at the views of its Gaussians, by default."""
     cameras = case.gaussians.cameras
     nothing = (None,) * len(cameras)
     return replace(case, cameras=cameras, photos=nothing, depths=nothing) if cameras else case
