@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import scene_document
 from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
 
 from tinysplat_runtime import api
@@ -17,7 +20,8 @@ from tinysplat_runtime.graphs.enlarge import Enlarger, _fixed_inputs, predict_la
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.scenes import Scene
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 STORE = GraphStore()
 OPACITY, FOOTPRINT = 0.6, 0.45
@@ -141,33 +145,26 @@ def test_pictures_are_those_of_the_large_photos(scene: TracedScene) -> None:
     assert np.mean((large.clip(0, 1) - photo) ** 2) < 10**-3.6
 
 
-def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Shipped networks on large photos, unless they are asked to look at the whole; no others."""
-
-    class Photos(Scene):
-        def __init__(self) -> None: ...
-
-        cameras = scene.cameras
-        frames = scene.cameras  # type: ignore[assignment]
-
-        def depth_range(self) -> tuple[float, float]:
-            return NEAR, FAR
-
-        def images(self) -> np.ndarray:
-            return scene.images
-
+    document = {**scene_document(scene.cameras), "near": NEAR, "far": FAR}
+    (tmp_path / "images").mkdir()
+    (tmp_path / "cameras.json").write_text(json.dumps(document))
+    for view, image in enumerate(scene.images):
+        write_png(tmp_path / f"images/{view:04}.png", np.rint(255 * image).astype(np.uint8))
+    photos = load_scene(tmp_path)
     runtime = api.Runtime()
     for name, taken in (("edge", True), ("sweep", False)):
         graph, session = exact_graph(scene)
         monkeypatch.setitem(runtime.store._graphs, name, graph)
         monkeypatch.setattr(enlarge, "LARGE_PIXELS", 100 * 100)
         monkeypatch.setattr(Enlarger, "of", classmethod(lambda cls, g: cls(g, ("edge",), 48 * 60, 16)))
-        assert runtime.predict(Photos(), name).opacities.shape == scene.depth.shape
+        assert runtime.predict(photos, name).opacities.shape == scene.depth.shape
         assert (session.size == (48, 60)) == taken
-        runtime.predict(Photos(), name, whole=True)
+        runtime.predict(photos, name, whole=True)
         assert session.size == (120, 152)
         monkeypatch.setattr(enlarge, "LARGE_PIXELS", 120 * 150)
-        runtime.predict(Photos(), name)
+        runtime.predict(photos, name)
         assert session.size == (120, 152)
 
 
