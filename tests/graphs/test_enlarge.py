@@ -18,6 +18,7 @@ from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.graphs import enlarge
 from tinysplat_runtime.graphs.enlarge import Enlarger, _fixed_inputs, predict_large
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
+from tinysplat_runtime.recipe import stages
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import write_png
@@ -157,13 +158,13 @@ def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch,
     for name, taken in (("edge", True), ("sweep", False)):
         graph, session = exact_graph(scene)
         monkeypatch.setitem(runtime.store._graphs, name, graph)
-        monkeypatch.setattr(enlarge, "LARGE_PIXELS", 100 * 100)
+        monkeypatch.setattr(stages, "LARGE_PIXELS", 100 * 100)
         monkeypatch.setattr(Enlarger, "of", classmethod(lambda cls, g: cls(g, ("edge",), 48 * 60, 16)))
         assert runtime.predict(photos, name).opacities.shape == scene.depth.shape
         assert (session.size == (48, 60)) == taken
         runtime.predict(photos, name, whole=True)
         assert session.size == (120, 152)
-        monkeypatch.setattr(enlarge, "LARGE_PIXELS", 120 * 150)
+        monkeypatch.setattr(stages, "LARGE_PIXELS", 120 * 150)
         runtime.predict(photos, name)
         assert session.size == (120, 152)
 
