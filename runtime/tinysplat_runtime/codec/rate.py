@@ -86,12 +86,11 @@ def encode_to_size(encoder: SceneEncoder, target: int) -> bytes:
         qp = min(max(qp + shift, -MAX_GLOBAL_QP), MAX_GLOBAL_QP)
         data = encoder.code(plans, qp)
         best = _better(best, data, target)
-    best = best or _better(b"", encoder.encode(MAX_GLOBAL_QP), target)
-    if best:
-        return best
-    smallest = len(encoder.encode(MAX_GLOBAL_QP))
-    message = f"{target} bytes; profile {encoder.profile.name} codes this scene to {smallest} at least"
-    raise InputError(message, where="target_size")
+    best = best or encoder.encode(MAX_GLOBAL_QP)
+    if len(best) > target:
+        message = f"{target} bytes; profile {encoder.profile.name} codes this scene to {len(best)} at least"
+        raise InputError(message, where="target_size")
+    return best
 
 
 def encode_to_psnr(encoder: SceneEncoder, target: float, measure: Callable[[bytes], float]) -> bytes:
