@@ -5,14 +5,17 @@ scene = trace(views=2, height=96, width=128)
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scenes import make_cameras
+from scenes import make_cameras, scene_document
 
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
 
 WALL_Z, SQUARE_Z, SQUARE_HALF = 6.0, 3.0, 0.55
 NEAR, FAR = 2.0, 12.0
@@ -78,3 +81,14 @@ def _texture(points: NDArray, frequency: float, phase: float) -> NDArray:
         for c in range(3)
     ]
     return 0.5 + 0.4 / 3 * np.stack(waves, axis=-1)
+
+
+def write_traced(folder: Path, traced: TracedScene) -> Path:
+    """Write a scene folder of the traced photos, whose cameras state no depths; returns the folder."""
+    (folder / "images").mkdir()
+    for i, image in enumerate(traced.images):
+        write_png(folder / "images" / f"{i:04}.png", image)
+    document = scene_document(traced.cameras)
+    del document["near"], document["far"]
+    (folder / "cameras.json").write_text(json.dumps(document))
+    return folder

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians, scene_document, write_scene
-from two_planes import trace
+from scenes import make_smooth_gaussians, write_scene
+from two_planes import trace, write_traced
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.recipe import memory
 from tinysplat_runtime.recipe.encode import Listener, encode
 from tinysplat_runtime.recipe.request import EncodeRequest
-from tinysplat_runtime.scene.images import write_png
 
 VIEWS, HEIGHT, WIDTH = 7, 500, 660
 RUNTIME = ts.Runtime(threads=2)
@@ -27,13 +25,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Seven photos larger than networks are given, and cameras that state no depths."""
     folder = tmp_path_factory.mktemp("many")
     traced = trace(VIEWS, HEIGHT, WIDTH, spacing=0.12, subpixels=1)
-    (folder / "images").mkdir()
-    for i, image in enumerate(traced.images):
-        write_png(folder / "images" / f"{i:04}.png", image)
-    document = scene_document(traced.cameras)
-    del document["near"], document["far"]
-    (folder / "cameras.json").write_text(json.dumps(document))
-    return folder
+    return write_traced(folder, traced)
 
 
 def commanded(folder: Path, target: Path, *words: str) -> bytes:

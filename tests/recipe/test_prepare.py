@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import scene_document
-from two_planes import trace
+from two_planes import trace, write_traced
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
 
 VIEWS, HEIGHT, WIDTH = 10, 48, 64
 
@@ -25,13 +22,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten photos in a row, farther from each other than needed, and cameras that state no depths."""
     folder = tmp_path_factory.mktemp("row")
     traced = trace(VIEWS, HEIGHT, WIDTH, spacing=0.25, subpixels=1)
-    (folder / "images").mkdir()
-    for i, image in enumerate(traced.images):
-        write_png(folder / "images" / f"{i:04}.png", image)
-    document = scene_document(traced.cameras)
-    del document["near"], document["far"]
-    (folder / "cameras.json").write_text(json.dumps(document))
-    return folder
+    return write_traced(folder, traced)
 
 
 def chosen(scene: object, **options: object) -> tuple[list[str], list[str]]:
