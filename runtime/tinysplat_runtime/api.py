@@ -12,15 +12,13 @@ from functools import lru_cache, wraps
 from inspect import signature
 from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
-from .codec.decoder import decode_gaussians
-from .codec.profiles import DEFAULT_PROFILE
-from .container.layout import SUFFIX
+from .container.layout import MAX_FILE_BYTES, SUFFIX
 from .container.records import Limits
 from .errors import InputError, SceneWarning, TinySplatError, warn
 from .gaussian.gaussians import Gaussians
+from .graphs import DEFAULT_MODEL
 from .graphs.inference import GraphStore
 from .graphs.providers import CPU, Provider
-from .recipe.request import DEFAULT_MODEL, MAX_FILE_BYTES
 from .system.files import StrPath, read_limited, write_atomically
 from .system.stopwatch import Stopwatch
 from .system.threads import available_cores
@@ -116,7 +114,7 @@ class Runtime:
         steps: int | None = None,
         *,
         seconds: float | None = None,
-        profile: str = DEFAULT_PROFILE,
+        profile: str | None = None,
         qp: float | None = None,
         stats: RefineStats | None = None,
         show: Callable[..., Iterator[int]] | None = None,
@@ -246,6 +244,8 @@ class Runtime:
             InputError: `data` is no bytes, `max_bytes` is below 1, or `views` are not different views of the file.
             ModelError: the file carries photos, and the network that it names is not at hand.
         """
+        from .codec.decoder import decode_gaussians
+
         _check_are_bytes(data)
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")

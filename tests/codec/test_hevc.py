@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane, pad_plane, rectangles
+from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane, pad_plane, rectangles
+from tinysplat_runtime.codec.profiles import EncoderSettings
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import hevc_step, padded_size
 
@@ -146,7 +147,8 @@ def test_memory_that_libx265_would_end_the_process_without_is_an_error(free_mb: 
     code = f"""
 import resource
 import numpy as np
-from tinysplat_runtime.codec.hevc import EncoderSettings, encode_plane
+from tinysplat_runtime.codec.hevc import encode_plane
+from tinysplat_runtime.codec.profiles import EncoderSettings
 codes = np.zeros((64, 64), np.uint16)
 held = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (held + {free_mb}_000_000, resource.RLIM_INFINITY))

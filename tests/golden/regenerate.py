@@ -16,7 +16,8 @@ sys.path[:0] = [str(ROOT / "runtime"), str(ROOT / "tests")]
 from golden_cases import DATA, FILES, golden_planes  # noqa: E402
 
 import tinysplat_runtime as ts  # noqa: E402
-from tinysplat_runtime.codec.hevc import EncoderSettings, encode_plane  # noqa: E402
+from tinysplat_runtime.codec.hevc import encode_plane  # noqa: E402
+from tinysplat_runtime.codec.profiles import EncoderSettings  # noqa: E402
 from tinysplat_runtime.gaussian.gaussians import FIELDS  # noqa: E402
 
 

@@ -7,7 +7,8 @@ import pytest
 from golden_cases import DATA, FILES, golden_planes
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.profiles import EncoderSettings
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 

@@ -19,7 +19,8 @@ from scenes import make_cameras
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.decoder import decode_gaussians
-from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.profiles import EncoderSettings
 from tinysplat_runtime.codec.recode import encode_like
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.reader import read_container

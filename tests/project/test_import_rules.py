@@ -78,8 +78,9 @@ def test_runtime_imports_only_what_ships_to_the_edge() -> None:
 
 
 def test_runtime_imports_nothing_by_name_at_run_time() -> None:
-    """`importlib` and `__import__` pass by the list above: the public door, the command line and the codec's modes
-    load their own so, and `--provider` onnxruntime's plug-in packages, of which the user has what the machine has."""
+    """`importlib` and `__import__` pass by the list above: the public door, the command line, the codec's modes
+    and formats load their own so, and `--provider` onnxruntime's plug-in packages, of which the user has what the
+    machine has."""
     names = {
         path.relative_to(RUNTIME).as_posix(): {
             getattr(node, "attr", getattr(node, "id", None))
@@ -92,6 +93,7 @@ def test_runtime_imports_nothing_by_name_at_run_time() -> None:
         "__init__.py",
         "cli/run.py",
         "codec/modes/registry.py",
+        "formats/table.py",
         "graphs/providers.py",
     }
 
@@ -358,7 +360,11 @@ IDLE = ("codec.encoder", "codec.rate", "codec.depth_step", "graphs.enlarge", "sc
 
 @pytest.mark.parametrize(
     ("command", "output", "idle"),
-    [("render", "p.png", (*IDLE, "formats")), ("decode", "g.npz", IDLE), ("info", "", IDLE)],
+    [
+        ("render", "p.png", (*IDLE, "formats.")),
+        ("decode", "g.npz", (*IDLE, "render", "recipe", "formats.ply", "formats.usd", "scene.images")),
+        ("info", "", (*IDLE, "av", "onnxruntime", "formats.", "codec.layers", "render", "recipe")),
+    ],
 )
 def test_commands_that_read_a_file_load_neither_encoder_nor_layouts(tmp_path: Path, command, output, idle) -> None:
     file = ROOT / "tests" / "golden" / "data" / "tiny_paper.tsplat"

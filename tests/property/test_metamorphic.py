@@ -18,8 +18,8 @@ from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.hevc import EncoderSettings, PlaneDecoder, encode_plane
-from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.profiles import EncoderSettings, find_profile
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.gaussian.gaussians import Gaussians

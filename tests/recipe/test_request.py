@@ -12,9 +12,10 @@ import pytest
 
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.notes import OPTIONS
 from tinysplat_runtime.recipe import request as requests
 from tinysplat_runtime.recipe import words
-from tinysplat_runtime.recipe.request import NOTES, Coding, EncodeOptions, EncodeRequest
+from tinysplat_runtime.recipe.request import Coding, EncodeOptions, EncodeRequest
 from tinysplat_runtime.recipe.words import AutoViews, Refinement
 
 
@@ -83,7 +84,7 @@ def test_options_by_name_are_the_fields_and_their_types() -> None:
     given = get_type_hints(EncodeOptions, vars(requests) | {"Unpack": None})
     nested = {"coding", "refinement", "notes", "scene", "keep_all"}  # the last is of Gaussians of no pixels
     stated = {one.name: one.type for cls in (EncodeRequest, Coding) for one in fields(cls) if one.name not in nested}
-    assert set(given) == {*stated, *NOTES, "refine"}
+    assert set(given) == {*stated, *OPTIONS, "refine"}
     in_words = {"views", "size", "target_size"}
     for name, kinds in stated.items():
         assert name in in_words or EncodeOptions.__annotations__[name].__forward_arg__ == kinds, name

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime import Gaussians, Runtime, load_gaussians, load_scene
-from tinysplat_runtime.codec.hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.hevc import CodedPlane, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.profiles import EncoderSettings
 from tinysplat_runtime.container.planes import Planes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.render import Renderer

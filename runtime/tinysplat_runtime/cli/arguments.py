@@ -7,34 +7,44 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..prune.amount import Amount
-from ..recipe import words
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from ..prune.amount import Amount
 
 
-def _word(read: Callable[[str], T]) -> Callable[[str], T]:
-    """What manifests have too, as argparse takes it."""
+def _word(name: str) -> Callable[[str], Any]:
+    """What manifests have too, as argparse takes it: a function of `recipe.words`, loaded for the first word."""
 
-    def parse(text: str) -> T:
+    def parse(text: str) -> Any:
+        from ..recipe import words
+
         try:
-            return read(text)
+            return getattr(words, name)(text)
         except InputError as error:
             raise argparse.ArgumentTypeError(error.message) from None
 
     return parse
 
 
-indices = _word(words.indices)
-views = _word(words.views)
-size = _word(words.size)
-size_or_full = _word(words.size_or_full)
-byte_count = _word(words.byte_count)
-budget = _word(words.refinement)
-amount = _word(Amount.of)
+indices = _word("indices")
+views = _word("views")
+size = _word("size")
+size_or_full = _word("size_or_full")
+byte_count = _word("byte_count")
+budget = _word("refinement")
+
+
+def amount(text: str) -> Amount:
+    """A share, a number of dB, or a count, as `prune.amount` has them."""
+    from ..prune.amount import Amount
+
+    try:
+        return Amount.of(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(error.message) from None
 
 
 def port(text: str) -> int:

@@ -11,13 +11,10 @@ from ..container.layout import SUFFIX
 from ..errors import InputError, TinySplatError
 from ..graphs.artifacts import load_manifest
 from ..graphs.providers import providers_of
-from ..recipe.report import file_report
 from ..system.stopwatch import Stopwatch
-from .describe import describe_gaussians, gaussians_text, info_text
 from .files import noted, read_file
 from .given import described_limits_of, notes_of, reading_of, selection_of, voice_of, writing_of
 from .outputs import STANDARD
-from .reports import write_json
 
 
 def decode(args: Namespace) -> None:
@@ -32,6 +29,9 @@ def decode(args: Namespace) -> None:
     with watch.stage("write"):
         writing_of(args).write(args.output, gaussians)
     if args.report:
+        from ..recipe.report import file_report
+        from .reports import write_json
+
         described = inspect_bytes(data, is_prefix=reading.is_in_part)
         write_json(args.report, file_report(described, watch))
     voice_of(args)(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
@@ -39,6 +39,8 @@ def decode(args: Namespace) -> None:
 
 def info(args: Namespace) -> None:
     """What a file holds."""
+    from .describe import describe_gaussians, gaussians_text, info_text
+
     if args.file != STANDARD and not args.file.lower().endswith(SUFFIX):
         about = describe_gaussians(args.file)
         print(json.dumps(about, indent=2) if args.json else gaussians_text(about))

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.table import find_format, load_gaussians
-
 MOST_LISTED = 12
 """Views whose bytes `info` lists one by one."""
 
@@ -20,6 +18,8 @@ def describe_gaussians(file: str) -> dict[str, Any]:
     Raises:
         InputError: missing, damaged, or of an unknown ending.
     """
+    from ..formats.table import find_format, load_gaussians
+
     gaussians = load_gaussians(file)
     flat = gaussians.flat()
     means = flat.means.astype(np.float64) + flat.origin

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..api import MAX_FILE_BYTES, Runtime
-from ..container.layout import MAGIC, SUFFIX
+from ..api import Runtime
+from ..container.layout import MAGIC, MAX_FILE_BYTES, SUFFIX
 from ..container.records import Limits
 from ..errors import InputError, TinySplatError
 from ..gaussian.editing import select_views

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..container.layout import SUFFIX
 from ..container.records import Limits
 from ..errors import InputError
-from ..recipe.request import NOTES, Coding, CompressOptions, EncodeOptions, EncodeRequest
+from ..gaussian.notes import OPTIONS
 from .files import Reading, Voice
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # who reads a file asks for no coding
+    from ..recipe.request import Coding, EncodeRequest
     from .written import Selection, Writing
 
 
@@ -40,7 +41,7 @@ def voice_of(args: Namespace) -> Voice:
 
 def notes_of(args: Namespace) -> dict[str, str]:
     """What is said of the Gaussians, by name; an empty text takes back what they said of themselves."""
-    return {name: getattr(args, name) for name in NOTES if getattr(args, name) is not None}
+    return {name: getattr(args, name) for name in OPTIONS if getattr(args, name) is not None}
 
 
 def selection_of(args: Namespace) -> Selection:
@@ -71,27 +72,33 @@ def writing_of(args: Namespace) -> Writing:
     )
 
 
-def given(args: Namespace, names: Any = EncodeOptions.__annotations__) -> dict[str, Any]:
-    """The options of `encode` that a command line gives, by name."""
+def given(args: Namespace, names: Iterable[str]) -> dict[str, Any]:
+    """Those of some options that a command line gives, by name."""
     found = {name: getattr(args, name, None) for name in names}
     return {name: value for name, value in found.items() if value is not None and value is not False}
 
 
 def coding_of(args: Namespace) -> Coding:
     """How `compress` is to code; InputError names the option at fault."""
+    from ..recipe.request import Coding, CompressOptions
+
     with _named():
         return Coding(**given(args, ("profile", "qp", "mode", *CompressOptions.__annotations__)))
 
 
 def request_of(args: Namespace) -> EncodeRequest:
     """What `encode` is to do; InputError names the option at fault."""
+    from ..recipe.request import EncodeOptions, EncodeRequest
+
     with _named():
-        return EncodeRequest.of(args.scene, **given(args))
+        return EncodeRequest.of(args.scene, **given(args, EncodeOptions.__annotations__))
 
 
 @contextlib.contextmanager
 def _named() -> Iterator[None]:
     """Fields of a request as the options that they came from."""
+    from ..recipe.request import EncodeOptions
+
     try:
         yield
     except InputError as error:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import argparse
 
 from ..codec.modes import CHOICES, DEFAULT_MODE
-from ..codec.profiles import DEFAULT_PROFILE, PROFILES
 from .arguments import budget, byte_count, size_or_full, views
 
 
 def add_coding(parser: argparse.ArgumentParser) -> None:
     """How planes are coded."""
+    from ..codec.profiles import DEFAULT_PROFILE, PROFILES
+
     parser.add_argument("--profile", choices=PROFILES, help=f"default: {DEFAULT_PROFILE}")
     rate = parser.add_mutually_exclusive_group()
     rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")

@@ -13,6 +13,7 @@ from typing import NoReturn, TypeAlias
 from .. import __version__
 from ..codec.modes import CHOICES
 from ..errors import InputError
+from ..formats import SH_BITS, SPZ_VERSION
 from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
 from .arguments import amount, byte_count, count, indices, numbers, port, positive, size
 from .options import add_coding, add_notes, add_photos, add_provider
@@ -106,11 +107,11 @@ def _selection() -> _Parser:
         "--points", action="store_true", help="write a plain point cloud (.ply) of means and colours"
     )
     selection.add_argument(
-        "--sh-bits", type=indices, default=(5, 4), metavar="A,B",
+        "--sh-bits", type=indices, default=SH_BITS, metavar="A,B",
         help="bits that .spz keeps of SH coefficients of degree 1 and above it, up to 8,8; default 5,4",
     )  # fmt: skip
     selection.add_argument(
-        "--spz-version", type=int, choices=(2, 3, 4), default=3,
+        "--spz-version", type=int, choices=(2, 3, 4), default=SPZ_VERSION,
         help="of a written .spz; 4 keeps SH degree 4 and needs readers that know zstd; default 3",
     )  # fmt: skip
     selection.add_argument(

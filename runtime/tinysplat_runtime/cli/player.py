@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError
 from ..graphs.artifacts import load_manifest
 from ..graphs.enlarge import LARGE_PIXELS
@@ -16,7 +17,6 @@ from ..graphs.inference import GraphStore
 from ..graphs.predict import Limits
 from ..page.build import player_page
 from ..system.files import read_limited, write_atomically
-from .files import MAX_FILE_BYTES
 
 RUNTIME, WASM = "ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm"
 PAGE = "index.html"

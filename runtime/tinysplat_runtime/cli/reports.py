@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from ..container.inspection import inspect_bytes
+from ..container.layout import MAX_FILE_BYTES
 from ..gaussian.gaussians import Gaussians
 from ..recipe.report import file_report
 from ..system.files import read_limited, write_atomically
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
-from .files import MAX_FILE_BYTES, Reading
+from .files import Reading
 
 
 def render_report(file: str, reading: Reading, gaussians: Gaussians, watch: Stopwatch) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import importlib
 import io
 import os
@@ -166,12 +167,21 @@ def _run(arguments: list[str]) -> int:
         check_outputs(args)
         own = importlib.import_module(f".{_MODULES.get(args.command, 'commands')}", __package__)
         run: Callable[[argparse.Namespace], None] = getattr(own, args.command)
+        _collect_garbage()
         run(args)
     return 0
 
 
+def _collect_garbage() -> None:
+    """From here on, where it is off while modules load; what they made stays, and is not looked at again."""
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
+
+
 def _joined(run: Callable[[argparse.Namespace], int | None], args: argparse.Namespace) -> int:
     """Run a command of another package; what its extra brings is imported where it is needed."""
+    _collect_garbage()
     try:
         return run(args) or 0
     except ImportError as error:

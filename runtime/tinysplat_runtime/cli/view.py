@@ -13,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..api import compress, decompress
-from ..container.layout import SUFFIX
+from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
@@ -23,7 +23,6 @@ from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.matching import reach_of, taken_as
 from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
-from .files import MAX_FILE_BYTES
 from .player import write_player
 
 FINE_QP = -6.0

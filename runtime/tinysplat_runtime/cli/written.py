@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..api import MAX_FILE_BYTES
-from ..container.layout import SUFFIX
+from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.reader import read_container
 from ..errors import InputError
 from ..formats.table import save_gaussians, save_points
 from ..gaussian.editing import cut_degree, drop_transparent, trim_border
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.thin import thinned
-from ..prune.amount import Amount
-from ..render.near import FEW
 from ..system.files import read_limited
 from ..system.progress import progress
 from ..system.threads import Crew, available_cores
 from .files import Reading, Voice, write_file
 from .outputs import is_standard
+
+if TYPE_CHECKING:
+    from ..prune.amount import Amount
 
 
 @dataclass(frozen=True)
@@ -58,14 +57,24 @@ class Selection:
             gaussians = trim_border(gaussians, self.trim_border)
         if self.fuse is not None:
             gaussians = self._fused(gaussians, self.fuse)
-        elif self.thins and len(gaussians.cameras) > FEW:
-            whole, gaussians = gaussians.count, thinned(gaussians, Crew(self.threads or available_cores()).map)
-            if not self.quiet:
-                found = f"{gaussians.count} of {whole} Gaussians go out, for viewers that draw all"
-                print(f"{found}; --fuse makes them one, --keep-all keeps all", file=sys.stderr)
+        elif self.thins:
+            gaussians = self._thinned(gaussians)
         if self.min_opacity is not None:
             gaussians = drop_transparent(gaussians, self.min_opacity)
         return gaussians if self.sh_degree is None else cut_degree(gaussians, self.sh_degree)
+
+    def _thinned(self, gaussians: Gaussians) -> Gaussians:
+        from ..render.near import FEW
+
+        if len(gaussians.cameras) <= FEW:
+            return gaussians
+        from ..gaussian.thin import thinned
+
+        found = thinned(gaussians, Crew(self.threads or available_cores()).map)
+        if not self.quiet:
+            said = f"{found.count} of {gaussians.count} Gaussians go out, for viewers that draw all"
+            print(f"{said}; --fuse makes them one, --keep-all keeps all", file=sys.stderr)
+        return found
 
     def _fused(self, gaussians: Gaussians, seconds: float) -> Gaussians:
         try:
@@ -159,6 +168,8 @@ class Writing:
 
     def _write_standard(self, path: str, gaussians: Gaussians) -> None:
         """To standard output by way of a temporary file; `-` alone is a .tsplat file."""
+        import tempfile
+
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / f"standard output{Path('x' + path[1:]).suffix or SUFFIX}"
             self.write(str(copy), gaussians)

@@ -23,9 +23,9 @@ from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from .analysis import MAX_PLANE, project_layer
-from .hevc import CodedPlane, EncoderSettings, PlaneDecoder, encode_plane
+from .hevc import CodedPlane, PlaneDecoder, encode_plane
 from .planning import Planner, ProjectedScene, planner_of
-from .profiles import Profile
+from .profiles import EncoderSettings, Profile
 from .quantise import CodeMap, choose_code_map, mean_and_spread, without_outliers
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)

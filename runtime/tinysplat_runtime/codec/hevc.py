@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import av
 import numpy as np
@@ -21,7 +22,9 @@ from numpy.typing import NDArray
 from ..errors import FormatError, TinySplatError
 from ..gaussian.planes import BIT_DEPTH, MAX_QP, QP_BLOCK, padded_size, qp_block_side
 from ..system.stopwatch import part
-from .profiles import EncoderSettings
+
+if TYPE_CHECKING:  # who decodes knows no profiles
+    from .profiles import EncoderSettings
 
 _PIXEL_FORMAT = "gray12le"
 _START_CODE = b"\x00\x00\x00\x01"

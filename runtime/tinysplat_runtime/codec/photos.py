@@ -18,7 +18,8 @@ from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
 from ..system.blas import product
-from .hevc import EncoderSettings, PictureDecoder, encode_picture
+from .hevc import PictureDecoder, encode_picture
+from .profiles import EncoderSettings
 
 BASE_QP = 20
 """QP of the photos at Q_g = 0; Q_g moves it one for one, as it does the planes' steps."""

@@ -30,9 +30,9 @@ from .base import fitted_sh
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
 from .decoder import decode_gaussians
 from .encoder import EncodeStats, check_readable
-from .hevc import EncoderSettings, PlaneDecoder, encode_plane
+from .hevc import PlaneDecoder, encode_plane
 from .one_colour import as_seen
-from .profiles import PaperSettings, Profile, find_profile
+from .profiles import EncoderSettings, PaperSettings, Profile, find_profile
 from .quantise import CodeMap
 
 SAME = 0.25

@@ -11,6 +11,9 @@ from ..gaussian.planes import CODING_ORDER
 
 SUFFIX = ".tsplat"
 
+MAX_FILE_BYTES = 1 << 31
+"""Largest file that is read."""
+
 MAGIC = b"\x89TSPLAT\n"  # a byte no text has, and a line feed that text-mode copying would alter
 MAJOR, MINOR = 1, 0
 

@@ -9,18 +9,20 @@ import struct
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import accumulate, pairwise
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 from zlib import crc32
 
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
-from ..scene.neighbours import Group
 from . import layout as L
 from .body import Body, Description, Opened, Piece
 from .planes import Planes
 from .records import StreamRef, read_streams
 from .sections import Cursor, NewSection
 from .units import UNIT_KINDS
+
+if TYPE_CHECKING:  # most files hold no photos
+    from ..scene.neighbours import Group
 
 NETWORK = b"NETW"
 PHOTOS = b"PHOT"
@@ -129,8 +131,7 @@ class Photos(Body):
         """Parse and check the sections NETW, PHOT and PICS."""
         file.check_counts(fewest_layers=0)
         network = _read_network(Cursor(file.only(NETWORK)))
-        whole = (Group(tuple(range(file.views)), tuple(range(file.views))),)
-        groups = _read_groups(Cursor(file.only(GROUPS)), file.views) if file.has(GROUPS) else whole
+        groups = _read_groups(Cursor(file.only(GROUPS)), file.views) if file.has(GROUPS) else _whole(file.views)
         pictures = file.only(PHOTO_PICTURES)
         photos = _read_photos(Cursor(file.only(PHOTOS)), file.views, pictures.data)
         pixels = file.views * photos.height * photos.width
@@ -220,8 +221,17 @@ def _read_network(cursor: Cursor) -> NetworkRef:
     return NetworkRef(name.decode("ascii"), digest.hex(), near, far)
 
 
+def _whole(views: int) -> tuple[Group, ...]:
+    """All views as one group."""
+    from ..scene.neighbours import Group
+
+    return (Group(tuple(range(views)), tuple(range(views))),)
+
+
 def _read_groups(cursor: Cursor, views: int) -> tuple[Group, ...]:
     """Parse and check a GRPS section: every view is kept once, every group keeps one."""
+    from ..scene.neighbours import Group
+
     (count,) = cursor.unpack(GROUPS_FIXED)
     groups, kept_once = [], set[int]()
     for number in range(count):

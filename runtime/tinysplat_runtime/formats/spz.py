@@ -23,6 +23,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
+from . import SH_BITS, SPZ_VERSION
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .spz_streams import (
     MAX_DEGREE,
@@ -33,12 +34,6 @@ from .spz_streams import (
     pack_blocks,
     read_blocks,
 )
-
-SPZ_VERSION = 3
-"""What is written unless asked otherwise: the newest that readers without zstd open."""
-
-SH_BITS = (5, 4)
-"""Bits of an SH coefficient of degree 1 and above it, out of the 8 that are stored; the SPZ library's own default."""
 
 _MAX_DEGREE = {2: 3, 3: 3, 4: MAX_DEGREE}
 """The highest SH degree that readers of a version know."""

@@ -1,14 +1,15 @@
 """The formats of Gaussian files: what each is, who reads and writes it, and the two doors `load_gaussians` and
 `save_gaussians`.
 
-A format is a module beside this one and a row of FORMATS. Its reader gives arrays, from which `assembly` makes
-Gaussians; its writer takes Gaussians of any shape and says what it could not keep. But for .npz and .safetensors, none
-knows pixels or layers: all layers become one list of points, and a list of points becomes a grid again where its order
-is given.
+A format is a module beside this one, loaded when it is used, and a row of FORMATS. Its reader gives arrays, from which
+`assembly` makes Gaussians; its writer takes Gaussians of any shape and says what it could not keep. But for .npz and
+.safetensors, none knows pixels or layers: all layers become one list of points, and a list of points becomes a grid
+again where its order is given.
 """
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +23,8 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import NAMES, NO_NOTES, Notes
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
-from ..scene.images import to_uint8
 from ..system.files import StrPath, atomic_path, check_readable
-from . import arrays, compressed_ply, file_notes, gltf, gltf_reader, ply, sog, splat, spz, usd
-from .assembly import Points, assemble, without_invalid
+from . import SH_BITS, SPZ_VERSION
 
 MAX_BYTES = 8 << 30
 """Most memory that the arrays of one file may take: 24 million Gaussians of SH degree 4."""
@@ -41,8 +40,8 @@ class WriteOptions:
         gltf_spz: whether glTF files hold their Gaussians as SPZ, by a draft of an extension; see `gltf`.
     """
 
-    sh_bits: tuple[int, int] = spz.SH_BITS
-    spz_version: int = spz.SPZ_VERSION
+    sh_bits: tuple[int, int] = SH_BITS
+    spz_version: int = SPZ_VERSION
     gltf_spz: bool = False
 
 
@@ -73,9 +72,24 @@ class Format:
     room: tuple[str, ...] = NAMES
 
 
+def _from(place: str) -> Callable[..., Any]:
+    """The function at a place such as `ply.read_ply`, whose module is loaded when it is called."""
+    module, _, name = place.partition(".")
+    return lambda *arguments: getattr(importlib.import_module(f".{module}", __package__), name)(*arguments)
+
+
+def _to(place: str) -> Callable[..., list[str]]:
+    """The same of a writer that knows no options."""
+    write = _from(place)
+    return lambda path, gaussians, options: write(path, gaussians)
+
+
 def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
+    from .assembly import Points
+    from .spz import encode_spz
+
     points = Points.of(gaussians)
-    data, notes = spz.encode_spz(
+    data, notes = encode_spz(
         points.gaussians,
         points.means,
         options.sh_bits,
@@ -87,58 +101,61 @@ def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
 
 
 def _gltf(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
+    from .gltf import write_gltf
+    from .spz import encode_spz
+
     if not options.gltf_spz:
-        return gltf.write_gltf(path, gaussians)
-    if options.spz_version > spz.SPZ_VERSION:
-        raise InputError(f"{options.spz_version} within glTF, expected at most {spz.SPZ_VERSION}", where="SPZ version")
+        return write_gltf(path, gaussians)
+    if options.spz_version > SPZ_VERSION:
+        raise InputError(f"{options.spz_version} within glTF, expected at most {SPZ_VERSION}", where="SPZ version")
     antialiased = bool(gaussians.notes.antialiased)
 
     def pack(flat: Gaussians) -> tuple[bytes, list[str]]:
-        return spz.encode_spz(flat, flat.means, options.sh_bits, options.spz_version, antialiased=antialiased)
+        return encode_spz(flat, flat.means, options.sh_bits, options.spz_version, antialiased=antialiased)
 
-    return gltf.write_gltf(path, gaussians, pack)
-
-
-def _without_options(write: Callable[[Path, Gaussians], list[str]]) -> Callable[..., list[str]]:
-    return lambda path, gaussians, options: write(path, gaussians)
+    return write_gltf(path, gaussians, pack)
 
 
 FORMATS = (
     Format(
         "npz", (".npz",), "everything, exactly", "numpy", "",
-        arrays.read_npz, _without_options(arrays.write_npz), file_notes.npz_notes,
+        _from("arrays.read_npz"), _to("arrays.write_npz"), _from("file_notes.npz_notes"),
     ),
     Format(
         "safetensors", (".safetensors",), "everything, exactly", "safetensors", "io",
-        arrays.read_safetensors, _without_options(arrays.write_safetensors), file_notes.safetensors_notes,
+        _from("arrays.read_safetensors"), _to("arrays.write_safetensors"), _from("file_notes.safetensors_notes"),
     ),
     Format(
         "compressed PLY", (".compressed.ply",), "a list of points; 8 to 11 bits of their chunk's range, SH to degree 3",
-        "gaussforge", "io", ply.read_ply, _without_options(compressed_ply.save_compressed_ply), file_notes.ply_notes,
+        "gaussforge", "io",
+        _from("ply.read_ply"), _to("compressed_ply.save_compressed_ply"), _from("file_notes.ply_notes"),
     ),
     Format(
         "PLY (3DGS)", (".ply",), "a list of points, float, SH to degree 3", "plyfile, splat-transform", "io",
-        ply.read_ply, _without_options(ply.save_ply), file_notes.ply_notes,
+        _from("ply.read_ply"), _to("ply.save_ply"), _from("file_notes.ply_notes"),
     ),
     Format(
         "SPZ", (".spz",), "a list of points, 24-bit positions, bytes, SH to degree 3 (4 in version 4)",
-        "gaussforge, splat-transform", "io", spz.read_spz, _spz, spz.read_spz_notes, ("antialiased",),
+        "gaussforge, splat-transform", "io",
+        _from("spz.read_spz"), _spz, _from("spz.read_spz_notes"), ("antialiased",),
     ),
     Format(
         "glTF", (".glb", ".gltf"), "a list of points, float, SH to degree 3; cameras, origin, notes",
         "three.js, Babylon.js, CesiumJS", "",
-        gltf_reader.read_gltf, _gltf, gltf_reader.read_gltf_notes,
+        _from("gltf_reader.read_gltf"), _gltf, _from("gltf_reader.read_gltf_notes"),
     ),
     Format(
         "SOG", (".sog", "meta.json"), "a list of points, 16-bit positions, codebooks, SH to degree 3 from a palette",
-        "gaussforge", "io", sog.read_sog, _without_options(sog.save_sog), sog.read_sog_notes, ("antialiased",),
+        "gaussforge", "io",
+        _from("sog.read_sog"), _to("sog.save_sog"), _from("sog.read_sog_notes"), ("antialiased",),
     ),
     Format(
-        "USD", usd.SUFFIXES, "a list of points, float, SH to degree 4, origin, notes", "usd-core", "usd",
-        usd.read_usd, _without_options(usd.write_usd), usd.read_usd_notes,
+        "USD", (".usd", ".usda", ".usdc", ".usdz"), "a list of points, float, SH to degree 4, origin, notes",
+        "usd-core", "usd",
+        _from("usd.read_usd"), _to("usd.write_usd"), _from("usd.read_usd_notes"),
     ),
-    Format("splat", (".splat",), "a list of points, bytes, one colour", "gaussforge", "", splat.read_splat),
-    Format("ksplat", (".ksplat",), "a list of points, SH to degree 2", "gaussforge", "", splat.read_ksplat),
+    Format("splat", (".splat",), "a list of points, bytes, one colour", "gaussforge", "", _from("splat.read_splat")),
+    Format("ksplat", (".ksplat",), "a list of points, SH to degree 2", "gaussforge", "", _from("splat.read_ksplat")),
 )  # fmt: skip
 
 
@@ -183,7 +200,13 @@ def load_gaussians(
     Raises:
         InputError: names the file and the array: missing, damaged, too large, of another shape, out of range.
     """
-    path = sog.in_folder(Path(path))
+    from .assembly import assemble, without_invalid
+
+    path = Path(path)
+    if path.is_dir():
+        from .sog import in_folder
+
+        path = in_folder(path)
     form = find_format(path, written=False)
     check_readable(path)
     if cameras and grid is None:
@@ -210,8 +233,8 @@ def load_gaussians(
 def save_gaussians(
     path: StrPath,
     gaussians: Gaussians,
-    sh_bits: tuple[int, int] = spz.SH_BITS,
-    spz_version: int = spz.SPZ_VERSION,
+    sh_bits: tuple[int, int] = SH_BITS,
+    spz_version: int = SPZ_VERSION,
     *,
     gltf_spz: bool = False,
 ) -> list[str]:
@@ -254,12 +277,17 @@ def save_points(path: StrPath, gaussians: Gaussians) -> None:
     """
     if Path(path).suffix.lower() != ".ply":
         raise InputError(f"suffix '{Path(path).suffix.lower()}', expected .ply", where=str(path))
+    from ..scene.images import to_uint8
+    from .assembly import Points
+    from .file_notes import ply_comments
+    from .ply import write_points
+
     points = Points.of(gaussians)
     try:
         with atomic_path(path) as temporary:
             positions = points.means if points.is_far else points.means.astype(np.float32)
             colours = to_uint8(0.5 + C0 * points.gaussians.sh[:, 0])
-            ply.write_points(temporary, positions, colours, file_notes.ply_comments(gaussians.notes))
+            write_points(temporary, positions, colours, ply_comments(gaussians.notes))
     except ImportError:
         raise _missing_package(path, find_format("points.ply", written=True)) from None
 

@@ -28,7 +28,6 @@ from ..system.files import parsing
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .usd_worker import NOTE_KEY
 
-SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MAX_DEGREE = 4
 PRIM = "/Scene/Gaussians"
 
@@ -39,7 +38,7 @@ def write_usd(path: Path, gaussians: Gaussians) -> list[str]:
     """Write points.
 
     Args:
-        path: its suffix, one of SUFFIXES, chooses between text, binary and package.
+        path: its suffix chooses between text, binary and package.
         gaussians: of any shape.
 
     Returns:

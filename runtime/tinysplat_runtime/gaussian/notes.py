@@ -15,6 +15,9 @@ from ..errors import InputError
 MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3, "thinned": 128}
 """Longest text of a field in UTF-8."""
 
+OPTIONS = ("unit", "attribution", "licence")
+"""Those that whoever makes a file says; the file carries them as they are."""
+
 YES = "yes"
 
 _REFUSED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control and formatting characters, surrogates, line and paragraph ends

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from ..codec.modes import CHOICES, DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE, Profile, find_profile
+from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError
-from ..gaussian.notes import Notes
+from ..gaussian.notes import OPTIONS, Notes
+from ..graphs import DEFAULT_MODEL
 from ..system.files import StrPath, read_limited
 from . import words
 from .types import check_types, shown
@@ -25,16 +27,8 @@ if TYPE_CHECKING:
 
     from ..scene.scenes import Scene
 
-DEFAULT_MODEL = "edge"
-
-MAX_FILE_BYTES = 1 << 31
-"""Largest `.tsplat` file that is read."""
-
 RATE = ("qp", "target_size", "target_psnr", "lossless", "like")
 """Options that say how fine planes are coded; one of them at most."""
-
-NOTES = ("unit", "attribution", "licence")
-"""Options that the file carries as they are."""
 
 
 def rates_of(options: Mapping[str, Any]) -> list[str]:
@@ -186,7 +180,7 @@ class EncodeRequest:
             refine = Refinement(steps=int(refine))
         if refine is not None and not isinstance(refine, Refinement):
             raise InputError(f"{shown(refine)}, expected steps such as 20 or seconds such as 10s", where="refine")
-        notes = Notes(**{name: text for name in NOTES if (text := given.pop(name, None)) is not None})
+        notes = Notes(**{name: text for name in OPTIONS if (text := given.pop(name, None)) is not None})
         coding = Coding(**{one.name: given.pop(one.name) for one in fields(Coding) if one.name in given})
         return cls(scene, coding=coding, refinement=refine, notes=notes, **given)
 

@@ -17,8 +17,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes
 from tinysplat_runtime.codec.basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
 from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.hevc import EncoderSettings
-from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PAPER, PROFILES, Profile, find_profile
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PAPER, PROFILES, EncoderSettings, Profile, find_profile
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.gaussians import Gaussians

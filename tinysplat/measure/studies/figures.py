@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import project_layer
-from tinysplat_runtime.codec.hevc import EncoderSettings
-from tinysplat_runtime.codec.profiles import PAPER, PROFILES
+from tinysplat_runtime.codec.profiles import PAPER, PROFILES, EncoderSettings
 from tinysplat_runtime.codec.quantise import choose_code_map
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians

@@ -13,12 +13,12 @@ from ...container.photos import NetworkRef
 from ...gaussian.gaussians import Gaussians
 from ...graphs.inference import GraphStore
 from ..layers import OpenFile
-from ..profiles import Profile
 
 if TYPE_CHECKING:  # who decodes loads no encoder
     from ...scene.neighbours import Group
     from ...scene.scenes import Scene
     from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
+    from ..profiles import Profile
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,59 @@
+"""The command as a process: it ends at once, and nothing that it had to say or do is lost by that."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FILE = ROOT / "tests" / "golden" / "data" / "tiny_paper.tsplat"
+
+
+def run(body: str, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    """A process whose command `models` is `body`."""
+    code = (
+        "import atexit, gc, sys, threading, time\n"
+        "from tinysplat_runtime.cli import commands\n"
+        f"def models(args):\n{body}"
+        "commands.models = models\n"
+        "from tinysplat_runtime.__main__ import main\n"
+        "sys.exit(main())\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    command = [sys.executable, "-c", code, *map(str, words or ("models",))]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_what_was_said_and_registered_is_out_before_the_process_ends() -> None:
+    done = run(
+        "    threading.Thread(target=lambda: (time.sleep(0.2), print('a thread'))).start()\n"
+        "    atexit.register(print, 'last words')\n"
+        "    sys.stdout.write('no line feed')\n"
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "no line feeda thread\nlast words\n", "")
+
+
+def test_libraries_are_not_taken_down() -> None:
+    body = "    class Kept:\n        def __del__(self): print('taken down', flush=True)\n"
+    assert run(body + "    sys.modules['kept'] = Kept()\n").stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("body", "words", "status", "error"),
+    [
+        ("    raise ZeroDivisionError\n", ("models",), 1, "Traceback"),
+        ("    pass\n", ("info", "absent.tsplat"), 2, "tinysplat: absent.tsplat"),
+        ("    pass\n", ("models", "--unknown"), 2, "tinysplat: unrecognized"),
+    ],
+)
+def test_the_status_is_that_of_the_command(body, words, status, error) -> None:
+    done = run(body, *words)
+    assert done.returncode == status and done.stderr.startswith(error)
+
+
+def test_garbage_is_collected_while_a_command_runs() -> None:
+    assert run("    print(gc.isenabled(), gc.get_freeze_count() > 10_000)\n").stdout == "True True\n"
