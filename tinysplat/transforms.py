@@ -23,7 +23,7 @@ def multiply_quats(a: Tensor, b: Tensor) -> Tensor:
 
 
 def turned(a: Sequence[Tensor], b: Sequence[Tensor]) -> list[Tensor]:
-    """Components w, x, y, z of the Hamilton product of quaternions given by theirs."""
+    """Components w, x, y, z, of one shape, of the Hamilton product of quaternions given by theirs."""
     (aw, ax, ay, az), (bw, bx, by, bz) = a, b
     return [
         aw * bw - ax * bx - ay * by - az * bz,
@@ -46,7 +46,7 @@ def unit_quats(quats: Tensor) -> Tensor:
 
 
 def unit_components(quat: Sequence[Tensor]) -> list[Tensor]:
-    """Components of quaternions at unit length; scaled by the largest first, so that denormal ones survive."""
+    """Components, of one shape, of quaternions at unit length; scaled by the largest first, for denormal ones."""
     tiny = torch.finfo(quat[0].dtype).tiny
     w, x, y, z = (component.abs() for component in quat)
     largest = torch.maximum(torch.maximum(w, x), torch.maximum(y, z)).clamp_min(tiny)
@@ -118,10 +118,10 @@ class ViewProjection(nn.Module):
 
 
 class CoefficientMoment(nn.Module):
-    """Uncentred second moment of all SH coefficient vectors: (V, H, W, B, 3) to (3B, 3B)."""
+    """Uncentred second moment of all SH coefficient vectors (arXiv 2506.09479, basis reduction): XXᵀ/M, (3B, 3B)."""
 
     def forward(self, sh: Tensor) -> Tensor:
-        """X Xᵀ / M of X ∈ R^{d×M}; weighting by Δ is a congruence of this matrix, done by the caller."""
+        """X Xᵀ / M (d, d) of sh (V, H, W, B, 3), X ∈ R^{d×M}; the caller weights it by Δ, a congruence."""
         x = sh.reshape(-1, sh.shape[3] * 3)
         return x.transpose(0, 1) @ x / x.shape[0]
 
@@ -136,7 +136,7 @@ class CoefficientProjection(nn.Module):
 
 
 class Synthesis(nn.Module):
-    """Integer planes of one layer to Gaussians: dequantisation, VABR⁻¹ (X̂ = Δ⁻¹WZ), VPT⁻¹.
+    """Integer planes of one layer to Gaussians: dequantisation, VABR⁻¹ (X̂ = Δ⁻¹WZ), VPT⁻¹ (arXiv 2506.09479).
 
     Dequantisation and every linear map behind it arrive folded into one matrix per plane group, value = mix · codes,
     with a last plane of ones for the offsets: one graph serves all profiles, and memory is passed over once.

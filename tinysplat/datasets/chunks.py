@@ -168,7 +168,7 @@ def prepare_camera(row: NDArray, size: tuple[int, int], shape: tuple[int, int]) 
 
 
 def fields_of_view(row: NDArray) -> tuple[float, float]:
-    """Horizontal and vertical field of view of a camera row, degrees, between the middles of opposite edges."""
+    """Horizontal and vertical field of view of a camera row (18,) float, degrees, between middles of opposite edges."""
     fx, fy, cx, cy = row[:4]
     edges = ((0, 0.5), (1, 0.5)), ((0.5, 0), (0.5, 1))
     angles = []

@@ -56,7 +56,7 @@ def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> flo
 
 
 def pixel_errors(image: NDArray, truth: NDArray) -> dict[str, float]:
-    """Errors of pixel values in [0, 1] against float64: the median, the 99.9 % quantile, the largest, and the share
+    """Errors of pixels (H, W, 3) in [0, 1] against float64: the median, the 99.9 % quantile, the largest, and the share
     that rounding of a threshold or of a depth order has moved by more than 1e-4."""
     error = np.abs(image.astype(np.float64) - truth).max(axis=-1)
     return {
@@ -91,7 +91,7 @@ def depth_errors(depth: NDArray, truth: NDArray) -> dict[str, float]:
     """Errors of a depth map where both it and the truth have a value.
 
     Args:
-        depth: (H, W) z in the camera frame, scene units; 0 for none.
+        depth: (H, W) float z in the camera frame, scene units; 0 for none.
         truth: (H, W) the same.
 
     Returns:

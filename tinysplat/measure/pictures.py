@@ -99,12 +99,12 @@ class Pictures:
 
 
 def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable[NDArray], drawing: Drawing) -> float:
-    """Mean PSNR of Gaussians' pictures to photos."""
+    """Mean PSNR of Gaussians' pictures to photos (H, W, 3) float, dB."""
     return mean_psnr(map(drawing.renderer(gaussians), cameras), photos)
 
 
 def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:
-    """Mean over pictures, dB."""
+    """Mean PSNR over pairs of pictures (H, W, 3) float, dB."""
     return statistics.fmean(psnr(a, b) for a, b in zip(images, references, strict=True))
 
 

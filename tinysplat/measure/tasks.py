@@ -112,7 +112,7 @@ def encode_alone(planes: Sequence[tuple[Any, ...]], threads: int) -> Callable[[]
 
 
 def through_hevc(codes: NDArray, qp: int, encoder: EncoderSettings) -> tuple[NDArray, int]:
-    """Codes (V, H, W) coded and decoded plane by plane, and the bytes of all pictures."""
+    """Codes (V, H, W) uint16 coded and decoded plane by plane, and the bytes of all pictures."""
     decoded, size = np.empty_like(codes), 0
     for view, plane in enumerate(codes):
         coded = encode_plane(plane, qp, encoder)

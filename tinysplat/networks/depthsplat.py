@@ -128,7 +128,7 @@ class Features:
     matched_mono: list[Tensor]
 
     def named(self) -> dict[str, Tensor]:
-        """By the names of the DPT recipes."""
+        """Features (V, C, h, w) by the names of the DPT recipes."""
         return {f"cnn{i}": x for i, x in enumerate(self.cnn)} | {f"mv{i}": x for i, x in enumerate(self.mv)}
 
 

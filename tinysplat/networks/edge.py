@@ -167,11 +167,11 @@ class Edge(nn.Module):
         return self.predict(images, K, c2w, near, far).outputs
 
     def predict(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> Prediction:
-        """As `forward`, with what the losses look at."""
+        """As `forward`, with what the losses use."""
         return self.dress(self.find(images, K, c2w, near, far))
 
     def find(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> Surfaces:
-        """Where the surfaces are: the analysis, the refiner and the U-Net; arguments as for `forward`."""
+        """Find surfaces by the analysis, the refiner and the U-Net; arguments as for `forward`."""
         s = self.settings
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
         whole = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)

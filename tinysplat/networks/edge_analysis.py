@@ -117,6 +117,14 @@ def analyse(
 
     A coarser grid's aggregated costs are added, with a small weight, to the costs of the next finer one: large blank or
     repeated things are matched by what surrounds them.
+
+    Args:
+        half: (V, 3, h, w) photos at half resolution, [0, 1].
+        K: (V, 3, 3) divided by width and height.
+        terms: of `ViewPairs.sweep_terms` at half resolution.
+        pairs: views to match.
+        depths: candidates.
+        settings: of the network.
     """
     s = settings.analysis
     fine = replace(s, colour_weight=settings.fine_colour_weight, contrast_weight=0.0)

@@ -73,7 +73,8 @@ def export_program(
 
     Args:
         module: what to trace.
-        inputs: example inputs by name, in the order of `forward`; three views or more, or V is taken for a constant.
+        inputs: example inputs by name, of any shape, in the order of `forward`; of three views or more, or V becomes
+            a constant.
         dynamic_axes: per input, `torch.export` dimensions by axis.
         outputs: names of what `forward` returns.
         opset: version of the ONNX operator set.

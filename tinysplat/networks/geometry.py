@@ -94,7 +94,7 @@ def sample_bilinear(images: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 def inside_frame(x: Tensor, y: Tensor, ratio: Tensor) -> Tensor:
-    """1 where a projected position in [0, 1] units lies in the source frame and before its camera, else 0."""
+    """1 where a projected position (any shape, [0, 1] units) lies in the source frame before its camera, else 0."""
     inside = (x > 0) & (x < 1) & (y > 0) & (y < 1) & (ratio > BEHIND)
     return inside.to(x.dtype)
 

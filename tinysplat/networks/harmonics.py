@@ -39,7 +39,7 @@ def spiral_directions(count: int = N_DIRECTIONS) -> NDArray:
 
 
 def rendered_basis(directions: NDArray, degree: int) -> NDArray:
-    """O of unit vectors (N, 3): what the official rasterizer multiplies the coefficients with, (N, (degree + 1)²).
+    """O of unit vectors (N, 3): factors of the coefficients in the official rasterizer, (N, B) float64.
 
     For degree 4, which it never evaluates, the consistent polynomials of all degrees.
     """
@@ -51,7 +51,7 @@ def rendered_basis(directions: NDArray, degree: int) -> NDArray:
 
 
 def official_to_standard(degree: int) -> NDArray:
-    """M ((degree + 1)², same) float64 with h_std = M h_official: the same colour in every direction.
+    """M (B, B) float64, B = (degree + 1)², with h_std = M h_official: the same colour in every direction.
 
     Exact up to degree 3; for degree 4 exact as a change between the consistent bases.
     """
@@ -61,7 +61,7 @@ def official_to_standard(degree: int) -> NDArray:
 
 
 def coefficient_mask(degree: int) -> NDArray:
-    """Factors on the raw coefficients, 1 at degree 0 and 0.1 · 0.25^l above: ((degree + 1)²,) float64."""
+    """Factors (B,) float64 on the raw coefficients, 1 at degree 0 and 0.1 · 0.25^l above; B = (degree + 1)²."""
     degrees = np.concatenate([np.full(2 * l + 1, l) for l in range(degree + 1)])  # noqa: E741
     return np.where(degrees == 0, 1.0, 0.1 * 0.25**degrees)
 

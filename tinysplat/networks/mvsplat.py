@@ -28,7 +28,7 @@ REDUCTION = 4  # image size over feature size
 
 
 def upsample(x: Tensor) -> Tensor:
-    """Features to image size, bilinear with corners aligned."""
+    """Features (V, C, h, w) to image size, bilinear with corners aligned."""
     return functional.interpolate(x, scale_factor=REDUCTION, mode="bilinear", align_corners=True)
 
 

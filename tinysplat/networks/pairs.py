@@ -29,13 +29,13 @@ class ViewPairs:
 
     @classmethod
     def nearest(cls, c2w: Tensor) -> ViewPairs:
-        """Each view with its nearest others, four at most: what is worth matching."""
+        """Each view of c2w (V, 4, 4) with its nearest others, four at most, which are worth matching."""
         views = c2w.shape[0]
         return cls._closest(c2w, views - 1 - views // 6)  # of six views all but the farthest
 
     @classmethod
     def all(cls, c2w: Tensor) -> ViewPairs:
-        """Each view with every other: all may witness that space is free."""
+        """Each view of c2w (V, 4, 4) with every other: all may witness that space is free."""
         return cls._closest(c2w, c2w.shape[0] - 1)
 
     @classmethod

@@ -64,7 +64,7 @@ class GaussianLayer:
     K: Tensor
 
     def arrays(self) -> tuple[Tensor, ...]:
-        """Means, quats, scales, opacities and sh."""
+        """Means (V, H, W, 3), quats (…, 4), scales (…, 3), opacities (V, H, W) and sh (…, B, 3)."""
         return self.means, self.quats, self.scales, self.opacities, self.sh
 
 

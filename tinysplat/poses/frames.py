@@ -78,7 +78,13 @@ def measured(thumbnails: Iterable[NDArray]) -> tuple[NDArray, NDArray]:
 
 
 def stretches(moved: NDArray, detail: NDArray, count: int) -> list[int]:
-    """The frame of most detail in each of `count` stretches of equal movement; of equal time where nothing moves."""
+    """The frame of most detail in each of `count` stretches of equal movement, or of equal time where nothing moves.
+
+    Args:
+        moved: (F,) float64 movement up to each frame, rising from 0.
+        detail: (F,) float64 fine detail of each.
+        count: stretches, at most F.
+    """
     frames = len(moved)
     along = moved / moved[-1] if moved[-1] > 0 else np.linspace(0, 1, frames)
     along = along + 1e-6 * np.arange(frames) / frames  # frames at rest have an order, too

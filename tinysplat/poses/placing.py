@@ -54,7 +54,7 @@ def upright_copies(photos: Path, names: Sequence[str], folder: Path) -> list[str
 
 
 def encoded(image: NDArray, name: str) -> bytes:
-    """A picture as a file of the kind that a name says: PNG, or JPEG of the best quality."""
+    """A picture (H, W, 3) uint8 as a file of the kind that a name says: PNG, or JPEG of the best quality."""
     return png_bytes(image) if Path(name).suffix.lower() == ".png" else jpeg_bytes(image, quantiser=2)
 
 

@@ -99,8 +99,8 @@ def composite_gradient(
 
     Args:
         order, centres, conics, opacities, colours: as they were.
-        behind: (H, W) ⟨picture, ∂L/∂picture⟩ + transmittance · ∂L/∂transmittance; used up.
-        d_image: (H, W, 3) ∂L/∂picture.
+        behind: (H, W) float32 ⟨picture, ∂L/∂picture⟩ + transmittance · ∂L/∂transmittance; used up.
+        d_image: (H, W, 3) float32 ∂L/∂picture.
         out: (N, 9) zeros; becomes ∂L/∂ of x, y, A, B, C, opacity, red, green, blue.
     """
     height, width = behind.shape

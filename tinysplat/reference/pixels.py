@@ -25,7 +25,7 @@ _BLOCK = 65_536
 
 
 def choose_pixels(height: int, width: int, share: float, least: int, seed: int = 0) -> NDArray:
-    """Sorted indices (P,) of randomly chosen pixels in row-major order: `share` of all, `least` of them or all."""
+    """Sorted indices (P,) int64 of random pixels in row-major order: `share` of all, `least` of them or all."""
     total = height * width
     count = min(total, max(least, round(share * total)))
     return np.sort(np.random.default_rng(seed).choice(total, count, replace=False))

@@ -13,7 +13,7 @@ from tinysplat_runtime.scene.cameras import Camera
 
 
 def pixel_centres(height: int, width: int) -> NDArray:
-    """(H, W, 2) u, v of pixel centres."""
+    """(H, W, 2) float64 u, v of pixel centres."""
     return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
 
 
@@ -36,7 +36,10 @@ def project_view(gaussians: Gaussians, view: int, origin: NDArray | None = None)
 
 
 def unproject_view(geometry: NDArray, camera: Camera, origin: NDArray) -> dict[str, NDArray]:
-    """The inverse of `project_view` (11, H, W), float64: means (H, W, 3) relative to the origin, and the others."""
+    """The inverse of `project_view` (11, H, W), float64: means (H, W, 3) relative to the origin, and the others.
+
+    arXiv 2506.09479, view projection: μ = Rᵀ(K⁻¹·z·(x, y, 1)ᵀ − T), q = Quat(R)⁻¹·q̂, s = ŝ·z/f.
+    """
     z = geometry[0]
     uv = pixel_centres(*z.shape) + np.moveaxis(geometry[1:3], 0, -1)
     rays = np.concatenate([uv, np.ones((*z.shape, 1))], axis=-1) @ np.linalg.inv(camera.K).T
@@ -50,19 +53,27 @@ def unproject_view(geometry: NDArray, camera: Camera, origin: NDArray) -> dict[s
 
 
 def coefficient_moment(sh: NDArray) -> NDArray:
-    """X Xᵀ / M (d, d) float64 of SH coefficients (…, B, 3): the uncentred second moment that VABR decomposes."""
+    """X Xᵀ / M (d, d) float64 of SH coefficients (…, B, 3): the uncentred second moment that VABR decomposes.
+
+    arXiv 2506.09479, basis reduction.
+    """
     x = sh.reshape(-1, sh.shape[-2] * 3).astype(np.float64)
     return x.T @ x / len(x)
 
 
 def project_coefficients(sh: NDArray, projection: NDArray) -> NDArray:
-    """Z (V, k, H, W) float64 of SH coefficients (V, H, W, B, 3) under `projection` (d, k): Z = WᵀΔX."""
+    """Z (V, k, H, W) float64 of SH coefficients (V, H, W, B, 3) under `projection` (d, k): Z = WᵀΔX.
+
+    arXiv 2506.09479, basis reduction.
+    """
     x = sh.reshape(*sh.shape[:3], -1).astype(np.float64)
     return np.moveaxis(x @ projection.astype(np.float64), -1, 1)
 
 
 def synthesise(inputs: Mapping[str, NDArray], cameras: Sequence[Camera], origin: NDArray) -> dict[str, NDArray]:
     """Codes back to Gaussians: what the graph `synthesis` computes from its inputs (docs/FORMAT.md), in float64.
+
+    arXiv 2506.09479: dequantisation, VABR⁻¹ (X̂ = Δ⁻¹WZ) and VPT⁻¹.
 
     Args:
         inputs: the graph's, by name; steps and matrices are taken as they are.

@@ -57,7 +57,7 @@ class LossWeights:
 
 
 def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tuple[Tensor, dict[str, float]]:
-    """The loss of a sample, and figures for the curves: its terms, PSNR, and the share of good depths."""
+    """The loss (scalar) of a sample, and figures for the curves: its terms, PSNR, and the share of good depths."""
     terms: dict[str, Tensor] = {}
     figures: dict[str, float] = {}
     rendered = [(render_outputs(prediction.outputs, target.camera()), target.image) for target in sample.targets]
@@ -116,7 +116,7 @@ def candidate_entropy(logits: Tensor, truth: Tensor, known: Tensor) -> Tensor:
 
 
 def rate(prediction: Prediction) -> Tensor:
-    """Bits per Gaussian of the first layer, roughly: total variation of its planes in quantiser steps."""
+    """Bits per Gaussian of the first layer (scalar), roughly: total variation of its planes in quantiser steps."""
     inverse_depth = prediction.depths.at(prediction.level)
     planes = torch.cat([
         inverse_depth / (DEPTH_STEP * inverse_depth.detach().mean(dim=(1, 2, 3), keepdim=True)),

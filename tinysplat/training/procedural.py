@@ -63,7 +63,7 @@ class _Builder:
 
 
 def euler(roll: float, yaw: float, pitch: float) -> NDArray:
-    """Rotation R_z(roll) R_y(yaw) R_x(pitch), radians."""
+    """Rotation R_z(roll) R_y(yaw) R_x(pitch), (3, 3) float64, radians."""
     (cr, cy, cp), (sr, sy, sp) = np.cos([roll, yaw, pitch]), np.sin([roll, yaw, pitch])
     z = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])
     y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
@@ -78,7 +78,7 @@ def procedural_sample(
 
     Args:
         rng: everything random.
-        textures: of `texture_bank`.
+        textures: (T, h, w, 3) uint8 of `texture_bank`.
         side: of the square views, pixels.
         views: how many.
         target_sides: of each target, pixels.

@@ -73,7 +73,7 @@ class Sample:
             views: of one size.
             targets: of any sizes.
             depth_range: near and far.
-            depth: (V, H, W) or None.
+            depth: (V, H, W) float or None.
         """
         images, K, c2w = (np.stack(part) for part in zip(*views, strict=True))
         centre = np.asarray(c2w, np.float64)[:, :3, 3].mean(axis=0)
@@ -108,7 +108,7 @@ class Sample:
         return replace(self, **tensors, targets=targets, depth=depth)
 
     def inputs(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """The network's inputs: images, unit K, c2w, near, far."""
+        """The network's inputs: images (V, 3, H, W), unit K (V, 3, 3), c2w (V, 4, 4), near and far (V,)."""
         views, _, height, width = self.images.shape
         unit = self.K / self.K.new_tensor([[width], [height], [1]])
         near, far = (torch.full((views,), float(depth)) for depth in (self.near, self.far))
@@ -129,5 +129,5 @@ def render_outputs(outputs: tuple[Tensor, ...], camera: PinholeCamera) -> Tensor
 
 
 def psnr(image: Tensor, target: Tensor) -> float:
-    """Peak signal-to-noise ratio in dB of a picture clipped to [0, 1]."""
+    """Peak signal-to-noise ratio in dB of a picture clipped to [0, 1] to one of the same shape."""
     return decibels(float((image.clamp(0, 1) - target).square().mean()))

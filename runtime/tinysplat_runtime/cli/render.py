@@ -77,7 +77,7 @@ def render(args: Namespace) -> None:
 
 
 def depth_colours(depth: NDArray) -> NDArray:
-    """Depths z (H, W) as (H, W, 3) in [0, 1], even in 1/z: red near, blue far, black where nothing is."""
+    """Depths z (H, W) float32 as (H, W, 3) float32 in [0, 1], even in 1/z: red near, blue far, black without depth."""
     seen = depth > 0
     inverse = np.divide(1, depth, out=np.zeros_like(depth), where=seen)
     far, near = np.percentile(inverse[seen], (2, 98)) if seen.any() else (0.0, 1.0)

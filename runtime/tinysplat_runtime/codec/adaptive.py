@@ -253,7 +253,7 @@ def with_depth_pictures(plan: LayerPlan, count: int) -> LayerPlan:
 
 
 def kept_components(energies: NDArray, step: float, settings: AdaptiveSettings) -> int:
-    """How many components are coded, of energies (d,): the others hold little against a step (water-filling)."""
+    """How many components of energies (d,) float64 are coded: the others are small against a step (water-filling)."""
     left_out = np.append(np.cumsum(energies[::-1])[::-1], 0.0)  # left_out[k]: energy without the first k
     return max(1, int(np.argmax(left_out <= settings.energy_floor * step**2)))
 

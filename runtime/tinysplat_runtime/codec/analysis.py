@@ -40,7 +40,7 @@ class ProjectedLayer:
     reference_quats: NDArray
 
     def planes(self, plane_class: PlaneClass) -> NDArray:
-        """(V, C, H, W) view of one class."""
+        """(V, C, H, W) float32 view of one class."""
         return self.geometry[:, GEOMETRY[plane_class]]
 
 

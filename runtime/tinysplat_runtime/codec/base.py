@@ -37,7 +37,7 @@ def add_colours(sh: NDArray, prediction: NDArray) -> NDArray:
 
 
 def fitted_sh(sh: NDArray, shape: tuple[int, ...]) -> NDArray:
-    """Coefficients (…, B', 3) as (…, B, 3): cut, or filled with zeros."""
+    """Coefficients (…, B', 3) as (…, B, 3) float32: cut, or filled with zeros."""
     count = min(sh.shape[-2], shape[-2])
     out = np.zeros((*sh.shape[:-2], shape[-2], 3), np.float32)
     out[..., :count, :] = sh[..., :count, :]

@@ -33,7 +33,7 @@ _LEAST_ENERGY = 1e-12
 
 
 def view_directions(cameras: Sequence[Camera]) -> NDArray:
-    """Unit rays (9·V, 3) in the world through the centres of 3 × 3 cells covering every view's image plane.
+    """Unit rays (9·V, 3) float64 in the world through the centres of 3 × 3 cells covering every view's image plane.
 
     arXiv 2506.09479, basis reduction: its sample directions ω.
     """
@@ -57,7 +57,7 @@ def mean_magnitude_weighting(directions: NDArray, degree: int) -> NDArray:
 
 
 def second_moment_weighting(directions: NDArray, degree: int) -> NDArray:
-    """Symmetric root of E[Y Yᵀ] (B, B): ‖Δ·x‖² is then the mean squared colour of coefficients x, not a bound on it."""
+    """Symmetric root of E[Y Yᵀ], (B, B) float64: ‖Δ·x‖² is then the mean squared colour of coefficients x, no bound."""
     basis = sh_basis(directions, degree)
     values, vectors = symmetric_eigen(product(basis.T, basis) / len(basis))
     roots = np.sqrt(np.maximum(values, WEIGHT_FLOOR**2 * values[-1]))
@@ -68,8 +68,8 @@ def needed_degree(moment: NDArray, directions: NDArray, degree: int, budget: flo
     """Least SH degree behind which there is at most `budget` of mean squared colour, summed over the three colours.
 
     Args:
-        moment: (d, d) second moment of the coefficient vectors (coefficient-major, RGB last).
-        directions: (n, 3) unit vectors from which colours are seen.
+        moment: (d, d) float64 second moment of the coefficient vectors (coefficient-major, RGB last).
+        directions: (n, 3) float64 unit vectors from which colours are seen.
         degree: of the coefficients.
         budget: squared colour that may be left out.
     """
@@ -85,7 +85,7 @@ def needed_degree(moment: NDArray, directions: NDArray, degree: int, budget: flo
 
 
 def weighted_spectrum(moment: NDArray, weighting: NDArray) -> tuple[NDArray, NDArray]:
-    """Eigenvalues (d,) and eigenvectors (d, d) of Δ·E[x xᵀ]·Δᵀ, by falling eigenvalue.
+    """Eigenvalues (d,) and eigenvectors (d, d) float64 of Δ·E[x xᵀ]·Δᵀ, by falling eigenvalue.
 
     An eigenvalue is what its component would carry: mean squared weighted coefficients. In each column the entry of
     largest magnitude is positive. arXiv 2506.09479, basis reduction: the PCA of ΔX.
@@ -109,7 +109,7 @@ def reduce_basis(spectrum: tuple[NDArray, NDArray], weighting: NDArray, k: int) 
 
     Args:
         spectrum: `weighted_spectrum` under the same weighting.
-        weighting: (B, B) Δ.
+        weighting: (B, B) float64 Δ.
         k: 1 to d.
 
     Raises:

@@ -69,7 +69,7 @@ class CodedPlane:
 
 
 def pad_plane(codes: NDArray) -> NDArray:
-    """Extend a plane (H, W) to `padded_size` by repeating its last row and column."""
+    """Extend a plane (H, W) of any dtype to `padded_size` by repeating its last row and column."""
     height, width = codes.shape
     to_height, to_width = padded_size(height, width)
     if (to_height, to_width) == (height, width):
@@ -172,7 +172,7 @@ def _with_offsets(frame: av.VideoFrame, offsets: NDArray) -> av.VideoFrame:
 
 
 def rectangles(offsets: NDArray) -> list[tuple[slice, slice, int]]:
-    """Rows, columns and value of rectangles that cover all but the zeros of a grid (h, w), none twice.
+    """Rows, columns and value of rectangles that cover all but the zeros of a grid (h, w) of integers, none twice.
 
     Runs of a row, each with what continues it in the rows below.
     """

@@ -22,7 +22,7 @@ _HEVC_STEP_14_BITS = 64.0  # 2^(14 − 8), quantiser step in 14-bit codes at QP 
 
 
 def paper_colors(store: GraphStore, layer: Gaussians, settings: PaperSettings) -> tuple[NDArray, Reduction | None]:
-    """Colour planes (V, k, H, W) and VABR's maps; for SH degree 0 the three coefficients, and no VABR at all."""
+    """Colour planes (V, k, H, W) float32 and VABR's maps; for SH degree 0 the three coefficients, and no VABR."""
     if layer.degree == 0:
         return np.ascontiguousarray(np.moveaxis(layer.sh[..., 0, :], -1, 1)), None
     moment = coefficient_moment(store, layer)

@@ -49,7 +49,7 @@ def encode_photos(images: NDArray, qp: float, settings: EncoderSettings, threads
     """Code photos.
 
     Args:
-        images: (V, H, W, 3) RGB in [0, 1].
+        images: (V, H, W, 3) float32 RGB in [0, 1].
         qp: Q_g.
         settings: libx265's preset and parameters.
         threads: photos coded at a time; never changes the bytes.

@@ -109,7 +109,7 @@ def without_outliers(values: NDArray, low: float, high: float, step: float) -> t
     clipped and counted, where otherwise every value of the plane would come out that much coarser.
 
     Args:
-        values: any shape.
+        values: any shape, float.
         low, high: range of the values, or a part of it.
         step: wanted quantiser step in the same units, > 0.
     """

@@ -140,7 +140,10 @@ def _geometry_mix(layer: LayerMaps, coded: list[int]) -> NDArray:
 
 
 def _colour_mix(layer: LayerMaps, coded: list[int]) -> NDArray:
-    """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1."""
+    """(k + 1, d) float64: SH coefficients = codes · mix, the last code being 1.
+
+    arXiv 2506.09479, basis reduction: X̂ = Δ⁻¹WZ, with the quantiser's steps folded in.
+    """
     # Without VABR the colour planes are the three coefficients of degree 0 themselves.
     inverse = np.eye(3) if layer.basis is None else layer.basis.astype(np.float64)  # (d, k)
     mix = np.zeros((len(coded) + 1, len(inverse)))

@@ -57,7 +57,7 @@ def _check_headers(headers: Mapping[str, _Header], budget: int) -> None:
 
 
 def read_npz(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """The arrays (any shape) of an .npz file by name; InputError if damaged, or announcing more than `max_bytes`."""
+    """Arrays of an .npz file, any shape and dtype; InputError if damaged, or announcing more than `max_bytes`."""
     budget = min(max_bytes, max(MIN_BUDGET, MAX_EXPANSION * path.stat().st_size))
     with parsing(".npz file"), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

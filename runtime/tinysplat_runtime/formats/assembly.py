@@ -60,7 +60,7 @@ def far_note(points: Points) -> list[str]:
 
 
 def without_invalid(arrays: Mapping[str, NDArray]) -> tuple[Mapping[str, NDArray], int]:
-    """A list of Gaussians without those that hold NaN, or what float32 cannot, and how many these were.
+    """A list of Gaussians, (N, …) each, without those that hold NaN, or what float32 cannot, and how many these were.
 
     Training leaves some now and then. Gaussians that are pixels, or not all of one number, pass as they are.
     """

@@ -19,7 +19,7 @@ QUAT_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 def sh_signs(degree: int) -> NDArray:
-    """(B,) factors of the coefficients: every function is even or odd under the half turn."""
+    """(B,) float64 factors of the coefficients: every function is even or odd under the half turn."""
     direction = np.array([0.48, 0.6, 0.64])  # where no function up to degree 4 is zero
     return np.sign(sh_basis(direction * HALF_TURN, degree) * sh_basis(direction, degree))
 

@@ -52,7 +52,7 @@ def write_compressed_ply(path: Path, gaussians: Gaussians, means: NDArray, comme
     Args:
         path: the file.
         gaussians: (N,), without layers.
-        means: (N, 3) world positions.
+        means: (N, 3) float64 world positions.
         comments: lines of ASCII for the header.
 
     Raises:
@@ -95,7 +95,7 @@ def is_compressed(elements: Any) -> bool:
 
 
 def compressed_arrays(elements: Any) -> dict[str, NDArray]:
-    """Means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, of such elements.
+    """Means (N, 3), quats (N, 4), scales (N, 3), opacities (N,), sh (N, B, 3), linear, float64, of such elements.
 
     Raises:
         InputError: columns are missing, or counts do not fit each other.

@@ -36,7 +36,7 @@ def nearest(values: NDArray, levels: NDArray) -> NDArray:
 
 
 def palette(vectors: NDArray, size: int) -> tuple[NDArray, NDArray]:
-    """At most `size` vectors (P, D) that stand for (N, D), and the index (N,) of each one's.
+    """At most `size` vectors (P, D) float32 that stand for (N, D), and the index (N,) int64 of each one's.
 
     A tree: every round splits the groups with the largest squared error at their mean, across the direction of their
     largest spread, so that time grows with N·D·log(size). Deterministic; k-means at these sizes takes minutes.

@@ -16,8 +16,8 @@ def placed(arrays: dict[str, NDArray], matrix: NDArray) -> dict[str, NDArray]:
     """Gaussians moved by a matrix.
 
     Args:
-        arrays: means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3).
-        matrix: (4, 4), a rotation, uniform scale and translation.
+        arrays: means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), float.
+        matrix: (4, 4) float64, a rotation, uniform scale and translation.
 
     Raises:
         InputError: the matrix stretches or mirrors, which no Gaussian can follow.

@@ -32,7 +32,7 @@ _QUANTISATION = 32767
 
 
 def read_splat(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, 1, 3), linear.
+    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, 1, 3), linear, float.
 
     Raises:
         InputError: damaged, or larger than `max_bytes`.
@@ -54,7 +54,7 @@ def read_splat(path: Path, max_bytes: int) -> dict[str, NDArray]:
 
 
 def read_ksplat(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear.
+    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, float.
 
     Raises:
         InputError: damaged, of another version, or larger than `max_bytes`.

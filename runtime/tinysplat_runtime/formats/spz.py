@@ -56,7 +56,7 @@ def encode_spz(
 
     Args:
         gaussians: (N,), without layers.
-        means: (N, 3) world positions.
+        means: (N, 3) float64 world positions.
         sh_bits: bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8 each.
         version: of the format, one of WRITES.
         antialiased: the header's flag.
@@ -133,7 +133,7 @@ def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:
 
 
 def decode_spz(file: BinaryIO, max_bytes: int) -> dict[str, NDArray]:
-    """What `read_spz` gives, in SPZ's own axes; raises what it raises."""
+    """As `read_spz`, in SPZ's own axes."""
     header, (positions, alphas, colours, scales, rotations, higher) = read_blocks(file, max_bytes)
     functions = (header.degree + 1) ** 2
     rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128

@@ -27,7 +27,7 @@ SECONDS, MEMORY_FACTOR, MEMORY_BASE = 240, 40, 3 << 28
 
 
 def stage_arrays(path: str, max_bytes: int) -> dict[str, NDArray]:
-    """Arrays of all Gaussians of a stage in its world's axes, y up.
+    """Arrays of all Gaussians of a stage in its world's axes, y up: (N, …) float, by name.
 
     Raises:
         ValueError: references to other files, no Gaussians, or arrays that do not fit each other.

@@ -9,7 +9,7 @@ _BITS = 21  # of each coordinate, 63 in all
 
 
 def morton_order(points: NDArray) -> NDArray:
-    """Indices (N,) that sort (N, 3) points along a Morton curve through their box; equal keys keep their order."""
+    """Indices (N,) intp that sort points (N, 3) float along a Morton curve in their box; ties keep their order."""
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
     cells = (points - low) / np.where(high > low, high - low, 1) * ((1 << _BITS) - 1)
     key = np.zeros(len(points), np.uint64)

@@ -65,7 +65,7 @@ def layer_pairs(original: Gaussians, decoded: Gaussians) -> list[tuple[Gaussians
 
 
 def spread(parts: list[NDArray]) -> dict[str, float]:
-    """Root mean square and largest magnitude over the values of arrays of any shape."""
+    """Root mean square and largest magnitude over the values of float arrays of any shape."""
     values = np.concatenate([part.ravel() for part in parts])
     return {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
 

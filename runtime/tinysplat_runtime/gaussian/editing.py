@@ -161,7 +161,7 @@ def similarity(
 
 
 def rotate_sh(sh: NDArray, rotation: NDArray) -> NDArray:
-    """Coefficients (…, B, 3) of the same colours in a scene turned by R: c'(d) = c(Rᵀ d).
+    """Coefficients (…, B, 3) float64 of the same colours in a scene turned by R: c'(d) = c(Rᵀ d).
 
     Functions of one degree turn among themselves; their matrix follows from their values at fixed directions, which
     it must carry over: Y(d) A = Y(Rᵀ d).

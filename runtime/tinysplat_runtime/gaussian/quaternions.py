@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def normalize_quats(quats: NDArray, axis: int = -1) -> NDArray:
-    """Scale quaternions (…, 4) to unit length, safely for denormal and huge ones; zero stays zero.
+    """Scale quaternions (…, 4) of any float dtype to unit length, denormal and huge ones too; zero stays zero.
 
     `axis` is where the four components lie, if not last.
     """
@@ -29,7 +29,7 @@ def smallest_three(quats: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def from_smallest_three(largest: NDArray, three: NDArray) -> NDArray:
-    """Unit quaternions (N, 4) of the parts of `smallest_three`; three longer than 1 leave the largest none."""
+    """Unit quaternions (N, 4) float64 of the parts of `smallest_three`; three longer than 1 leave the largest none."""
     quats = np.zeros((len(three), 4))
     np.put_along_axis(quats, _OTHERS[largest], three, axis=1)
     rest = np.sqrt(np.maximum(1 - (three**2).sum(axis=1), 0))
@@ -38,7 +38,7 @@ def from_smallest_three(largest: NDArray, three: NDArray) -> NDArray:
 
 
 def multiply_quats(a: NDArray, b: NDArray) -> NDArray:
-    """Hamilton product a ⊗ b of quaternions (…, 4): the rotation b, then the rotation a."""
+    """Hamilton product a ⊗ b of quaternions (…, 4) of any float dtype: the rotation b, then the rotation a."""
     aw, ax, ay, az = (a[..., i] for i in range(4))
     bw, bx, by, bz = (b[..., i] for i in range(4))
     return np.stack(
@@ -53,12 +53,12 @@ def multiply_quats(a: NDArray, b: NDArray) -> NDArray:
 
 
 def conjugate_quats(quats: NDArray) -> NDArray:
-    """The inverse rotations of unit quaternions (…, 4)."""
+    """The inverse rotations of unit quaternions (…, 4), in their float dtype."""
     return quats * np.array([1, -1, -1, -1], quats.dtype)
 
 
 def rotation_entries(w: NDArray, x: NDArray, y: NDArray, z: NDArray) -> list[list[NDArray]]:
-    """Rows of entries of the rotation matrices of unit quaternions, given by components of one shape."""
+    """Rows of entries of the rotation matrices of unit quaternions, given by float components of one shape."""
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -67,16 +67,17 @@ def rotation_entries(w: NDArray, x: NDArray, y: NDArray, z: NDArray) -> list[lis
 
 
 def quats_to_matrices(quats: NDArray) -> NDArray:
-    """Rotation matrices (…, 3, 3) of unit quaternions (…, 4)."""
+    """Rotation matrices (…, 3, 3) of unit quaternions (…, 4), in their float dtype."""
     rows = rotation_entries(*(quats[..., i] for i in range(4)))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def matrices_to_quats(matrices: NDArray) -> NDArray:
-    """Unit quaternions (…, 4) of rotation matrices (…, 3, 3), the component of largest magnitude positive.
+    """Unit quaternions (…, 4) of rotation matrices (…, 3, 3) of a float dtype, the largest component positive.
 
     Each of the four quaternions 4·q_i·q comes from sums of matrix entries; the one with the largest q_i² is taken,
     so that the square root's argument never falls below 1 and rotations near π are as exact as any (Shepperd 1978).
+    Quat(R) of arXiv 2506.09479, view projection.
     """
     m = np.asarray(matrices)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -97,7 +98,7 @@ def matrices_to_quats(matrices: NDArray) -> NDArray:
 
 
 def left_multiplication_matrices(quats: NDArray) -> NDArray:
-    """Matrices L(q) (…, 4, 4) with L(q) p = q ⊗ p."""
+    """Matrices L(q) (…, 4, 4) with L(q) p = q ⊗ p, in the float dtype of `quats` (…, 4)."""
     w, x, y, z = (quats[..., i] for i in range(4))
     rows = [[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -120,7 +120,7 @@ class Graph:
         """Run the graph.
 
         Args:
-            inputs: every input by name, in the contract's dtype.
+            inputs: every input by name, in the contract's shape and dtype.
             outputs: names wanted; all when None.
 
         Returns:
@@ -294,7 +294,7 @@ class GraphStore:
 
 
 def as_input(array: NDArray | Sequence[Any] | float, dtype: type = np.float32) -> NDArray:
-    """A C-contiguous array of the graph's dtype."""
+    """A C-contiguous array of the graph's dtype, any shape."""
     return np.asarray(array, dtype=dtype, order="C")
 
 

@@ -12,7 +12,7 @@ _DEPTHS = 3
 
 
 def points_seen(camera: Camera, near: float, far: float) -> NDArray:
-    """(P, 3) world points on a few planes of even inverse depth through the picture."""
+    """(P, 3) float64 world points on a few planes of even inverse depth through the picture."""
     columns, rows = _GRID
     u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
     pixels = np.stack([u.ravel() * camera.width, v.ravel() * camera.height, np.ones(u.size)], axis=1)

@@ -175,7 +175,7 @@ def jpeg_bytes(image: NDArray, quantiser: int = 3) -> bytes:
 
 
 def to_uint8(image: NDArray) -> NDArray:
-    """Round an image in [0, 1] to (…) uint8, clipping what lies outside; uint8 passes as it is."""
+    """Round an image of any shape, float in [0, 1], to uint8, clipping what lies outside; uint8 passes as it is."""
     image = np.ascontiguousarray(image)
     if image.dtype == np.uint8:
         return image

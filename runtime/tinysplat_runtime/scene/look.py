@@ -89,7 +89,7 @@ def nearest(cameras: Sequence[Camera]) -> list[int]:
 
 
 def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> Look:
-    """A photo (H, W, 3) compared with one other, both in [0, 1] and of their cameras' sizes, at depths (P,) > 0."""
+    """A photo (H, W, 3) compared with another, both float in [0, 1] of their cameras' sizes, at depths (P,) > 0."""
     return Look(_costs(image, camera, other, its, depths), depths)
 
 

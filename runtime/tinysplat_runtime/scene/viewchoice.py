@@ -98,7 +98,7 @@ def sharpness_of(image: NDArray) -> float:
     """How much of a photo's contrast is between neighbouring pixels: falls where it is blurred.
 
     Args:
-        image: (H, W, 3) in [0, 1].
+        image: (H, W, 3) float in [0, 1].
     """
     grey = image.mean(axis=2, dtype=np.float64)
     fine = np.square(np.diff(grey, axis=0)).mean() + np.square(np.diff(grey, axis=1)).mean()

@@ -58,7 +58,7 @@ def single_thread() -> Iterator[None]:
 
 
 def product(a: NDArray, b: NDArray) -> NDArray:
-    """a @ b of (…, n, k) and (…, k, m), summed in the order of k whatever BLAS there is."""
+    """a @ b of (…, n, k) and (…, k, m) float, summed in the order of k whatever BLAS there is."""
     return np.einsum("...nk,...km->...nm", a, b)
 
 

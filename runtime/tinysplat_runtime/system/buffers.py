@@ -36,7 +36,7 @@ class Recycler:
         self._lock = Lock()
 
     def empty(self, shapes: Sequence[tuple[int, ...]]) -> list[NDArray]:
-        """Float32 arrays of these shapes with any content.
+        """Arrays of these shapes, float32, with any content.
 
         Of the memory that has come back, what does not serve them is let go; until the next call no more is kept than
         twice what the largest one asked for (a scene's first layer, and its smaller ones).

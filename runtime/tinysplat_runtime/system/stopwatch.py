@@ -91,7 +91,7 @@ def part(name: str) -> AbstractContextManager[None]:
 
 
 def tally_nonzero(name: str, values: NDArray) -> None:
-    """Within `watched_parts`, add how many of the values (any shape) are not 0 to a tally."""
+    """Within `watched_parts`, add how many of the values (any shape and dtype) are not 0 to a tally."""
     if _watched is not None:
         _watched.tally(name, int(np.count_nonzero(values)))
 

@@ -64,7 +64,7 @@ class Pair:
         return scores
 
     def tiles(self, names: tuple[str, str]) -> tuple[list[tuple[str, NDArray]], list[tuple[str, NDArray]]]:
-        """Pictures and error maps with their captions."""
+        """Pictures (H, W, 3) float and error maps (H, W) float64 with their captions."""
         pictures = [(names[0], self.a), (names[1], self.b)]
         if self.photo is None:
             return pictures, [(f"|B − A|  {_decibel(self.b, self.a)}", error_map(self.b, self.a))]
@@ -85,7 +85,7 @@ class Sheet:
 
 
 def error_map(image: NDArray, reference: NDArray) -> NDArray:
-    """(H, W) mean absolute difference over the colours."""
+    """(H, W) float64 mean absolute difference over the colours of (H, W, 3)."""
     return np.abs(np.asarray(image, np.float64) - reference).mean(axis=-1)
 
 

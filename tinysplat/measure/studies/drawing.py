@@ -108,7 +108,7 @@ def gsplat_rows(gaussians: Gaussians, size: int, run: Run) -> list[Row]:
 
 
 def gsplat_frame(gaussians: Gaussians, camera: Camera, threads: int) -> Callable[[], NDArray]:
-    """A call that renders a frame (H, W, 3) with gsplat's torch functions; ImportError where it is not installed."""
+    """A call that renders a frame (H, W, 3) float32 with gsplat's torch functions; ImportError if not installed."""
     import torch
 
     impl: Any = importlib.import_module("gsplat.cuda._torch_impl")

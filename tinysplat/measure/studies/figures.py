@@ -129,7 +129,7 @@ def code_channels(channels: Sequence[Channel], encoder: EncoderSettings, threads
 
 
 def vpt_channels(gaussians: Gaussians, store: GraphStore) -> dict[str, dict[str, NDArray]]:
-    """Layer 0's positions and scales before and after VPT, each (V, H, W) by name."""
+    """Layer 0's positions and scales before and after VPT, each (V, H, W) float32, by name."""
     layer = gaussians.layers[0]
     projected = project_layer(store, layer, drop_invalid=True, where="layer 0")
     offset, scale = projected.planes(PlaneClass.OFFSET), projected.planes(PlaneClass.SCALE)
@@ -144,7 +144,7 @@ def vpt_channels(gaussians: Gaussians, store: GraphStore) -> dict[str, dict[str,
 
 
 def smoothness(values: NDArray) -> float:
-    """Correlation of neighbouring samples (V, H, W), mean over both directions: what intra coding lives on."""
+    """Correlation of neighbouring samples (V, H, W) float, mean over both directions: what intra coding uses."""
     pairs = ((values[:, :, 1:], values[:, :, :-1]), (values[:, 1:], values[:, :-1]))
     found = [np.corrcoef(a.ravel(), b.ravel())[0, 1] if a.std() > 0 and b.std() > 0 else 1.0 for a, b in pairs]
     return float(np.mean(found))

@@ -193,7 +193,7 @@ def truncated(gaussians: Gaussians, degree: int) -> Gaussians:
 
 
 def contract_inputs(shots: Shots) -> dict[str, NDArray]:
-    """Photos and cameras under the contract of the role `network`, float32: what `predict` feeds a graph."""
+    """Photos and cameras, (V, …) float32, under the contract of the role `network`: what `predict` feeds a graph."""
     photos = shots.context
     poses = np.stack([camera.c2w for camera in photos.cameras])
     poses[:, :3, 3] -= poses[:, :3, 3].mean(axis=0)

@@ -32,8 +32,8 @@ def network_like(images: NDArray, depths: NDArray, cameras: Sequence[Camera], de
     one to the next and follow eight latent fields. What is seen from a Gaussian's own camera is the photo.
 
     Args:
-        images: (V, H, W, 3) in [0, 1].
-        depths: (V, H, W) z, > 0.
+        images: (V, H, W, 3) float in [0, 1].
+        depths: (V, H, W) float z, > 0.
         cameras: one per view.
         degree: SH degree, 0 to 4.
         seed: of the noise.
@@ -111,7 +111,7 @@ def _standard(values: NDArray) -> NDArray:
 
 
 def blur(image: NDArray, sigma: float) -> NDArray:
-    """Gaussian blur of (H, W) or (H, W, C) with mirrored borders."""
+    """Gaussian blur of (H, W) or (H, W, C) with mirrored borders, float64."""
     from scipy.ndimage import gaussian_filter
 
     return gaussian_filter(np.asarray(image, np.float64), sigma, mode="mirror", axes=(0, 1))

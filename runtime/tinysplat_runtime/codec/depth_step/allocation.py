@@ -76,7 +76,7 @@ def measured_opacity_step(probe: Probe, opacities: Sequence[NDArray], start: flo
 
     Args:
         probe: of the same layers.
-        opacities: (V, H, W) of each layer.
+        opacities: (V, H, W) float32 of each layer.
         start: the step that is fine enough for most scenes, and at most `FARTHEST` times as fine as which is found.
         most: mean squared picture error allowed.
     """

@@ -30,7 +30,7 @@ DCT = _dct_matrix()
 
 
 def dct(blocks: NDArray, matrix: NDArray = DCT) -> NDArray:
-    """The DCT of blocks (8, 8, n) along their first two axes; with its transpose, the inverse."""
+    """The DCT of blocks (8, 8, n) float32 along their first two axes; with its transpose, the inverse."""
     return np.einsum("li,kin->kln", matrix, np.einsum("kj,jin->kin", matrix, blocks))
 
 
@@ -59,7 +59,7 @@ class BlockSpectrum:
         return cls(dct(planes[at[0], rows, columns]), at, planes.shape)
 
     def coding_error(self, step: float, offsets: NDArray | None = None) -> NDArray:
-        """(V, H, W) what quantisation at `step` would add to the planes; 0 outside the blocks.
+        """(V, H, W) float32 that quantisation at `step` would add to the planes; 0 outside the blocks.
 
         Args:
             step: in the planes' units.

@@ -82,11 +82,11 @@ class Probe:
         return found
 
     def damage(self, errors: Sequence[NDArray]) -> float:
-        """Mean squared difference of the pictures when `errors` (V, H, W) are added to −1/z of every layer."""
+        """Mean squared difference of the pictures with `errors`, (V, H, W) float32, added to −1/z of every layer."""
         return self._damage(errors, _Selection.moved)
 
     def opacity_damage(self, errors: Sequence[NDArray]) -> float:
-        """The same when they are added to every layer's opacities."""
+        """The same with `errors`, (V, H, W) float32, added to every layer's opacities."""
         return self._damage(errors, _Selection.faded)
 
     def _damage(self, errors: Sequence[NDArray], change: _Change) -> float:

@@ -27,7 +27,7 @@ SECONDS_BASE, BYTES_PER_SECOND = 4, 500_000
 
 
 def model_arrays(reconstruction: Any) -> dict[str, NDArray]:
-    """The arrays described above of a pycolmap.Reconstruction."""
+    """The arrays of a pycolmap.Reconstruction, with the shapes and dtypes described above."""
     points = {i: row for row, i in enumerate(reconstruction.points3D)}
     entries: list[dict[str, Any]] = []
     observations: list[tuple[int, int]] = []

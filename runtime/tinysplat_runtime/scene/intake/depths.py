@@ -17,7 +17,7 @@ MARGIN = 1.1
 
 
 def depth_range(depths: NDArray) -> tuple[float | None, float | None]:
-    """(near, far) around the depths z > 0 of any shape, scene units; (None, None) where there are none."""
+    """(near, far) around the depths z > 0, float of any shape, scene units; (None, None) without any."""
     depths = depths[np.isfinite(depths) & (depths > 0)]
     if not depths.size:
         return None, None
@@ -26,7 +26,7 @@ def depth_range(depths: NDArray) -> tuple[float | None, float | None]:
 
 
 def depth_range_in_view(points: NDArray, cameras: Sequence[Camera]) -> tuple[float | None, float | None]:
-    """`depth_range` of points (N, 3) in the world as the cameras that have them in their picture see them."""
+    """`depth_range` of points (N, 3) float in the world as the cameras that have them in their picture see them."""
     return depth_range(np.concatenate([np.zeros(0), *(_depths_in_view(points, camera) for camera in cameras)]))
 
 

@@ -25,52 +25,52 @@ _abs = np.frompyfunc(abs, 1, 1)
 
 
 def exact(values: ArrayLike) -> NDArray[Any]:
-    """The very values, as mpmath numbers."""
+    """The same values as mpmath numbers: any shape, dtype object, as all arrays of this module."""
     return np.asarray(_convert(np.asarray(values)), dtype=object)
 
 
 def sqrt(values: NDArray[Any]) -> NDArray[Any]:
-    """Square roots."""
+    """Square roots of objects, any shape."""
     return np.asarray(_sqrt(values), dtype=object)
 
 
 def exp(values: NDArray[Any]) -> NDArray[Any]:
-    """Exponentials."""
+    """Exponentials of objects, any shape."""
     return np.asarray(_exp(values), dtype=object)
 
 
 def absolute(values: NDArray[Any]) -> NDArray[Any]:
-    """Magnitudes."""
+    """Magnitudes of objects, any shape."""
     return np.asarray(_abs(values), dtype=object)
 
 
 def largest(values: NDArray[Any]) -> float:
-    """Largest magnitude as a float; 0 of none."""
+    """Largest magnitude of objects of any shape, as a float; 0 of none."""
     return float(max(absolute(values).ravel(), default=mpmath.mpf(0)))
 
 
 def worst(found: ArrayLike, wanted: NDArray[Any], unit: ArrayLike | NDArray[Any] = 1.0) -> float:
-    """Largest |found − wanted| / unit; infinite where something found is not finite."""
+    """Largest |found − wanted| / unit of objects of one shape; infinite where something found is not finite."""
     if not np.isfinite(np.asarray(found, np.float64)).all():
         return float("inf")
     return largest((exact(found) - wanted) / exact(unit))
 
 
 def unit_quats(quats: ArrayLike) -> NDArray[Any]:
-    """(…, 4) at length 1."""
+    """Quaternions (…, 4) at length 1, objects."""
     q = exact(quats)
     return q / sqrt((q * q).sum(axis=-1))[..., None]
 
 
 def multiply_quats(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
-    """Hamilton product, wxyz."""
+    """Hamilton product of quaternions (…, 4), wxyz, objects."""
     aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     cross = np.roll(av, -1, -1) * np.roll(bv, 1, -1) - np.roll(av, 1, -1) * np.roll(bv, -1, -1)
     return np.concatenate([aw * bw - (av * bv).sum(-1, keepdims=True), aw * bv + bw * av + cross], axis=-1)
 
 
 def rotation_matrices(quats: ArrayLike) -> NDArray[Any]:
-    """(…, 3, 3) of quaternions of any length."""
+    """Rotation matrices (…, 3, 3) of quaternions (…, 4) of any length, objects."""
     w, x, y, z = np.moveaxis(unit_quats(quats), -1, 0)
     rows = [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -81,7 +81,7 @@ def rotation_matrices(quats: ArrayLike) -> NDArray[Any]:
 
 
 def turn_of(axis: ArrayLike, angle: mpmath.mpf) -> NDArray[Any]:
-    """(4,) unit quaternion of a rotation about an axis."""
+    """Unit quaternion (4,), objects, of a rotation about an axis (3,)."""
     a = exact(axis)
     a = a / sqrt((a * a).sum())
     return np.concatenate([[mpmath.cos(angle / 2)], mpmath.sin(angle / 2) * a])
@@ -90,7 +90,7 @@ def turn_of(axis: ArrayLike, angle: mpmath.mpf) -> NDArray[Any]:
 def project(
     means: NDArray[Any], scales: ArrayLike, K: ArrayLike, rotation: NDArray[Any], centre: ArrayLike, pixels: ArrayLike
 ) -> dict[str, NDArray[Any]]:
-    """VPT of (N, 3) world means: depth (N,), offset (N, 2) from pixel centres (N, 2), ŝ (N, 3); and the ray (N, 3)."""
+    """VPT of world means (N, 3): depth (N,), offset (N, 2) from pixel centres (N, 2), ŝ and ray (N, 3), objects."""
     K = exact(K)
     ray = means - exact(centre)
     x, y, z = (ray @ rotation.T).T
@@ -102,7 +102,7 @@ def project(
 def unproject(
     depth: ArrayLike, offset: ArrayLike, scale: ArrayLike, K: ArrayLike, rotation: NDArray[Any], pixels: ArrayLike
 ) -> dict[str, NDArray[Any]]:
-    """VPT⁻¹: means (N, 3) relative to the camera centre in world axes, and scales (N, 3)."""
+    """VPT⁻¹: means (N, 3) relative to the camera centre in world axes, and scales (N, 3), objects."""
     K, z = exact(K), exact(depth)
     uv = exact(pixels) + exact(offset)
     y = (uv[:, 1] - K[1, 2]) / K[1, 1]
@@ -115,7 +115,7 @@ def unproject(
 
 
 def sh_basis(directions: NDArray[Any], degree: int) -> NDArray[Any]:
-    """Real spherical harmonics (N, B) of unit vectors (N, 3), from mpmath's Legendre functions."""
+    """Real spherical harmonics (N, B) of unit vectors (N, 3), objects, from mpmath's Legendre functions."""
     bands = [(band, m) for band in range(degree + 1) for m in range(-band, band + 1)]
     return np.array([[_harmonic(band, m, *direction) for band, m in bands] for direction in directions])
 
@@ -127,7 +127,7 @@ def _harmonic(band: int, m: int, x: Any, y: Any, z: Any) -> Any:
 
 
 def splat_exponent(axes: NDArray[Any], jacobian: NDArray[Any], d: NDArray[Any], dilation: float) -> NDArray[Any]:
-    """½ dᵀ(J·axes·axesᵀ·Jᵀ + dilation·1)⁻¹d of (N, 3, 3) axes, (N, 2, 3) Jacobians and (N, 2) offsets."""
+    """½ dᵀ(J·axes·axesᵀ·Jᵀ + dilation·1)⁻¹d, objects (N,), of axes (N, 3, 3), Jacobians (N, 2, 3), offsets (N, 2)."""
     m = np.stack([j @ a for j, a in zip(jacobian, axes, strict=True)])  # (N, 2, 3)
     a, b, c = ((m[:, i] * m[:, j]).sum(-1) for i, j in ((0, 0), (0, 1), (1, 1)))
     a, c = a + exact(dilation), c + exact(dilation)

@@ -51,7 +51,7 @@ class Scene:
     rotation: NDArray[Any] = field(repr=False)
 
     def gaussians(self, origin: NDArray) -> Gaussians:
-        """As float32 relative to an origin."""
+        """Gaussians (1, H, W) as float32 relative to an origin (3,) float64."""
         lead = (1, SIDE, SIDE)
         return Gaussians(
             (self.means - origin).reshape(*lead, 3), self.quats.reshape(*lead, 4), self.scales.reshape(*lead, 3),
@@ -73,7 +73,7 @@ def make_scene(
 
     Args:
         depths: least and largest z, spread logarithmically over the pixels.
-        K: intrinsics; None for an ordinary lens.
+        K: (3, 3) float64 intrinsics; None for an ordinary lens.
         scale: standard deviations in units of the pixel's footprint.
         quat_length: length of the quaternions.
     """
@@ -130,7 +130,7 @@ def scenes() -> list[Scene]:
 
 
 def camera_inputs(camera: Camera, *, invert: bool) -> dict[str, NDArray]:
-    """A graph's camera tensors for one view."""
+    """A graph's camera tensors for one view: K and rotation (1, 3, 3), quaternion (1, 4), float32."""
     rotation = camera.rotation.T if invert else camera.rotation
     return {
         "K": as_input(camera.K)[None],
@@ -140,7 +140,7 @@ def camera_inputs(camera: Camera, *, invert: bool) -> dict[str, NDArray]:
 
 
 def projection_inputs(g: Gaussians, *, split: bool = True) -> dict[str, NDArray]:
-    """Inputs of `analysis_vpt`; without `split`, the camera centre is rounded to one float32."""
+    """Inputs (1, …) of `analysis_vpt`; without `split`, the camera centre is rounded to one float32."""
     centre = g.cameras[0].centre - g.origin
     high = as_input(centre)
     low = as_input(centre - high) if split else np.zeros(3, np.float32)
@@ -149,7 +149,7 @@ def projection_inputs(g: Gaussians, *, split: bool = True) -> dict[str, NDArray]
 
 
 def run_projection(store: GraphStore, g: Gaussians) -> NDArray:
-    """(11, N) of the graph that ships."""
+    """(11, N) float32 of the graph that ships."""
     return store.transform("analysis_vpt").run(projection_inputs(g))["geometry"][0].reshape(11, -1)
 
 

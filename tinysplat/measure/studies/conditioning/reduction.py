@@ -133,7 +133,7 @@ SPECTRUM_CASES = (
 
 
 def reduced(x: NDArray, delta: NDArray, k: int) -> Reduction:
-    """What ships: the moment in float32 as the graph computes it, everything of size d in float64."""
+    """The shipped reduction of x (M, d) float32: moment in float32 as in the graph, all of size d in float64."""
     moment = (x.T @ x / np.float32(len(x))).astype(np.float64)
     return reduce_basis(weighted_spectrum(moment, delta), delta, k)
 
