@@ -1,8 +1,8 @@
 """Which splats reach which tile, in depth order.
 
 A tile is 4×4 pixels: small enough that a good part of its pixels lies inside the footprints listed for it. Splats are
-numbered in depth order, each is expanded to the tiles that it reaches, and sorting (tile, number) puts every tile's
-list in depth order. Both are one integer, as numpy sorts integers faster than anything else it could do here.
+expanded in depth order to the tiles that they reach, and a stable sort by tile leaves every tile's list in depth order.
+Sorts are stable ones of 16 bits, which numpy does digit by digit: a fifth of the time of any other that it has.
 
 A picture is made in bands of rows of tiles, each for itself: what is listed at a time is bounded by the band, and bands
 are what threads share. Where a band alone has too many pairs, its splats go through in runs of falling nearness, and
@@ -13,8 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +29,9 @@ BATCH = 8
 MAX_PAIRS = 1_000_000
 """Most (tile, splat) pairs listed at a time, unless one splat alone has more; while they are sorted, a pair takes about
 40 bytes."""
+
+RADIX_TILES = 1 << 16
+"""Tiles of a band that 16 bits tell apart."""
 
 BAND_PAIRS = MAX_PAIRS // 2
 """Pairs that a band should have, as most of them then go through at once."""
@@ -100,12 +101,11 @@ def bands(width: int, height: int, pairs: int) -> list[tuple[int, Grid]]:
 
 
 def depth_order(depths: NDArray, ids: NDArray) -> NDArray:
-    """`ids` (R,) int32 by depth, ties as they rise. Positive floats sort like their bits."""
-    keys = depths.take(ids).view(np.uint32).astype(np.uint64)
-    keys <<= np.uint64(32)
-    keys |= ids.astype(np.uint32)
-    keys.sort()
-    return keys.astype(np.uint32).view(np.int32)  # the lower halves
+    """`ids` (R,) int32, which rise, by depth, ties as they were. Positive floats sort like their bits."""
+    bits = depths.take(ids).view(np.uint32)
+    by_low = np.argsort(bits.astype(np.uint16), kind="stable")
+    by_high = np.argsort((bits >> np.uint32(16)).astype(np.uint16).take(by_low), kind="stable")
+    return ids.take(by_low.take(by_high))
 
 
 def runs(areas: NDArray, limit: int) -> Iterator[slice]:
@@ -128,30 +128,26 @@ def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: Grid, open_
         grid: the band's tiles.
         open_tiles: (tiles,) bool, which tiles still take splats; None for all.
     """
-    bits = np.uint8(max(order.size - 1, 1).bit_length())
-    key_type: Any = np.uint32 if int(bits) + (grid.count - 1).bit_length() <= 32 else np.uint64
+    tile_type = np.uint16 if grid.count <= RADIX_TILES else np.uint32
     blocks = []
     for start in range(0, order.size, BLOCK_SIZE):
+        ids = order[start : start + BLOCK_SIZE]
         with part("tiles of every splat"):
-            tiles, owner = _pairs(splats, order[start : start + BLOCK_SIZE], first_row, grid)
+            tiles, owner = _pairs(splats, ids, first_row, grid)
         if open_tiles is not None:
             takes = open_tiles.take(tiles)
             tiles, owner = tiles.compress(takes), owner.compress(takes)
-        owner += start
-        blocks.append((tiles.astype(key_type) << key_type(bits)) | owner.astype(key_type))
-    keys = np.concatenate(blocks) if len(blocks) != 1 else blocks[0]
-    keys.sort()
-    ends = np.searchsorted(keys, np.arange(1, grid.count + 1, dtype=np.uint64).astype(key_type) << key_type(bits))
-    keys &= key_type((1 << int(bits)) - 1)
-    return _in_batches(order.take(keys), ends, splats.blank)
+        blocks.append((tiles.astype(tile_type), ids.take(owner)))
+    tiles, ids = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
+    by_tile = np.argsort(tiles, kind="stable")
+    return _in_batches(ids.take(by_tile), np.bincount(tiles, minlength=grid.count), splats.blank)
 
 
-def _in_batches(ids: NDArray, ends: NDArray, blank: int) -> Pairs:
-    """Lists `ids` (M,) that end at `ends` (tiles,), each filled up to whole batches."""
-    counts = np.diff(ends, prepend=0)
+def _in_batches(ids: NDArray, counts: NDArray, blank: int) -> Pairs:
+    """Lists `ids` (M,) of `counts` (tiles,), one after the other, each filled up to whole batches."""
     bounds = np.append(0, np.cumsum(-(-counts // BATCH)))
     out = np.full(BATCH * bounds[-1], blank, np.int32)
-    places = np.repeat(BATCH * bounds[:-1] - (ends - counts), counts)
+    places = np.repeat(BATCH * bounds[:-1] - (np.cumsum(counts) - counts), counts)
     places += np.arange(places.size)
     out[places] = ids
     return Pairs(out.reshape(-1, BATCH), bounds)
@@ -210,7 +206,7 @@ def _row_extent(spans: NDArray, row: NDArray, width: int) -> tuple[NDArray, NDAr
     high = low + np.float32(TILE_HEIGHT - 1)
     ends = []
     for sign in (-1, 1):
-        dy = np.clip(sign * y_rightmost, low, high)
+        dy = np.minimum(np.maximum(sign * y_rightmost, low), high)  # `clip` takes four times as long
         half = np.sqrt(np.maximum(tau - np.square(gamma * dy), 0))
         ends.append(x + slope * dy + sign * (reach * half))
     return pixels_between(ends[0], ends[1], width)
