@@ -320,6 +320,15 @@ def test_bands_list_what_the_whole_picture_lists():
     assert found == wanted and sum(map(len, found)) > 5000
 
 
+def test_a_band_of_more_tiles_than_16_bits_count_lists_each_by_itself():
+    splats, grid = Splats(2), Grid(4 * 70_000, 4)
+    for n, tile in enumerate((69_000, 69_000 - (1 << 16))):
+        splats.records[n, :5] = 4 * tile + 2, 2, 1, 0, 1
+    splats.log_opacities[:2] = 0
+    found = _lists(splats, find_pairs(splats, np.arange(2), 0, grid, None))
+    assert found[69_000] == [0] and found[69_000 - (1 << 16)] == [1]
+
+
 def test_tiles_that_are_closed_take_no_splats():
     splats, order, grid = _needles(300), np.arange(300), Grid(61, 43)
     is_open = np.random.default_rng(2).random(grid.count) < 0.5

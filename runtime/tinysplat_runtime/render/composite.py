@@ -4,7 +4,8 @@ alpha = min(0.99, o·exp(−½ dᵀΣ₂⁻¹d)), skipped under 1/255; a splat t
 is not blended and ends the pixel (Kerbl et al. 2023, and their rasteriser).
 
 Work goes in groups of tiles whose lists are about equally long, a batch of splats of every tile at a time, as arrays
-(splat, pixel row, pixel column, tile): many tiles to a numpy call, and scratch arrays not much larger than a cache.
+(pixel row, pixel column, splat, tile): many tiles to a numpy call, scratch arrays not much larger than a cache, and
+what is the same for all pixels in one piece.
 """
 
 from __future__ import annotations
@@ -101,26 +102,25 @@ class Band:
         left, sums = self._picture(0)
         if self.has_front:
             through, before = self._picture(self.planes)
-            left *= through
-            sums *= through[..., None]
-            sums += before
-        canvas.colour[rows], canvas.left[rows] = sums[..., :N_COLOUR], left
+            left, sums = left * through, sums * through + before
+        canvas.left[rows], sums = self._image(left)[..., 0], self._image(sums)
+        canvas.colour[rows] = sums[..., :N_COLOUR]
         if self.with_depth:
             canvas.depth[:, rows] = np.moveaxis(sums[..., N_COLOUR:], -1, 0)
 
     def _picture(self, first: int) -> tuple[NDArray, NDArray]:
-        """(h, w) transmittance and (h, w, 3 or 5) sums of the picture whose planes begin there."""
-        left = self._image(slice(first + LEFT, first + STOPPED + 1)).max(axis=-1)
-        return left, self._image(slice(first + SUMS, first + self.planes))
+        """(tiles, 1, 16) transmittance and (tiles, 3 or 5, 16) sums of the picture whose planes begin there."""
+        left = np.maximum(self.state[:, first + LEFT], self.state[:, first + STOPPED])
+        return left[:, None], self.state[:, first + SUMS : first + self.planes]
 
-    def _image(self, planes: slice) -> NDArray:
-        """Planes of the state as an image (h, W, planes)."""
+    def _image(self, planes: NDArray) -> NDArray:
+        """(tiles, k, 16) as an image (h, W, k)."""
         grid = self.grid
-        picture = (
-            self.state[:, planes].reshape(grid.rows, grid.columns, -1, TILE_HEIGHT, TILE_WIDTH).transpose(0, 3, 1, 4, 2)
-        )
-        picture = picture.reshape(grid.rows * TILE_HEIGHT, grid.columns * TILE_WIDTH, -1)
-        return picture[: grid.height, : grid.width]
+        fours = np.ascontiguousarray(planes).view(np.complex128)  # four pixels in a row are moved as one number
+        fours = fours.reshape(grid.rows, grid.columns, -1, TILE_HEIGHT).transpose(2, 0, 3, 1)
+        image = np.ascontiguousarray(fours).view(np.float32)
+        image = image.reshape(-1, grid.rows * TILE_HEIGHT, grid.columns * TILE_WIDTH)
+        return np.moveaxis(image[:, : grid.height, : grid.width], 0, -1)
 
 
 class Workspace:
@@ -173,8 +173,8 @@ def composite(band: Band, splats: Splats, pairs: Pairs, tiles: NDArray, work: Wo
         with part("blend: picking records"):
             planes = _planes(splats, ids, work)
         with part("blend: alphas"):
-            fronts = splats.fronts.take(ids) if band.has_front else None
-            weights, before = _alphas(planes, splats.log_opacities.take(ids), fronts, lists.x[:n], lists.y[:n], work)
+            weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
+            before = _in_front(weights, splats.fronts.take(ids), work) if band.has_front else None
         tally_nonzero("alphas above 1/255", weights)
         depths = splats.depths.take(ids, mode="wrap") if band.with_depth else None
         with part("blend: sums"):
@@ -206,10 +206,8 @@ def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:
     return planes.reshape(RECORD, *ids.shape)
 
 
-def _alphas(
-    planes: NDArray, log_opacities: NDArray, fronts: NDArray | None, first_x: NDArray, first_y: NDArray, work: Workspace
-) -> tuple[NDArray, NDArray | None]:
-    """Alphas of splats at the pixels of their tiles, 0 where under 1/255, and the shares of them in front.
+def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: NDArray, work: Workspace) -> NDArray:
+    """Alphas of splats at the pixels of their tiles, 0 where under 1/255.
 
     The exponent E = ln o − (αx·dx + βx·dy)² − (γ·dy)² is quadratic in dy. From one row of pixels to the next it
     changes by D, and D itself by a constant; so exp(E) of the later rows follows from the first by multiplication, and
@@ -219,47 +217,50 @@ def _alphas(
     Args:
         planes: (8, BATCH, n) records.
         log_opacities: (BATCH, n).
-        fronts: (BATCH, n) shares of alphas that are drawn in front; None where there are none.
         first_x: (n,) centre of each tile's first column of pixels.
         first_y: (n,) centre of its first row.
         work: holds the result until the next call.
 
     Returns:
-        (BATCH, 16, n) float32 each.
+        (16, BATCH, n) float32.
     """
     n = planes.shape[-1]
     x, y, alpha_x, beta_x, gamma = planes[: GAMMA + 1]
-    alphas = work.alphas[: BATCH * PIXELS * n].reshape(BATCH, TILE_HEIGHT, TILE_WIDTH, n)
-    change = work.change[: BATCH * TILE_WIDTH * n].reshape(BATCH, TILE_WIDTH, n)
+    alphas = work.alphas[: PIXELS * BATCH * n].reshape(TILE_HEIGHT, TILE_WIDTH, BATCH, n)
+    change = work.change[: TILE_WIDTH * BATCH * n].reshape(TILE_WIDTH, BATCH, n)
     dy = first_y - y
     with np.errstate(over="ignore"):  # in tiles beside a footprint
         across = alpha_x * (first_x - x) + beta_x * dy
         down = gamma * dy
-        exponent = alphas[:, 0]  # (BATCH, 4 columns, n), of the first row
-        exponent[:, 0] = across
+        exponent = alphas[0]  # (4 columns, BATCH, n), of the first row
+        exponent[0] = across
         for column in range(1, TILE_WIDTH):
-            np.add(exponent[:, column - 1], alpha_x, out=exponent[:, column])
-        np.multiply(exponent, (-2 * beta_x)[:, None], out=change)
+            np.add(exponent[column - 1], alpha_x, out=exponent[column])
+        np.multiply(exponent, -2 * beta_x, out=change)
         steepness = np.square(beta_x) + np.square(gamma)
-        np.subtract(change, (2 * gamma * down + steepness)[:, None], out=change)
+        np.subtract(change, 2 * gamma * down + steepness, out=change)
         np.minimum(change, work.max_change[:n], out=change)
         np.square(exponent, out=exponent)
-        np.subtract((log_opacities - np.square(down))[:, None], exponent, out=exponent)
+        np.subtract(log_opacities - np.square(down), exponent, out=exponent)
         np.exp(exponent, out=exponent)
         np.exp(change, out=change)
-        bend = np.exp(-2 * steepness)[:, None]
-        np.multiply(exponent, change, out=alphas[:, 1])
+        bend = np.exp(-2 * steepness)
+        np.multiply(exponent, change, out=alphas[1])
         for row in range(2, TILE_HEIGHT):
             np.multiply(change, bend, out=change)
-            np.multiply(alphas[:, row - 1], change, out=alphas[:, row])
+            np.multiply(alphas[row - 1], change, out=alphas[row])
     if log_opacities.max() > math.log(ALPHA_MAX):
         np.minimum(alphas, work.max_alpha[:n], out=alphas)
     shows = np.greater_equal(alphas, ALPHA_MIN, out=work.shows[: alphas.size].reshape(alphas.shape))
     np.multiply(alphas, shows, out=alphas)  # ten times as fast as any masked assignment
-    found = alphas.reshape(BATCH, PIXELS, n)
-    if fronts is None or not fronts.any():
-        return found, None
-    return found, np.multiply(found, fronts[:, None], out=work.fronts[: found.size].reshape(found.shape))
+    return alphas.reshape(PIXELS, BATCH, n)
+
+
+def _in_front(alphas: NDArray, fronts: NDArray, work: Workspace) -> NDArray | None:
+    """Shares `fronts` (BATCH, n) of alphas (16, BATCH, n), which are drawn in front; None where there are none."""
+    if not fronts.any():
+        return None
+    return np.multiply(alphas, fronts, out=work.fronts[: alphas.size].reshape(alphas.shape))
 
 
 def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray | None) -> bool:
@@ -267,7 +268,7 @@ def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray |
 
     Args:
         state: (planes, 16, n), see `Canvas`; changed in place.
-        weights: (BATCH, 16, n) alphas, which become weights.
+        weights: (16, BATCH, n) alphas, which become weights.
         colours: (3, BATCH, n).
         depths: (BATCH, n) where depth is gathered.
 
@@ -276,22 +277,23 @@ def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray |
     """
     left = state[LEFT]
     before = left.copy()
-    for weight in weights:
+    for splat in range(BATCH):
+        weight = weights[:, splat]
         np.multiply(weight, left, out=weight)
         np.subtract(left, weight, out=left)
     # A pixel stops once, so blend as if none did and mend the few that went below the limit.
     stopped = np.flatnonzero((left < TRANSMITTANCE_MIN) & (before > 0))
     if stopped.size:
-        flat = weights.reshape(BATCH, -1)
-        path = np.subtract.accumulate(np.concatenate([before.reshape(1, -1).take(stopped, 1), flat.take(stopped, 1)]))
-        kept = path >= TRANSMITTANCE_MIN
-        flat[:, stopped] *= kept[1:]
         pixel, tile = np.divmod(stopped, left.shape[1])
+        flat, each = weights.reshape(-1), np.arange(BATCH)[:, None] * left.shape[1]
+        places = each + (pixel * (BATCH * left.shape[1]) + tile)  # (BATCH, stopped)
+        path = np.subtract.accumulate(np.concatenate([before.reshape(1, -1).take(stopped, 1), flat.take(places)]))
+        kept = path >= TRANSMITTANCE_MIN
+        flat[places] *= kept[1:]
         state[STOPPED, pixel, tile] = np.where(kept, path, 1).min(axis=0)
         left[pixel, tile] = 0
-    for channel in range(N_COLOUR):
-        state[SUMS + channel] += np.einsum("rpn,rn->pn", weights, colours[channel])
+    state[SUMS : SUMS + N_COLOUR] += np.einsum("prn,crn->cpn", weights, colours)
     if depths is not None:
-        state[SUMS + N_COLOUR] += np.einsum("rpn,rn->pn", weights, depths)
-        state[SUMS + N_COLOUR + 1] += weights.sum(axis=0)
+        state[SUMS + N_COLOUR] += np.einsum("prn,rn->pn", weights, depths)
+        state[SUMS + N_COLOUR + 1] += weights.sum(axis=1)
     return bool(stopped.size)
