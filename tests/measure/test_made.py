@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 
-import pytest
+import numpy as np
 
 SCENES = """
 import hashlib
@@ -24,16 +24,17 @@ print(found.hexdigest())
 """
 
 
-@pytest.mark.parametrize(
-    "other",
-    [{"OPENBLAS_CORETYPE": "PRESCOTT"}, {"OPENBLAS_CORETYPE": "HASWELL", "OPENBLAS_NUM_THREADS": "1"},
-     {"NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX2 FMA3"}],
-    ids=["old kernel", "other kernel", "without AVX"],
-)  # fmt: skip
-def test_made_scenes_do_not_hang_on_the_processor(other):
+ALL = (getattr(np, "_core", None) or np.core)._multiarray_umath.__cpu_dispatch__
+"""What this numpy chooses between, whose names differ with its version: AVX2, or X86_V3."""
+
+
+def test_made_scenes_do_not_hang_on_the_processor():
     def digest(**variables: str) -> str:
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(["tests", ".", "runtime"]), **variables}
         command = [sys.executable, "-W", "ignore", "-c", SCENES]
         return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
 
-    assert digest() == digest(**other) and len(digest()) == 2 * hashlib.sha256().digest_size + 1
+    here = digest(NPY_DISABLE_CPU_FEATURES="")
+    assert len(here) == 2 * hashlib.sha256().digest_size + 1
+    assert digest(OPENBLAS_CORETYPE="PRESCOTT", NPY_DISABLE_CPU_FEATURES=" ".join(ALL)) == here
+    assert digest(OPENBLAS_CORETYPE="HASWELL", OPENBLAS_NUM_THREADS="1", NPY_DISABLE_CPU_FEATURES="") == here

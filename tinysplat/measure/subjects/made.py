@@ -88,7 +88,7 @@ class _Fields:
     """Random fields (H, W) of unit variance that resemble a network's planes of one picture."""
 
     def __init__(self, image: NDArray, depth: NDArray, rng: np.random.Generator) -> None:
-        image = np.asarray(image, np.float64)
+        image, depth = np.asarray(image, np.float64), np.asarray(depth, np.float64)
         grey = image @ np.array([0.3, 0.59, 0.11])
         maps = [grey, blur(grey, 2), blur(grey, 5), *np.gradient(blur(grey, 1)), image[..., 0] - grey, 1 / depth]
         self._features = np.stack([np.tanh(_standard(m)) for m in maps], axis=-1)
