@@ -1,160 +1,312 @@
-"""Single-line bugs put into the runtime's arithmetic, one at a time, and what the nearest tests say (`make mutants`).
+"""Single-line bugs put into the code, one at a time, and what the nearest tests say (`make mutants`).
 
-    python checks/mutants.py [--sample 300] [--rooms container,codec] [--again] [-o report.md]
+    python checks/mutants.py [--sample 300] [--seed 1] [--rooms container,web] [--jobs 1] [--again] [--junit tests.xml]
 
-cosmic-ray makes the mutants and runs the tests, in a copy of the checkout under build/mutants. Its session file keeps
-what was found, so that a run that was stopped goes on, and a larger sample adds to a smaller one; with `--again`, what
-went unnoticed is tried once more, against the tests as they stand. The sample follows from the mutants alone: their
-order is that of a hash. cosmic-ray and not mutmut, which rewrites whole modules into
-trampolines, wants its own copy of the package on the path and has no test command of each module's own.
+Samples evenly over rooms and works in a copy of the checkout under build/mutants. Each answer is a line of
+build/mutants/results.jsonl, so that a run that was stopped goes on; `--again` tries once more, against code and tests
+as they stand, what went unnoticed. With a JUnit report of the tests, quick files go first. A failing test counts only
+if it passes without the bug; a run that takes too long counts for nothing.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import json
 import os
-import shlex
+import py_compile
+import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
+import traceback
+import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
-from cosmic_ray import plugins
-from cosmic_ray.ast import ast_nodes, get_ast_from_path
-from cosmic_ray.mutating import mutate_and_test
-from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkItem, WorkResult
+from mutations import Mutation, mutated, mutations
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "mutants"
-TREE = BUILD / "tree"
+TREE, RESULTS = BUILD / "tree", BUILD / "results.jsonl"
 RUNTIME = Path("runtime/tinysplat_runtime")
-TIMEOUT_S = 240.0
-
-SWAPS = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Div", "Mod_Mul", "Pow_Mul", "LShift_RShift",
-         "RShift_LShift", "BitAnd_BitOr", "BitXor_BitAnd")  # fmt: skip
-"""Of cosmic-ray's 130 exchanges of a binary operator, one for each; `|` is left to annotations."""
-
-COMPARISONS = ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt", "Lt_Gt", "Gt_Lt", "LtE_Gt", "GtE_Lt", "Eq_NotEq", "NotEq_Eq")
-OTHERS = ("AddNot", "NumberReplacer", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceFalseWithTrue",
-          "ReplaceTrueWithFalse", "ReplaceUnaryOperator_USub_UAdd", "ZeroIterationForLoop")  # fmt: skip
+WITH_TORCH = ("networks", "measure")
+TIMEOUT_S = 600.0
+UNKNOWN_S = 20.0
+FEW = 4
+HEAVY = ("numpy", "scipy.ndimage", "scipy.optimize", "onnxruntime", "av", "numba", "torch", "PIL.Image", "pytest")
 
 
 def nearest_tests(module: str) -> list[str]:
-    """The tests of a module of the runtime, `room/module.py`: the file of its name first, then the rest of its room."""
+    """The tests of a module, `room/module.py`: files of its name, the few elsewhere that import it, and its room's."""
     room, own = Path("tests", Path(module).parts[0]), Path(module).stem
-    return [*(str(path) for path in sorted(room.glob(f"test_{own}.py"))), str(room)]
+    others = [path for path in sorted(Path("tests").glob("*/test_*.py")) if path.parent != room]
+    named = sorted(room.glob(f"test_{own}.py")) + [path for path in others if path.name == f"test_{own}.py"]
+    dotted = re.compile(re.escape(".".join(Path(module).with_suffix("").parts)) + r"\b")
+    importing = [path for path in others if dotted.search(path.read_text(encoding="utf-8")) and path not in named]
+    near = [*named, *(importing if len(importing) <= FEW else [])]
+    return [*map(str, near), *(str(path) for path in sorted(room.glob("test_*.py")) if path not in near)]
 
 
-def modules() -> list[str]:
-    """The modules that are tried: those of every room that has tests."""
-    found = (path.relative_to(RUNTIME) for path in sorted((ROOT / RUNTIME).rglob("*.py")))
-    return [str(path) for path in found if (ROOT / "tests" / path.parts[0]).is_dir() and path.stem != "__init__"]
+def modules() -> list[Path]:
+    """The modules that are tried, relative to the checkout: those of every room that has tests."""
+    found = [*(ROOT / RUNTIME).rglob("*.py"), *(ROOT / RUNTIME).rglob("*.js")]
+    found += [path for room in WITH_TORCH for path in (ROOT / "tinysplat" / room).rglob("*.py")]
+    inside = [path.relative_to(ROOT) for path in sorted(found) if path.stem != "__init__"]
+    return [path for path in inside if len(_inside(path).parts) > 1 and (ROOT / "tests" / _room(path)).is_dir()]
+
+
+def _inside(path: Path) -> Path:
+    """`room/module.py` of a module."""
+    return path.relative_to(RUNTIME if path.is_relative_to(RUNTIME) else "tinysplat")
+
+
+def _room(path: Path) -> str:
+    return _inside(path).parts[0]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run as many mutants as asked for and are not done, and write what is known."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sample", type=int, default=300, help="mutants in all, those of earlier runs included")
-    parser.add_argument("--rooms", default="", help="folders or modules to try alone, such as container,codec/basis.py")
+    parser.add_argument("--sample", type=int, default=300, help="mutants in all")
+    parser.add_argument("--seed", default="1", help="which sample")
+    parser.add_argument("--rooms", default="", help="rooms to try alone, such as container,web")
+    parser.add_argument("--jobs", type=int, default=1, help="workers; more than cores make tests run out of time")
     parser.add_argument("--again", action="store_true", help="try those once more that no test noticed")
+    parser.add_argument("--junit", type=Path, help="what pytest --junitxml wrote, for the order of files")
     parser.add_argument("-o", "--output", type=Path, default=BUILD / "report.md")
     args = parser.parse_args(arguments)
-    rooms = tuple(filter(None, args.rooms.split(",")))
-    _copy_checkout()
-    os.chdir(TREE)
-    with use_db(str(BUILD / "session.sqlite"), WorkDB.Mode.create) as session:
-        chosen = _sample(rooms, args.sample)
-        known = {item.job_id for item in session.work_items}
-        session.add_work_items(item for item in chosen if item.job_id not in known)
-        done = {job for job, found in session.results if not args.again or _is_noticed(found)}
-        for item in chosen:
-            if item.job_id not in done:
-                result = mutate_and_test(item.mutations, _command(item.mutations[0]), TIMEOUT_S)
-                session.set_result(item.job_id, result)
-                print(result.test_outcome, item.job_id, flush=True)
-        args.output = ROOT / args.output
-        args.output.parent.mkdir(parents=True, exist_ok=True)
-        args.output.write_text(_report(session, chosen), encoding="utf-8")
+    rooms, seconds, known = set(filter(None, args.rooms.split(","))), _seconds(args.junit), _known()
+    chosen = _unnoticed(known) if args.again else _sample(args.sample, args.seed)
+    wanted = [m for m in chosen if (args.again or m.place not in known) and (not rooms or _room(m.path) in rooms)]
+    for name in HEAVY:
+        importlib.import_module(name)
+    workers = [_worker(wanted[n :: args.jobs], n, seconds) for n in range(args.jobs)]
+    if sum(os.waitpid(worker, 0)[1] for worker in workers):
+        return 1
+    _doubt()
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    args.output.write_text(_report(), encoding="utf-8")
     return 0
 
 
-def _copy_checkout() -> None:
-    """What git tracks, as it stands: a run that is killed leaves a mutant in the copy alone."""
+def _worker(wanted: list[Mutation], number: int, seconds: dict[str, float]) -> int:
+    """A process that tries these, in a copy of its own; its id."""
+    child = os.fork()
+    if child == 0:
+        try:
+            global TREE
+            TREE = BUILD / f"tree{number}"
+            copy_checkout()
+            for mutation in wanted:
+                _keep(try_mutation(mutation, seconds))
+            os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+            os._exit(1)
+    return child
+
+
+def copy_checkout() -> None:
+    """What git tracks, as it stands, with compiled kernels: a run that is killed leaves a mutant in the copy alone."""
     shutil.rmtree(TREE, ignore_errors=True)
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    for name in filter(None, listed.split("\0")):
-        if (ROOT / name).is_file() and not name.startswith(("benchmarks/reports", "docs")):
+    kernels = [str(path.relative_to(ROOT)) for path in (ROOT / RUNTIME).rglob("*.nb[ic]")]
+    for name in [*filter(None, listed.split("\0")), *kernels]:
+        if (ROOT / name).is_file() and not name.startswith("benchmarks/reports"):
             (TREE / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, TREE / name)
+            if name.endswith(".py"):
+                py_compile.compile(str(TREE / name))
 
 
-def _operators() -> list[str]:
-    names = [f"ReplaceBinaryOperator_{swap}" for swap in SWAPS]
-    names += [f"ReplaceComparisonOperator_{swap}" for swap in COMPARISONS]
-    known = set(plugins.operator_names())
-    return [name for name in (f"core/{name}" for name in (*names, *OTHERS)) if name in known]
+def _sample(count: int, seed: str) -> list[Mutation]:
+    """The first by hash of every room, as many of each, and in turns, so that a run that is stopped is even."""
+    by_room: dict[str, list[Mutation]] = {}
+    for module in modules():
+        by_room.setdefault(_room(module), []).extend(mutations(ROOT, module))
+    for found in by_room.values():
+        found.sort(key=lambda mutation: sha256(f"{seed} {mutation.place}".encode()).digest())
+    rounds = -(-count // len(by_room))
+    return [found[n] for n in range(rounds) for found in by_room.values() if n < len(found)][:count]
 
 
-def _sample(rooms: tuple[str, ...], count: int) -> list[WorkItem]:
-    """The first `count` mutants by hash, of the rooms asked for."""
-    chosen = [module for module in modules() if not rooms or module.startswith(rooms)]
-    items = [item for module in chosen for item in _mutants(module)]
-    return sorted(items, key=lambda item: sha256(item.job_id.encode()).digest())[:count]
+def _unnoticed(known: dict[str, list[dict[str, Any]]]) -> list[Mutation]:
+    """The same changes of the same lines, wherever they stand now."""
+    found = []
+    for tries in known.values():
+        last = tries[-1]
+        if last["outcome"] != "noticed" and (ROOT / last["path"]).is_file():
+            text = (ROOT / last["path"]).read_text(encoding="utf-8")
+            same = (m for m in mutations(ROOT, Path(last["path"])) if m.what == last["what"])
+            again = next((m for m in same if _lines(text, m) == (last["old"], last["new"])), None)
+            found += [again] if again else []
+    return found
 
 
-def _mutants(module: str) -> Iterator[WorkItem]:
-    """Every mutant of a module, named by what it is of: a module that has changed has others."""
-    path = RUNTIME / module
-    nodes, version = list(ast_nodes(get_ast_from_path(path))), sha256(path.read_bytes()).hexdigest()[:8]
-    lines = path.read_text(encoding="utf-8").splitlines()
-    for name in _operators():
-        operator = plugins.get_operator(name)()
-        places = [place for node in nodes for place in operator.mutation_positions(node)]
-        for occurrence, (start, end) in enumerate(places):
-            if lines[start[0] - 1].lstrip().startswith("@"):
-                continue  # what decorators are told is no arithmetic
-            mutation = MutationSpec(path, name, occurrence, start, end)
-            yield WorkItem.single(f"{_place(mutation)} of {version}", mutation)
+def _lines(text: str, mutation: Mutation) -> tuple[str, str]:
+    """The line before and after; of a bug that spans several, the first."""
+    before, after = text.splitlines(), mutated(text, mutation).splitlines()
+    differs = (n for n, (old, new) in enumerate(zip(before, after, strict=False)) if old != new)
+    changed = next(differs, mutation.line - 1)
+    return before[changed].strip(), after[changed].strip()
 
 
-def _module(mutation: MutationSpec) -> str:
-    return str(Path(mutation.module_path).relative_to(RUNTIME))
+def try_mutation(mutation: Mutation, seconds: dict[str, float]) -> dict[str, Any]:
+    """What the nearest tests say, as a row."""
+    path, began = TREE / mutation.path, time.monotonic()
+    text = path.read_text(encoding="utf-8")
+    old, new = _lines(text, mutation)
+    aside = _take_kernels(mutation.path)
+    try:
+        path.write_text(mutated(text, mutation), encoding="utf-8")
+        os.chdir(TREE)
+        files = nearest_tests(str(_inside(mutation.path)))
+        own = [file for file in files if Path(file).stem == f"test_{mutation.path.stem}"]
+        rest = sorted((file for file in files if file not in own), key=lambda file: seconds.get(file, UNKNOWN_S))
+        status, output = run_tests([*own, *rest])
+    finally:
+        path.write_text(text, encoding="utf-8")
+        _take_kernels(mutation.path)
+        for name, data in aside.items():
+            name.write_bytes(data)
+        _older(path)
+    failed = re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", output, re.MULTILINE)
+    outcome = {0: "unnoticed", None: "out of time"}.get(status, "noticed")
+    return {
+        "place": mutation.place, "room": _room(mutation.path), "path": str(mutation.path), "line": mutation.line,
+        "what": mutation.what, "old": old, "new": new, "outcome": outcome, "by": failed[:1],
+        "seconds": round(time.monotonic() - began, 1),
+    }  # fmt: skip
 
 
-def _place(mutation: MutationSpec) -> str:
-    line, column = mutation.start_pos
-    return f"{_module(mutation)}:{line}:{column} {mutation.operator_name.split('/')[-1]} {mutation.occurrence}"
+def _older(path: Path) -> None:
+    """Give the file back the time that its compiled form and its kernels know."""
+    stamp = (ROOT / path.relative_to(TREE)).stat()
+    os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
 
 
-def _command(mutation: MutationSpec) -> str:
-    tests = nearest_tests(_module(mutation))
-    return shlex.join([sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests])
+def _take_kernels(path: Path) -> dict[Path, bytes]:
+    """Remove compiled kernels that may hold something of the module, and return them."""
+    stale, taken = {path.stem}, dict[Path, bytes]()
+    texts = {file.stem: file.read_text(encoding="utf-8") for file in (TREE / RUNTIME).rglob("*.py")}
+    kernels = {stem: text for stem, text in texts.items() if re.search("numba|kernels_project", text)}
+    for _ in range(3):
+        named = "|".join(stale)
+        stale |= {stem for stem, text in kernels.items() if re.search(rf"import .*({named})|({named}) import", text)}
+    for file in TREE.rglob("*.nb[ic]"):
+        if file.name.partition(".")[0] in stale:
+            taken[file] = file.read_bytes()
+            file.unlink()
+    return taken
 
 
-def _is_noticed(result: WorkResult) -> bool:
-    """Whether a test failed. One that ran out of time, as on a busy machine, says nothing."""
-    return bool(result.test_outcome == TestOutcome.KILLED and result.output != "timeout")
+def run_tests(tests: list[str], *options: str) -> tuple[int | None, str]:
+    """Status (None: out of time) and output of pytest in a fork, which has the heavy packages already."""
+    log = TREE.with_suffix(".txt")
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        os.chdir(TREE)
+        os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644), 1)
+        os.dup2(1, 2)
+        os.environ.update({"PYTHONPATH": f"{TREE / 'runtime'}:{TREE}", "TINYSPLAT_MODELS": str(TREE / "models")})
+        sys.dont_write_bytecode, sys.path[:0] = True, [str(TREE / "runtime"), str(TREE)]
+        command = [
+            "-q",
+            "-x",
+            "--tb=line",
+            "-m",
+            "not slow",
+            "-p",
+            "no:cacheprovider",
+            f"--timeout={TIMEOUT_S / 3:.0f}",
+        ]
+        status = 70
+        try:
+            status = int(importlib.import_module("pytest").main([*command, *options, *tests]))
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            os._exit(status)
+    ends = time.monotonic() + TIMEOUT_S
+    while time.monotonic() < ends:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status), log.read_text(encoding="utf-8", errors="replace")
+        time.sleep(0.05)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return None, ""
 
 
-def _report(session: WorkDB, chosen: list[WorkItem]) -> str:
-    """Markdown: the share that was noticed by module, and every survivor as a change."""
-    results = dict(session.results)
-    found = [(i.mutations[0], results[i.job_id]) for i in chosen if i.job_id in results]
-    killed = Counter(_module(m) for m, r in found if _is_noticed(r))
-    tried = Counter(_module(m) for m, _ in found)
-    total = f"**{sum(killed.values())} of {len(found)}** noticed, of a sample of {len(chosen)}"
-    lines = ["# Mutants", "", total, "", "| module | noticed | tried |", "|---|---|---|"]
-    lines += [f"| {module} | {killed[module]} | {tried[module]} |" for module in sorted(tried)]
-    lines += ["", "## Survivors", ""]
-    for mutation, result in found:
-        if not _is_noticed(result):
-            outcome = "timeout" if result.output == "timeout" else result.test_outcome
-            changed = [r for r in (result.diff or "").splitlines() if r[:1] in "+-" and r[:3] not in ("+++", "---")]
-            lines += [f"{_place(mutation)} ({outcome})", "", "```diff", *changed, "```", ""]
+def _doubt() -> None:
+    """Take back what was noticed by a test that fails without any bug, too."""
+    rows = [json.loads(line) for line in RESULTS.read_text(encoding="utf-8").splitlines()]
+    tests = sorted({test for row in rows for test in row["by"]})
+    copy_checkout()
+    _, output = run_tests(tests, "--maxfail=1000") if tests else (0, "")
+    wrong = set(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", output, re.MULTILINE))
+    for row in rows:
+        if wrong & set(row["by"]):
+            row |= {"outcome": "unnoticed", "by": [], "wrong": row["by"]}
+    RESULTS.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+
+
+def _seconds(junit: Path | None) -> dict[str, float]:
+    """By file of tests."""
+    total: dict[str, float] = {}
+    for case in ET.parse(junit).iter("testcase") if junit else ():
+        file = case.get("classname", "").replace(".", "/") + ".py"
+        total[file] = total.get(file, 0.0) + float(case.get("time", 0))
+    return total
+
+
+def _keep(row: dict[str, Any]) -> None:
+    with RESULTS.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def _known() -> dict[str, list[dict[str, Any]]]:
+    """All tries of every change, by the place where it was first put."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    places: dict[tuple[str, ...], str] = {}
+    for line in RESULTS.read_text(encoding="utf-8").splitlines() if RESULTS.is_file() else ():
+        row = json.loads(line)
+        place = places.setdefault((row["path"], row["what"], row["old"], row["new"]), row["place"])
+        found.setdefault(place, []).append(row)
+    return found
+
+
+def _report() -> str:
+    """Markdown: what was noticed at once and by now, by room, and every survivor as a change."""
+    known = _known()
+    tried, first, now = Counter[str](), Counter[str](), Counter[str]()
+    for tries in known.values():
+        room = tries[0]["room"]
+        tried[room] += 1
+        first[room] += tries[0]["outcome"] == "noticed"
+        now[room] += tries[-1]["outcome"] == "noticed"
+    lines = ["# Mutants", "", "| room | tried | noticed at once | now |", "|---|--:|--:|--:|"]
+    lines += [f"| {room} | {tried[room]} | {first[room]} | {now[room]} |" for room in sorted(tried)]
+    lines += [f"| **all** | **{tried.total()}** | **{first.total()}** | **{now.total()}** |", "", "## Survivors", ""]
+    for tries in known.values():
+        row = tries[-1]
+        if row["outcome"] != "noticed":
+            lines += [
+                f"{row['place']} ({row['outcome']})",
+                "",
+                "```diff",
+                f"- {row['old']}",
+                f"+ {row['new']}",
+                "```",
+                "",
+            ]
     return "\n".join(lines) + "\n"
 
 
