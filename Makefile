@@ -20,7 +20,7 @@ dev: $(VENV)/.installed  ## the development environment
 
 test: $(VENV)/.installed  ## the tests, on all cores (under 15 minutes on 2); says first how many it leaves to test-slow
 	@$(VENV)/bin/python -m pytest -q --collect-only -m slow | tail -n 1 | sed 's/^/left to make test-slow: /'
-	TINYSPLAT_ALL_EXTRAS=1 $(VENV)/bin/python -m pytest -q -m "not slow" -n auto --dist loadfile
+	TINYSPLAT_ALL_EXTRAS=1 $(VENV)/bin/python -m pytest -q -m "not slow" -n auto --dist worksteal
 
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
 	$(VENV)/bin/python -m pytest -q -m slow
@@ -28,13 +28,13 @@ test-slow: $(VENV)/.installed  ## the tests that take minutes each
 test-ranges: $(VENV)/.installed  ## the runtime at the oldest and newest versions of what it depends on (needs the network)
 	$(VENV)/bin/python .ci/ranges.py
 
-test-machines: $(VENV)/.installed  ## the tests as other machines run them: BLAS kernels, vector instructions, cores, no numba
+test-machines: $(VENV)/.installed  ## the tests as other machines run them: BLAS kernels, vector instructions, cores, dependencies, no numba
 	$(VENV)/bin/python .ci/machines.py
 
 fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files, about 40 minutes of one core
 	PYTHONPATH=tests $(VENV)/bin/python -m hostile.campaign
 
-mutants: $(VENV)/.installed  ## single-line bugs, 300 of them, and which the nearest tests miss: build/mutants/report.md; a stopped run goes on
+mutants: $(VENV)/.installed  ## single-line bugs, 300 of them, evenly over rooms, and which the nearest tests miss: build/mutants/report.md
 	nice -n 15 $(VENV)/bin/python checks/mutants.py
 
 lint: $(VENV)/.installed  ## ruff and mypy

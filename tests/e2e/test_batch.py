@@ -6,7 +6,6 @@ import hashlib
 import importlib
 import json
 import os
-import subprocess
 import sys
 import time
 from functools import partial
@@ -16,6 +15,7 @@ from typing import Any
 import fsspec
 import pytest
 from batch_work import note
+from console import tinysplat
 from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, write_eval_scene
 from scenes import write_scene
 
@@ -29,12 +29,6 @@ from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import AutoViews, Refinement
-
-SCRIPT = Path(sys.executable).with_name("tinysplat")
-
-
-def tinysplat(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, timeout=150)
 
 
 def silent(record: dict[str, Any]) -> None:

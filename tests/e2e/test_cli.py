@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from console import fail, succeed, tinysplat
 from PIL import Image
 from scenes import make_gaussians, make_smooth_gaussians, write_scene
 
@@ -21,26 +22,6 @@ from tinysplat_runtime.cli import main
 from tinysplat_runtime.scene.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
-
-
-def tinysplat(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    command = [str(SCRIPT), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
-
-
-def succeed(*arguments: object) -> str:
-    done = tinysplat(*arguments)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def fail(*arguments: object) -> str:
-    """Run a command that must refuse its input: exit status 2 and one line."""
-    done = tinysplat(*arguments)
-    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1 and "Traceback" not in done.stderr, done.stderr
-    return done.stderr
 
 
 def _photo(shift: float, height: int = 48, width: int = 64) -> np.ndarray:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import plyfile
 import pytest
+from console import fail, tinysplat
 from PIL import Image
 from scenes import make_smooth_gaussians
 
@@ -17,25 +16,11 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.reader import read_container
 
-SCRIPT = Path(sys.executable).with_name("tinysplat")
 
-
-def tinysplat(*arguments: object, path: str | None = None) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, **({"PATH": path} if path else {})}
-    command = [str(SCRIPT), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=environment)
-
-
-def succeed(*arguments: object, path: str | None = None) -> subprocess.CompletedProcess[str]:
-    done = tinysplat(*arguments, path=path)
+def succeed(*arguments: object) -> subprocess.CompletedProcess[str]:
+    done = tinysplat(*arguments)
     assert done.returncode == 0, done.stderr
     return done
-
-
-def fail(*arguments: object, path: str | None = None) -> str:
-    done = tinysplat(*arguments, path=path)
-    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, (done.returncode, done.stderr)
-    return done.stderr
 
 
 @pytest.fixture(scope="module")

@@ -10,19 +10,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import console
 import pytest
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 
-SCRIPT = Path(sys.executable).with_name("tinysplat")
 MODELS = Path(__file__).parents[2] / "models"
 
 
 def tinysplat(*arguments: object, models: Path = MODELS) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "TINYSPLAT_MODELS": str(models)}
-    command = [str(SCRIPT), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=environment)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TINYSPLAT_MODELS", str(models))
+        return console.tinysplat(*arguments)
 
 
 def test_a_sound_installation_has_nothing_wrong() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from chunks import make_chunk_scene, write_chunks
+from console import tinysplat
 from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, write_eval_scene
 
 from tinysplat_runtime.api import DEFAULT_MODEL
@@ -25,7 +26,7 @@ def command(name: str, *arguments: object) -> list[str]:
 
 
 def run(name: str, *arguments: object, status: int = 0) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(command(name, *arguments), capture_output=True, text=True, timeout=120, check=False)
+    done = tinysplat(name, *arguments)
     assert done.returncode == status, (done.returncode, done.stdout, done.stderr)
     assert "Traceback" not in done.stderr
     return done

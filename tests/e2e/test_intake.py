@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from console import fail, tinysplat
 from scenes import write_scene
 from walls import HEIGHT, WIDTH, write_photos_of_walls
 
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.layouts import load_scene
-
-SCRIPT = Path(sys.executable).with_name("tinysplat")
-
-
-def tinysplat(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, timeout=120)
-
-
-def fail(*arguments: object) -> str:
-    done = tinysplat(*arguments)
-    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, done.stderr
-    return done.stderr
 
 
 @pytest.fixture(scope="module")

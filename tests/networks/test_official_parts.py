@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from golden.official.networks import deterministic_network
 from scenes import make_cameras
+from shallow_networks import shallow_network
 from torch import Tensor
 from torch.nn import functional
 
@@ -173,7 +173,7 @@ def test_world_rotations_are_the_cameras_times_the_local_ones() -> None:
 
 @pytest.mark.parametrize(("model", "views"), [("mvsplat_re10k", 3), ("depthsplat_small_re10k", 2)])
 def test_scenes_of_a_batch_do_not_touch_each_other(model: str, views: int) -> None:
-    network = deterministic_network(model)
+    network = shallow_network(model)
     K, c2w = (x.float() for x in cameras(views))
     images = torch.rand(2, views, 3, 64, 64, generator=torch.Generator().manual_seed(4))
     poses = torch.stack([c2w, cameras(views, spacing=0.5)[1].float()])

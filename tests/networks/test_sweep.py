@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
-from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, row_of_cameras, trace
+from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, row_of_cameras, trace
 
 from tinysplat.networks.geometry import (
     pixel_rays,
@@ -41,6 +42,13 @@ def run_sweep(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR)
     return dict(zip(OUTPUT_NAMES, outputs, strict=True))
 
 
+@lru_cache(maxsize=4)
+def run_traced(views: int, height: int, width: int, spacing: float = 0.2) -> tuple[TracedScene, dict[str, Tensor]]:
+    """The scene of two planes, and what the network makes of it."""
+    scene = trace(views, height, width, spacing)
+    return scene, run_sweep(scene.images, scene.cameras)
+
+
 def own_depth(outputs: Mapping[str, Tensor], prefix: str, cameras) -> np.ndarray:
     """z of every mean in its own view's camera, (V, h, w)."""
     means = outputs[f"{prefix}means"].double().numpy()
@@ -61,8 +69,8 @@ def assert_usable(outputs: Mapping[str, Tensor], cameras) -> None:
 
 @pytest.mark.parametrize("views", [2, 3])
 def test_depth_of_two_textured_planes_is_within_three_percent_for_nine_pixels_in_ten(views):
-    scene = trace(views, 96, 128)
-    depth = run_sweep(scene.images, scene.cameras)["depth"].numpy()
+    scene, outputs = run_traced(views, 96, 128)
+    depth = outputs["depth"].numpy()
     error = np.abs(depth / scene.depth - 1)
     assert np.median(error) < 0.005
     assert np.quantile(error, 0.9) < 0.03
@@ -72,8 +80,7 @@ def test_depth_of_two_textured_planes_is_within_three_percent_for_nine_pixels_in
 
 
 def test_pixels_that_views_agree_on_are_more_opaque_than_the_rest():
-    scene = trace(2, 96, 128)
-    outputs = run_sweep(scene.images, scene.cameras)
+    scene, outputs = run_traced(2, 96, 128)
     error = np.abs(outputs["depth"].numpy() / scene.depth - 1)
     opacities = outputs["opacities"].numpy()
     assert opacities[error < 0.01].mean() > opacities[error > 0.1].mean() + 0.1
@@ -106,14 +113,13 @@ def test_extreme_depth_ranges_give_finite_gaussians(near, far):
 
 
 def test_depth_stays_between_near_and_far():
-    scene = trace(2, 64, 96)
-    depth = run_sweep(scene.images, scene.cameras)["depth"]
+    depth = run_traced(2, 64, 96)[1]["depth"]
     assert float(depth.min()) >= NEAR * (1 - 1e-5) and float(depth.max()) <= FAR * (1 + 1e-5)
 
 
 def test_means_of_the_first_layer_project_to_their_pixels_centres():
-    scene = trace(2, 64, 96)
-    means = run_sweep(scene.images, scene.cameras)["means"].double().numpy()
+    scene, outputs = run_traced(2, 64, 96)
+    means = outputs["means"].double().numpy()
     row, column = np.mgrid[:64, :96] + 0.5
     for view, camera in zip(means, scene.cameras, strict=True):
         local = (view - camera.centre) @ camera.rotation.T @ camera.K.T
@@ -122,8 +128,7 @@ def test_means_of_the_first_layer_project_to_their_pixels_centres():
 
 
 def test_coarse_cells_project_to_their_own_grid_and_the_ring_lies_beyond_the_frame():
-    scene = trace(2, 64, 96)
-    outputs = run_sweep(scene.images, scene.cameras)
+    scene, outputs = run_traced(2, 64, 96)
     settings: CoarseSettings = SweepSettings().coarse
     height, width = 64 // settings.cell + 2 * settings.ring, 96 // settings.cell + 2 * settings.ring
     assert outputs["layer1_means"].shape == (2, height, width, 3)
@@ -142,8 +147,7 @@ def test_coarse_cells_project_to_their_own_grid_and_the_ring_lies_beyond_the_fra
 
 
 def test_backdrop_stands_behind_the_surface_of_its_own_cell():
-    scene = trace(2, 64, 96)
-    outputs = run_sweep(scene.images, scene.cameras)
+    scene, outputs = run_traced(2, 64, 96)
     settings = SweepSettings().coarse
     behind = own_depth(outputs, "layer1_", scene.cameras)[:, settings.ring : -settings.ring]
     behind = behind[:, :, settings.ring : -settings.ring]
@@ -208,10 +212,9 @@ def test_rotation_quats_return_the_rotation_for_every_dominant_component():
     np.testing.assert_allclose(quats_to_matrices(found), matrices, atol=1e-12)
 
 
-@pytest.mark.parametrize("views", [2, 4])
+@pytest.mark.parametrize("views", [2, 3])
 def test_ring_cells_that_another_view_has_in_its_frame_fade_only_beside_more_than_one(views):
-    scene = trace(views, 64, 96, spacing=0.8)
-    outputs = run_sweep(scene.images, scene.cameras)
+    scene, outputs = run_traced(views, 64, 96, 0.8)
     settings = SweepSettings().coarse
     ring = np.ones(outputs["layer1_opacities"].shape[1:], bool)
     ring[settings.ring : -settings.ring, settings.ring : -settings.ring] = False

@@ -14,7 +14,7 @@ KINDS = ["one black", "all equal", "noise", "range ten times too wide", "range t
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_gaussians_are_finite(kind: str) -> None:
-    scene = trace(3, 48, 64)
+    scene = trace(2, 32, 48)
     images, near, far = scene.images.copy(), NEAR, FAR
     match kind:
         case "one black":

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from console import tinysplat
 from numpy.typing import NDArray
 from PIL import Image
 from scenes import make_cameras, make_gaussians, make_photo, make_smooth_gaussians, write_scene
@@ -118,10 +119,6 @@ def test_photos_and_cameras_are_in_the_page() -> None:
 
 
 # ---- the command -------------------------------------------------------------------------------------------------
-
-
-def tinysplat(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, timeout=120)
 
 
 @pytest.fixture(scope="module")
