@@ -14,6 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.free.encoder import FreeEncoder
+from tinysplat_runtime.codec.free.levels import Level, Tiers
+from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from tinysplat_runtime.scene.cameras import Camera
@@ -146,6 +150,15 @@ def make_free_gaussians(count: int, degree: int, rng: np.random.Generator, size:
     sh = np.einsum("nc,cbk->nbk", np.sin(3 * towards), mix) + 0.05 * rng.normal(size=(count, functions, 3))
     scales = 0.05 * np.exp(rng.normal(0, 0.7, (count, 3)))
     return Gaussians(means, rng.normal(size=(count, 4)), scales, rng.uniform(0.02, 1, count), sh)
+
+
+def free_in_tiers(gaussians: Gaussians, qp: float = 0.0, growths: tuple[float, ...] = (0.3, 0.1), **options) -> bytes:
+    """A file of mode free in three tiers, those of the largest opacities first."""
+    levels = (Level(0.1, 0.7, 0.75), Level(0.3, 0.8, 0.8), Level(1, 1.1, 1))
+    ranks = np.argsort(np.argsort(-gaussians.opacities, kind="stable"))
+    numbers = sum(ranks >= level.share * gaussians.count for level in levels[:2]).astype(np.uint8)
+    options = {"threads": 1, "stats": EncodeStats(), "tiers": Tiers(levels, numbers, growths), **options}
+    return FreeEncoder(gaussians, find_profile("balanced"), **options).code(qp)
 
 
 def make_photo(height: int, width: int, seed: int = 0) -> NDArray:

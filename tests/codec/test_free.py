@@ -198,7 +198,8 @@ def test_so_many_equal_gaussians_that_no_byte_pays_for_them_are_refused():
 def test_limits_of_what_is_coded():
     """Cells no wider than a quarter of the bulk, however few or coarse; at most seven classes; e^69 and no more."""
     few = cloud(30)
-    grid, cells = _grid_of(few.means.astype(np.float64), 100.0)
+    grid, space = _grid_of(few.means.astype(np.float64), 100.0)
+    cells = np.rint(space / grid.cell)
     assert grid.cell == 0.25 and len(np.unique(cells, axis=0)) > 8
     scene = read_container(coded(cloud(700))).body.scene
     assert scene is not None and all(len(order.gains) == 7 for order in scene.orders)
@@ -283,7 +284,7 @@ def test_a_prefix_shows_what_is_there_and_says_when_that_is_too_little():
 def _end_of(data: bytes, name: str) -> int:
     container = read_container(data)
     assert container.body.scene is not None
-    record = next(c.record for c in container.body.scene.channels if c.record.name == name)
+    record = next(c.record for c in container.body.scene.tiers[0].channels if c.record.name == name)
     section = next(s for s in container.pictures.sections if s.kind == record.plane_class.facts.section)
     return section.end - section.length + record.streams[0].offset + record.streams[0].length
 

@@ -19,7 +19,7 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from scenes import make_free_gaussians, make_skewed_cameras, make_smooth_gaussians, write_scene
+from scenes import free_in_tiers, make_free_gaussians, make_skewed_cameras, make_smooth_gaussians, write_scene
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
@@ -197,6 +197,11 @@ def other_modes() -> Iterator[Case]:
     yield Case("free_crowd", "600 in one place: numbers beyond a byte", compress(crowd, keep_all=True))
     end = ts.inspect(data)["prefixes"][0]["bytes"]
     yield Case("free_prefix", "a prefix that holds what sorts", data, {"maxBytes": end}, scale=1.0)
+    tiers = free_in_tiers(make_free_gaussians(400, 1, rng))
+    yield Case("minor6_tiers", "format 1.6: mode free in three tiers", tiers)
+    ends = [entry["bytes"] for entry in ts.inspect(tiers)["prefixes"]]
+    yield Case("tiers_one", "the first tier, larger as others are absent", tiers, {"maxBytes": ends[3] - 1}, scale=1.0)
+    yield Case("tiers_spheres", "a second tier without rotations", tiers, {"maxBytes": ends[3]}, scale=1.0)
     exact = lossless(make_smooth_gaussians(2, 6, 9, 1, layers=2))
     yield Case("lossless", "exact planes, two layers", exact)
     with TemporaryDirectory() as folder:
@@ -240,6 +245,11 @@ def refused() -> Iterator[Case]:
     yield made("free_levels", "an octree with two roots", changed(free, b"FREE", poked(92, struct.pack("<I", 2))))
     yield made("free_count", "more Gaussians than bytes pay for", changed(free, b"FREE", poked(0, b"\0\0\1\0")))
     yield made("free_points", "positions that are no LZMA2", changed(free, b"FREP", poked(0, b"\x7f")))
+    tiers = free_in_tiers(make_free_gaussians(60, 0, np.random.default_rng(9)))
+    yield made("tier_growth", "scales that grow by e^3", changed(tiers, b"TIER", poked(24, b"\0\0\x40\x40"), 1))
+    sections = sections_of(tiers)
+    renamed = [[k, f, 3 if (k, index) == (b"TIER", 2) else index, d] for k, f, index, d in sections]
+    yield made("tier_gap", "a tier 1 and a tier 3", file_of(renamed))
     yield made("exact_hash", "exact planes of another SHA-256", changed(exact, b"EXAC", poked(20, b"\0\0\0")))
     units = sections_of(in_parts(data))
     yield made("unit_order", "views as units, out of order", file_of([*units[:-2], units[-1], units[-2]]))

@@ -10,7 +10,7 @@ from golden_cases import DATA
 
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.exact import EXACT_FIXED
-from tinysplat_runtime.container.free import FREE_FIXED
+from tinysplat_runtime.container.free import FREE_FIXED, TIER_FIXED
 from tinysplat_runtime.container.notes import NOTES_FIXED
 from tinysplat_runtime.container.photos import GROUP_FIXED, GROUP_VIEW, GROUPS_FIXED, NETWORK_FIXED, PHOTOS_FIXED
 from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, GEOMETRY_CHANNELS, PLANE_CLASSES, PlaneClass
@@ -51,6 +51,7 @@ STRUCTURES = {
     "EXAC": EXACT_FIXED,
     "NOTE": NOTES_FIXED,
     "FREE": FREE_FIXED,
+    "TIER": TIER_FIXED,
 }
 """In the order of the page's tables."""
 

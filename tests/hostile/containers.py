@@ -17,7 +17,7 @@ from sections import sections_of
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.exact import EXACT, EXACT_FIXED
-from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_POINTS
+from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_POINTS, FREE_TIER, TIER_FIXED
 from tinysplat_runtime.container.photos import (
     NETWORK,
     NETWORK_FIXED,
@@ -60,8 +60,11 @@ class Seed:
         """Take a file apart."""
         parts, container = split(data), read_container(data)
         pictures = []
-        for kind, streams in ((PHOTO_PICTURES, _photo_streams(container)), (FREE_POINTS, _point_streams(container))):
-            pictures += [_place(parts, [i for i, p in enumerate(parts) if p.kind == kind], s) for s in streams]
+        photos = [i for i, p in enumerate(parts) if p.kind == PHOTO_PICTURES]
+        pictures += [_place(parts, photos, stream) for stream in _photo_streams(container)]
+        for index, streams in enumerate(_point_streams(container)):
+            points = [i for i, p in enumerate(parts) if (p.kind, p.index) == (FREE_POINTS, index)]
+            pictures += [_place(parts, points, stream) for stream in streams]
         for index, channels in enumerate(container.pictures.channels):
             for channel in channels:
                 if isinstance(container.pictures, UnitPictures):
@@ -79,10 +82,14 @@ def _photo_streams(container: Container) -> Sequence[StreamRef]:
     return body.photos.streams if isinstance(body, Photos) else ()
 
 
-def _point_streams(container: Container) -> Sequence[StreamRef]:
-    streams = container.body.scene.grid.streams if isinstance(container.body, Points) else ()
-    ends = accumulate(map(len, streams), initial=0)
-    return [StreamRef(end, len(stream), 0) for end, stream in zip(ends, streams, strict=False)]
+def _point_streams(container: Container) -> Sequence[Sequence[StreamRef]]:
+    """Of each tier."""
+    tiers = container.body.scene.tiers if isinstance(container.body, Points) else ()
+    found = []
+    for tier in tiers:
+        ends = accumulate(map(len, tier.grid.streams), initial=0)
+        found.append([StreamRef(end, len(stream), 0) for end, stream in zip(ends, tier.grid.streams, strict=False)])
+    return found
 
 
 def _place(parts: Sequence[Part], sections: Sequence[int], stream: StreamRef) -> tuple[int, int, int]:
@@ -235,7 +242,8 @@ def _with_picture(parts: list[Part], i: int, start: int, picture: bytes) -> Part
         return replace(parts[i], data=data[:start] + picture + data[start + len(picture) :])
     table = (PHOTOS, 0) if parts[i].kind == PHOTO_PICTURES else (L.LAYER, parts[i].index % L.PART)
     if any(p.kind == FREE for p in parts):
-        table = FREE, 0
+        tier = parts[i].index % L.PART
+        table = (FREE_TIER, tier) if tier else (FREE, 0)
     of = next(n for n, p in enumerate(parts) if (p.kind, p.index) == table)
     record, repaired = (L.STREAM.pack(len(old), crc32(data)) for data in (old, picture))
     parts[of] = replace(parts[of], data=parts[of].data.replace(record, repaired))
@@ -280,4 +288,5 @@ _FIELDS = {
     PHOTOS: _field_offsets(PHOTOS_FIXED),
     NETWORK: _field_offsets(NETWORK_FIXED),
     FREE: _field_offsets(FREE_FIXED),
+    FREE_TIER: _field_offsets(TIER_FIXED),
 }

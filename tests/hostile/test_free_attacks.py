@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hostile.containers import Seed, join
-from scenes import make_free_gaussians
+from scenes import free_in_tiers, make_free_gaussians
+from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.free import octree
 from tinysplat_runtime.codec.free.octree import decode_points, encode_points, morton_keys
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.free import FREE, FREE_FIXED, decoding_bytes
+from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_TIER, TIER_FIXED, decoding_bytes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError
@@ -77,8 +78,8 @@ def _places(seed: Seed) -> dict[str, int]:
     scene = read_container(seed.data).body.scene
     assert scene is not None
     at = {"sizes": FREE_FIXED.size}
-    at["streams"] = at["sizes"] + 4 * len(scene.grid.levels)
-    at["thresholds"] = at["streams"] + L.STREAM.size * len(scene.grid.streams)
+    at["streams"] = at["sizes"] + 4 * len(scene.tiers[0].grid.levels)
+    at["thresholds"] = at["streams"] + L.STREAM.size * len(scene.tiers[0].grid.streams)
     at["orders"] = at["thresholds"] + sum(2 + 4 * len(values) for values in scene.thresholds)
     at["mean"] = at["orders"] + sum(4 + 4 * len(order.gains) for order in scene.orders)
     at["basis"] = at["mean"] + 4 * len(scene.mean)
@@ -303,3 +304,68 @@ def test_decoding_takes_at_most_twice_the_memory_that_the_limit_counts(tmp_path:
     scene = read_container(data).body.scene
     assert scene is not None
     assert grown <= 2 * decoding_bytes(scene.count, scene.degree, scene.basis.shape[1])
+
+
+# ---- tiers -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tiers() -> Seed:
+    return Seed.of(free_in_tiers(make_free_gaussians(120, 1, np.random.default_rng(3))))
+
+
+TIER_FIELDS = {
+    "count": (0, "<u4", (0, 0xFFFFFFFF)),
+    "levels": (4, "u1", (0, 22)),
+    "leaves": (8, "<u4", (0, 121, 0xFFFFFFFF)),
+    "escapes": (12, "<u4", (121, 0xFFFFFFFF)),
+    "cell": (16, "<f8", (np.nan, np.inf, 0, -1, 1.5)),
+    "growth": (24, "<f4", (np.nan, np.inf, -0.1, 2.1)),
+}
+
+
+@pytest.mark.parametrize("name", TIER_FIELDS)
+def test_no_field_of_a_tier_may_be_what_it_must_not(tiers: Seed, name: str) -> None:
+    at, code, values = TIER_FIELDS[name]
+    for value in values:
+        with pytest.raises(FormatError):
+            read_container(changed(tiers, FREE_TIER, field(at, code, value)))
+
+
+def test_numbers_of_a_tier_that_overflow_together_are_refused(tiers: Seed) -> None:
+    """Its records are checked as those of the first tier are: here the offset of the first colour."""
+    (levels,) = {len(tier.grid.levels) for tier in read_container(tiers.data).body.scene.tiers[1:2]}
+    at = TIER_FIXED.size + 4 * levels + 48
+    with pytest.raises(FormatError, match="sh can decode to"):
+        read_container(changed(tiers, FREE_TIER, field(at + 8, "<f4", 9e29)))
+    with pytest.raises(FormatError, match="1 bytes too many"):
+        read_container(changed(tiers, FREE_TIER, lambda data: data.append(0)))
+
+
+def test_limits_count_the_gaussians_of_all_tiers(tiers: Seed) -> None:
+    needed = decoding_bytes(120, 1, ts.inspect(tiers.data)["k"])
+    read_container(tiers.data, Limits(max_pixels=120, max_memory_bytes=needed))
+    for limits in (Limits(max_pixels=119), Limits(max_memory_bytes=needed - 1)):
+        with pytest.raises(FormatError, match="--max-"):
+            read_container(tiers.data, limits)
+
+
+@pytest.mark.parametrize(
+    ("kind", "index", "found"),
+    [(b"TIER", 3, r"expected TIER\[2\]"), (b"TIER", 0, r"expected TIER\[1\]"), (b"FREP", 3, r"FREP\[2\]: missing"),
+     (b"HEVC", 3, r"HEVC\[2\]: missing")],
+)  # fmt: skip
+def test_tiers_are_numbered_without_gaps(tiers: Seed, kind: bytes, index: int, found: str) -> None:
+    sections = [[k, flags, index if (k, i) == (kind, 2) else i, d] for k, flags, i, d in sections_of(tiers.data)]
+    with pytest.raises(FormatError, match=found):
+        read_container(file_of(sections))
+
+
+def test_positions_of_no_tier_and_too_many_tiers_are_refused(tiers: Seed) -> None:
+    sections = sections_of(tiers.data)
+    with pytest.raises(FormatError, match=r"section FREP\[7\] holds positions of no tier"):
+        read_container(file_of([*sections, [b"FREP", 1, 7, b""]]))
+    second = next(s for s in sections if (s[0], s[2]) == (b"TIER", 2))
+    more = [[*second[:2], number, second[3]] for number in range(3, 17)]
+    with pytest.raises(FormatError, match="of at most 15"):
+        read_container(file_of([*sections, *more]))

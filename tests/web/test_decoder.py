@@ -11,7 +11,7 @@ import pytest
 from golden_cases import DATA
 from hostile import corpus
 from numpy.typing import NDArray
-from scenes import make_free_gaussians, make_smooth_gaussians
+from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians
 from web.node import Decoder
 
 import tinysplat_runtime as ts
@@ -55,6 +55,7 @@ MADE: dict[str, Callable[[ts.Runtime], bytes]] = {
     "own_k": lambda run: run.compress(make_smooth_gaussians(2, 32, 40, 2, layers=2), "fast"),
     "max": lambda run: run.compress(make_smooth_gaussians(2, 40, 24, 1), "max", 6),
     "free": lambda run: run.compress(make_free_gaussians(5000, 2, np.random.default_rng(1)), keep_all=True),
+    "tiers": lambda run: free_in_tiers(make_free_gaussians(2000, 1, np.random.default_rng(2))),
     "lossless": lambda run: run.compress(make_smooth_gaussians(2, 9, 31, 3, layers=2), lossless=True),
 }
 
@@ -87,9 +88,12 @@ def test_every_prefix_decodes_as_in_python_or_is_refused_as_there(decoder: Decod
     assert 0 < refused < 10
 
 
-def test_prefixes_of_free_files(decoder: Decoder, runtime: ts.Runtime) -> None:
+@pytest.mark.parametrize("name", ["one", "three"])
+def test_prefixes_of_free_files(decoder: Decoder, runtime: ts.Runtime, name: str) -> None:
     data = (DATA / "free_balanced.tsplat").read_bytes()
-    whole = runtime.decompress(data)
+    if name == "three":
+        data = free_in_tiers(make_free_gaussians(600, 1, np.random.default_rng(2)), 9.0)
+    whole, counts = runtime.decompress(data), set()
     for length in range(1000, len(data), 300):
         said, found = decoder(data, maxBytes=length)
         try:
@@ -98,6 +102,20 @@ def test_prefixes_of_free_files(decoder: Decoder, runtime: ts.Runtime) -> None:
             assert said["error"] == "TsplatError"
         else:
             check(found, wanted, whole)
+            counts.add(wanted.count)
+    assert len(counts) == (1 if name == "one" else 3)
+
+
+def test_a_damaged_tier_is_left_out_as_in_python(decoder: Decoder, runtime: ts.Runtime) -> None:
+    made = free_in_tiers(make_free_gaussians(600, 1, np.random.default_rng(2)), 9.0)
+    data = bytearray(made)
+    data[ts.inspect(made)["prefixes"][-2]["bytes"] - 5] ^= 1  # of the last tier's colours
+    lost: list[str] = []
+    wanted = runtime.decompress(bytes(data), lost=lost)
+    assert wanted.count == 180 and len(lost) == 1 and lost[0].startswith("tier 2 color")
+    said, found = decoder(bytes(data), recover=True)
+    check(found, wanted, runtime.decompress(made))
+    assert said["missing"] == lost
 
 
 def test_notes_come_along(decoder: Decoder) -> None:

@@ -68,6 +68,7 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         *([f"refined: {d['refined']}"] if d["refined"] else []),
         *(["antialiased: yes"] if d["antialiased"] else []),
         *([f"Gaussians: {d['thinned']}"] if d["thinned"] else []),
+        *([f"tiers: {' + '.join(f'{count:,}' for count in d['tiers'])}"] if len(d["tiers"]) > 1 else []),
         "",
         "class        bytes   share",
         *(f"{name:9} {n:8}  {n / total:6.1%}" for name, n in d["bytes_by_class"].items()),

@@ -120,6 +120,7 @@ class Description:
     layers: tuple[dict[str, Any], ...] = ()
     left_out: tuple[dict[str, Any], ...] = ()
     pieces: tuple[Piece, ...] = ()
+    tiers: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,43 +3,67 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from . import layout as L
 from .body import Body, Description, Opened, Piece
-from .free import FREE, FREE_POINTS, read_free
+from .free import FREE, FREE_POINTS, FREE_TIER, read_free
 from .planes import PLANE_KINDS, read_pictures
-from .records import FreeScene
-from .sections import require
+from .records import FreeScene, Pictures
+from .sections import Section, require
+
+
+@dataclass(frozen=True)
+class TierPictures(Pictures):
+    """The pictures of tiers."""
+
+    def prefixes(self) -> list[dict[str, Any]]:
+        """Where a picture gets better; `layer` is the tier. A tier behind the first shows with its colours at once."""
+        found: list[dict[str, Any]] = []
+        for entry in super().prefixes():
+            is_of_last = bool(found) and found[-1]["layer"] == entry["layer"] > 0
+            if is_of_last and not any(name.startswith("color") for name in found[-1]["adds"]):
+                found[-1] = {**entry, "adds": [*found[-1]["adds"], *entry["adds"]]}
+            else:
+                found.append(entry)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
 class Points(Body):
-    """One scene without cameras, whose pictures lie as those of a layer 0 do."""
+    """One scene without cameras; the pictures of its tiers lie as those of layers do."""
 
     mode: ClassVar[str] = "free"
-    kinds: ClassVar[frozenset[bytes]] = frozenset({FREE, FREE_POINTS, L.PARAMETER_SETS}) | PLANE_KINDS
+    kinds: ClassVar[frozenset[bytes]] = frozenset({FREE, FREE_TIER, FREE_POINTS, L.PARAMETER_SETS}) | PLANE_KINDS
     signs: ClassVar[frozenset[bytes]] = frozenset({FREE})
 
     scene: FreeScene
+    points: tuple[Section, ...]
 
     @classmethod
     def read(cls, file: Opened) -> Points:
-        """Parse and check the sections FREE and FREP."""
+        """Parse and check the sections FREE, TIER and FREP."""
         counts = f"{file.views} views and {file.layer_count} layers of Gaussians without pixels"
         require(file.views == file.layer_count == 0, file.scene, counts)
         scene = read_free(file.sections, file.limits)
-        records = tuple(channel.record for channel in scene.channels)
-        if any(record.streams for record in records):
-            file.only(L.PARAMETER_SETS)
-        return cls(pictures=read_pictures(file.sections, [records]), scene=scene)
+        channels = [tuple(channel.record for channel in tier.channels) for tier in scene.tiers]
+        for number, records in enumerate(channels):
+            if any(record.streams for record in records):
+                file.only(L.PARAMETER_SETS, number)
+        points = tuple(section for section in file.sections if section.kind == FREE_POINTS)
+        found = read_pictures(file.sections, channels)
+        return cls(pictures=TierPictures(found.channels, found.data, found.sections), scene=scene, points=points)
 
     def describe(self) -> Description:
         """Gaussians, and bytes of their positions."""
         scene = self.scene
-        pieces = tuple(Piece("position", None, len(stream)) for stream in scene.grid.streams)
-        return Description(gaussians=scene.count, sh_degree=scene.degree, k=scene.basis.shape[1], pieces=pieces)
+        lengths = (stream.length for stream in self.points)
+        pieces = tuple(Piece("position", None, length) for length in lengths)
+        tiers = tuple(tier.count for tier in scene.tiers)
+        return Description(
+            gaussians=scene.count, sh_degree=scene.degree, k=scene.basis.shape[1], pieces=pieces, tiers=tiers
+        )
 
     def picture_name(self, layer: int, channel: int, view: int) -> str:
-        """There is one of each: `color2`."""
-        return self.pictures.channels[layer][channel].name
+        """There is one of each in a tier: `color2`, `tier 1 color2`."""
+        return f"tier {layer} " * (layer > 0) + self.pictures.channels[layer][channel].name

@@ -82,7 +82,7 @@ class Pictures:
     """The pictures of planes that a file holds.
 
     Attributes:
-        channels: the channel records of each layer; those of mode free as one layer's.
+        channels: the channel records of each layer; in mode free, of each tier.
         data: the pictures of a class by (class, layer): its sections joined, as far as the bytes at hand reach.
         sections: the sections that hold them, in the file's order.
         views: the numbers that views have in the file, where they are not those that they have here.
@@ -236,29 +236,48 @@ class FreeChannel:
 
 
 @dataclass(frozen=True)
+class FreeTier:
+    """Some of the Gaussians of a file of mode free.
+
+    Attributes:
+        count: how many.
+        grid: where they lie; its streams are none where a prefix does not hold them all.
+        channels: all that there are, in the order of records.
+        growth: what is added to logarithms of scales in front of it where the tier is absent.
+    """
+
+    count: int
+    grid: PointGrid
+    channels: tuple[FreeChannel, ...]
+    growth: float = 0.0
+
+    def channel(self, plane_class: PlaneClass, target: int) -> FreeChannel:
+        """One of the channels, each of which there is."""
+        return next(c for c in self.channels if (c.record.plane_class, c.record.target) == (plane_class, target))
+
+
+@dataclass(frozen=True)
 class FreeScene:
     """The metadata of a file of mode free.
 
     Attributes:
-        count: Gaussians.
         size_middle: logarithm of the size whose steps are those of the logarithm.
         thresholds: of each determinant, rising.
         orders: by one, two and all three determinants.
         mean: (d,) float32, d = 3(degree + 1)².
         basis: (d, k) float16.
+        tiers: from those that pictures need most, at least one; their grids have centre, radius and low in common.
     """
 
-    count: int
     degree: int
-    grid: PointGrid
     size_middle: float
     thresholds: tuple[NDArray, ...]
     orders: tuple[WeightClasses, ...]
     mean: NDArray
     basis: NDArray
-    channels: tuple[FreeChannel, ...]
+    tiers: tuple[FreeTier, ...]
 
-    def channel(self, plane_class: PlaneClass, target: int) -> FreeChannel:
-        """One of the channels, each of which there is."""
-        wanted = plane_class, target
-        return next(c for c in self.channels if (c.record.plane_class, c.record.target) == wanted)
+    @property
+    def count(self) -> int:
+        """Gaussians of all tiers."""
+        return sum(tier.count for tier in self.tiers)

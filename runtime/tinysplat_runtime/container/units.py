@@ -15,13 +15,14 @@ from ..errors import FormatError
 from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, PlaneClass
 from . import layout as L
 from .body import Opened
+from .free import FREE_POINTS
 from .layers import CodedLayer, PerView, layer_flags, view_fields
 from .records import ChannelRecord, StreamRef, UnitPictures, pass_of
 from .sections import Cursor, NewSection, Section
 
 UNIT_KINDS = frozenset({L.UNITS, L.VIEW})
 
-READ_LATER = frozenset(L.PLANES.values()) | {L.VIEW}
+READ_LATER = frozenset(L.PLANES.values()) | {L.VIEW, FREE_POINTS}
 """Sections that a prefix may lack; what they hold has CRCs of its own."""
 
 UNITS_MINOR = 5

@@ -95,6 +95,14 @@ class Remover:
         """Σ of squared errors of pictures, over views, pixels and colours."""
         return sum(error for _, error in self._pictures.measure(gaussians))
 
+    def costs(self, gaussians: Gaussians) -> NDArray:
+        """(n,) what removing one of n Gaussians costs."""
+        return self._look(gaussians).costs
+
+    def recoloured(self, gaussians: Gaussians, penalties: Sequence[float] = ()) -> Gaussians:
+        """With colours nearer to what pictures of all ask for."""
+        return self._recoloured(gaussians, self._look(gaussians), penalties)
+
     def psnr(self, error: float) -> float:
         """dB of such a sum; 150 of none."""
         return -10 * math.log10(max(error / self._pictures.values, 1e-15))

@@ -11,6 +11,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codec.encoder import EncodeStats
 from ..codec.free.encoder import FreeEncoder, visible
@@ -18,6 +19,7 @@ from ..codec.profiles import Profile
 from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
 from .removal import Remover, Thinned
+from .tiers import tiers_of
 from .views import views_about
 
 VIEWS = 20
@@ -30,6 +32,10 @@ BYTES_EACH = 4.0
 """That a Gaussian takes at Q_g = 0, about."""
 
 OCTAVES_PER_QP = 0.1
+
+
+RECOLOURINGS = 2
+"""Fits of colours to what is decoded of all else."""
 
 
 class ThinningEncoder:
@@ -50,10 +56,20 @@ class ThinningEncoder:
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `FreeEncoder.code`."""
         with self._stats.watch.stage("rank"):
-            thinned = thin_for(self._remover, self._whole, qp)
+            thinned, penalties = thin_for(self._remover, self._whole, qp)
+            tiers = tiers_of(self._remover, thinned.gaussians)
         self._stats.left_out, self._stats.left_out_psnr = thinned.left_out, thinned.psnr
         kept = thinned.gaussians.with_notes(replace(self._notes, thinned=thinned.text))
-        return FreeEncoder(kept, self.profile, threads=self._threads, stats=self._stats).code(qp)
+
+        def recolour(decoded: Gaussians) -> NDArray:
+            for _ in range(RECOLOURINGS):
+                decoded = self._remover.recoloured(decoded, penalties)
+            return decoded.sh
+
+        coder = FreeEncoder(
+            kept, self.profile, threads=self._threads, stats=self._stats, tiers=tiers, recolour=recolour
+        )  # fmt: skip
+        return coder.code(qp)
 
 
 def remover(gaussians: Gaussians, threads: int) -> Remover:
@@ -62,12 +78,13 @@ def remover(gaussians: Gaussians, threads: int) -> Remover:
     return Remover(shown, views_about(shown, VIEWS), Crew(threads).map)
 
 
-def thin_for(remover: Remover, encoder: FreeEncoder, qp: float) -> Thinned:
-    """What is left at Q_g of the Gaussians of both."""
+def thin_for(remover: Remover, encoder: FreeEncoder, qp: float) -> tuple[Thinned, list[float]]:
+    """What is left at Q_g of the Gaussians of both, and what their SH coefficients cost."""
     rounded = encoder.rounded(qp)
     worth = SLOPE * remover.error_of(rounded) / rounded.count
     slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
-    return remover.thin(worth, band_penalties(rounded, slope))
+    penalties = band_penalties(rounded, slope)
+    return remover.thin(worth, penalties), penalties
 
 
 def band_penalties(gaussians: Gaussians, slope: float) -> list[float]:

@@ -45,7 +45,7 @@ const SECTIONS = {
   photos: OF_PHOTOS,
   hybrid: [...OF_PLANES, ...OF_PHOTOS],
   lossless: ["CAMS", "EXAC", "EXAP"],
-  free: ["FREE", "FREP", "HEVC", ...PLANES],
+  free: ["FREE", "TIER", "FREP", "HEVC", ...PLANES],
 };
 
 /**
@@ -113,8 +113,10 @@ export function readContainer(bytes, reading) {
   if (mode === "free") {
     scene.require(viewCount === 0 && count === 0, "views or layers of Gaussians without pixels");
     file.free = readFree(sections, limits);
-    joinStreams(file, [file.free.channels]);
-    if (file.free.channels.some((channel) => channel.isCoded)) only(sections, "HEVC");
+    joinStreams(file, file.free.tiers.map((tier) => tier.channels));
+    file.free.tiers.forEach(({ channels }, number) => {
+      if (channels.some((channel) => channel.isCoded)) only(sections, "HEVC", number);
+    });
     return file;
   }
   scene.require(viewCount >= 1 && viewCount <= MAX_VIEWS, `${viewCount} views, accepted are 1 to ${MAX_VIEWS}`);

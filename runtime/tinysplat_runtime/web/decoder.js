@@ -1,9 +1,10 @@
 /** Files to Gaussians: which pictures are at hand, and what each mode does with them. */
 import { crew } from "./crew.js";
 import { checkCrc, held } from "./container.js";
+import { crc32 } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
 import { decodeExact } from "./exact.js";
-import { decodeFree, listShape } from "./free.js";
+import { decodeFree, listShape, tiersShown } from "./free.js";
 import { channelName } from "./layers.js";
 import { checkPrediction, codedSide, photoPixels, predictedBase } from "./photos.js";
 import { Synthesis, hidingRecord, newArrays, standInCode } from "./synthesis.js";
@@ -75,6 +76,17 @@ export class Pictures {
   }
 
   /**
+   * Whether a channel's only picture is absent.
+   *
+   * @param {Channel} channel
+   */
+  lacks({ isCoded, streams }) {
+    if (!isCoded) return false;
+    const data = held(streams[0]);
+    return data === undefined || (this.recovers && crc32(data) !== streams[0].crc);
+  }
+
+  /**
    * Codes of a picture of a plane; undefined where it is absent.
    *
    * @param {number} layer
@@ -86,8 +98,8 @@ export class Pictures {
    */
   async plane(layer, record, view, { height, width }, set) {
     const { file } = this;
-    const channel = (file.free ? file.free.channels : file.layers[layer].channels)[record];
-    const name = file.free ? channelName(channel) : `layer ${layer} ${channelName(channel)} view ${file.views[view]}`;
+    const channel = (file.free ? file.free.tiers : file.layers)[layer].channels[record];
+    const name = file.free ? tierName(layer, channel) : `layer ${layer} ${channelName(channel)} view ${file.views[view]}`;
     const before = this.known?.get(name);
     if (before) return before;
     const data = this.checked(channel.streams[view], name);
@@ -149,15 +161,26 @@ export async function decodeFile(pictures, network, pause) {
   return file.mode === "photos" ? joinedPrediction(file, prediction) : decodeLayers(pictures, prediction);
 }
 
+/** @param {number} tier @param {Channel} channel */
+function tierName(tier, channel) {
+  return `${tier ? `tier ${tier} ` : ""}${channelName(channel)}`;
+}
+
 /** @param {Pictures} pictures @returns {Promise<Decoded>} */
 async function decodePoints(pictures) {
   const { file } = pictures;
   const { free } = file;
   if (!free) throw new TsplatError("no points", "file");
-  const { count, degree } = free;
+  const tiers = tiersShown(free, (tier, index) => pictures.lacks(free.tiers[tier].channels[index]));
+  free.tiers.forEach(({ channels }, tier) => {
+    if (tier < tiers.shown.length) return;
+    for (const channel of channels) if (channel.isCoded) pictures.checked(channel.streams[0], tierName(tier, channel));
+  });
+  const { degree } = free;
+  const { count } = tiers;
   const out = newArrays(count, degree);
-  const shape = listShape(count);
-  await decodeFree(free, (index) => pictures.plane(0, index, 0, shape, 0), out);
+  const shapes = free.tiers.map((tier) => listShape(tier.count));
+  await decodeFree(free, tiers, (tier, index) => pictures.plane(tier, index, 0, shapes[tier], tier), out);
   const layer = { views: 0, height: 0, width: 0, count, offset: 0, degree, cameras: [] };
   return { ...out, origin: file.origin, cameras: [], layers: [layer], missing: pictures.missing };
 }

@@ -1,11 +1,13 @@
 /** Mode free: docs/FORMAT.md, FREP and section 4, "Free Gaussians". Arithmetic is that of doubles, in the order stated. */
-import { require } from "./errors.js";
-import { COLOR, channelName } from "./layers.js";
+import { TsplatError, require } from "./errors.js";
+import { COLOR, ROTATION, channelName } from "./layers.js";
 import { POSITIONS, unpackLzma2 } from "./lzma.js";
 import { DETERMINING, MAX_LOG, orderOf } from "./points.js";
 
 /** @typedef {import("./points.js").FreeChannel} FreeChannel */
 /** @typedef {import("./points.js").FreeScene} FreeScene */
+/** @typedef {import("./points.js").FreeTier} FreeTier */
+/** @typedef {import("./synthesis.js").Arrays} Arrays */
 
 const GROUPS = 4;
 const ESCAPE = 255;
@@ -21,10 +23,11 @@ const PARTS = Uint8Array.from({ length: 256 }, (_, byte) => {
 /**
  * Cells of the points, in their order: x, y and z of each.
  *
- * @param {FreeScene} scene
+ * @param {FreeTier} tier
  */
-function decodeCells(scene) {
-  const { levels, leaves, streams } = scene;
+function decodeCells(tier) {
+  const { levels, leaves, streams } = tier;
+  if (!streams) throw new TsplatError("holds no positions", "file");
   const total = levels.reduce((sum, size) => sum + size, 0);
   const bytes = streams.slice(0, GROUPS).map((stream) => unpackLzma2(stream, total));
   const found = bytes.reduce((sum, stream) => sum + stream.length, 0);
@@ -55,17 +58,17 @@ function decodeCells(scene) {
     require(at === following, `level ${depth + 1} does not have the cells announced`, POSITIONS);
     [nodes, groups] = [parts, partGroups];
   });
-  return repeated(scene, nodes);
+  return repeated(tier, streams, nodes);
 }
 
 /**
  * Leaves, each as often as there are points in it.
  *
- * @param {FreeScene} scene
+ * @param {FreeTier} tier
+ * @param {Uint8Array[]} streams
  * @param {Uint32Array} nodes
  */
-function repeated(scene, nodes) {
-  const { leaves, escapes, count, streams } = scene;
+function repeated({ leaves, escapes, count }, streams, nodes) {
   const further = unpackLzma2(streams[GROUPS], leaves);
   const large = unpackLzma2(streams[GROUPS + 1], 4 * escapes);
   const isWhole = further.length === leaves && large.length === 4 * escapes;
@@ -150,7 +153,8 @@ function fromPicture(plane, count) {
  * @returns {Order}
  */
 function orderBy(scene, determinants) {
-  const { count, thresholds } = scene;
+  const { thresholds } = scene;
+  const count = determinants[0].length;
   const { first, gains } = scene.orders[determinants.length - 1];
   const classes = new Uint8Array(count);
   const starts = new Uint32Array(gains.length + 1);
@@ -203,16 +207,57 @@ function channelValues(channel, plane, { rows, gains }, count) {
 }
 
 /**
- * The Gaussians of a file.
+ * How many Gaussians of a file are shown, and which tiers those are.
  *
  * @param {FreeScene} scene
- * @param {(index: number) => Promise<Uint16Array | undefined>} decode the picture of a channel; none where it is absent
- * @param {import("./synthesis.js").Arrays} out
+ * @param {(tier: number, index: number) => boolean} isAbsent whether a channel's picture is not at hand
  */
-export async function decodeFree(scene, decode, out) {
-  const { count, channels } = scene;
-  const cells = decodeCells(scene);
-  placePoints(scene, cells, out.means);
+export function tiersShown(scene, isAbsent) {
+  const isShown = scene.tiers.map(({ streams, channels }, number) => {
+    const isWhole = channels.every(({ planeClass }, i) => planeClass === ROTATION || !isAbsent(number, i));
+    return streams !== undefined && (number === 0 || isWhole);
+  });
+  const end = isShown.indexOf(false);
+  const shown = scene.tiers.slice(0, end < 0 ? isShown.length : end);
+  require(shown.length > 0, "holds no positions", "file");
+  const growth = end < 0 ? 0 : scene.tiers[end].growth;
+  return { shown, growth, count: shown.reduce((sum, tier) => sum + tier.count, 0) };
+}
+
+/**
+ * The Gaussians of tiers, one behind the other.
+ *
+ * @param {FreeScene} scene
+ * @param {{ shown: FreeTier[], growth: number }} tiers
+ * @param {(tier: number, index: number) => Promise<Uint16Array | undefined>} decode the picture of a channel; none
+ *   where it is absent
+ * @param {Arrays} out
+ */
+export async function decodeFree(scene, { shown, growth }, decode, out) {
+  let start = 0;
+  for (const [number, tier] of shown.entries()) {
+    const end = start + tier.count;
+    const part = {
+      count: tier.count, degree: out.degree, means: out.means.subarray(3 * start, 3 * end),
+      quats: out.quats.subarray(4 * start, 4 * end), scales: out.scales.subarray(3 * start, 3 * end),
+      opacities: out.opacities.subarray(start, end),
+      sh: out.sh.subarray(scene.mean.length * start, scene.mean.length * end),
+    };
+    await decodeTier(scene, tier, growth, (index) => decode(number, index), part);
+    start = end;
+  }
+}
+
+/**
+ * @param {FreeScene} scene
+ * @param {FreeTier} tier
+ * @param {number} growth
+ * @param {(index: number) => Promise<Uint16Array | undefined>} decode
+ * @param {Arrays} out
+ */
+async function decodeTier(scene, tier, growth, decode, out) {
+  const { count, channels } = tier;
+  placePoints(scene, tier.cell, decodeCells(tier), out.means);
   /** @type {Record<string, Float64Array>} */
   const found = {};
   /** @type {Order[]} */
@@ -226,28 +271,30 @@ export async function decodeFree(scene, decode, out) {
     orders.push(orderBy(scene, DETERMINING.slice(0, orders.length).map((determinant) => found[determinant])));
   }
   const rest = channels.filter((channel) => !DETERMINING.includes(channelName(channel)));
+  let isTurned = true;
   await Promise.all(
     rest.map(async (channel) => {
       const plane = channel.isCoded ? await decode(channels.indexOf(channel)) : undefined;
       const isAbsent = channel.isCoded && plane === undefined;
+      if (isAbsent && channel.planeClass === ROTATION) isTurned = false;
       const order = orders[orderOf(channel)];
       const values = isAbsent ? new Float64Array(count).fill(channel.centre) : channelValues(channel, plane, order, count);
       found[channelName(channel)] = values;
     }),
   );
-  shapePoints(scene, found, out);
-  colourPoints(scene, found, out.sh);
+  shapePoints(scene.middle, found, isTurned || scene.tiers.length === 1, growth, out);
+  colourPoints(scene, channels, found, out.sh);
 }
 
 /**
  * Step 1.
  *
  * @param {FreeScene} scene
+ * @param {number} cell
  * @param {Uint32Array} cells
  * @param {Float32Array} means
  */
-function placePoints(scene, cells, means) {
-  const { low, cell, centre, radius } = scene;
+function placePoints({ low, centre, radius }, cell, cells, means) {
   for (let i = 0; i < cells.length; i++) {
     const axis = i % 3;
     const u = low[axis] + cells[i] * cell;
@@ -264,20 +311,23 @@ function within(value, low, high) {
 /**
  * Steps 4 to 6.
  *
- * @param {FreeScene} scene
+ * @param {number} middle
  * @param {Record<string, Float64Array>} found
- * @param {import("./synthesis.js").Arrays} out
+ * @param {boolean} isTurned whether rotations are known, or these are spheres
+ * @param {number} growth
+ * @param {Arrays} out
  */
-function shapePoints(scene, found, { opacities, scales, quats }) {
+function shapePoints(middle, found, isTurned, growth, { count, opacities, scales, quats }) {
   const { opacity0, scale0, scale1, scale2, rotation0, rotation1, rotation2 } = found;
-  for (let i = 0; i < scene.count; i++) {
+  for (let i = 0; i < count; i++) {
     opacities[i] = within(opacity0[i], 0, 1) ** 2;
     const v = scale0[i];
     const near = 2 * Math.log(within(v, 1 / 4, 16) / 2);
-    const size = within(near + Math.min(v - 1 / 4, 0) * 8 + Math.max(v - 16, 0) / 8 + scene.middle, -MAX_LOG, MAX_LOG);
-    const [r, t] = [within(scale1[i], 0, MAX_LOG), within(scale2[i], 0, MAX_LOG)];
+    let size = within(near + Math.min(v - 1 / 4, 0) * 8 + Math.max(v - 16, 0) / 8 + middle, -MAX_LOG, MAX_LOG);
+    let [r, t] = [within(scale1[i], 0, MAX_LOG), within(scale2[i], 0, MAX_LOG)];
+    if (!isTurned) [size, r, t] = [size - r / 6 - t / 3, 0, 0];
     [size + r / 2, size - r / 2, size - r / 2 - t].forEach((log, axis) => {
-      scales[3 * i + axis] = Math.exp(within(log, -MAX_LOG, MAX_LOG));
+      scales[3 * i + axis] = Math.exp(within(log + growth, -MAX_LOG, MAX_LOG));
     });
     const [x, y, z] = [rotation0[i], rotation1[i], rotation2[i]];
     const squared = x * x + y * y + z * z;
@@ -294,11 +344,12 @@ function shapePoints(scene, found, { opacities, scales, quats }) {
  * Step 7.
  *
  * @param {FreeScene} scene
+ * @param {FreeChannel[]} channels
  * @param {Record<string, Float64Array>} found
  * @param {Float32Array} sh
  */
-function colourPoints(scene, found, sh) {
-  const { mean, basis, k, count, channels } = scene;
+function colourPoints({ mean, basis, k }, channels, found, sh) {
+  const count = sh.length / mean.length;
   const components = channels.filter((channel) => channel.planeClass === COLOR).map((channel) => found[channelName(channel)]);
   for (let i = 0, at = 0; i < count; i++) {
     for (let row = 0; row < mean.length; row++) {

@@ -1,14 +1,16 @@
-/** Metadata of mode free, checked: docs/FORMAT.md, FREE. */
+/** Metadata of mode free, checked: docs/FORMAT.md, FREE and TIER. */
 import { MAX_CODE, MAX_DECODED, MAX_ROTATION, requireBound } from "./bounds.js";
 import { crc32 } from "./cursor.js";
 import { COLOR, OPACITY, ROTATION, SCALE, channelName, readRecord, readStream } from "./layers.js";
-import { cursor, only } from "./sections.js";
+import { cursor, label, only } from "./sections.js";
 
 /** @typedef {import("./cursor.js").Cursor} Cursor */
 /** @typedef {import("./layers.js").Channel} Channel */
 /** @typedef {import("./sections.js").Section} Section */
 
 const MAX_LEVELS = 21;
+const MAX_TIERS = 16;
+const MAX_GROWTH = 2;
 const STREAMS = 6;
 const MAX_THRESHOLDS = 255;
 const MAX_CLASSES = 32;
@@ -23,24 +25,31 @@ export const DETERMINING = ["opacity0", "scale0", "scale1"];
 /** @typedef {Channel & { centre: number }} FreeChannel */
 
 /**
- * @typedef {object} FreeScene
+ * @typedef {object} FreeTier
  * @property {number} count
- * @property {number} degree
  * @property {number[]} levels cells of each level of the octree
  * @property {number} leaves
  * @property {number} escapes
+ * @property {number} cell
+ * @property {Uint8Array[] | undefined} streams of FREP; none where a prefix does not hold them all
+ * @property {FreeChannel[]} channels
+ * @property {number} growth of logarithms of scales before it where it is absent
+ */
+
+/**
+ * @typedef {object} FreeScene
+ * @property {number} count of all tiers
+ * @property {number} degree
  * @property {Float64Array} centre
  * @property {number} radius
- * @property {number} cell
  * @property {Float64Array} low
  * @property {number} middle m of the sizes
- * @property {Uint8Array[]} streams of FREP
  * @property {Float64Array[]} thresholds of each determinant
  * @property {{ first: number, gains: Float64Array }[]} orders
  * @property {Float64Array} mean of the SH coefficients
  * @property {Float64Array} basis d × k row by row
  * @property {number} k
- * @property {FreeChannel[]} channels
+ * @property {FreeTier[]} tiers
  */
 
 /**
@@ -61,48 +70,89 @@ export function orderOf(channel) {
  */
 export function readFree(sections, limits) {
   const fields = cursor(only(sections, "FREE"));
-  const points = only(sections, "FREP");
-  const [count, degree, levelCount] = [fields.u32(), fields.u8(), fields.u8()];
+  const [first, degree, levelCount] = [fields.u32(), fields.u8(), fields.u8()];
   const [channelCount, k] = [fields.u16(), fields.u16()];
   fields.take(6);
   const [leaves, escapes] = [fields.u32(), fields.u32()];
   const [centre, [radius, cell], low] = [fields.numbers("f64", 3), fields.numbers("f64", 2), fields.numbers("f64", 3)];
   const middle = fields.f32();
+  const behind = tiersBehind(sections);
+  const count = behind.reduce((sum, tier) => sum + tier.count, first);
   const d = 3 * (degree + 1) ** 2;
   fields.require(degree <= 4, `SH degree ${degree}, accepted are 0 to 4`);
-  fields.require(count >= 1 && count <= limits.maxPixels, `${count} Gaussians, the limit is ${limits.maxPixels}`);
+  fields.require(first >= 1 && count <= limits.maxPixels, `${count} Gaussians, the limit is ${limits.maxPixels}`);
   const paid = MAX_PER_BYTE * sections.reduce((sum, { data }) => sum + data.length, 0);
   fields.require(count <= paid, `${count} Gaussians, the file's bytes stand for ${paid} at most`);
   fields.require(k <= d, `k = ${k}, accepted are 0 to ${d}`);
-  fields.require(levelCount >= 1 && levelCount <= MAX_LEVELS, `${levelCount} levels, accepted are 1 to ${MAX_LEVELS}`);
   fields.require(channelCount === 7 + k, `${channelCount} channels, expected ${7 + k}`);
   const memory = count * (4 * (11 + d) + 2 * (7 + k) + 8 * (16 + k) + 64);
   fields.require(memory <= limits.maxMemory, `${memory} bytes to decode, the limit is ${limits.maxMemory}`);
+  const space = { centre, radius, low };
+  const tier = { count: first, leaves, escapes, cell, growth: 0 };
+  const octree = readOctree(fields, sections, 0, tier, levelCount, space);
+  const thresholds = DETERMINING.map(() => readFloats(fields, MAX_THRESHOLDS));
+  const isRising = thresholds.every((values) => values.every((value, i) => i === 0 || value > values[i - 1]));
+  fields.require(isRising, "thresholds do not rise");
+  const orders = DETERMINING.map(() => {
+    const [start, gains] = [fields.u16(), readFloats(fields, MAX_CLASSES)];
+    fields.require(gains.length > 0, "an order without gains");
+    return { first: start, gains };
+  });
+  const mean = fields.numbers("f32", d);
+  const basis = fields.numbers("f16", d * k);
+  const tiers = [{ ...tier, ...octree, channels: readFreeChannels(fields, k) }];
+  fields.finish();
+  behind.forEach(({ fields: own, levelCount: levels, ...fixed }, i) => {
+    const tree = readOctree(own, sections, i + 1, fixed, levels, space);
+    tiers.push({ ...fixed, ...tree, channels: readFreeChannels(own, k) });
+    own.finish();
+  });
+  const stray = sections.find(({ type, index }) => type === "FREP" && index > behind.length);
+  fields.require(!stray, `${stray && label(stray)} holds positions of no tier`);
+  const scene = { count, degree, centre, radius, low, middle, thresholds, orders, mean, basis, k, tiers };
+  checkFreeRanges(fields, scene);
+  return scene;
+}
+
+/**
+ * The fixed fields of the sections TIER, which have the numbers 1, 2, 3, …
+ *
+ * @param {Section[]} sections
+ */
+function tiersBehind(sections) {
+  const found = sections.filter(({ type }) => type === "TIER").sort((a, b) => a.index - b.index);
+  return found.map((section, i) => {
+    const fields = cursor(section);
+    fields.require(section.index === i + 1 && i + 1 < MAX_TIERS, `expected TIER[${i + 1}], of at most ${MAX_TIERS - 1}`);
+    const [count, levelCount] = [fields.u32(), fields.u8()];
+    fields.take(3);
+    const [leaves, escapes, cell, growth] = [fields.u32(), fields.u32(), fields.f64(), fields.f32()];
+    fields.require(count > 0, "0 Gaussians, accepted are 1 and more");
+    fields.require(growth >= 0 && growth <= MAX_GROWTH, `growth ${growth}, accepted are 0 to ${MAX_GROWTH}`);
+    return { fields, count, levelCount, leaves, escapes, cell, growth };
+  });
+}
+
+/**
+ * Levels and streams of a tier's positions.
+ *
+ * @param {Cursor} fields
+ * @param {Section[]} sections
+ * @param {number} number of the tier
+ * @param {{ count: number, leaves: number, escapes: number, cell: number }} tier
+ * @param {number} levelCount
+ * @param {{ centre: Float64Array, radius: number, low: Float64Array }} space
+ */
+function readOctree(fields, sections, number, { count, leaves, escapes, cell }, levelCount, { centre, radius, low }) {
+  const points = only(sections, "FREP", number);
+  fields.require(levelCount >= 1 && levelCount <= MAX_LEVELS, `${levelCount} levels, accepted are 1 to ${MAX_LEVELS}`);
   checkGrid(fields, centre, radius, cell, low, levelCount);
   const levels = Array.from({ length: levelCount }, () => fields.u32());
   const chain = [...levels, leaves];
   const grows = levels.every((size, i) => chain[i + 1] >= size && chain[i + 1] <= 8 * size);
   fields.require(levels[0] === 1 && grows, "the octree's levels do not grow as an octree's do");
   fields.require(leaves <= count && escapes <= leaves, `${leaves} leaves and ${escapes} escapes for ${count} Gaussians`);
-  const streams = readPointStreams(fields, points);
-  const thresholds = DETERMINING.map(() => readFloats(fields, MAX_THRESHOLDS));
-  const isRising = thresholds.every((values) => values.every((value, i) => i === 0 || value > values[i - 1]));
-  fields.require(isRising, "thresholds do not rise");
-  const orders = DETERMINING.map(() => {
-    const [first, gains] = [fields.u16(), readFloats(fields, MAX_CLASSES)];
-    fields.require(gains.length > 0, "an order without gains");
-    return { first, gains };
-  });
-  const mean = fields.numbers("f32", d);
-  const basis = fields.numbers("f16", d * k);
-  const channels = readFreeChannels(fields, k);
-  fields.finish();
-  const scene = {
-    count, degree, levels, leaves, escapes, centre, radius, cell, low, middle, streams, thresholds, orders, mean, basis,
-    k, channels,
-  };
-  checkFreeRanges(fields, scene);
-  return scene;
+  return { levels, streams: readPointStreams(fields, points) };
 }
 
 /**
@@ -127,16 +177,18 @@ function checkGrid(fields, centre, radius, cell, low, levels) {
  */
 function readPointStreams(fields, points) {
   const streams = [];
+  const isAtHand = points.data.length === points.length; // not where a prefix ends before or in it
   let end = 0;
   for (let i = 0; i < STREAMS; i++) {
     const [length, crc] = [fields.u32(), fields.u32()];
     const data = points.data.subarray(end, end + length);
-    fields.require(data.length === length && crc32(data) === crc, `stream ${i} of the positions was altered`);
+    const isRight = !isAtHand || (data.length === length && crc32(data) === crc);
+    fields.require(isRight, `stream ${i} of the positions was altered`);
     streams.push(data);
     end += length;
   }
-  fields.require(end === points.data.length, `${points.data.length} bytes of positions, ${end} announced`);
-  return streams;
+  fields.require(end === points.length, `${points.length} bytes of positions, ${end} announced`);
+  return isAtHand ? streams : undefined;
 }
 
 /**
@@ -181,23 +233,25 @@ function readFreeChannels(fields, k) {
  * @param {FreeScene} scene
  */
 function checkFreeRanges(fields, scene) {
-  const { mean, basis, k, orders, channels, middle } = scene;
+  const { mean, basis, k, orders, tiers, middle } = scene;
   fields.require(Math.abs(middle) <= MAX_LOG, `size_middle ${middle}`);
   fields.require(mean.every(Number.isFinite) && basis.every(Number.isFinite), "a number is not finite");
-  const reach = channels.map((channel) => {
-    const order = orderOf(channel);
-    const gain = order ? Math.max(...orders[order - 1].gains.map(Math.abs)) : 1;
-    const coded = Math.abs(channel.offset) + (channel.isCoded ? MAX_CODE * Math.abs(channel.scale) : 0);
-    return gain * coded + Math.abs(channel.centre);
-  });
-  channels.forEach((channel, i) => {
-    if (channel.planeClass === COLOR) return;
-    const bound = channel.planeClass === ROTATION ? MAX_ROTATION : MAX_DECODED;
-    requireBound(reach[i], bound, channelName(channel), fields.section);
-  });
-  mean.forEach((value, row) => {
-    let sum = Math.abs(value);
-    for (let i = 0; i < k; i++) sum += Math.abs(basis[row * k + i]) * reach[i];
-    requireBound(sum, MAX_DECODED, "sh", fields.section);
-  });
+  for (const { channels } of tiers) {
+    const reach = channels.map((channel) => {
+      const order = orderOf(channel);
+      const gain = order ? Math.max(...orders[order - 1].gains.map(Math.abs)) : 1;
+      const coded = Math.abs(channel.offset) + (channel.isCoded ? MAX_CODE * Math.abs(channel.scale) : 0);
+      return gain * coded + Math.abs(channel.centre);
+    });
+    channels.forEach((channel, i) => {
+      if (channel.planeClass === COLOR) return;
+      const bound = channel.planeClass === ROTATION ? MAX_ROTATION : MAX_DECODED;
+      requireBound(reach[i], bound, channelName(channel), fields.section);
+    });
+    mean.forEach((value, row) => {
+      let sum = Math.abs(value);
+      for (let i = 0; i < k; i++) sum += Math.abs(basis[row * k + i]) * reach[i];
+      requireBound(sum, MAX_DECODED, "sh", fields.section);
+    });
+  }
 }

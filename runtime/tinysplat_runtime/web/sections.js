@@ -12,12 +12,12 @@ const REQUIRED = 1;
 export const PLANES = ["DEPT", "COLO", "OPAC", "SCAL", "ROTA", "OFFS"];
 
 const KNOWN = new Set([
-  "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "THIN", "NETW", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "FREP",
-  "UNIT", "VIEW", ...PLANES,
+  "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "THIN", "NETW", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "TIER",
+  "FREP", "UNIT", "VIEW", ...PLANES,
 ]);
 
-/** Sections of pictures with a CRC each, which a prefix may lack. */
-const PICTURES = new Set(["VIEW", ...PLANES]);
+/** Sections of pictures and positions, which have CRCs of their own and which a prefix may lack. */
+const PICTURES = new Set(["VIEW", "FREP", ...PLANES]);
 
 /**
  * @typedef {object} Section

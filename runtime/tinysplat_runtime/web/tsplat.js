@@ -142,6 +142,7 @@ function stepsOf(file) {
   let ending = "";
   for (const { type, index, start, length } of file.sections) {
     if (type === "VIEW") steps.push(start + length);
+    if (file.free && index && (type === "OPAC" || type === "SCAL")) continue; // shown with colours alone
     const pass = passes[type]?.[index < 256 ? 0 : 1];
     if (pass === undefined) continue;
     if (`${pass} ${index % 256}` === ending) steps.pop();
@@ -311,7 +312,7 @@ export function inspect(bytes, limits = {}) {
   const grids = file.exact.length ? file.exact : file.layers;
   const layers = grids.map(({ height, width, degree }) => ({ views: cameras.length, height, width, degree }));
   const counted = layers.reduce((sum, layer) => sum + layer.views * layer.height * layer.width, 0);
-  const channels = (free ? [free.channels] : file.layers.map((layer) => layer.channels)).map((records) =>
+  const channels = (free ? free.tiers : file.layers).map(({ channels: records }) =>
     records.map((channel) => ({ name: channelName(channel), bytes: channel.streams.map(({ length }) => length) })),
   );
   return {

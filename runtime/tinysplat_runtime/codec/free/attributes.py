@@ -9,7 +9,7 @@ the four that are left, so that scales and rotations repeat less of each other.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,12 @@ class Columns:
     turns: NDArray
     sh: NDArray
 
+    def as_spheres(self) -> Columns:
+        """Of the same volumes, as nobody knows how they are turned."""
+        none = np.zeros_like(self.sizes)
+        lengths, thins = np.clip(self.lengths, 0, MAX_LOG), np.clip(self.thins, 0, MAX_LOG)
+        return replace(self, sizes=self.sizes - lengths / 6 - thins / 3, lengths=none, thins=none)
+
 
 def to_columns(gaussians: Gaussians) -> Columns:
     """The channels of (N,) Gaussians."""
@@ -80,8 +86,11 @@ def _turns(quats: NDArray, axes: NDArray) -> NDArray:
     return chosen[:, 1:] * np.where(chosen[:, :1] < 0, -1, 1)
 
 
-def from_columns(columns: Columns) -> dict[str, NDArray]:
-    """Quats, scales, opacities and sh, float32, of channels with whatever numbers decoding gave."""
+def from_columns(columns: Columns, growth: float = 0.0) -> dict[str, NDArray]:
+    """Quats, scales, opacities and sh, float32, of channels with whatever numbers decoding gave.
+
+    `growth` is added to logarithms of scales.
+    """
     lengths, thins = np.clip(columns.lengths, 0, MAX_LOG), np.clip(columns.thins, 0, MAX_LOG)
     second = columns.sizes - lengths / 2
     logs = np.stack([columns.sizes + lengths / 2, second, second - thins], axis=1)
@@ -90,7 +99,7 @@ def from_columns(columns: Columns) -> dict[str, NDArray]:
     quats /= np.linalg.norm(quats, axis=1, keepdims=True)
     fields = {
         "quats": quats,
-        "scales": np.exp(np.clip(logs, -MAX_LOG, MAX_LOG)),
+        "scales": np.exp(np.clip(logs + growth, -MAX_LOG, MAX_LOG)),
         "opacities": np.square(np.clip(columns.roots, 0, 1)),
         "sh": columns.sh.reshape(len(logs), -1, 3),
     }

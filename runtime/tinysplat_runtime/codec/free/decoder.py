@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...container.body import Container
 from ...container.free import DETERMINING, order_of
-from ...container.records import FreeChannel, FreeScene, PointGrid
+from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier, PointGrid
 from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import PlaneClass
@@ -25,43 +26,91 @@ from .planes import plane_shape
 _ROWS = 1 << 16
 
 
+@dataclass(frozen=True)
+class _Tier:
+    """A tier, and which of its channels have pictures that are not at hand."""
+
+    container: Container
+    scene: FreeScene
+    number: int
+    absent: frozenset[ChannelRecord]
+
+    @property
+    def own(self) -> FreeTier:
+        """What the file says of it."""
+        return self.scene.tiers[self.number]
+
+    @property
+    def is_present(self) -> bool:
+        """Whether it is shown: the first one wherever its positions are, others if only rotations lack."""
+        is_placed = len(self.own.grid.streams) > 0
+        return is_placed and (self.number == 0 or all(r.plane_class == PlaneClass.ROTATION for r in self.absent))
+
+    @property
+    def is_of_spheres(self) -> bool:
+        """Whether its Gaussians are shown without being turned."""
+        return len(self.scene.tiers) > 1 and any(r.plane_class == PlaneClass.ROTATION for r in self.absent)
+
+    def values(self, channel: FreeChannel, order: Order) -> NDArray:
+        """A channel's numbers, (count,) float64 by the curve."""
+        record = channel.record
+        if record in self.absent:
+            return np.full(self.own.count, channel.centre)
+        if not record.streams:
+            return channel_values(channel, None, order)
+        codes = np.empty(plane_shape(len(order.rows)), np.uint16)
+        payload = self.container.pictures.payload(self.number, record, 0)
+        PlaneDecoder(self.container.parameter_sets[self.number], *codes.shape).decode_into(payload, codes)
+        return channel_values(channel, codes, order)
+
+
 def decode_free(container: Container, scene: FreeScene, missing: Collection[PlaneRef], threads: int) -> Gaussians:
-    """The Gaussians of a file.
+    """The Gaussians of a file, tier by tier.
 
     Args:
         container: of mode free.
         scene: what its body says.
-        missing: pictures that are not at hand: every Gaussian gets what their channels are centred on.
+        missing: pictures that are not at hand. What stands in for them, and which tiers are left out, says FORMAT.md.
         threads: pictures decoded at a time.
 
     Raises:
-        FormatError: damaged; or a picture is missing that the order of others depends on.
+        FormatError: damaged; or of the first tier the positions or a picture that the order of others depends on lack.
     """
-    keys = decode_points(scene.grid.streams, scene.grid.levels, scene.grid.leaves, scene.grid.escapes, scene.count)
-    means = means_of(scene.grid, cells_of(keys))
-    absent = {scene.channels[ref.channel].record.name for ref in missing}
-    seen: list[NDArray] = []
-    orders = [along_the_curve(scene.count)]
-    for number, name in enumerate(DETERMINING):
-        channel = scene.channel(*name)
-        if channel.record.name in absent:
+    tiers = []
+    for number, tier in enumerate(scene.tiers):
+        absent = frozenset(tier.channels[ref.channel].record for ref in missing if ref.layer == number)
+        tiers.append(_Tier(container, scene, number, absent))
+    present = next((tier.number for tier in tiers if not tier.is_present), len(tiers))
+    if not present:
+        raise FormatError("holds no positions", where="file")
+    growth = scene.tiers[present].growth if present < len(tiers) else 0.0
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        parts = [_decode_tier(tier, growth, pool) for tier in tiers[:present]]
+    names = parts[0].keys()
+    fields = parts[0] if present == 1 else {name: np.concatenate([part[name] for part in parts]) for name in names}
+    return Gaussians.unchecked(**fields, origin=container.origin)
+
+
+def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArray]:
+    """The arrays of one tier's Gaussians."""
+    scene, own, grid = tier.scene, tier.own, tier.own.grid
+    keys = decode_points(grid.streams, grid.levels, grid.leaves, grid.escapes, own.count)
+    means = means_of(grid, cells_of(keys))
+    found: dict[tuple[PlaneClass, int], NDArray] = {}
+    orders = [along_the_curve(own.count)]
+    for place, name in enumerate(DETERMINING):
+        channel = own.channel(*name)
+        if channel.record in tier.absent:
             lacking = f"holds no intact picture of {channel.record.name}, by which others are sorted"
             raise FormatError(lacking, where="file")
-        seen.append(_values(container, channel, orders[number]))
-        orders.append(order_by(seen, scene.thresholds, scene.orders[number]))
-    rest = [c for c in scene.channels if (c.record.plane_class, c.record.target) not in DETERMINING]
-
-    def decode(channel: FreeChannel) -> NDArray:
-        if channel.record.name in absent:
-            return np.full(scene.count, channel.centre)
-        order = orders[order_of(channel.record.plane_class, channel.record.target)]
-        return _values(container, channel, order)
-
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        found = {(c.record.plane_class, c.record.target): v for c, v in zip(rest, pool.map(decode, rest), strict=True)}
-    found |= dict(zip(DETERMINING, seen, strict=True))
+        found[name] = tier.values(channel, orders[place])
+        orders.append(order_by(list(found.values()), scene.thresholds, scene.orders[place]))
+    rest = {(c.record.plane_class, c.record.target): c for c in own.channels}
+    rest = {name: channel for name, channel in rest.items() if name not in found}
+    jobs = [(channel, orders[order_of(*name)]) for name, channel in rest.items()]
+    found |= dict(zip(rest, pool.map(lambda job: tier.values(*job), jobs), strict=True))
     columns = columns_of(found, scene.size_middle, scene.mean, scene.basis)
-    return Gaussians.unchecked(means=means, **from_columns(columns), origin=container.origin)
+    return {"means": means, **from_columns(columns.as_spheres() if tier.is_of_spheres else columns, growth)}
 
 
 def columns_of(
@@ -83,15 +132,6 @@ def means_of(grid: PointGrid, cells: NDArray) -> NDArray:
     """(N, 3) float32 positions of (N, 3) cells."""
     space = grid.low + cells * grid.cell
     return np.ascontiguousarray(grid.centre + grid.radius * uncontracted(space), np.float32)
-
-
-def _values(container: Container, channel: FreeChannel, order: Order) -> NDArray:
-    record = channel.record
-    if not record.streams:
-        return channel_values(channel, None, order)
-    codes = np.empty(plane_shape(len(order.rows)), np.uint16)
-    PlaneDecoder(container.parameter_sets[0], *codes.shape).decode_into(container.pictures.payload(0, record, 0), codes)
-    return channel_values(channel, codes, order)
 
 
 def _coefficients(count: int, mean: NDArray, basis: NDArray, components: list[NDArray]) -> NDArray:

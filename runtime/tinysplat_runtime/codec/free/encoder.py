@@ -1,14 +1,17 @@
 """Gaussians of no pixels to a file's bytes, as often as a search for a size or a quality wants.
 
+Tiers (`levels`) are coded one after the other, with one grid, one set of gains and one basis of colours for all.
+
 Positions go to a grid and into an octree, which sorts all else along a Morton curve. Then opacity, the size, and how
 long a Gaussian is are coded, in this order, each sorted by those before it (`orders`), and the others by all that they
 depend on. What is coded is decoded again at once, since the order of what follows depends on what a decoder will see.
+Colours come last, so that they can make up for what all else lost.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -16,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...container.free import DETERMINING, MAX_LEVELS, MAX_PER_BYTE, free_sections, order_of, range_fault
-from ...container.records import ChannelRecord, FreeChannel, FreeScene, PointGrid
+from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier, PointGrid, WeightClasses
 from ...container.writer import write_container
 from ...errors import InputError
 from ...gaussian.gaussians import FIELDS, Gaussians
@@ -28,6 +31,7 @@ from ..profiles import EncoderSettings, Profile
 from ..quantise import choose_code_map, without_outliers
 from .attributes import Columns, companded, contracted, from_columns, to_columns
 from .decoder import columns_of, means_of
+from .levels import WHOLE, Level, Tiers
 from .octree import encode_points, morton_keys
 from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
 from .planes import to_plane
@@ -85,16 +89,56 @@ class _Coded:
     values: NDArray
 
 
+@dataclass(frozen=True)
+class _Placed:
+    """Gaussians of a tier: where they lie, and their channels along the curve."""
+
+    level: Level
+    grid: PointGrid
+    cells: NDArray
+    columns: Columns
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """All channels of a tier but its colours, and the orders that follow from them."""
+
+    coded: list[_Coded]
+    orders: list[Order]
+
+
 class FreeEncoder:
     """Codes one set of Gaussians at any Q_g."""
 
-    def __init__(self, gaussians: Gaussians, profile: Profile, *, threads: int, stats: EncodeStats) -> None:
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        profile: Profile,
+        *,
+        threads: int,
+        stats: EncodeStats,
+        tiers: Tiers | None = None,
+        recolour: Callable[[Gaussians], NDArray] | None = None,
+    ) -> None:
         """Leave out what no renderer shows.
 
+        Args:
+            gaussians: any; `tiers` are those of `flat()` of them.
+            profile: how planes are coded.
+            threads: pictures coded at a time.
+            stats: filled with seconds.
+            tiers: what a prefix shows first; None for one tier.
+            recolour: gives SH (N, B, 3) to Gaussians as they are decoded, but with the colours that they had.
+
         Raises:
-            InputError: that is all of them; or numbers beyond what a file can hold.
+            InputError: no Gaussian shows; or numbers beyond what a file can hold.
         """
-        self._gaussians = visible(gaussians)
+        flat = gaussians.flat()
+        _check_values(flat)
+        rows = np.flatnonzero(flat.opacities >= LEAST_OPACITY)
+        self._gaussians = _selected(flat, rows)
+        self._tiers = tiers.of(rows) if tiers else Tiers.whole(len(rows))
+        self._recolour = recolour
         self.notes = gaussians.notes
         self.profile, self._threads, self._stats = profile, threads, stats
         # Order by weight leaves no blocks that have QPs of their own.
@@ -110,47 +154,84 @@ class FreeEncoder:
         check_qp(qp)
         factor = 2 ** (qp / 6)
         with self._stats.watch.stage("sort"):
-            grid, columns, count = self._points(factor)
+            placed = self._placed(factor)
         with self._stats.watch.stage("x265"):
-            scene, coded = _code_columns(columns, grid, count, factor, self._settings, self._threads)
+            scene, coded = self._coded(placed, factor, self._settings)
         fault = range_fault(scene)
         if fault is not None:
             raise InputError(fault[1], where=fault[0])
-        payloads = {
-            (c.channel.record.plane_class, c.channel.record.target): c.payload for c in coded if c.payload is not None
-        }
-        sets = {c.parameter_sets for c in coded if c.payload is not None}
+        payloads = [
+            {(c.channel.record.plane_class, c.channel.record.target): c.payload for c in tier if c.payload is not None}
+            for tier in coded
+        ]
+        sets = [next((c.parameter_sets for c in tier if c.payload is not None), b"") for tier in coded]
         with self._stats.watch.stage("write"):
-            sections = free_sections(scene, payloads, next(iter(sets), b""))
+            sections = free_sections(scene, payloads, sets)
             origin = self._gaussians.origin
             data = write_container([], (), origin, self.profile.name, qp, sections, notes=self.notes)
-        if count > MAX_PER_BYTE * len(data):
-            found = f"{count} Gaussians come to {len(data)} bytes, which stand for {MAX_PER_BYTE} each at most"
+        if scene.count > MAX_PER_BYTE * len(data):
+            found = f"{scene.count} Gaussians come to {len(data)} bytes, which stand for {MAX_PER_BYTE} each at most"
             raise InputError(found, where="qp")
         return data
 
     def rounded(self, qp: float) -> Gaussians:
-        """About what a decoder will see of a file at Q_g, in the order given: every number rounded to its step.
+        """About what a decoder will see of a file of one tier at Q_g, in the order given: all rounded to their steps.
 
         Without x265 and the octree's bytes, which take most of the time.
         """
         factor = 2 ** (qp / 6)
-        grid, cells = _grid_of(self._gaussians.means.astype(np.float64), factor)
-        columns, count = to_columns(self._gaussians), len(cells)
-        scene, coded = _code_columns(columns, grid, count, factor, None, self._threads)
-        values = {(c.channel.record.plane_class, c.channel.record.target): c.values for c in coded}
-        fields = from_columns(columns_of(values, scene.size_middle, scene.mean, scene.basis))
-        return Gaussians.unchecked(means=means_of(grid, cells), **fields, origin=self._gaussians.origin)
+        grid, space = _grid_of(self._gaussians.means.astype(np.float64), factor)
+        placed = _Placed(WHOLE[0], grid, _cells(grid, space), to_columns(self._gaussians))
+        scene, (coded,) = self._coded([placed], factor, None)
+        return _decoded(placed, coded, scene, self._gaussians.origin)
 
-    def _points(self, factor: float) -> tuple[PointGrid, Columns, int]:
-        """The positions, coded, and the channels of the Gaussians along the curve."""
+    def _placed(self, factor: float) -> list[_Placed]:
+        """Tiers with their positions coded, each along the curve."""
         means = self._gaussians.means.astype(np.float64)
-        grid, cells = _grid_of(means, factor)
-        keys = morton_keys(cells)
-        order = _settled_order(keys, self._gaussians)
-        points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
-        grid = replace(grid, levels=points.levels, leaves=points.leaves, escapes=points.escapes, streams=points.streams)
-        return grid, to_columns(_selected(self._gaussians, order)), len(order)
+        whole, space = _grid_of(means, factor)
+        placed = []
+        for number, level in enumerate(self._tiers.levels):
+            rows = np.flatnonzero(self._tiers.numbers == number)
+            grid = _with_cell(whole, whole.cell * level.cell, space)
+            cells = _cells(grid, space[rows])
+            tier = _selected(self._gaussians, rows)
+            keys = morton_keys(cells)
+            order = _settled_order(keys, tier)
+            points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
+            leaves, escapes = points.leaves, points.escapes
+            grid = replace(grid, levels=points.levels, leaves=leaves, escapes=escapes, streams=points.streams)
+            placed.append(_Placed(level, grid, cells[order], to_columns(_selected(tier, order))))
+        return placed
+
+    def _coded(
+        self, placed: Sequence[_Placed], factor: float, settings: EncoderSettings | None
+    ) -> tuple[FreeScene, list[list[_Coded]]]:
+        """The scene, and the channels of each tier in the order of records; without settings rounded alone."""
+        code = _ChannelCoder(factor, settings, self._threads)
+        middle = _middle(np.concatenate([tier.columns.sizes for tier in placed]))
+        thresholds, weights, shapes = _code_shapes([(tier.columns, tier.level.steps) for tier in placed], middle, code)
+        sh = np.concatenate([tier.columns.sh for tier in placed])
+        none = np.zeros(3, np.float32), np.zeros((3, 0), np.float16)
+        if self._recolour and settings is not None:
+            grey = FreeScene(0, middle, thresholds, weights, *none, ())
+            parts = [_decoded(p, s.coded, grey, self._gaussians.origin) for p, s in zip(placed, shapes, strict=True)]
+            arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS if name != "sh"}
+            whole = Gaussians.unchecked(**arrays, sh=sh.reshape(len(sh), -1, 3), origin=self._gaussians.origin)
+            sh = self._recolour(whole).reshape(len(sh), -1)
+        gains = np.concatenate([shape.orders[2].gains for shape in shapes])
+        mean, basis, components = _colours(sh, gains, factor)
+        ends = np.cumsum([len(tier.cells) for tier in placed])
+        tiers, coded = [], []
+        for number, (tier, shape) in enumerate(zip(placed, shapes, strict=True)):
+            part = slice(ends[number] - len(tier.cells), ends[number])
+            jobs = [(PlaneClass.COLOR, target, values[part]) for target, values in enumerate(components)]
+            channels = [*shape.coded, *code.all(jobs, shape.orders, tier.level.steps)]
+            channels.sort(key=lambda c: (c.channel.record.plane_class, c.channel.record.target))
+            growth = self._tiers.growths[number - 1] if number else 0.0
+            tiers.append(FreeTier(len(tier.cells), tier.grid, tuple(c.channel for c in channels), growth))
+            coded.append(channels)
+        degree = math.isqrt(len(mean) // 3) - 1
+        return FreeScene(degree, middle, thresholds, weights, mean, basis, tuple(tiers)), coded
 
 
 def visible(gaussians: Gaussians) -> Gaussians:
@@ -175,7 +256,7 @@ def _selected(gaussians: Gaussians, rows: NDArray) -> Gaussians:
 
 
 def _grid_of(means: NDArray, factor: float) -> tuple[PointGrid, NDArray]:
-    """The grid for (N, 3) positions, and their cells (N, 3)."""
+    """The grid for (N, 3) positions, and (N, 3) how far they lie from its lowest corner."""
     low, high = np.percentile(means, BULK, axis=0)
     centre = (low + high) / 2
     reach = float(np.abs(means - centre).max())
@@ -183,11 +264,18 @@ def _grid_of(means: NDArray, factor: float) -> tuple[PointGrid, NDArray]:
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6 * reach) or 1.0
     space = contracted((means - centre) / radius)
     lowest = space.min(axis=0)
-    extent = float((space.max(axis=0) - lowest).max())
-    cell = min(SPACING * factor / math.sqrt(len(means)), MAX_CELL)
-    cell = max(cell, extent / ((1 << MAX_LEVELS) - 1))
-    cells = np.rint((space - lowest) / cell).clip(0, (1 << MAX_LEVELS) - 1)
-    return PointGrid(centre, radius, cell, lowest, (), 0, 0, ()), cells
+    grid = PointGrid(centre, radius, 0.0, lowest, (), 0, 0, ())
+    grid = _with_cell(grid, SPACING * factor / math.sqrt(len(means)), space - lowest)
+    return grid, space - lowest
+
+
+def _with_cell(grid: PointGrid, cell: float, space: NDArray) -> PointGrid:
+    """The grid with about that cell, for (N, 3) contracted coordinates from its lowest corner."""
+    return replace(grid, cell=max(min(cell, MAX_CELL), float(space.max()) / ((1 << MAX_LEVELS) - 1)))
+
+
+def _cells(grid: PointGrid, space: NDArray) -> NDArray:
+    return np.rint(space / grid.cell).clip(0, (1 << MAX_LEVELS) - 1)
 
 
 def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
@@ -203,39 +291,71 @@ def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
     return order
 
 
-def _code_columns(
-    columns: Columns, grid: PointGrid, count: int, factor: float, settings: EncoderSettings | None, threads: int
-) -> tuple[FreeScene, list[_Coded]]:
-    """Channels in the order in which each one's order is known; without settings they are rounded alone."""
-    steps = {channel: step * factor for channel, step in STEPS.items()}
-    middle = float(
-        np.float32(2 * np.log(np.exp(columns.sizes / 2 - columns.sizes.max() / 2).mean()) + columns.sizes.max())
-    )
+def _decoded(placed: _Placed, coded: Sequence[_Coded], scene: FreeScene, origin: NDArray) -> Gaussians:
+    """What a decoder will see of a tier, with the colours of a scene's basis."""
+    values = {(c.channel.record.plane_class, c.channel.record.target): c.values for c in coded}
+    fields = from_columns(columns_of(values, scene.size_middle, scene.mean, scene.basis))
+    return Gaussians.unchecked(means=means_of(placed.grid, placed.cells), **fields, origin=origin)
 
-    def code(plane_class: PlaneClass, target: int, values: NDArray, order: Order) -> _Coded:
-        step = steps[plane_class, target] if (plane_class, target) in steps else _colour_step(target) * factor
-        return _code_channel(plane_class, target, values, step, order, settings)
 
-    thresholds = (_root_thresholds(), _size_thresholds(columns.sizes, middle), _length_thresholds())
-    logs = np.log2(np.maximum(columns.roots, 1e-9)), columns.sizes / math.log(4), columns.lengths / math.log(4)
-    sources = columns.roots, companded(columns.sizes, middle), columns.lengths
-    orders, weights, coded, seen = [along_the_curve(count)], [], [], []
+@dataclass(frozen=True)
+class _ChannelCoder:
+    """Codes channels at 2^(Q_g/6) of their steps; without settings they are rounded alone."""
+
+    factor: float
+    settings: EncoderSettings | None
+    threads: int
+
+    def one(self, plane_class: PlaneClass, target: int, values: NDArray, order: Order, steps: float) -> _Coded:
+        """One channel; `steps` over those that Q_g says."""
+        step = STEPS[plane_class, target] if plane_class != PlaneClass.COLOR else _colour_step(target)
+        return _code_channel(plane_class, target, values, step * self.factor * steps, order, self.settings)
+
+    def all(
+        self, jobs: Sequence[tuple[PlaneClass, int, NDArray]], orders: Sequence[Order], steps: float
+    ) -> list[_Coded]:
+        """Channels that do not depend on one another."""
+        with ThreadPoolExecutor(max_workers=self.threads) as pool:
+            return list(pool.map(lambda job: self.one(*job, order=orders[order_of(job[0], job[1])], steps=steps), jobs))
+
+
+def _code_shapes(
+    tiers: Sequence[tuple[Columns, float]], middle: float, code: _ChannelCoder
+) -> tuple[tuple[NDArray, ...], tuple[WeightClasses, ...], list[_Shape]]:
+    """Thresholds and orders of all tiers, and each one's channels in the order in which each one's order is known."""
+    sizes = np.concatenate([columns.sizes for columns, _ in tiers])
+    thresholds = (_root_thresholds(), _size_thresholds(sizes, middle), _length_thresholds())
+    shapes = [_Shape([], [along_the_curve(len(columns.roots))]) for columns, _ in tiers]
+    weights: list[WeightClasses] = []
+    logs = np.zeros(len(sizes))
     for number, (plane_class, target) in enumerate(DETERMINING):
-        coded.append(code(plane_class, target, sources[number], orders[number]))
-        seen.append(coded[-1].values)
-        counts = reached(seen, thresholds[: number + 1])
-        weights.append(choose_classes(counts, np.sum(logs[: number + 1], axis=0)))
-        orders.append(order_by(seen, thresholds, weights[-1]))
-    mean, basis, components = _colours(columns.sh, orders[2].gains, factor)
-    rest = [(PlaneClass.SCALE, 2, columns.thins)]
-    rest += [(PlaneClass.ROTATION, target, columns.turns[:, target]) for target in range(3)]
-    rest += [(PlaneClass.COLOR, target, values) for target, values in enumerate(components)]
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        coded += pool.map(lambda job: code(job[0], job[1], job[2], orders[order_of(job[0], job[1])]), rest)
-    coded.sort(key=lambda c: (c.channel.record.plane_class, c.channel.record.target))
-    degree = math.isqrt(len(mean) // 3) - 1
-    channels = tuple(c.channel for c in coded)
-    return FreeScene(count, degree, grid, middle, thresholds, tuple(weights), mean, basis, channels), coded
+        for shape, (columns, steps) in zip(shapes, tiers, strict=True):
+            source = (columns.roots, companded(columns.sizes, middle), columns.lengths)[number]
+            shape.coded.append(code.one(plane_class, target, source, shape.orders[number], steps))
+        counts = np.concatenate(
+            [reached([c.values for c in shape.coded], thresholds[: number + 1]) for shape in shapes]
+        )
+        logs += np.concatenate([_log_weight(columns, number) for columns, _ in tiers])
+        weights.append(choose_classes(counts, logs))
+        for shape in shapes:
+            shape.orders.append(order_by([c.values for c in shape.coded], thresholds, weights[number]))
+    for shape, (columns, steps) in zip(shapes, tiers, strict=True):
+        rest = [(PlaneClass.SCALE, 2, columns.thins)]
+        rest += [(PlaneClass.ROTATION, target, columns.turns[:, target]) for target in range(3)]
+        shape.coded.extend(code.all(rest, shape.orders, steps))
+    return thresholds, tuple(weights), shapes
+
+
+def _log_weight(columns: Columns, determinant: int) -> NDArray:
+    """log2 of what a determinant makes a Gaussian weigh."""
+    if determinant == 0:
+        return np.log2(np.maximum(columns.roots, 1e-9))
+    return (columns.sizes if determinant == 1 else columns.lengths) / math.log(4)
+
+
+def _middle(sizes: NDArray) -> float:
+    """The size whose steps are those of the logarithm."""
+    return float(np.float32(2 * np.log(np.exp(sizes / 2 - sizes.max() / 2).mean()) + sizes.max()))
 
 
 def _code_channel(
