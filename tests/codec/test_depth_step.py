@@ -362,8 +362,7 @@ def test_coefficients_are_kept_whose_energy_shows_at_the_finest_step(store, qp):
 @pytest.mark.parametrize(("sigma", "hidden"), [(0.1, 0.2), (0.2, 0.2), (0.5, 0.5), (1.0, 1.0), (3.0, 1.0)])
 def test_steps_of_small_splats_by_hand(layers, sigma, hidden):
     """Scale's go with 1 / width and rotation's with its square, for mean deviations of 0.2 to 1 px."""
-    layer = replace(layers[0], scale_mix=(layers[0].scale_mix[0], np.full(3, sigma)))
-    steps = known_steps(layer, 1, replace(ADAPTIVE, behind=1.5))
+    steps = known_steps((layers[0].scale_mix[0], np.full(3, sigma)), 1, replace(ADAPTIVE, behind=1.5))
     width = hidden / ADAPTIVE.width
     gain = 1.5 * ADAPTIVE.gain
     wanted = {c: gain / np.sqrt(s) for c, s in ADAPTIVE.sensitivity.items() if c != PlaneClass.OPACITY}

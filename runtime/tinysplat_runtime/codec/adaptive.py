@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import CODING_ORDER, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
+from ..gaussian.planes import MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, blocks, coefficient_moment, color_planes, relative_rotation_planes
@@ -145,7 +145,7 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
         opacity = measured_opacity_step(probe, opacities, opacity, settings.opacity_damage)
     return [
         {
-            **known_steps(layer, index, settings),
+            **known_steps(layer.scale_mix, index, settings),
             PlaneClass.DEPTH: depth,
             PlaneClass.OPACITY: opacity * _factor(index, settings),
         }
@@ -158,12 +158,12 @@ def _factor(index: int, settings: AdaptiveSettings) -> float:
     return settings.behind if index else 1.0
 
 
-def known_steps(layer: AdaptiveLayer, index: int, settings: AdaptiveSettings) -> Steps:
+def known_steps(scale_mix: tuple[NDArray, NDArray], index: int, settings: AdaptiveSettings) -> Steps:
     """Steps at Q_g = 0 of the classes for which nothing is measured, of the layer of that index.
 
     Of a small splat, the rasteriser's dilation hides size and turn.
     """
-    width = min(max(float(layer.scale_mix[1].mean()), _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
+    width = min(max(float(scale_mix[1].mean()), _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
     hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}
     return {
         c: class_step(settings, c) * hidden.get(c, 1.0) * _factor(index, settings)
@@ -172,41 +172,39 @@ def known_steps(layer: AdaptiveLayer, index: int, settings: AdaptiveSettings) ->
     }
 
 
-def known_channels(layer: AdaptiveLayer, index: int, settings: AdaptiveSettings, qp: float) -> list[Channel]:
-    """Channels at Q_g = `qp` of the classes for which nothing is measured."""
-    scale = 2 ** (qp / 6)
-    steps = {c: step * scale for c, step in known_steps(layer, index, settings).items()}
-    return [
-        channel
-        for plane_class in CODING_ORDER
-        if plane_class in steps
-        for channel in _channels(layer, plane_class, steps[plane_class], settings)
-    ]
+def known_channels(geometry: LayerGeometry, index: int, settings: AdaptiveSettings, qp: float) -> Iterator[Channel]:
+    """Channels at Q_g = `qp` of the classes for which nothing is measured, but for colour."""
+    for plane_class, step in known_steps(geometry.scale_mix, index, settings).items():
+        if plane_class != PlaneClass.COLOR:
+            yield from _channels(plane_class, geometry.planes[plane_class], step * 2 ** (qp / 6), settings)
+
+
+def color_channels(layer: AdaptiveLayer, index: int, settings: AdaptiveSettings, qp: float) -> Iterator[Channel]:
+    """Those of colour, as many as carry more than its step lets through."""
+    step = known_steps(layer.scale_mix, index, settings)[PlaneClass.COLOR] * 2 ** (qp / 6)
+    planes = layer.planes[PlaneClass.COLOR][:, : kept_components(layer.energies, step, settings)]
+    return _channels(PlaneClass.COLOR, planes, step, settings)
 
 
 def _channels(
-    layer: AdaptiveLayer, plane_class: PlaneClass, step: float, settings: AdaptiveSettings
+    plane_class: PlaneClass, planes: NDArray, step: float, settings: AdaptiveSettings, offsets: NDArray | None = None
 ) -> Iterator[Channel]:
-    planes = layer.planes[plane_class]
-    count = planes.shape[1]
-    if plane_class == PlaneClass.COLOR:
-        count = min(kept_components(layer.energies, step, settings), count)
-    for target in range(count):
+    for target in range(planes.shape[1]):
         values = planes[:, target]
         # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
         index = target + 1 if plane_class == PlaneClass.ROTATION else target
         window = (float(values.min()), float(values.max()))
-        offsets = layer.depth_offsets if plane_class == PlaneClass.DEPTH else None
         yield Channel(plane_class, index, values, step, window, offsets, settings.flat_share)
 
 
 def adaptive_plan(
     layer: AdaptiveLayer, steps: Steps, known: Sequence[Channel], settings: AdaptiveSettings, qp: float
 ) -> LayerPlan:
-    """Channels and maps of a layer at Q_g = `qp`, given its steps at 0 and `known_channels`."""
+    """Channels and maps of a layer at Q_g = `qp`, given its steps at 0, `known_channels` and `color_channels`."""
     scale = 2 ** (qp / 6)
-    (depth,) = _channels(layer, PlaneClass.DEPTH, steps[PlaneClass.DEPTH] * scale, settings)
-    opacity = _channels(layer, PlaneClass.OPACITY, steps[PlaneClass.OPACITY] * scale, settings)
+    depth_step, opacity_step = (steps[plane_class] * scale for plane_class in MEASURED)
+    (depth,) = _channels(PlaneClass.DEPTH, layer.planes[PlaneClass.DEPTH], depth_step, settings, layer.depth_offsets)
+    opacity = _channels(PlaneClass.OPACITY, layer.planes[PlaneClass.OPACITY], opacity_step, settings)
     components = sum(channel.plane_class == PlaneClass.COLOR for channel in known)
     plan = LayerPlan(
         tuple(sorted([depth, *opacity, *known], key=lambda channel: channel.plane_class)),

@@ -15,6 +15,7 @@ from .adaptive import (
     AdaptiveLayer,
     LayerGeometry,
     adaptive_plan,
+    color_channels,
     known_channels,
     prepare_layer,
     scene_steps,
@@ -90,20 +91,20 @@ class AdaptivePlanner:
 
     def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`."""
-        watch = self._scene.watch
+        watch, settings = self._scene.watch, self._settings
+        known = [list(known_channels(layer, index, settings, qp)) for index, layer in enumerate(self._geometry)]
+        _say_ready(known, ready)
         with watch.stage("vabr"):
             if self._prepared is None:
-                self._prepared = _prepare(self._scene, self._geometry, self._settings, 0.0)
-            prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._geometry, self._settings, qp)
-        known = [known_channels(layer, index, self._settings, qp) for index, layer in enumerate(prepared)]
-        if ready is not None:
-            for channel in itertools.chain(*known):
-                ready(channel)
+                self._prepared = _prepare(self._scene, self._geometry, settings, 0.0)
+            prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._geometry, settings, qp)
+        colors = [list(color_channels(layer, index, settings, qp)) for index, layer in enumerate(prepared)]
+        _say_ready(colors, ready)
         with watch.stage("quantise"):
             if self._steps is None:
-                self._steps = scene_steps(self._prepared, self._settings, self._scene.threads)
-            layers = zip(prepared, self._steps, known, strict=True)
-            return [adaptive_plan(layer, steps, channels, self._settings, qp) for layer, steps, channels in layers]
+                self._steps = scene_steps(self._prepared, settings, self._scene.threads)
+            layers = zip(prepared, self._steps, known, colors, strict=True)
+            return [adaptive_plan(layer, steps, [*a, *b], settings, qp) for layer, steps, a, b in layers]
 
 
 class ResidualPlanner:
@@ -134,6 +135,12 @@ def planner_of(profile: Profile, scene: ProjectedScene) -> Planner:
     if isinstance(profile.settings, PaperSettings):
         return PaperPlanner(scene, profile.settings)
     return AdaptivePlanner(scene, profile.settings)
+
+
+def _say_ready(channels: Sequence[Sequence[Channel]], ready: Ready | None) -> None:
+    if ready is not None:
+        for channel in itertools.chain(*channels):
+            ready(channel)
 
 
 def _prepare(
