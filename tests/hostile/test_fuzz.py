@@ -15,6 +15,7 @@ SHARE = {
     "parameter_sets": 500,
     "photos": 60,
     "colmap": 60,
+    "usd": 50,
 }
 
 
