@@ -357,7 +357,8 @@ def test_whatever_channels_decode_to_comes_to_valid_gaussians():
 
 def test_grids_finer_than_the_octree_is_deep_become_coarser():
     means = np.concatenate([cloud(50).means, [[1e6, 0, 0]]]).astype(np.float64)
-    grid, cells = _grid_of(means, 1e-6)
+    grid, space = _grid_of(means, 1e-6)
+    cells = np.rint(space / grid.cell)
     assert cells.max() == (1 << 21) - 1 and cells.min() == 0
     back = grid.centre + grid.radius * uncontracted(grid.low + cells * grid.cell)
     np.testing.assert_allclose(back[:-1], means[:-1], atol=1e-4)

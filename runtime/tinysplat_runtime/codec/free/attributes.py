@@ -91,19 +91,20 @@ def from_columns(columns: Columns, growth: float = 0.0) -> dict[str, NDArray]:
 
     `growth` is added to logarithms of scales.
     """
+    count = len(columns.roots)
     lengths, thins = np.clip(columns.lengths, 0, MAX_LOG), np.clip(columns.thins, 0, MAX_LOG)
     second = columns.sizes - lengths / 2
-    logs = np.stack([columns.sizes + lengths / 2, second, second - thins], axis=1)
-    scalar = np.sqrt(np.maximum(1 - np.square(columns.turns).sum(axis=1), 0))
-    quats = np.concatenate([scalar[:, None], columns.turns], axis=1)
-    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
-    fields = {
-        "quats": quats,
-        "scales": np.exp(np.clip(logs + growth, -MAX_LOG, MAX_LOG)),
-        "opacities": np.square(np.clip(columns.roots, 0, 1)),
-        "sh": columns.sh.reshape(len(logs), -1, 3),
-    }
-    return {name: np.ascontiguousarray(array, np.float32) for name, array in fields.items()}
+    scales, quats = np.empty((count, 3), np.float32), np.empty((count, 4), np.float32)
+    for axis, logs in enumerate((columns.sizes + lengths / 2, second, second - thins)):
+        scales[:, axis] = np.exp(np.clip(logs + growth, -MAX_LOG, MAX_LOG))
+    x, y, z = columns.turns.T
+    scalar = np.sqrt(np.maximum(1 - (x * x + y * y + z * z), 0))
+    length = np.sqrt(scalar * scalar + x * x + y * y + z * z)
+    for axis, values in enumerate((scalar, x, y, z)):
+        quats[:, axis] = values / length
+    opacities = np.square(np.clip(columns.roots, 0, 1)).astype(np.float32)
+    sh = np.ascontiguousarray(columns.sh.reshape(count, -1, 3), np.float32)
+    return {"quats": quats, "scales": scales, "opacities": opacities, "sh": sh}
 
 
 def companded(sizes: NDArray, middle: float) -> NDArray:

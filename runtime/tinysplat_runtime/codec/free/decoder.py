@@ -20,7 +20,7 @@ from ..hevc import PlaneDecoder
 from ..missing import PlaneRef
 from .attributes import Columns, expanded, from_columns, uncontracted
 from .octree import cells_of, decode_points
-from .orders import Order, along_the_curve, channel_values, order_by
+from .orders import Order, along_the_curve, channel_values, order_by, reached
 from .planes import plane_shape
 
 _ROWS = 1 << 16
@@ -97,14 +97,15 @@ def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArra
     keys = decode_points(grid.streams, grid.levels, grid.leaves, grid.escapes, own.count)
     means = means_of(grid, cells_of(keys))
     found: dict[tuple[PlaneClass, int], NDArray] = {}
-    orders = [along_the_curve(own.count)]
+    orders, counts = [along_the_curve(own.count)], np.zeros(own.count, np.uint16)
     for place, name in enumerate(DETERMINING):
         channel = own.channel(*name)
         if channel.record in tier.absent:
             lacking = f"holds no intact picture of {channel.record.name}, by which others are sorted"
             raise FormatError(lacking, where="file")
         found[name] = tier.values(channel, orders[place])
-        orders.append(order_by(list(found.values()), scene.thresholds, scene.orders[place]))
+        counts += reached([found[name]], scene.thresholds[place : place + 1])
+        orders.append(order_by(counts, scene.orders[place]))
     rest = {(c.record.plane_class, c.record.target): c for c in own.channels}
     rest = {name: channel for name, channel in rest.items() if name not in found}
     jobs = [(channel, orders[order_of(*name)]) for name, channel in rest.items()]

@@ -332,13 +332,11 @@ def _code_shapes(
         for shape, (columns, steps) in zip(shapes, tiers, strict=True):
             source = (columns.roots, companded(columns.sizes, middle), columns.lengths)[number]
             shape.coded.append(code.one(plane_class, target, source, shape.orders[number], steps))
-        counts = np.concatenate(
-            [reached([c.values for c in shape.coded], thresholds[: number + 1]) for shape in shapes]
-        )
+        counts = [reached([c.values for c in shape.coded], thresholds[: number + 1]) for shape in shapes]
         logs += np.concatenate([_log_weight(columns, number) for columns, _ in tiers])
-        weights.append(choose_classes(counts, logs))
-        for shape in shapes:
-            shape.orders.append(order_by([c.values for c in shape.coded], thresholds, weights[number]))
+        weights.append(choose_classes(np.concatenate(counts), logs))
+        for shape, own in zip(shapes, counts, strict=True):
+            shape.orders.append(order_by(own, weights[number]))
     for shape, (columns, steps) in zip(shapes, tiers, strict=True):
         rest = [(PlaneClass.SCALE, 2, columns.thins)]
         rest += [(PlaneClass.ROTATION, target, columns.turns[:, target]) for target in range(3)]

@@ -45,8 +45,12 @@ class CodedPoints:
     streams: tuple[bytes, ...]
 
 
-_PARTS = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1)
+_PARTS = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.int64)
 """Occupied parts by a cell's byte."""
+
+
+_GROUP_OF = (np.minimum(_PARTS, GROUPS) - 1).astype(np.uint8)
+"""Stream of the children of cells by their byte."""
 
 
 def morton_keys(cells: NDArray) -> NDArray:
@@ -99,24 +103,25 @@ def decode_points(
     if sum(map(len, raw)) != total:
         raise FormatError(f"{sum(map(len, raw))} cells, announced are {total}", where="positions")
     taken = [0] * GROUPS
-    nodes, group = np.zeros(1, np.uint64), np.full(1, GROUPS - 1)
+    nodes, group = np.zeros(1, np.uint64), np.full(1, GROUPS - 1, np.uint8)
     for depth, size in enumerate(levels):
         occupied = np.zeros(size, np.uint8)
         for number in range(GROUPS):
             is_mine = group == number
-            mine = raw[number][taken[number] : taken[number] + int(is_mine.sum())]
-            taken[number] += int(is_mine.sum())
+            cells = np.count_nonzero(is_mine)
+            mine = raw[number][taken[number] : taken[number] + cells]
+            taken[number] += cells
             if taken[number] > len(raw[number]):
                 raise FormatError(f"stream {number} ends in level {depth}", where="positions")
             occupied[is_mine] = mine
         if not occupied.all():
             raise FormatError(f"an empty cell in level {depth}", where="positions")
         following = [*levels, leaves][depth + 1]
-        if int(_PARTS[occupied].sum(dtype=np.int64)) != following:
+        if int(_PARTS[occupied].sum()) != following:
             raise FormatError(f"level {depth + 1} does not have the {following} cells announced", where="positions")
-        parent, part = np.nonzero(np.unpackbits(occupied[:, None], axis=1, bitorder="little"))
-        group = _group(_PARTS[occupied])[parent]
-        nodes = (nodes[parent] << np.uint64(3)) | part.astype(np.uint64)
+        places = np.flatnonzero(np.unpackbits(occupied, bitorder="little"))
+        group = np.repeat(_GROUP_OF[occupied], _PARTS[occupied])
+        nodes = np.repeat(nodes << np.uint64(3), _PARTS[occupied]) | (places & 7).astype(np.uint64)
     return np.repeat(nodes, _points_per_leaf(streams, leaves, escapes, count))
 
 

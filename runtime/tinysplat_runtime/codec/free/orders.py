@@ -59,19 +59,21 @@ def along_the_curve(count: int) -> Order:
 
 
 def reached(determinants: Sequence[NDArray], thresholds: Sequence[NDArray]) -> NDArray:
-    """(N,) how many thresholds, each of its determinant, the Gaussians reach."""
-    counts = [np.searchsorted(t, d, side="right") for d, t in zip(determinants, thresholds, strict=True)]
-    return np.stack(counts).sum(axis=0, dtype=np.int64)
+    """(N,) uint16, how many thresholds, each of its determinant, the Gaussians reach."""
+    counts = np.zeros(len(determinants[0]), np.uint16)
+    for values, rising in zip(determinants, thresholds, strict=True):
+        counts += np.searchsorted(rising.astype(np.float64), values, side="right").astype(np.uint16)
+    return counts
 
 
 def classes_of(counts: NDArray, first: int, number: int) -> NDArray:
-    """(N,) class, 0 to number − 1, of Gaussians that reach so many thresholds."""
-    return np.clip((counts >> 1) - first, 0, number - 1)
+    """(N,) uint8 class, 0 to number − 1, of Gaussians that reach so many thresholds, uint16."""
+    by_count = np.clip((np.arange(int(counts.max()) + 1) >> 1) - first, 0, number - 1).astype(np.uint8)
+    return by_count[counts]
 
 
-def order_by(determinants: Sequence[NDArray], thresholds: Sequence[NDArray], weights: WeightClasses) -> Order:
-    """The order by the given determinants, (N,) each."""
-    counts = reached(determinants, thresholds[: len(determinants)])
+def order_by(counts: NDArray, weights: WeightClasses) -> Order:
+    """The order of Gaussians whose determinants reach so many thresholds, (N,)."""
     classes = classes_of(counts, weights.first, len(weights.gains))
     return Order(np.argsort(classes, kind="stable"), np.array(weights.gains, np.float64)[classes])
 
