@@ -13,7 +13,7 @@ from ..render.compiled import pack
 from ..render.kernels_blend import Extent, Listed, Scratch, Visible
 from ..render.kernels_project import CHUNK
 from ..render.lists import Chunks, SplatBuffers
-from ..render.prepare import prepare
+from ..render.prepare import parts
 from ..render.project import View
 from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
@@ -46,9 +46,9 @@ class Pictures:
             gaussians: (N,), each of opacity 1/255 or more. The first ones are what is wanted.
         """
         packed: list[Chunks] = []
-        for block in prepare(gaussians):
+        for part in parts(gaussians):
             first = packed[-1].first + CHUNK * len(packed[-1].sh) if packed else 0
-            packed.append(pack(block, first))
+            packed.append(pack(part, first))
         buffers = SplatBuffers(packed[-1].first + CHUNK * len(packed[-1].sh), self._run)
         is_first = not self.wanted
         for number, camera in enumerate(self.cameras):

@@ -11,6 +11,7 @@ Only the loops in `kernels_*.py` need numba; `Renderer` imports this module wher
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,10 @@ from .kernels_blend import Extent, Listed, Picture, Scratch
 from .kernels_project import AXES, CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers
 from .near import Shares
-from .prepare import Block, Part, Shelf
-from .project import View
+from .prepare import Part, Shelf
+from .project import View, may_show
+
+Packed = Callable[[], Chunks]
 
 
 class Canvas:
@@ -53,39 +56,61 @@ class Rasteriser:
     """
 
     def __init__(self, parts: Sequence[Part], places: int, run_jobs: Callable) -> None:
-        """Parts are packed when a frame needs them, and kept while there are places; `run_jobs` maps over a list."""
+        """Parts are packed when a frame needs them, and kept while there are places; without any, what shows of them is
+        packed for every frame. `run_jobs` maps over a list.
+        """
         longest = CHUNK * max(-(-part.size // CHUNK) for part in parts)
         self._parts, self._run = parts, run_jobs
-        self._shelf = Shelf(lambda number, place: pack(parts[number].block(), place * longest), places)
-        self._buffers = SplatBuffers(places * longest, run_jobs)
+        self._shelf = Shelf(lambda number, place: pack(parts[number], place * longest), places)
+        self._keeps, self._buffers = places > 0, SplatBuffers(places * longest, run_jobs)
         self._place = np.full(3, np.nan)
 
     def draw(self, drawn: Sequence[int], view: View, shares: Shares | None, with_depth: bool) -> Canvas:
         """Draw a frame of some parts; without `shares` as they are, by depth."""
-        canvas, buffers = Canvas(view.camera.height, view.camera.width, with_depth), self._buffers
+        canvas = Canvas(view.camera.height, view.camera.width, with_depth)
         picture, has_front = canvas.picture, shares is not None and shares.has_front
         if not np.array_equal(view.offset, self._place):
             self._place = view.offset
             for chunks in self._shelf:
                 chunks.is_coloured[:] = 0
 
-        def project(number_and_chunks: tuple[int, Chunks]) -> kernels_blend.Visible:
+        buffers, packed = self._kept(drawn) if self._keeps else self._shown(drawn, view)
+
+        def project(number_and_chunks: tuple[int, Packed]) -> kernels_blend.Visible:
             number, chunks = number_and_chunks
             of = self._parts[number]
-            return buffers.project(chunks, view, *((0.0, 0.0) if shares is None else shares.of(of.view, of.is_surface)))
+            share, front = (0.0, 0.0) if shares is None else shares.of(of.view, of.is_surface)
+            return buffers.project(chunks(), view, share, front)
 
         def blend(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
             kernels_blend.composite_tile(buffers.records, lists.rows, listed, extent, scratch, picture, has_front)
 
-        visible = self._run(project, list(zip(drawn, self._shelf.take(drawn), strict=True)))
+        visible = self._run(project, list(zip(drawn, packed, strict=True)))
         for lists in buffers.lists(visible, view):
             with part("sort and blend"):
                 buffers.work_on(lists, view, blend)
         return canvas
 
+    def _kept(self, drawn: Sequence[int]) -> tuple[SplatBuffers, list[Packed]]:
+        """Buffers of a frame, and parts as they are kept."""
+        return self._buffers, [partial(_itself, chunks) for chunks in self._shelf.take(drawn)]
 
-def pack(block: Block, first: int) -> Chunks:
-    """A block as loops take it; `first` is the row of its first record."""
+    def _shown(self, drawn: Sequence[int], view: View) -> tuple[SplatBuffers, list[Packed]]:
+        """Buffers for what of parts may show, and this alone, to be packed where it is projected and not longer."""
+        parts = [self._parts[number] for number in drawn]
+        shown = self._run(lambda part: may_show(part, view), parts)
+        ends = np.cumsum([CHUNK * -(-np.count_nonzero(keep) // CHUNK) for keep in shown]).tolist()
+        packed: list[Packed] = [partial(pack, *of) for of in zip(parts, [0, *ends[:-1]], shown, strict=True)]
+        return SplatBuffers(ends[-1], self._run), packed
+
+
+def _itself(chunks: Chunks) -> Chunks:
+    return chunks
+
+
+def pack(of: Part, first: int, keep: NDArray | None = None) -> Chunks:
+    """A part as loops take it, or of it what `Part.block` keeps; `first` is the row of its first record."""
+    block = of.block(keep)
     chunks, functions = -(-block.size // CHUNK), block.sh.shape[0]
     planes = np.zeros((GEOMETRY, chunks * CHUNK), np.float32)
     planes[OPACITY] = -np.inf
@@ -97,8 +122,7 @@ def pack(block: Block, first: int) -> Chunks:
     sh = np.zeros((3 * functions, chunks * CHUNK), np.float32)
     sh[:, : block.size] = block.sh.reshape(3 * functions, -1)
     geometry, sh = (_by_chunk(planes, chunks) for planes in (planes, sh))
-    rest = block.without_planes()
-    return Chunks(first, geometry.ravel(), sh, np.zeros(chunks, np.uint8), lambda: rest)
+    return Chunks(first, geometry.ravel(), sh, np.zeros(chunks, np.uint8), partial(of.outline, keep))
 
 
 def _by_chunk(planes: NDArray, chunks: int) -> NDArray:

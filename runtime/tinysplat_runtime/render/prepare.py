@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -69,11 +70,6 @@ class Block:
         """The same with a share of their opacity."""
         return replace(self, log_opacities=self.log_opacities + np.float32(log_share))
 
-    def without_planes(self) -> Block:
-        """The same without `axes` and `sh`, which most of its memory goes to."""
-        nothing = np.zeros((0, 3, 0), np.float32)
-        return replace(self, axes=nothing, sh=nothing)
-
 
 class Shelf:
     """What was made of numbered parts for a frame and may serve the next: no more than it has places for, the ones that
@@ -133,20 +129,47 @@ class Part:
         """Number of Gaussians n."""
         return self.rows["opacities"].size
 
+    @cached_property
+    def bounds(self) -> NDArray:
+        """(8,) float64: least x, y, z of the means, relative to the origin, and greatest; the largest scale; the widest
+        own pixel, 0 for none.
+        """
+        means, own = np.ascontiguousarray(self.rows["means"].T), 0.0  # numpy is slow along a short axis
+        low, high = means.min(axis=1), means.max(axis=1)
+        if self.photo is not None:  # which grows along one direction, so that it is widest in a corner
+            corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
+            own = float(own_pixels(corners, self.origin, self.photo).max())
+        return np.array([*low, *high, self.rows["scales"].max(), own])
+
     def own_pixels(self) -> NDArray | None:
         """As `Block.own_pixels`."""
         return None if self.photo is None else own_pixels(self.rows["means"], self.origin, self.photo)
 
     def block(self, keep: NDArray | None = None) -> Block:
         """The Gaussians, or of them those where `keep` (n,) bool is true, without those that can never show."""
+        rows = self._shown(keep)
+        return replace(
+            self._outline(rows),
+            axes=principal_axes(rows["quats"], rows["scales"]),
+            sh=np.ascontiguousarray(np.moveaxis(rows["sh"], 0, -1)),
+        )
+
+    def outline(self, keep: NDArray | None = None) -> Block:
+        """The same without `axes` and `sh`, which most of the work and of the memory goes to."""
+        return self._outline(self._shown(keep))
+
+    def _shown(self, keep: NDArray | None) -> Mapping[str, NDArray]:
         shows = self.rows["opacities"] >= ALPHA_MIN
         keep = shows if keep is None else keep & shows
-        rows = self.rows if keep.all() else {name: array[keep] for name, array in self.rows.items()}
+        return self.rows if keep.all() else {name: array.compress(keep, axis=0) for name, array in self.rows.items()}
+
+    def _outline(self, rows: Mapping[str, NDArray]) -> Block:
+        nothing = np.zeros((0, 3, 0), np.float32)
         return Block(
             means=np.ascontiguousarray(rows["means"].T),
-            axes=principal_axes(rows["quats"], rows["scales"]),
+            axes=nothing,
             log_opacities=np.log(rows["opacities"]),
-            sh=np.ascontiguousarray(np.moveaxis(rows["sh"], 0, -1)),
+            sh=nothing,
             quats=rows["quats"],
             scales=rows["scales"],
             own_pixels=replace(self, rows=rows).own_pixels(),

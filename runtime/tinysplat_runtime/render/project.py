@@ -21,6 +21,7 @@ cancellation of a·c − b² that ruins needles in float32. The exponent at (x, 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,7 +175,9 @@ def may_show(part: Block | Part, view: View, every: int = 1) -> NDArray:
     √(2 ln 255) times the sum of that length by the largest scale and of the root of the dilation.
     """
     means, scales = (
-        (part.means, part.scales) if isinstance(part, Block) else (part.rows["means"].T, part.rows["scales"])
+        (part.means, part.scales)
+        if isinstance(part, Block)
+        else (np.ascontiguousarray(part.rows["means"].T), part.rows["scales"])
     )
     own = part.own_pixels if isinstance(part, Block) else part.own_pixels()
     means, scales, own = means[:, ::every], scales[::every], None if own is None else own[::every]
@@ -184,14 +187,38 @@ def may_show(part: Block | Part, view: View, every: int = 1) -> NDArray:
     widened = depth if own is None else np.maximum(depth, own * view.camera.focal)
     widened = math.sqrt(DILATION) * widened
     shows = depth > view.near_plane
-    for axis, (size, low, high) in enumerate(
-        zip((view.camera.width, view.camera.height), *jacobian_limits(view), strict=True)
-    ):
-        rows = view.projection[axis] - np.array([[low], [high]]) * view.projection[2]
-        extent = _FARTHEST * (np.linalg.norm(rows, axis=1).max() * largest + widened)
+    for axis, (size, row) in enumerate(zip((view.camera.width, view.camera.height), _longest_rows(view), strict=True)):
+        extent = _FARTHEST * (row * largest + widened)
         middle = size / 2 - view.camera.K[axis, 2]
         shows &= ~(np.abs(point[axis] - middle * depth) > (size / 2 + 1) * depth + extent)  # NaN stays
     return shows
+
+
+@np.errstate(all="ignore")
+def parts_show(parts: Sequence[Part], view: View) -> NDArray:
+    """(parts,) bool, false where none of a part's Gaussians can reach the picture, as far as its `bounds` tell.
+
+    Where z > 0, what `may_show` holds against 0 is not less than a function that is linear in the place, so that this
+    one's least value over a box lies in a corner.
+    """
+    bounds = np.stack([of.bounds for of in parts])
+    x, y, z = (bounds[:, axis : axis + 4 : 3] for axis in range(3))  # (parts, 2) each
+    corners = np.stack(np.broadcast_arrays(x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]))
+    point = np.einsum("ij,jn->in", view.projection, corners.reshape(3, -1) + view.offset[:, None])
+    point, (largest, own) = point.reshape(3, len(parts), 8), bounds[:, 6:].T
+    shows = (point[2] > view.near_plane).any(axis=1) | np.isnan(point[2]).any(axis=1)
+    for axis, (size, row) in enumerate(zip((view.camera.width, view.camera.height), _longest_rows(view), strict=True)):
+        beside = point[axis] - (size / 2 - view.camera.K[axis, 2]) * point[2]
+        ends = (size / 2 + 1 + _FARTHEST * math.sqrt(DILATION)) * point[2]
+        ends += _FARTHEST * (row * largest + math.sqrt(DILATION) * own * view.camera.focal)[:, None]
+        shows &= ~((beside > ends).all(axis=1) | (-beside > ends).all(axis=1))
+    return shows
+
+
+def _longest_rows(view: View) -> list[float]:
+    """Of J·W times z, by axis: the greatest length of the row at the ends of the image's margin."""
+    rows = view.projection[:2, None] - np.stack(jacobian_limits(view), axis=1)[..., None] * view.projection[2]
+    return np.linalg.norm(rows, axis=2).max(axis=1).tolist()
 
 
 @np.errstate(all="ignore")  # overflow is met by float64 and by LIMIT, NaN is looked for

@@ -20,7 +20,7 @@ from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews
 from .prepare import BLOCK_SIZE, Block, Part, Shelf, parts
-from .project import Splats, View, may_show, project
+from .project import Splats, View, may_show, parts_show, project
 from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, Grid, bands, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
@@ -40,6 +40,9 @@ KEPT_BYTES = 512 << 20
 SAMPLE = 16
 """Of so many Gaussians of a block one is looked at, whether leaving out what does not show is worth while."""
 
+MANY_PARTS = 16
+"""From so many parts on, half of which a picture often does not reach, a frame asks which it does."""
+
 NEAR_PLANE = 0.01
 """Scene units; nearer Gaussians are not drawn."""
 
@@ -49,7 +52,8 @@ class Renderer:
 
     Holds what does not depend on the camera (planar coefficients, principal axes), about 110 bytes per Gaussian of SH
     degree 0 and 290 of degree 3, but no more than `KEPT_BYTES`; of more Gaussians it is made for every frame, block by
-    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds what a frame needs. Of a
+    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds what frames need, about
+    150 bytes per Gaussian of degree 0; for one frame alone, nothing but 80 for every Gaussian that may show. Of a
     capture, more than `near.FEW` views, that is the views that a frame is drawn from, and of those before as much as
     `KEPT_BYTES` hold. Pictures do not depend on the number of threads, bit for bit. Frames asked for from several
     threads at once are made one after the other.
@@ -94,7 +98,7 @@ class Renderer:
         row_bytes = (180 if module else 56) + 4 * 3 * gaussians.sh.shape[-2]
         needed = len(cut) if self._near is None else self._near.most * len(cut) // len(gaussians.cameras)
         places = min(len(cut), max(needed, KEPT_BYTES // (row_bytes * BLOCK_SIZE)))
-        self._compiled = module.Rasteriser(cut, places, self._run) if module else None
+        self._compiled = module.Rasteriser(cut, places if keep else 0, self._run) if module else None
         keeps = keep and not module and sum(part.size for part in cut[:needed]) * row_bytes <= KEPT_BYTES
         self._shelf = Shelf(lambda number, _: cut[number].block(), places) if keeps else None
         self._splats = Splats(0)
@@ -137,6 +141,9 @@ class Renderer:
     def _draw(self, view: View, with_depth: bool) -> Any:
         shares = None if self._near is None else self._near.shares(view.camera)
         drawn = [n for n, cut in enumerate(self._parts) if shares is None or shares.whole[cut.view] > 0]
+        if len(drawn) >= MANY_PARTS:
+            shows = parts_show([self._parts[n] for n in drawn], view)
+            drawn = [n for n, does in zip(drawn, shows, strict=True) if does] or drawn[:1]
         if self._compiled is not None:
             return self._compiled.draw(drawn, view, shares, with_depth)
         cuts: list[Part | Block] = self._shelf.take(drawn) if self._shelf else [self._parts[n] for n in drawn]
