@@ -28,7 +28,7 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
-from tinysplat_runtime.graphs.predict import Limits, network_inputs
+from tinysplat_runtime.graphs.predict import NetworkLimits, network_inputs
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.viewchoice import choose_views
@@ -49,7 +49,7 @@ class Calibration(CalibrationDataReader):  # type: ignore[misc]
         return next(self._left, None)
 
 
-def calibration_inputs(folder: Path, limits: Limits, side: int, count: int) -> list[dict[str, NDArray]]:
+def calibration_inputs(folder: Path, limits: NetworkLimits, side: int, count: int) -> list[dict[str, NDArray]]:
     """Inputs from two views of each of the first `count` scenes of a folder, side × side pixels.
 
     Raises:
@@ -109,7 +109,7 @@ def quantise(source: Path, target: Path, options: argparse.Namespace) -> int:
     if not target.parent.is_dir():
         raise InputError(f"no folder {target.parent} to write to", where="--output")
     graph = open_graph(Artifact(source.stem, source), "network")
-    inputs = calibration_inputs(options.scenes, Limits.of(graph), options.size, options.count)
+    inputs = calibration_inputs(options.scenes, NetworkLimits.of(graph), options.size, options.count)
     model = onnx.load(str(source))
     chosen = convolutions(model, options.layers, options.float_layers)
     unfold_half_weights(model, chosen)

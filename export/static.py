@@ -25,7 +25,7 @@ from onnxruntime.tools.onnx_model_utils import make_input_shape_fixed
 from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import Graph, open_graph
-from tinysplat_runtime.graphs.predict import Limits
+from tinysplat_runtime.graphs.predict import NetworkLimits
 
 Size = tuple[int, int, int]
 
@@ -72,7 +72,7 @@ def fix_size(source: Path, target: Path, fixed: Size) -> None:
 def _checked(source: Path, fixed: Size) -> Graph:
     """The opened source, if it takes photos of that size without padding."""
     graph = open_graph(Artifact(source.stem, source), "network")
-    limits = Limits.of(graph)
+    limits = NetworkLimits.of(graph)
     views, *sides = fixed
     if not limits.min_views <= views <= limits.max_views:
         raise InputError(f"{views} views, {source.stem} takes {limits.min_views} to {limits.max_views}", where="size")

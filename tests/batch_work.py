@@ -8,11 +8,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tinysplat.batch.jobs import Job
+from tinysplat.batch.jobs import BatchJob
 from tinysplat_runtime.errors import InputError
 
 
-def note(job: Job) -> dict[str, Any]:
+def note(job: BatchJob) -> dict[str, Any]:
     """Write a file; a scene called `killer` kills its own worker the first time, `poison` every time."""
     marker = Path(job.output).with_suffix(".killed")
     if job.name == "poison" or (job.name == "killer" and not marker.exists()):

@@ -22,7 +22,7 @@ from scenes import write_scene
 import tinysplat_runtime as ts
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import run_processes, run_ray
-from tinysplat.batch.jobs import OPTIONS, Job, encode, is_done, read_manifest
+from tinysplat.batch.jobs import OPTIONS, BatchJob, encode, is_done, read_manifest
 from tinysplat.batch.run import run_batch
 from tinysplat.batch.storage import local_folder, read, write
 from tinysplat_runtime.cli.parser import build_parser
@@ -38,8 +38,8 @@ def silent(record: dict[str, Any]) -> None:
 # ---- workers that are killed -------------------------------------------------------------------------------------
 
 
-def jobs_named(folder: Path, *names: str) -> list[Job]:
-    return [Job(name, EncodeRequest(f"/scenes/{name}"), str(folder / f"{name}.txt")) for name in names]
+def jobs_named(folder: Path, *names: str) -> list[BatchJob]:
+    return [BatchJob(name, EncodeRequest(f"/scenes/{name}"), str(folder / f"{name}.txt")) for name in names]
 
 
 NAMES = ("a", "b", "killer", "c", "flaky", "d", "bad", "poison", "e", "f")
@@ -192,7 +192,7 @@ def test_a_scene_without_windows_fails_alone(measured: Path, scenes: Path, tmp_p
 
 def test_urls_are_read_and_written_through_fsspec(scenes: Path) -> None:
     fsspec.filesystem("memory").put(str(scenes / "s0") + "/", "/in/s0/", recursive=True)
-    job = Job("s0", EncodeRequest("memory://in/s0"), "memory://out/s0.tsplat")
+    job = BatchJob("s0", EncodeRequest("memory://in/s0"), "memory://out/s0.tsplat")
     record = {**encode(job), "status": "done", "fingerprint": job.fingerprint}
     assert is_done(job, record)
     data = read("memory://out/s0.tsplat")
@@ -222,7 +222,7 @@ def test_an_entrys_options_replace_the_batchs_and_what_they_contradict() -> None
 
 def test_what_was_done_before_there_were_requests_is_not_done_again() -> None:
     """Fingerprints of the release before, which results.json of long batches hold."""
-    job = Job("a", EncodeRequest("/a"), "out/a.tsplat")
+    job = BatchJob("a", EncodeRequest("/a"), "out/a.tsplat")
     assert job.fingerprint == "1df12788cd0b65a0"
     (other,) = read_manifest('{"scene": "/a", "views": [0, 2], "qp": 4, "lossless": false, "refine": "5"}', "o", {})
     assert other.fingerprint == "c7886451af4c1f3a"
@@ -252,7 +252,7 @@ def test_a_batch_codes_what_refinement_made_of_a_scene(
     monkeypatch.setattr(importlib.import_module("tinysplat_runtime.refine.refine"), "refine", refine)
     for words in ("", "7", "2.5s"):
         request = EncodeRequest.of(str(scenes / "s0"), refine=words or None, qp=3)
-        encode(Job("s0", request, str(tmp_path / f"{words}.tsplat")))
+        encode(BatchJob("s0", request, str(tmp_path / f"{words}.tsplat")))
     refined = [ts.inspect((tmp_path / f"{words}.tsplat").read_bytes())["refined"] for words in ("", "7", "2.5s")]
     assert refined == [None, "seen", "seen"]
     coding = {"profile": "balanced", "qp": 3}
@@ -273,11 +273,11 @@ def test_what_is_done_is_known_after_an_interrupt(tmp_path: Path) -> None:
 
 
 def test_a_scene_that_takes_too_long_or_too_much_is_at_fault(tmp_path: Path) -> None:
-    def slow(job: Job) -> dict[str, Any]:
+    def slow(job: BatchJob) -> dict[str, Any]:
         time.sleep(30)
         return {}
 
-    def large(job: Job) -> dict[str, Any]:
+    def large(job: BatchJob) -> dict[str, Any]:
         return {"bytes": len(bytearray(8 << 30))}
 
     job = jobs_named(tmp_path, "a")[0]

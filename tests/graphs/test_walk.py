@@ -13,7 +13,7 @@ from scenes import make_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.graphs.predict import FAR_FROM_ORIGIN, Limits
+from tinysplat_runtime.graphs.predict import FAR_FROM_ORIGIN, NetworkLimits
 from tinysplat_runtime.graphs.walk import capture_groups, predict_groups
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import Group
@@ -88,14 +88,14 @@ def test_groups_far_away_get_one_origin() -> None:
 
 def test_what_a_network_takes_at_once_is_one_group() -> None:
     scene = scene_of(6)
-    (group,) = capture_groups(scene.cameras, NEAR, FAR, Limits())
+    (group,) = capture_groups(scene.cameras, NEAR, FAR, NetworkLimits())
     assert group.views == group.kept == tuple(range(6))
     made = marked(scene)
     assert predict_groups(scene.cameras, NEAR, [group], lambda views: made) is made
 
 
-@pytest.mark.parametrize("limits", [Limits(), Limits(2, 2), Limits(3, 3)])
-def test_more_are_groups_of_what_it_takes(limits: Limits) -> None:
+@pytest.mark.parametrize("limits", [NetworkLimits(), NetworkLimits(2, 2), NetworkLimits(3, 3)])
+def test_more_are_groups_of_what_it_takes(limits: NetworkLimits) -> None:
     groups = capture_groups(scene_of(9).cameras, NEAR, FAR, limits)
     assert sorted(v for group in groups for v in group.kept) == list(range(9))
     assert all(limits.min_views <= len(group.views) <= min(limits.max_views, 4) for group in groups)
@@ -104,4 +104,4 @@ def test_more_are_groups_of_what_it_takes(limits: Limits) -> None:
 def test_a_photo_without_partners_is_named() -> None:
     cameras, (away,) = scene_of(8).cameras, scene_of(1, shift=900).cameras
     with pytest.raises(InputError, match=r"photo 3 shows nothing that others do from another place; leave out"):
-        capture_groups([*cameras[:3], away, *cameras[4:]], NEAR, FAR, Limits())
+        capture_groups([*cameras[:3], away, *cameras[4:]], NEAR, FAR, NetworkLimits())

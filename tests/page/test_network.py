@@ -16,7 +16,7 @@ from web.node import node
 import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.inference import Graph
-from tinysplat_runtime.graphs.predict import Limits, network_inputs, predict
+from tinysplat_runtime.graphs.predict import NetworkLimits, network_inputs, predict
 
 PAGE = Path(ts.__file__).parent / "page"
 NEAR, FAR = 1.5, 9.0
@@ -56,7 +56,7 @@ def asked(images: NDArray, cameras: tuple[ts.Camera, ...]) -> dict[str, Any]:
 def test_inputs_are_the_host_s(height: int, width: int) -> None:
     cameras = make_cameras(3, height, width)
     images = np.random.default_rng(1).random((3, height, width, 3)).astype(np.float32)
-    expected = network_inputs(images, cameras, NEAR, FAR, Limits(stride=16, min_side=40))
+    expected = network_inputs(images, cameras, NEAR, FAR, NetworkLimits(stride=16, min_side=40))
     found = run("networkInputs(request, { stride: 16, minSide: 40 })", {"request": asked(images, tuple(cameras))})
     assert set(found) == set(expected)
     for name, array in expected.items():

@@ -10,11 +10,11 @@ from typing import Any
 
 from tinysplat_runtime.errors import InputError
 
-from .jobs import Job
+from .jobs import BatchJob
 
 
 def bounded(
-    job: Job, work: Callable[[Job], dict[str, Any]], timeout: float | None, memory: int | None
+    job: BatchJob, work: Callable[[BatchJob], dict[str, Any]], timeout: float | None, memory: int | None
 ) -> dict[str, Any]:
     """Run a job within bounds; another attempt would end the same way.
 

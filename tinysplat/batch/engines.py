@@ -18,9 +18,9 @@ from typing import Any
 from tinysplat_runtime.errors import InputError, TinySplatError
 
 from ..children import settle_worker, starting_workers
-from .jobs import Job
+from .jobs import BatchJob
 
-Work = Callable[[Job], dict[str, Any]]
+Work = Callable[[BatchJob], dict[str, Any]]
 
 AHEAD = 2
 """Jobs handed out per worker: the next one is there when one ends."""
@@ -37,13 +37,13 @@ class Outcome:
         attempts: how often it was begun.
     """
 
-    job: Job
+    job: BatchJob
     record: dict[str, Any] | None
     error: str | None
     attempts: int
 
 
-def run_processes(jobs: Sequence[Job], work: Work, workers: int, attempts: int) -> Iterator[Outcome]:
+def run_processes(jobs: Sequence[BatchJob], work: Work, workers: int, attempts: int) -> Iterator[Outcome]:
     """Run jobs in `workers` processes.
 
     A process that dies takes its whole pool along. The jobs that were under way are then run again one at a time, so
@@ -51,11 +51,11 @@ def run_processes(jobs: Sequence[Job], work: Work, workers: int, attempts: int) 
     """
     queue = deque((job, 1) for job in jobs)
     while queue:
-        suspects: list[tuple[Job, int]] = []
+        suspects: list[tuple[BatchJob, int]] = []
         yield from _pool(queue, work, workers, attempts, suspects)
         while suspects:
             job, attempt = suspects.pop(0)
-            again: list[tuple[Job, int]] = []
+            again: list[tuple[BatchJob, int]] = []
             yield from _pool(deque([(job, attempt + 1)]), work, 1, attempts, again)
             if again and again[0][1] >= attempts:
                 yield Outcome(job, None, "its worker died", again[0][1])
@@ -64,10 +64,10 @@ def run_processes(jobs: Sequence[Job], work: Work, workers: int, attempts: int) 
 
 
 def _pool(
-    queue: deque[tuple[Job, int]], work: Work, workers: int, attempts: int, suspects: list[tuple[Job, int]]
+    queue: deque[tuple[BatchJob, int]], work: Work, workers: int, attempts: int, suspects: list[tuple[BatchJob, int]]
 ) -> Iterator[Outcome]:
     """Run jobs of `queue` until it is empty or a process dies; the jobs then under way are added to `suspects`."""
-    running: dict[Future[dict[str, Any]], tuple[Job, int]] = {}
+    running: dict[Future[dict[str, Any]], tuple[BatchJob, int]] = {}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, initializer=settle_worker) as pool:
         while (queue or running) and not suspects:
@@ -97,7 +97,9 @@ def _pool(
             suspects.append((job, attempt))
 
 
-def run_ray(jobs: Sequence[Job], work: Work, workers: int, attempts: int, address: str | None) -> Iterator[Outcome]:
+def run_ray(
+    jobs: Sequence[BatchJob], work: Work, workers: int, attempts: int, address: str | None
+) -> Iterator[Outcome]:
     """Run jobs as Ray tasks on the cluster at `address`, or on one started here with `workers` CPUs.
 
     Raises:
@@ -121,15 +123,15 @@ def run_ray(jobs: Sequence[Job], work: Work, workers: int, attempts: int, addres
             ray.shutdown()
 
 
-def _ray_tasks(ray: Any, jobs: Sequence[Job], work: Work, attempts: int) -> Iterator[Outcome]:
+def _ray_tasks(ray: Any, jobs: Sequence[BatchJob], work: Work, attempts: int) -> Iterator[Outcome]:
 
-    def begin(job: Job) -> dict[str, Any]:
+    def begin(job: BatchJob) -> dict[str, Any]:
         return work(job)
 
     task = ray.remote(num_cpus=1, max_retries=0)(begin)  # attempts are counted here, whatever ended them
     limit = AHEAD * max(int(ray.cluster_resources().get("CPU", 1)), 1)
     queue = deque((job, 1) for job in jobs)
-    running: dict[Any, tuple[Job, int]] = {}
+    running: dict[Any, tuple[BatchJob, int]] = {}
     while queue or running:
         while queue and len(running) < limit:
             job, attempt = queue.popleft()
@@ -155,6 +157,6 @@ def _may_pass(error: BaseException) -> bool:
     return not isinstance(error, TinySplatError)
 
 
-def _outcome(job: Job, record: dict[str, Any] | None, error: BaseException | None, attempt: int) -> Outcome:
+def _outcome(job: BatchJob, record: dict[str, Any] | None, error: BaseException | None, attempt: int) -> Outcome:
     text = None if error is None else " ".join(str(error).split())[:300] or type(error).__name__
     return Outcome(job, record, text, attempt)

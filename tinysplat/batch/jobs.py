@@ -63,7 +63,7 @@ class Keep:
 
 
 @dataclass(frozen=True)
-class Job:
+class BatchJob:
     """A scene to code or evaluate.
 
     Attributes:
@@ -119,7 +119,7 @@ class Job:
         return {**always, **{name: value for name, value in rest.items() if value}}
 
 
-def encode(job: Job, threads: int = 1) -> dict[str, Any]:
+def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
     """Code a scene in this process, which keeps its graphs from job to job.
 
     Returns:
@@ -172,7 +172,7 @@ def _local(request: EncodeRequest, local: Callable[[str], str]) -> EncodeRequest
     )
 
 
-def is_done(job: Job, record: dict[str, Any] | None) -> bool:
+def is_done(job: BatchJob, record: dict[str, Any] | None) -> bool:
     """Whether a record of an earlier run stands for this job and its file is whole."""
     if not record or record.get("status") != "done" or record.get("fingerprint") != job.fingerprint:
         return False
@@ -190,7 +190,7 @@ def is_done(job: Job, record: dict[str, Any] | None) -> bool:
 
 def read_manifest(
     text: str, folder: str, defaults: Mapping[str, Any], base: str = "", task: str = "encode"
-) -> list[Job]:
+) -> list[BatchJob]:
     """Jobs of a manifest: a scene per line, or per line a JSON object.
 
     An object has `scene`, optionally `name`, and any of the options: those of `encode` but for a stereo pair's, and
@@ -200,7 +200,7 @@ def read_manifest(
     Raises:
         InputError: names the line at fault.
     """
-    jobs: list[Job] = []
+    jobs: list[BatchJob] = []
     names: dict[str, int] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
@@ -219,7 +219,7 @@ def read_manifest(
     return jobs
 
 
-def _job(line: str, folder: str, defaults: Mapping[str, Any], base: str, task: str) -> Job:
+def _job(line: str, folder: str, defaults: Mapping[str, Any], base: str, task: str) -> BatchJob:
     entry: Any = {"scene": line}
     if line.startswith("{"):
         try:
@@ -238,7 +238,9 @@ def _job(line: str, folder: str, defaults: Mapping[str, Any], base: str, task: s
     return _asked(name, _placed(scene, base), {**entry, **_places(entry, base)}, defaults, folder, task)
 
 
-def _asked(name: str, scene: str, entry: dict[str, Any], defaults: Mapping[str, Any], folder: str, task: str) -> Job:
+def _asked(
+    name: str, scene: str, entry: dict[str, Any], defaults: Mapping[str, Any], folder: str, task: str
+) -> BatchJob:
     """A job of an entry's options, each of which replaces the batch's, and those that it contradicts."""
     if entry.get("auto"):
         entry["views"] = f"auto:{entry['auto']}"
@@ -249,7 +251,7 @@ def _asked(name: str, scene: str, entry: dict[str, Any], defaults: Mapping[str, 
     dropped = {*(RATE if rate else ()), *(("profile",) if {"lossless", "like"} & set(rate) else ())}
     values = {**{name: value for name, value in defaults.items() if name not in dropped}, **entry}
     keep = {one.name: values.pop(one.name) for one in fields(Keep) if one.name in values}
-    return Job(name, EncodeRequest.of(scene, **values), join(folder, name + SUFFIXES[task]), Keep(**keep), task)
+    return BatchJob(name, EncodeRequest.of(scene, **values), join(folder, name + SUFFIXES[task]), Keep(**keep), task)
 
 
 def _places(entry: Mapping[str, Any], base: str) -> dict[str, str]:

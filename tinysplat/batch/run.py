@@ -10,7 +10,7 @@ from typing import Any
 from tinysplat_runtime.errors import InputError
 
 from .engines import Outcome
-from .jobs import Job, is_done
+from .jobs import BatchJob, is_done
 from .storage import join, read, write
 
 RESULTS = "results.json"
@@ -18,11 +18,11 @@ RESULTS = "results.json"
 WRITE_EVERY_S = 2.0
 """The results are rewritten at most this often, and at the end; what is lost with them is coded again on resume."""
 
-Engine = Callable[[Sequence[Job]], Iterator[Outcome]]
+Engine = Callable[[Sequence[BatchJob]], Iterator[Outcome]]
 
 
 def run_batch(
-    jobs: Sequence[Job], folder: str, engine: Engine, progress: Callable[[dict[str, Any]], None],
+    jobs: Sequence[BatchJob], folder: str, engine: Engine, progress: Callable[[dict[str, Any]], None],
     *, only_failed: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Run what is not done yet.
@@ -86,7 +86,7 @@ def _record(outcome: Outcome) -> dict[str, Any]:
     return {**record, **extra, "attempts": outcome.attempts, "fingerprint": job.fingerprint}
 
 
-def _document(jobs: Sequence[Job], records: dict[str, Any], skipped: int, rate: float) -> bytes:
+def _document(jobs: Sequence[BatchJob], records: dict[str, Any], skipped: int, rate: float) -> bytes:
     ordered = {job.name: records[job.name] for job in jobs if job.name in records}
     states = [record["status"] for record in ordered.values()]
     totals: dict[str, Any] = {"done": states.count("done"), "failed": states.count("failed"), "skipped": skipped}

@@ -41,7 +41,7 @@ STEPS_NOT_MEASURED = "steps not measured"
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class PlannedLayer:
     """A layer with what a changed plan needs of it, worked out when it does."""
 
     layer: Gaussians
@@ -53,10 +53,10 @@ class Part:
         return project_layer(self.store, self.layer, drop_invalid=True, where="layer")
 
 
-Change = Callable[[LayerPlan, Part], LayerPlan]
+Change = Callable[[LayerPlan, PlannedLayer], LayerPlan]
 
 
-def depth_as_z(plan: LayerPlan, part: Part) -> LayerPlan:
+def depth_as_z(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
     """z in place of −1/z, at the step that is as fine at the mean depth."""
     z = part.projected.planes(PlaneClass.DEPTH)[:, 0]
     factor = float(z.mean(dtype=np.float64)) ** 2
@@ -65,7 +65,7 @@ def depth_as_z(plan: LayerPlan, part: Part) -> LayerPlan:
     return replace(_with(plan, PlaneClass.DEPTH, z[:, None], step), inverse_depth=False, refine_depth=refine)
 
 
-def one_depth_picture(plan: LayerPlan, part: Part) -> LayerPlan:
+def one_depth_picture(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
     """Depth once, as finely as 12 bits allow where the step wanted is finer."""
     if plan.refine_depth is None:
         return plan
@@ -73,24 +73,24 @@ def one_depth_picture(plan: LayerPlan, part: Part) -> LayerPlan:
     return replace(_with(plan, PlaneClass.DEPTH, values[:, None], plan.refine_depth), refine_depth=None)
 
 
-def one_qp(plan: LayerPlan, part: Part) -> LayerPlan:
+def one_qp(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
     """Every block of depth at the plane's own QP."""
     return replace(plan, channels=tuple(replace(channel, offsets=None) for channel in plan.channels))
 
 
-def scales_as_they_are(plan: LayerPlan, part: Part) -> LayerPlan:
+def scales_as_they_are(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
     """ŝ without its principal axes."""
     planes = part.projected.planes(PlaneClass.SCALE)
     return replace(_with(plan, PlaneClass.SCALE, planes, _steps(plan, PlaneClass.SCALE)[0]), scale_mix=None)
 
 
-def rotations_as_they_are(plan: LayerPlan, part: Part) -> LayerPlan:
+def rotations_as_they_are(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
     """Four components, relative to nothing."""
     planes = part.projected.planes(PlaneClass.ROTATION)
     return replace(_with(plan, PlaneClass.ROTATION, planes, _steps(plan, PlaneClass.ROTATION)[0]), reference_quats=None)
 
 
-def paper_weighting(plan: LayerPlan, part: Part) -> LayerPlan:
+def paper_weighting(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
     """VABR weighted by diag(E|Y|), k = 6, at a step that is the same share of the leading component's deviation."""
     layer = part.layer
     weighting = mean_magnitude_weighting(view_directions(layer.cameras), layer.degree)
@@ -102,7 +102,7 @@ def paper_weighting(plan: LayerPlan, part: Part) -> LayerPlan:
     return replace(_with(plan, PlaneClass.COLOR, planes, step), reduction=reduction, degree=layer.degree)
 
 
-def all_bands(plan: LayerPlan, part: Part) -> LayerPlan:
+def all_bands(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
     """SH of the layer's own degree, with as many components at the same step."""
     layer = part.layer
     if plan.degree == layer.degree or plan.reduction is None:
@@ -118,7 +118,7 @@ def all_bands(plan: LayerPlan, part: Part) -> LayerPlan:
 def components(k: int) -> Change:
     """Keeps at most k colour components."""
 
-    def change(plan: LayerPlan, part: Part) -> LayerPlan:
+    def change(plan: LayerPlan, part: PlannedLayer) -> LayerPlan:
         reduction = plan.reduction
         assert reduction is not None
         kept = tuple(c for c in plan.channels if c.plane_class != PlaneClass.COLOR or c.target < k)
@@ -173,7 +173,8 @@ def _encoder(gaussians: Gaussians, runtime: Runtime) -> SceneEncoder:
 
 def _changed(encoder: SceneEncoder, qp: float, store: GraphStore, change: Change) -> list[LayerPlan]:
     return [
-        change(plan, Part(layer, store)) for plan, layer in zip(encoder.plan(qp), encoder.gaussians.layers, strict=True)
+        change(plan, PlannedLayer(layer, store))
+        for plan, layer in zip(encoder.plan(qp), encoder.gaussians.layers, strict=True)
     ]
 
 

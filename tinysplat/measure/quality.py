@@ -36,7 +36,7 @@ from .lpips import LpipsFiles, load_lpips
 from .metrics import depth_errors, plane_errors, psnr, ssim
 from .pictures import Drawing, PictureMetric, Pictures, Rendered, mean_psnr, photo_psnr, rescaled
 from .rows import PICTURES, Row, describe_machine, grouped
-from .runner import Job, Outcome
+from .runner import Outcome, WindowJob
 from .subjects.cases import Case, Shots, covered_pixels, nearest_views, predicted
 
 NESTED = (2, 4, 6)
@@ -89,7 +89,7 @@ class Quality:
     draw: tuple[tuple[str, str], ...] = ()
     study: str = "quality"
 
-    def wanted(self, job: Job) -> list[Row]:
+    def wanted(self, job: WindowJob) -> list[Row]:
         """See `runner.Work`."""
         options = [str(self.lpips or ""), self.pictures, self.zooms, self.nested, str(self.refine), self.draw]
         stamp = job.stamp(*options)
@@ -109,7 +109,7 @@ class Quality:
             for c in self.codings
         ]
 
-    def measure(self, job: Job, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
+    def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
         """See `runner.Work`."""
         lpips = load_lpips(self.lpips, runtime.threads) if self.lpips else None
         prepared = Prepared.of(job, runtime, self, lpips)
@@ -133,7 +133,7 @@ class Zoom:
     native: tuple[Camera, ...]
 
     @classmethod
-    def of(cls, job: Job, factor: float) -> Zoom:
+    def of(cls, job: WindowJob, factor: float) -> Zoom:
         """Photos of a window at a multiple of its size."""
         height, width = (max(1, round(side * factor)) for side in job.size)
         shots = job.source.shots(job.window, (height, width))
@@ -166,7 +166,7 @@ class Prepared:
     shared: dict[str, Any]
 
     @classmethod
-    def of(cls, job: Job, runtime: Runtime, quality: Quality, lpips: PictureMetric | None = None) -> Prepared:
+    def of(cls, job: WindowJob, runtime: Runtime, quality: Quality, lpips: PictureMetric | None = None) -> Prepared:
         """Bring a window to Gaussians, render them as they are and score them and the photo baseline."""
         case, drawing, shared = job.case(runtime), Drawing(runtime.threads, dict(quality.draw)), {}
         if quality.refine is not None:

@@ -40,7 +40,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Job:
+class WindowJob:
     """A window and a model."""
 
     source: Source
@@ -68,10 +68,10 @@ class Job:
 class Work(Protocol):
     """What is done with a window. Picklable where more than one process does it."""
 
-    def wanted(self, job: Job) -> list[Row]:
+    def wanted(self, job: WindowJob) -> list[Row]:
         """Its rows with neither figures nor costs: what is to be measured."""
 
-    def measure(self, job: Job, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
+    def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
         """Some of them, measured."""
 
 
@@ -92,9 +92,9 @@ class Outcome:
     resumed: int
 
 
-def list_jobs(plan: Plan) -> tuple[list[Job], list[LeftOut], list[str]]:
+def list_jobs(plan: Plan) -> tuple[list[WindowJob], list[LeftOut], list[str]]:
     """Jobs of a plan, windows and scenes whose index is at fault, and notes."""
-    jobs: list[Job] = []
+    jobs: list[WindowJob] = []
     left_out: list[LeftOut] = []
     notes: list[str] = []
     for source in plan.sources:
@@ -109,7 +109,7 @@ def list_jobs(plan: Plan) -> tuple[list[Job], list[LeftOut], list[str]]:
             have = ", ".join(sorted({f"{w.kind} with {len(w.context)} views" for w in windows}))
             notes.append(f"{source.name}: no window of the wanted kind and number of views; it has {have}")
         models = plan.models if source.needs_network else (source.name,)
-        jobs += [Job(source, window, model, plan.size) for model in models for window in chosen]
+        jobs += [WindowJob(source, window, model, plan.size) for model in models for window in chosen]
     return jobs, left_out, notes
 
 
@@ -147,7 +147,7 @@ def run_jobs(
     known = {row.key for rows in wanted.values() for row in rows if store.find(row)}
     pending = {job: [row for row in rows if row.key not in known] for job, rows in wanted.items()}
     pending = {job: rows for job, rows in pending.items() if rows}
-    failed: dict[Job, LeftOut] = {}
+    failed: dict[WindowJob, LeftOut] = {}
     results = _in_processes(work, store, pending, threads, processes) if processes > 1 and len(pending) > 1 else (
         (job, _measured(work, job, rows, runtime, store.add)) for job, rows in pending.items()
     )  # fmt: skip
@@ -165,7 +165,7 @@ def _is_wanted(window: Window, plan: Plan) -> bool:
 
 
 def _measured(
-    work: Work, job: Job, wanted: Sequence[Row], runtime: Runtime, keep: Callable[[Row], object]
+    work: Work, job: WindowJob, wanted: Sequence[Row], runtime: Runtime, keep: Callable[[Row], object]
 ) -> LeftOut | None:
     """Measure and keep one window's rows; what went wrong, or None."""
     try:
@@ -179,8 +179,8 @@ def _measured(
 
 
 def _in_processes(
-    work: Work, store: RowFile, pending: dict[Job, list[Row]], threads: int, processes: int
-) -> Iterator[tuple[Job, LeftOut | None]]:
+    work: Work, store: RowFile, pending: dict[WindowJob, list[Row]], threads: int, processes: int
+) -> Iterator[tuple[WindowJob, LeftOut | None]]:
     context = multiprocessing.get_context("spawn")
     count = min(processes, len(pending))
     with ProcessPoolExecutor(count, context, initializer=_start_worker, initargs=(work, threads)) as pool:
@@ -212,7 +212,7 @@ def _start_worker(work: Work, threads: int) -> None:
     _worker = work, Runtime(threads=threads)
 
 
-def _in_worker(job: Job, wanted: Sequence[Row]) -> tuple[list[Row], LeftOut | None]:
+def _in_worker(job: WindowJob, wanted: Sequence[Row]) -> tuple[list[Row], LeftOut | None]:
     assert _worker is not None
     rows: list[Row] = []
     fault = _measured(_worker[0], job, wanted, _worker[1], rows.append)

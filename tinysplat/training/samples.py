@@ -20,7 +20,7 @@ Picture: TypeAlias = tuple[NDArray, NDArray, NDArray]
 
 
 @dataclass(frozen=True)
-class Target:
+class TargetPicture:
     """A picture that the Gaussians of a sample shall give when they are drawn.
 
     Attributes:
@@ -58,7 +58,7 @@ class Sample:
     c2w: Tensor
     near: float
     far: float
-    targets: tuple[Target, ...]
+    targets: tuple[TargetPicture, ...]
     depth: Tensor | None = None
 
     @classmethod
@@ -90,7 +90,7 @@ class Sample:
             moved(c2w),
             *depth_range,
             tuple(
-                Target(
+                TargetPicture(
                     torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32)),
                     torch.from_numpy(np.asarray(intrinsics, np.float32)),
                     moved(pose),
@@ -104,7 +104,7 @@ class Sample:
         """The same on a device."""
         depth = None if self.depth is None else self.depth.to(device)
         tensors = {name: getattr(self, name).to(device) for name in ("images", "K", "c2w")}
-        targets = tuple(Target(t.image.to(device), t.K.to(device), t.c2w.to(device)) for t in self.targets)
+        targets = tuple(TargetPicture(t.image.to(device), t.K.to(device), t.c2w.to(device)) for t in self.targets)
         return replace(self, **tensors, targets=targets, depth=depth)
 
     def inputs(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:

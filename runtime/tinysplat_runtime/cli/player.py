@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..graphs.artifacts import load_manifest
 from ..graphs.enlarge import LARGE_PIXELS
 from ..graphs.inference import GraphStore
-from ..graphs.predict import Limits
+from ..graphs.predict import NetworkLimits
 from ..page.build import player_page
 from ..system.files import read_limited, write_atomically
 
@@ -39,7 +39,7 @@ def write_player(folder: str, package: str) -> str:
     for artifact in load_manifest().values():
         if artifact.role != "network":
             continue
-        limits, file = Limits.of(store.network(artifact.name)), artifact.path.name
+        limits, file = NetworkLimits.of(store.network(artifact.name)), artifact.path.name
         models[artifact.sha256] = {"file": file, "stride": limits.stride, "minSide": limits.min_side}
         files[file] = read_limited(artifact.path, MAX_FILE_BYTES)
     networks = {"runtime": RUNTIME, "wasm": WASM, "most": LARGE_PIXELS, "models": models}

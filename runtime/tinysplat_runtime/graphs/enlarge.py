@@ -22,7 +22,7 @@ from ..gaussian.sh import C0
 from ..scene.cameras import Camera
 from ..scene.images import scaled
 from .inference import Graph, as_input
-from .predict import Limits, checked_inputs, predict
+from .predict import NetworkLimits, checked_inputs, predict
 
 LARGE_PIXELS = 640 * 480
 """Photos of more are large: networks learned from photos of a third as many, and find fewer of the same places in
@@ -80,7 +80,7 @@ def predict_large(
 
     The first layer has the photos' size, further ones that of a network on small photos.
     """
-    limits = Limits.of(network)
+    limits = NetworkLimits.of(network)
     photos = [checked_inputs(images, cameras, near, far, limits)]
     del images  # where the caller keeps none, photos go as soon as they have served
     for height, width in reversed(_sizes(photos[0].shape[1:3], limits, enlarger.pixels)):
@@ -106,7 +106,7 @@ def _looked_up(found: Gaussians, small: NDArray) -> tuple[list[NDArray], list[tu
     return [_maps(found, image * gain + offset, view) for view, (image, (gain, offset)) in pairs], exposure
 
 
-def _sizes(large: tuple[int, ...], limits: Limits, pixels: int) -> list[tuple[int, int]]:
+def _sizes(large: tuple[int, ...], limits: NetworkLimits, pixels: int) -> list[tuple[int, int]]:
     """(height, width) that a network runs on, in whole strides, and those between it and `large`."""
     share = sqrt(pixels / (large[0] * large[1]))
     least = -(-limits.min_side // limits.stride)

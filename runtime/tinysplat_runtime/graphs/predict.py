@@ -31,7 +31,7 @@ MAX_SIDE = 4096
 
 
 @dataclass(frozen=True)
-class Limits:
+class NetworkLimits:
     """What a network takes, from its metadata; a graph that says nothing takes 2 to 6 views of any size.
 
     Attributes:
@@ -48,7 +48,7 @@ class Limits:
     size: tuple[int, int] | None = None
 
     @classmethod
-    def of(cls, graph: Graph) -> Limits:
+    def of(cls, graph: Graph) -> NetworkLimits:
         """Read them from an opened graph; ModelError if one is not a whole number from 1 to MAX_SIDE."""
         values = {name: graph.metadata.get(name, default) for name, default in vars(cls()).items()}
         size = values.pop("size")
@@ -84,7 +84,7 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
         NumericError: the network returned values that are not finite.
         ModelError: the graph failed, or its outputs have shapes outside the contract.
     """
-    outputs = graph.run(network_inputs(images, cameras, near, far, Limits.of(graph)))
+    outputs = graph.run(network_inputs(images, cameras, near, far, NetworkLimits.of(graph)))
     keep_origin = max(float(np.linalg.norm(camera.centre)) for camera in cameras) > FAR_FROM_ORIGIN * near
     try:
         return _assemble(outputs, cameras, _mean_centre(cameras), keep_origin=keep_origin, name=graph.name)
@@ -93,7 +93,7 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
 
 
 def network_inputs(
-    images: NDArray, cameras: Sequence[Camera], near: float, far: float, limits: Limits
+    images: NDArray, cameras: Sequence[Camera], near: float, far: float, limits: NetworkLimits
 ) -> dict[str, NDArray]:
     """What a network's graph is fed with: checked, padded to its stride, and about the mean camera centre.
 
@@ -113,7 +113,9 @@ def network_inputs(
     }
 
 
-def checked_inputs(images: NDArray, cameras: Sequence[Camera], near: float, far: float, limits: Limits) -> NDArray:
+def checked_inputs(
+    images: NDArray, cameras: Sequence[Camera], near: float, far: float, limits: NetworkLimits
+) -> NDArray:
     """The photos, (V, H, W, 3) float32, once they and their cameras are what a network takes; errors of `predict`."""
     images = _checked_images(images, cameras, limits)
     _check_range(near, far)
@@ -126,7 +128,7 @@ def _mean_centre(cameras: Sequence[Camera]) -> NDArray:
     return np.stack([camera.centre for camera in cameras]).mean(axis=0)
 
 
-def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: Limits) -> NDArray:
+def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) -> NDArray:
     try:
         images = as_input(images)
     except (TypeError, ValueError):
@@ -178,7 +180,7 @@ def _check_poses(cameras: Sequence[Camera], near: float) -> None:
                 )
 
 
-def _pad(images: NDArray, cameras: Sequence[Camera], limits: Limits) -> tuple[NDArray, NDArray]:
+def _pad(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) -> tuple[NDArray, NDArray]:
     """Images grown right and down to the stride by repeating their edge, and K (V, 3, 3) divided by the new size.
 
     The top-left corner stays where it is, so K in pixels does not change.

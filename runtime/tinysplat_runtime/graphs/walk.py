@@ -17,10 +17,10 @@ from ..scene.cameras import Camera
 from ..scene.neighbours import GROUP, Group, Neighbours, grouped
 from ..system.progress import Show, plain
 from .inference import Graph
-from .predict import FAR_FROM_ORIGIN, Limits, predict
+from .predict import FAR_FROM_ORIGIN, NetworkLimits, predict
 
 
-def capture_groups(cameras: Sequence[Camera], near: float, far: float, limits: Limits) -> tuple[Group, ...]:
+def capture_groups(cameras: Sequence[Camera], near: float, far: float, limits: NetworkLimits) -> tuple[Group, ...]:
     """In which groups a network takes photos: all at once where it can.
 
     Raises:

@@ -23,7 +23,7 @@ from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from ..graphs.inference import GraphStore
-from ..graphs.predict import Limits as NetworkLimits
+from ..graphs.predict import NetworkLimits
 from ..graphs.predict import predict as run_network
 from ..graphs.walk import capture_groups, predict_groups
 from ..render import Renderer

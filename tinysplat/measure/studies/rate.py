@@ -21,7 +21,7 @@ from .. import ideas
 from ..clock import Effort, Variant, measure, summarised, timed
 from ..pictures import Drawing, Pictures
 from ..rows import Row, grouped
-from ..runner import Job, Plan, list_jobs, run_jobs
+from ..runner import Plan, WindowJob, list_jobs, run_jobs
 from ..show.curve_tables import TO_PHOTO, TO_RAW, gain_table, group_tables, measured, overview_table
 from ..show.plots import Axis, Chart, save_grid
 from ..show.tables import BYTES, LOST, Column, View, decibels
@@ -62,12 +62,12 @@ class Points:
     ways: Sequence[Way]
     targets: int
 
-    def wanted(self, job: Job) -> list[Row]:
+    def wanted(self, job: WindowJob) -> list[Row]:
         """See `runner.Work`."""
         stamp = job.stamp(self.targets)
         return [replace(_row(self.study, job, way.name, qp), stamp=stamp) for way in self.ways for qp in way.settings]
 
-    def measure(self, job: Job, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
+    def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
         """See `runner.Work`."""
         case = job.case(runtime).only(self.targets)
         pictures, ways = Pictures(case, Drawing.as_defined(runtime.threads)), {way.name: way for way in self.ways}
@@ -87,7 +87,7 @@ def point_figures(way: Way, data: bytes, pictures: Pictures) -> dict[str, Any]:
     return {"bytes": len(data), **pictures.figures(decoded), "classes": dict(way.classes(data))}
 
 
-def _row(study: str, job: Job, way: str, qp: float) -> Row:
+def _row(study: str, job: WindowJob, way: str, qp: float) -> Row:
     network = job.model if job.source.needs_network else FILE
     subject = f"{job.source.name} {job.window}"
     return Row(study, subject, way, {"network": network, "views": len(job.window.context), "qp": qp, "size": job.size})

@@ -26,7 +26,7 @@ from tinysplat_runtime.system.threads import Crew
 from ..curves import decibels_at
 from ..pictures import Drawing, photo_psnr
 from ..rows import Row, grouped, of_study
-from ..runner import Job, list_jobs
+from ..runner import WindowJob, list_jobs
 from ..show.plots import Axis, Chart, Curve, Panel, save_grid
 from ..show.tables import decibels, format_table, kilobytes
 from ..study import Run, Study
@@ -55,7 +55,7 @@ def refine_rows(run: Run) -> Iterator[Row]:
             run.left_out.append(f"left out {job}: {error}")
 
 
-def _jobs(run: Run, views: Sequence[int] = VIEWS) -> Iterator[Job]:
+def _jobs(run: Run, views: Sequence[int] = VIEWS) -> Iterator[WindowJob]:
     """For every scene and number of photos the first windows of so many, or the first photos of larger ones."""
     plan = run.plan()
     jobs, left_out, notes = list_jobs(replace(plan, limit=None))
@@ -68,14 +68,14 @@ def _jobs(run: Run, views: Sequence[int] = VIEWS) -> Iterator[Job]:
                 yield replace(job, window=replace(job.window, context=job.window.context[:count]))
 
 
-def _by_scene(jobs: Sequence[Job]) -> dict[tuple[str, str], list[Job]]:
-    scenes: dict[tuple[str, str], list[Job]] = {}
+def _by_scene(jobs: Sequence[WindowJob]) -> dict[tuple[str, str], list[WindowJob]]:
+    scenes: dict[tuple[str, str], list[WindowJob]] = {}
     for job in jobs:
         scenes.setdefault((job.source.name, job.model), []).append(job)
     return scenes
 
 
-def _window_rows(job: Job, run: Run) -> Iterator[Row]:
+def _window_rows(job: WindowJob, run: Run) -> Iterator[Row]:
     from tinysplat_runtime.refine.refine import MAX_STEPS, Refining
 
     case = job.case(run.runtime)
@@ -165,7 +165,7 @@ def curve_rows(run: Run) -> Iterator[Row]:
             run.left_out.append(f"left out {job}: {error}")
 
 
-def _curve_rows(job: Job, run: Run) -> Iterator[Row]:
+def _curve_rows(job: WindowJob, run: Run) -> Iterator[Row]:
     case = job.case(run.runtime)
     if case.shots is None or case.shots.scene is None:
         return

@@ -40,11 +40,11 @@ class PhotoScene:
     @classmethod
     def of(cls, scene: Scene, model: str, store: GraphStore) -> PhotoScene:
         """The photos of a scene that the network `model` was run on."""
-        from ...graphs.predict import Limits
+        from ...graphs.predict import NetworkLimits
         from ...graphs.walk import capture_groups
 
         near, far = scene.depth_range()
-        groups = capture_groups(scene.cameras, near, far, Limits.of(store.network(model)))
+        groups = capture_groups(scene.cameras, near, far, NetworkLimits.of(store.network(model)))
         return cls(scene.images(), NetworkRef(*store.network_ref(model), near, far), model, groups)
 
 
