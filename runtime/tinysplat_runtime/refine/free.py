@@ -29,7 +29,7 @@ LEAST_SCALE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
+class Piece:
     """Rows that are worked on together.
 
     Attributes:
@@ -49,6 +49,7 @@ class FreeGaussians:
     Attributes:
         values: (10, rows) float32, see `kernels_free.VALUES`; rows behind `count` fill the last chunk and show nowhere.
         count: of Gaussians.
+        pieces: what is drawn; SH above degree 0 are changed there.
     """
 
     def __init__(self, gaussians: Gaussians, units: NDArray, run_jobs: Callable) -> None:
@@ -71,8 +72,8 @@ class FreeGaussians:
         assert planes.shape[1] == BASE
         geometry = np.zeros((len(planes), GEOMETRY, CHUNK), np.float32)
         sh = np.ascontiguousarray(sh).reshape(len(planes), -1)
-        self._pieces = [
-            _Piece(slice(CHUNK * first, CHUNK * min(first + step, len(planes))),
+        self.pieces = [
+            Piece(slice(CHUNK * first, CHUNK * min(first + step, len(planes))),
                    planes[first : first + step], geometry[first : first + step], sh[first : first + step])
             for step in [BLOCK_SIZE // CHUNK]
             for first in range(0, len(planes), step)
@@ -85,7 +86,7 @@ class FreeGaussians:
         """Bring what is drawn up to date with `values`."""
         self._run(
             lambda piece: kernels_free.place(piece.base, self.values[:, piece.rows], piece.geometry, piece.sh),
-            self._pieces,
+            self.pieces,
         )
 
     @property
@@ -96,8 +97,8 @@ class FreeGaussians:
     def gaussians(self) -> Gaussians:
         """As they stand."""
         own = self.values[:, : self.count].astype(np.float64)
-        sh = self._start.sh.copy()
-        sh[:, 0] = own[SH_RED:].T
+        planes = [piece.sh.reshape(len(piece.sh), -1, CHUNK).swapaxes(1, 2) for piece in self.pieces]
+        sh = np.concatenate(planes).reshape(-1, *self._start.sh.shape[1:])[: self.count]
         fields: dict[str, Any] = {
             "means": self._start.means + self._units[:, None] * own[MOVE:LOG_SCALE].T,
             "scales": np.exp(own[LOG_SCALE:LOGIT]).T,
@@ -121,7 +122,7 @@ class FreeGaussians:
             weight: what a unit of |error| counts in `gradient`.
         """
         view, buffers = View.of(target.camera, self._start.origin, NEAR_PLANE), self._buffers
-        visible = self._run(lambda piece: self._project(piece, view), self._pieces)
+        visible = self._run(lambda piece: self._project(piece, view), self.pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
         sought = Sought(target.photo, exposure, np.empty((0, 0), np.float32))
         sums = np.zeros((visible[0].counts.size, SUMS))
@@ -143,12 +144,12 @@ class FreeGaussians:
             self._pairs = np.empty((int(pairs * 1.1), PAIR), np.float32)
         return self._pairs
 
-    def _project(self, piece: _Piece, view: View) -> Visible:
+    def _project(self, piece: Piece, view: View) -> Visible:
         uncoloured = np.zeros(len(piece.base), np.uint8)
         chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, uncoloured, lambda: self._block(piece))
         return self._buffers.project(chunks, view, 0.0, 0.0)
 
-    def _block(self, piece: _Piece) -> Block:
+    def _block(self, piece: Piece) -> Block:
         """A piece as it stands, for the code that works in float64."""
         rows = slice(piece.rows.start, min(piece.rows.stop, self.count))
         planes = piece.geometry.swapaxes(0, 1).reshape(GEOMETRY, -1)[:, : rows.stop - rows.start]
@@ -161,14 +162,14 @@ class FreeGaussians:
         numbers, nowhere = view_numbers(view), np.zeros(3)
 
         def add(number: int) -> None:
-            piece = self._pieces[number]
+            piece = self.pieces[number]
             kernels_free.add_up(
                 self._buffers.records, visible[number], lists.tiles, lists.starts[number], self._pairs,
                 Moved(piece.rows.start, piece.geometry, nowhere, self.values[:, piece.rows]), piece.base[:, 12],
                 numbers, gradient[:, piece.rows],
             )  # fmt: skip
 
-        self._run(add, range(len(self._pieces)))
+        self._run(add, range(len(self.pieces)))
 
 
 def _by_chunk(planes: NDArray) -> NDArray:

@@ -164,7 +164,7 @@ class _Fusing:
         thin = thinned(gaussians, self._run, shown=1)
         thin = replace(thin, sh=thin.sh[:, :4])
         stats.given, stats.thinned = gaussians.count, thin.count
-        self._field = FreeGaussians(thin, _units(thin, gaussians.cameras), self._run)
+        self._field = FreeGaussians(thin, units(thin, gaussians.cameras), self._run)
         self._means = np.zeros((2, *self._field.values.shape), np.float32)
         self._gradient = np.zeros_like(self._field.values)
 
@@ -244,7 +244,7 @@ def _cameras(views: Sequence[Camera], depth: float) -> list[Camera]:
     return [*views, *(between([views[first], views[second]], 3)[1] for first, second in sorted(pairs))]
 
 
-def _units(gaussians: Gaussians, cameras: Sequence[Camera]) -> NDArray:
+def units(gaussians: Gaussians, cameras: Sequence[Camera]) -> NDArray:
     """(N,) width of a pixel of the view that shows each largest, scene units."""
     widths = np.full(gaussians.count, np.inf, np.float32)
     for camera in cameras:
