@@ -35,8 +35,7 @@ def drawn(gaussians: Gaussians, camera) -> np.ndarray:
 def test_a_removal_costs_what_pictures_without_it_show(cloud):
     dim = replace(cloud, sh=0.3 * cloud.sh)  # below white, where the renderer would cut
     camera = ring(dim, 2)[1].resized(96, 140)
-    (sums, error), whole = next(Pictures([camera], Crew(2).map).measure(dim)), drawn(dim, camera)
-    assert error == 0
+    sums, whole = next(Pictures([camera], Crew(2).map).measure(dim, [0])), drawn(dim, camera)
     dearest = np.argsort(-sums[:, kernels.COST])[[0, 5, 40, 120]]
     for row in dearest:
         without = drawn(taken(dim, np.delete(np.arange(400), row)), camera)
@@ -47,12 +46,13 @@ def test_errors_are_those_of_the_pictures_and_of_what_they_were_first(cloud):
     cameras, run = ring(cloud, 2), Crew(1).map
     pictures = Pictures(cameras, run)
     first = [drawn(cloud, camera) for camera in cameras]
-    assert [error for _, error in pictures.measure(cloud)] == [0, 0]
-    for wanted, seen in zip(pictures.wanted, first, strict=True):
+    assert len(list(pictures.measure(cloud, [1, 0]))) == 2 and list(pictures.errors(cloud)) == [0, 0]
+    for number, seen in enumerate(first):
+        wanted = pictures.wanted[number]
         np.testing.assert_allclose(np.minimum(wanted, 1)[..., :3], seen[..., :3], atol=2e-5)
         np.testing.assert_allclose(wanted[..., 3], seen[..., 3], atol=2e-5)
     half = taken(cloud, np.arange(0, 400, 2))
-    for (_, error), camera, wanted in zip(pictures.measure(half), cameras, first, strict=True):
+    for error, camera, wanted in zip(pictures.errors(half), cameras, first, strict=True):
         assert error == pytest.approx(np.square(drawn(half, camera) - wanted)[..., :3].sum(), rel=1e-3)
 
 
@@ -62,22 +62,22 @@ def test_a_lack_of_colour_is_the_gradient_of_the_error(cloud):
     camera, row, step = ring(dim, 1)[0].resized(80, 80), 17, 2e-2
     wanted = taken(dim, np.arange(300))
     pictures = Pictures([camera], Crew(1).map)
-    next(iter(pictures.measure(wanted)))
-    sums, _ = next(iter(pictures.measure(dim)))
+    next(pictures.measure(wanted, [0]))
+    sums = next(pictures.measure(dim, [0]))
     row = int(np.argmax(np.abs(sums[:, kernels.LACK])))
     errors = []
     for sign in (-1, 1):
         sh = dim.sh.copy()
         sh[row, 0, 0] += sign * step / C0
-        errors.append(next(iter(pictures.measure(replace(dim, sh=sh))))[1])
+        errors.append(next(pictures.errors(replace(dim, sh=sh))))
     assert sums[row, kernels.LACK] == pytest.approx(-(errors[1] - errors[0]) / (4 * step), rel=2e-3)
 
 
 @pytest.mark.parametrize("threads", [2, 3])
 def test_sums_do_not_depend_on_threads(cloud, threads):
     cameras = ring(cloud, 2)
-    one, more = (list(Pictures(cameras, Crew(n).map).measure(cloud)) for n in (1, threads))
-    for (sums, _), (others, _) in zip(one, more, strict=True):
+    one, more = (list(Pictures(cameras, Crew(n).map).measure(cloud, range(2))) for n in (1, threads))
+    for sums, others in zip(one, more, strict=True):
         assert (sums == others).all()
 
 

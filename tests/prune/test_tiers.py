@@ -51,7 +51,8 @@ def errors(found: Gaussians, wanted: Gaussians) -> float:
 
 
 def test_the_first_tiers_are_what_pictures_need_most(ball: Gaussians) -> None:
-    found = tiers_of(Remover(ball, views_about(ball, 8), Crew(2).map), ball)
+    remover = Remover(ball, views_about(ball, 8), Crew(2).map)
+    found = tiers_of(remover, remover.whole)
     counts = np.bincount(found.numbers).tolist()
     assert found.levels == LEVELS and counts == [40, 95, 865]
     assert (np.flatnonzero(found.numbers < 2) < 200).mean() > 0.85
@@ -63,7 +64,8 @@ def test_the_first_tiers_are_what_pictures_need_most(ball: Gaussians) -> None:
 
 def test_few_gaussians_are_one_tier(ball: Gaussians) -> None:
     few = replace(ball, **{name: getattr(ball, name)[:999] for name in FIELDS})
-    assert len(tiers_of(Remover(few, views_about(few, 4), Crew(2).map), few).levels) == 1
+    remover = Remover(few, views_about(few, 4), Crew(2).map)
+    assert len(tiers_of(remover, remover.whole).levels) == 1
 
 
 def test_colours_make_up_for_what_is_lost_of_all_else(monkeypatch: pytest.MonkeyPatch) -> None:

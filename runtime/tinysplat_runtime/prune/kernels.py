@@ -1,9 +1,8 @@
 """What every Gaussian does to a picture, as compiled code: what its removal would change, and what its colour should.
 
 A pixel is linear in each α. Without splat i it is C + ΔC with ΔC = −α ∂C/∂α = α/(1 − α)·behind − w·c, w = α·T its
-weight, c its colour, behind what is blended after it. With e = C − wanted, its removal changes the squared error by
-2⟨e, ΔC⟩ + |ΔC|², which is exact for one splat at a time (POTR, arXiv 2601.14821). Opacity counts as a fourth colour, so
-that nothing is left out for being as black as the background.
+weight, c its colour, behind what is blended after it; its square is what one removal costs (POTR, arXiv 2601.14821).
+Opacity counts as a fourth colour, so that nothing is left out for being as black as the background.
 
 A tile is blended as for a picture, and walked again front to back; each pair of tile and splat has a place of its own
 for its sums (`kernels_blend.list_by_tile`), so that results do not depend on threads.
@@ -58,31 +57,31 @@ CHANNELS = 4
 
 OPACITY_COLOUR = 0.5
 
-SUMS = 6
+SUMS = 5
 """Of a pair: Σ |ΔC|²; Σ w·(wanted − C) of three colours; Σ w·(all weights of the pixel), which bounds what colours
-change together; Σ ⟨e, ΔC⟩."""
+change together."""
 
-COST, LACK, BOUND, CROSS = 0, 1, 4, 5
+COST, LACK, BOUND = 0, 1, 4
 
-WALK_PLANES = 10
-"""Second walk: transmittance; four of what is behind; four of 2·(C − wanted); the sum of all weights."""
+WALK_PLANES = 9
+"""Second walk: transmittance; four of what is behind; three of wanted − C; the sum of all weights."""
 
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
 _WALK_ROW = WALK_PLANES * _STRIDE
 WALK_STATE = TILE_HEIGHT * _WALK_ROW
 _BEHIND = tuple(_I((1 + channel) * _STRIDE) for channel in range(4))
-_ERROR = tuple(_I((5 + channel) * _STRIDE) for channel in range(4))
-_ALL = _I(9 * _STRIDE)
+_LACK = tuple(_I((5 + channel) * _STRIDE) for channel in range(3))
+_ALL = _I(8 * _STRIDE)
 _ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
-_ZERO, _ONE, _TWO, _HALF, _OPACITY = _F(0), _F(1), _F(2), _F(0.5), _F(OPACITY_COLOUR)
+_ZERO, _ONE, _HALF, _OPACITY = _F(0), _F(1), _F(0.5), _F(OPACITY_COLOUR)
 
 
 @compiled
 def score_tile(
     records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, walk: NDArray, wanted: NDArray,
     is_first: bool, pairs: NDArray,
-) -> Number:  # fmt: skip
+) -> None:  # fmt: skip
     """Draw a tile and fill the sums of its splats.
 
     Args:
@@ -90,13 +89,10 @@ def score_tile(
         walk: (`WALK_STATE`,) float32, the thread's.
         wanted: (H, W, 4) float32: the picture that is wanted, its last channel opacity times `OPACITY_COLOUR`.
         is_first: the picture as drawn is what is wanted; `wanted` is written.
-        pairs: (pairs, 6) float32, written at the tile's places.
-
-    Returns:
-        Σ (C − wanted)² of red, green and blue of at most 1.
+        pairs: (pairs, 5) float32, written at the tile's places.
     """
     keys, count = blend_tile(records, rows, listed, extent, work, False)
-    error = _turn_over(work.state, walk, wanted, extent, is_first)
+    _turn_over(work.state, walk, wanted, extent, is_first)
     for key in keys:
         pairs[key & _I(0xFFFFFFFF)] = 0
     for start in range(0, count, AHEAD):
@@ -104,31 +100,43 @@ def score_tile(
         bring_near(records, rows, keys[start:end], work.near)
         for entry in range(end - start):
             _walk(work.near[entry], extent, walk, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
-    return error
 
 
 @compiled
-def _turn_over(state: NDArray, walk: NDArray, wanted: NDArray, extent: Extent, is_first: bool) -> Number:
-    """From a drawn tile to what its second walk begins with; the squared error."""
-    walk[:] = 0
+def error_of_tile(
+    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, wanted: NDArray
+) -> Number:
+    """Draw a tile: Σ (C − wanted)² of red, green and blue of at most 1; arguments as those of `score_tile`."""
+    blend_tile(records, rows, listed, extent, work, False)
     squared = 0.0
+    for line in range(extent.rows):
+        for lane in range(extent.columns):
+            for channel in range(3):
+                found = work.state[line * ROW + lane + (1 + channel) * _STRIDE]
+                aim = wanted[extent.row + line, extent.column + lane, channel]
+                apart = np.float64(min(found, _ONE) - min(aim, _ONE))
+                squared += apart * apart
+    return squared
+
+
+@compiled
+def _turn_over(state: NDArray, walk: NDArray, wanted: NDArray, extent: Extent, is_first: bool) -> None:
+    """From a drawn tile to what its second walk begins with."""
+    walk[:] = 0
     for line in range(extent.rows):
         for lane in range(extent.columns):
             at, to = line * ROW + lane, line * _WALK_ROW + lane
             covered = _ONE - abs(state[at])
             walk[to] = _ONE
-            walk[to + 9 * _STRIDE] = covered
+            walk[to + 8 * _STRIDE] = covered
             for channel in range(CHANNELS):
                 found = _OPACITY * covered if channel == 3 else state[at + (1 + channel) * _STRIDE]
                 if is_first:
                     wanted[extent.row + line, extent.column + lane, channel] = found
-                aim = wanted[extent.row + line, extent.column + lane, channel]
                 walk[to + (1 + channel) * _STRIDE] = found
-                walk[to + (5 + channel) * _STRIDE] = _TWO * (found - aim)
                 if channel < 3:
-                    apart = np.float64(min(found, _ONE) - min(aim, _ONE))
-                    squared += apart * apart
-    return squared
+                    aim = wanted[extent.row + line, extent.column + lane, channel]
+                    walk[to + (5 + channel) * _STRIDE] = aim - found
 
 
 @summing
@@ -139,7 +147,7 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
     red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
     tau = log_opacity - _LOG_ALPHA_MIN
     left, right, top, bottom = box(splat, extent)
-    cost = lack_red = lack_green = lack_blue = bound = cross = _ZERO
+    cost = lack_red = lack_green = lack_blue = bound = _ZERO
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         w = gamma * dy
@@ -152,7 +160,7 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
         for column in range(left, right + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             exponent = log_opacity - fall
-            s_cost = s_red = s_green = s_blue = s_bound = s_cross = _ZERO
+            s_cost = s_red = s_green = s_blue = s_bound = _ZERO
             for lane in range(LANES):
                 at = start + _I(column) + _I(lane)
                 u = across + alpha_x * _F(lane)
@@ -173,27 +181,22 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
                 change_red, change_green = more * behind_red - weight * red, more * behind_green - weight * green
                 change_blue = more * behind_blue - weight * blue
                 change_opacity = more * behind_opacity - weight * _OPACITY
-                e_red, e_green, e_blue = state[at + _ERROR[0]], state[at + _ERROR[1]], state[at + _ERROR[2]]
                 s_cost += change_red * change_red + change_green * change_green
                 s_cost += change_blue * change_blue + change_opacity * change_opacity
-                s_cross += change_red * e_red + change_green * e_green
-                s_cross += change_blue * e_blue + change_opacity * state[at + _ERROR[3]]
-                s_red -= weight * e_red
-                s_green -= weight * e_green
-                s_blue -= weight * e_blue
+                s_red += weight * state[at + _LACK[0]]
+                s_green += weight * state[at + _LACK[1]]
+                s_blue += weight * state[at + _LACK[2]]
                 s_bound += weight * state[at + _ALL]
             cost += s_cost
             lack_red += s_red
             lack_green += s_green
             lack_blue += s_blue
             bound += s_bound
-            cross += s_cross
     out[COST] += cost
-    out[LACK] += _HALF * lack_red
-    out[LACK + 1] += _HALF * lack_green
-    out[LACK + 2] += _HALF * lack_blue
+    out[LACK] += lack_red
+    out[LACK + 1] += lack_green
+    out[LACK + 2] += lack_blue
     out[BOUND] += bound
-    out[CROSS] += _HALF * cross
 
 
 @compiled
@@ -203,8 +206,8 @@ def add_up(seen: Visible, tiles: Tiles, ends: NDArray, pairs: NDArray, sums: NDA
     Args:
         seen, tiles: as `kernels_blend.list_by_tile` was given them.
         ends: (tiles,) int64, where each list began; moved on.
-        pairs: (pairs, 6) float32.
-        sums: (rows, 6) float32, of all blocks, added to.
+        pairs: (pairs, 5) float32.
+        sums: (rows, 5) float32, of all blocks, added to.
     """
     for entry in range(seen.ids.size):
         reached = seen.boxes[entry]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from ..gaussian.gaussians import Gaussians
 from ..render.compiled import pack
 from ..render.kernels_blend import Extent, Listed, Scratch, Visible
 from ..render.kernels_project import CHUNK
-from ..render.lists import Chunks, SplatBuffers
+from ..render.lists import Chunks, SplatBuffers, TileLists
 from ..render.prepare import parts
 from ..render.project import View
 from ..render.renderer import NEAR_PLANE
@@ -20,18 +21,26 @@ from ..scene.cameras import Camera
 from . import kernels
 
 
+class _Drawn(NamedTuple):
+    """A view, and what of all Gaussians it shows."""
+
+    buffers: SplatBuffers
+    view: View
+    visible: list[Visible]
+
+
 class Pictures:
     """Views of Gaussians, as 3DGS defines their drawing, before black.
 
     Attributes:
         cameras: of the views.
-        wanted: (H, W, 4) float32 of each, filled by the first `measure`: what later pictures are held against.
+        wanted: (H, W, 4) float32 by view, filled when it is first measured: what later pictures are held against.
     """
 
     def __init__(self, cameras: Sequence[Camera], run_jobs: Callable) -> None:
         """`run_jobs` maps a function over a list, on any number of threads."""
         self.cameras = tuple(cameras)
-        self.wanted: list[NDArray] = []
+        self.wanted: dict[int, NDArray] = {}
         self._run, self._local = run_jobs, threading.local()
 
     @property
@@ -39,47 +48,73 @@ class Pictures:
         """Numbers that errors are summed over: three a pixel."""
         return sum(3 * camera.width * camera.height for camera in self.cameras)
 
-    def measure(self, gaussians: Gaussians) -> Iterator[tuple[NDArray, float]]:
-        """By view: (N, 6) float32 sums of `kernels`, and the squared error of the picture.
+    def measure(self, gaussians: Gaussians, views: Sequence[int]) -> Iterator[NDArray]:
+        """By view: (N, 5) float32 sums of `kernels`.
 
         Args:
-            gaussians: (N,), each of opacity 1/255 or more. The first ones are what is wanted.
+            gaussians: (N,), each of opacity 1/255 or more. The first ones that a view shows are what is wanted of it.
+            views: numbers of cameras.
         """
+        for number, drawn in self._drawn(gaussians, views):
+            yield self._sums(drawn, number)[: gaussians.opacities.size]
+
+    def errors(self, gaussians: Gaussians) -> Iterator[float]:
+        """By view: Σ of squared errors of red, green and blue of at most 1."""
+        for number, drawn in self._drawn(gaussians, range(len(self.cameras))):
+            yield self._error(drawn, number)
+
+    def _drawn(self, gaussians: Gaussians, views: Sequence[int]) -> Iterator[tuple[int, _Drawn]]:
+        """What views show, one after the other; each takes the place of the one before."""
         packed: list[Chunks] = []
         for part in parts(gaussians):
             first = packed[-1].first + CHUNK * len(packed[-1].sh) if packed else 0
             packed.append(pack(part, first))
         buffers = SplatBuffers(packed[-1].first + CHUNK * len(packed[-1].sh), self._run)
-        is_first = not self.wanted
-        for number, camera in enumerate(self.cameras):
-            if is_first:
-                self.wanted.append(np.empty((camera.height, camera.width, kernels.CHANNELS), np.float32))
-            view = View.of(camera, gaussians.origin, NEAR_PLANE)
-            sums, error = self._of_view(packed, buffers, view, self.wanted[number], is_first)
-            yield sums[: gaussians.opacities.size], error
+        for number in views:
+            view = View.of(self.cameras[number], gaussians.origin, NEAR_PLANE)
 
-    def _of_view(
-        self, packed: list[Chunks], buffers: SplatBuffers, view: View, wanted: NDArray, is_first: bool
-    ) -> tuple[NDArray, float]:
-        def project(chunks: Chunks) -> Visible:
-            chunks.is_coloured[:] = 0
-            return buffers.project(chunks, view, 0.0, 0.0)
+            def project(chunks: Chunks, view: View = view) -> Visible:
+                chunks.is_coloured[:] = 0
+                return buffers.project(chunks, view, 0.0, 0.0)
 
-        def score(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
-            errors[tile] = kernels.score_tile(
-                buffers.records, lists.rows, listed, extent, scratch, self._walk(), wanted, is_first, pairs
-            )
+            yield number, _Drawn(buffers, view, self._run(project, packed))
 
-        def add_up(block: tuple[Visible, NDArray]) -> None:
-            kernels.add_up(block[0], lists.tiles, block[1], pairs, sums)
-
-        visible = self._run(project, packed)
-        sums, errors = np.zeros((len(buffers.records), kernels.SUMS), np.float32), np.zeros(visible[0].counts.size)
-        for lists in buffers.lists(visible, view):
+    def _sums(self, drawn: _Drawn, number: int) -> NDArray:
+        """The first pictures are what is wanted."""
+        buffers, camera = drawn.buffers, self.cameras[number]
+        is_first = number not in self.wanted
+        if is_first:
+            self.wanted[number] = np.empty((camera.height, camera.width, kernels.CHANNELS), np.float32)
+        wanted, sums = self.wanted[number], np.zeros((len(buffers.records), kernels.SUMS), np.float32)
+        for lists in buffers.lists(drawn.visible, drawn.view):
             pairs = np.empty((lists.rows.size, kernels.SUMS), np.float32)
-            buffers.work_on(lists, view, score)
-            self._run(add_up, list(zip(visible, lists.starts, strict=True)))
-        return sums, float(errors.sum())
+
+            def score(
+                tile: int, listed: Listed, extent: Extent, scratch: Scratch,
+                lists: TileLists = lists, pairs: NDArray = pairs,
+            ) -> None:  # fmt: skip
+                kernels.score_tile(
+                    buffers.records, lists.rows, listed, extent, scratch, self._walk(), wanted, is_first, pairs
+                )
+
+            def add_up(block: tuple[Visible, NDArray], lists: TileLists = lists, pairs: NDArray = pairs) -> None:
+                kernels.add_up(block[0], lists.tiles, block[1], pairs, sums)
+
+            buffers.work_on(lists, drawn.view, score)
+            self._run(add_up, list(zip(drawn.visible, lists.starts, strict=True)))
+        return sums
+
+    def _error(self, drawn: _Drawn, number: int) -> float:
+        buffers, errors = drawn.buffers, np.zeros(drawn.visible[0].counts.size)
+        for lists in buffers.lists(drawn.visible, drawn.view):
+
+            def compare(tile: int, listed: Listed, extent: Extent, scratch: Scratch, lists: TileLists = lists) -> None:
+                errors[tile] = kernels.error_of_tile(
+                    buffers.records, lists.rows, listed, extent, scratch, self.wanted[number]
+                )
+
+            buffers.work_on(lists, drawn.view, compare)
+        return float(errors.sum())
 
     def _walk(self) -> NDArray:
         if not hasattr(self._local, "walk"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,7 +19,7 @@ from .views import SIDE, views_about
 TOLERANCE_DB = 0.3
 """More dB than were asked for that end the search."""
 
-_TRIALS = 6
+_TRIALS = 8
 _DB_PER_DOUBLING = 3.0
 """That pictures lose when a Gaussian's worth doubles, about."""
 
@@ -45,15 +46,22 @@ def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
 
 def _to_psnr(remover: Remover, target: float) -> Thinned:
     """With the fewest Gaussians found that have so many dB."""
-    worth, best = remover.worth_at(target), remover.whole
+    worth, best = math.log2(max(remover.worth_at(target), 1e-9)), remover.whole
+    tried: list[tuple[float, float]] = []  # worth, in octaves, and dB above those aimed at, either side of it
     for _ in range(_TRIALS):
-        found = remover.thin(worth)
+        found = remover.thin(2**worth)
         over = found.psnr - target
         if over >= 0 and found.left_out > best.left_out:
             best = found
         if 0 <= over <= TOLERANCE_DB:
             break
-        worth *= 2 ** ((over - TOLERANCE_DB / 2) / _DB_PER_DOUBLING)
+        above = over - TOLERANCE_DB / 2
+        tried = [one for one in tried if (one[1] > 0) != (above > 0)] + [(worth, above)]
+        if len(tried) == 2:
+            (near, low), (far, high) = tried
+            worth = near + (far - near) * min(max(low / (low - high), 0.1), 0.9)
+        else:
+            worth += above / _DB_PER_DOUBLING
     return best
 
 

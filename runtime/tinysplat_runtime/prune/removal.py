@@ -1,8 +1,7 @@
 """Which Gaussians of a scene pictures hardly need: they are left out, and the others' colours make up for them.
 
-What removing a Gaussian does to views about the scene is known exactly (`kernels`); those whose error is below a worth
-go, the cheapest half of them in each round, ranked again as their neighbours go. Removals of one round would otherwise
-add up to holes. Then SH coefficients are fitted anew to the pictures of all Gaussians.
+What removing a Gaussian does to views about the scene is known exactly (`kernels`). The cheapest go, a few at a time,
+as many at once would add up to holes. Then SH coefficients are fitted anew to the pictures of all Gaussians.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,14 @@ from ..scene.cameras import Camera
 from . import kernels
 from .pictures import Pictures
 
-ROUNDS = 5
-"""Of ranking and removal."""
+SHARE = 0.2
+"""Of the present Gaussians that go before they are ranked again."""
 
-SHARE = 0.5
-"""Of those cheaper than the worth that a round removes."""
+CORRECTIONS = 2
+"""Fits of colours when all that is to go is gone; every ranking fits them, too."""
 
-CORRECTIONS = 3
-"""Fits of colours after the last round; there is one in each before it, too."""
+FEW = 0.02
+"""Share of the present Gaussians that may go without a look at the others."""
 
 RELAXATION = 1.5
 """Of a fit's step, which counts neighbours as if they moved along."""
@@ -38,17 +38,19 @@ HOLD = 0.2
 _ROWS = 4096
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Thinned:
     """What is left of Gaussians.
 
     Attributes:
         gaussians: (n,).
+        rows: (n,) which they are of those given.
         left_out: how many are not there.
         psnr: dB of their pictures against those of all, from the views that decided.
     """
 
     gaussians: Gaussians
+    rows: NDArray
     left_out: int
     psnr: float
 
@@ -60,48 +62,60 @@ class Thinned:
         return f"{self.left_out:,} of {self.left_out + self.gaussians.count:,} left out: {self.psnr:.1f} dB"
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """Sums over all views of the present Gaussians.
+class _Seen(NamedTuple):
+    """Sums over some views, of n Gaussians.
 
     Attributes:
-        costs: (n,) what removing one of them costs.
-        weights: (n, V) and
-        lacks: (n, V, 3) float32, see `kernels.solve_colours`.
-        error: of the pictures.
+        costs: (n,) float64, what removing one of them costs.
+        weights: (n, V) float32 and
+        lacks: (n, V, 3) float32, see `kernels.solve_colours`; V is 1 where colours are the same from everywhere.
     """
 
     costs: NDArray
     weights: NDArray
     lacks: NDArray
-    error: float
 
 
 class Remover:
-    """Looks at Gaussians once, and thins them as far as is wanted."""
+    """Ranks Gaussians once, as far as anyone asks, and leaves out any number of them.
+
+    A fifth of those present goes, in turn with a look at half of the views, which corrects costs and colours. What a
+    Gaussian cost when it went, or one before it if that is more, is its price. So a
+    search ranks once.
+    """
 
     def __init__(self, gaussians: Gaussians, cameras: Sequence[Camera], run_jobs: Callable) -> None:
         """Take (N,) Gaussians of opacity 1/255 or more; `run_jobs` maps a function over a list, on any threads."""
         self._all, self._run = gaussians, run_jobs
         self._pictures = Pictures(cameras, run_jobs)
-        self._first = self._look(gaussians)
+        every = range(len(cameras))
+        self._halves = (every[0::2], every[1::2] or every)
+        self._costs = np.stack([self._look(gaussians, half).costs for half in self._halves], axis=1)
+        self._first, self._sh = self._costs.sum(axis=1), gaussians.sh.copy()
+        self._present, self._prices = np.arange(len(self._first)), np.full(len(self._first), np.inf)
+        self._dearest, self._rounds = 0.0, 0
 
     @property
     def whole(self) -> Thinned:
         """All Gaussians."""
-        return Thinned(self._all, 0, self.psnr(0.0))
+        return Thinned(self._all, np.arange(self._prices.size), 0, self.psnr(0.0))
 
     def error_of(self, gaussians: Gaussians) -> float:
         """Σ of squared errors of pictures, over views, pixels and colours."""
-        return sum(error for _, error in self._pictures.measure(gaussians))
+        return sum(self._pictures.errors(gaussians))
 
-    def costs(self, gaussians: Gaussians) -> NDArray:
-        """(n,) what removing one of n Gaussians costs."""
-        return self._look(gaussians).costs
+    def dearest(self, rows: NDArray, count: int) -> NDArray:
+        """Which of some rows, as numbers in their order, pictures need most when but `count` of them are left."""
+        while self._present.size > count:
+            self._go_on()
+        return np.sort(np.argsort(self._prices[rows], kind="stable")[rows.size - count :])
 
     def recoloured(self, gaussians: Gaussians, penalties: Sequence[float] = ()) -> Gaussians:
-        """With colours nearer to what pictures of all ask for."""
-        return self._recoloured(gaussians, self._look(gaussians), penalties)
+        """With colours nearer to what pictures of all ask for; `penalties` as `thin` has them."""
+        for half in self._halves:
+            sh = self._recoloured(gaussians, self._look(gaussians, half), half, penalties)
+            gaussians = replace(gaussians, sh=sh)
+        return gaussians
 
     def psnr(self, error: float) -> float:
         """dB of such a sum; 150 of none."""
@@ -110,7 +124,7 @@ class Remover:
     def worth_at(self, psnr: float) -> float:
         """About the worth up to which Gaussians can be left out for so many dB: their costs' sum is the error."""
         wanted = 10 ** (-psnr / 10) * self._pictures.values
-        costs = np.sort(self._first.costs)
+        costs = np.sort(self._first)
         return float(costs[min(int(np.searchsorted(np.cumsum(costs), wanted)), len(costs) - 1)])
 
     def thin(self, worth: float, penalties: Sequence[float] = ()) -> Thinned:
@@ -120,52 +134,61 @@ class Remover:
             worth: of a Gaussian.
             penalties: what a unit of squared SH coefficients of degree 1, 2, … costs; none where they may stay.
         """
-        gaussians, seen = self._all, self._first
-        for number in range(ROUNDS):
-            if number:
-                seen = self._look(gaussians)
-                gaussians = self._recoloured(gaussians, seen, penalties)
-            cheap = np.flatnonzero(seen.costs < worth)
-            cheapest = cheap[np.argsort(seen.costs[cheap], kind="stable")[: math.ceil(SHARE * len(cheap))]]
-            cheapest = cheapest[: seen.costs.size - 1]
-            gaussians = taken(gaussians, np.delete(np.arange(seen.costs.size), cheapest))
-        return self._corrected(gaussians, penalties)
+        while (cheap := self._costs.sum(axis=1) < worth).mean() > FEW and self._present.size > 1:
+            self._go_on()
+        keep = self._prices >= worth
+        keep[self._present[cheap]] = False
+        if not keep.any():
+            keep[self._present[-1]] = True
+        return self._without(np.flatnonzero(keep), penalties)
 
     def thin_to(self, count: int, penalties: Sequence[float] = ()) -> Thinned:
         """Leave out all but `count`."""
-        gaussians, seen = self._all, self._first
-        for number in range(ROUNDS):
-            if number:
-                seen = self._look(gaussians)
-                gaussians = self._recoloured(gaussians, seen, penalties)
-            kept = count + (self._all.count - count) * (ROUNDS - 1 - number) // ROUNDS
-            dearest = np.argsort(seen.costs, kind="stable")[seen.costs.size - kept :]
-            gaussians = taken(gaussians, np.sort(dearest))
-        return self._corrected(gaussians, penalties)
+        while self._present.size > count:
+            self._go_on()
+        return self._without(np.sort(np.argsort(self._prices, kind="stable")[-count:]), penalties)
 
-    def _corrected(self, gaussians: Gaussians, penalties: Sequence[float]) -> Thinned:
-        for _ in range(CORRECTIONS):
-            gaussians = self._recoloured(gaussians, self._look(gaussians), penalties)
-        psnr = self.psnr(self.error_of(gaussians))
-        return Thinned(gaussians, self._all.count - gaussians.count, psnr)
+    def _go_on(self) -> None:
+        """Let the cheapest go, and look again."""
+        costs = self._costs.sum(axis=1)
+        order = np.argsort(costs, kind="stable")
+        gone, rest = order[: math.ceil(SHARE * order.size)], np.sort(order[math.ceil(SHARE * order.size) :])
+        self._prices[self._present[gone]] = np.maximum(costs[gone], self._dearest)
+        self._dearest = max(self._dearest, float(costs[gone[-1]]))
+        self._present, self._costs = self._present[rest], self._costs[rest]
+        left, half = taken(replace(self._all, sh=self._sh), self._present), self._rounds % 2
+        seen = self._look(left, self._halves[half])
+        self._costs[:, half] = seen.costs
+        self._sh[self._present] = self._recoloured(left, seen, self._halves[half], ())
+        self._rounds += 1
 
-    def _look(self, gaussians: Gaussians) -> _Seen:
-        shape = gaussians.opacities.size, len(self._pictures.cameras)
-        seen = np.zeros(shape[0]), np.empty(shape, np.float32), np.empty((*shape, 3), np.float32)
-        total = 0.0
-        for number, (sums, error) in enumerate(self._pictures.measure(gaussians)):
-            seen[0][:] += sums[:, kernels.COST]
-            seen[1][:, number] = sums[:, kernels.BOUND]
-            seen[2][:, number] = sums[:, kernels.LACK : kernels.LACK + 3]
-            total += error
-        return _Seen(*seen, total)
+    def _without(self, rows: NDArray, penalties: Sequence[float]) -> Thinned:
+        """Some rows, with colours that make up for the others."""
+        left = taken(replace(self._all, sh=self._sh), rows)
+        if rows.size < self._prices.size or penalties:
+            for _ in range(CORRECTIONS):
+                left = self.recoloured(left, penalties)
+        return Thinned(left, rows, self._prices.size - rows.size, self.psnr(self.error_of(left)))
 
-    def _recoloured(self, gaussians: Gaussians, seen: _Seen, penalties: Sequence[float]) -> Gaussians:
+    def _look(self, gaussians: Gaussians, views: Sequence[int]) -> _Seen:
+        shape = gaussians.opacities.size, len(views) if gaussians.degree else 1
+        seen = _Seen(np.zeros(shape[0]), np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32))
+        for number, sums in enumerate(self._pictures.measure(gaussians, views)):
+            column = min(number, shape[1] - 1)
+            seen.costs[:] += sums[:, kernels.COST]
+            seen.weights[:, column] += sums[:, kernels.BOUND]
+            seen.lacks[:, column] += sums[:, kernels.LACK : kernels.LACK + 3]
+        return seen
+
+    def _recoloured(
+        self, gaussians: Gaussians, seen: _Seen, views: Sequence[int], penalties: Sequence[float]
+    ) -> NDArray:
         degree, sh = gaussians.degree, gaussians.sh.copy()
         by_function = np.zeros(sh.shape[1])
         for band, penalty in enumerate(penalties[:degree], start=1):
-            by_function[band * band : (band + 1) ** 2] = penalty
-        centres = np.stack([camera.centre for camera in self._pictures.cameras]) - gaussians.origin
+            by_function[band * band : (band + 1) ** 2] = penalty * len(views) / len(self._pictures.cameras)
+        cameras = [self._pictures.cameras[view] for view in views][: seen.weights.shape[1]]
+        centres = np.stack([camera.centre for camera in cameras]) - gaussians.origin
 
         def solve(start: int) -> None:
             part = slice(start, start + _ROWS)
@@ -177,7 +200,7 @@ class Remover:
             )  # fmt: skip
 
         self._run(solve, range(0, len(sh), _ROWS))
-        return replace(gaussians, sh=sh)
+        return sh
 
 
 def taken(gaussians: Gaussians, rows: NDArray) -> Gaussians:

@@ -24,7 +24,7 @@ from .views import views_about
 
 VIEWS = 20
 
-SLOPE = 1.66
+SLOPE = 1.0
 """Worth of a Gaussian over the mean error by Gaussian that `FreeEncoder.rounded` estimates, which is 1.9 times that of
 a file (1.5 to 2.3 on two scenes at Q_g −6 to 12)."""
 
@@ -51,13 +51,14 @@ class ThinningEncoder:
         self._whole = FreeEncoder(gaussians, profile, threads=threads, stats=stats)
         self._notes = gaussians.notes
         with stats.watch.stage("rank"):
-            self._remover = remover(gaussians, threads)
+            shown = visible(gaussians)
+            self._remover = Remover(shown, views_about(shown, VIEWS), Crew(threads).map)
 
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `FreeEncoder.code`."""
         with self._stats.watch.stage("rank"):
-            thinned, penalties = thin_for(self._remover, self._whole, qp)
-            tiers = tiers_of(self._remover, thinned.gaussians)
+            thinned, penalties = self.thinned(qp)
+            tiers = tiers_of(self._remover, thinned)
         self._stats.left_out, self._stats.left_out_psnr = thinned.left_out, thinned.psnr
         kept = thinned.gaussians.with_notes(replace(self._notes, thinned=thinned.text))
 
@@ -71,20 +72,13 @@ class ThinningEncoder:
         )  # fmt: skip
         return coder.code(qp)
 
-
-def remover(gaussians: Gaussians, threads: int) -> Remover:
-    """What ranks the Gaussians that show at all, from views about them."""
-    shown = visible(gaussians)
-    return Remover(shown, views_about(shown, VIEWS), Crew(threads).map)
-
-
-def thin_for(remover: Remover, encoder: FreeEncoder, qp: float) -> tuple[Thinned, list[float]]:
-    """What is left at Q_g of the Gaussians of both, and what their SH coefficients cost."""
-    rounded = encoder.rounded(qp)
-    worth = SLOPE * remover.error_of(rounded) / rounded.count
-    slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
-    penalties = band_penalties(rounded, slope)
-    return remover.thin(worth, penalties), penalties
+    def thinned(self, qp: float) -> tuple[Thinned, list[float]]:
+        """What is left at Q_g, and what its SH coefficients cost."""
+        rounded = self._whole.rounded(qp)
+        worth = SLOPE * self._remover.error_of(rounded) / rounded.count
+        slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
+        penalties = band_penalties(rounded, slope)
+        return self._remover.thin(worth, penalties), penalties
 
 
 def band_penalties(gaussians: Gaussians, slope: float) -> list[float]:

@@ -8,31 +8,23 @@ import numpy as np
 
 from ..codec.free.levels import LEAST_COUNT, LEVELS, Tiers
 from ..gaussian.gaussians import Gaussians
-from .removal import Remover, taken
-
-ROUNDS = (0.7, 1.0)
-"""How much of what a tier does not hold is gone after each ranking."""
+from .removal import Remover, Thinned, taken
 
 GROWTHS = (0.0, 0.14, 0.26, 0.4, 0.56)
 """What is tried for logarithms of scales where later tiers are absent."""
 
 
-def tiers_of(remover: Remover, gaussians: Gaussians) -> Tiers:
-    """Tiers of Gaussians that are some of the remover's; one of few."""
-    count = gaussians.count
+def tiers_of(remover: Remover, thinned: Thinned) -> Tiers:
+    """Tiers of what the remover left; one of few."""
+    count = thinned.rows.size
     if count < LEAST_COUNT:
         return Tiers.whole(count)
     numbers = np.full(count, len(LEVELS) - 1, np.uint8)
-    kept = np.arange(count)
     growths = []
     for number in range(len(LEVELS) - 2, -1, -1):
-        more = len(kept) - int(LEVELS[number].share * count)
-        wanted = [len(kept) - int(more * part) for part in ROUNDS]
-        for left in wanted:
-            costs = remover.costs(taken(gaussians, kept))
-            kept = kept[np.sort(np.argsort(costs, kind="stable")[len(kept) - left :])]
+        kept = remover.dearest(thinned.rows, int(LEVELS[number].share * count))
         numbers[kept] = number
-        growths.append(_growth(remover, taken(gaussians, kept)))
+        growths.append(_growth(remover, taken(thinned.gaussians, kept)))
     return Tiers(LEVELS, numbers, tuple(reversed(growths)))
 
 
