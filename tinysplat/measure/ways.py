@@ -117,11 +117,6 @@ def file_way(name: str, suffix: str, refuses: Callable[[Case], str] = lambda _: 
     return replace(way, refuses=refuses)
 
 
-def free_way(name: str, settings: Sequence[float], runtime: Runtime) -> Way:
-    """Gaussians of no pixels in a `.tsplat` file, over Q_g."""
-    return own_way(name, settings, lambda case, qp: runtime.compress(case.gaussians, DEFAULT_PROFILE, qp), runtime)
-
-
 def spz_ways() -> list[Way]:
     """SPZ of version 4 as `tinysplat convert` writes it, and with all bits of SH coefficients."""
     version = 4

@@ -1,64 +1,99 @@
 """What do Gaussians that belong to no pixels cost, in `.tsplat` and in other formats, at equal dB?
 
-A trained scene's file, or the made room as a list of points, goes into mode free over Q_g and into the other formats as
-`convert` writes them, those of SPZ over the bits of its SH coefficients. A point is a file's bytes and the mean dB of
-pictures from all sides against those of the Gaussians as they were read.
+A trained scene's file, or the made room as a list of points, goes into mode free over Q_g: as it is by default, without
+what pictures hardly need; without new colours for the rest; and whole. It goes into other formats as `convert` writes
+them, SPZ over the bits of its SH coefficients. A point is a file's bytes and the mean dB of pictures from all sides,
+at which removal did not look, against those of the Gaussians as they were read. A folder with photos behind a file is
+the scene that it was trained on: then pictures are taken from every eighth photo, from the fifth on, which training
+should not have seen, and are held against these, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 from tinysplat_runtime.api import SUFFIX
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.free.encoder import FreeEncoder, visible
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.prune.removal import taken
+from tinysplat_runtime.prune.thinning import ThinningEncoder
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from ..curves import bytes_at
 from ..pictures import Drawing, Pictures
 from ..rows import Row
 from ..show.plots import Axis, Chart
-from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
+from ..show.tables import ABSENT, Cell, Listing, decibels, duration, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.cases import Case
 from ..subjects.made import made_gaussians
-from ..ways import Way, file_way, free_way, spz_ways
+from ..ways import file_way, spz_ways
 
 VIEWS, QUICK_VIEWS = 6, 2
-QPS, QUICK_QPS = (-24.0, -18.0, -12.0, -6.0, -3.0, 0.0, 3.0, 6.0, 9.0), (-6.0, 0.0, 6.0)
+QPS, QUICK_QPS = (0.0, -12.0, -6.0, 6.0), (-6.0, 0.0, 6.0)
+UNSEEN = slice(4, None, 8)
+"""Photos that a scene was not trained on."""
+
 _ROOM_VIEWS, _DEGREE = 2, 3
 
-OURS = f"`{SUFFIX}`"
+OURS, UNFITTED, WHOLE = f"`{SUFFIX}`", f"`{SUFFIX}`, colours as they were", f"`{SUFFIX}`, all kept"
 
 MOST_DB = 90
 """Above it a file holds what it was read from, as its own format does; its dB would flatten the others on a plot."""
 
 
 def free_rows(run: Run) -> Iterator[Row]:
-    """A row per file and setting: bytes, bytes a Gaussian, dB; of other formats also what ours takes at their dB."""
-    ours = free_way(OURS, run.options.qps or (QUICK_QPS if run.quick else QPS), run.runtime)
+    """A row per file and setting: bytes, bytes a Gaussian, how many are left, dB, and seconds of CPU of the first Q_g;
+    of other formats also what ours takes at their dB.
+    """
     others = [*spz_ways(), file_way("SOG", ".sog"), file_way("compressed PLY", ".compressed.ply")]
     for case in _cases(run):
         pictures = Pictures(case, Drawing.as_defined(run.threads))
-        curve = [_point(ours, qp, pictures) for qp in ours.settings]
-        points = [(row.figures["bytes"], row.figures["psnr_decoded_raw"]) for row in curve]
+        curve = list(_own(run, pictures))
+        points = [(row.figures["bytes"], row.figures["psnr_decoded_raw"]) for row in curve if row.way == OURS]
         yield from curve
         for way in (one for one in others if not one.refuses(case)):
             for setting in way.settings:
-                row = _point(way, setting, pictures)
+                data = way.encode(case, setting)
+                row = _point(way.name, setting, pictures, data, way.decode(case, data))
                 beside = bytes_at(points, row.figures["psnr_decoded_raw"])
                 yield replace(row, figures={**row.figures, **({"bytes_ours": beside} if beside else {})})
 
 
-def _point(way: Way, setting: float, pictures: Pictures) -> Row:
-    case = pictures.case
-    data = way.encode(case, setting)
-    figures = {"bytes": len(data), "bytes_each": len(data) / case.gaussians.count}
-    figures |= pictures.figures(way.decode(case, data))
-    return Row("free", case.name, way.name, {"qp": setting}, figures)
+def _own(run: Run, pictures: Pictures) -> Iterator[Row]:
+    """Files of ours; what pictures need is ranked once, in the seconds of the first."""
+    gaussians, profile = pictures.case.gaussians, find_profile(DEFAULT_PROFILE)
+
+    def point(way: str, qp: float, code: Callable[[float], bytes], since: float) -> Row:
+        data = code(qp)
+        costs = {"cpu": time.process_time() - since}
+        return replace(_point(way, qp, pictures, data, run.runtime.decompress(data)), costs=costs)
+
+    begin = time.process_time()
+    thinning = ThinningEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats())
+    for number, qp in enumerate(run.options.qps or (QUICK_QPS if run.quick else QPS)):
+        ranked = point(OURS, qp, thinning.code, begin)
+        yield ranked if not number else replace(ranked, costs={})
+        whole = FreeEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats())
+        yield point(WHOLE, qp, whole.code, time.process_time())
+        if not number:
+            rows = thinning.thinned(qp)[0].rows
+            some = FreeEncoder(taken(visible(gaussians), rows), profile, threads=run.threads, stats=EncodeStats())
+            yield point(UNFITTED, qp, some.code, time.process_time())
+
+
+def _point(way: str, setting: float, pictures: Pictures, data: bytes, decoded: Gaussians) -> Row:
+    figures = {"bytes": len(data), "bytes_each": len(data) / pictures.case.gaussians.count, "kept": decoded.count}
+    return Row("free", pictures.case.name, way, {"qp": setting}, figures | pictures.figures(decoded))
 
 
 def _cases(run: Run) -> Iterator[Case]:
@@ -67,14 +102,22 @@ def _cases(run: Run) -> Iterator[Case]:
         side = run.side // 2
         room = made_gaussians(_ROOM_VIEWS, side, side, _DEGREE)
         yield _seen(f"room, {_ROOM_VIEWS}×{side}², SH degree {_DEGREE}", room.flat(), room.cameras)
-    for path in run.paths:
+    for path, behind in zip_longest(run.paths, run.paths[1:]):
+        if path.is_dir():
+            continue
         try:
             gaussians = load_gaussians(path).flat()
+            photos = load_scene(behind) if behind is not None and behind.is_dir() else None
         except InputError as error:
             run.left_out.append(f"left out {error}")
             continue
         name = f"{path.name}, {gaussians.count:,} of SH degree {gaussians.degree}"
-        yield _seen(name, gaussians, tuple(ring(gaussians, views)))
+        if photos is None:
+            yield _seen(name, gaussians, tuple(ring(gaussians, views)))
+        else:
+            unseen = photos.views(range(len(photos.frames))[UNSEEN])
+            case = _seen(name, gaussians, tuple(unseen.cameras))
+            yield replace(case, photos=tuple(unseen.images()))
 
 
 def _seen(name: str, gaussians: Gaussians, cameras: tuple[Camera, ...]) -> Case:
@@ -87,7 +130,11 @@ def _each(rows: Sequence[Row]) -> str:
 
 
 def _setting(rows: Sequence[Row]) -> str:
-    return f"{rows[0].setting['qp']:g}" if rows[0].way == OURS else ABSENT
+    return f"{rows[0].setting['qp']:g}" if rows[0].way.startswith(OURS) else ABSENT
+
+
+def _kept(rows: Sequence[Row]) -> str:
+    return f"{rows[0].figures['kept']:,}"
 
 
 def _share(rows: Sequence[Row]) -> str:
@@ -110,18 +157,21 @@ def _in_short(way: str, qp: float | None = None) -> Cell:
 
 
 _DB = mean("psnr_decoded_raw", decibels)
+_TO_PHOTOS, _CPU = mean("psnr", decibels), mean("cpu", duration, "costs")
 _POINTS = Listing(
     "free",
     {
         "format": said("way"), "Q_g": _setting, "KB": mean("bytes", kilobytes), "bytes a Gaussian": _each,
-        "dB to its source": _DB, "ours at that dB": _share,
+        "Gaussians": _kept, "dB to its source": _DB, "dB to photos": _TO_PHOTOS, "ours at that dB": _share,
+        "CPU": _CPU,
     },
     sections="subject",
 )  # fmt: skip
 
 _SCENES = Listing(
     "free",
-    {"Gaussians": said("subject"), f"{OURS}, Q_g 0": _in_short(OURS, 0.0), f"{OURS}, Q_g 6": _in_short(OURS, 6.0),
+    {"Gaussians": said("subject"), f"{OURS}, Q_g 0": _in_short(OURS, 0.0), "Q_g −6": _in_short(OURS, -6.0),
+     "all kept, Q_g 0": _in_short(WHOLE, 0.0), "Q_g 6": _in_short(WHOLE, 6.0),
      **{name: _in_short(name) for name in ("SPZ v4", "SOG", "compressed PLY")}},
     by=("subject",),
 )  # fmt: skip
