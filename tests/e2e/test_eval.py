@@ -60,7 +60,7 @@ def test_a_run_prints_tables_and_writes_what_was_asked_for(scenes, tmp_path):
         tmp_path / "r.csv", "--size", "48x64", "--lpips-linear", scenes / "one" / "0.png",
     )  # fmt: skip
     assert f"near, 2 views, {DEFAULT_MODEL}, balanced at Q_g 0, 48x64" in done.stdout and "no weights" in done.stdout
-    assert "1 windows measured" in done.stdout and "no backbone weights of LPIPS-vgg" in done.stdout
+    assert "1 window measured" in done.stdout and "no backbone weights of LPIPS-vgg" in done.stdout
     (entry,) = json.loads((tmp_path / "r.json").read_text())["scenes"]
     assert entry["scene"] == "one" and entry["lpips"] is None and entry["psnr"] > entry["psnr_photo"]
     assert (tmp_path / "r.csv").read_text().count("\n") == 2
@@ -192,7 +192,7 @@ def test_compare_shows_windows_of_six_views_side_by_side(tmp_path):
     for profile in ("paper", "fast"):
         run("eval", scene, "-o", tmp_path / profile, "--profile", profile, "--pictures", *OPTIONS, "-q")
     done = run("compare", tmp_path / "paper", tmp_path / "fast", "-o", tmp_path / "sheets")
-    assert "frame 3" in done.stdout and "1 pictures" in done.stdout
+    assert "frame 3" in done.stdout and "1 picture in" in done.stdout
     (sheet,) = json.loads((tmp_path / "sheets" / "comparison.json").read_text())["sheets"]
     picture = read_image(tmp_path / "sheets" / sheet["files"][0])
     assert picture.shape[1] > 5 * 64 and sheet["views"][0]["psnr_a_to_photo"] > 15

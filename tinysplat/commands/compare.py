@@ -57,7 +57,8 @@ def run(args: Namespace) -> None:
     write_atomically(folder / "comparison.json", (json.dumps({"sheets": entries}, indent=1) + "\n").encode())
     if not args.quiet:
         print(_table(entries))
-        print(f"\n{sum(len(entry['files']) for entry in entries)} pictures in {folder}")
+        written = sum(len(entry["files"]) for entry in entries)
+        print(f"\n{written} picture{'s' * (written != 1)} in {folder}")
 
 
 def _sheets(a: Path, b: Path, cameras: str | None, size: tuple[int, int] | None) -> list[Sheet]:

@@ -167,7 +167,9 @@ def summary_line(outcome: Outcome) -> str:
     """What was measured and what was not."""
     lost = sum(entry.count for entry in outcome.left_out)
     windows = len({(row.subject, str(row.setting["targets"])) for row in outcome.rows})
-    text = f"{windows} windows measured ({len(outcome.rows)} results, {outcome.resumed} from before)"
+    text = (
+        f"{windows} window{'s' * (windows != 1)} measured ({len(outcome.rows)} results, {outcome.resumed} from before)"
+    )
     return f"{text}, {lost} left out" if lost else text
 
 

@@ -138,7 +138,8 @@ def _plane_text(plane: dict[str, Any]) -> str:
 
 
 def _left_out_text(entry: dict[str, Any]) -> str:
-    rest = ", ".join(
-        f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in entry.items() if k not in ("layer", "what")
+    facts = {key: value for key, value in entry.items() if key not in ("layer", "what", "why")}
+    rest = [f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in facts.items()]
+    return (
+        f"layer {entry['layer']}: {entry['what']} ({', '.join([*([entry['why']] if 'why' in entry else []), *rest])})"
     )
-    return f"layer {entry['layer']}: {entry['what']} ({rest})"

@@ -18,31 +18,31 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("--profile", choices=PROFILES, help=f"default: {DEFAULT_PROFILE}")
     rate = parser.add_mutually_exclusive_group()
-    rate.add_argument("--qp", type=float, metavar="Q", help="coarser by 2^(Q/6) in every step; default 0")
+    rate.add_argument("--qp", type=float, metavar="Q", help="make every quantiser step coarser by 2^(Q/6); default 0")
     rate.add_argument(
         "--target-size",
         type=byte_count,
         metavar="SIZE",
-        help="100KB, 1.5MB or bytes; met within 3 %% from below",
+        help="at most 100KB, 1.5MB or this many bytes, of which the file fills 97 %% or more",
     )
     rate.add_argument(
         "--target-psnr",
         type=float,
         metavar="DB",
-        help="decoded against raw at the input views; met within 0.2 dB",
+        help="reach this PSNR of decoded against raw pictures at the input views, within 0.2 dB",
     )
-    rate.add_argument("--lossless", action="store_true", help="float16 planes bit for bit, for archiving")
+    rate.add_argument("--lossless", action="store_true", help="store float16 planes bit for bit")
     rate.add_argument(
         "--like", metavar="F.tsplat",
-        help="with the profile, steps and maps of this file, and its own pictures where nothing changed",
+        help="use profile, steps and maps of this file, and its pictures where nothing changed",
     )  # fmt: skip
     parser.add_argument(
         "--drop-invalid", action="store_true", help="make Gaussians at or behind their camera transparent"
     )
     parser.add_argument(
         "--refine", type=budget, nargs="?", const="auto", metavar="STEPS|10s",
-        help="correct the Gaussians until they show their photos better, for so many steps or seconds, or for as long"
-        " as photos of their size are worth (needs numba)",
+        help="correct the Gaussians to show their photos better, for this many steps or seconds; without a number, for"
+        " a time that follows the photos' size (needs numba)",
     )  # fmt: skip
 
 
@@ -50,36 +50,36 @@ def add_photos(parser: argparse.ArgumentParser) -> None:
     """Which photos, how large, and what a network and a file make of them."""
     parser.add_argument(
         "--views", type=views, metavar="I,J-K:S|auto[:N]|all",
-        help="frames to use: some, so many, as many as the capture needs (auto), or all; default: all of up to 6, or"
+        help="frames to use: a list, N of them, as many as the capture needs (auto), or all; default: all of up to 6,"
         " else auto",
     )  # fmt: skip
     parser.add_argument(
         "--poses", metavar="POSES",
-        help="of a video's frames: RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model",
+        help="poses of a video's frames: RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model",
     )  # fmt: skip
     parser.add_argument(
         "--first-number",
         type=int,
         choices=(0, 1),
-        help="what POSES count from in names such as frame_00012.png; default 0",
+        help="number of the first frame in names of POSES such as frame_00012.png; default 0",
     )
     parser.add_argument("--model", metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them")
-    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, over the scene's own")
-    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, over the scene's own")
+    parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, not the scene's own")
+    parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, not the scene's own")
     parser.add_argument(
         "--size", type=size_or_full, metavar="HxW|full",
         help="scale photos to cover this and crop their centre; default: full, but at most about 640x480 pixels",
     )  # fmt: skip
     parser.add_argument(
-        "--mode", choices=CHOICES, help=f"what the file carries; default {DEFAULT_MODE}, any receiver's"
+        "--mode", choices=CHOICES, help=f"what the file carries; default {DEFAULT_MODE}, which every receiver reads"
     )
 
 
 def add_notes(parser: argparse.ArgumentParser) -> None:
     """What a file says of itself."""
-    parser.add_argument("--unit", metavar="TEXT", help="of lengths, such as metre; kept in the file")
-    parser.add_argument("--attribution", metavar="TEXT", help="whom to name; kept in the file")
-    parser.add_argument("--licence", metavar="TEXT", help="such as CC-BY-4.0; kept in the file")
+    parser.add_argument("--unit", metavar="TEXT", help="unit of lengths, such as metre; kept in the file")
+    parser.add_argument("--attribution", metavar="TEXT", help="author to name; kept in the file")
+    parser.add_argument("--licence", metavar="TEXT", help="licence, such as CC-BY-4.0; kept in the file")
 
 
 def add_provider(parser: argparse.ArgumentParser) -> None:

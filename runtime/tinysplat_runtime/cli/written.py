@@ -105,7 +105,7 @@ def pruned(gaussians: Gaussians, amount: Amount | None, reading: Reading, say: V
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="--prune") from None
     found = leave_out(gaussians, amount, reading.runtime().threads)
-    say(f"{found.text or 'none left out'}, in pictures by 3DGS' definition")
+    say(f"{found.text or 'none left out'}, in pictures as defined")
     return found.gaussians
 
 
