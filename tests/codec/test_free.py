@@ -429,3 +429,13 @@ def test_gaussians_with_nan_are_left_out_in_a_line(name, tmp_path, capsys):
     said = capsys.readouterr().err
     assert "g.npz: 1 of 10 Gaussians hold NaN" in said and said.count("\n") == 1
     assert ts.load_gaussians(tmp_path / "g.tsplat").count == 9
+
+
+def test_centres_are_means_of_attributes_and_components_have_none():
+    """Components have their mean already; what stands behind a gain would else be coded with every code."""
+    gaussians = cloud()
+    (tier,) = read_container(coded(gaussians)).body.scene.tiers
+    centres = {(c.record.plane_class, c.record.target): c.centre for c in tier.channels}
+    assert {centre for (kind, _), centre in centres.items() if kind == PlaneClass.COLOR} == {0.0}
+    assert centres[PlaneClass.OPACITY, 0] == pytest.approx(np.sqrt(gaussians.opacities).mean(), rel=1e-4)
+    assert all(centre != 0 for (kind, _), centre in centres.items() if kind in (PlaneClass.SCALE, PlaneClass.OPACITY))
