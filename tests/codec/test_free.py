@@ -439,3 +439,16 @@ def test_centres_are_means_of_attributes_and_components_have_none():
     assert {centre for (kind, _), centre in centres.items() if kind == PlaneClass.COLOR} == {0.0}
     assert centres[PlaneClass.OPACITY, 0] == pytest.approx(np.sqrt(gaussians.opacities).mean(), rel=1e-4)
     assert all(centre != 0 for (kind, _), centre in centres.items() if kind in (PlaneClass.SCALE, PlaneClass.OPACITY))
+
+
+@pytest.mark.parametrize(("share", "k"), [(0.2, 2), (0.3, 3)])
+def test_a_component_of_colour_pays_for_its_column_of_the_basis_or_is_left_out(share, k):
+    """Of three independent components the third varies by so many of its steps; all Gaussians weigh alike."""
+    numbers = np.random.default_rng(0).normal(size=(400, 1, 3))
+    numbers = np.linalg.qr(numbers[:, 0] - numbers[:, 0].mean(axis=0))[0][:, None] * np.sqrt(400)
+    some = cloud(400, 0)
+    alike = replace(
+        some, scales=np.full((400, 3), 0.05), opacities=np.full(400, 0.5),
+        sh=numbers * [4.0, 2.0, share * COLOUR_STEPS[2]],
+    )  # fmt: skip
+    assert ts.inspect(coded(alike))["k"] == k

@@ -69,6 +69,9 @@ more: what few exceed it would be white anyway, and take the first principal com
 FLAT_SHARE = 0.12
 """Standard deviation, in steps, below which a channel is stored as a number."""
 
+COLOUR_SHARE = 0.25
+"""The same below which a component of colour is left out, whose column of the basis takes bytes too."""
+
 BULK = (5, 95)
 """Percentiles between which the scene's bulk lies, along each axis."""
 
@@ -422,7 +425,7 @@ def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArr
     centred = sample - mean
     moment = product((centred * weights[:, None]).T, centred) / len(sample)
     values, vectors = symmetric_eigen(moment)
-    least = FLAT_SHARE * factor * np.array([_colour_step(n) for n in range(len(values))])
+    least = COLOUR_SHARE * factor * np.array([_colour_step(n) for n in range(len(values))])
     k = int((np.sqrt(np.maximum(values[::-1], 0)) > least).sum())
     chosen = vectors[:, ::-1][:, :k]
     signs = np.sign(chosen[np.abs(chosen).argmax(axis=0), np.arange(k)])
