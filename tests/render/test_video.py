@@ -149,3 +149,11 @@ def test_other_errors_of_the_encoder_name_the_file(tmp_path: Path, monkeypatch: 
         write_video(tmp_path / "a.mp4", frames_of(1, 8, 8))
     assert caught.value.where == str(tmp_path / "a.mp4")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_primaries_have_the_codes_of_bt_709() -> None:
+    """Bars of 100 %: black, white, red, green, blue."""
+    bars = np.float32([[0, 0, 0], [255, 255, 255], [255, 0, 0], [0, 255, 0], [0, 0, 255]])
+    codes = np.rint(bars @ video._RGB_TO_YCC.T + video._YCC_OFFSET)
+    wanted = [[16, 128, 128], [235, 128, 128], [63, 102, 240], [173, 42, 26], [32, 240, 118]]
+    np.testing.assert_array_equal(codes, wanted)
