@@ -124,7 +124,7 @@ class Runtime:
         Args:
             gaussians: per pixel, with cameras, of two views or more; of any network.
             scene: with the photos, which are found by the poses of their cameras.
-            steps: how many to take at most, 20 unless `seconds` are given.
+            steps: how many to take at most, 12 unless `seconds` are given.
             seconds: for how long at most, in place of `steps`.
             profile, qp: what the result will be coded with, in whose steps its bytes are counted.
             stats: filled with what was done.

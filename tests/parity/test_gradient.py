@@ -290,3 +290,30 @@ def test_decibels_are_of_the_pixels_that_the_photo_knows() -> None:
     assert error.psnr == pytest.approx(20)  # a hundredth each, of three colours
     assert replace(error, squared=0.0).psnr == pytest.approx(150)
     assert np.isnan(replace(error, known=0).psnr)
+
+
+def test_pixels_that_are_left_open_count_as_unknown_ones() -> None:
+    gaussians, camera = scene(opacity=0.3), side_camera()
+    field = MovableGaussians(gaussians, Crew(1).map)
+    photo = np.random.default_rng(2).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
+    left = np.empty(photo.shape[:2], np.float32)
+    field.measure(Target(camera, photo), left=left)
+    most = float(np.median(left))
+    unknown = np.where(left[..., None] > most, np.float32(np.nan), photo)
+    again = np.empty_like(left)
+    assert field.measure(Target(camera, photo), left=again, most_left=most) == field.measure(Target(camera, unknown))
+    np.testing.assert_array_equal(left, again)
+
+
+def test_gaussians_behind_others_are_left_out_and_no_more_than_those() -> None:
+    gaussians, camera = scene(opacity=0.6, size=2), side_camera()
+    field = MovableGaussians(gaussians, Crew(1).map)
+    photo = np.random.default_rng(2).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
+    exact, found, none = np.zeros((3, *field.values.shape), np.float32)
+    errors = [field.measure(Target(camera, photo), gradient=gradient, hidden=hidden)
+              for gradient, hidden in ((exact, 0.0), (found, 0.1), (none, 1.1))]  # fmt: skip
+    assert errors[0] == errors[1] == errors[2] and not none.any()
+    seen, left_out = (exact != 0).any(axis=0), (found == 0).all(axis=0)
+    share = np.count_nonzero(seen & left_out) / np.count_nonzero(seen)
+    weight = np.abs(exact[SH_RED:, left_out]).sum() / np.abs(exact[SH_RED:]).sum()
+    assert share > 0.5 and weight < 0.2

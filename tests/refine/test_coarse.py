@@ -13,7 +13,7 @@ from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.refine import refine as refine_module
 from tinysplat_runtime.refine.coarse import bring_up, halved, halved_target
 from tinysplat_runtime.refine.refine import Refining, refine
-from tinysplat_runtime.refine.schedule import STEPS_BELOW, Turn, steps_below, turn
+from tinysplat_runtime.refine.schedule import STEPS_BELOW, Turn, order, steps_below, turn
 from tinysplat_runtime.refine.settings import LIMITS
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import Renderer
@@ -55,10 +55,20 @@ def test_changes_come_back_in_the_middle_of_what_they_were_made_for() -> None:
     assert field.values[LOGIT, place.rows].max() == LIMITS[LOGIT][1]
 
 
-def test_most_steps_of_large_views_are_small_ones() -> None:
+def test_first_steps_of_large_views_are_small_ones() -> None:
     assert steps_below(40 * 48, 20) == {} and steps_below(256 * 256, 1) == {}
-    assert steps_below(256 * 256, 20) == {1: STEPS_BELOW} and steps_below(256 * 256, 9) == {1: 6}
-    assert list(steps_below(739 * 416, 20).items()) == [(2, 6), (1, 6)]
+    assert steps_below(256 * 256, 20) == {1: STEPS_BELOW} and steps_below(256 * 256, 3) == {1: 2}
+    assert list(steps_below(739 * 416, 20).items()) == [(2, STEPS_BELOW), (1, STEPS_BELOW)]
+    assert list(steps_below(739 * 416, 6).items()) == [(2, 2), (1, 2)]
+
+
+def test_steps_take_every_photo_once_and_neighbours_far_apart() -> None:
+    for photos in (1, 2, 3, 4, 6, 9, 64):
+        orders = [order(step, photos) for step in range(3)]
+        assert all(sorted(found) == list(range(photos)) for found in orders)
+        assert [found[0] for found in orders] == [step % photos for step in range(3)]
+    away = np.diff(order(0, 64))
+    assert np.abs(away).min() >= 64 // 4
 
 
 def test_turns_take_every_size_in_every_way() -> None:
@@ -84,8 +94,8 @@ def worn(tmp_path_factory: pytest.TempPathFactory):
 def test_small_steps_gain_and_count(worn) -> None:
     stats = RefineStats()
     refine(worn[0], worn[1], steps=6, profile=TOLD[0], run_jobs=TOLD[2], stats=stats)
-    assert stats.steps == stats.kept == 6 and [step for step, _ in stats.looks] == [0, 6]
-    assert stats.after > stats.before + 2
+    assert stats.steps == stats.kept == 6 and [step for step, _ in stats.looks] == [0, 5, 6]
+    assert stats.after > stats.before + 0.4 and stats.looks[-1][1] > stats.looks[0][1] + 1.5
     alone = RefineStats()
     refine(worn[0], worn[1], steps=1, profile=TOLD[0], run_jobs=TOLD[2], stats=alone)
     assert stats.looks[-1][1] > alone.looks[-1][1] + 0.5  # one at full size is not what gained

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
-from tinysplat_runtime.refine.loop import JUDGED, Loop
+from tinysplat_runtime.refine.loop import HIDDEN, JUDGED, Loop
 from tinysplat_runtime.refine.photos import matched
 from tinysplat_runtime.refine.refine import Refining
+from tinysplat_runtime.refine.schedule import Turn
 from tinysplat_runtime.refine.settings import settings_for
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.render.gradient import MovableGaussians, PhotoError, Target
+from tinysplat_runtime.render.near import DRAWN
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
@@ -27,15 +31,14 @@ def begun(views: int = 3, sizes: tuple[int, ...] = (1,)) -> Loop:
     for size in sizes:
         cameras = [camera.resized(16 * size, 20 * size) for camera in gaussians.cameras]
         targets.append([Target(camera, renderer.render(camera)) for camera in cameras])
-    return Loop(MovableGaussians(gaussians, Crew(1).map), targets, {}, settings_for(3), Crew(1).map)
+    settings = replace(settings_for(3), price=0.0)
+    return Loop(MovableGaussians(gaussians, Crew(1).map), targets, {}, settings, Crew(1).map)
 
 
 def test_every_photo_has_an_exposure_of_its_own_and_their_mean_stays() -> None:
     loop = begun()
-    loop._count = 1  # Adam's first step
-    loop.errors = tuple(PhotoError(1.0, 1.0, by_gain, by_offset, 100.0) for by_gain, by_offset in
-                        ((90.0, 0.0), (-90.0, 30.0), (0.0, -30.0)))  # fmt: skip
-    loop._expose()
+    for view, (by_gain, by_offset) in enumerate(((90.0, 0.0), (-90.0, 30.0), (0.0, -30.0))):
+        loop._expose(view, PhotoError(1.0, 1.0, by_gain, by_offset, 100.0))
     step = loop.settings.exposure
     np.testing.assert_allclose(loop.exposures[:, 0] - 1, [-step, step, 0], atol=0.02 * step)
     np.testing.assert_allclose(loop.exposures[:, 1], [0, -step, step], atol=0.02 * step)
@@ -53,7 +56,7 @@ def test_photos_of_twice_the_size_weigh_as_much_as_the_others() -> None:
     loop.field.measure = measure  # type: ignore[method-assign]
     for _ in range(2):
         loop.step()
-    assert len(weights) == 6 and set(weights) == {3 * 16 * 20}
+    assert len(weights) == 6 and set(weights) == {3 * 3 * 16 * 20}  # of three photos that each view is seen in
 
 
 def test_a_state_is_judged_by_some_photos_spread_over_all() -> None:
@@ -67,6 +70,54 @@ def test_a_state_is_judged_by_some_photos_spread_over_all() -> None:
     loop.field.measure = counted  # type: ignore[method-assign]
     loop.photo_psnr()
     assert len(seen) == JUDGED and (seen[0], seen[-1]) == (0, 18) and set(np.diff(seen)) == {2, 3}
+
+
+def test_of_a_capture_a_photo_corrects_and_costs_no_more_than_what_it_sees() -> None:
+    loop = begun(12)
+    before, placed = loop.field.values.copy(), []
+    place = loop.field.place
+
+    def noted(views: set[int]) -> None:
+        placed.append(views)
+        place(views)
+
+    loop.field.place = noted  # type: ignore[method-assign, assignment]
+    loop._learn([6], Turn(0, 0))
+    changed = {
+        grid.view for grid in loop.field.grids if (loop.field.values[:, grid.rows] != before[:, grid.rows]).any()
+    }
+    assert placed == [changed] and len(changed) == DRAWN and 6 in changed
+    assert np.flatnonzero(loop._corrections).tolist() == sorted(changed)
+    assert loop._drawn == DRAWN
+
+
+@pytest.mark.parametrize(("together", "corrections"), [(1, 3), (2, 2), (3, 1)])
+def test_gaussians_are_corrected_after_every_photo_or_so_many(together: int, corrections: int) -> None:
+    loop, states = begun(3), []
+    loop.settings = replace(loop.settings, together=together)
+    measure = loop.field.measure
+
+    def noted(target: Target, **options: object) -> PhotoError:
+        states.append(loop.field.values.copy())
+        return measure(target, **options)
+
+    loop.field.measure = noted  # type: ignore[method-assign]
+    loop.step()
+    assert len({state.tobytes() for state in states}) == corrections
+    assert (loop._corrections == corrections).all() and loop.exposures[:, 0].mean() == pytest.approx(1)
+
+
+def test_what_is_hidden_from_a_photo_is_not_corrected_by_it() -> None:
+    loop, asked = begun(3), []
+    measure = loop.field.measure
+
+    def noted(target: Target, **options: object) -> PhotoError:
+        asked.append(options.pop("hidden"))
+        return measure(target, **options)
+
+    loop.field.measure = noted  # type: ignore[method-assign]
+    loop.step()
+    assert asked == [HIDDEN] * 3
 
 
 @pytest.fixture

@@ -1,10 +1,11 @@
-"""The loop: draw every photo, see what is wrong, correct all Gaussians at once, and know which step was the best."""
+"""The loop: draw a photo, see what is wrong, correct the Gaussians that it sees, go on with the next one; and know how
+good the whole is.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
 from . import kernels
 from .price import PlanePrice
-from .schedule import turn
+from .schedule import Turn, order, turn
 from .settings import LIMITS, Settings
 
 NEIGHBOURS = 2
@@ -24,6 +25,10 @@ NEIGHBOURS = 2
 
 JUDGED = 8
 """Photos, spread over all, that a state is judged by: what steps cost stays most of the time."""
+
+HIDDEN = 0.03
+"""Transmittance before a Gaussian, at its middle, below which a photo does not correct it: half of the work, and 3 % of
+all weight."""
 
 COVERED = 0.4
 """A pixel is covered where no more than this transmittance is left."""
@@ -35,8 +40,9 @@ class Loop:
     Attributes:
         field: as they stand.
         exposures: (V, 2) float64, gain and offset of every photo against the scene; their mean stays 1 and 0.
-        errors: what the last step saw of every photo before it moved.
+        errors: what the last step saw of every photo, each as Gaussians stood when its turn came.
         settings: see there.
+        judged: which photos a state is judged by.
     """
 
     def __init__(
@@ -58,35 +64,55 @@ class Loop:
         self._exposure_means = np.zeros((2, *self.exposures.shape))
         self._gradient = np.zeros_like(field.values)
         self._first, self._second = np.zeros((2, *field.values.shape), np.float32)
-        self._count = 0
+        self._count, self._corrections = 0, np.zeros(len(sizes[0]), int)  # of every view's Gaussians
         self._edges = {(grid.layer, grid.view): self._edge_weights(grid) for grid in field.grids}
         views = len(sizes[0])
-        self._judged = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
+        self.judged = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
+        self._covered: dict[int, Target] = {}
         self._fronts = [self._seen_between(view) for view in range(views)]
+        self._drawn = float(np.mean([np.count_nonzero(shares.whole) for fronts in self._fronts for shares in fronts]))
 
     def step(self) -> None:
-        """Draw all photos at one size and in one way, and correct."""
-        now = turn(self._count, len(self._sizes))
-        targets = self._sizes[now.size]
-        area = self._sizes[0][0].photo.size / targets[0].photo.size
-        self._gradient[:] = 0
-        self.errors = tuple(self._draw(view, target, area, now.place) for view, target in enumerate(targets))
-        self._count += 1
-        self._run(self._regularise, self.field.grids)
-        self._run(self._correct, range(VALUES))
-        self._expose()
-        self.field.place()
+        """Draw every photo once, at one size and in one way, and after each, or a few, correct what it sees.
 
-    def _draw(self, view: int, target: Target, area: float, place: int | None) -> PhotoError:
-        """What a photo lacks; what would mend it is added to the gradient.
+        Gaussians are wrong in the same way in most photos that see them: corrected after each, they are right several
+        times as soon as corrected by the sum of all.
+        """
+        now, turns = turn(self._count, len(self._sizes)), order(self._count, len(self._sizes[0]))
+        together, errors = self.settings.together, dict[int, PhotoError]()
+        for first in range(0, len(turns), together):
+            errors |= self._learn(turns[first : first + together], now)
+        self.errors = tuple(errors[view] for view in sorted(errors))
+        self._count += 1
+
+    def _learn(self, views: Sequence[int], now: Turn) -> dict[int, PhotoError]:
+        """What some photos lack, by view, before the Gaussians that they are drawn with are corrected by them.
 
         Drawn by depth, a photo corrects the Gaussians of the others alone: its own show it from wherever on their rays
         they are.
         """
-        shares, own = self._shares(view, place), [grid.rows for grid in self.field.grids if grid.view == view]
-        spared = [(rows, self._gradient[:, rows].copy()) for rows in own if not shares.has_front]
-        error = self.field.measure(self._exposed(view, target), shares=shares, gradient=self._gradient, weight=area)
-        for rows, before in spared:
+        shares = {view: self._shares(view, now.place) for view in views}
+        wrong = [grid for grid in self.field.grids if any(_corrects(view, shares[view], grid) for view in views)]
+        for grid in wrong:
+            self._gradient[:, grid.rows] = 0
+        errors = {view: self._draw(view, now, shares[view], len(views)) for view in views}
+        seen = {grid.view for grid in wrong}
+        self._corrections[list(seen)] += 1
+        self._run(self._regularise, wrong)
+        self._run(self._correct, wrong)
+        for view, error in errors.items():
+            self._expose(view, error)
+        self.field.place(seen)
+        return errors
+
+    def _draw(self, view: int, now: Turn, shares: Shares, together: int) -> PhotoError:
+        """What a photo lacks; what would mend it is added to the gradient, as one of all photos that see a Gaussian."""
+        target = self._exposed(view, self._sizes[now.size][view])
+        weight = self._drawn / together * self._sizes[0][view].photo.size / target.photo.size
+        own = [grid.rows for grid in self.field.grids if grid.view == view and not _corrects(view, shares, grid)]
+        spared = [self._gradient[:, rows].copy() for rows in own]
+        error = self.field.measure(target, shares=shares, gradient=self._gradient, weight=weight, hidden=HIDDEN)
+        for rows, before in zip(own, spared, strict=True):
             self._gradient[:, rows] = before
         return error
 
@@ -97,7 +123,7 @@ class Loop:
 
     def photo_psnr(self) -> float:
         """dB of the photos that are judged, as they are, drawn from all Gaussians, near views first; the mean."""
-        targets = [self._sizes[0][view] for view in self._judged]
+        targets = [self._sizes[0][view] for view in self.judged]
         errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
         return float(np.mean([error.psnr for error in errors]))
 
@@ -106,29 +132,26 @@ class Loop:
 
         The mean; 0 where they showed nothing of any.
         """
-        errors = [self._from_others(view, self._exposed(view, target)) for view, target in self._checks.items()]
+        errors = [self._checked(view) for view in self.judged]
         known = [error.psnr for error in errors if error.known]
         return float(np.mean(known)) if known else 0.0
 
-    @cached_property
-    def _checks(self) -> dict[int, Target]:
-        """The photos that are judged, where the Gaussians of the others show something when this is first asked for."""
-        return {view: self._covered(view, self._sizes[0][view]) for view in self._judged}
+    def _checked(self, view: int) -> PhotoError:
+        """What a photo lacks if drawn from the Gaussians of the others, where they showed something at first."""
+        if view in self._covered:
+            target = self._exposed(view, self._covered[view])
+            return self.field.measure(target, shares=self.field.shares(target.camera, (view,)))
+        target = self._sizes[0][view]
+        left, shares = np.empty(target.photo.shape[:2], np.float32), self.field.shares(target.camera, (view,))
+        error = self.field.measure(self._exposed(view, target), shares=shares, left=left, most_left=COVERED)
+        photo = np.where(left[..., None] > COVERED, np.float32(np.nan), target.photo)
+        self._covered[view] = replace(target, photo=photo)
+        return error
 
     def _exposed(self, view: int, target: Target) -> Target:
         """A photo of a view as the loop has found that it was exposed."""
         gain, offset = self.exposures[view]
         return replace(target, gain=gain, offset=offset)
-
-    def _from_others(self, view: int, target: Target, left: NDArray | None = None) -> PhotoError:
-        """What a photo lacks if drawn from the Gaussians of the others, near views first."""
-        return self.field.measure(target, shares=self.field.shares(target.camera, (view,)), left=left)
-
-    def _covered(self, view: int, target: Target) -> Target:
-        """A photo, NaN where the Gaussians of the others leave much of what is behind them."""
-        left = np.empty(target.photo.shape[:2], np.float32)
-        self._from_others(view, target, left=left)
-        return replace(target, photo=np.where(left[..., None] > COVERED, np.float32(np.nan), target.photo))
 
     def _seen_between(self, view: int) -> list[Shares]:
         """What is drawn halfway to each of a view's nearest neighbours."""
@@ -152,26 +175,26 @@ class Loop:
         if settings.price > 0:
             self._prices[key].add_gradient(values, gradient)
 
-    def _correct(self, kind: int) -> None:
-        settings = self.settings
-        numbers = (
-            settings.step_sizes[kind], settings.momentum, settings.memory, settings.noise, float(self._count),
-            *LIMITS[kind],
-        )  # fmt: skip
-        kernels.adam(self.field.values[kind], self._gradient[kind], self._first[kind], self._second[kind], numbers)
-
-    def _expose(self) -> None:
-        """A step of Adam for gains and offsets, by mean instead of summed |error|; then the mean of all goes back."""
-        settings, means = self.settings, self._exposure_means
-        slopes = np.array([[error.by_gain, error.by_offset] for error in self.errors])
-        slopes /= np.array([[3 * error.known] for error in self.errors])
-        for mean, memory, power in zip(means, (settings.momentum, settings.memory), (slopes, slopes**2), strict=True):
-            mean += (1 - memory) * (power - mean)
-        first, second = (
-            mean / (1 - memory**self._count)
-            for mean, memory in zip(means, (settings.momentum, settings.memory), strict=True)
+    def _correct(self, grid: Grid) -> None:
+        settings, count = self.settings, float(self._corrections[grid.view])
+        values, *others = (
+            array[:, grid.rows] for array in (self.field.values, self._gradient, self._first, self._second)
         )
-        self.exposures -= settings.exposure * first / (np.sqrt(second) + 1e-3)
+        for kind in range(VALUES):
+            numbers = (
+                settings.step_sizes[kind], settings.momentum, settings.memory, settings.noise, count, *LIMITS[kind]
+            )  # fmt: skip
+            kernels.adam(values[kind], *(array[kind] for array in others), numbers)
+
+    def _expose(self, view: int, error: PhotoError) -> None:
+        """A step of Adam for a photo's gain and offset, by mean |error|; then the mean of all goes back."""
+        settings, means = self.settings, self._exposure_means[:, view]
+        slope = np.array([error.by_gain, error.by_offset]) / (3 * error.known)
+        betas = settings.momentum, settings.memory
+        for mean, beta, power in zip(means, betas, (slope, slope**2), strict=True):
+            mean += (1 - beta) * (power - mean)
+        first, second = (mean / (1 - beta ** (self._count + 1)) for mean, beta in zip(means, betas, strict=True))
+        self.exposures[view] -= settings.exposure * first / (np.sqrt(second) + 1e-3)
         self.exposures -= self.exposures.mean(axis=0) - (1, 0)
 
     def _edge_weights(self, grid: Grid) -> tuple[NDArray, NDArray]:
@@ -181,3 +204,8 @@ class Loop:
         across[:, :-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=2)).mean(axis=0))
         down[:-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=1)).mean(axis=0))
         return across, down
+
+
+def _corrects(view: int, shares: Shares, grid: Grid) -> bool:
+    """Whether a photo, drawn with these shares, corrects Gaussians of a grid."""
+    return shares.whole[grid.view] > 0 and (shares.has_front or grid.view != view)

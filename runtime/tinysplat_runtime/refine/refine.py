@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..codec.profiles import Profile
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..render.gradient import MovableGaussians, Target
+from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
 from .coarse import bring_up, halved, halved_target
 from .loop import Loop
@@ -25,9 +25,6 @@ from .settings import STEPS, settings_for
 from .stats import RefineStats
 
 MAX_STEPS = 10_000
-
-LOOK_AFTER_SMALLER = 2
-"""Steps at full size from one look to the next where smaller copies went before: little is left to do."""
 
 FIRST_STEP = 4
 """Looks that a first step may be expected to cost."""
@@ -51,11 +48,11 @@ def refine(
 ) -> Gaussians:
     """Correct Gaussians until they show the photos that they were made of.
 
-    Every step draws all photos, takes the gradient of what each lacks (L1, after a gain and an offset a photo) and
-    moves every Gaussian of every layer along its pixel's ray, in size, opacity and colour. Now and then every photo is
-    drawn from the Gaussians of the others: the result is the step at which that was best, and the very Gaussians that
-    were given if none was better than the start. Of three photos or more, most steps are taken on smaller copies
-    (`coarse.py`).
+    Every step draws all photos, one after the other, takes the gradient of what each lacks (L1, after a gain and an
+    offset a photo) and moves the Gaussians of every layer that it sees along their pixels' rays, in size, opacity and
+    colour. Now and then every photo is drawn from the Gaussians of the others: the result is the step at which that was
+    best, and the very Gaussians that were given if none was better than the start. Of three photos or more, the first
+    steps are taken on smaller copies (`coarse.py`).
 
     Args:
         gaussians: per pixel, with cameras, of two views or more.
@@ -103,13 +100,16 @@ class Refining:
         self._is_new, self._seconds = True, dict[str, float]()
         self._sizes = sizes_of(gaussians, matched(gaussians, scene))
         moving = MovableGaussians(gaussians, run_jobs)
-        if (view := _other(moving, self._sizes[0])) is not None:
+        begun = time.perf_counter()
+        errors = [moving.measure(target, shares=moving.shares(target.camera)) for target in self._sizes[0]]
+        each = (time.perf_counter() - begun) / len(errors)
+        if (view := _other(errors, self._sizes[0])) is not None:
             self.stats.reason = f"photo {view} shows something else than they do"
             self._loop = None
             return
         self._loop = Loop(moving, self._sizes, self._prices(gaussians, moving), self._settings, run_jobs)
-        self.stats.before = self._timed("judging", self._loop.photo_psnr)
-        self._loop.check()  # the first one finds out where others cover a photo, which is no part of what looks cost
+        self._seconds["judging"] = each * len(self._loop.judged)
+        self.stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
         self._look()
 
     def advance(self, limit: int, deadline: float) -> Iterator[int]:
@@ -132,12 +132,11 @@ class Refining:
                 stats.steps += 1
                 yield stats.steps
         self._go_to(0)
-        every = LOOK_AFTER_SMALLER if below else settings.look_every
         taken = 0
         while stats.steps < limit and self._worse < settings.patience and self._has_time("step 0", deadline):
             self._timed("step 0", loop.step)
             stats.steps, taken = stats.steps + 1, taken + 1
-            if taken % every == 0:
+            if taken % settings.look_every == 0:
                 self._look()
             yield stats.steps
 
@@ -210,7 +209,9 @@ class Refining:
         """Whether a step, a look at it and the end may be expected to fit; a first one is expected to cost what a look
         costs several times, or less the smaller it is.
         """
-        first = FIRST_STEP * self._seconds["look"] / 3 ** int(step.split()[1])
+        assert self._loop is not None
+        looks = FIRST_STEP * len(self._sizes[0]) / len(self._loop.judged)
+        first = looks * self._seconds["look"] / 3 ** int(step.split()[1])
         ahead = self._seconds.get(step, first) + self._seconds["look"] + self._seconds["judging"]
         return time.perf_counter() + ahead < deadline
 
@@ -223,10 +224,9 @@ class _Smaller:
     start: NDArray
 
 
-def _other(moving: MovableGaussians, targets: Sequence[Target]) -> int | None:
+def _other(errors: Sequence[PhotoError], targets: Sequence[Target]) -> int | None:
     """The first photo that shows something else than the Gaussians; None where all show them."""
-    for view, target in enumerate(targets):
-        error = moving.measure(target, shares=moving.shares(target.camera))
+    for view, (error, target) in enumerate(zip(errors, targets, strict=True)):
         if 1 - error.squared / float(((target.photo - target.photo.mean((0, 1))) ** 2).sum() + 1e-9) < SAME_PICTURE:
             return view
     return None

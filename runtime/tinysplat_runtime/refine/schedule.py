@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 HALVED_FROM = (96 * 96, 400 * 400)
 """Pixels of a view from which steps are taken at half and at a quarter of the size first."""
 
-STEPS_BELOW = 12
+STEPS_BELOW = 3
 """Steps at each of these sizes, or less where few steps are asked for."""
 
 SHARE_BELOW = 2 / 3
 """Most of all steps that are taken at them."""
+
+GOLDEN = (math.sqrt(5) - 1) / 2
+"""Strides of this share of a circle leave no large gap anywhere, however many there are."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,16 @@ def turn(step: int, sizes: int) -> Turn:
     """
     place, is_by_depth = divmod(step // sizes, 2)
     return Turn(step % sizes, None if is_by_depth else place)
+
+
+def order(step: int, photos: int) -> list[int]:
+    """In which order a step takes photos: each once, those next to each other in the list far apart, and another one
+    first in the next step.
+    """
+    stride = max(round(GOLDEN * photos), 1)
+    while math.gcd(stride, photos) > 1:
+        stride += 1
+    return [(step + stride * turn) % photos for turn in range(photos)]
 
 
 def steps_below(pixels: int, limit: int) -> dict[int, int]:

@@ -11,7 +11,7 @@ A Gaussian moves along the ray of its own pixel alone, and may grow, fade and ch
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -175,13 +175,13 @@ class MovableGaussians:
                 np.ascontiguousarray(_by_chunk(sh[part].T)).reshape(len(geometry), -1), quats[part], scales[part],
             )  # fmt: skip
 
-    def place(self) -> None:
-        """Bring what is drawn up to date with `values`."""
+    def place(self, views: Collection[int] | None = None) -> None:
+        """Bring what is drawn up to date with `values`, of some views or of all."""
         self._run(
             lambda piece: kernels_gradient.place(
                 piece.base, piece.centre, self.values[:, piece.rows], piece.geometry, piece.sh
             ),
-            self._pieces,
+            [piece for piece in self._pieces if views is None or piece.grid.view in views],
         )
 
     def gaussians(self, start: Gaussians) -> Gaussians:
@@ -208,7 +208,7 @@ class MovableGaussians:
 
     def measure(
         self, target: Target, *, shares: Shares | None = None, gradient: NDArray | None = None, weight: float = 1.0,
-        left: NDArray | None = None,
+        left: NDArray | None = None, most_left: float = 1.0, hidden: float = 0.0,
     ) -> PhotoError:  # fmt: skip
         """Draw a photo's picture and hold it against the photo.
 
@@ -218,12 +218,16 @@ class MovableGaussians:
             gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
             weight: what a unit of |error| counts in `gradient`.
             left: (H, W) float32, filled with the transmittance of pixels, or None.
+            most_left: pixels of more than this, where `left` is asked for, count nowhere.
+            hidden: Gaussians whose middle lies behind others that leave less transmittance than this have no gradient
+                there.
         """
         view, buffers = View.of(target.camera, self.origin, NEAR_PLANE), self._buffers
         pieces = [piece for piece in self._pieces if shares is None or shares.whole[piece.grid.view] > 0]
         visible = self._run(lambda piece: self._project(piece, view, shares), pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
-        sought = Sought(target.photo, exposure, np.empty((0, 0), np.float32) if left is None else left)
+        room = np.empty((0, 0), np.float32) if left is None else left
+        sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden))
         has_front = shares is not None and shares.has_front
         sums = np.zeros((visible[0].counts.size, SUMS))
 

@@ -128,11 +128,15 @@ class Sought(NamedTuple):
         photo: (H, W, 3) float32, NaN where nothing is known.
         exposure: how the picture is seen.
         left: (H, W) float32 or (0, 0): transmittance, written.
+        most_left: where it is more, nothing is known either; 1 where `left` is (0, 0).
+        hidden: transmittance before a splat, at its middle, below which its sums are left out; at 0, none are.
     """
 
     photo: NDArray
     exposure: Exposure
     left: NDArray
+    most_left: np.float32 = np.float32(1)
+    hidden: np.float32 = np.float32(0)
 
 
 @compiled
@@ -161,11 +165,19 @@ def measure_tile(
             bring_near(records, rows, keys[start:end], near)
             for entry in range(end - start):
                 share = _ONE if is_whole else near[entry, LAST]
-                if share > _ZERO:
+                if share > _ZERO and not _is_hidden(near[entry], extent, state, sought.hidden):
                     pair = keys[start + entry] & _I(0xFFFFFFFF)
                     _walk(near[entry], share, extent, state, pairs[pair])
         if not is_whole:
             _go_behind(state, extent)
+
+
+@compiled
+def _is_hidden(splat: NDArray, extent: Extent, state: NDArray, hidden: Number) -> bool:
+    """Whether what lies before a splat leaves less than that at its middle, or at what is nearest to it of the tile."""
+    column = min(max(int(splat[X]) - extent.column, 0), extent.columns - 1)
+    row = min(max(int(splat[Y]) - extent.row, 0), extent.rows - 1)
+    return max(state[row * ROW + column], _ZERO) < hidden
 
 
 @compiled
@@ -194,6 +206,7 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
             is_known, behind = not np.isnan(photo[row + line, column + lane, 0]), _ZERO
             if left.size:
                 left[row + line, column + lane] = abs(state[at])
+                is_known &= abs(state[at]) <= sought.most_left
             for channel in range(3):
                 plane = at + (1 + channel) * _STRIDE
                 found, wanted = state[plane], photo[row + line, column + lane, channel]
