@@ -69,6 +69,7 @@ class Options:
         data: data sets in chunks: (name, folder, index).
         lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
         jobs: windows at a time.
+        beside: another checkout, whose commands are timed in turns with this one's.
         near, far: over the inputs' own.
     """
 
@@ -87,6 +88,7 @@ class Options:
     lpips_backbone: Path | None = None
     lpips_linear: Path | None = None
     jobs: int = 1
+    beside: Path | None = None
     near: float | None = None
     far: float | None = None
 

@@ -23,6 +23,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "free": ("freed.FREE", "Gaussians of no pixels, a user's files or a made scene, in .tsplat and other formats"),
     "growth": ("growth.GROWTH", "seconds and memory by views, pixels, Gaussians"),
     "parts": ("speed.STAGES", "where the time goes"),
+    "waits": ("waiting.WAITING", "what users wait for, and commands beside those of another checkout (--beside)"),
     "curves": ("rate.CURVES", "rate–distortion of profiles, modes and formats"),
     "ideas": ("rate.IDEAS", "what each idea of the codec gains and costs"),
     "seconds": ("rate.SECONDS", "seconds of every profile beside dB"),
