@@ -59,7 +59,7 @@ def waiting_rows(run: Run) -> Iterator[Row]:
             variants += _waits(run, case, pictures, qp, Path(folder))
         yield from measure("waits", case.name, variants, run.effort)
         if run.options.beside is not None:
-            yield from _command_rows(run, run.options.beside, Path(folder))
+            yield from command_rows(run, run.options.beside, Path(folder))
 
 
 def _waits(run: Run, case: Case, pictures: Pictures, qp: float, folder: Path) -> Iterator[Variant]:
@@ -87,7 +87,7 @@ def _waits(run: Run, case: Case, pictures: Pictures, qp: float, folder: Path) ->
             return runtime.compress(gaussians, qp=qp, drop_invalid=True)
 
         works[PHOTOS] = DEFAULT_PROFILE, encode
-    works[FIRST] = DEFAULT_PROFILE, _command(_own_root(), ["render", path, "-o", picture])
+    works[FIRST] = DEFAULT_PROFILE, call_of(_own_root(), ["render", path, "-o", picture])
     works[DECODE] = DEFAULT_PROFILE, partial(runtime.decompress, files[DEFAULT_PROFILE])
     works[FURTHER] = DEFAULT_PROFILE, partial(drawn.render, view_between(case.gaussians))
     for name, (profile, work) in works.items():
@@ -95,7 +95,7 @@ def _waits(run: Run, case: Case, pictures: Pictures, qp: float, folder: Path) ->
         yield Variant(f"{name}, Q_g {qp:g}", work, lambda _, found=figures[profile]: found, setting, run.threads)  # type: ignore[misc]
 
 
-def _command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
+def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
     """Commands of this checkout in turns with those of another."""
     source, file = folder / "g.npz", folder / "f.tsplat"
     gaussians = made_gaussians(2, run.side, run.side, 4)
@@ -112,10 +112,10 @@ def _command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
     variants = []
     for name, words in commands.items():
         sizes = {"bytes": file.stat().st_size}
-        baseline = Baseline(beside.name, _command(beside, words))
-        variants.append(Variant(name, _command(_own_root(), words), lambda _, n=sizes: n, {}, run.threads, baseline))  # type: ignore[misc]
+        baseline = Baseline(beside.name, call_of(beside, words))
+        variants.append(Variant(name, call_of(_own_root(), words), lambda _, n=sizes: n, {}, run.threads, baseline))  # type: ignore[misc]
     for row in measure("commands", f"2×{run.side}×{run.side}, SH degree 4", variants, run.effort):
-        peaks = [_peak(root, commands[row.way]) for root in (_own_root(), beside)]
+        peaks = [peak_bytes(root, commands[row.way]) for root in (_own_root(), beside)]
         yield replace(row, costs={**row.costs, "peak_bytes": peaks[0], "baseline_peak_bytes": peaks[1]})
 
 
@@ -123,7 +123,7 @@ def _own_root() -> Path:
     return Path(__file__).resolve().parents[3]
 
 
-def _process(root: Path, words: Sequence[str | Path]) -> tuple[list[str], dict[str, str]]:
+def _words(root: Path, words: Sequence[str | Path]) -> tuple[list[str], dict[str, str]]:
     """A command of a checkout, and its environment."""
     runtime = root / "runtime"
     entry = (runtime / "tinysplat_runtime" / "__main__.py").read_text("utf-8")
@@ -134,15 +134,15 @@ def _process(root: Path, words: Sequence[str | Path]) -> tuple[list[str], dict[s
     return [sys.executable, "-c", MAIN.format(module), str(runtime), *map(str, words), *quiet], environment
 
 
-def _command(root: Path, words: Sequence[str | Path]) -> Callable[[], object]:
+def call_of(root: Path, words: Sequence[str | Path]) -> Callable[[], object]:
     """A command of a checkout, to be run as a process."""
-    command, environment = _process(root, words)
+    command, environment = _words(root, words)
     return partial(subprocess.run, command, env=environment, stdout=subprocess.DEVNULL, check=True)
 
 
-def _peak(root: Path, words: Sequence[str | Path]) -> int:
+def peak_bytes(root: Path, words: Sequence[str | Path]) -> int:
     """Its peak memory in bytes."""
-    command, environment = _process(root, words)
+    command, environment = _words(root, words)
     helper = [sys.executable, "-S", "-c", PEAK, *command]
     return int(subprocess.run(helper, env=environment, capture_output=True, check=True).stdout.split()[-1])
 
@@ -154,7 +154,7 @@ def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
         points.setdefault(row.setting["thing"], []).append((row.costs["cpu"], row.figures["psnr_decoded_raw"]))
     if not points:
         return False
-    curves = [Curve(thing, found) for thing, found in sorted(points.items(), key=lambda item: -min(item[1])[0])]
+    curves = [Curve(thing, found) for thing, found in sorted(points.items(), key=lambda item: min(item[1]))]
     labels = "processor seconds, all threads", "dB of the file's pictures to those of the Gaussians"
     save_grid(path, "", [[Panel("How long it takes, by the quality of the file", *labels, curves)]])
     return True
