@@ -155,12 +155,12 @@ def project(
     seen = projected(block, view)
     if seen is None or not seen.visible.size:
         return np.zeros(0, np.int32)
-    keep: NDArray | slice = seen.visible if seen.visible.size < block.size else slice(None)
-    rows = slice(first, first + seen.visible.size)
-    splats.records[rows] = seen.planes[:, keep].T
-    splats.log_opacities[rows], splats.fronts[rows] = seen.log_opacities[keep], front
-    splats.depths[rows] = seen.depths[keep]
-    left, right, top, bottom = seen.bounds[:, keep]
+    keep, rows = seen.visible, slice(first, first + seen.visible.size)
+    # turned over first, as numpy picks rows in half the time that it picks columns in
+    np.ascontiguousarray(seen.planes.T).take(keep, axis=0, out=splats.records[rows], mode="wrap")
+    splats.log_opacities[rows], splats.fronts[rows] = seen.log_opacities.take(keep), front
+    splats.depths[rows] = seen.depths.take(keep)
+    left, right, top, bottom = seen.bounds.take(keep, axis=1)
     splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]
     splats.boxes[2, rows] = right // tile[0] - left // tile[0] + 1
     return np.arange(rows.start, rows.stop, dtype=np.int32)
