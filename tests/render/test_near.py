@@ -16,6 +16,7 @@ from scenes import make_cameras, make_gaussians
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between, render
+from tinysplat_runtime.render import composite as composite_module
 from tinysplat_runtime.render import renderer as renderer_module
 from tinysplat_runtime.render.near import NearViews
 from tinysplat_runtime.render.prepare import Part
@@ -52,6 +53,21 @@ def test_a_near_view_covers_wrong_surfaces_before_its_own(compiled):
         assert centre(image) @ colour > 0.4
     by_depth = Renderer(scene, 1, order="depth", compiled=compiled).render(scene.cameras[0])
     assert centre(by_depth) @ RED < 0.01
+
+
+def test_surfaces_in_front_go_on_where_everything_else_is_closed(monkeypatch):
+    """Far views' walls close the picture of everything before the near ones' begin."""
+    colours, asked = [RED, GREEN, BLUE, RED + GREEN, GREEN + BLUE, RED + BLUE], []
+    scene = walls([3.0, 2.9, 2.8, 1.5, 1.4, 1.3], colours)
+    scene = replace(scene, opacities=scene.opacities * np.float32([0.6, 0.3, 0.9, 1, 1, 1])[:, None, None])
+    those = composite_module._those_in_front
+    monkeypatch.setattr(composite_module, "_those_in_front", lambda *given: asked.append(1) or those(*given))
+    for camera in scene.cameras[:2]:
+        found = Renderer(scene, 1, compiled=False).render(camera, outputs=("rgb", "depth", "alpha"))
+        wanted = render_reference(scene, camera, dilation="own", order="near")
+        for name, atol in (("rgb", 2e-5), ("alpha", 2e-5), ("depth", 2e-4)):
+            np.testing.assert_allclose(found[name], np.clip(wanted[name], 0, None), atol=atol)
+    assert asked
 
 
 def test_further_layers_are_never_drawn_first():

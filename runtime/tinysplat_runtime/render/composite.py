@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..system.stopwatch import part, tally_nonzero
 from .prepare import ALPHA_MIN
 from .project import BLUE, GAMMA, RECORD, RED, Splats
-from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs
+from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, in_batches
 
 ALPHA_MAX = np.float32(0.99)
 TRANSMITTANCE_MIN = np.float32(1e-4 * (1 - 2e-5))
@@ -148,8 +148,17 @@ class _Lists:
     x: NDArray
     y: NDArray
 
+    @classmethod
+    def of(cls, band: Band, tiles: NDArray, starts: NDArray, lengths: NDArray) -> _Lists:
+        row, column = np.divmod(tiles, band.grid.columns)
+        x, y = ((n + 0.5).astype(np.float32) for n in (column * TILE_WIDTH, (row + band.first_row) * TILE_HEIGHT))
+        return cls(tiles, starts, lengths, x, y)
+
     def compress(self, keep: NDArray) -> _Lists:
         return _Lists(*(array.compress(keep) for array in vars(self).values()))
+
+    def after(self, done: int) -> _Lists:
+        return _Lists(self.tiles, self.starts + done, self.lengths - done, self.x, self.y)
 
 
 def tile_groups(pairs: Pairs) -> list[NDArray]:
@@ -162,14 +171,42 @@ def tile_groups(pairs: Pairs) -> list[NDArray]:
 def composite(band: Band, splats: Splats, pairs: Pairs, tiles: NDArray, work: Workspace) -> None:
     """Blend the lists of a group of a band's tiles, longest first."""
     starts = pairs.bounds[tiles]
-    row, column = np.divmod(tiles, band.grid.columns)
-    x, y = ((n + 0.5).astype(np.float32) for n in (column * TILE_WIDTH, (row + band.first_row) * TILE_HEIGHT))
-    lists = _Lists(tiles, starts, pairs.bounds[tiles + 1] - starts, x, y)
+    lists = _Lists.of(band, tiles, starts, pairs.bounds[tiles + 1] - starts)
+    rest = _walk(band, splats, pairs.batches, lists, work, only_front=False)
+    if rest:
+        _walk(band, splats, *_those_in_front(band, splats, pairs.batches, rest), work, only_front=True)
+
+
+def _those_in_front(band: Band, splats: Splats, batches: NDArray, rest: list[_Lists]) -> tuple[NDArray, _Lists]:
+    """Of what is left of lists, the splats of which something is drawn in front, and their lists, longest first."""
+    tiles, starts, counts = (
+        np.concatenate([getattr(part, name) for part in rest]) for name in ("tiles", "starts", "lengths")
+    )
+    owner = np.repeat(np.arange(tiles.size), counts)
+    ids = batches.take(np.arange(owner.size) + (starts - (np.cumsum(counts) - counts)).take(owner), axis=0)
+    shows = splats.fronts.take(ids) > 0
+    counts = np.bincount(owner, shows.sum(axis=1), tiles.size).astype(np.int64)
+    pairs = in_batches(ids[shows], counts, splats.blank)
+    longest_first = np.concatenate([np.zeros(0, np.int64), *tile_groups(pairs)])
+    starts = pairs.bounds[longest_first]
+    lengths = pairs.bounds[longest_first + 1] - starts
+    return pairs.batches, _Lists.of(band, tiles[longest_first], starts, lengths)
+
+
+def _walk(
+    band: Band, splats: Splats, batches: NDArray, lists: _Lists, work: Workspace, only_front: bool
+) -> list[_Lists]:
+    """Blend lists, of which the longest come first, in both pictures or in the one in front.
+
+    Returns:
+        What is left of lists whose tiles are closed but for the picture in front.
+    """
+    rest: list[_Lists] = []
+    tiles, done = lists.tiles, 0
     state = np.ascontiguousarray(np.moveaxis(band.state[tiles], 0, -1))  # (planes, 16, n)
-    done = 0
     while tiles.size:
         n = np.count_nonzero(lists.lengths > done)  # lists only end, so those at work lead
-        ids = np.ascontiguousarray(pairs.batches.take(lists.starts[:n] + done, axis=0).T)  # (8, n)
+        ids = np.ascontiguousarray(batches.take(lists.starts[:n] + done, axis=0).T)  # (8, n)
         with part("blend: picking records"):
             planes = _planes(splats, ids, work)
         with part("blend: alphas"):
@@ -177,14 +214,21 @@ def composite(band: Band, splats: Splats, pairs: Pairs, tiles: NDArray, work: Wo
             before = _in_front(weights, splats.fronts.take(ids), work) if band.has_front else None
         tally_nonzero("alphas above 1/255", weights)
         depths = splats.depths.take(ids, mode="wrap") if band.with_depth else None
+        some_stopped = False
         with part("blend: sums"):
-            some_stopped = _blend(state[: band.planes, :, :n], weights, planes[RED : BLUE + 1], depths)
+            if not only_front:
+                some_stopped = _blend(state[: band.planes, :, :n], weights, planes[RED : BLUE + 1], depths)
             if before is not None:
                 some_stopped |= _blend(state[band.planes :, :, :n], before, planes[RED : BLUE + 1], depths)
         done += 1
         at_work = lists.lengths > done
         if some_stopped:
             at_work &= state[LEFT :: band.planes].any(axis=(0, 1))
+            if band.has_front and not only_front:
+                closed = at_work & ~state[LEFT].any(axis=0)
+                if 4 * np.count_nonzero(closed) > at_work.size:
+                    rest.append(lists.compress(closed).after(done))
+                    at_work &= ~closed
         if 4 * np.count_nonzero(at_work) < 3 * at_work.size:  # dropping tiles costs about as much as a step
             leaving = ~at_work
             band.state[tiles.compress(leaving)] = np.ascontiguousarray(
@@ -192,6 +236,7 @@ def composite(band: Band, splats: Splats, pairs: Pairs, tiles: NDArray, work: Wo
             )
             state, lists = state.compress(at_work, axis=-1), lists.compress(at_work)
             tiles = lists.tiles
+    return rest
 
 
 def _planes(splats: Splats, ids: NDArray, work: Workspace) -> NDArray:

@@ -141,10 +141,10 @@ def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: Grid, open_
         blocks.append((tiles.astype(tile_type), ids.take(owner)))
     tiles, ids = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
     by_tile = np.argsort(tiles, kind="stable")
-    return _in_batches(ids.take(by_tile), np.bincount(tiles, minlength=grid.count), splats.blank)
+    return in_batches(ids.take(by_tile), np.bincount(tiles, minlength=grid.count), splats.blank)
 
 
-def _in_batches(ids: NDArray, counts: NDArray, blank: int) -> Pairs:
+def in_batches(ids: NDArray, counts: NDArray, blank: int) -> Pairs:
     """Lists `ids` (M,) of `counts` (tiles,), one after the other, each filled up to whole batches."""
     bounds = np.append(0, np.cumsum(-(-counts // BATCH)))
     out = np.full(BATCH * bounds[-1], blank, np.int32)

@@ -22,7 +22,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
-from ..clock import Figures, Variant, measure, plural
+from ..clock import Baseline, Figures, Variant, measure, plural
 from ..metrics import pixel_errors, psnr
 from ..pictures import rescaled
 from ..rows import Row
@@ -34,6 +34,8 @@ from ..subjects.made import made_gaussians
 SIZES, QUICK_SIZES = (64, 128, 256, 512, 1024), (64, 256)
 COUNTS, QUICK_COUNTS = (8_192, 32_768, 131_072, 524_288, 1_048_576), (8_192, 131_072)
 COUNT, QUICK_COUNT = 131_072, 32_768
+DEFAULT = "both, the default"
+BY_DEFAULT: dict[str, Any] = {"dilation": "own", "order": "near"}
 DEGREE = 3
 PIXEL_SHARE, LEAST_PIXELS = 0.01, 500
 GSPLAT = "gsplat's projection and SH, dense blending"
@@ -87,10 +89,20 @@ def approximations(gaussians: Gaussians, size: int, threads: int) -> list[Varian
         "exact": _frame(gaussians, camera, threads),
         "own pixels": _frame(gaussians, camera, threads, dilation="own"),
         "near views first": _frame(gaussians, camera, threads, order="near"),
+        DEFAULT: _frame(gaussians, camera, threads, **BY_DEFAULT),
         "half size, scaled up": lambda: rescaled(halved(), size, size),
         **{f"SH degree {n}": _frame(truncated(gaussians, n), camera, threads) for n in range(gaussians.degree)},
     }
-    return [Variant(name, run, figures, threads=threads) for name, run in runs.items()]
+    exactly = Baseline("exact", runs["exact"])
+    variants = [
+        Variant(name, run, figures, threads=threads, baseline=exactly if name == DEFAULT else None)
+        for name, run in runs.items()
+    ]
+    if Renderer(gaussians).is_compiled:
+        drawn = [_frame(gaussians, camera, threads, True, **options) for options in (DEFINITION, BY_DEFAULT)]
+        compiled = Baseline("exact, compiled", drawn[0])
+        variants.append(Variant(f"{DEFAULT}, compiled", drawn[1], figures, threads=threads, baseline=compiled))
+    return variants
 
 
 def gsplat_rows(gaussians: Gaussians, size: int, run: Run) -> list[Row]:
