@@ -161,7 +161,7 @@ def _factor(index: int, settings: AdaptiveSettings) -> float:
 def known_steps(scale_mix: tuple[NDArray, NDArray], index: int, settings: AdaptiveSettings) -> Steps:
     """Steps at Q_g = 0 of the classes for which nothing is measured, of the layer of that index.
 
-    Of a small splat, the rasteriser's dilation hides size and turn.
+    `scale_mix` is (3, 3) and (3,) float32. Of a small splat, the rasteriser's dilation hides size and rotation.
     """
     width = min(max(float(scale_mix[1].mean()), _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
     hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}

@@ -64,7 +64,7 @@ class Opened:
 
     @cached_property
     def poses(self) -> tuple[tuple[NDArray, NDArray], ...]:
-        """K and c2w of the wanted views."""
+        """K (3, 3) and c2w (4, 4) float64 of the wanted views."""
         section = self.only(L.CAMERAS)
         whole = Cursor(section)
         rows = whole.take(self.views * L.CAMERA.size)
@@ -216,12 +216,12 @@ def picked(items: Sequence[Item], views: Sequence[int]) -> tuple[Item, ...]:
 
 
 def calibration(fx: float, fy: float, cx: float, cy: float, skew: float) -> NDArray:
-    """K (3, 3) of the numbers that files have, in pixels."""
+    """K (3, 3) float64 of the numbers that files have, in pixels."""
     return np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])
 
 
 def camera_in(section: Section, view: int, K: NDArray, c2w: NDArray, width: int, height: int) -> Camera:
-    """The camera of a section's numbers; FormatError that names section and view where they make none."""
+    """The camera of K (3, 3) and c2w (4, 4) float64; FormatError naming section and view if they make none."""
     try:
         return Camera(K, c2w, width, height)
     except InputError as error:

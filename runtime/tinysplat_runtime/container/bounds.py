@@ -32,7 +32,7 @@ def decoding_bytes(layer: LayerHeader) -> int:
 
 
 def check_ranges(layer: LayerHeader, origin: NDArray, where: str) -> None:
-    """Refuse a layer whose codes can decode to numbers that float32 does not hold.
+    """Refuse a layer whose codes can decode to numbers that float32 does not hold; `origin` is (3,) float64.
 
     Raises:
         FormatError: names the attribute and how large it can become.

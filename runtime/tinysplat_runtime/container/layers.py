@@ -130,7 +130,7 @@ class CodedLayer:
 
 
 def intrinsics(K: NDArray) -> tuple[float, ...]:
-    """The numbers of K (3, 3) in the order that files have them in."""
+    """The numbers of K (3, 3) float64 in the order that files have them in."""
     return K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]
 
 
@@ -199,7 +199,7 @@ def layer_flags(section: Section) -> int:
 
 
 def read_layer(section: Section, poses: Sequence[tuple[NDArray, NDArray]], apart: PerView | None = None) -> LayerHeader:
-    """Parse and check a section LAYR of a file whose views have such K and c2w; `apart` is what sections VIEW hold."""
+    """Parse and check a section LAYR; `poses` are K (3, 3) and c2w (4, 4) float64, `apart` is of sections VIEW."""
     cursor = Cursor(section)
     height, width, degree, source_degree, flags, sets, n_channels, k, *numbers = cursor.unpack(L.LAYER_FIXED)
     z_min, z_max, lost, condition = numbers

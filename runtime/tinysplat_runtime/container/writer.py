@@ -30,7 +30,7 @@ def write_container(
 ) -> bytes:
     """The file: metadata first, then planes such that the picture gets better from pass to pass.
 
-    `extras` are the sections of a mode, which stand between the two; `layer_count` is how many layers
+    `origin` is (3,) float64. `extras` are the sections of a mode, between the two; `layer_count` is how many layers
     they hold where `layers` are none. `notes` stand behind the cameras, in every prefix that shows anything.
     """
     scene = L.SCENE_FIXED.pack(len(cameras), layer_count or len(layers), qp, *origin, profile.encode("ascii"))

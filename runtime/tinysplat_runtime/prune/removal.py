@@ -105,7 +105,7 @@ class Remover:
         return sum(self._pictures.errors(gaussians))
 
     def dearest(self, rows: NDArray, count: int) -> NDArray:
-        """Which of some rows, as numbers in their order, pictures need most when but `count` of them are left."""
+        """Which of some rows (n,) integer, as numbers (count,) in their order, pictures need most."""
         while self._present.size > count:
             self._go_on()
         return np.sort(np.argsort(self._prices[rows], kind="stable")[rows.size - count :])
@@ -204,6 +204,6 @@ class Remover:
 
 
 def taken(gaussians: Gaussians, rows: NDArray) -> Gaussians:
-    """Some of (N,) Gaussians, in this order."""
+    """Gaussians (N,) at rows (n,) integer or bool, in this order."""
     arrays = {name: getattr(gaussians, name)[rows] for name in FIELDS}
     return Gaussians.unchecked(**arrays, origin=gaussians.origin, notes=gaussians.notes)

@@ -48,7 +48,7 @@ def halved_target(target: Target) -> Target:
 
 
 def bring_up(field: MovableGaussians, smaller: MovableGaussians, start: NDArray) -> None:
-    """Add what changed in a halved copy to the Gaussians that it is of; `start` are the copy's values at first."""
+    """Add a halved copy's changes to its original; `start` are the copy's first values, (6, rows) float32."""
     for whole, half in zip(field.grids, smaller.grids, strict=True):
         change = (smaller.values[:, half.rows] - start[:, half.rows]).reshape(VALUES, half.height, half.width)
         for axis, size in ((1, whole.height), (2, whole.width)):

@@ -108,7 +108,7 @@ class FreeGaussians:
         return replace(self._start, **fields)
 
     def kept(self, keep: NDArray) -> FreeGaussians:
-        """Those of a mask (N,), as they stand."""
+        """Those of a mask (N,) bool, as they are now."""
         found = self.gaussians()
         fields: dict[str, Any] = {name: getattr(found, name)[keep] for name in FIELDS}
         return FreeGaussians(replace(found, **fields), self._units[keep], self._run)

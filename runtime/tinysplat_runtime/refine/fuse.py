@@ -245,7 +245,7 @@ def _cameras(views: Sequence[Camera], depth: float) -> list[Camera]:
 
 
 def units(gaussians: Gaussians, cameras: Sequence[Camera]) -> NDArray:
-    """(N,) width of a pixel of the view that shows each largest, scene units."""
+    """(N,) float32 width of a pixel of the view that shows each largest, scene units."""
     widths = np.full(gaussians.count, np.inf, np.float32)
     for camera in cameras:
         width = own_pixels(gaussians.means, gaussians.origin, camera)

@@ -116,8 +116,8 @@ class Loop:
             self._gradient[:, rows] = before
         return error
 
-    def show(self, values: NDArray) -> None:
-        """Put the Gaussians where values (6, rows) say."""
+    def put(self, values: NDArray) -> None:
+        """Give the Gaussians these values, (6, rows) float32."""
         self.field.values[:] = values
         self.field.place()
 

@@ -158,10 +158,10 @@ class Refining:
             stats.reason = "no step made photos look better from the Gaussians of the others"
             return start
         present = loop.field.values.copy()
-        loop.show(self._best)
+        loop.put(self._best)
         stats.after = loop.photo_psnr()
         refined = loop.field.gaussians(start)
-        loop.show(present)
+        loop.put(present)
         if stats.after <= stats.before:
             stats.kept, stats.reason = 0, "no step made the photos themselves look better"
             return start

@@ -36,15 +36,15 @@ class Canvas:
         self.picture = Picture(np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32), depth)
 
     def colours(self) -> NDArray:
-        """(H, W, 3) what the splats add."""
+        """(H, W, 3) float32 that the splats add."""
         return self.picture.colour
 
     def transmittance(self) -> NDArray:
-        """(H, W) what the splats let through."""
+        """(H, W) float32 that the splats let through."""
         return self.picture.left
 
     def depths(self) -> tuple[NDArray, NDArray]:
-        """(H, W) each: Σ w·z, and Σ w."""
+        """(H, W) float32 each: Σ w·z, and Σ w."""
         return self.picture.depth, np.float32(1) - self.picture.left
 
 
@@ -109,7 +109,7 @@ def _itself(chunks: Chunks) -> Chunks:
 
 
 def pack(of: Part, first: int, keep: NDArray | None = None) -> Chunks:
-    """A part as loops take it, or of it what `Part.block` keeps; `first` is the row of its first record."""
+    """A part as loops take it, or its Gaussians `keep`, (n,) bool; `first` is the row of its first record."""
     block = of.block(keep)
     chunks, functions = -(-block.size // CHUNK), block.sh.shape[0]
     planes = np.zeros((GEOMETRY, chunks * CHUNK), np.float32)

@@ -59,15 +59,15 @@ class Canvas:
         return self.depth.size > 0
 
     def colours(self) -> NDArray:
-        """(H, W, 3) what the splats add."""
+        """(H, W, 3) float32 that the splats add."""
         return self.colour
 
     def depths(self) -> tuple[NDArray, NDArray]:
-        """(H, W) each: Σ w·z, and Σ w."""
+        """(H, W) float32 each: Σ w·z, and Σ w."""
         return self.depth[0], self.depth[1]
 
     def transmittance(self) -> NDArray:
-        """(H, W) what the splats let through."""
+        """(H, W) float32 that the splats let through."""
         return self.left
 
 
@@ -162,14 +162,14 @@ class _Lists:
 
 
 def tile_groups(pairs: Pairs) -> list[NDArray]:
-    """Tiles that have splats, in groups of similar list length, longest first."""
+    """Tiles (n,) intp that have splats, in groups of similar list length, longest first."""
     lengths = np.diff(pairs.bounds)
     by_length = np.argsort(-lengths, kind="stable")[: np.count_nonzero(lengths)]
     return [by_length[start : start + GROUP] for start in range(0, by_length.size, GROUP)]
 
 
 def composite(band: Band, splats: Splats, pairs: Pairs, tiles: NDArray, work: Workspace) -> None:
-    """Blend the lists of a group of a band's tiles, longest first."""
+    """Blend the lists of a group of a band's tiles, (n,) intp, longest first."""
     starts = pairs.bounds[tiles]
     lists = _Lists.of(band, tiles, starts, pairs.bounds[tiles + 1] - starts)
     rest = _walk(band, splats, pairs.batches, lists, work, only_front=False)

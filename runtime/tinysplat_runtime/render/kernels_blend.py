@@ -124,7 +124,7 @@ def list_visible(records: NDArray, first: Number, columns: Number, found: Visibl
     """List the visible splats of a block and count them by tile.
 
     Args:
-        records: (n, 16), of the block.
+        records: (n, 16) float32, of the block.
         first: row of its first record.
         columns: tiles in a row of tiles.
         found: filled; as long as the block.
@@ -149,13 +149,13 @@ def list_visible(records: NDArray, first: Number, columns: Number, found: Visibl
 
 @compiled
 def rows_of(reached: NDArray, tiles: Tiles) -> tuple[Number, Number]:
-    """First row in which a splat, `reached` (4,) its box, has some of `tiles`, and the one behind the last."""
+    """First row in which a splat, `reached` (4,) int its box, has some of `tiles`, and the one behind the last."""
     return max(reached[2], tiles.first // tiles.columns), min(reached[3], (tiles.stop - 1) // tiles.columns) + 1
 
 
 @compiled
 def tiles_of(reached: NDArray, tiles: Tiles, row: Number) -> tuple[Number, Number]:
-    """The same within a row: number of the first tile, and of the one behind the last."""
+    """As `rows_of` within a row: number of the first tile, and of the one behind the last."""
     start = row * tiles.columns
     return max(start + reached[0], tiles.first), min(start + reached[1] + 1, tiles.stop)
 
@@ -185,7 +185,7 @@ def list_by_tile(records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, k
 
 @compiled
 def sort_by_depth(keys: NDArray, scratch: NDArray, histogram: NDArray) -> NDArray:
-    """Sort by the upper 32 bits, ties in their order: a radix sort of as few passes as the depths' range needs."""
+    """Sort (m,) uint64 by the upper 32 bits, ties in order: a radix sort of as few passes as the range needs."""
     low, high = keys[0] >> _I(32), keys[0] >> _I(32)
     for key in keys:
         low, high = min(low, key >> _I(32)), max(high, key >> _I(32))
@@ -282,14 +282,14 @@ def _clear(state: NDArray, extent: Extent) -> None:
 
 @compiled
 def bring_near(records: NDArray, rows: NDArray, keys: NDArray, near: NDArray) -> None:
-    """Copy what is to be blended next."""
+    """Copy the records (n, 16) float32 that are blended next to `near`."""
     for entry in range(keys.size):
         near[entry] = records[rows[keys[entry] & _I(0xFFFFFFFF)]]
 
 
 @compiled
 def is_open(state: NDArray) -> bool:
-    """Whether any pixel of a tile still lets something through."""
+    """Whether any pixel of a tile, `state` (STATE,) float32, still lets something through."""
     for row in range(TILE_HEIGHT):
         for column in range(TILE_WIDTH):
             if state[row * ROW + column] > _ZERO:
@@ -299,7 +299,7 @@ def is_open(state: NDArray) -> bool:
 
 @compiled
 def blend_splat(splat: NDArray, extent: Extent, state: NDArray, in_front: bool) -> None:
-    """Blend one splat into a tile, and its share into what is drawn in front."""
+    """Blend one splat, a record (16,) float32, into a tile (STATE,), and its share into the picture in front."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
     colour = splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
@@ -325,7 +325,7 @@ def blend_splat(splat: NDArray, extent: Extent, state: NDArray, in_front: bool) 
 
 @compiled
 def box(splat: NDArray, extent: Extent) -> tuple[Number, Number, Number, Number]:
-    """First and last column of a tile that a splat may reach, and first and last row of the picture."""
+    """First and last column of a tile that a splat (16,) float32 may reach, and first and last row of the picture."""
     return (
         max(int(splat[LEFT]) - extent.column, 0),
         min(int(splat[RIGHT]) - extent.column, extent.columns - 1),

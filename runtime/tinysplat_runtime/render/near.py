@@ -64,7 +64,7 @@ class Shares:
 
     @classmethod
     def by_depth(cls, whole: NDArray) -> Shares:
-        """Nothing before everything else."""
+        """No front: everything by depth; `whole` is (V,) float64."""
         return cls(np.zeros(len(whole)), whole)
 
     @property

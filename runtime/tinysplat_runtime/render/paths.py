@@ -176,7 +176,7 @@ def _mean_rotation(cameras: Sequence[Camera]) -> NDArray:
 
 
 def looking_along(direction: NDArray, down: NDArray) -> NDArray:
-    """(3, 3) camera-to-world rotation with z along `direction` and y as near to `down` as that allows."""
+    """(3, 3) float64 camera-to-world rotation with z along `direction` and y as near to `down` as that allows."""
     z = direction / np.linalg.norm(direction)
     x = np.cross(down, z)
     x /= np.linalg.norm(x)

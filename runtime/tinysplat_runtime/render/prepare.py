@@ -155,7 +155,7 @@ class Part:
         )
 
     def outline(self, keep: NDArray | None = None) -> Block:
-        """The same without `axes` and `sh`, which most of the work and of the memory goes to."""
+        """As `block` without `axes` and `sh`, which take most of the work and of the memory."""
         return self._outline(self._shown(keep))
 
     def _shown(self, keep: NDArray | None) -> Mapping[str, NDArray]:

@@ -84,7 +84,7 @@ class View:
 
     @classmethod
     def of(cls, camera: Camera, origin: NDArray, near_plane: float) -> View:
-        """The view of a camera on Gaussians whose means are relative to `origin`."""
+        """The view of a camera on Gaussians whose means are relative to `origin`, (3,) float64."""
         K = camera.K.copy()
         K[:2, 2] = 0
         return cls(camera, origin - camera.centre, product(K, camera.rotation), near_plane)
@@ -361,7 +361,7 @@ def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:
 
 
 def pixels_between(low: NDArray, high: NDArray, size: int) -> tuple[NDArray, NDArray]:
-    """First and last of `size` pixels whose centres lie from low to high; the first is the greater where none do."""
+    """First and last of `size` pixels, int32, any shape, with centres from low to high; first > last where none are."""
     first = np.ceil(np.clip(low - np.float32(0.5 + MARGIN_PX), 0, size))
     last = np.floor(np.clip(high - np.float32(0.5 - MARGIN_PX), -1, size - 1))
     return first.astype(np.int32), last.astype(np.int32)

@@ -110,7 +110,7 @@ def depth_order(depths: NDArray, ids: NDArray) -> NDArray:
 
 
 def runs(areas: NDArray, limit: int) -> Iterator[slice]:
-    """Cut (R,) `areas` into runs that sum to at most `limit`, or of a single one."""
+    """Cut `areas` (R,) integer into runs that sum to at most `limit`, or of a single one."""
     ends = np.cumsum(areas, dtype=np.int64)
     start, done = 0, 0
     while start < areas.size:

@@ -87,7 +87,7 @@ def _turns(quats: NDArray, axes: NDArray) -> NDArray:
 
 
 def from_columns(columns: Columns, growth: float = 0.0) -> dict[str, NDArray]:
-    """Quats, scales, opacities and sh, float32, of channels with whatever numbers decoding gave.
+    """Quats (N, 4), scales (N, 3), opacities (N,), sh (N, B, 3) float32 of channels with any decoded numbers.
 
     `growth` is added to logarithms of scales.
     """
@@ -108,7 +108,7 @@ def from_columns(columns: Columns, growth: float = 0.0) -> dict[str, NDArray]:
 
 
 def companded(sizes: NDArray, middle: float) -> NDArray:
-    """Log sizes of any shape, such that equal steps look alike: larger Gaussians cover more of a picture.
+    """Log sizes, float of any shape, such that equal steps look alike: larger Gaussians cover more of a picture.
 
     Steps are those of the logarithm at `middle`, and up to 8 times finer or coarser.
     """
@@ -118,19 +118,19 @@ def companded(sizes: NDArray, middle: float) -> NDArray:
 
 
 def expanded(values: NDArray, middle: float) -> NDArray:
-    """Inverse of `companded`, of any shape and numbers; within ±`MAX_LOG`."""
+    """Inverse of `companded`, of float numbers of any shape; within ±`MAX_LOG`."""
     near = 2 * np.log(np.clip(values, 1 / 4, 16) / 2)
     x = near + np.minimum(values - 1 / 4, 0) * 8 + np.maximum(values - 16, 0) / 8
     return np.clip(x + middle, -MAX_LOG, MAX_LOG)
 
 
 def contracted(offsets: NDArray) -> NDArray:
-    """Coordinates of any shape, 1 where the scene's bulk ends, with logarithms beyond."""
+    """Coordinates, float of any shape, 1 where the scene's bulk ends, with logarithms beyond."""
     far = np.maximum(np.abs(offsets), 1)
     return np.where(far > 1, np.sign(offsets) * (1 + np.log(far)), offsets)
 
 
 def uncontracted(values: NDArray) -> NDArray:
-    """Inverse of `contracted`, of any shape."""
+    """Inverse of `contracted`, float of any shape."""
     far = np.maximum(np.abs(values), 1)
     return np.where(far > 1, np.sign(values) * np.exp(far - 1), values)

@@ -117,7 +117,7 @@ def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArra
 def columns_of(
     channels: Mapping[tuple[PlaneClass, int], NDArray], size_middle: float, mean: NDArray, basis: NDArray
 ) -> Columns:
-    """Columns (N) of the numbers of all channels, by class and target."""
+    """Columns (N, …) of the numbers of all channels, (N,) float32 each, by class and target."""
     colours = [channels[PlaneClass.COLOR, target] for target in range(basis.shape[1])]
     return Columns(
         roots=channels[PlaneClass.OPACITY, 0],

@@ -67,7 +67,7 @@ def cells_of(keys: NDArray) -> NDArray:
 
 
 def encode_points(keys: NDArray, levels: int) -> CodedPoints:
-    """Code (N,) sorted Morton keys below 8^levels; equal ones may repeat."""
+    """Code (N,) uint64 sorted Morton keys below 8^levels; equal ones may repeat."""
     leaves, counts = np.unique(keys, return_counts=True)
     groups: list[list[NDArray]] = [[] for _ in range(GROUPS)]
     nodes, group, sizes = np.zeros(1, np.uint64), np.full(1, GROUPS - 1), []
@@ -93,7 +93,7 @@ def encode_points(keys: NDArray, levels: int) -> CodedPoints:
 def decode_points(
     streams: Sequence[bytes | memoryview], levels: Sequence[int], leaves: int, escapes: int, count: int
 ) -> NDArray:
-    """(count,) sorted Morton keys.
+    """(count,) uint64 sorted Morton keys.
 
     Raises:
         FormatError: the streams do not come to the numbers of cells, leaves and points announced.

@@ -31,11 +31,11 @@ class Order:
     gains: NDArray
 
     def sorted(self, values: NDArray) -> NDArray:
-        """Numbers (N,) along the curve, in this order."""
+        """Numbers (N,) of any dtype along the curve, in this order."""
         return values[self.rows]
 
     def restored(self, values: NDArray) -> NDArray:
-        """Inverse of `sorted`: (N,)."""
+        """Inverse of `sorted`: (N,), the same dtype."""
         out = np.empty_like(values)
         out[self.rows] = values
         return out
@@ -73,7 +73,7 @@ def classes_of(counts: NDArray, first: int, number: int) -> NDArray:
 
 
 def order_by(counts: NDArray, weights: WeightClasses) -> Order:
-    """The order of Gaussians whose determinants reach so many thresholds, (N,)."""
+    """The order of Gaussians whose determinants reach `counts` thresholds, (N,) integers."""
     classes = classes_of(counts, weights.first, len(weights.gains))
     return Order(np.argsort(classes, kind="stable"), np.array(weights.gains, np.float64)[classes])
 
@@ -82,8 +82,8 @@ def choose_classes(counts: NDArray, logs: NDArray, most: int = 7) -> WeightClass
     """Classes about the middle of what there is.
 
     Args:
-        counts: (N,) thresholds reached, half an octave of weight apart.
-        logs: (N,) log2 of the weights, whose mean gets the gain 1.
+        counts: (N,) int64 thresholds reached, half an octave of weight apart.
+        logs: (N,) float log2 of the weights, whose mean gets the gain 1.
         most: classes; what weighs more or less than they span goes to the outer ones.
     """
     halves = counts >> 1

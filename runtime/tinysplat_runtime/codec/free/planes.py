@@ -23,7 +23,7 @@ def plane_shape(count: int) -> tuple[int, int]:
 
 
 def to_plane(values: NDArray) -> NDArray:
-    """(N,) as a picture; the last number fills what is left."""
+    """(N,) as a picture (H, W) of the same dtype; the last number fills what is left."""
     height, width = plane_shape(len(values))
     side = _side(len(values))
     filled = np.full(height * width, values[-1], values.dtype)
