@@ -23,6 +23,7 @@ _MODULE_OF = {
     "Gaussians": "gaussian.gaussians",
     "InputError": "errors",
     "InputWarning": "errors",
+    "Limits": "container.records",
     "ModelError": "errors",
     "Notes": "gaussian.notes",
     "NumericError": "errors",
@@ -49,6 +50,7 @@ __all__ = [
     "Gaussians",
     "InputError",
     "InputWarning",
+    "Limits",
     "ModelError",
     "Notes",
     "NumericError",
@@ -83,6 +85,7 @@ if TYPE_CHECKING:
         render,
         save_gaussians,
     )
+    from .container.records import Limits
     from .errors import FormatError, InputError, InputWarning, ModelError, NumericError, SceneWarning, TinySplatError
     from .gaussian.gaussians import Gaussians
     from .gaussian.notes import Notes
