@@ -441,14 +441,13 @@ def test_centres_are_means_of_attributes_and_components_have_none():
     assert all(centre != 0 for (kind, _), centre in centres.items() if kind in (PlaneClass.SCALE, PlaneClass.OPACITY))
 
 
-@pytest.mark.parametrize(("share", "k"), [(0.2, 2), (0.3, 3)])
-def test_a_component_of_colour_pays_for_its_column_of_the_basis_or_is_left_out(share, k):
-    """Of three independent components the third varies by so many of its steps; all Gaussians weigh alike."""
-    numbers = np.random.default_rng(0).normal(size=(400, 1, 3))
-    numbers = np.linalg.qr(numbers[:, 0] - numbers[:, 0].mean(axis=0))[0][:, None] * np.sqrt(400)
-    some = cloud(400, 0)
-    alike = replace(
-        some, scales=np.full((400, 3), 0.05), opacities=np.full(400, 0.5),
-        sh=numbers * [4.0, 2.0, share * COLOUR_STEPS[2]],
-    )  # fmt: skip
+@pytest.mark.parametrize(("third", "fourth", "k"), [(0.7, 0.2, 3), (0.7, 0.3, 4), (0.14, 0.05, 3), (0.1, 0.04, 2)])
+def test_a_fourth_component_of_colour_pays_for_its_column_of_the_basis_or_is_left_out(third, fourth, k):
+    """Of four independent components two vary by so many of their steps; all Gaussians weigh alike."""
+    numbers = np.random.default_rng(0).normal(size=(400, 4))
+    numbers = np.linalg.qr(numbers - numbers.mean(axis=0))[0] * np.sqrt(400)
+    some = cloud(400, 1)
+    sh = np.zeros((400, 12))
+    sh[:, :4] = numbers * [4.0, 2.0, third * COLOUR_STEPS[2], fourth * COLOUR_STEPS[0]]
+    alike = replace(some, scales=np.full((400, 3), 0.05), opacities=np.full(400, 0.5), sh=sh.reshape(400, 4, 3))
     assert ts.inspect(coded(alike))["k"] == k

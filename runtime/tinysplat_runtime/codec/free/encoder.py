@@ -70,7 +70,7 @@ FLAT_SHARE = 0.12
 """Standard deviation, in steps, below which a channel is stored as a number."""
 
 COLOUR_SHARE = 0.25
-"""The same below which a component of colour is left out, whose column of the basis takes bytes too."""
+"""The same below which a component of colour behind the third is left out: its column of the basis takes bytes too."""
 
 BULK = (5, 95)
 """Percentiles between which the scene's bulk lies, along each axis."""
@@ -425,7 +425,8 @@ def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArr
     centred = sample - mean
     moment = product((centred * weights[:, None]).T, centred) / len(sample)
     values, vectors = symmetric_eigen(moment)
-    least = COLOUR_SHARE * factor * np.array([_colour_step(n) for n in range(len(values))])
+    numbers = range(len(values))
+    least = factor * np.array([_colour_step(n) * (FLAT_SHARE if n < 3 else COLOUR_SHARE) for n in numbers])
     k = int((np.sqrt(np.maximum(values[::-1], 0)) > least).sum())
     chosen = vectors[:, ::-1][:, :k]
     signs = np.sign(chosen[np.abs(chosen).argmax(axis=0), np.arange(k)])
