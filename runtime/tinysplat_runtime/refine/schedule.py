@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-HALVED_FROM = (96 * 96, 400 * 400)
-"""Pixels of a view from which steps are taken at half and at a quarter of the size first."""
+HALVED_FROM = (96 * 96,)
+"""Pixels of a view from which steps are taken at half of the size first; a further entry would be of a quarter."""
 
 STEPS_BELOW = 3
 """Steps at each of these sizes, or less where few steps are asked for."""
