@@ -18,6 +18,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.sh import sh_basis
 from ..scene.cameras import Camera
 from . import kernels
+from .merging import merged
 from .pictures import Pictures
 
 SHARE = 0.2
@@ -163,8 +164,11 @@ class Remover:
         self._rounds += 1
 
     def _without(self, rows: NDArray, penalties: Sequence[float]) -> Thinned:
-        """Some rows, with colours that make up for the others."""
-        left = taken(replace(self._all, sh=self._sh), rows)
+        """Some rows, with the others in them where they are alike, and colours that make up for the rest."""
+        gone = np.setdiff1d(np.arange(self._prices.size), rows)
+        # Of what hardly showed, half is left alone: it may lie hidden behind what it would be merged into.
+        shown = gone[np.argsort(self._prices[gone], kind="stable")[gone.size // 2 :]]
+        left = merged(self._all, rows, np.sort(shown)) if shown.size else taken(self._all, rows)
         if rows.size < self._prices.size or penalties:
             for _ in range(CORRECTIONS):
                 left = self.recoloured(left, penalties)

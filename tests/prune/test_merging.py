@@ -1,0 +1,76 @@
+"""What two Gaussians become when they are merged, and which ones are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import make_free_gaussians
+
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
+
+pytest.importorskip("numba")
+
+from tinysplat_runtime.prune.merging import merged, principal_axes
+
+
+def covariances(gaussians: Gaussians) -> np.ndarray:
+    axes = quats_to_matrices(normalize_quats(gaussians.quats.astype(np.float64))) * gaussians.scales[:, None].astype(
+        np.float64
+    )
+    return axes @ axes.swapaxes(1, 2)
+
+
+@pytest.fixture
+def pairs() -> Gaussians:
+    """Forty far from one another, and beside each, forty rows later, one like it."""
+    some = make_free_gaussians(40, 1, np.random.default_rng(1))
+    places = 4 * np.random.default_rng(2).permutation(64)[:40, None] * [1, 0, 0] + 2 * some.means
+    parts = [
+        replace(some, means=places),
+        replace(some, means=places + 0.3 * some.scales.min(axis=1, keepdims=True), scales=1.1 * some.scales),
+    ]
+    return Gaussians(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS})
+
+
+def test_two_become_one_of_their_mass_mean_and_covariance(pairs: Gaussians) -> None:
+    found = merged(pairs, np.arange(40), np.arange(40, 80))
+    wide, areas = pairs.means.astype(np.float64), np.prod(pairs.scales.astype(np.float64), axis=1) ** (2 / 3)
+    mass = (pairs.opacities * areas).reshape(2, 40)
+    share = mass / mass.sum(axis=0)
+    middle = (share[..., None] * wide.reshape(2, 40, 3)).sum(axis=0)
+    away = wide.reshape(2, 40, 3) - middle
+    spread = covariances(pairs).reshape(2, 40, 3, 3) + away[..., :, None] * away[..., None, :]
+    np.testing.assert_allclose(found.means, middle, atol=1e-4)
+    np.testing.assert_allclose(covariances(found), (share[..., None, None] * spread).sum(axis=0), atol=1e-5)
+    np.testing.assert_allclose(
+        found.sh, (share[..., None, None] * pairs.sh.reshape(2, 40, 4, 3)).sum(axis=0), atol=1e-5
+    )
+    area = np.prod(found.scales, axis=1) ** (2 / 3)
+    np.testing.assert_allclose(found.opacities, np.minimum(mass.sum(axis=0) / area, 0.999), rtol=1e-3)
+
+
+@pytest.mark.parametrize("change", ["far", "thin", "bright"])
+def test_what_is_unlike_stays_as_it_is(pairs: Gaussians, change: str) -> None:
+    is_gone = (np.arange(80) >= 40)[:, None]
+    other = {
+        "far": {"means": pairs.means + 5 * is_gone},
+        "thin": {"scales": np.where(is_gone & (np.arange(3) == 0), 0.02, 1) * pairs.scales},
+        "bright": {"sh": pairs.sh + 1.0 * is_gone[..., None] * (np.arange(4) == 0)[:, None]},
+    }[change]
+    apart = replace(pairs, **other)
+    found = merged(apart, np.arange(40), np.arange(40, 80))
+    assert all((getattr(found, name) == getattr(apart, name)[:40]).all() for name in FIELDS)
+
+
+def test_axes_and_turns_make_the_matrix_again() -> None:
+    rng = np.random.default_rng(3)
+    made = rng.normal(size=(200, 3, 3)) * np.exp(rng.uniform(-4, 4, (200, 1, 3)))
+    wanted = made @ made.swapaxes(1, 2)
+    wanted[0], wanted[1] = np.eye(3), np.diag([4.0, 1.0, 9.0])
+    lengths, turns = principal_axes(wanted)
+    axes = quats_to_matrices(turns) * lengths[:, None]
+    largest = np.abs(wanted).max(axis=(1, 2))[:, None, None]
+    np.testing.assert_allclose(axes @ axes.swapaxes(1, 2) / largest, wanted / largest, atol=1e-12)
