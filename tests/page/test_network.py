@@ -65,12 +65,12 @@ def test_inputs_are_the_host_s(height: int, width: int) -> None:
         np.testing.assert_allclose(np.array(data).reshape(shape), array, atol=1e-6)
 
 
-@pytest.mark.parametrize("away", [0.0, 1e4])
-def test_outputs_become_the_host_s_gaussians(away: float) -> None:
+@pytest.mark.parametrize("away", [(0, 0, 0), (1e4, 0, 0), (0, 1e4, 0), (0, 0, 1e4)])
+def test_outputs_become_the_host_s_gaussians(away: tuple[float, float, float]) -> None:
     rng, cameras = np.random.default_rng(2), []
     for camera in make_cameras(2, 18, 22):
         c2w = np.array(camera.c2w)
-        c2w[0, 3] += away
+        c2w[:3, 3] += away
         cameras.append(ts.Camera(camera.K, c2w, camera.width, camera.height))
     outputs: dict[str, NDArray] = {"layer1_K": np.stack([camera.K for camera in cameras]).astype(np.float32)}
     for prefix, rows, columns in (("", 32, 32), ("layer1_", 10, 12)):
