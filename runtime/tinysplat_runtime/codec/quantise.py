@@ -74,7 +74,7 @@ def mean_and_spread(values: NDArray) -> tuple[float, float]:
     rows, squares = max(_VALUES_AT_A_TIME // values.shape[2], 1), 0.0
     for of_view in values:
         for first in range(0, len(of_view), rows):
-            rest = (of_view[first : first + rows] - mean).ravel()
+            rest = np.subtract(of_view[first : first + rows], mean, dtype=np.float64).ravel()  # numpy 1 takes float32
             squares += float(np.einsum("i,i", rest, rest))  # no BLAS, whose last bits depend on threads
     return float(mean), math.sqrt(squares / values.size)
 
