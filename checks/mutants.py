@@ -117,7 +117,7 @@ def copy_checkout() -> None:
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     kernels = [str(path.relative_to(ROOT)) for path in (ROOT / RUNTIME).rglob("*.nb[ic]")]
     for name in [*filter(None, listed.split("\0")), *kernels]:
-        if (ROOT / name).is_file() and not name.startswith("benchmarks/reports"):
+        if (ROOT / name).is_file():
             (TREE / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, TREE / name)
             if name.endswith(".py"):
