@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections.abc import Sequence
 from typing import Any
 
 from ..api import Runtime
@@ -15,10 +16,8 @@ from ..graphs.providers import providers_of
 from ..recipe import stages
 from ..recipe.encode import Encoded, Listener, raw_bytes
 from ..recipe.encode import encode as encode_photos
-from ..recipe.own import LOW_DB, looked_at, own_psnr
-from ..recipe.report import encode_report
 from ..refine.stats import RefineStats
-from ..scene.intake.layouts import load_cameras, load_scene
+from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.progress import Show, progress, working
 from ..system.stopwatch import Stopwatch
@@ -34,6 +33,8 @@ def encode(args: Namespace) -> None:
     coded = encode_photos(request, runtime, listener, keep=bool(args.report))
     _write(voice_of(args), coded, args.report, runtime, model=args.model)
     if not args.quiet:
+        from ..recipe.own import looked_at, own_psnr
+
         with working("render at the photos' views", quiet=False):
             decoded = runtime.decompress(coded.data, model=args.model)
             views = looked_at(len(coded.photos.frames))
@@ -77,7 +78,7 @@ def compress(args: Namespace) -> None:
         one, missing = ("--refine", "--photos SCENE") if args.refine else ("--photos", "--refine STEPS")
         raise InputError(f"needs {missing} too", where=one)
     grid = grid_option(args.grid)
-    cameras = load_cameras(args.cameras) if args.cameras else None
+    cameras = _load_cameras(args.cameras) if args.cameras else None
     if grid or cameras:
         gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
     else:
@@ -87,6 +88,8 @@ def compress(args: Namespace) -> None:
     listener = _listener(quiet=args.quiet, save_to=None)
     try:
         if args.refine:
+            from ..scene.intake.layouts import load_scene
+
             scene = load_scene(args.photos)
             with stats.watch.stage("refine"):
                 gaussians = stages.refine(
@@ -102,6 +105,12 @@ def compress(args: Namespace) -> None:
         raise error.within(args.gaussians) from None
 
 
+def _load_cameras(source: str) -> Sequence[Camera]:
+    from ..scene.intake.layouts import load_cameras  # every layout of folders there is
+
+    return load_cameras(source)
+
+
 def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, model: str | None) -> None:
     """Write the file and its report, and say what it is."""
     output = say.output
@@ -109,6 +118,8 @@ def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, 
     with stats.watch.stage("write"):
         write_file(output, data)
     if report:
+        from ..recipe.report import encode_report
+
         write_json(report, encode_report(coded, runtime, model=model))
     share = coded.raw_bytes / len(data)
     say(f"{output}: {len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s")
@@ -127,6 +138,8 @@ def _report_own(say: Voice, coded: Encoded, count: int, psnr: float) -> None:
         f"{len(scene.frames)} views of {camera.width}x{camera.height}, {count} Gaussians,"
         f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {psnr:.1f} dB at its own photos"
     )
+    from ..recipe.own import LOW_DB
+
     if psnr < LOW_DB:
         known = "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
         cause = coded.doubts[0] if coded.doubts else known

@@ -13,9 +13,6 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..refine.stats import RefineStats
 from ..scene.scenes import Scene
 from ..system.progress import Show, plain
-from .doubts import doubts
-from .memory import check_memory
-from .prepare import named_scene, prepared
 from .request import EncodeRequest
 from .stages import Tools, code, enlarger_of, predict, refine
 
@@ -94,6 +91,10 @@ def encode(
         InputError: the scene or an option cannot be used, or memory does not suffice.
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
+    from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
+    from .memory import check_memory
+    from .prepare import prepared
+
     listener, stats, refined, coding = listener or Listener(), stats or EncodeStats(), RefineStats(), request.coding
     coding = replace(coding, like=coding.example())
     scene, model, whole = prepared(request, listener.notice), request.model, coding.mode != DEFAULT_MODE
@@ -127,6 +128,8 @@ def encode_predicted(
     request: EncodeRequest, gaussians: Gaussians, tools: Tools, *, stats: EncodeStats | None = None
 ) -> bytes:
     """The last step alone, of a scene that Gaussians were predicted of as it stands; see `encode`."""
+    from .prepare import named_scene
+
     scene, has_photos = named_scene(request), request.coding.mode != DEFAULT_MODE
     photos = PhotoScene.of(scene, request.model, tools.store) if has_photos else None
     return code(gaussians, request.coding, tools, photos=photos, stats=stats)
