@@ -53,7 +53,8 @@ PEAK = (
 def waiting_rows(run: Run) -> Iterator[Row]:
     """Rows of `waits` of the real photos, or what there is; then of `commands`."""
     case = run.cases[-1]
-    pictures, variants = Pictures(case, run.drawing), []
+    pictures = Pictures(case, run.drawing)
+    variants: list[Variant] = []
     with tempfile.TemporaryDirectory() as folder:
         for qp in run.options.qps or (QPS[1:2] if run.quick else QPS):
             variants += _waits(run, case, pictures, qp, Path(folder))
@@ -102,7 +103,7 @@ def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
     save_gaussians(source, gaussians)
     file.write_bytes(run.runtime.compress(gaussians, drop_invalid=True))
     target, coded, picture = folder / "out.npz", folder / "out.tsplat", folder / "p.png"
-    commands = {
+    commands: dict[str, list[str | Path]] = {
         "info": ["info", file],
         "decode": ["decode", file, "-o", target],
         "render": ["render", file, "-o", picture],
