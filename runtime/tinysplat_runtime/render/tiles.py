@@ -145,7 +145,7 @@ def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: Grid, open_
 
 
 def in_batches(ids: NDArray, counts: NDArray, blank: int) -> Pairs:
-    """Lists `ids` (M,) of `counts` (tiles,), one after the other, each filled up to whole batches."""
+    """Lists `ids` (M,) int32 of `counts` (tiles,) int64, one after the other, each filled up to whole batches."""
     bounds = np.append(0, np.cumsum(-(-counts // BATCH)))
     out = np.full(BATCH * bounds[-1], blank, np.int32)
     places = np.repeat(BATCH * bounds[:-1] - (np.cumsum(counts) - counts), counts)
