@@ -34,8 +34,9 @@ BYTES_EACH = 4.0
 OCTAVES_PER_QP = 0.1
 
 
-RECOLOURINGS = 2
-"""Fits of colours to what is decoded of all else."""
+RECOLOURINGS = 4
+"""Fits of colours to what is decoded of all else, where they do not depend on the view: those that do would
+be fitted to errors of the views looked at."""
 
 
 class ThinningEncoder:
@@ -68,7 +69,8 @@ class ThinningEncoder:
             return decoded.sh
 
         coder = FreeEncoder(
-            kept, self.profile, threads=self._threads, stats=self._stats, tiers=tiers, recolour=recolour
+            kept, self.profile, threads=self._threads, stats=self._stats, tiers=tiers,
+            recolour=None if kept.degree else recolour
         )  # fmt: skip
         return coder.code(qp)
 
