@@ -9,7 +9,7 @@ import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
-from tinysplat_runtime.refine.loop import HIDDEN, JUDGED, Loop
+from tinysplat_runtime.refine.loop import JUDGED, Loop
 from tinysplat_runtime.refine.photos import matched
 from tinysplat_runtime.refine.refine import Refining
 from tinysplat_runtime.refine.schedule import Turn
@@ -117,7 +117,7 @@ def test_what_is_hidden_from_a_photo_is_not_corrected_by_it() -> None:
 
     loop.field.measure = noted  # type: ignore[method-assign]
     loop.step()
-    assert asked == [HIDDEN] * 3
+    assert asked == [settings_for(3).hidden] * 3 and settings_for(3).hidden > settings_for(2).hidden == 0
 
 
 @pytest.fixture

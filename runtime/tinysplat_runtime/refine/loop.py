@@ -26,10 +26,6 @@ NEIGHBOURS = 2
 JUDGED = 8
 """Photos, spread over all, that a state is judged by: what steps cost stays most of the time."""
 
-HIDDEN = 0.03
-"""Transmittance before a Gaussian, at its middle, below which a photo does not correct it: half of the work, and 3 % of
-all weight."""
-
 COVERED = 0.4
 """A pixel is covered where no more than this transmittance is left."""
 
@@ -111,7 +107,8 @@ class Loop:
         weight = self._drawn / together * self._sizes[0][view].photo.size / target.photo.size
         own = [grid.rows for grid in self.field.grids if grid.view == view and not _corrects(view, shares, grid)]
         spared = [self._gradient[:, rows].copy() for rows in own]
-        error = self.field.measure(target, shares=shares, gradient=self._gradient, weight=weight, hidden=HIDDEN)
+        hidden = self.settings.hidden
+        error = self.field.measure(target, shares=shares, gradient=self._gradient, weight=weight, hidden=hidden)
         for rows, before in zip(own, spared, strict=True):
             self._gradient[:, rows] = before
         return error

@@ -24,6 +24,7 @@ class Settings:
         price: |error| that a bit of the file is worth.
         exposure: step size of a photo's gain and offset.
         together: photos that are drawn before Gaussians are corrected by the sum of what they lack.
+        hidden: transmittance before a Gaussian, at its middle, below which a photo does not correct it.
         look_every: steps from one look at the check to the next.
         least_gain: dB by which a look has to be better than the best one, so that steps that gain next to nothing,
             and cost bytes, are not taken.
@@ -43,6 +44,7 @@ class Settings:
     price: float = 0.005
     exposure: float = 2e-3
     together: int = 1
+    hidden: float = 0.03
     look_every: int = 2
     least_gain: float = 0.03
     patience: int = 2
@@ -63,8 +65,8 @@ colours from −0.6 to 2.8. Values that begin outside stay where they are or mov
 
 
 FOR_TWO = Settings(
-    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, look_every=2, least_gain=0.015, patience=1,
-    most_steps=4,
+    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, hidden=0.0, look_every=2, least_gain=0.015,
+    patience=1, most_steps=4,
 )  # fmt: skip
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
