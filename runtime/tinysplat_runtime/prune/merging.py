@@ -83,7 +83,7 @@ def _neighbours(means: NDArray, kept: NDArray, gone: NDArray) -> Iterator[NDArra
 
 
 def principal_axes(covariances: NDArray) -> tuple[NDArray, NDArray]:
-    """(n, 3) standard deviations and (n, 4) unit quaternions of (n, 3, 3) symmetric matrices."""
+    """(n, 3) standard deviations and (n, 4) unit quaternions of symmetric matrices (n, 3, 3), float64."""
     values, vectors = np.empty((len(covariances), 3)), np.empty_like(covariances)
     diagonalise(covariances, values, vectors)
     vectors[:, :, 2] *= np.sign(np.linalg.det(vectors))[:, None]
@@ -133,7 +133,7 @@ def _unlikeness(
 
 @compiled
 def diagonalise(matrices: NDArray, values: NDArray, vectors: NDArray) -> None:
-    """Eigenvalues (n, 3) and eigenvectors, columns of (n, 3, 3), of symmetric matrices, by Jacobi's rotations."""
+    """Eigenvalues (n, 3) and eigenvectors, columns of (n, 3, 3), float64, of symmetric matrices, by Jacobi."""
     for number in range(len(matrices)):
         a, v = matrices[number].copy(), vectors[number]
         v[:] = 0
