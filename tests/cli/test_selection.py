@@ -24,7 +24,7 @@ def capture(tmp_path):
     lead = means.shape[:3]
     quats = np.broadcast_to([1.0, 0, 0, 0], (*lead, 4))
     paint = np.sin(4 * means)[..., None, :]
-    wall = Gaussians(means, quats, np.full((*lead, 3), 0.1), np.full(lead, 0.6), paint, cameras)
+    wall = Gaussians(means, quats, np.full((*lead, 3), 0.1), np.full(lead, 0.8), paint, cameras)
     save_gaussians(tmp_path / "g.npz", wall)
     return wall, str(tmp_path / "g.npz")
 
