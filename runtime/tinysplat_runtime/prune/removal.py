@@ -24,9 +24,6 @@ from .pictures import Pictures
 SHARE = 0.2
 """Of the present Gaussians that go before they are ranked again."""
 
-CORRECTIONS = 2
-"""Fits of colours when all that is to go is gone; every ranking fits them, too."""
-
 FEW = 0.02
 """Share of the present Gaussians that may go without a look at the others."""
 
@@ -164,14 +161,16 @@ class Remover:
         self._rounds += 1
 
     def _without(self, rows: NDArray, penalties: Sequence[float]) -> Thinned:
-        """Some rows, with the others in them where they are alike, and colours that make up for the rest."""
+        """Some rows, with the others in them where that helps, and colours that make up for the rest."""
         gone = np.setdiff1d(np.arange(self._prices.size), rows)
         # Of what hardly showed, half is left alone: it may lie hidden behind what it would be merged into.
         shown = gone[np.argsort(self._prices[gone], kind="stable")[gone.size // 2 :]]
-        left = merged(self._all, rows, np.sort(shown)) if shown.size else taken(self._all, rows)
-        if rows.size < self._prices.size or penalties:
-            for _ in range(CORRECTIONS):
-                left = self.recoloured(left, penalties)
+        left = taken(replace(self._all, sh=self._sh), rows)
+        if shown.size:
+            both = [self.recoloured(one, penalties) for one in (left, merged(self._all, rows, np.sort(shown)))]
+            left = min(both, key=self.error_of)
+        if shown.size or penalties:
+            left = self.recoloured(left, penalties)
         return Thinned(left, rows, self._prices.size - rows.size, self.psnr(self.error_of(left)))
 
     def _look(self, gaussians: Gaussians, views: Sequence[int]) -> _Seen:
