@@ -81,7 +81,9 @@ def _selection() -> _Parser:
         metavar="I,J-K",
         help="only the Gaussians of these views, such as 0,3,10-20",
     )
-    selection.add_argument("--trim-border", type=count, metavar="PX", help="without the outermost pixels of each view")
+    selection.add_argument(
+        "--trim-border", type=count, metavar="PX", help="leave out the outermost PX pixels of each view"
+    )
     selection.add_argument("--min-opacity", type=float, metavar="A", help="only Gaussians of this opacity or more")
     selection.add_argument("--sh-degree", type=int, metavar="N", help="cut SH to this degree")
     selection.add_argument(
@@ -95,12 +97,12 @@ def _selection() -> _Parser:
     )  # fmt: skip
     selection.add_argument(
         "--keep-all", action="store_true",
-        help="keep even what pictures hardly need of points of no pixels in a .tsplat file, and what several views of"
-        " more than six show in a list of points",
+        help="keep all Gaussians: in a .tsplat file also those of no pixels that pictures hardly need, in lists of"
+        " points also those of captures that other views show",
     )  # fmt: skip
     selection.add_argument(
         "--fuse", type=positive, nargs="?", const=FUSE_SECONDS, metavar="SECONDS",
-        help="for other viewers: Gaussians of all views as one surface, corrected for so many seconds; default"
+        help="for other viewers: keep each surface of a capture once, and correct it for SECONDS; default"
         f" {FUSE_SECONDS:g}",
     )  # fmt: skip
     selection.add_argument(
@@ -112,7 +114,7 @@ def _selection() -> _Parser:
     )  # fmt: skip
     selection.add_argument(
         "--spz-version", type=int, choices=(2, 3, 4), default=SPZ_VERSION,
-        help="of a written .spz; 4 keeps SH degree 4 and needs readers that know zstd; default 3",
+        help="version of .spz files; 4 keeps SH degree 4 and needs readers with zstd; default 3",
     )  # fmt: skip
     selection.add_argument(
         "--gltf-spz", action="store_true",
@@ -195,11 +197,11 @@ def _compress(commands: Commands) -> None:
         " --cameras say to which; - for standard input",
     )
     parser.add_argument("--mode", choices=CHOICES, help=argparse.SUPPRESS)
-    parser.add_argument("--photos", metavar="SCENE", help="the photos that --refine holds the Gaussians against")
+    parser.add_argument("--photos", metavar="SCENE", help="photos by which --refine corrects the Gaussians")
     parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
     parser.add_argument(
         "--keep-all", action="store_true",
-        help="of points of no pixels keep even those that pictures hardly need; they are left out where numba is there",
+        help="keep Gaussians of no pixels that pictures hardly need, which are left out otherwise (with numba)",
     )  # fmt: skip
     parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
 
@@ -226,7 +228,7 @@ def _render(commands: Commands) -> None:
     parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
     parser.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
     parser.add_argument(
-        "--frames", type=count, metavar="N", help="frames of a video; default 60, and of a capture 8 from view to view"
+        "--frames", type=count, metavar="N", help="frames of a video; default 60, for a capture 8 from view to view"
     )
     parser.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
     parser.add_argument("--depth", action="store_true", help="depth as a picture, near in red, far in blue")
@@ -252,7 +254,7 @@ def _convert(commands: Commands) -> None:
     parser.add_argument("--rotate", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
     parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
-    parser.add_argument("--check", action="store_true", help="read the file again and say its bytes and loss in dB")
+    parser.add_argument("--check", action="store_true", help="read the file back and print its bytes and loss in dB")
 
 
 def _info(commands: Commands) -> None:
@@ -293,7 +295,7 @@ def _doctor(commands: Commands) -> None:
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument(
         "--provider", metavar="NAME[:KEY=VALUE,…]",
-        help="run a made scene with it, and say how many nodes of which graph it ran",
+        help="run a made-up scene with it, and print how many nodes of which graph it ran",
     )  # fmt: skip
 
 
