@@ -34,7 +34,7 @@ BYTES_EACH = 4.0
 OCTAVES_PER_QP = 0.1
 
 
-RECOLOURINGS = 4
+RECOLOURINGS = 1
 """Fits of colours to what is decoded of all else, where they do not depend on the view: those that do would
 be fitted to errors of the views looked at."""
 

@@ -319,7 +319,8 @@ class _ChannelCoder:
     ) -> list[_Coded]:
         """Channels that do not depend on one another."""
         with ThreadPoolExecutor(max_workers=self.threads) as pool:
-            return list(pool.map(lambda job: self.one(*job, order=orders[order_of(job[0], job[1])], steps=steps), jobs))
+            found = [pool.submit(self.one, c, n, values, orders[order_of(c, n)], steps) for c, n, values in jobs]
+            return [each.result() for each in found]
 
 
 def _code_shapes(

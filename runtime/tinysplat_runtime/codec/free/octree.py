@@ -103,7 +103,8 @@ def decode_points(
     if sum(map(len, raw)) != total:
         raise FormatError(f"{sum(map(len, raw))} cells, announced are {total}", where="positions")
     taken = [0] * GROUPS
-    nodes, group = np.zeros(1, np.uint64), np.full(1, GROUPS - 1, np.uint8)
+    nodes: NDArray = np.zeros(1, np.uint64)
+    group: NDArray = np.full(1, GROUPS - 1, np.uint8)
     for depth, size in enumerate(levels):
         occupied = np.zeros(size, np.uint8)
         for number in range(GROUPS):
