@@ -128,7 +128,7 @@ def test_far_larger_photos_are_come_to_in_steps(scene: TracedScene) -> None:
     graph, session = exact_graph(scene)
     gaussians = predict_large(scene.images, scene.cameras, NEAR, FAR, graph, enlarger(16 * 20))
     assert session.size == (16, 20) and gaussians.opacities.shape == scene.depth.shape
-    sizes = enlarge._sizes((3024, 4032), enlarge.Limits(stride=16, min_side=32), 512 * 512)
+    sizes = enlarge._sizes((3024, 4032), enlarge.NetworkLimits(stride=16, min_side=32), 512 * 512)
     assert sizes[0] == (448, 592) and len(sizes) == 3
     sides = np.array([*sizes, (3024, 4032)])
     assert (sides[1:] / sides[:-1] < 2.15).all()
