@@ -109,7 +109,7 @@ def decode_points(
         occupied = np.zeros(size, np.uint8)
         for number in range(GROUPS):
             is_mine = group == number
-            cells = np.count_nonzero(is_mine)
+            cells = int(np.count_nonzero(is_mine))
             mine = raw[number][taken[number] : taken[number] + cells]
             taken[number] += cells
             if taken[number] > len(raw[number]):
