@@ -35,7 +35,7 @@ FOUND = {
     "network": (41, 1321, 2774, 16822), "transforms": (53, 839), "photos": (142,), "spz": (539,), "colmap": (1,),
     "ksplat": (404,), "sog_folder": (138, 272), "glb_spz": (873, 11973), "usd": (1739, 2638),
 }  # fmt: skip
-"""Attacks that were findings once: docs/ROBUSTNESS.md, "What was found"."""
+"""Attacks that were findings once: docs/lab/robustness.md, "Found and fixed"."""
 
 
 @pytest.mark.parametrize("name", FOUND)
