@@ -188,7 +188,7 @@ def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) 
         ("graphs", {"gaussian", "scene", "system"}),
         ("render", {"gaussian", "scene", "system"}),
         ("codec", {"container", "gaussian", "graphs", "render", "scene", "system"}),
-        ("prune", {"codec", "gaussian", "render", "scene", "system"}),
+        ("prune", {"codec", "gaussian", "refine", "render", "scene", "system"}),
         ("refine", {"codec", "container", "gaussian", "graphs", "render", "scene", "system"}),
         (
             "recipe",

@@ -71,9 +71,10 @@ def test_few_gaussians_are_one_tier(ball: Gaussians) -> None:
 def test_colours_make_up_for_what_is_lost_of_all_else(monkeypatch: pytest.MonkeyPatch) -> None:
     some = make_free_gaussians(1000, 0, np.random.default_rng(0))
     haze = replace(some, scales=2 * some.scales, opacities=np.full(1000, 0.3), sh=0.3 * some.means[:, None])
+    monkeypatch.setattr(thinning, "SLOPE", 0.5)  # what is lost is lost by steps
 
     def coded() -> tuple[int, float]:
-        data = ts.Runtime(threads=2).compress(haze, "balanced", 9.0)
+        data = ts.Runtime(threads=2).compress(haze, "balanced", 15.0)
         return len(data), errors(ts.decompress(data), haze)
 
     size, error = coded()

@@ -28,10 +28,24 @@ def test_objects_are_seen_from_all_sides():
     cameras = views_about(moved, 20)
     away = np.stack([camera.centre for camera in cameras]) - middle
     distances = np.linalg.norm(away, axis=1) / diagonal
-    assert len(cameras) == 20 and sorted(set(distances.round(3))) == [NEAR, FAR]
+    centre = np.median(moved.means, axis=0) + moved.origin
+    apart = np.linalg.norm(np.stack([camera.centre for camera in cameras]) - centre, axis=1)
+    usual = np.median(np.linalg.norm(moved.means + moved.origin - centre, axis=1))
+    is_near = np.isclose(apart, NEAR * usual, rtol=1e-3)
+    assert len(cameras) == 20 and is_near.sum() == 5 and np.allclose(distances[~is_near], FAR, rtol=1e-3)
     assert np.abs(away.mean(axis=0)).max() < 0.25 * diagonal
-    for camera, towards in zip(cameras, away, strict=True):  # each looks at the middle
+    for camera, towards, near in zip(cameras, away, is_near, strict=True):  # each looks at the middle
+        towards = camera.centre - centre if near else towards
         assert camera.c2w[:3, 2] @ towards / np.linalg.norm(towards) < -0.999
+
+
+def test_what_lies_far_off_does_not_move_near_views_away():
+    cloud = make_free_gaussians(500, 0, np.random.default_rng(0))
+    means = cloud.means.copy()
+    means[::4] *= 30
+    far = replace(cloud, means=means)
+    nearest = [min(np.linalg.norm(camera.centre) for camera in views_about(one, 20)) for one in (cloud, far)]
+    assert nearest[1] < 2 * nearest[0]
 
 
 def test_rooms_are_seen_from_within_too():

@@ -1,7 +1,8 @@
 """Which Gaussians of a scene pictures hardly need: they are left out, and the others' colours make up for them.
 
 What removing a Gaussian does to views about the scene is known exactly (`kernels`). The cheapest go, a few at a time,
-as many at once would add up to holes. Then SH coefficients are fitted anew to the pictures of all Gaussians.
+as many at once would add up to holes. Then what is left is fitted to the pictures of all Gaussians: SH coefficients by
+least squares (`Remover.recoloured`), all else by gradient (`correction`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.sh import sh_basis
 from ..scene.cameras import Camera
 from . import kernels
+from .correction import corrected
 from .merging import merged
 from .pictures import Pictures
 
@@ -171,7 +173,14 @@ class Remover:
             left = min(both, key=self.error_of)
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
+        if shown.size:
+            left = min((left, self._corrected(left)), key=self.error_of)
         return Thinned(left, rows, self._prices.size - rows.size, self.psnr(self.error_of(left)))
+
+    def _corrected(self, gaussians: Gaussians) -> Gaussians:
+        cameras = self._pictures.cameras
+        wanted = [self._pictures.wanted[number][..., :3] for number in range(len(cameras))]
+        return corrected(gaussians, cameras, wanted, self._run)
 
     def _look(self, gaussians: Gaussians, views: Sequence[int]) -> _Seen:
         shape = gaussians.opacities.size, len(views) if gaussians.degree else 1

@@ -1,8 +1,9 @@
 """What a Gaussian is worth at a Q_g: as much error as the quantiser's steps bear for the bytes that it takes.
 
-Rounding a scene to the steps of Q_g makes an error D. Over Q_g bytes fall by 0.1 octave and D grows by 0.95 dB, so that
-the last byte saved by coarser steps costs 3.2·D/R of N Gaussians' R bytes; one that costs less than its own bytes'
-worth, 3.2·D/N, is left out. One Q_g thus stays one quality.
+Rounding a scene to its steps makes an error D. Over Q_g bytes fall by 0.1 octave and D grows by 0.95 dB, so that the
+last byte saved by coarser steps costs 3.2·D/R of N Gaussians' R bytes; one that costs less than its own bytes' worth,
+3.2·D/N, is left out. What is left makes up for most of what others would cost, so that several times as much may go
+(`SLOPE`). It shows more, too, for which its steps are finer (`STEPS`), so that one Q_g stays about one quality.
 """
 
 from __future__ import annotations
@@ -24,9 +25,12 @@ from .views import views_about
 
 VIEWS = 20
 
-SLOPE = 1.0
-"""Worth of a Gaussian over the mean error by Gaussian that `FreeEncoder.rounded` estimates, which is 1.9 times that of
-a file (1.5 to 2.3 on two scenes at Q_g −6 to 12)."""
+SLOPE = 6.0
+"""Worth of a Gaussian over the mean error by Gaussian that `FreeEncoder.rounded` estimates: at equal bytes 6 shows as
+much as 12 and more than 1 and 3."""
+
+STEPS = 0.5
+"""Of what is left, over those of Q_g."""
 
 BYTES_EACH = 4.0
 """That a Gaussian takes at Q_g = 0, about."""
@@ -72,11 +76,11 @@ class ThinningEncoder:
             kept, self.profile, threads=self._threads, stats=self._stats, tiers=tiers,
             recolour=None if kept.degree else recolour
         )  # fmt: skip
-        return coder.code(qp)
+        return coder.code(qp, STEPS)
 
     def thinned(self, qp: float) -> tuple[Thinned, list[float]]:
         """What is left at Q_g, and what its SH coefficients cost."""
-        rounded = self._whole.rounded(qp)
+        rounded = self._whole.rounded(qp, STEPS)
         worth = SLOPE * self._remover.error_of(rounded) / rounded.count
         slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
         penalties = band_penalties(rounded, slope)

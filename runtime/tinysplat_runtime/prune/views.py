@@ -15,10 +15,11 @@ from ..scene.cameras import Camera
 SIDE = 384
 """Pixels of a view's sides."""
 
-FAR, NEAR = 1.2, 0.6
-"""Distances of the outer views from the middle, in diagonals of the bulk."""
+FAR, NEAR = 1.2, 2.0
+"""Distances of the outer views: far ones from the middle of the bulk, in its diagonals; near ones from the median, in
+median distances from it. About a captured place, which thins out towards the distance, the latter are much less."""
 
-NEAR_EVERY = 5
+NEAR_EVERY = 4
 """One of so many outer views is a near one."""
 
 STEEPEST = 0.7
@@ -41,13 +42,16 @@ def views_about(gaussians: Gaussians, count: int) -> list[Camera]:
     means = gaussians.means.astype(np.float64) + gaussians.origin
     low, high = np.percentile(means, (5, 95), axis=0)
     middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
+    centre = np.median(means, axis=0)
+    close = NEAR * float(np.median(np.linalg.norm(means - centre, axis=1))) or 1.0
     inner = count // 3 if _is_room(gaussians, middle, diagonal) else 0
     outer = count - inner
     cameras = []
     for number in range(outer):
         towards = _on_the_sphere(number, outer, STEEPEST)
-        distance = (NEAR if number % NEAR_EVERY == 2 else FAR) * diagonal
-        cameras.append(_camera(middle + distance * towards, -towards, SIDE, SIDE))
+        is_near = number % NEAR_EVERY == 2
+        place = centre + close * towards if is_near else middle + FAR * diagonal * towards
+        cameras.append(_camera(place, -towards, SIDE, SIDE))
     return cameras + [_camera(middle, _on_the_sphere(n, inner, 0.5), SIDE / 2, SIDE) for n in range(inner)]
 
 

@@ -147,15 +147,15 @@ class FreeEncoder:
         # Order by weight leaves no blocks that have QPs of their own.
         self._settings = replace(profile.encoder, block_qps=False)
 
-    def code(self, qp: float) -> bytes:
-        """The file at Q_g.
+    def code(self, qp: float, steps: float = 1.0) -> bytes:
+        """The file at Q_g, whose steps are taken so many times.
 
         Raises:
             InputError: Q_g is beyond ±60, or a reader would refuse the file: numbers too large for it, or so many equal
                 Gaussians that its bytes do not pay for them.
         """
         check_qp(qp)
-        factor = 2 ** (qp / 6)
+        factor = steps * 2 ** (qp / 6)
         with self._stats.watch.stage("sort"):
             placed = self._placed(factor)
         with self._stats.watch.stage("x265"):
@@ -177,12 +177,12 @@ class FreeEncoder:
             raise InputError(found, where="qp")
         return data
 
-    def rounded(self, qp: float) -> Gaussians:
+    def rounded(self, qp: float, steps: float = 1.0) -> Gaussians:
         """About what a decoder will see of a file of one tier at Q_g, in the order given: all rounded to their steps.
 
         Without x265 and the octree's bytes, which take most of the time.
         """
-        factor = 2 ** (qp / 6)
+        factor = steps * 2 ** (qp / 6)
         grid, space = _grid_of(self._gaussians.means.astype(np.float64), factor)
         placed = _Placed(WHOLE[0], grid, _cells(grid, space), to_columns(self._gaussians))
         scene, (coded,) = self._coded([placed], factor, None)

@@ -1,0 +1,63 @@
+"""Gaussians that are left, moved, scaled, faded and coloured until pictures are again what they were with all of them.
+
+`refine.free` gives the gradient of a picture's error (L1), which Adam follows, a view at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussian.gaussians import Gaussians
+from ..refine import kernels
+from ..refine.free import FreeGaussians
+from ..refine.fuse import LIMITS, Pace, units
+from ..refine.kernels_free import LOGIT, VALUES
+from ..render.gradient import Target
+from ..render.prepare import ALPHA_MIN
+from ..scene.cameras import Camera
+
+ROUNDS = 4
+"""Steps for each view."""
+
+PACE = Pace(move=0.05, log_scale=0.01, logit=0.03, sh=0.004, last=0.05)
+
+_LEAST_LOGIT = math.log(ALPHA_MIN / (1 - ALPHA_MIN)) + 1e-4  # what shows nowhere could not come back
+_LIMITS = (*LIMITS[:LOGIT], (_LEAST_LOGIT, LIMITS[LOGIT][1]), *LIMITS[LOGIT + 1 :])
+
+
+def corrected(
+    gaussians: Gaussians, cameras: Sequence[Camera], wanted: Sequence[NDArray], run_jobs: Callable
+) -> Gaussians:
+    """Gaussians whose pictures are nearer to those wanted.
+
+    Args:
+        gaussians: (n,), of opacity 1/255 or more, as they stay.
+        cameras: of the pictures.
+        wanted: by camera, (H, W, 3) float32 as 3DGS defines drawing, before black; what is above 1 counts as 1.
+        run_jobs: maps a function over a list, on any number of threads; the result is the same on all.
+
+    Returns:
+        (n,) Gaussians of the same quats and SH above degree 0.
+    """
+    field = FreeGaussians(gaussians, units(gaussians, cameras), run_jobs)
+    targets = [Target(camera, np.minimum(one, np.float32(1))) for camera, one in zip(cameras, wanted, strict=True)]
+    means, gradient = np.zeros((2, *field.values.shape), np.float32), np.zeros_like(field.values)
+    order, count = np.random.default_rng(0), 0
+    for _ in range(ROUNDS):
+        for number in order.permutation(len(targets)):
+            gradient[:] = 0
+            field.measure(targets[number], gradient=gradient)
+            sizes = PACE.step_sizes(count / (ROUNDS * len(targets)))
+            count += 1
+
+            def step(kind: int, sizes: Sequence[float] = sizes, count: int = count) -> None:
+                numbers = (sizes[kind], PACE.momentum, PACE.memory, PACE.noise, float(count), *_LIMITS[kind])
+                kernels.adam(field.values[kind], gradient[kind], *means[:, kind], numbers)
+
+            run_jobs(step, range(VALUES))
+            field.place()
+    return field.gaussians()
