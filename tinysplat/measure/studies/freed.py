@@ -170,7 +170,7 @@ _POINTS = Listing(
 
 _SCENES = Listing(
     "free",
-    {"Gaussians": said("subject"), f"{OURS}, Q_g 0": _in_short(OURS, 0.0), "Q_g 3": _in_short(OURS, 3.0),
+    {"Gaussians": said("subject"), f"{OURS}, Q_g 0": _in_short(OURS, 0.0), "Q_g 6": _in_short(OURS, 6.0),
      "all kept, Q_g 0": _in_short(WHOLE, 0.0),
      **{name: _in_short(name) for name in ("SPZ v4", "SOG", "compressed PLY")}},
     by=("subject",),
