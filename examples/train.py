@@ -24,10 +24,10 @@ from tinysplat_runtime.gaussian import sh
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.gaussian.thin import thinned
-from tinysplat_runtime.refine import kernels
+from tinysplat_runtime.refine.descent import Descent, Pace, units
 from tinysplat_runtime.refine.free import FreeGaussians
-from tinysplat_runtime.refine.fuse import FADED, LIMITS, Pace, units
-from tinysplat_runtime.refine.kernels_free import SH_RED, VALUES
+from tinysplat_runtime.refine.fuse import FADED
+from tinysplat_runtime.refine.kernels_free import SH_RED
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.render.gradient import Target
 from tinysplat_runtime.system.threads import Crew
@@ -49,38 +49,32 @@ class Training:
         self._run, self._origin = Crew(threads).map, gaussians.origin
         wide = np.zeros((gaussians.count, (DEGREE + 1) ** 2, 3), np.float32)
         wide[:, :4] = gaussians.sh[:, :4]
-        self._begin(FreeGaussians(replace(gaussians, sh=wide), unit, self._run))
-        self.count = 0
+        field = FreeGaussians(replace(gaussians, sh=wide), unit, self._run)
+        self._descent = Descent(field, PACE, self._run)
 
-    def _begin(self, field: FreeGaussians) -> None:
-        self.field = field
-        self._means = np.zeros((2, *field.values.shape), np.float32)
-        self._gradient = np.zeros_like(field.values)
+    @property
+    def field(self) -> FreeGaussians:
+        return self._descent.field
+
+    @property
+    def count(self) -> int:
+        return self._descent.count
 
     def step(self, target: Target, way: float) -> float:
         """Towards one photo; the dB that it had."""
-        field, self.count = self.field, self.count + 1
-        self._gradient[:] = 0
-        error = field.measure(target, gradient=self._gradient)
-        sizes = PACE.step_sizes(way)
-        for kind in range(VALUES):
-            numbers = sizes[kind], PACE.momentum, PACE.memory, PACE.noise, float(self.count), *LIMITS[kind]
-            kernels.adam(field.values[kind], self._gradient[kind], *self._means[:, kind], numbers)
+        descent, field = self._descent, self.field
+        error = descent.correct(target, way)
         towards = target.camera.centre - self._origin
-        rest = 1 - PACE.memory**self.count
+        numbers = HIGHER * PACE.step_sizes(way)[SH_RED], PACE.noise, 1 - PACE.memory**descent.count
         for piece in field.pieces:
             rows = piece.rows
-            move_higher(
-                piece.geometry[:, :3], towards, self._gradient[SH_RED:, rows], self._means[1, SH_RED:, rows],
-                (HIGHER * sizes[SH_RED], PACE.noise, rest), piece.sh,
-            )  # fmt: skip
+            gradient, squares = descent.gradient[SH_RED:, rows], descent.means[1, SH_RED:, rows]
+            move_higher(piece.geometry[:, :3], towards, gradient, squares, numbers, piece.sh)
         field.place()
         return error.psnr
 
     def drop_faded(self) -> None:
-        keep, means = self.field.opacities >= FADED, self._means
-        self._begin(self.field.kept(keep))
-        self._means[..., : self.field.count] = means[..., : keep.size][..., keep]
+        self._descent.keep(self.field.opacities >= FADED)
 
 
 BANDS = tuple(numba.njit(inline="always")(band) for band in (sh.band_1, sh.band_2, sh.band_3))

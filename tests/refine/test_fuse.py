@@ -12,8 +12,9 @@ from scenes import make_cameras, make_free_gaussians
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.thin import thinned
+from tinysplat_runtime.refine.descent import Pace
 from tinysplat_runtime.refine.free import FreeGaussians
-from tinysplat_runtime.refine.fuse import FADED, FuseStats, Pace, fused
+from tinysplat_runtime.refine.fuse import FADED, FuseStats, fused
 from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
 from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.render.gradient import Target

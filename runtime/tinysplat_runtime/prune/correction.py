@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..refine import kernels
+from ..refine.descent import LIMITS, Descent, Pace, units
 from ..refine.free import FreeGaussians
-from ..refine.fuse import LIMITS, Pace, units
-from ..refine.kernels_free import LOGIT, VALUES
+from ..refine.kernels_free import LOGIT
 from ..render.gradient import Target
 from ..render.prepare import ALPHA_MIN
 from ..scene.cameras import Camera
@@ -45,19 +44,8 @@ def corrected(
     """
     field = FreeGaussians(gaussians, units(gaussians, cameras), run_jobs)
     targets = [Target(camera, np.minimum(one, np.float32(1))) for camera, one in zip(cameras, wanted, strict=True)]
-    means, gradient = np.zeros((2, *field.values.shape), np.float32), np.zeros_like(field.values)
-    order, count = np.random.default_rng(0), 0
+    descent, order = Descent(field, PACE, run_jobs, _LIMITS), np.random.default_rng(0)
     for _ in range(ROUNDS):
         for number in order.permutation(len(targets)):
-            gradient[:] = 0
-            field.measure(targets[number], gradient=gradient)
-            sizes = PACE.step_sizes(count / (ROUNDS * len(targets)))
-            count += 1
-
-            def step(kind: int, sizes: Sequence[float] = sizes, count: int = count) -> None:
-                numbers = (sizes[kind], PACE.momentum, PACE.memory, PACE.noise, float(count), *_LIMITS[kind])
-                kernels.adam(field.values[kind], gradient[kind], *means[:, kind], numbers)
-
-            run_jobs(step, range(VALUES))
-            field.place()
+            descent.step(targets[number], descent.count / (ROUNDS * len(targets)))
     return field.gaussians()

@@ -173,9 +173,10 @@ class Remover:
             left = min(both, key=self.error_of)
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
-        if shown.size:
-            left = min((left, self._corrected(left)), key=self.error_of)
-        return Thinned(left, rows, self._prices.size - rows.size, self.psnr(self.error_of(left)))
+        error = self.error_of(left)
+        if shown.size and (found := self.error_of(nearer := self._corrected(left))) < error:
+            left, error = nearer, found
+        return Thinned(left, rows, self._prices.size - rows.size, self.psnr(error))
 
     def _corrected(self, gaussians: Gaussians) -> Gaussians:
         cameras = self._pictures.cameras

@@ -18,19 +18,17 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian import FUSE_SECONDS
-from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.thin import thinned
 from ..render import between
-from ..render.gradient import PhotoError, Target
+from ..render.gradient import Target
 from ..render.near import NearViews
 from ..render.renderer import Renderer
 from ..scene.cameras import Camera
 from ..scene.neighbours import view_places
 from ..system.threads import Crew, available_cores
-from . import kernels
+from .descent import Descent, Pace, units
 from .free import FreeGaussians
-from .kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
 
 PARTNERS = 2
 """Views nearest to each, halfway to which pictures are drawn."""
@@ -40,36 +38,6 @@ COVERED = 0.9
 
 FADED = 0.02
 """Gaussians of less opacity go."""
-
-LIMITS = ((-200.0, 200.0),) * 3 + ((-30.0, 30.0),) * 3 + ((-14.0, 7.0),) + ((-4.0, 8.0),) * 3
-"""Least and greatest value by kind; opacities end short of 1, from where there is no way back."""
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How Gaussians are corrected; lengths in pixels of the view that shows a Gaussian largest.
-
-    Attributes:
-        move, log_scale, logit, sh: largest change of a value in a step, roughly (Adam's step size), at the start.
-        last: what is left of them at the end; they fall evenly on a logarithmic scale.
-        momentum, memory, noise: Adam's β₁, β₂ and ε.
-        looks: how often what has faded goes.
-    """
-
-    move: float = 0.15
-    log_scale: float = 0.02
-    logit: float = 0.08
-    sh: float = 0.01
-    last: float = 0.1
-    momentum: float = 0.9
-    memory: float = 0.99
-    noise: float = 1e-3
-    looks: int = 10
-
-    def step_sizes(self, way: float) -> list[float]:
-        """(10,) by kind of value, at a share of the way."""
-        sizes = [self.move] * (LOG_SCALE - MOVE) + [self.log_scale] * (LOGIT - LOG_SCALE) + [self.logit]
-        return [size * self.last ** min(way, 1) for size in sizes + [self.sh] * (VALUES - SH_RED)]
 
 
 @dataclass
@@ -156,7 +124,7 @@ def _seconds(seconds: float | None, steps: int | None) -> float:
 
 
 class _Fusing:
-    """Gaussians on their way, and the running means of their gradients and of these squared."""
+    """Gaussians on their way, and the pictures that they are to show."""
 
     def __init__(self, gaussians: Gaussians, threads: int | None, pace: Pace, stats: FuseStats) -> None:
         self._run = Crew(threads or available_cores()).map
@@ -164,9 +132,8 @@ class _Fusing:
         thin = thinned(gaussians, self._run, shown=1)
         thin = replace(thin, sh=thin.sh[:, :4])
         stats.given, stats.thinned = gaussians.count, thin.count
-        self._field = FreeGaussians(thin, units(thin, gaussians.cameras), self._run)
-        self._means = np.zeros((2, *self._field.values.shape), np.float32)
-        self._gradient = np.zeros_like(self._field.values)
+        field = FreeGaussians(thin, units(thin, gaussians.cameras), self._run)
+        self._descent = Descent(field, self._pace, self._run)
 
     def advance(self, way: Callable[[], float]) -> Iterator[int]:
         """Take steps, one at least, until there is no way left."""
@@ -179,37 +146,20 @@ class _Fusing:
             if done * self._pace.looks >= looks:
                 self._drop_faded()
                 looks += 1
-            stats.rounds[-1].append(self._step(self._pictures[left.pop()], done).psnr)
+            stats.rounds[-1].append(self._descent.step(self._pictures[left.pop()], done).psnr)
             stats.steps += 1
             yield stats.steps
 
     def result(self) -> Gaussians:
         """As they stand."""
         self._drop_faded()
-        self._stats.kept = self._field.count
-        return self._field.gaussians()
-
-    def _step(self, target: Target, done: float) -> PhotoError:
-        self._gradient[:] = 0
-        error = self._field.measure(target, gradient=self._gradient)
-        sizes, pace, count = self._pace.step_sizes(done), self._pace, float(self._stats.steps + 1)
-
-        def correct(kind: int) -> None:
-            numbers = (sizes[kind], pace.momentum, pace.memory, pace.noise, count, *LIMITS[kind])
-            kernels.adam(self._field.values[kind], self._gradient[kind], *self._means[:, kind], numbers)
-
-        self._run(correct, range(VALUES))
-        self._field.place()
-        return error
+        self._stats.kept = self._descent.field.count
+        return self._descent.field.gaussians()
 
     def _drop_faded(self) -> None:
-        keep, means = self._field.opacities >= FADED, self._means
-        if keep.all() or not keep.any():
-            return
-        self._field = self._field.kept(keep)
-        self._means = np.zeros((2, *self._field.values.shape), np.float32)
-        self._means[..., : self._field.count] = means[..., : keep.size][..., keep]
-        self._gradient = np.zeros_like(self._field.values)
+        keep = self._descent.field.opacities >= FADED
+        if keep.any() and not keep.all():
+            self._descent.keep(keep)
 
 
 class _Pictures:
@@ -242,12 +192,3 @@ def _cameras(views: Sequence[Camera], depth: float) -> list[Camera]:
         nearest = np.argsort(distances, kind="stable")[: min(PARTNERS, len(views) - 1)].tolist()
         pairs |= {(min(view, other), max(view, other)) for other in nearest}
     return [*views, *(between([views[first], views[second]], 3)[1] for first, second in sorted(pairs))]
-
-
-def units(gaussians: Gaussians, cameras: Sequence[Camera]) -> NDArray:
-    """(N,) float32 width of a pixel of the view that shows each largest, scene units."""
-    widths = np.full(gaussians.count, np.inf, np.float32)
-    for camera in cameras:
-        width = own_pixels(gaussians.means, gaussians.origin, camera)
-        np.minimum(widths, width, out=widths, where=width > 0)
-    return np.where(np.isfinite(widths), widths, 1)

@@ -1,0 +1,109 @@
+"""Steps down the gradient of pictures, a picture at a time, for Gaussians of no pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussian.footprints import own_pixels
+from ..gaussian.gaussians import Gaussians
+from ..render.gradient import PhotoError, Target
+from ..scene.cameras import Camera
+from . import kernels
+from .free import FreeGaussians
+from .kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
+
+LIMITS = ((-200.0, 200.0),) * 3 + ((-30.0, 30.0),) * 3 + ((-14.0, 7.0),) + ((-4.0, 8.0),) * 3
+"""Least and greatest value by kind; opacities end short of 1, from where there is no way back."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How Gaussians are corrected; lengths in pixels of the view that shows a Gaussian largest.
+
+    Attributes:
+        move, log_scale, logit, sh: largest change of a value in a step, roughly (Adam's step size), at the start.
+        last: what is left of them at the end; they fall evenly on a logarithmic scale.
+        momentum, memory, noise: Adam's β₁, β₂ and ε.
+        looks: how often what has faded goes.
+    """
+
+    move: float = 0.15
+    log_scale: float = 0.02
+    logit: float = 0.08
+    sh: float = 0.01
+    last: float = 0.1
+    momentum: float = 0.9
+    memory: float = 0.99
+    noise: float = 1e-3
+    looks: int = 10
+
+    def step_sizes(self, way: float) -> list[float]:
+        """(10,) by kind of value, at a share of the way."""
+        sizes = [self.move] * (LOG_SCALE - MOVE) + [self.log_scale] * (LOGIT - LOG_SCALE) + [self.logit]
+        return [size * self.last ** min(way, 1) for size in sizes + [self.sh] * (VALUES - SH_RED)]
+
+
+class Descent:
+    """Gaussians on their way, with the running means of their gradients and of these squared that Adam takes.
+
+    Attributes:
+        field: as they stand.
+        gradient: (10, rows) float32 of the last picture.
+        means: (2, 10, rows) float32, the running means of gradients and of their squares.
+        count: steps taken.
+    """
+
+    def __init__(
+        self,
+        field: FreeGaussians,
+        pace: Pace,
+        run_jobs: Callable,
+        limits: Sequence[tuple[float, float]] = LIMITS,
+    ) -> None:
+        """`limits` are the least and greatest value by kind; `run_jobs` maps a function over a list, on any threads."""
+        self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits
+        self._begin(field)
+
+    def step(self, target: Target, way: float) -> PhotoError:
+        """Towards one picture, at a share of the way; what it lacked before."""
+        error = self.correct(target, way)
+        self.field.place()
+        return error
+
+    def correct(self, target: Target, way: float) -> PhotoError:
+        """As `step`, but what is drawn is not yet brought up to date."""
+        self.gradient[:] = 0
+        error = self.field.measure(target, gradient=self.gradient)
+        self.count += 1
+        sizes, pace, count = self._pace.step_sizes(way), self._pace, float(self.count)
+
+        def move(kind: int) -> None:
+            numbers = (sizes[kind], pace.momentum, pace.memory, pace.noise, count, *self._limits[kind])
+            kernels.adam(self.field.values[kind], self.gradient[kind], *self.means[:, kind], numbers)
+
+        self._run(move, range(VALUES))
+        return error
+
+    def keep(self, keep: NDArray) -> None:
+        """Go on with those of a mask (N,) bool."""
+        means = self.means
+        self._begin(self.field.kept(keep))
+        self.means[..., : self.field.count] = means[..., : keep.size][..., keep]
+
+    def _begin(self, field: FreeGaussians) -> None:
+        self.field = field
+        self.means = np.zeros((2, *field.values.shape), np.float32)
+        self.gradient = np.zeros_like(field.values)
+
+
+def units(gaussians: Gaussians, cameras: Sequence[Camera]) -> NDArray:
+    """(N,) float32 width of a pixel of the view that shows each largest, scene units."""
+    widths = np.full(gaussians.count, np.inf, np.float32)
+    for camera in cameras:
+        width = own_pixels(gaussians.means, gaussians.origin, camera)
+        np.minimum(widths, width, out=widths, where=width > 0)
+    return np.where(np.isfinite(widths), widths, 1)
