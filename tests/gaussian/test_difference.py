@@ -1,0 +1,84 @@
+"""How far attributes are from those of an original, on differences that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import make_gaussians
+from scipy.spatial.transform import Rotation
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian import difference
+from tinysplat_runtime.gaussian.difference import attribute_errors, layer_pairs, spread
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+
+
+@pytest.mark.parametrize("at_a_time", [7, 1 << 18])
+def test_errors_of_every_attribute_by_hand(at_a_time: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two layers of 20 and 6 Gaussians, each changed in its own way."""
+    monkeypatch.setattr(difference, "_AT_A_TIME", at_a_time)
+    whole = make_gaussians(1, 4, 5, degree=1, layers=2)
+    first, second = whole.layers[0], whole.layers[1]
+    n, m = first.opacities.size, second.opacities.size
+    scales, opacities, sh = first.scales.copy(), first.opacities.copy(), first.sh.copy()
+    scales[0, 1, 2, 0] += 0.5
+    opacities[0, 3, 4] = 0.0
+    sh[0, 2, 2, 3, 1] -= 2.0
+    found = replace(
+        first, means=first.means - np.float32([0, 3, 4]), scales=scales, opacities=opacities, sh=sh,
+        extra_layers=(replace(second, means=second.means + np.float32([12, 0, 0])),),
+    )  # fmt: skip
+    errors = attribute_errors(whole, found)
+    assert errors["means"]["rmse"] == pytest.approx(np.sqrt((25 * n + 144 * m) / (3 * (n + m))), rel=1e-5)
+    assert errors["means"]["max"] == pytest.approx(12, rel=1e-5)
+    assert errors["scales"]["max"] == pytest.approx(0.5, rel=1e-5)
+    assert errors["scales"]["rmse"] == pytest.approx(0.5 / np.sqrt(3 * (n + m)), rel=1e-5)
+    was = float(first.opacities[0, 3, 4])
+    assert errors["opacities"]["max"] == pytest.approx(was, rel=1e-6)
+    assert errors["opacities"]["rmse"] == pytest.approx(was / np.sqrt(n + m), rel=1e-6)
+    assert errors["sh"]["max"] == pytest.approx(2, rel=1e-5)
+    assert errors["sh"]["rmse"] == pytest.approx(2 / np.sqrt(12 * (n + m)), rel=1e-5)
+    assert errors["quats"]["max"] == pytest.approx(0, abs=1e-5)
+
+
+def test_places_are_compared_in_the_world() -> None:
+    whole = make_gaussians(1, 3, 4).flat()
+    moved = Gaussians.unchecked(**{**vars(whole), "origin": np.array([1.0, -2, 0.5])})
+    assert attribute_errors(whole, moved)["means"]["max"] == pytest.approx(2, rel=1e-6)
+    assert attribute_errors(whole, moved)["means"]["rmse"] == pytest.approx(np.sqrt(5.25 / 3), rel=1e-6)
+    same = replace(moved, means=whole.means - np.float32([1, -2, 0.5]))
+    assert attribute_errors(whole, same)["means"]["max"] < 1e-5
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-4, 0.5, 1.0, 3.0, np.pi])
+def test_turns_are_told_in_degrees_whatever_length_and_sign_quaternions_have(angle: float) -> None:
+    whole = make_gaussians(1, 3, 4).flat()
+    turns = Rotation.from_quat(whole.quats.astype(float), scalar_first=True)
+    axis = np.array([2.0, -1, 2]) / 3
+    turned = (turns * Rotation.from_rotvec(angle * axis)).as_quat(scalar_first=True)
+    signs = np.where(np.arange(12) % 2, -3.0, 0.5)[:, None]
+    errors = attribute_errors(whole, replace(whole, quats=signs * turned))["quats"]
+    assert errors["max"] == pytest.approx(np.degrees(angle), rel=1e-4, abs=2e-5)
+    assert errors["rmse"] == pytest.approx(np.degrees(angle), rel=1e-4, abs=2e-5)
+
+
+def test_coefficients_that_were_left_out_count_as_zeros() -> None:
+    whole = make_gaussians(1, 3, 4, degree=2).flat()
+    errors = attribute_errors(whole, replace(whole, sh=whole.sh[:, :4]))["sh"]
+    assert errors["max"] == pytest.approx(float(np.abs(whole.sh[:, 4:]).max()))
+    assert errors["rmse"] == pytest.approx(float(np.sqrt(np.square(whole.sh[:, 4:].astype(float)).sum() / (12 * 27))))
+
+
+def test_other_shapes_are_refused_and_layers_paired() -> None:
+    whole = make_gaussians(1, 4, 6, layers=2)
+    assert [(a is x, b is y) for (a, b), x, y in
+            zip(layer_pairs(whole, whole), whole.layers, whole.layers, strict=True)] == [(True, True)] * 2  # fmt: skip
+    with pytest.raises(InputError, match=r"layers of shapes \[\(1, 4, 6\)\], expected \[\(1, 4, 6\), \(1, 2, 3\)\]"):
+        attribute_errors(whole, replace(whole, extra_layers=()))
+
+
+def test_the_spread_of_parts_is_that_of_all_their_values() -> None:
+    found = spread([np.array([[3.0, -4.0]]), np.array([0.0, 0.0, 1.0])])
+    assert found == {"rmse": pytest.approx(np.sqrt(26 / 5)), "max": 4.0}
