@@ -20,6 +20,7 @@ from tinysplat_runtime.gaussian.editing import (
     trim_border,
 )  # fmt: skip
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.notes import Notes
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.render import render
@@ -66,6 +67,43 @@ def test_selections_keep_what_they_say() -> None:
     assert 0 < box.count < scene.count and (np.abs(box.means - (0, 0, 2.5)) <= (1, 1, 0.5)).all()
 
 
+def test_a_border_goes_on_every_side_of_every_view_of_the_first_layer() -> None:
+    scene = make_gaussians(views=2, height=9, width=12, layers=2)
+    kept = [scene.means[:, 4:5, 4:8].reshape(-1, 3), scene.layers[1].means.reshape(-1, 3)]
+    np.testing.assert_array_equal(trim_border(scene, 4).means, np.concatenate(kept))
+
+
+def test_selections_hold_what_lies_on_their_ends() -> None:
+    flat = make_gaussians(height=2, width=3).flat()
+    means = np.array([[0, 0, 0], [1, 2, 3], [1, 2, 3.5], [-0.5, 0, 0], [0.5, 1, 1.5], [1, 2.5, 3]] * 2)
+    opacities = np.array([0, 0.25, 0.5, 1, 0.75, 0.5] * 2)
+    scene = Gaussians(means, flat.quats, flat.scales, opacities, flat.sh, origin=np.array([10.0, 20, 30]))
+    box = crop(scene, (10, 20, 30), (11, 22, 33))
+    np.testing.assert_array_equal(box.means, means[[0, 1, 4, 6, 7, 10]])
+    assert [drop_transparent(scene, least).count for least in (0, 0.5, 1)] == [12, 8, 2]
+
+
+@pytest.mark.parametrize(("origin", "means_at", "origin_at"), [
+    ((0, 0, 0), (7, 5, 2), (0, 0, 0)), ((1, 0, 0), (2, 0, 0), (5, 7, 2)),
+])  # fmt: skip
+def test_a_movement_by_hand(origin: tuple, means_at: tuple, origin_at: tuple) -> None:
+    """A quarter turn about z, twice the size, and a shift by (5, 5, 2); the mean lies at (0, -1, 0)."""
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    one = Gaussians([[0, -1.0, 0]], [[1.0, 0, 0, 0]], [[1.0, 2, 3]], [0.5], np.zeros((1, 1, 3)), origin=origin)
+    one = one.with_notes(Notes(unit="metre", licence="CC0"))
+    found = similarity(one, quarter, 2.0, (5, 5, 2))
+    np.testing.assert_allclose(found.means[0], means_at, atol=1e-6)
+    np.testing.assert_allclose(found.origin, origin_at, atol=1e-12)
+    np.testing.assert_allclose(found.scales, [[2, 4, 6]])
+    np.testing.assert_allclose(np.abs(found.quats @ [0.5**0.5, 0, 0, 0.5**0.5]), 1, rtol=1e-6)
+    assert (found.notes.unit, found.notes.licence) == ("", "CC0")
+    assert similarity(one, quarter).notes.unit == "metre"
+    c2w = np.array([[1.0, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+    view = make_gaussians(1, 1, 1).with_cameras([Camera(np.eye(3), c2w, 1, 1)])
+    (camera,) = similarity(view, quarter, 2.0, (5, 5, 2)).cameras
+    np.testing.assert_allclose(camera.c2w, [[0, -1, 0, 1], [1, 0, 0, 7], [0, 0, 1, 8], [0, 0, 0, 1]], atol=1e-12)
+
+
 @pytest.mark.parametrize(("degree", "kept"), [(0, 1), (1, 4), (2, 9), (3, 9), (4, 9)])
 def test_the_degree_is_cut_in_all_layers_and_never_raised(degree: int, kept: int) -> None:
     scene = make_gaussians(degree=2, layers=2)
@@ -87,15 +125,27 @@ def test_merged_scenes_keep_their_places_and_degrees() -> None:
     [
         (lambda g: select_views(g, [3]), "expected different views of 0 to 1"),
         (lambda g: select_views(g, [0, 0]), "expected different views"),
+        (lambda g: select_views(g, []), "expected different views"),
+        (lambda g: select_views(g, [-1]), "expected different views"),
+        (lambda g: select_views(g, [2]), "expected different views"),
         (lambda g: select_views(g.flat(), [0]), "no views to choose"),
         (lambda g: trim_border(g, 4), "less than half"),
         (lambda g: trim_border(g.flat(), 1), "no border"),
-        (lambda g: drop_transparent(g, 1.5), "expected 0 to 1"),
+        (lambda g: trim_border(g, -1), "-1 pixels of 12x8, expected less than half of either"),
+        (lambda g: drop_transparent(g, 1.01), "expected 0 to 1"),
+        (lambda g: drop_transparent(g, -0.01), "expected 0 to 1"),
         (lambda g: drop_transparent(g, 1.0), "none of 192 Gaussians is left"),
         (lambda g: crop(g, (0, 0, 0), (1, 1, 0)), "expected a box"),
+        (lambda g: crop(g, (0, 0, 0), (1, 0, 1)), "expected a box"),
         (lambda g: cut_degree(g, 5), "expected 0 to 4"),
+        (lambda g: cut_degree(g, -1), "expected 0 to 4"),
         (lambda g: similarity(g, 2 * np.eye(3)), "no rotation matrix"),
+        (lambda g: similarity(g, (1 + 1e-6) * np.eye(3)), "no rotation matrix"),
+        (lambda g: similarity(g, np.diag([1.0, 1, -1])), "no rotation matrix"),
+        (lambda g: similarity(g, np.eye(4)), "no rotation matrix"),
         (lambda g: similarity(g, scale=0), "above 0"),
+        (lambda g: similarity(g, scale=float("inf")), "above 0"),
+        (lambda g: similarity(g, translation=(0, 1)), "three finite numbers"),
         (lambda g: similarity(g, translation=(0, float("nan"), 0)), "three finite numbers"),
     ],
 )

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians
+from scenes import make_cameras, make_smooth_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.notes import Notes
 
 
 def _changed(g, field, index, value):
@@ -74,3 +75,87 @@ def test_layers_must_be_per_pixel_and_share_the_origin():
         replace(g, extra_layers=(replace(g.extra_layers[0], cameras=()),))
     with pytest.raises(InputError):
         replace(g, extra_layers=(replace(g.extra_layers[0], origin=np.ones(3)),))
+
+
+def free(count=3, **fields):
+    rows = {"means": np.zeros((count, 3)), "quats": np.ones((count, 4)), "scales": np.ones((count, 3)),
+            "opacities": np.full(count, 0.5), "sh": np.zeros((count, 1, 3))}  # fmt: skip
+    return Gaussians(**{**rows, **fields})
+
+
+def test_values_are_accepted_to_their_ends():
+    assert free(opacities=[0, 1, 0.5]).opacities.tolist() == [0, 1, 0.5]
+    assert free(scales=np.zeros((3, 3))).count == 3
+    assert free(quats=[[0, 0, 0, 1e-30]] * 3).count == 3
+    for sign in (1, -1):
+        assert free(origin=[0, sign * 1e15, 0]).origin[1] == sign * 1e15
+        with pytest.raises(InputError, match=r"expected three numbers of at most 1e\+15"):
+            free(origin=[0, sign * 1.01e15, 0])
+    for origin in ([0, 0], [0, np.nan, 0], np.zeros((3, 1))):
+        with pytest.raises(InputError) as caught:
+            free(origin=origin)
+        assert caught.value.where == "origin"
+
+
+@pytest.mark.parametrize(
+    ("changes", "where", "words"),
+    [
+        ({"opacities": [0.5, 1.5, -1]}, "opacities[1]", "1.5 (2 such), expected 0 to 1"),
+        ({"opacities": [-1, 0.5, 0.5]}, "opacities[0]", "-1.0 (1 such), expected 0 to 1"),
+        ({"scales": [[1, 1, 1], [1, 1, -2], [1, -1, 1]]}, "scales[1, 2]", "-2.0 (2 such), expected ≥ 0"),
+        ({"quats": [[1, 0, 0, 0], [0] * 4, [0] * 4]}, "quats[1]", "(2 such), expected a non-zero quaternion"),
+        ({"means": [[0, 0, 0], [0, 0, 1e39], [0, 0, 0]]}, "means[1, 2]", "inf (1 such), expected finite numbers"),
+        ({"means": np.zeros((3, 4))}, "means", "shape (3, 4), expected (3, 3) as opacities have (3,)"),
+        ({"quats": np.ones((3, 3))}, "quats", "shape (3, 3), expected (3, 4)"),
+        ({"scales": np.ones((2, 3))}, "scales", "shape (2, 3), expected (3, 3)"),
+        ({"sh": np.ones((3, 1))}, "sh", "shape (3, 1), expected (3, 'B', 3)"),
+        ({"sh": np.ones((3, 5, 3))}, "", "5 basis functions"),
+        ({"means": "abc"}, "means", "not an array of numbers"),
+        ({"cameras": make_cameras(1, 1, 3)}, "cameras", "1 of sizes [(1, 3)]…, expected one per view of (3,)"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_counted_and_the_first_is_shown(changes, where, words):
+    with pytest.raises(InputError) as caught:
+        free(**changes)
+    assert words in str(caught.value) and (caught.value.where or "") == where
+
+
+@pytest.mark.parametrize("lead", [(0,), (2, 3), (1, 0, 3), (1, 2, 3, 4)])
+def test_leading_shapes_are_of_a_list_or_of_views(lead):
+    shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (1, 3)}
+    with pytest.raises(InputError, match=r"expected \(N,\) or \(V, H, W\), none of them 0"):
+        Gaussians(**{name: np.ones((*lead, *shape)) for name, shape in shapes.items()})
+
+
+def test_layers_are_told_by_number():
+    g = make_smooth_gaussians(2, 8, 9, layers=3)
+    one, two = g.extra_layers
+    for layer in (replace(two, cameras=()), replace(two, extra_layers=(one,)), free()):
+        with pytest.raises(InputError) as caught:
+            replace(g, extra_layers=(one, layer))
+        assert caught.value.where == "layer2"
+    with pytest.raises(InputError) as caught:
+        replace(g, extra_layers=(replace(one, origin=np.array([0, 0, 1.0])),))
+    assert caught.value.where == "layer1_origin"
+    single = make_smooth_gaussians(1, 8, 9)
+    with pytest.raises(InputError) as caught:
+        replace(g, extra_layers=(single,))
+    assert caught.value.where == "layer1"
+
+
+def test_gaussians_tell_of_themselves():
+    g = make_smooth_gaussians(2, 8, 9, degree=3, layers=3)
+    count = sum(int(np.prod(layer.means.shape[:3])) for layer in (g, *g.extra_layers))
+    assert (g.degree, g.count, g.is_per_pixel) == (3, count, True)
+    assert repr(g) == f"Gaussians(2x8x9, SH degree 3, 3 layers of {count} in all)"
+    assert repr(free()) == "Gaussians(3, SH degree 0)" and not free().is_per_pixel
+    noted = g.with_notes(Notes(unit="metre"))
+    assert noted.notes.unit == "metre" and noted.means is g.means and not g.notes
+    assert noted.flat().notes.unit == "metre" and noted.with_cameras(g.cameras[::-1]).cameras == g.cameras[::-1]
+    bare = Gaussians.unchecked(**{name: getattr(g.flat(), name) for name in FIELDS})
+    assert bare.cameras == bare.extra_layers == () and bare.origin.tolist() == [0, 0, 0] and not bare.notes
+    for name in FIELDS:  # every layer's rows, one after another
+        parts = [
+            getattr(layer, name).reshape(layer.count, -1) for layer in (replace(g, extra_layers=()), *g.layers[1:])
+        ]
+        np.testing.assert_array_equal(getattr(g.flat(), name).reshape(count, -1), np.concatenate(parts))
