@@ -36,7 +36,7 @@ TOLERANCE, QUANTILE = 1e-3, 0.99
 def parse_size(text: str) -> Size:
     """`2x256x384` to (views, height, width)."""
     parts = text.split("x")
-    if len(parts) != 3 or not all(part.isdigit() and int(part) for part in parts):
+    if len(parts) != 3 or not all(part.isdecimal() and int(part) for part in parts):
         raise argparse.ArgumentTypeError(f"'{text}', expected VIEWSxHEIGHTxWIDTH such as 2x256x256")
     return int(parts[0]), int(parts[1]), int(parts[2])
 

@@ -44,7 +44,7 @@ def _kinds() -> str:
 
 
 def _count(text: str) -> int:
-    if not text.isdigit() or not 2 <= int(text) <= 1000:
+    if not text.isdecimal() or not 2 <= int(text) <= 1000:
         raise ArgumentTypeError(f"'{text}', expected a whole number of 2 to 1000")
     return int(text)
 

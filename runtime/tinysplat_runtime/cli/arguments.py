@@ -49,7 +49,7 @@ def amount(text: str) -> Amount:
 
 def port(text: str) -> int:
     """A TCP port, 0 for any."""
-    if not text.isdigit() or int(text) > 65535:
+    if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"'{text}', expected a port of 0 to 65535")
     return int(text)
 
@@ -82,6 +82,6 @@ def numbers(length: int) -> Callable[[str], tuple[float, ...]]:
 
 def count(text: str) -> int:
     """A whole number, 1 or more."""
-    if not text.isdigit() or int(text) < 1:
+    if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}', expected a whole number of 1 or more")
     return int(text)

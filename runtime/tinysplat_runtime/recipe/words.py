@@ -72,7 +72,7 @@ def _range(part: str, text: str) -> range:
     span, colon, step = part.strip().partition(":")
     first, dash, last = span.partition("-")
     numbers = [first, *([last] if dash else []), *([step] if colon else [])]
-    is_range = all(number.isdigit() and len(number) < 8 for number in numbers) and (dash or not colon)
+    is_range = all(number.isdecimal() and len(number) < 8 for number in numbers) and (dash or not colon)
     if not is_range or (colon and not int(step)) or (dash and int(last) < int(first)):
         raise InputError(f"'{text}', expected indices such as 0,4 or ranges such as 0-40:2")
     return range(int(first), int(last if dash else first) + 1, int(step) if colon else 1)
@@ -85,7 +85,7 @@ def views(text: str) -> tuple[int, ...] | AutoViews | str:
         return text
     if word != "auto":
         return indices(text)
-    if count and not (count.isdigit() and int(count) >= 2):
+    if count and not (count.isdecimal() and int(count) >= 2):
         raise InputError(f"'{text}', expected auto or auto:N with N of 2 or more")
     return AutoViews(int(count)) if count else AutoViews()
 
@@ -93,7 +93,7 @@ def views(text: str) -> tuple[int, ...] | AutoViews | str:
 def size(text: str) -> tuple[int, int]:
     """`256x384` to (height, width)."""
     parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
+    if len(parts) != 2 or not all(part.isdecimal() and int(part) > 0 for part in parts):
         raise InputError(f"'{text}', expected HEIGHTxWIDTH such as 256x384")
     return int(parts[0]), int(parts[1])
 
@@ -120,7 +120,7 @@ def refinement(text: str) -> Refinement:
     """`20` to steps, `10s` to seconds, `auto` to neither."""
     if text == AUTO:
         return Refinement()
-    if text.isdigit() and int(text) > 0:
+    if text.isdecimal() and int(text) > 0:
         return Refinement(steps=int(text))
     try:
         seconds = float(text.removesuffix("s")) if text.endswith("s") else 0.0

@@ -82,7 +82,7 @@ def _values(line: str, where: str) -> tuple[str, list[float]]:
         row = [float(word) for word in words[1:]]
     except ValueError:
         row = []
-    if len(row) != VALUES - 1 or not words[0].isdigit() or len(words[0]) > 15:
+    if len(row) != VALUES - 1 or not words[0].isdecimal() or len(words[0]) > 15:
         raise InputError(f"'{line[:40]}', expected a time stamp and {VALUES - 1} numbers", where=where)
     return words[0], row
 
