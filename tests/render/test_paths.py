@@ -12,7 +12,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.render import between, orbit
-from tinysplat_runtime.render.paths import outside
+from tinysplat_runtime.render.paths import looking_along, outside, ring
 from tinysplat_runtime.scene.cameras import Camera
 
 
@@ -160,3 +160,67 @@ def test_a_path_through_many_cameras_meets_them_without_a_jerk_or_a_detour():
 def test_cameras_far_apart_pull_no_loop_between_near_ones():
     path = between([camera(), camera(centre=(0.1, 0, 0)), camera(centre=(10, 0, 0))], 81)
     assert (np.diff([one.centre[0] for one in path]) > 0).all()
+
+
+def test_a_direction_and_what_is_down_make_axes() -> None:
+    found = looking_along(np.array([0, 0, 5.0]), down=np.array([0.3, 2.0, -7]))
+    x, y, z = found.T
+    np.testing.assert_allclose(z, [0, 0, 1])
+    np.testing.assert_allclose(y, np.array([0.3, 2, 0]) / np.hypot(0.3, 2))  # what is left of it across the direction
+    np.testing.assert_allclose(np.cross(x, y), z)
+    np.testing.assert_allclose(looking_along(np.array([2.0, 0, 0]), down=np.array([0, 3.0, 0])).T,
+                               [[0, 0, -1], [0, 1, 0], [1, 0, 0]], atol=1e-12)  # fmt: skip
+
+
+def test_an_orbit_of_few_cameras_by_hand() -> None:
+    """A twenty-fifth of the depth across and half of that down where cameras spread less; K is the mean."""
+    a, b = camera(centre=(-1, 0.1, 0), focal=50), camera(centre=(1, -0.1, 0), focal=70)
+    path = orbit([a, b], 4, depth=10.0)
+    wanted = [[1, 0, 0], [0, 0.2, 0], [-1, 0, 0], [0, -0.2, 0]]  # 0.1 down is less than 0.02·10
+    np.testing.assert_allclose([one.centre for one in path], wanted, atol=1e-12)
+    for one in path:
+        np.testing.assert_allclose(one.K, [[60, 0.5, 20], [0, 60, 15], [0, 0, 1]])
+        assert (one.width, one.height) == (40, 30)
+        np.testing.assert_allclose(one.rotation @ (np.array([0, 0, 10.0]) - one.centre), [0, 0, np.hypot(10, np.abs(
+            one.centre).max())], atol=1e-9)  # fmt: skip
+    (alone,) = orbit([a], 1, depth=5.0)
+    np.testing.assert_allclose(alone.centre, [-1 + 0.04 * 5, 0.1, 0], atol=1e-12)
+
+
+def test_a_ring_looks_at_the_bulk_from_all_sides_in_turns_above_and_below() -> None:
+    steps = np.linspace(0, 100, 101)
+    means = np.stack([steps, 2 * steps, -steps], axis=1)
+    means[[0, 100]] *= 1000
+    around = np.array([10.0, 20, 30])
+    scene = Gaussians(means - around, np.ones((101, 4)), np.ones((101, 3)), np.ones(101), np.zeros((101, 1, 3)),
+                      origin=around)  # fmt: skip
+    middle, distance = np.array([50.0, 100, -50]), 1.2 * 90 * np.sqrt(6)
+    views = ring(scene, 5)
+    assert len(views) == 5
+    for n, view in enumerate(views):
+        turn, rise = 0.3 + n * 2 * np.pi / 5, (0.25, -0.25)[n % 2]
+        place = [np.sin(turn) * np.cos(rise), np.sin(rise), np.cos(turn) * np.cos(rise)]
+        np.testing.assert_allclose(view.centre, middle + distance * np.array(place), rtol=1e-5)
+        np.testing.assert_allclose(view.c2w[:3, 2], -np.array(place), atol=1e-5)
+        assert view.c2w[1, 1] > 0.9 and view.c2w[1, 0] == pytest.approx(0, abs=1e-9)  # y stays down
+        np.testing.assert_array_equal(view.K, [[384, 0, 192], [0, 384, 192], [0, 0, 1]])
+        assert (view.width, view.height) == (384, 384)
+    one = Gaussians(means[1:2], scene.quats[:1], scene.scales[:1], scene.opacities[:1], scene.sh[:1])
+    assert np.linalg.norm(ring(one, 1)[0].centre - means[1]) == pytest.approx(1, rel=1e-5)
+
+
+def test_a_path_of_unevenly_spaced_cameras_is_a_cubic_of_bounded_speed() -> None:
+    """Steps of 1, 3 and 2 along x: speeds of 1, 1, 2 and 2 at the cameras, by Hermite's polynomials."""
+    path = between([camera(centre=(x, 0, 0)) for x in (0, 1, 4, 6)], 13)
+    places, speeds = [0, 1, 4, 6], [1, 1, 2, 2]
+    for n, one in enumerate(path):
+        i = min(n // 4, 2)
+        t = n / 4 - i
+        h = (2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t, -2 * t**3 + 3 * t**2, t**3 - t**2)
+        wanted = h[0] * places[i] + h[1] * speeds[i] + h[2] * places[i + 1] + h[3] * speeds[i + 1]
+        np.testing.assert_allclose(one.centre, [wanted, 0, 0], atol=1e-12)
+
+
+def test_sizes_that_differ_are_named() -> None:
+    with pytest.raises(InputError, match=r"images of \[\(30, 40\), \(30, 41\)\]"):
+        between([camera(), camera(width=41)], 3)

@@ -109,6 +109,10 @@ def test_what_is_no_video_is_refused_by_name(tmp_path: Path) -> None:
         ("a.mp4", [np.zeros((8, 8), np.float32)], 30, r"expected \(H, W, 3\)"),
         ("a.mp4", [np.full((8, 8, 3), np.nan)], 30, "NaN"),
         ("a.mp4", good, 0, "frames a second"),
+        ("a.mp4", good, 1000, "1000 frames a second, expected more than 0 and less than 1000"),
+        ("a.mp4", [np.zeros((8, 8, 4), np.float32)], 30, r"frame of shape \(8, 8, 4\)"),
+        ("a.mp4", [np.zeros((0, 8, 3), np.float32)], 30, r"frame of shape \(0, 8, 3\)"),
+        ("a.mp4", [*good, *good, np.zeros((9, 8, 3), np.float32)], 30, r"frame 2 of shape \(9, 8, 3\)"),
         ("a.mp4", good, float("nan"), "frames a second"),
         ("a.gif", good, 30, r"expected \.mp4"),
     ]
@@ -157,3 +161,40 @@ def test_primaries_have_the_codes_of_bt_709() -> None:
     codes = np.rint(bars @ video._RGB_TO_YCC.T + video._YCC_OFFSET)
     wanted = [[16, 128, 128], [235, 128, 128], [63, 102, 240], [173, 42, 26], [32, 240, 118]]
     np.testing.assert_array_equal(codes, wanted)
+
+
+@pytest.mark.parametrize("size", [(6, 8), (5, 7), (1, 1)])
+def test_chroma_lies_on_even_columns_between_two_rows(size: tuple[int, int]) -> None:
+    """By float64 arithmetic of BT.709, a pixel at a time; beyond the edge the last row or column goes on."""
+    pixels = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
+    height, width = (n + n % 2 for n in size)
+
+    def codes(row: int, column: int) -> NDArray:
+        red, green, blue = pixels[min(max(row, 0), size[0] - 1), min(max(column, 0), size[1] - 1)] / 255
+        luma = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+        return np.array([16 + 219 * luma, 128 + 224 * (blue - luma) / 1.8556, 128 + 224 * (red - luma) / 1.5748])
+
+    planes = video._to_yuv(pixels).to_ndarray().astype(float)
+    assert planes.shape == (height * 3 // 2, width)
+    wanted = [[codes(row, column)[0] for column in range(width)] for row in range(height)]
+    np.testing.assert_allclose(planes[:height], wanted, atol=0.502)
+    for plane, found in zip((1, 2), np.split(planes[height:].ravel(), 2), strict=True):
+        for row, column in np.ndindex(height // 2, width // 2):
+            around = [
+                share * (codes(2 * row, 2 * column + aside)[plane] + codes(2 * row + 1, 2 * column + aside)[plane]) / 2
+                for aside, share in ((-1, 0.25), (0, 0.5), (1, 0.25))
+            ]
+            assert found[row * (width // 2) + column] == pytest.approx(sum(around), abs=0.502)
+
+
+def test_frames_follow_one_another_at_the_rate_and_are_tagged(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.mp4", frames_of(5, 16, 16), fps=999)
+    write_video(tmp_path / "b.mp4", frames_of(5, 16, 16), fps=12.5)
+    with av.open(str(tmp_path / "b.mp4")) as container:
+        stream: Any = container.streams.video[0]
+        times = [float(frame.pts * frame.time_base) for frame in container.decode(stream)]
+        context = stream.codec_context
+        assert (context.color_primaries, context.color_trc, context.colorspace) == (1, 1, 1)
+    np.testing.assert_allclose(np.diff(times), 1 / 12.5, rtol=1e-3)
+    data = (tmp_path / "a.mp4").read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")  # plays before all of it is there
