@@ -115,7 +115,8 @@ class NearViews:
 
     def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
         """What a camera's picture is drawn with, of all views but some; where one alone is left, all is by depth."""
-        left = np.setdiff1d(np.arange(len(self.centres)), list(without))
+        gone = set(without)  # numpy's functions of sets load all of `numpy.ma` (12 ms)
+        left = np.array([view for view in range(len(self.centres)) if view not in gone], np.intp)
         front, whole = np.zeros((2, len(self.centres)))
         if left.size < 2:
             whole[left] = 1

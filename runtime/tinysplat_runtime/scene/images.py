@@ -145,7 +145,8 @@ def png_bytes(image: NDArray) -> bytes:
     codec: Any = av.CodecContext.create("png", "w")
     codec.height, codec.width = pixels.shape[:2]
     codec.pix_fmt, codec.time_base = "gray16be" if deep else pix_fmt, Fraction(1, 1)  # PNG is big-endian
-    codec.options = {"pred": "mixed"}
+    # Level 6, zlib's own, takes four times as long (18 ms for 256×256) for 5 % fewer bytes.
+    codec.options = {"pred": "mixed", "compression_level": "4"}
     frame: Any = av.VideoFrame.from_ndarray(pixels, format=pix_fmt)
     packets = [*codec.encode(frame.reformat(format="gray16be") if deep else frame), *codec.encode(None)]
     return b"".join(bytes(packet) for packet in packets)
