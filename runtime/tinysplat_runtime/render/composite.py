@@ -4,7 +4,7 @@ alpha = min(0.99, o·exp(−½ dᵀΣ₂⁻¹d)), skipped under 1/255; a splat t
 is not blended and ends the pixel (Kerbl et al. 2023, and their rasteriser).
 
 Work goes in groups of tiles whose lists are about equally long, a batch of splats of every tile at a time, as arrays
-(pixel row, pixel column, splat, tile): many tiles to a numpy call, scratch arrays not much larger than a cache, and
+(splat, pixel row, pixel column, tile): many tiles to a numpy call, scratch arrays not much larger than a cache, and
 what is the same for all pixels in one piece.
 """
 
@@ -267,45 +267,45 @@ def _alphas(planes: NDArray, log_opacities: NDArray, first_x: NDArray, first_y: 
         work: holds the result until the next call.
 
     Returns:
-        (16, BATCH, n) float32.
+        (BATCH, 16, n) float32.
     """
     n = planes.shape[-1]
     x, y, alpha_x, beta_x, gamma = planes[: GAMMA + 1]
-    alphas = work.alphas[: PIXELS * BATCH * n].reshape(TILE_HEIGHT, TILE_WIDTH, BATCH, n)
-    change = work.change[: TILE_WIDTH * BATCH * n].reshape(TILE_WIDTH, BATCH, n)
+    alphas = work.alphas[: PIXELS * BATCH * n].reshape(BATCH, TILE_HEIGHT, TILE_WIDTH, n)
+    change = work.change[: TILE_WIDTH * BATCH * n].reshape(BATCH, TILE_WIDTH, n)
     dy = first_y - y
     with np.errstate(over="ignore"):  # in tiles beside a footprint
         across = alpha_x * (first_x - x) + beta_x * dy
         down = gamma * dy
-        exponent = alphas[0]  # (4 columns, BATCH, n), of the first row
-        exponent[0] = across
+        exponent = alphas[:, 0]  # (BATCH, 4 columns, n), of the first row
+        exponent[:, 0] = across
         for column in range(1, TILE_WIDTH):
-            np.add(exponent[column - 1], alpha_x, out=exponent[column])
-        np.multiply(exponent, -2 * beta_x, out=change)
+            np.add(exponent[:, column - 1], alpha_x, out=exponent[:, column])
+        np.multiply(exponent, (-2 * beta_x)[:, None], out=change)
         steepness = np.square(beta_x) + np.square(gamma)
-        np.subtract(change, 2 * gamma * down + steepness, out=change)
+        np.subtract(change, (2 * gamma * down + steepness)[:, None], out=change)
         np.minimum(change, work.max_change[:n], out=change)
         np.square(exponent, out=exponent)
-        np.subtract(log_opacities - np.square(down), exponent, out=exponent)
+        np.subtract((log_opacities - np.square(down))[:, None], exponent, out=exponent)
         np.exp(exponent, out=exponent)
         np.exp(change, out=change)
-        bend = np.exp(-2 * steepness)
-        np.multiply(exponent, change, out=alphas[1])
+        bend = np.exp(-2 * steepness)[:, None]
+        np.multiply(exponent, change, out=alphas[:, 1])
         for row in range(2, TILE_HEIGHT):
             np.multiply(change, bend, out=change)
-            np.multiply(alphas[row - 1], change, out=alphas[row])
+            np.multiply(alphas[:, row - 1], change, out=alphas[:, row])
     if log_opacities.max() > math.log(ALPHA_MAX):
         np.minimum(alphas, work.max_alpha[:n], out=alphas)
     shows = np.greater_equal(alphas, ALPHA_MIN, out=work.shows[: alphas.size].reshape(alphas.shape))
     np.multiply(alphas, shows, out=alphas)  # ten times as fast as any masked assignment
-    return alphas.reshape(PIXELS, BATCH, n)
+    return alphas.reshape(BATCH, PIXELS, n)
 
 
 def _in_front(alphas: NDArray, fronts: NDArray, work: Workspace) -> NDArray | None:
-    """Shares `fronts` (BATCH, n) of alphas (16, BATCH, n), which are drawn in front; None where there are none."""
+    """Shares `fronts` (BATCH, n) of alphas (BATCH, 16, n), which are drawn in front; None where there are none."""
     if not fronts.any():
         return None
-    return np.multiply(alphas, fronts, out=work.fronts[: alphas.size].reshape(alphas.shape))
+    return np.multiply(alphas, fronts[:, None], out=work.fronts[: alphas.size].reshape(alphas.shape))
 
 
 def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray | None) -> bool:
@@ -313,32 +313,49 @@ def _blend(state: NDArray, weights: NDArray, colours: NDArray, depths: NDArray |
 
     Args:
         state: (planes, 16, n), see `Canvas`; changed in place.
-        weights: (16, BATCH, n) alphas, which become weights.
+        weights: (BATCH, 16, n) alphas, which become weights.
         colours: (3, BATCH, n).
         depths: (BATCH, n) where depth is gathered.
 
     Returns:
         Whether a pixel has stopped.
     """
-    left = state[LEFT]
-    before = left.copy()
-    for splat in range(BATCH):
-        weight = weights[:, splat]
+    before, left = state[LEFT], state[LEFT].copy()
+    for weight in weights:
         np.multiply(weight, left, out=weight)
         np.subtract(left, weight, out=left)
     # A pixel stops once, so blend as if none did and mend the few that went below the limit.
     stopped = np.flatnonzero((left < TRANSMITTANCE_MIN) & (before > 0))
     if stopped.size:
-        pixel, tile = np.divmod(stopped, left.shape[1])
-        flat, each = weights.reshape(-1), np.arange(BATCH)[:, None] * left.shape[1]
-        places = each + (pixel * (BATCH * left.shape[1]) + tile)  # (BATCH, stopped)
-        path = np.subtract.accumulate(np.concatenate([before.reshape(1, -1).take(stopped, 1), flat.take(places)]))
-        kept = path >= TRANSMITTANCE_MIN
-        flat[places] *= kept[1:]
-        state[STOPPED, pixel, tile] = np.where(kept, path, 1).min(axis=0)
-        left[pixel, tile] = 0
-    state[SUMS : SUMS + N_COLOUR] += np.einsum("prn,crn->cpn", weights, colours)
+        through = _mend(weights.reshape(BATCH, -1), before.take(stopped), stopped)
+        left.reshape(-1)[stopped] = 0
+        state[STOPPED][np.divmod(stopped, left.shape[1])] = through
+    state[LEFT] = left
+    # one sum for all colours takes half as long again
+    for plane, colour in zip(state[SUMS:], colours, strict=False):
+        plane += np.einsum("rpn,rn->pn", weights, colour)
     if depths is not None:
-        state[SUMS + N_COLOUR] += np.einsum("prn,rn->pn", weights, depths)
-        state[SUMS + N_COLOUR + 1] += weights.sum(axis=1)
+        state[SUMS + N_COLOUR] += np.einsum("rpn,rn->pn", weights, depths)
+        state[SUMS + N_COLOUR + 1] += weights.sum(axis=0)
     return bool(stopped.size)
+
+
+def _mend(weights: NDArray, path: NDArray, stopped: NDArray) -> NDArray:
+    """Stop pixels where they should have: take later weights from them.
+
+    Args:
+        weights: (BATCH, pixels) of all pixels, changed in place.
+        path: (k,) transmittance of those that stop, before the batch.
+        stopped: (k,) which they are.
+
+    Returns:
+        (k,) transmittance at which they stop.
+    """
+    through, own = path, weights.take(stopped, axis=1)
+    for weight in own:
+        path = path - weight
+        keeps = path >= TRANSMITTANCE_MIN
+        weight *= keeps
+        through = np.where(keeps, path, through)
+    weights[:, stopped] = own
+    return through
