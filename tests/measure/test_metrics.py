@@ -94,6 +94,25 @@ def test_depth_errors_count_pixels_that_both_maps_know():
     assert errors["right"] == 0.5 and errors["covered"] == pytest.approx(2 / 3)
 
 
+def test_depths_are_right_below_a_quarter_more_or_less():
+    truth = np.array([[4.0, 4.0, 5.0, 5.0, 4.0, 4.9]])
+    depth = np.array([[5.0, 4.9, 4.0, 4.1, 9.0, 4.0]])
+    errors = depth_errors(depth, truth)
+    assert errors["right"] == 3 / 6 and errors["covered"] == 1
+    assert errors["abs_rel"] == pytest.approx(np.mean([0.25, 0.225, 0.2, 0.18, 1.25, 0.9 / 4.9]))
+    assert depth_errors(np.array([[-1.0, 2.0]]), np.array([[1.0, -2.0]])) == pytest.approx(
+        {"abs_rel": math.nan, "rmse": math.nan, "right": math.nan, "covered": 0.0}, nan_ok=True
+    )
+
+
+def test_quantiles_of_pixel_errors():
+    image = np.zeros((10, 100, 3))
+    image[..., 2] = np.linspace(0, 0.999, 1000).reshape(10, 100)
+    errors = pixel_errors(image.astype(np.float32), np.zeros((10, 100, 3)))
+    assert errors["error_999"] == pytest.approx(0.998001, abs=1e-6) and errors["max_error"] == pytest.approx(0.999)
+    assert errors["share_above_1e-4"] == 0.999 and errors["median_error"] == pytest.approx(0.4995, abs=1e-6)
+
+
 def test_depth_errors_are_nan_where_nothing_is_known():
     errors = depth_errors(np.zeros((2, 2)), np.ones((2, 2)))
     assert math.isnan(errors["abs_rel"]) and errors["covered"] == 0

@@ -1,0 +1,125 @@
+"""Bytes at equal dB, BD-rate and growth: against straight lines, whose answers are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tinysplat.measure.curves import Fit, bd_rate, bytes_at, decibels_at
+from tinysplat_runtime.errors import InputError
+
+
+def line(share: float = 1.0, shift: float = 0.0, decibels: tuple[float, ...] = (30, 32, 34, 36)) -> list:
+    """Bytes that double every 2 dB from 1000 at 30 dB, which monotone cubics in log bytes follow exactly."""
+    return [(share * 1000 * 2 ** ((db - shift - 30) / 2), db) for db in decibels]
+
+
+@pytest.mark.parametrize("db", [30, 31, 32.5, 36])
+def test_bytes_and_decibels_lie_on_the_line_and_its_ends(db: float) -> None:
+    size = 1000 * 2 ** ((db - 30) / 2)
+    for points in (line(), line()[::-1], [*line(), (9000.0, 33.0)], [*line(), (2000.0, 31.0)]):
+        assert bytes_at(points, db) == pytest.approx(size, rel=1e-9)
+        assert decibels_at(points, size * (1 + 1e-12)) == pytest.approx(db, abs=1e-6)
+
+
+def test_outside_its_points_a_curve_says_nothing_but_that_more_bytes_are_enough() -> None:
+    assert bytes_at(line(), 29.999) is None and bytes_at(line(), 36.001) is None
+    assert bytes_at(line()[:1], 30) is None and bytes_at([], 30) is None
+    assert decibels_at(line(), 999) is None and decibels_at([], 999) is None
+    assert decibels_at(line(), 8000) == decibels_at(line(), 1e9) == 36
+    assert decibels_at(line()[:1], 1001) == 30
+    assert bytes_at(line()[:2], 31) == pytest.approx(1000 * math.sqrt(2))
+
+
+def test_of_two_files_of_one_size_the_better_counts_and_of_one_db_the_smaller() -> None:
+    points = [*line(), (1000.0, 29.0), (2000.0, 31.5), (2500.0, 32.0)]
+    assert bytes_at(points, 30) == pytest.approx(1000) and bytes_at(points, 29.5) is None
+    assert bytes_at(points, 32) == pytest.approx(2000)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("limits", [None, (31.0, 33.0), (0.0, 99.0)])
+def test_bd_rate_is_the_share_of_bytes_wherever_it_is_taken(share: float, limits) -> None:
+    assert bd_rate(line(), line(share), limits) == pytest.approx(share - 1, rel=1e-9, abs=1e-9)
+
+
+def test_bd_rate_is_taken_over_what_curves_share_and_refused_below_half_a_decibel() -> None:
+    apart = line(0.5, decibels=(35.5, 36.5, 38))
+    assert bd_rate(line(), apart) == pytest.approx(-0.5)
+    for other, shared in ((line(decibels=(35.51, 38)), "0.49"), (line(decibels=(40, 42)), "0.00")):
+        with pytest.raises(InputError) as caught:
+            bd_rate(line(), other)
+        assert str(caught.value) == f"curves: curves share {shared} dB, BD-rate needs 0.5"
+    assert bd_rate(line(), line(2, decibels=(35.9, 38)), least_overlap=0.09) == pytest.approx(1)
+    with pytest.raises(InputError, match=r"curves share 0.20 dB, BD-rate needs 0.5"):
+        bd_rate(line(), line(), (31.0, 31.2))
+    for pair in ((line()[:1], line()), (line(), line()[:1])):
+        with pytest.raises(InputError) as caught:
+            bd_rate(*pair)
+        assert str(caught.value) == "curves: a curve of one point, BD-rate needs two"
+    assert bd_rate(line()[:2], line(2)[:2]) == pytest.approx(1)
+
+
+def test_bd_rate_of_lines_of_two_slopes_is_the_mean_of_log_bytes() -> None:
+    steep = [(1000 * 2 ** (db - 30), db) for db in (30, 32, 34)]  # at 30 + d: 2^(d/2) times as many
+    assert bd_rate(line(), steep, (30, 34)) == pytest.approx(2 ** (4 / 2 / 2) - 1, rel=1e-9)
+
+
+X = [1.0, 2.0, 4.0, 8.0, 16.0]
+
+
+def growth(*steps: float) -> Fit:
+    """Of costs with these slopes from point to point."""
+    logs = np.concatenate([[0], np.cumsum(np.array(steps) * math.log(2))])
+    return Fit.of(X[: len(steps) + 1], np.exp(logs).tolist())
+
+
+@pytest.mark.parametrize(
+    ("steps", "linear_from"),
+    [
+        ((1, 1, 1, 1), 1), ((0.84, 0.86, 1.14), 2), ((0.86, 1.14), 1), ((1, 0.8, 1), 4), ((1, 1, 1.16), None),
+        ((1, 1, 0.84), None), ((2, 1), 2),
+    ],
+)  # fmt: skip
+def test_growth_is_proportional_from_where_all_further_steps_are_nearly_one(steps, linear_from) -> None:
+    fit = growth(*steps)
+    assert fit.linear_from == linear_from
+    assert [x for x, _ in fit.steps] == X[1 : len(steps) + 1]
+    assert [step for _, step in fit.steps] == pytest.approx(steps)
+
+
+def test_the_slope_is_that_of_the_line_through_all_points() -> None:
+    assert growth(1, 1, 1).slope == pytest.approx(1) and growth(2, 2).slope == pytest.approx(2)
+    assert growth(0, 0, 3).slope == pytest.approx(0.9)  # least squares of 0, 0, 0, 3 over 0, 1, 2, 3
+
+
+def test_fixed_costs_and_costs_per_unit_are_least_squares_of_relative_errors_and_not_negative() -> None:
+    fit = Fit.of(X, [3 + 2 * x for x in X])
+    assert (fit.fixed, fit.per_unit) == pytest.approx((3, 2))
+    fit = Fit.of([1.0, 2.0], [1.0, 4.0])  # through both: −2 + 3 x
+    assert fit.fixed == 0 and fit.per_unit == pytest.approx((1 + 0.5) / (1 + 0.25))
+    fit = Fit.of([1.0, 2.0], [4.0, 1.0])
+    assert fit.per_unit == 0 and fit.fixed == pytest.approx((0.25 + 1) / (1 / 16 + 1))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "axis", "said"),
+    [
+        ([1, 2, 4], [2, 4, 8], "views", "in proportion over the whole range (0.0 s + 2.0 s for every view)"),
+        ([1000, 2000], [2, 4], "pixels", "in proportion over the whole range (0.0 s + 2.0 s for every 1,000 pixels)"),
+        ([1, 2, 4, 8, 16, 32, 64], [11, 12, 14, 18, 26, 42, 74], "views",
+         "slower than in proportion up to 64 views, slope 0.82 there (fixed costs are 91% of the smallest point's; "
+         "10.0 s + 1.0 s for every view)"),
+        ([1000, 2000, 4000], [2, 3, 6], "pixels",
+         "in proportion from 2,000 pixels on (fixed costs are 35% of the smallest point's; "
+         "0.7 s + 1.3 s for every 1,000 pixels)"),
+        ([1, 2], [1, 4], "views",
+         "faster than in proportion up to 2 views, slope 2.00 there (fixed costs are 0% of the smallest point's; "
+         "0.0 s + 1.2 s for every view)"),
+    ],
+)  # fmt: skip
+def test_growth_is_told_in_a_sentence(x, y, axis: str, said: str) -> None:
+    fit = Fit.of([float(value) for value in x], [float(value) for value in y])
+    assert fit.sentence(axis, lambda value: f"{abs(value):.1f} s", x[0]) == said
