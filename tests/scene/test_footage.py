@@ -17,7 +17,7 @@ from tinysplat_runtime.cli import main
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render.video import write_video
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.footage import open_video
+from tinysplat_runtime.scene.footage import Video, open_video
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.intake.video import video_scene
@@ -163,3 +163,52 @@ def test_a_video_that_is_cut_short_has_the_frames_that_are_left(clip: Path, tmp_
     video = open_video(tmp_path / "v.mp4")
     assert 1 < len(video.stamps) < COUNT and number_of(video.frame(0) / 255) == 0
     assert f"frame {COUNT - 1}, but its frames are 0 to " in refusal(lambda: video.frame(COUNT - 1))
+
+
+def test_chosen_frames_come_in_one_pass_and_all_of_them_as_small_grey_ones(clip: Path) -> None:
+    video = open_video(clip)
+    found = list(video.frames([30, 2, 7]))
+    assert [index for index, _ in found] == [2, 7, 30]
+    assert [number_of(image / 255) for _, image in found] == [2, 7, 30]
+    assert all(image.shape == (HEIGHT, WIDTH, 3) and image.dtype == np.uint8 for _, image in found)
+    for width, shape in ((24, (16, 24)), (48, (32, 48)), (100, (32, 48)), (1, (1, 1)), (5, (3, 5))):
+        small = list(video.thumbnails(width))
+        assert [index for index, _ in small] == list(range(COUNT))
+        assert all(luma.shape == shape and luma.dtype == np.uint8 for _, luma in small)
+        means = np.array([luma.mean() for _, luma in small])
+        assert (np.diff(means) > 0).all()
+
+
+def test_the_frame_shown_nearest_to_a_time_is_found_within_a_frame_s_time(tmp_path: Path) -> None:
+    """Shown at 0, 0.4, 1.0 and 1.2 s from the first on: usually 0.4 s apart."""
+    video = Video(tmp_path / "v.mp4", np.array([100, 140, 200, 220]), 0.01, 2, 2)
+    times = (-0.39, 0.0, 0.19, 0.21, 0.69, 0.71, 1.11, 1.59)
+    assert [video.index_at(time) for time in times] == [0, 0, 0, 1, 1, 2, 3, 3]
+    for time in (-0.41, 1.61, float("nan")):
+        with pytest.raises(InputError, match=r"no frame at .* s, its 4 frames are shown from 0 to 1\.200 s"):
+            video.index_at(time)
+    alone = Video(tmp_path / "v.mp4", np.array([7]), 1.0, 2, 2)
+    assert alone.index_at(0.033) == 0
+    with pytest.raises(InputError):
+        alone.index_at(0.034)
+    assert [video.check_index(index) for index in (0, 3)] == [0, 3]
+    for index in (-1, 4):
+        with pytest.raises(InputError, match=f"frame {index}, but its frames are 0 to 3"):
+            video.check_index(index)
+
+
+def test_photos_made_free_of_distortion_name_the_frames_that_they_were(clip: Path, tmp_path: Path) -> None:
+    """A camera whose photo was undistorted: the video's frame is, too, and of the size that the camera states."""
+    from tinysplat_runtime.scene.intake.cameras_json import lens_entry
+    from tinysplat_runtime.scene.lenses import Lens
+
+    lens = Lens("SIMPLE_RADIAL", (40.0, 24.0, 16.0, -0.1), WIDTH, HEIGHT)
+    undistorted = lens.camera(CAMERAS[3].c2w)
+    folder = write_cameras(tmp_path, {"f_3.png": undistorted.resized(20, 30)}, taken_with=lens_entry(lens))
+    (frame,) = video_scene(clip, folder).frames
+    assert (frame.index, frame.lens, frame.camera.height, frame.camera.width) == (3, lens, 20, 30)
+    np.testing.assert_allclose(frame.camera.K, undistorted.resized(20, 30).K)
+    assert frame.image().shape == (20, 30, 3)
+    for wrong in ({"model": "OPENCV"}, 5, {**lens_entry(lens), "params": "abc"}):
+        write_cameras(tmp_path, {"f_3.png": CAMERAS[3]}, taken_with=wrong)
+        assert "frames[0].taken_with: expected model, params, width and height" in refusal(lambda: load_scene(folder))

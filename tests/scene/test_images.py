@@ -16,7 +16,21 @@ from PIL import Image, ImageOps
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import MAX_PIXELS, read_image, resize_cover, to_uint8, write_png
+from tinysplat_runtime.scene.images import (
+    MAX_PIXELS,
+    _exif_orientation,
+    _upsample_chroma,
+    _ycc_to_rgb,
+    image_size,
+    is_turned,
+    jpeg_bytes,
+    png_bytes,
+    read_image,
+    resize_cover,
+    scaled,
+    to_uint8,
+    write_png,
+)
 
 JPEG_MEAN_LEVELS = (
     0.5  # of 255, against libjpeg-turbo; measured 0.02 (grey) to 0.25 (4:2:2), whose IDCT rounds otherwise
@@ -206,7 +220,8 @@ def test_foreign_files_and_kinds_are_refused_with_what_would_do(tmp_path: Path) 
     assert "12 bits" in refusal(tmp_path, jpeg[: frame + 4] + b"\x0c" + jpeg[frame + 5 :])
     assert "doubled" in refusal(tmp_path, jpeg[:frame] + jpeg[frame : frame + 19] + jpeg[frame:])
     scan = jpeg.index(b"\xff\xda")
-    assert "scans" in refusal(tmp_path, jpeg[:-2] + jpeg[scan : scan + 14] * 101 + b"\xff\xd9")
+    assert "scans" in refusal(tmp_path, jpeg[:-2] + jpeg[scan : scan + 14] * 100 + b"\xff\xd9")
+    assert read_bytes(tmp_path, jpeg[:-2] + jpeg[scan : scan + 14] * 99 + b"\xff\xd9").shape == (8, 8, 3)
     for path, words in [(tmp_path / "missing", "no such file"), (tmp_path, "folder")]:
         with pytest.raises(InputError, match=words):
             read_image(path)
@@ -224,6 +239,7 @@ def test_size_is_checked_before_anything_is_decoded(tmp_path: Path) -> None:
         assert f"{side}x{side}" in refusal(tmp_path, data)
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
     tracemalloc.stop()
+    assert read_bytes(tmp_path, encoded(Image.fromarray(photo_like(8, 8)), "PNG"), max_pixels=64).shape == (8, 8, 3)
     assert "expected at most 63" in refusal(tmp_path, encoded(Image.fromarray(photo_like(8, 8)), "PNG"), max_pixels=63)
     assert "0x5" in refusal(tmp_path, png_of_rows(0, 5, 8, 2, []))
     assert "sides" in refusal(tmp_path, png_of_rows(1 << 17, 1, 8, 2, []))
@@ -320,3 +336,116 @@ def test_crop_by_whole_pixels_copies_them() -> None:
 def test_constant_images_stay_constant_at_any_size() -> None:
     for size in [(3, 200), (200, 3), (1, 1), (19, 23)]:
         np.testing.assert_allclose(resize_cover(np.full((19, 23, 3), 51, np.uint8), *size), 0.2, atol=1e-6)
+
+
+def test_the_largest_side_is_65536(tmp_path: Path) -> None:
+    for side, is_read in ((1 << 16, True), ((1 << 16) + 1, False)):
+        for size in ((side, 1), (1, side)):
+            (tmp_path / "a.png").write_bytes(png_of_rows(*size, 8, 2, []))
+            if is_read:
+                assert image_size(tmp_path / "a.png") == size[::-1]
+            else:
+                with pytest.raises(InputError, match=f"{size[0]}x{size[1]} pixels, expected sides of 1 to 65536"):
+                    image_size(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_headers_tell_the_size_as_shown_and_whether_it_is_turned(tmp_path: Path, orientation: int) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    for kind in ("JPEG", "PNG"):
+        (tmp_path / "a").write_bytes(encoded(Image.fromarray(photo_like(24, 40)), kind, exif=exif))
+        assert image_size(tmp_path / "a") == ((40, 24) if orientation > 4 else (24, 40))
+        assert is_turned(tmp_path / "a") == (orientation > 1)
+        assert read_image(tmp_path / "a", upright=False).shape == (24, 40, 3)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_an_orientation_is_found_behind_other_fields_of_its_directory(order: str) -> None:
+    def field(tag: int, value: int) -> bytes:
+        return struct.pack(f"{order}HHIHH", tag, 3, 1, value, 0)
+
+    def tiff(*fields: bytes, gap: int = 4) -> bytes:
+        head = {"<": b"II*\0", ">": b"MM\0*"}[order]
+        return (
+            head
+            + struct.pack(f"{order}I", 8 + gap)
+            + bytes(gap)
+            + struct.pack(f"{order}H", len(fields))
+            + b"".join(fields)
+        )
+
+    assert _exif_orientation(tiff(field(0x010F, 7), field(0x0111, 5), field(0x0112, 6), field(0x0112, 3))) == 6
+    assert _exif_orientation(tiff(field(0x0112, 8), gap=0)) == 8
+    assert [_exif_orientation(tiff(field(0x0112, value))) for value in (0, 1, 9)] == [1, 1, 1]
+    assert _exif_orientation(tiff(field(0x0113, 6))) == 1
+
+
+def test_a_png_begins_with_its_header(tmp_path: Path) -> None:
+    good = png_of_rows(2, 1, 8, 2, [bytes(6)])
+    body = good[8:]
+    assert "does not start with its header" in refusal(tmp_path, good[:8] + chunk(b"tEXt", b"a\0b") + body)
+    assert "does not start with its header" in refusal(tmp_path, good[:8] + chunk(b"IHDR", bytes(14)) + body)
+    np.testing.assert_array_equal(read_bytes(tmp_path, good + b"behind its end"), np.zeros((1, 2, 3)))
+
+
+@pytest.mark.parametrize("quantiser", [2, 3, 8])
+def test_jpeg_files_show_the_picture_the_better_the_finer_they_are(quantiser: int) -> None:
+    image = photo_like(37, 50)
+    data = jpeg_bytes(image, quantiser)
+    shown = np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(float)
+    layers = Image.open(io.BytesIO(data)).layer  # type: ignore[attr-defined]
+    assert len({layer[1:3] for layer in layers}) == 1  # colours at the resolution of luma
+    assert (
+        np.abs(shown - image).mean() < 1.5 + 0.6 * quantiser and np.abs((shown - image).mean(axis=(0, 1))).max() < 0.6
+    )
+    assert data == jpeg_bytes(image / 255.0, quantiser) and jpeg_bytes(image) == jpeg_bytes(image, 3)
+    for wrong in (image[..., 0], image[:0], np.zeros((4, 4, 4), np.uint8)):
+        with pytest.raises(InputError, match=r"expected \(H, W, 3\)"):
+            jpeg_bytes(wrong, quantiser)
+
+
+@pytest.mark.parametrize("colour", [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (10, 200, 90)])
+def test_plain_colours_survive_jpeg(colour: tuple[int, int, int]) -> None:
+    data = jpeg_bytes(np.full((16, 16, 3), colour, np.uint8), 2)
+    found = np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(float)
+    np.testing.assert_allclose(found.mean(axis=(0, 1)), colour, atol=3)
+
+
+def test_grey_of_16_bits_is_written_as_such() -> None:
+    grey = np.random.default_rng(0).integers(0, 1 << 16, (5, 7), dtype=np.uint16)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png_bytes(grey)))), grey)
+
+
+def test_luma_and_chroma_become_the_colours_of_jfif() -> None:
+    y, cb, cr = (np.random.default_rng(seed).integers(0, 256, (64, 65), dtype=np.uint8) for seed in range(3))
+    cb[0, :4], cr[0, :4] = (0, 255, 0, 255), (0, 255, 255, 0)
+    b, r = cb.astype(float) - 128, cr.astype(float) - 128
+    wanted = np.stack([y + 1.402 * r, y - 0.344136 * b - 0.714136 * r, y + 1.772 * b], axis=-1)
+    found = _ycc_to_rgb(y, cb, cr).astype(float)
+    np.testing.assert_allclose(found, wanted.clip(0, 255), atol=0.5 + 1 / 64)
+
+
+@pytest.mark.parametrize(
+    ("plane", "shape"), [((3, 4), (6, 8)), ((3, 4), (5, 7)), ((3, 7), (6, 7)), ((2, 3), (7, 12)), ((1, 1), (2, 1))]
+)
+def test_chroma_between_samples_is_three_parts_of_the_nearest_and_one_of_the_next(plane, shape) -> None:
+    samples = np.random.default_rng(0).integers(0, 256, plane).astype(np.uint8)
+    wanted = samples.astype(float)
+    for axis in (0, 1):
+        while wanted.shape[axis] < shape[axis]:
+            length = wanted.shape[axis]
+            rows = np.moveaxis(wanted, axis, 0)
+            doubled = [0.75 * rows[i // 2] + 0.25 * rows[min(max(i // 2 + (1 if i % 2 else -1), 0), length - 1)]
+                       for i in range(2 * length)]  # fmt: skip
+            wanted = np.moveaxis(np.array(doubled), 0, axis)
+    np.testing.assert_array_equal(_upsample_chroma(samples, shape), np.floor(wanted[: shape[0], : shape[1]] + 0.5))
+
+
+@pytest.mark.parametrize("size", [(48, 64), (24, 200), (7, 5), (61, 93), (122, 31)])
+def test_a_stretched_picture_is_pillows(size: tuple[int, int]) -> None:
+    source = photo_like(61, 93)
+    channels = [Image.fromarray(source[..., c].astype(np.float32)) for c in range(3)]
+    theirs = np.stack([np.asarray(c.resize(size[::-1], Image.Resampling.LANCZOS)) for c in channels], -1) / 255
+    np.testing.assert_allclose(scaled(source, *size), theirs.clip(0, 1), atol=2e-6)
+    np.testing.assert_allclose(scaled(source / 255.0, *size), theirs.clip(0, 1), atol=2e-6)

@@ -1,0 +1,83 @@
+"""Lenses by OpenCV's parameters and COLMAP's models, and what is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene.lenses import Lens, opencv_lens
+
+F, C, SIZE = (70.0, 60.0), (31.0, 25.0), (48, 64)
+
+
+@pytest.mark.parametrize(
+    ("distortion", "fisheye", "model", "params"),
+    [
+        ((0, 0, 0, 0, 0, 0), False, "PINHOLE", ()),
+        ((0.1, 0, 0, 0, 0, 0), False, "OPENCV", (0.1, 0, 0, 0)),
+        ((0, 0.2, 0, 0, 0, 0), False, "OPENCV", (0, 0.2, 0, 0)),
+        ((0, 0, 0, 0, 0.3, 0), False, "OPENCV", (0, 0, 0.3, 0)),
+        ((0, 0, 0, 0, 0, 0.4), False, "OPENCV", (0, 0, 0, 0.4)),
+        ((0.1, 0.2, 0.5, 0, 0.3, 0.4), False, "FULL_OPENCV", (0.1, 0.2, 0.3, 0.4, 0.5, 0, 0, 0)),
+        ((0.1, 0.2, 0.3, 0.4, 0, 0), True, "OPENCV_FISHEYE", (0.1, 0.2, 0.3, 0.4)),
+        ((0, 0, 0, 0, 0, 0), True, "OPENCV_FISHEYE", (0, 0, 0, 0)),
+    ],
+)
+def test_a_polynomial_is_the_simplest_model_that_has_its_terms(distortion, fisheye, model, params) -> None:
+    lens = opencv_lens(F, C, distortion, SIZE, fisheye=fisheye)
+    assert (lens.model, lens.params, lens.width, lens.height) == (model, (*F, *C, *params), 64, 48)
+    assert lens.is_pinhole == (model == "PINHOLE")
+
+
+@pytest.mark.parametrize(
+    ("distortion", "fisheye", "words"),
+    [((0, 0, 0, 0.1, 0, 0), False, "k4: 0.1, expected 0 unless"), ((0, 0, 0, 0, 0.1, 0), True, "p1 0.1 and p2 0"),
+     ((0, 0, 0, 0, 0, 0.2), True, "p1 0 and p2 0.2, expected 0 in a fisheye")],
+)  # fmt: skip
+def test_terms_that_a_model_has_not_are_refused(distortion, fisheye, words) -> None:
+    with pytest.raises(InputError, match=words):
+        opencv_lens(F, C, distortion, SIZE, fisheye=fisheye)
+
+
+def test_pinholes_have_their_own_intrinsics_and_photos_as_they_are() -> None:
+    photo = np.zeros((48, 64, 3), np.uint8)
+    for lens, K in ((Lens("PINHOLE", (*F, *C), 64, 48), [[70, 0, 31], [0, 60, 25], [0, 0, 1]]),
+                    (Lens("SIMPLE_PINHOLE", (70.0, *C), 64, 48), [[70, 0, 31], [0, 70, 25], [0, 0, 1]])):  # fmt: skip
+        camera = lens.camera(np.eye(4))
+        np.testing.assert_array_equal(camera.K, K)
+        assert (camera.width, camera.height) == (64, 48) and lens.undistort(photo) is photo
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Lens("PINHOLE", (1.0,), 0, 48), "width: 0, expected a whole number from 1 to 65536"),
+        (lambda: Lens("PINHOLE", (1.0,), 64, 65537), "height: 65537"),
+        (lambda: Lens("PINHOLE", (1.0,), 64.0, 48), "width: 64.0"),
+        (lambda: Lens("PINHOLE", (np.nan,), 64, 48), "intrinsics: holds NaN"),
+        (lambda: Lens("PINHOLE", (70.0, *C), 64, 48).camera(np.eye(4)), "camera: 3 parameters for the model PINHOLE"),
+        (lambda: Lens("SIMPLE_PINHOLE", (*F, *C), 64, 48).camera(np.eye(4)), "4 parameters for the model SIMPLE"),
+        (lambda: Lens("NO_SUCH", (70.0, *C), 64, 48).camera(np.eye(4)), "camera: unknown model 'NO_SUCH'"),
+        (lambda: Lens("OPENCV", (70.0, *C), 64, 48).camera(np.eye(4)), "no usable camera of the model OPENCV"),
+        (lambda: Lens("SIMPLE_RADIAL", (-70.0, *C, 0.1), 64, 48).camera(np.eye(4)), "no usable camera"),
+    ],
+)
+def test_what_is_no_lens_is_named(make, words) -> None:
+    pytest.importorskip("pycolmap")
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_sides_are_accepted_to_their_ends() -> None:
+    assert Lens("PINHOLE", (*F, *C), 1, 65536).camera(np.eye(4)).height == 65536
+
+
+def test_undistorted_photos_have_the_size_of_their_camera() -> None:
+    pytest.importorskip("pycolmap")
+    lens = Lens("SIMPLE_RADIAL", (70.0, 32.0, 24.0, 0.3), 64, 48)
+    camera = lens.camera(np.eye(4))
+    photo = lens.undistort(np.full((48, 64, 3), 90, np.uint8))
+    assert photo.shape == (camera.height, camera.width, 3) != (48, 64, 3)
+    assert photo.flags.c_contiguous and (photo[2:-2, 2:-2] == 90).all()
+    np.testing.assert_allclose(camera.K[:2, 2], [camera.width / 2, camera.height / 2], atol=0.6)

@@ -1,0 +1,41 @@
+"""Which photo a view was taken as: by place and turn, against the reach of all views."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.matching import reach_of, taken_as
+from tinysplat_runtime.scene.scenes import Frame, Scene
+
+K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
+
+
+def camera_at(x: float, y: float = 0.0, turn: float = 0.0) -> Camera:
+    c2w = np.eye(4)
+    c2w[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+    c2w[:2, 3] = x, y
+    return Camera(K, c2w, 128, 96)
+
+
+def scene_of(*cameras: Camera) -> Scene:
+    return Scene(Path("desk"), tuple(Frame(camera, Path(f"{n}.png")) for n, camera in enumerate(cameras)))
+
+
+def test_the_reach_is_the_greatest_distance_of_two_cameras() -> None:
+    assert reach_of([camera_at(0), camera_at(3, 4), camera_at(3)]) == pytest.approx(5)
+    assert reach_of([camera_at(2)]) == 0
+
+
+def test_a_view_is_the_nearest_photo_that_stands_at_its_place_and_is_turned_alike() -> None:
+    """Within a thousandth of the reach, 10, and of rotations' entries."""
+    photos = scene_of(camera_at(5), camera_at(0.0095, turn=0.0009), camera_at(0.0, turn=0.0011), camera_at(0, -0.009))
+    assert taken_as(camera_at(0), photos, 10) == (3, 2, 0.0)
+    assert taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.0095, turn=0.0009)), 10)[0] == 1
+    found = taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.0105)), 10)
+    assert found == (None, 1, pytest.approx(0.0105))
+    assert taken_as(camera_at(0), scene_of(camera_at(0, turn=-0.0011), camera_at(1)), 10) == (None, 0, 0.0)
+    assert taken_as(camera_at(5), photos, 0)[0] == 0
