@@ -15,7 +15,17 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.own import own_psnr
 from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.scene.look import Look, agreed, range_guessed, range_seen
+from tinysplat_runtime.scene.look import (
+    Look,
+    _places,
+    _smoothed,
+    agreed,
+    look_at,
+    nearest,
+    range_guessed,
+    range_seen,
+    thumbnail_size,
+)
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 DEPTHS = (2.0, 5.0)
@@ -315,3 +325,87 @@ def test_photos_that_match_equally_badly_are_none_of_them_odd(tmp_path: Path, mo
     assert room._odd(seen) == []
     costs[2] = 0.2 * 1.8
     assert [line.split(" (")[0] for line in room._odd(seen)] == ["photo 3"]
+
+
+def test_thumbnails_are_96_pixels_long_and_8_at_least() -> None:
+    def size(width: int, height: int) -> tuple[int, int]:
+        return thumbnail_size(ts.Camera([[50.0, 0, 1], [0, 50, 1], [0, 0, 1]], np.eye(4), width, height))
+
+    assert [size(960, 540), size(540, 960), size(96, 50), size(97, 97), size(40, 30), size(960, 10), size(4, 5)] == [
+        (54, 96), (96, 54), (50, 96), (96, 96), (30, 40), (8, 96), (8, 8)
+    ]  # fmt: skip
+
+
+def test_a_look_s_cost_and_clearness_by_hand() -> None:
+    """Costs of three planes at four pixels: those that nothing fits cost a quarter."""
+    costs = np.array([[[0.1, 0.4, 0.5, 0.44]], [[0.3, 0.3, 0.01, 1.0]], [[0.2, 0.8, 0.51, 1.56]]])
+    found = Look(costs, np.array([1.0, 2, 3]))
+    assert found.cost == pytest.approx((0.1 + 0.25 + 0.01 + 0.25) / 4)
+    assert found.clear.tolist() == [[False, False, True, True]]  # less than 0.45 of the mean: 0.44 of 1
+    assert Look(costs * np.array([1, 1, 1, 0.46 / 0.44]), found.depths).clear[0, 3]
+    tight = np.array([[[0.46]], [[1.0]], [[1.54]]])
+    assert (
+        not Look(tight, found.depths).clear.any()
+        and Look(tight * 1.0 - [[[0.02]], [[0]], [[-0.02]]], found.depths).clear.all()
+    )
+
+
+def test_costs_are_means_over_five_by_five_pixels_whose_border_goes_on() -> None:
+    from scipy.ndimage import uniform_filter
+
+    costs = np.random.default_rng(0).uniform(size=(2, 7, 9)).astype(np.float32)
+    wanted = [uniform_filter(plane.astype(np.float64), 5, mode="nearest") for plane in costs]
+    np.testing.assert_allclose(_smoothed(costs), wanted, atol=1e-6)
+
+
+def test_a_pixel_costs_the_mean_distance_of_colours_where_the_other_shows_it() -> None:
+    """Two photos of plain colours side by side: at depth 2 the second shows all but the left 13.5 columns of it."""
+    here, there = camera(0), camera(0.5)
+    image, other = np.full((H, W, 3), 0.2), np.full((H, W, 3), [0.3, 0.5, 0.1])
+    found = look_at(image, here, other, there, np.array([2.0, 1e6])).costs
+    np.testing.assert_allclose(found[0, :, 16:], 0.5 / 3, rtol=1e-5)
+    np.testing.assert_allclose(found[0, :, :11], 0.25, rtol=1e-5)
+    np.testing.assert_allclose(found[1], 0.5 / 3, rtol=1e-5)
+
+
+def test_places_in_a_frame_are_whole_pixels_before_the_camera() -> None:
+    view = ts.Camera([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]], np.eye(4), 4, 3)
+    points = np.array([[[0.0, 0, 1], [3.99, 2.99, 1], [4, 0, 1], [0, 3, 1], [-0.01, 0, 1], [0, -0.01, 1], [-2, -2, -1],
+                        [0, 0, 0], [5, 3, 2], [1, 1, -1]]])  # fmt: skip
+    row, column, inside = _places(points, view)
+    assert inside.tolist() == [[True, True, False, False, False, False, False, False, True, False]]
+    assert row[inside].tolist() == [0, 2, 1] and column[inside].tolist() == [0, 3, 2]
+    assert not row[~inside].any() and not column[~inside].any()
+
+
+def test_the_nearest_camera_is_another_one() -> None:
+    assert nearest([camera(0), camera(1), camera(1.4), camera(-3)]) == [1, 2, 1, 0]
+
+
+@pytest.mark.parametrize(("spread", "about"), [(0.25, True), (0.15, False)])
+def test_directions_that_hardly_differ_say_nothing_of_a_common_point(spread: float, about: bool) -> None:
+    """Two cameras turned towards each other by `spread` radians each have a spread of sin²(spread) / … about 0.01."""
+
+    def at(angle: float) -> ts.Camera:
+        c2w = np.eye(4)
+        c2w[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        c2w[:3, 3] = -4 * c2w[:3, 2]
+        return ts.Camera(np.array([[F, 0, W / 2], [0, F, H / 2], [0, 0, 1]]), c2w, W, H)
+
+    cameras = [at(-spread / 2), at(spread / 2)]
+    apart = 8 * np.sin(spread / 2)
+    wanted = (2, 8) if about else (1.5 * apart, 30 * apart)
+    assert range_guessed(cameras) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_a_common_point_behind_most_cameras_is_none() -> None:
+    def at(angle: float) -> ts.Camera:
+        c2w = np.eye(4)
+        c2w[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        c2w[:3, 3] = 4 * c2w[:3, 2]  # all look away from the middle
+        return ts.Camera(np.array([[F, 0, W / 2], [0, F, H / 2], [0, 0, 1]]), c2w, W, H)
+
+    cameras = [at(0), at(1)]
+    size = np.abs(np.ptp([camera.centre for camera in cameras], axis=0))
+    assert range_guessed(cameras) == pytest.approx((1.5 * np.linalg.norm(size), 30 * np.linalg.norm(size)), rel=1e-9)
+    assert range_guessed([camera(0)]) == (1.5, 30)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import resize_cover, write_png
 from tinysplat_runtime.scene.intake import cameras_json
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
-from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.scene.lenses import Lens
+from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
 
 
 @pytest.fixture
@@ -202,3 +204,38 @@ def test_scenes_are_made_from_frames_in_python_too(folder: Path) -> None:
     assert Scene(folder, (frame,)).images().shape == (1, 24, 32, 3)
     with pytest.raises(InputError, match="no frames"):
         Scene(folder, ())
+
+
+def test_a_scene_tells_of_itself_and_of_what_no_scene_is(folder: Path) -> None:
+    scene = load_scene(folder)
+    assert repr(scene) == f"Scene({str(folder)!r}: 3 views of 32x24, near {NEAR:g}, far {FAR:g})"
+    assert repr(load_scene(folder).views([1])).startswith(f"Scene({str(folder)!r}: 1 views of 32x24")
+    frames = scene.frames
+    assert repr(Scene(folder, frames)) == f"Scene({str(folder)!r}: 3 views of 32x24)"
+    assert Scene(folder, frames, 1.0, 1.1).depth_range() == (1.0, 1.1)
+    with pytest.raises(InputError, match="near 2 and far 2, expected near < far"):
+        Scene(folder, frames, 2.0, 2.0)
+    with pytest.raises(InputError, match=r"desk: frames\[0\]\.K: focal length 1 px"):
+        K = frames[0].camera.K / [[frames[0].camera.K[0, 0]], [frames[0].camera.K[1, 1]], [1]]
+        Scene(folder, (replace(frames[0], camera=replace(frames[0].camera, K=K)),))
+    for wrong, words in (
+        ("012", "a str, expected a list"),
+        (7, "a int, expected"),
+        ([0, 1.5], "1.5, expected a whole"),
+    ):
+        with pytest.raises(InputError, match=words) as caught:
+            scene.views(wrong)  # type: ignore[arg-type]
+        assert caught.value.where == "views"
+
+
+def test_frames_of_one_size_of_photo_get_the_size_that_all_have(folder: Path) -> None:
+    """Photos of one size that come out of two lenses a little different; of several sizes they stay as they are."""
+    camera = make_cameras(1, 24, 32)[0]
+    lens = Lens("PINHOLE", (30.0, 30.0, 16.0, 12.0), 32, 24)
+    wide, tall = (Frame(camera.resized(*size), folder / "a.png", lens=lens) for size in ((22, 31), (23, 30)))
+    assert {(f.camera.height, f.camera.width) for f in even_sizes([wide, tall])} == {(22, 30)}
+    assert even_sizes([wide, wide]) == (wide, wide)
+    other = replace(tall, lens=Lens("PINHOLE", (30.0, 30.0, 16.0, 12.0), 33, 24))
+    assert even_sizes([wide, other]) == (wide, other)
+    lower = replace(wide, camera=camera.resized(20, 31))
+    assert {(f.camera.height, f.camera.width) for f in even_sizes([wide, lower])} == {(20, 31)}

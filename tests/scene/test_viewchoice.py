@@ -9,7 +9,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.frusta import points_seen, sees
 from tinysplat_runtime.scene.viewchoice import (
-    SPACING,
+    _beside,
     _best_addition,
     _pair_values,
     choose_views,
@@ -139,13 +139,13 @@ NEAR, FAR = 3.0, 6.0  # whose harmonic mean is 4
 
 
 def test_a_capture_keeps_what_lies_apart_and_leaves_out_what_lies_between() -> None:
-    wide = 1.1 * SPACING * 4
+    wide = 1.1 * 0.05 * 4
     assert needed_views(row(9, wide), NEAR, FAR) == list(range(9))
     cameras = row(91, wide / 10)
     kept = needed_views(cameras, NEAR, FAR)
     assert kept[0] == 0 and kept[-1] == 90
     steps = np.diff(kept) * wide / 10 / 4
-    assert steps.min() >= SPACING and steps.max() < 2 * SPACING + 1e-9
+    assert steps.min() >= 0.05 and steps.max() < 0.1 + 1e-9
 
 
 def test_so_many_are_kept_as_are_asked_for_and_they_are_spread() -> None:
@@ -181,3 +181,34 @@ def test_blur_lowers_sharpness_and_contrast_does_not() -> None:
     blurred = (image + np.roll(image, 1, axis=0) + np.roll(image, 1, axis=1)) / 3
     assert sharpness_of(blurred) < 0.7 * sharpness_of(image)
     assert sharpness_of(0.3 * image + 0.2) == pytest.approx(sharpness_of(image))
+
+
+def test_a_capture_has_four_photos_however_near_they_lie() -> None:
+    """Ten in a row of less than a twentieth of the depth."""
+    cameras = row(10, 0.012)
+    kept = needed_views(cameras, NEAR, FAR)
+    assert len(kept) == 4 and {0, 9} < set(kept)
+    assert len(needed_views(cameras[:3], NEAR, FAR)) == 3 and len(needed_views(cameras, NEAR, FAR, 2)) == 2
+
+
+def test_rivals_are_the_three_nearest_that_are_not_taken_and_lie_within_the_spacing() -> None:
+    apart = np.array([0, 0.04, 0.01, 0.03, 0.02, 0.049, 0.051, 0.005])
+    here = np.array([1, 1, 1, 1, 1, 1, 1, 0], bool)
+    assert _beside(apart, here) == [2, 4, 3]
+    assert _beside(apart[[0, 5, 6]], here[:3]) == [1]
+    assert _beside(apart[[0, 2, 2, 2, 2]], here[:5]) == [1, 2, 3]
+
+
+@pytest.mark.parametrize(("sharper", "changes"), [(1.24, False), (1.26, True)])
+def test_a_photo_gives_way_to_one_a_quarter_sharper(sharper: float, changes: bool) -> None:
+    cameras = row(60, 0.05)
+    usual = needed_views(cameras, NEAR, FAR)
+    found = needed_views(cameras, NEAR, FAR, sharpness=lambda i: 1.0 if i in usual else sharper)
+    assert (found != usual) == changes and len(found) == len(usual)
+
+
+def test_sharpness_is_the_share_of_contrast_between_neighbours() -> None:
+    image = np.zeros((3, 4, 3))
+    image[1, 2] = 0.3, 0.6, 0.9  # grey 0.6: of 8 pairs down two differ, and of 9 across two
+    assert sharpness_of(image) == pytest.approx(0.36 * (2 / 8 + 2 / 9) / (0.36 * (1 / 12 - 1 / 144)))
+    assert sharpness_of(np.full((3, 4, 3), 0.5)) == 0

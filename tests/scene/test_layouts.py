@@ -1,0 +1,220 @@
+"""Layouts of scenes: which reader takes which, and what each says of files that are not as they should be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import colmap_texts, make_cameras, transforms_document, write_scene
+
+from tinysplat_runtime.errors import InputError, InputWarning
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.intake.colmap import MODEL_FOLDERS, _observed_range, _photo_folder, model_folder
+from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
+
+CAMERAS = make_cameras(5, 24, 32)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    scene = write_scene(tmp_path / "desk", 5, 24, 32)
+    (scene / "cameras.json").unlink()
+    return scene
+
+
+def refusal(path: Any, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        load_scene(path, **options).depth_range()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [(7, "scene: a int, expected a path"), ("https://x.org/a", "https://x.org/a: a URL, expected a file or folder"),
+     ("film.MP4", "film.MP4: a video needs its cameras"), ("a.JPG", "a.JPG: one photo, expected a scene")],
+)  # fmt: skip
+def test_what_is_no_scene_is_told_by_its_name(path: Any, words: str) -> None:
+    assert words in refusal(path)
+
+
+def test_photos_alone_are_told_what_finds_their_cameras(folder: Path) -> None:
+    assert "in this folder" in refusal(folder) and "only photos" not in refusal(folder)
+    assert "only photos; `tinysplat poses" in refusal(folder / "images")
+
+
+# ---- transforms.json ---------------------------------------------------------------------------------------------
+
+
+def write_transforms(folder: Path, change: Any = None) -> Path:
+    document: dict[str, Any] = transforms_document(CAMERAS)
+    if change:
+        change(document)
+    (folder / "transforms.json").write_text(json.dumps(document))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("gone", "words"),
+    [((1,), r"1 of 5 photos are not there and left out \(0001\.png\)"),
+     ((0, 1, 4), r"3 of 5 photos are not there and left out \(0000\.png, 0001\.png, 0004\.png\)"),
+     ((0, 1, 2, 4), r"4 of 5 photos are not there and left out \(0000\.png, 0001\.png, 0002\.png, …\)")],
+)  # fmt: skip
+def test_the_first_three_missing_photos_are_named(folder: Path, gone: tuple[int, ...], words: str) -> None:
+    for n in gone:
+        (folder / f"images/{n:04}.png").unlink()
+    with pytest.warns(InputWarning, match=words):
+        assert len(load_scene(write_transforms(folder)).frames) == 5 - len(gone)
+
+
+def test_a_pose_may_lack_its_last_row_but_not_be_missing(folder: Path) -> None:
+    def three_rows(document: dict[str, Any]) -> None:
+        document["frames"][1]["transform_matrix"] = document["frames"][1]["transform_matrix"][:3]
+
+    found = load_scene(write_transforms(folder, three_rows)).cameras[1]
+    np.testing.assert_allclose(found.c2w, CAMERAS[1].c2w, atol=1e-9)
+    message = refusal(write_transforms(folder, lambda document: document["frames"][2].pop("transform_matrix")))
+    assert "frames[2].transform_matrix: missing" in message
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fl_x": 1e9}, "fl_x: 1000000000.0 (number), expected a number"),
+        ({"fl_x": True}, "fl_x: True (boolean)"),
+        ({"h": 24.5}, "w: 32x24.5, expected whole numbers"),
+        ({"fl_x": 0, "fl_y": 0, "camera_angle_x": 3.15}, "camera_angle_x: 3.15, expected an angle of view between 0"),
+        ({"fl_x": 0, "fl_y": 0, "camera_angle_y": -0.1}, "camera_angle_y: -0.1"),
+        ({"p2": 0.1, "is_fisheye": True}, "expected 0 in a fisheye"),
+    ],
+)
+def test_numbers_out_of_range_are_named(folder: Path, change: dict[str, Any], words: str) -> None:
+    assert words in refusal(write_transforms(folder, lambda document: document.update(change)))
+
+
+def test_one_focal_length_stands_for_the_other(folder: Path) -> None:
+    for length, other in (("fl_x", "fl_y"), ("fl_y", "fl_x")):
+        scene = load_scene(write_transforms(folder, lambda d, at=length, gone=other: d.update({at: 50}) or d.pop(gone)))
+        assert (scene.cameras[0].K[0, 0], scene.cameras[0].K[1, 1]) == (50, 50)
+
+
+def test_a_point_cloud_that_is_not_there_says_nothing(folder: Path) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document.update(ply_file_path="gone.ply", near=None, far=None)
+
+    assert "lacks near and far" in refusal(write_transforms(folder, change))
+
+
+# ---- LLFF --------------------------------------------------------------------------------------------------------
+
+
+def llff(folder: Path, rows: Any) -> Path:
+    np.save(folder / "poses_bounds.npy", rows)
+    return folder
+
+
+def row(height: float = 48, width: float = 32, focal: float = 50, near: float = 1.5, far: float = 9.0) -> list[float]:
+    pose = np.column_stack([np.eye(3)[1], np.eye(3)[0], -np.eye(3)[2], [1.0, 2, 3], [height, width, focal]])
+    return [*pose.ravel(), near, far]
+
+
+def test_llff_intrinsics_follow_the_pictures_size_on_either_axis(folder: Path) -> None:
+    """Photos of 32×24 pixels, of which the file says that they were 32×48."""
+    scene = load_scene(llff(folder, [row(), row(near=0.5), row(far=11), row(), row()]))
+    np.testing.assert_allclose(scene.cameras[0].K, [[50, 0, 16], [0, 25, 12], [0, 0, 1]])
+    np.testing.assert_allclose(scene.cameras[0].c2w[:3], [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3]])
+    assert (scene.near, scene.far) == (0.5, 11)
+    assert load_scene(folder, near=0.7).depth_range() == (0.7, 11)
+    assert load_scene(folder, far=7.0).depth_range() == (0.5, 7)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (np.zeros((5, 16)), "shape (5, 16) of float64, expected (V, 17) numbers"),
+        (np.zeros(17), "shape (17,)"),
+        (np.zeros((0, 17)), "shape (0, 17)"),
+        (np.full((5, 17), "a"), "expected (V, 17) numbers"),
+        (np.full((5, 17), np.nan), "holds NaN or infinity"),
+        ([row(), row(), row(height=0.5), row(), row()], "row 2: 32x0.5 pixels, expected 1 or more"),
+        ([row(), row(width=0.5), row(), row(), row()], "row 1: 0.5x48 pixels"),
+        ([row(focal=-1)] * 5, "row 0, K: focal length"),
+        ([row()] * 4, "4 poses for 5 photos in images/"),
+    ],
+)
+def test_faults_of_llff_files_name_the_row(folder: Path, rows: Any, words: str) -> None:
+    assert words in refusal(llff(folder, rows)) and str(folder / "poses_bounds.npy") in refusal(folder)
+
+
+# ---- COLMAP ------------------------------------------------------------------------------------------------------
+
+
+def test_a_model_is_sought_in_its_folders_in_order(tmp_path: Path) -> None:
+    assert model_folder(tmp_path) is None
+    for name in reversed(MODEL_FOLDERS):
+        (tmp_path / name).mkdir(parents=True, exist_ok=True)
+        for part in ("cameras", "images", "points3D"):
+            assert model_folder(tmp_path) != tmp_path / name
+            (tmp_path / name / f"{part}.txt").touch()
+        assert model_folder(tmp_path) == tmp_path / name
+
+
+def test_photos_are_sought_about_the_model(tmp_path: Path) -> None:
+    model = tmp_path / "sparse/0"
+    for place in ("sparse/images", "sparse/0", "sparse/0/images", "images"):  # each before those that came earlier
+        assert _photo_folder(tmp_path, model, "x.png").resolve() != tmp_path / place or place == "images"
+        (tmp_path / place).mkdir(parents=True, exist_ok=True)
+        (tmp_path / place / "x.png").touch()
+        assert _photo_folder(tmp_path, model, "x.png").resolve() == tmp_path / place
+    assert _photo_folder(tmp_path, model, "y.png") == tmp_path / "images"
+
+
+def test_depths_are_those_of_points_as_photos_observed_them() -> None:
+    """Two photos of three points, of which each observed two; the second stands 2 back and is turned round."""
+    w2c = np.array([[[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 20]]])
+    arrays = {"points": np.array([[9.0, 9, 2], [9, 9, 5], [9, 9, 11]]),
+              "observations": np.array([[0, 0], [0, 1], [1, 1], [1, 2]])}  # fmt: skip
+    low, high = np.percentile([2.0, 5, 15, 9], (1, 99))
+    assert _observed_range(arrays, w2c) == pytest.approx((low / 1.1, high * 1.1))
+
+
+def test_points_that_no_photo_observed_still_tell_depths(folder: Path) -> None:
+    points = np.array([[0.1, 0.05, 3.0], [-0.2, 0.1, 4.0], [0.0, -0.1, 5.0], [0.3, 0.0, 6.0]])
+    (folder / "sparse").mkdir()
+    texts = colmap_texts(CAMERAS, points)
+    lines = texts["images.txt"].splitlines()
+    for name, text in texts.items():
+        (folder / "sparse" / name).write_text(text)
+    poses = [line for line in lines if line.endswith(".png")]
+    assert len(poses) == 5
+    (folder / "sparse/images.txt").write_text("".join(f"{line}\n\n" for line in poses))
+    tracks = [line.split()[:8] for line in texts["points3D.txt"].splitlines() if line and line[0] != "#"]
+    (folder / "sparse/points3D.txt").write_text("".join(" ".join(words) + "\n" for words in tracks))
+    near, far = load_scene(folder).depth_range()
+    assert 2.6 < near < 3.0 and 6.0 < far < 6.8
+    assert load_scene(folder, near=1.0).depth_range() == (1.0, far)
+    assert load_scene(folder, far=20.0).depth_range() == (near, 20.0)
+    (folder / "sparse/images.txt").write_text("")
+    assert "a model without a photo that has a pose" in refusal(folder)
+
+
+# ---- cameras of other files --------------------------------------------------------------------------------------
+
+
+def test_cameras_of_the_reference_code_lack_no_field(folder: Path) -> None:
+    camera = CAMERAS[0]
+    entry = {"img_name": "0000", "width": 32, "height": 24, "fx": camera.K[0, 0], "fy": camera.K[1, 1],
+             "position": camera.c2w[:3, 3].tolist(), "rotation": camera.c2w[:3, :3].tolist()}  # fmt: skip
+    for name in ("position", "rotation", "width", "height", "fx", "fy"):
+        (folder / "cameras.json").write_text(json.dumps([entry, {k: v for k, v in entry.items() if k != name}]))
+        assert f"[1].{name}: missing" in refusal(folder)
+    write_png(folder / "0007.png", np.zeros((24, 32, 3), np.uint8))
+    (folder / "cameras.json").write_text(json.dumps([{**entry, "img_name": name} for name in ("0001", "0007", "gone")]))
+    paths = [frame.path for frame in load_scene(folder).frames]
+    assert paths == [folder / "images/0001.png", folder / "0007.png", folder / "images/gone"]
+    (found, *_) = load_cameras(folder)
+    assert isinstance(found, Camera) and found.K[0, 2] == 16 and found.K[1, 2] == 12
