@@ -165,11 +165,12 @@ def test_a_model_is_sought_in_its_folders_in_order(tmp_path: Path) -> None:
 
 def test_photos_are_sought_about_the_model(tmp_path: Path) -> None:
     model = tmp_path / "sparse/0"
+    model.mkdir(parents=True)
+    assert _photo_folder(tmp_path, model, "x.png") == tmp_path / "images"
     for place in ("sparse/images", "sparse/0", "sparse/0/images", "images"):  # each before those that came earlier
-        assert _photo_folder(tmp_path, model, "x.png").resolve() != tmp_path / place or place == "images"
         (tmp_path / place).mkdir(parents=True, exist_ok=True)
         (tmp_path / place / "x.png").touch()
-        assert _photo_folder(tmp_path, model, "x.png").resolve() == tmp_path / place
+        assert _photo_folder(tmp_path, model, "x.png").resolve() == (tmp_path / place).resolve()
     assert _photo_folder(tmp_path, model, "y.png") == tmp_path / "images"
 
 
