@@ -49,3 +49,16 @@ def test_many_results_let_go_at_once_are_not_all_kept():
     del results
     gc.collect()
     assert 110 <= sum(buffer.size for buffer in recycler._free) <= 220
+
+
+def test_memory_of_another_size_is_not_taken():
+    recycler = Recycler()
+    first = recycler.empty([(6,), (8,)])
+    place = address(first[1])
+    del first
+    gc.collect()
+    small, fitting, fresh = recycler.empty([(2, 2), (4, 2), (8,)])
+    assert address(fitting) == place != address(fresh)
+    assert (small.shape, fitting.shape, fresh.shape) == ((2, 2), (4, 2), (8,))
+    fitting[:], fresh[:], small[:] = 1, 2, 3
+    assert (fitting == 1).all() and (fresh == 2).all()

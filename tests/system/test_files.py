@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.system.files import atomic_path, read_limited, write_atomically
+from tinysplat_runtime.system.files import atomic_path, parsing, read_limited, write_atomically
 
 
 def test_written_bytes_are_read_back_and_nothing_else_remains(tmp_path: Path) -> None:
@@ -121,3 +121,45 @@ def test_unreadable_file_is_an_input_error(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(InputError, match="Permission denied"):
         read_limited(tmp_path / "file", 10)
+
+
+def test_a_new_file_and_its_name_are_flushed_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flushed = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: flushed.append(os.path.realpath(f"/proc/self/fd/{descriptor}")))
+    target, seen = tmp_path / "out", []
+    with atomic_path(target) as temporary:
+        seen.append(str(temporary))
+        temporary.write_bytes(b"x")
+    assert flushed == [*seen, str(tmp_path.resolve())]
+
+
+def test_folders_that_cannot_be_flushed_do_no_harm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def flush(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "no folders here")
+
+    monkeypatch.setattr(os, "fsync", flush)
+    write_atomically(tmp_path / "out", b"new")
+    assert (tmp_path / "out").read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(
+    ("raised", "words"),
+    [
+        (KeyError("x"), "damaged or foreign JPEG ('x')"),
+        (ValueError(), "damaged or foreign JPEG (ValueError)"),
+        (RuntimeError("y" * 200), f"damaged or foreign JPEG ({'y' * 120})"),
+        (InputError("said well", where="a"), "a: said well"),
+    ],
+)
+def test_what_a_library_raises_on_damaged_bytes_becomes_one_line(raised: Exception, words: str) -> None:
+    with pytest.raises(InputError) as caught, parsing("JPEG"):
+        raise raised
+    assert str(caught.value) == words
+
+
+@pytest.mark.parametrize("raised", [ModuleNotFoundError("PIL"), PermissionError(errno.EACCES, "no")])
+def test_what_no_damage_causes_stays_what_it_is(raised: Exception) -> None:
+    with pytest.raises(type(raised)) as caught, parsing("JPEG"):
+        raise raised
+    assert caught.value is raised

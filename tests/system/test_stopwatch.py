@@ -15,7 +15,7 @@ from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.system import stopwatch
-from tinysplat_runtime.system.stopwatch import part, tally_nonzero, watched_parts
+from tinysplat_runtime.system.stopwatch import Stopwatch, part, peak_rss_bytes, tally_nonzero, watched_parts
 
 RUNTIME = ts.Runtime(threads=1)
 BLENDING = {"blend: picking records", "blend: alphas", "blend: sums", "blend: rest"}
@@ -80,3 +80,30 @@ def test_an_encoder_takes_another_plane_coder_and_shows_it_every_plane_once(gaus
     assert len(calls) == pictures > 10
     encoder.code(encoder.plan(0), 0)
     assert len(calls) == pictures
+
+
+def test_stages_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    ticks = iter([1.0, 3.5, 10.0, 10.25])
+    monkeypatch.setattr(stopwatch, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
+    watch = Stopwatch()
+    with watch.stage("code"):
+        pass
+    with pytest.raises(ValueError), watch.stage("code"):
+        raise ValueError
+    watch.add("write", 2)
+    assert watch.seconds == {"code": 2.75, "write": 2}
+
+
+def test_tallies_add_up_what_is_not_zero() -> None:
+    with watched_parts() as parts:
+        tally_nonzero("alphas", np.array([[0, 2], [3, 0]]))
+        tally_nonzero("alphas", np.array([True, False]))
+    assert parts.tallies == {"alphas": 3}
+
+
+@pytest.mark.parametrize(("platform", "expected"), [("linux", 5 * 1024), ("darwin", 5)])
+def test_the_peak_is_in_bytes_on_every_system(monkeypatch: pytest.MonkeyPatch, platform: str, expected: int) -> None:
+    usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=5 + who))
+    monkeypatch.setattr(stopwatch, "resource", usage)
+    monkeypatch.setattr(stopwatch, "sys", SimpleNamespace(platform=platform))
+    assert peak_rss_bytes() == expected

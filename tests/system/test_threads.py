@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import threading
 
 import pytest
 
-from tinysplat_runtime.system.threads import Crew
+from tinysplat_runtime.system.threads import Crew, available_cores
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
@@ -51,3 +52,26 @@ def test_an_error_reaches_the_caller_and_ends_the_work(threads, bad):
 def test_a_job_may_share_out_work_of_its_own():
     crew = Crew(2)
     assert crew.map(lambda n: sum(crew.map(lambda m: n * m, range(4))), range(4)) == [0, 6, 12, 18]
+
+
+def test_cores_are_those_that_this_process_may_use(monkeypatch):
+    monkeypatch.setattr(
+        os, "sched_getaffinity", lambda process: {1, 4, 6} if process == 0 else {process}, raising=False
+    )
+    assert available_cores() == 3
+    monkeypatch.delattr(os, "sched_getaffinity")
+    for count, expected in ((5, 5), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda count=count: count)
+        assert available_cores() == expected
+
+
+@pytest.mark.parametrize(("threads", "items", "helpers"), [(4, 3, 2), (3, 9, 2), (2, 1, 0), (1, 5, 0)])
+def test_no_more_helpers_are_woken_than_there_is_work_for(threads, items, helpers):
+    crew, woken = Crew(threads), []
+    if crew._pool is not None:
+        submit = crew._pool.submit
+        crew._pool.submit = lambda job: woken.append(job) or submit(job)
+    assert crew.map(str, range(items)) == [str(n) for n in range(items)]
+    assert len(woken) == helpers
+    assert (crew._pool is None) == (threads == 1)
+    assert crew._pool is None or crew._pool._max_workers == threads - 1
