@@ -6,14 +6,16 @@ import io
 import signal
 import subprocess
 import sys
+import warnings
 import weakref
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 
 from tinysplat_runtime.cli import commands, main
 from tinysplat_runtime.cli.run import _IMPORT_LOCKS
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.lenses import load_pycolmap
 
 
@@ -85,3 +87,122 @@ signal.raise_signal(signal.SIGABRT)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr, done.returncode) == ("ended\n", "", -signal.SIGABRT)
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (InputError("no", where="a"), "a: no"),
+        (FileNotFoundError(2, "No such file", "there"), "there: No such file"),
+        (OSError("odd"), "odd"),
+        (PermissionError(13, "Permission denied"), "Permission denied"),
+        (MemoryError(), "not enough memory; --size, fewer --views or --max-memory keep within it"),
+    ],
+)
+def test_errors_are_a_line_and_status_2(monkeypatch, capsys, error: Exception, line: str) -> None:
+    def fails(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(commands, "models", fails)
+    assert main(["models", "-q"]) == 2
+    assert capsys.readouterr() == ("", f"tinysplat: {line}\n")
+
+
+def test_a_fault_of_ours_is_raised(monkeypatch) -> None:
+    def fails(_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(commands, "models", fails)
+    with pytest.raises(ZeroDivisionError):
+        main(["models", "-q"])
+
+
+def test_who_reads_no_further_ends_a_command_in_peace() -> None:
+    code = "import sys; from tinysplat_runtime.cli import main; sys.exit(main(['models', '--json']))"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout and process.stderr
+        process.stdout.close()
+        assert (process.stderr.read(), process.wait(60)) == (b"", 0)
+
+
+def test_our_warnings_are_a_line_and_those_of_libraries_none(monkeypatch, capsys) -> None:
+    def warns(_: object) -> None:
+        warnings.warn("desk: photos of noise", InputWarning, stacklevel=1)
+        warnings.warn("old", DeprecationWarning, stacklevel=1)
+
+    monkeypatch.setattr(commands, "models", warns)
+    monkeypatch.setattr(sys, "warnoptions", [])
+    assert main(["models", "-q"]) == 0
+    said = capsys.readouterr().err
+    assert "photos of noise" in said and said.count("\n") == 1 and "old" not in said
+
+
+class Point:
+    """An entry point of another package."""
+
+    def __init__(self, name: str, module: object) -> None:
+        self.name, self.module = name, module
+
+    def load(self) -> object:
+        if isinstance(self.module, Exception):
+            raise self.module
+        return self.module
+
+
+@pytest.fixture
+def others(monkeypatch):
+    """Commands of other packages: one that runs, one that cannot load, one that lacks a package."""
+    ran: list[object] = []
+
+    def run(args) -> None:
+        ran.append(args.x)
+
+    def needy(args) -> int:
+        raise ModuleNotFoundError("no such", name="plotter")
+
+    def configure(parser) -> None:
+        parser.add_argument("--x", type=int, default=7)
+
+    points = [
+        Point("good", SimpleNamespace(HELP="does", configure=configure, run=run)),
+        Point("lame", ModuleNotFoundError("no torch", name="torch")),
+        Point("bare", SimpleNamespace(HELP="bare", configure=configure, run=run, NEEDS=("os", "no_such_package"))),
+        Point("needy", SimpleNamespace(HELP="needy", configure=configure, run=needy)),
+    ]
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points)
+    return ran
+
+
+def test_commands_of_other_packages_run(others, capsys) -> None:
+    assert main(["good", "--x", "3", "-q"]) == 0 and main(["good", "-q"]) == 0
+    assert others == [3, 7]
+    for words, line in (
+        (["lame"], "lame: needs the package 'torch'; pip install \"tinysplat[lame]\" brings it"),
+        (["bare"], "bare: needs the package 'no_such_package'; pip install \"tinysplat[bare]\" brings it"),
+        (["needy", "-q"], "needy: needs the package 'plotter'; pip install \"tinysplat[needy]\" brings it"),
+    ):
+        assert main(words) == 2
+        assert capsys.readouterr().err == f"tinysplat: {line}\n"
+    assert main(["nosuch"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("tinysplat: command: 'nosuch', accepted are bare, ") and "good, info, lame" in said
+    assert main([]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("tinysplat: command: none given, ") and said.endswith(
+        "; `tinysplat --help` says what they do\n"
+    )
+
+
+def test_help_lists_commands_even_those_that_cannot_run(others, capsys) -> None:
+    with pytest.raises(SystemExit) as leaving:
+        main(["--help"])
+    out = capsys.readouterr().out
+    assert leaving.value.code == 0
+    assert all(name in out for name in ("good", "does", "bare", "encode")) and "needs the package 'torch'" in " ".join(
+        out.split()
+    )
+    with pytest.raises(SystemExit) as leaving:
+        main(["lame", "--help"])
+    assert leaving.value.code == 0 and "This command needs the package 'torch'" in " ".join(
+        capsys.readouterr().out.split()
+    )
