@@ -1,0 +1,319 @@
+"""Sections of mode free as docs/FORMAT.md has them: their bytes, and every number on either side of its bound.
+
+Files are written by hand here, of constants and of positions that are no octree: their metadata is all that counts.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import pytest
+from sections import file_of, sections_of
+
+from tinysplat_runtime.container.free import decoding_bytes, free_sections, order_of, range_fault
+from tinysplat_runtime.container.layout import PLANES
+from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import FreeScene, Limits
+from tinysplat_runtime.container.writer import write_container
+from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussian.planes import PlaneClass as P
+
+CHANNELS = [(int(P.OPACITY), 0), *((int(P.SCALE), t) for t in range(3)), *((int(P.ROTATION), t) for t in range(3))]
+STREAMS = (b"ab", b"", b"c", b"", b"", b"def")
+
+
+def channel(
+    number: int, target: int, coding: int = 0, qp: int = 7, scale: float = 0.0, offset: float = 0.5,
+    centre: float = 0.0, tail: bytes = b"",
+) -> bytes:  # fmt: skip
+    return struct.pack("<4B2f", number, target, coding, qp, scale, offset) + struct.pack("<f", centre) + tail
+
+
+def floats(values: Sequence[float]) -> bytes:
+    return struct.pack(f"<H{len(values)}f", len(values), *values)
+
+
+@dataclass(frozen=True)
+class Free:
+    """A section FREE in numbers, and its FREP."""
+
+    count: int = 20
+    degree: int = 0
+    levels: tuple[int, ...] = (1, 8)
+    n_levels: int | None = None
+    n_channels: int | None = None
+    k: int = 1
+    leaves: int = 20
+    escapes: int = 3
+    centre: tuple[float, ...] = (1.0, 2.0, 3.0)
+    radius: float = 4.0
+    cell: float = 0.5
+    low: tuple[float, ...] = (-1.0, -2.0, -3.0)
+    middle: float = -2.0
+    streams: tuple[bytes, ...] = STREAMS
+    points: bytes | None = None
+    thresholds: tuple[Sequence[float], ...] = ((0.25, 0.5), (), (1.0,))
+    orders: tuple[tuple[int, Sequence[float]], ...] = ((0, (1.0, 2.0)), (3, (0.5,)), (1, (1.0,)))
+    mean: Sequence[float] = (0.5, -0.25, 1.0)
+    basis: Sequence[float] = (1.0, -2.0, 0.5)
+    channels: Sequence[bytes] = field(
+        default_factory=lambda: [channel(int(P.COLOR), 0), *(channel(*each) for each in CHANNELS)]
+    )
+    tail: bytes = b""
+
+    def sections(self) -> list[list]:
+        n_levels = len(self.levels) if self.n_levels is None else self.n_levels
+        n_channels = 7 + self.k if self.n_channels is None else self.n_channels
+        data = struct.pack(
+            "<IBBHH6sII8df", self.count, self.degree, n_levels, n_channels, self.k, b"", self.leaves, self.escapes,
+            *self.centre, self.radius, self.cell, *self.low, self.middle,
+        )  # fmt: skip
+        data += struct.pack(f"<{len(self.levels)}I", *self.levels)
+        data += b"".join(struct.pack("<2I", len(s), crc32(s)) for s in self.streams)
+        data += b"".join(map(floats, self.thresholds))
+        data += b"".join(struct.pack("<H", first) + floats(gains) for first, gains in self.orders)
+        data += np.array(self.mean, "<f4").tobytes() + np.array(self.basis, "<f2").tobytes()
+        data += b"".join(self.channels) + self.tail
+        return [[b"FREE", 1, 0, data], [b"FREP", 1, 0, b"".join(self.streams) if self.points is None else self.points]]
+
+    def file(self, *more: list) -> bytes:
+        (scene,) = sections_of(write_container([], [], np.zeros(3), "max", 0.0))
+        return file_of([scene, *self.sections(), *more])
+
+
+def read(data: bytes, **limits: int) -> FreeScene:
+    return read_container(data, Limits(**limits)).body.scene
+
+
+def tier(
+    count: int = 5, leaves: int = 5, escapes: int = 0, cell: float = 0.5, growth: float = 0.25,
+    levels: Sequence[int] = (1,), tail: bytes = b"",
+) -> bytes:  # fmt: skip
+    data = struct.pack("<IBBHIIdf", count, len(levels), 0, 0, leaves, escapes, cell, growth)
+    data += struct.pack(f"<{len(levels)}I", *levels)
+    data += b"".join(struct.pack("<2I", len(s), crc32(s)) for s in STREAMS)
+    return data + b"".join(Free().channels) + tail
+
+
+def with_tier(index: int = 1, **fields: Any) -> bytes:
+    return Free().file([b"TIER", 1, index, tier(**fields)], [b"FREP", 1, index, b"".join(STREAMS)])
+
+
+def test_what_is_written_by_hand_is_read_and_written_again_to_the_byte() -> None:
+    scene = read(with_tier())
+    assert (scene.count, scene.degree, scene.size_middle) == (25, 0, -2.0)
+    first, second = scene.tiers
+    assert (first.count, second.count, first.growth, second.growth) == (20, 5, 0.0, 0.25)
+    grid = first.grid
+    assert (grid.centre.tolist(), grid.radius, grid.cell, grid.low.tolist()) == ([1, 2, 3], 4, 0.5, [-1, -2, -3])
+    assert (grid.levels, grid.leaves, grid.escapes) == ((1, 8), 20, 3)
+    assert tuple(map(bytes, grid.streams)) == STREAMS == tuple(map(bytes, second.grid.streams))
+    assert [values.tolist() for values in scene.thresholds] == [[0.25, 0.5], [], [1.0]]
+    assert [(order.first, order.gains) for order in scene.orders] == [(0, (1.0, 2.0)), (3, (0.5,)), (1, (1.0,))]
+    assert scene.mean.tolist() == [0.5, -0.25, 1.0] and scene.basis.tolist() == [[1.0], [-2.0], [0.5]]
+    assert [(c.record.plane_class, c.record.target) for c in first.channels] == [(P.COLOR, 0), *CHANNELS]
+    assert first.channel(P.SCALE, 2).record.offset == 0.5 and first.channel(P.SCALE, 2).record.qp == 7
+    written = [[s.kind, 1, s.index, s.data] for s in free_sections(scene, [{}, {}], [b"", b""])]
+    assert written == [Free().sections()[0], [b"TIER", 1, 1, tier()], Free().sections()[1],
+                       [b"FREP", 1, 1, b"".join(STREAMS)]]  # fmt: skip
+    assert [s.minor for s in free_sections(scene, [{}, {}], [b"", b""])] == [4, 6, 0, 0]
+
+
+def test_pictures_stand_by_class_in_the_order_that_a_prefix_needs() -> None:
+    scene = read(Free().file())
+    payloads = {
+        (P.COLOR, 0): b"c",
+        (P.ROTATION, 1): b"r1",
+        (P.ROTATION, 0): b"r",
+        (P.SCALE, 2): b"s",
+        (P.OPACITY, 0): b"o",
+    }
+    sections = free_sections(scene, [payloads], [b"sets"])
+    assert [s.data for s in sections[1:]] == [b"sets", b"abcdef", b"o", b"s", b"c", b"rr1"]
+    classes = [PLANES[each] for each in (P.OPACITY, P.SCALE, P.COLOR, P.ROTATION)]
+    assert [s.kind for s in sections[1:]] == [b"HEVC", b"FREP", *classes]
+    coded = dict(zip([(P.COLOR, 0), *((P(c), t) for c, t in CHANNELS)], range(8), strict=True))
+    at = len(sections[0].data) - 8 * 16 - 5 * 8
+    for place in coded:
+        number, target, coding, qp, _, offset = struct.unpack_from("<4B2f", sections[0].data, at)
+        assert ((number, target), coding, qp, offset) == (place, int(place in payloads), 7, 0.5)
+        at += 16
+        if place in payloads:
+            assert struct.unpack_from("<2I", sections[0].data, at) == (len(payloads[place]), crc32(payloads[place]))
+            at += 8
+    assert at == len(sections[0].data)
+
+
+def one(place: int, **fields: Any) -> dict[str, Any]:
+    """All channels, one of them other."""
+    places = [(int(P.COLOR), 0), *CHANNELS]
+    number, target = fields.pop("name", places[place])
+    return {
+        "channels": [
+            channel(*each) if n != place else channel(number, target, **fields) for n, each in enumerate(places)
+        ]
+    }
+
+
+ONES = {"orders": ((0, [1.0]),) * 3}
+OVER = float(np.float32(1.01e30))
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({"count": 20}, {"count": 19}, "20 leaves and 3 escapes for 19 Gaussians"),
+        ({"escapes": 20}, {"escapes": 21}, "20 leaves and 21 escapes for 20 Gaussians"),
+        ({"degree": 4, "mean": [0] * 75, "basis": [0] * 75}, {"degree": 5}, "SH degree 5, accepted are 0 to 4"),
+        ({"k": 0, "basis": (), "channels": [channel(*each) for each in CHANNELS]}, {"k": 4}, "k = 4, .* are 0 to 3"),
+        ({}, {"n_channels": 7}, "7 channels, expected 8"),
+        ({}, {"n_channels": 9}, "9 channels, expected 8"),
+        ({"levels": (1,) * 21, "leaves": 8, "cell": 1e-6}, {"levels": (1,) * 22, "leaves": 8, "cell": 1e-6},
+         "22 levels, accepted are 1 to 21"),
+        ({"levels": (1,), "leaves": 8}, {"n_levels": 0}, "0 levels, accepted are 1 to 21"),
+        ({"levels": (1, 8)}, {"levels": (1, 9)}, "do not grow as an octree's"),
+        ({"levels": (1, 3)}, {"levels": (1, 2)}, "do not grow as an octree's"),
+        ({"levels": (1, 4, 4)}, {"levels": (1, 4, 3)}, "do not grow as an octree's"),
+        ({}, {"levels": (2, 8)}, "do not grow as an octree's"),
+        ({"levels": (1,), "leaves": 8}, {"levels": (1,), "leaves": 9}, "do not grow as an octree's"),
+        ({"levels": (1, 8), "leaves": 8}, {"levels": (1, 8), "leaves": 7}, "do not grow as an octree's"),
+        ({}, {"points": b"abcdeg"}, "stream 5 of the positions was altered"),
+        ({}, {"points": b"xbcdef"}, "stream 0 of the positions was altered"),
+        ({}, {"points": b"abcdefg"}, "7 bytes of positions, 6 announced"),
+        ({"centre": (1e28, -1e28, 0)}, {"centre": (0, 0, math.inf)}, "centre .*, at most 1e.30 accepted"),
+        ({"radius": 1e-9}, {"radius": 0.0}, "radius 0 or cell 0.5 out of range"),
+        ({}, {"radius": 1e30}, "radius 1e.30 or cell"),
+        ({"cell": 1.0}, {"cell": 1.0001}, "cell 1.0001 out of range"),
+        ({"cell": 1e-9}, {"cell": 0.0}, "cell 0 out of range"),
+        ({"radius": 1.0, "low": (-67.0, 0, 0)}, {"radius": 0.5, "low": (0, -67.1, 0)}, "positions can decode to more"),
+        ({"radius": 0.99e30 / math.exp(5)}, {"radius": 1.01e30 / math.exp(5)}, "positions can decode to more"),
+        ({"radius": 0.4e30 / math.exp(5), "centre": (0, -0.59e30, 0)},
+         {"radius": 0.4e30 / math.exp(5), "centre": (0, -0.61e30, 0)}, "positions can decode to more"),
+        ({"middle": 69.0}, {"middle": 69.1}, r"the middle size is e.69.1, accepted are e.±69"),
+        ({"middle": -69.0}, {"middle": -69.1}, r"the middle size is"),
+        ({}, {"middle": math.nan}, r"the middle size is"),
+        ({"thresholds": ((0.5, 0.75), (), ())}, {"thresholds": ((0.5, 0.5), (), ())}, "thresholds do not rise"),
+        ({}, {"thresholds": ((), (), (2.0, 1.0))}, "thresholds do not rise"),
+        ({"thresholds": (range(255), (), ())}, {"thresholds": ((), range(256), ())}, "256 thresholds, at most 255"),
+        ({"thresholds": ((), (-9e29,), ())}, {"thresholds": ((), (-OVER,), ())}, "thresholds out of range"),
+        ({"orders": ((0, [1.0] * 32), (0, [1.0]), (0, [1.0]))}, {"orders": ((0, [1.0]), (0, [1.0] * 33), (0, [1.0]))},
+         "33 gains, at most 32"),
+        ({}, {"orders": ((0, [1.0]), (0, [1.0]), (0, []))}, "an order without gains"),
+        ({"orders": ((0, [-9e29]), (0, [1.0]), (0, [1.0]))}, {"orders": ((0, [OVER]), (0, [1.0]), (0, [1.0]))},
+         "gains out of range"),
+        ({"mean": (9e29, 0, 0)}, {"mean": (0, math.nan, 0)}, "a number of mean or basis is not finite"),
+        ({}, {"basis": (math.inf, 0, 0)}, "a number of mean or basis is not finite"),
+        ({}, {"mean": (0, 0, -OVER)}, r"sh can decode to 1.01e.30"),
+        ({}, one(0, name=(int(P.COLOR), 1)), "class 1, channel 1; expected color0"),
+        ({}, one(2, name=(int(P.ROTATION), 0)), "expected scale0"),
+        ({}, one(3, coding=2), "coding 2 is unknown"),
+        (one(3, qp=51), one(3, qp=52), "QP 52, accepted are 0 to 51"),
+        (one(1, scale=-9e29), one(1, scale=OVER), "opacity0: scale, offset or centre out of range"),
+        (one(1, offset=9e29), one(1, offset=-OVER), "opacity0: scale, offset or centre out of range"),
+        (one(1, centre=9e29), one(1, centre=OVER), "opacity0: scale, offset or centre out of range"),
+        ({**ONES, **one(0, offset=-4.9e29)}, {**ONES, **one(0, offset=5.1e29)}, r"sh can decode to 1.02e.30"),
+        (one(1, offset=5e29, centre=-4.9e29), one(1, offset=5e29, centre=-5.1e29), r"opacities can decode to 1.01e.30"),
+        (one(2, offset=4.9e29), one(2, offset=5.1e29), r"scales 0 can decode to 1.02e.30"),
+        (one(4, offset=9e29), {**one(4, offset=9e29), "orders": ((0, [1]), (0, [1.2]), (0, [1]))},
+         "scales 2 can decode"),
+        (one(7, offset=9.9e14), one(7, offset=1.1e15), r"rotations can decode to 1.1e.15, accepted is at most 1e.15"),
+        (one(5, centre=-9.9e14), one(6, centre=-1.1e15), r"rotations can decode to 1.1e.15"),
+        ({}, {"tail": b"x"}, "1 bytes too many"),
+    ],
+)  # fmt: skip
+def test_every_number_is_accepted_to_its_bound_and_no_further(accepted, refused, words: str) -> None:
+    assert read(Free(**accepted).file()).count == 20
+    with pytest.raises(FormatError, match=words):
+        read(Free(**refused).file())
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "words"),
+    [
+        ({"growth": 2.0}, {"growth": 2.01}, "growth 2.01, accepted are 0 to 2"),
+        ({"growth": 0.0}, {"growth": -0.01}, "growth -0.01"),
+        ({"count": 8, "leaves": 8}, {"count": 9, "leaves": 9}, "do not grow as an octree's"),
+        ({}, {"count": 0, "leaves": 0}, r"TIER\[1\]: 0 Gaussians, accepted are 1 and more"),
+        ({"cell": 1.0}, {"cell": 1.1}, "cell 1.1 out of range"),
+        ({}, {"index": 2}, r"TIER\[2\]: expected TIER\[1\], of at most 15"),
+        ({}, {"tail": b"x"}, r"TIER\[1\]: 1 bytes too many"),
+    ],
+)
+def test_every_number_of_a_tier_is_accepted_to_its_bound_and_no_further(accepted, refused, words: str) -> None:
+    assert len(read(with_tier(**accepted)).tiers) == 2
+    with pytest.raises(FormatError, match=words):
+        read(with_tier(**refused))
+
+
+def test_there_are_sixteen_tiers_at_most_and_positions_of_each() -> None:
+    def file(tiers: int, points: int) -> bytes:
+        more = [[b"TIER", 1, n, tier()] for n in range(1, tiers)]
+        return Free().file(*more, *([b"FREP", 1, n, b"".join(STREAMS)] for n in range(1, points)))
+
+    assert len(read(file(16, 16)).tiers) == 16
+    for tiers, points, words in (
+        (17, 17, r"TIER\[16\]: expected TIER\[16\], of at most 15"), (2, 1, r"FREP\[1\]: missing"),
+        (1, 2, r"FREP\[1\] holds positions of no tier"),
+    ):  # fmt: skip
+        with pytest.raises(FormatError, match=words):
+            read(file(tiers, points))
+
+
+def test_limits_are_the_most_that_is_accepted() -> None:
+    data = with_tier()
+    memory = 25 * (4 * 14 + 2 * 8 + 8 * 17 + 64)
+    assert decoding_bytes(25, 0, 1) == memory and decoding_bytes(2, 2, 5) == 2 * (4 * 38 + 2 * 12 + 8 * 21 + 64)
+    assert read(data, max_pixels=25, max_memory_bytes=memory).count == 25
+    for limits, words in (
+        ({"max_pixels": 24}, r"25 Gaussians, accepted are 1 to 24 \(--max-pixels\)"),
+        ({"max_memory_bytes": memory - 1}, f"{memory} bytes to decode, the limit is {memory - 1}"),
+    ):  # fmt: skip
+        with pytest.raises(FormatError, match=words):
+            read(data, **limits)
+    with pytest.raises(FormatError, match="0 Gaussians, accepted are 1 to"):
+        read(Free(count=0, leaves=0, escapes=0).file())
+    bytes_of = sum(len(section[3]) for section in sections_of(Free().file()))
+    for count, is_paid in ((256 * bytes_of, True), (256 * bytes_of + 1, False)):
+        file = Free(count=count).file()
+        if is_paid:
+            assert read(file).count == count
+        else:
+            with pytest.raises(FormatError, match=f"the file's bytes stand for {256 * bytes_of} at most"):
+                read(file)
+
+
+@pytest.mark.parametrize(
+    ("place", "order"),
+    [((P.COLOR, 0), 2), ((P.OPACITY, 0), 0), ((P.SCALE, 0), 1), ((P.SCALE, 1), 2), ((P.SCALE, 2), 2),
+     ((P.ROTATION, 0), 3), ((P.ROTATION, 2), 3)],
+)  # fmt: skip
+def test_channels_follow_the_determinants_before_them(place: tuple[P, int], order: int) -> None:
+    assert order_of(*place) == order
+
+
+def test_codes_count_with_their_largest_and_gains_of_the_channels_order() -> None:
+    """4095 steps of 1e26 are 4.1e29; opacity has no gain, sizes the first order's, of 2 and −3."""
+    scene = read(Free(orders=((0, (2.0, -3.0)), (0, (1.0,)), (0, (1.0,)))).file())
+
+    def changed(place: tuple[P, int], change: Callable[[Any], Any]) -> FreeScene:
+        first = scene.tiers[0]
+        channels = tuple(
+            replace(c, record=change(c.record)) if (c.record.plane_class, c.record.target) == place else c
+            for c in first.channels
+        )
+        return replace(scene, tiers=(replace(first, channels=channels),))
+
+    stream = scene.tiers[0].channels[0].record.streams or (object(),)
+    for place, scale, fault in (
+        ((P.OPACITY, 0), 2.44e26, None), ((P.OPACITY, 0), -2.45e26, "opacities"), ((P.SCALE, 0), 0.81e26, None),
+        ((P.SCALE, 0), 0.82e26, "scales"), ((P.SCALE, 1), 2.44e26, None), ((P.COLOR, 0), 1.22e26, None),
+        ((P.COLOR, 0), -1.23e26, "sh"), ((P.ROTATION, 1), 2.45e11, "quats"), ((P.ROTATION, 1), 2.44e11, None),
+    ):  # fmt: skip
+        found = range_fault(changed(place, lambda r, scale=scale: replace(r, scale=scale, offset=0.0, streams=stream)))
+        assert (found and found[0]) == fault, (place, scale)
