@@ -26,7 +26,7 @@ COMPARED = 8
 SAMPLED = 4
 """The comparison looks at every so many-th row and column."""
 
-_STRIP_PX = 2048
+_STRIP_PX = 4096
 """Pixels worked on at a time, whose coefficients stay in a core's cache."""
 
 
@@ -94,6 +94,10 @@ def _seen_from(means: NDArray, sh: NDArray, centres: NDArray) -> NDArray:
     x, y, z = (means[..., axis] - centres[:, axis, None, None] for axis in range(3))  # (n, h, w)
     lengths = np.maximum(np.sqrt(x * x + y * y + z * z), np.finfo(np.float32).tiny)
     terms = sh_terms(x / lengths, y / lengths, z / lengths, sh_degree(sh.shape[-2]))
-    basis = np.stack([term.mean(axis=0) for term in (np.full_like(x, C0), *terms)], axis=-1)
+    basis = np.empty(sh.shape[:-1], x.dtype)
+    basis[..., 0] = C0
+    for index, term in enumerate(terms, 1):
+        np.add.reduce(term, axis=0, out=basis[..., index])
+    basis[..., 1:] /= len(centres)
     # A colour at a time: einsum is twice as fast where it sums into a single number.
     return np.stack([np.einsum("...b,...b->...", basis, sh[..., colour]) for colour in range(3)], axis=-1)
