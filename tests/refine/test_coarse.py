@@ -11,7 +11,7 @@ from scenes import make_gaussians, make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.refine import refine as refine_module
-from tinysplat_runtime.refine.coarse import bring_up, halved, halved_target
+from tinysplat_runtime.refine.coarse import _doubled, bring_up, halved, halved_camera, halved_target
 from tinysplat_runtime.refine.refine import Refining, refine
 from tinysplat_runtime.refine.schedule import STEPS_BELOW, Turn, order, steps_below, turn
 from tinysplat_runtime.refine.settings import LIMITS
@@ -109,3 +109,33 @@ def test_no_step_begins_that_would_end_too_late(worn, monkeypatch: pytest.Monkey
     assert 2 <= len(taken) < 12
     refining.result()
     assert next(ticks) <= 36
+
+
+def test_a_copy_by_hand() -> None:
+    """Of 5×7 pixels, the last row and column of which have no partner."""
+    whole = make_gaussians(2, 5, 7, degree=1, layers=2)
+    half = halved(whole)
+    first = whole.layers[0]
+    for name in ("means", "opacities", "sh"):
+        array = getattr(first, name).astype(np.float64)
+        wanted = (array[:, 0:4:2, 0:6:2] + array[:, 1:4:2, 0:6:2] + array[:, 0:4:2, 1:6:2] + array[:, 1:4:2, 1:6:2]) / 4
+        np.testing.assert_allclose(getattr(half, name), wanted, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(half.scales[1, 1, 2], first.scales[1, 2:4, 4:6].mean(axis=(0, 1)) * 2, rtol=1e-6)
+    np.testing.assert_array_equal(half.quats, first.quats[:, 0:4:2, 0:6:2])
+    assert [layer.opacities.shape for layer in half.layers] == [(2, 2, 3), (2, 1, 1)]
+    camera = halved_camera(first.cameras[1])
+    assert (camera.width, camera.height) == (3, 2) == (half.cameras[1].width, half.cameras[1].height)
+    np.testing.assert_allclose(camera.K, first.cameras[1].K * [[0.5], [0.5], [1]])
+    np.testing.assert_array_equal(camera.c2w, first.cameras[1].c2w)
+
+
+@pytest.mark.parametrize(("axis", "size"), [(0, 6), (1, 6), (1, 7), (2, 4), (2, 5)])
+def test_samples_are_doubled_between_their_centres(axis: int, size: int) -> None:
+    array = np.random.default_rng(0).normal(size=(3, 3, 2)).astype(np.float32)
+    centres, wanted = (
+        2 * np.arange(array.shape[axis]) + 0.5,
+        np.moveaxis(array, axis, -1).reshape(-1, array.shape[axis]),
+    )
+    lines = np.stack([np.interp(np.arange(size), centres, line) for line in wanted])
+    shape = (*np.delete(array.shape, axis), size)
+    np.testing.assert_allclose(_doubled(array, axis, size), np.moveaxis(lines.reshape(shape), -1, axis), atol=1e-6)

@@ -9,9 +9,10 @@ import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.refine.loop import JUDGED, Loop
 from tinysplat_runtime.refine.photos import matched
-from tinysplat_runtime.refine.refine import Refining
+from tinysplat_runtime.refine.refine import Refining, _other
 from tinysplat_runtime.refine.schedule import Turn
 from tinysplat_runtime.refine.settings import settings_for
 from tinysplat_runtime.render import Renderer
@@ -151,3 +152,69 @@ def test_photos_of_a_camera_that_turns_on_the_spot_are_told_apart(scene: Scene) 
     turned = Frame(Camera(first.K, c2w, first.width, first.height), scene.frames[1].path)
     found = matched(gaussians, Scene(scene.path, (turned, *scene.frames), 1.0, 10.0))
     assert [frame.path.name for frame in found.frames] == ["0.png", "1.png", "2.png"]
+
+
+def test_exposures_follow_adam_by_hand() -> None:
+    """Two photos; of the second nothing changes but by the mean, which goes back to 1 and 0."""
+    loop = begun(2)
+    settings = loop.settings = replace(loop.settings, momentum=0.5, memory=0.75, exposure=0.1)
+    wanted, first, second = np.array([1.0, 0.0]), np.zeros(2), np.zeros(2)
+    for count, (by_gain, by_offset) in enumerate(((30.0, -60.0), (-15.0, -90.0)), start=1):
+        loop._expose(0, PhotoError(1.0, 1.0, by_gain, by_offset, 10.0))
+        slope = np.array([by_gain, by_offset]) / 30
+        first, second = 0.5 * first + 0.5 * slope, 0.75 * second + 0.25 * slope**2
+        step = 0.1 * (first / (1 - 0.5**count)) / (np.sqrt(second / (1 - 0.75**count)) + 1e-3)
+        wanted = wanted - step / 2  # half of it goes to the other photo, the other way
+        loop._count += 1
+        np.testing.assert_allclose(loop.exposures, [wanted, 2 * np.array([1, 0]) - wanted], rtol=1e-9)
+    assert settings.exposure == 0.1
+
+
+def test_depth_may_change_where_colours_do() -> None:
+    loop = begun(2)
+    grid = loop.field.grids[1]
+    colours = loop.field.values[3:, grid.rows].reshape(3, grid.height, grid.width).astype(np.float64)
+    across, down = loop._edge_weights(grid)
+    scale = 10.0 * 0.28209479177387814
+    wanted = np.exp(-scale * np.abs(colours[:, :, 1:] - colours[:, :, :-1]).mean(axis=0))
+    np.testing.assert_allclose(across[:, :-1], wanted, rtol=1e-5)
+    np.testing.assert_allclose(
+        down[:-1], np.exp(-scale * np.abs(colours[:, 1:] - colours[:, :-1]).mean(axis=0)), rtol=1e-5
+    )
+    assert not across[:, -1].any() and not down[-1].any() and across.dtype == down.dtype == np.float32
+
+
+@pytest.mark.parametrize(("explained", "is_other"), [(0.24, True), (0.26, False)])
+def test_a_photo_of_which_less_than_a_quarter_is_explained_is_of_something_else(
+    explained: float, is_other: bool
+) -> None:
+    photo = np.random.default_rng(0).uniform(size=(4, 5, 3)).astype(np.float32)
+    camera = make_smooth_gaussians(1, 4, 5, degree=0).cameras[0]
+    variance = float(sum(np.square(photo[..., c] - photo[..., c].mean()).sum() for c in range(3)))
+    targets = [Target(camera, photo)] * 2
+    errors = [PhotoError(1.0, share * variance, 0, 0, 20.0) for share in (0.5, 1 - explained)]
+    assert _other(errors, targets) == (1 if is_other else None)
+
+
+@pytest.mark.parametrize(("off", "fits"), [(0.49, True), (0.51, False)])
+def test_intrinsics_may_be_half_a_pixel_off(scene: Scene, off: float, fits: bool) -> None:
+    gaussians = make_smooth_gaussians(3, 16, 20, degree=0)
+    K = scene.frames[1].camera.K.copy()
+    K[1, 2] += off
+    moved = replace(scene.frames[1], camera=replace(scene.frames[1].camera, K=K))
+    given = replace(scene, frames=(scene.frames[0], moved, scene.frames[2]))
+    if fits:
+        assert len(matched(gaussians, given).frames) == 3
+    else:
+        with pytest.raises(InputError, match="view 1: photo 1 at 20x16 has other intrinsics, 0.51 px off"):
+            matched(gaussians, given)
+
+
+def test_shares_of_places_between_go_round() -> None:
+    loop = begun(4)
+    fronts = loop._fronts[1]
+    assert len(fronts) == 2
+    for place in range(4):
+        np.testing.assert_array_equal(loop._shares(1, place).front, fronts[place % 2].front)
+    assert not loop._shares(1, None).has_front and loop._drawn == 4
+    assert loop.judged == [0, 1, 2, 3] and len(begun(2)._fronts[0]) == 1
