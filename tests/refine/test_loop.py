@@ -206,7 +206,7 @@ def test_intrinsics_may_be_half_a_pixel_off(scene: Scene, off: float, fits: bool
     if fits:
         assert len(matched(gaussians, given).frames) == 3
     else:
-        with pytest.raises(InputError, match="view 1: photo 1 at 20x16 has other intrinsics, 0.51 px off"):
+        with pytest.raises(InputError, match=r"view 1: photo 1 at 20x16 has other intrinsics, 0\.51 px off"):
             matched(gaussians, given)
 
 

@@ -29,8 +29,8 @@ def test_planes_are_in_steps_that_follow_the_scene(size: float, qp: float, profi
         pixel = z / np.array([c.focal for c in layer.cameras])[:, None, None]
         means = layer.means.copy()
         means[0, 0, 0] = 2 * layer.cameras[0].centre - means[0, 0, 0]  # behind its camera
-        layers.append(replace(layer, means=means - origin, scales=size * pixel[..., None] * [0.5, 1, 1.5], origin=origin,
-                              extra_layers=()))  # fmt: skip
+        scales = size * pixel[..., None] * [0.5, 1, 1.5]
+        layers.append(replace(layer, means=means - origin, scales=scales, origin=origin, extra_layers=()))
     scene = replace(layers[0], extra_layers=(layers[1],))
     prices = plane_prices(scene, MovableGaussians(scene, Crew(1).map).grids, find_profile(profile), qp, 0.25)
     assert set(prices) == {(layer, view) for layer in range(2) for view in range(2)}
