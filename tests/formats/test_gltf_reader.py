@@ -1,0 +1,345 @@
+"""glTF by hand: what its fields may be, and which nodes are shown."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.table import load_gaussians
+
+TURN = np.array([1.0, -1.0, -1.0])  # glTF has y up and z backward
+PREFIX = "KHR_gaussian_splatting"
+SPZ = "KHR_gaussian_splatting_compression_spz_2"
+TYPES = {5120: "b", 5121: "B", 5122: "h", 5123: "H", 5126: "f"}
+
+
+def by_hand(path: Path, change: Any = None) -> None:
+    """Two Gaussians in a .gltf with quantised, interleaved and strided values under two nodes."""
+    rows = [  # position f32×3, rotation i16×4, scale u8×3 + 1 spare, opacity u16 + 2 spare, colour f32×3
+        struct.pack("<3f4h3Bx1Hxx3f", 1, 2, 3, 0, 0, 0, 32767, 51, 102, 255, 65535, 0.1, 0.2, 0.3),
+        struct.pack("<3f4h3Bx1Hxx3f", 4, 5, 6, 32767, 0, 0, 0, 255, 51, 51, 32768, 0, 0, 0),
+    ]
+    data, stride = b"".join(rows), len(rows[0])
+    names = ["POSITION", *(f"{PREFIX}:{name}" for name in ("ROTATION", "SCALE", "OPACITY", "SH_DEGREE_0_COEF_0"))]
+    kinds = [(0, 5126, "VEC3"), (12, 5122, "VEC4"), (20, 5121, "VEC3"), (24, 5123, "SCALAR"), (28, 5126, "VEC3")]
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"translation": [0, 0, 10], "children": [1]}, {"scale": [2, 2, 2], "mesh": 0}],
+        "meshes": [
+            {
+                "primitives": [
+                    {
+                        "mode": 0,
+                        "attributes": {name: i for i, name in enumerate(names)},
+                        "extensions": {PREFIX: {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}},
+                    }
+                ]
+            }
+        ],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "byteOffset": offset,
+                "componentType": kind,
+                "count": 2,
+                "type": shape,
+                "normalized": True,
+            }
+            for offset, kind, shape in kinds
+        ],
+        "bufferViews": [{"buffer": 0, "byteLength": len(data), "byteStride": stride}],
+        "buffers": [{"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()}],
+    }
+    if change is not None:
+        change(document)
+    path.write_text(json.dumps(document))
+
+
+def test_quantised_strided_accessors_and_nodes_are_read(tmp_path: Path) -> None:
+    by_hand(tmp_path / "hand.gltf")
+    read = load_gaussians(tmp_path / "hand.gltf")
+    np.testing.assert_allclose(read.means, np.array([[2, 4, 16], [8, 10, 22]]) * TURN, rtol=1e-6)
+    np.testing.assert_allclose(read.scales, 2 * np.array([[51, 102, 255], [255, 51, 51]]) / 255, rtol=1e-6)
+    np.testing.assert_allclose(read.opacities, [1, 32768 / 65535], rtol=1e-6)
+    np.testing.assert_allclose(read.sh[:, 0], [[0.1, 0.2, 0.3], [0, 0, 0]], atol=1e-7)
+    np.testing.assert_allclose(np.abs(read.quats), [[1, 0, 0, 0], [0, 1, 0, 0]], atol=1e-4)
+
+
+@pytest.mark.parametrize("component", [5120, 5121, 5122, 5123, 5125, 5126])
+@pytest.mark.parametrize("normalised", [True, False])
+def test_every_type_of_number_is_read_as_the_specification_has_it(
+    tmp_path: Path, component: int, normalised: bool
+) -> None:
+    """Normalised integers are value / largest, and at least −1; opacities here, whose stored number is known."""
+    letter, largest = {**{k: (v, 2 ** (8 * struct.calcsize(v) - v.islower()) - 1) for k, v in TYPES.items()},
+                       5125: ("I", 2**32 - 1), 5126: ("f", 1)}[component]  # fmt: skip
+    value = 1 if component == 5126 or not normalised else largest // 3
+
+    def change(document: dict[str, Any]) -> None:
+        data = struct.pack(f"<2{letter}", value, 0)
+        document["bufferViews"].append({"buffer": 1, "byteLength": len(data)})
+        document["buffers"].append({"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()})
+        accessor = {"bufferView": 1, "componentType": component, "count": 2, "type": "SCALAR", "normalized": normalised}
+        document["accessors"][3] = accessor
+
+    by_hand(tmp_path / "a.gltf", change)
+    wanted = value / largest if normalised else 1
+    np.testing.assert_allclose(load_gaussians(tmp_path / "a.gltf").opacities, [wanted, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("component", "letter", "least"), [(5120, "b", -128), (5122, "h", -32768)])
+def test_the_least_normalised_integer_is_no_less_than_minus_one(
+    tmp_path: Path, component: int, letter: str, least: int
+) -> None:
+    """glTF 2.0, 3.6.2.2: f = max(c / 127, −1.0). A red of SH degree 0 shows it."""
+
+    def change(document: dict[str, Any]) -> None:
+        data = struct.pack(f"<6{letter}", least, least + 1, 0, 0, 0, 0)
+        document["bufferViews"].append({"buffer": 1, "byteLength": len(data)})
+        document["buffers"].append({"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()})
+        accessor = {"bufferView": 1, "componentType": component, "count": 2, "type": "VEC3", "normalized": True}
+        document["accessors"][4] = accessor
+
+    by_hand(tmp_path / "a.gltf", change)
+    np.testing.assert_array_equal(load_gaussians(tmp_path / "a.gltf").sh[0, 0], [-1, -1, 0])
+
+
+def test_a_node_s_matrix_is_column_by_column_and_its_children_follow(tmp_path: Path) -> None:
+    """A quarter turn about z that doubles: (x, y, z) becomes (−2y, 2x, 2z), then 5 along y; below it 1 along x."""
+
+    def change(document: dict[str, Any]) -> None:
+        document["nodes"] = [
+            {"matrix": [0, 2, 0, 0, -2, 0, 0, 0, 0, 0, 2, 0, 0, 5, 0, 1], "children": [1]},
+            {"translation": [1, 0, 0], "mesh": 0},
+        ]
+
+    by_hand(tmp_path / "a.gltf", change)
+    read = load_gaussians(tmp_path / "a.gltf")
+    wanted = [[-2 * y, 2 * (x + 1) + 5, 2 * z] for x, y, z in ((1, 2, 3), (4, 5, 6))]
+    np.testing.assert_allclose(read.means * TURN, wanted, rtol=1e-6)
+    np.testing.assert_allclose(read.scales[0], 2 * np.array([51, 102, 255]) / 255, rtol=1e-6)
+
+
+def outside(document: dict[str, Any]) -> None:
+    document["buffers"][0]["uri"] = "../secret.bin"
+
+
+def endless_name(document: dict[str, Any]) -> None:
+    document["buffers"][0]["uri"] = "x" * 5000
+
+
+def network(document: dict[str, Any]) -> None:
+    document["buffers"][0]["uri"] = "https://example.org/a.bin"
+
+
+def many(document: dict[str, Any]) -> None:
+    document["accessors"][0]["count"] = 1 << 31
+
+
+def one_byte_beyond_its_view(document: dict[str, Any]) -> None:
+    document["bufferViews"][0]["byteLength"] -= 1
+
+
+def one_byte_beyond_its_buffer(document: dict[str, Any]) -> None:
+    document["bufferViews"][0]["byteOffset"] = 1
+
+
+def unequal(document: dict[str, Any]) -> None:
+    document["accessors"][3]["count"] = 1
+
+
+def stretched(document: dict[str, Any]) -> None:
+    document["nodes"][1]["scale"] = [1, 2, 1]
+
+
+def endless(document: dict[str, Any]) -> None:
+    document["nodes"][1]["children"] = [0]
+
+
+def compressed(document: dict[str, Any]) -> None:
+    extension = document["meshes"][0]["primitives"][0]["extensions"][PREFIX]
+    extension["extensions"] = {"KHR_gaussian_splatting_compression_other": {"bufferView": 0}}
+
+
+def no_spz(document: dict[str, Any]) -> None:
+    extension = document["meshes"][0]["primitives"][0]["extensions"][PREFIX]
+    extension["extensions"] = {SPZ: {"bufferView": 0}}
+
+
+def nowhere(document: dict[str, Any]) -> None:
+    extension = document["meshes"][0]["primitives"][0]["extensions"][PREFIX]
+    extension["extensions"] = {SPZ: {"bufferView": 7}}
+
+
+def many_times(document: dict[str, Any]) -> None:
+    document["nodes"][0]["children"] = [1] * 9000
+
+
+def plain(document: dict[str, Any]) -> None:
+    del document["meshes"][0]["primitives"][0]["extensions"]
+
+
+def negative(document: dict[str, Any]) -> None:
+    document["bufferViews"][0]["byteOffset"] = -8
+
+
+def partial(document: dict[str, Any]) -> None:
+    attributes = document["meshes"][0]["primitives"][0]["attributes"]
+    attributes[f"{PREFIX}:SH_DEGREE_1_COEF_0"] = 4
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (outside, "folder"), (endless_name, "folder"), (network, "folder"),
+        (many, "too short"), (one_byte_beyond_its_view, "SH_DEGREE_0_COEF_0.*too short"),
+        (one_byte_beyond_its_buffer, "beyond its buffer"), (unequal, "beside 2 positions"),
+        (stretched, "uniform scale"), (endless, "no end"), (compressed, "compressed by"),
+        (no_spz, "damaged gzip stream"), (nowhere, r"no bufferViews\[7\]"),
+        (many_times, "more Gaussians than 1000000 bytes"), (plain, "no primitive"),
+        (negative, "damaged"), (partial, "SH_DEGREE_1_COEF_1"),
+    ],
+)  # fmt: skip
+def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any, words: str) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "secret.bin").write_bytes(bytes(1000))
+    by_hand(tmp_path / "in" / "bad.gltf", change)
+    with pytest.raises(InputError, match=words) as caught:
+        load_gaussians(tmp_path / "in" / "bad.gltf", max_bytes=10**6)
+    assert "bad.gltf" in str(caught.value)
+
+
+BAD = [
+    (lambda d: d.update(accessors={}), "no accessors[0]"),
+    (lambda d: d["accessors"].__setitem__(1, 7), "accessors[1]: no object"),
+    (lambda d: d.update(meshes=[]), "no meshes[0]"), (lambda d: d["nodes"][1].update(mesh=True), "no meshes[True]"),
+    (lambda d: d["nodes"][1].update(mesh=-1), "no meshes[-1]"),
+    (lambda d: d["nodes"][1].update(mesh=1), "no meshes[1]"),
+    (lambda d: d["accessors"][0].update(componentType=5124), "POSITION: damaged accessor"),
+    (lambda d: d["accessors"][0].update(componentType=[1]), "POSITION: damaged accessor"),
+    (lambda d: d["accessors"][0].update(type="MAT2"), "POSITION: damaged accessor"),
+    (lambda d: d["accessors"][0].update(count=0), "POSITION: damaged accessor"),
+    (lambda d: d["accessors"][0].update(count=1.5), "POSITION: damaged accessor"),
+    (lambda d: d["accessors"][0].update(byteOffset=-4), "POSITION: damaged accessor"),
+    (lambda d: d["accessors"][0].update(sparse={}), "POSITION: a sparse accessor, expected one with a buffer view"),
+    (lambda d: d["accessors"][0].pop("bufferView"), "POSITION: a sparse accessor, expected one with a buffer view"),
+    (lambda d: d["bufferViews"][0].update(byteStride=11), "POSITION: damaged buffer view"),
+    (lambda d: d["bufferViews"][0].update(byteStride=253), "POSITION: damaged buffer view"),
+    (lambda d: d["bufferViews"][0].update(byteStride=True), "POSITION: damaged buffer view"),
+    (lambda d: d["bufferViews"][0].update(byteOffset="0"), "POSITION: damaged buffer view"),
+    (lambda d: d["bufferViews"][0].update(byteLength=80.0), "POSITION: damaged buffer view"),
+    (lambda d: d["bufferViews"][0].update(byteLength=1 << 40), "POSITION: damaged buffer view"),
+    (lambda d: d["bufferViews"][0].update(extensions={"EXT_x": 1}),
+     "POSITION: compressed by {'EXT_x': 1}, expected plain values"),
+    (lambda d: d["buffers"][0].pop("uri"), "a buffer without an address"),
+    (lambda d: d["buffers"][0].update(uri=5), "a buffer's address is no text"),
+    (lambda d: d["buffers"][0].update(uri="data:;base64,???"), "a buffer's base64 is damaged"),
+    (lambda d: d["buffers"][0].update(uri="a%00b"), "buffer 'a%00b', expected a file in the folder of the .gltf"),
+    (lambda d: d["buffers"][0].update(uri="C:a"), "buffer 'C:a', expected a file in the folder of the .gltf"),
+    (lambda d: d["buffers"][0].update(uri="x" * 200), "no such file"),
+    (lambda d: d["buffers"][0].update(uri="x" * 201), "expected a file in the folder of the .gltf"),
+    (lambda d: d["buffers"][0].update(uri="%2e%2e/x"), "expected a file in the folder of the .gltf"),
+    (lambda d: d.update(nodes=[]), "a glTF document without nodes, so that it shows nothing"),
+    (lambda d: d.update(nodes=[{}] * 10_001), "10001 nodes, expected at most 10000"),
+    (lambda d: d["meshes"][0]["primitives"][0].update(attributes=5), "a primitive without attributes"),
+    (lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop("POSITION"), "lacks POSITION"),
+    (lambda d: d["accessors"][0].update(type="VEC2"), "POSITION: shape (2, 2) beside 2 positions"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "words"), BAD)
+def test_fields_that_do_not_fit_are_refused_by_name(tmp_path: Path, change: Any, words: str) -> None:
+    by_hand(tmp_path / "hand.gltf", change)
+    with pytest.raises(InputError) as error:
+        load_gaussians(tmp_path / "hand.gltf")
+    assert words in str(error.value)
+
+
+def chain(depth: int) -> Any:
+    """So many nodes, each the child of the one before, the last with the mesh."""
+
+    def change(document: dict[str, Any]) -> None:
+        document["nodes"] = [{"children": [n + 1]} for n in range(depth)] + [{"mesh": 0}]
+
+    return change
+
+
+def test_nodes_may_be_nested_64_times(tmp_path: Path) -> None:
+    by_hand(tmp_path / "a.gltf", chain(64))
+    assert load_gaussians(tmp_path / "a.gltf").count == 2
+    by_hand(tmp_path / "a.gltf", chain(65))
+    with pytest.raises(InputError, match="its nodes have no end"):
+        load_gaussians(tmp_path / "a.gltf")
+
+
+def test_the_scene_s_roots_are_shown_or_all_nodes_where_there_is_no_scene(tmp_path: Path) -> None:
+    def shown(**fields: Any) -> list[float]:
+        def change(document: dict[str, Any]) -> None:
+            document["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 100]}, {"children": [1]}]
+            document["scenes"] = [{"nodes": [0]}, {"nodes": [2, 0]}]
+            document.update(fields)
+
+        by_hand(tmp_path / "a.gltf", change)
+        return sorted(-load_gaussians(tmp_path / "a.gltf").means[:, 2])
+
+    assert shown() == [3, 6] and shown(scene=1) == [3, 6, 103, 106]
+    assert shown(scenes=None) == [3, 6, 103, 103, 106, 106]
+
+
+@pytest.mark.parametrize(
+    ("asset", "expected"),
+    [
+        ({"extras": {"unit": "m", "x": 1}, "copyright": "us"}, {"unit": "m"}),
+        ({"copyright": "us"}, {"attribution": "us"}),
+        ({"copyright": 7}, {}), ([], {}), ({"extras": []}, {}),
+    ],
+)  # fmt: skip
+def test_notes_stand_in_the_asset(tmp_path: Path, asset: Any, expected: dict[str, str]) -> None:
+    from tinysplat_runtime.formats.gltf_reader import read_gltf_notes
+
+    by_hand(tmp_path / "a.gltf", lambda document: document.update(asset=asset))
+    assert read_gltf_notes(tmp_path / "a.gltf") == expected
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"glTF" + bytes(15), "ends within its header"), (b"{", "its JSON does not parse"),
+        (b"[]", "its JSON is no object"),
+        (b"glTF" + struct.pack("<4I", 2, 22, 2, 0x4E4F534A) + b"{}", "without nodes"),
+        (b"glTF" + struct.pack("<4I", 2, 23, 2, 0x4E4F534A) + b"{}", "damaged .glb header (version 2, 23 bytes of 22)"),
+        (b"glTF" + struct.pack("<4I", 2, 22, 3, 0x4E4F534A) + b"{}", "damaged .glb header (version 2, 22 bytes of 22)"),
+        (b"glTF" + struct.pack("<4I", 1, 22, 2, 0x4E4F534A) + b"{}", "damaged .glb header (version 1, 22 bytes of 22)"),
+        (b"glTF" + struct.pack("<4I", 2, 22, 2, 7) + b"{}", "damaged .glb header (version 2, 22 bytes of 22)"),
+    ],
+)  # fmt: skip
+def test_files_that_are_no_gltf_are_refused(tmp_path: Path, data: bytes, words: str) -> None:
+    (tmp_path / "a.glb").write_bytes(data)
+    with pytest.raises(InputError) as error:
+        load_gaussians(tmp_path / "a.glb")
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "length", "is_fine"), [(0x004E4942, 0, True), (0x004E4943, 0, False), (0x004E4942, 1, False)]
+)
+def test_a_binary_chunk_is_whole(tmp_path: Path, kind: int, length: int, is_fine: bool) -> None:
+    by_hand(tmp_path / "a.gltf")
+    document = json.loads((tmp_path / "a.gltf").read_text())
+    data = base64.b64decode(document["buffers"][0].pop("uri").partition(",")[2])
+    text = json.dumps(document).encode()
+    body = text + struct.pack("<2I", len(data) + length, kind) + data
+    (tmp_path / "a.glb").write_bytes(b"glTF" + struct.pack("<4I", 2, 20 + len(body), len(text), 0x4E4F534A) + body)
+    if is_fine:
+        assert load_gaussians(tmp_path / "a.glb").count == 2
+    else:
+        with pytest.raises(InputError, match="no whole binary chunk"):
+            load_gaussians(tmp_path / "a.glb")

@@ -1,0 +1,138 @@
+"""The process that reads USD: what a stage's arrays may be, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom, UsdVol, Vt
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats import usd, usd_worker
+from tinysplat_runtime.formats.usd_worker import main, stage_arrays, stage_notes
+
+
+def stage_of(path: Path, degrees: tuple[int, ...] = (0,), count: int = 2, **changes: Any) -> str:
+    """A stage with y up of one prim for each degree, each with so many Gaussians."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    for n, degree in enumerate(degrees):
+        prim = UsdVol.ParticleField3DGaussianSplat.Define(stage, f"/P{n}")
+        prim.CreatePositionsAttr(Vt.Vec3fArray([(n + 1, i, 3) for i in range(count)]))
+        prim.CreateOrientationsAttr(Vt.QuatfArray([Gf.Quatf(0.5, 0.1, 0.2, 0.3)] * changes.get("quats", count)))
+        prim.CreateScalesAttr(Vt.Vec3fArray([(0.1, 0.2, 0.3)] * changes.get("scales", count)))
+        prim.CreateOpacitiesAttr(Vt.FloatArray([0.25] * changes.get("opacities", count)))
+        prim.CreateRadianceSphericalHarmonicsDegreeAttr(changes.get("degree", degree))
+        terms = changes.get("sh", count * (degree + 1) ** 2)
+        prim.CreateRadianceSphericalHarmonicsCoefficientsAttr(Vt.Vec3fArray([(i, n, 0) for i in range(terms)]))
+        prim.GetPrim().SetCustomDataByKey("tinysplat:unit", f"unit {n}")
+        if n:
+            prim.GetPrim().SetCustomDataByKey("tinysplat:licence", "CC0-1.0")
+            prim.GetPrim().SetCustomDataByKey("tinysplat:attribution", 7)
+    stage.GetRootLayer().Save()
+    return str(path)
+
+
+def test_prims_are_one_list_with_the_sh_of_the_highest_degree(tmp_path: Path) -> None:
+    file = stage_of(tmp_path / "a.usda", (1, 0))
+    found = stage_arrays(file, 1 << 20)
+    np.testing.assert_array_equal(found["means"], [[1, 0, 3], [1, 1, 3], [2, 0, 3], [2, 1, 3]])
+    np.testing.assert_allclose(found["quats"], [[0.5, 0.1, 0.2, 0.3]] * 4, rtol=1e-6)
+    np.testing.assert_allclose(found["scales"], [[0.1, 0.2, 0.3]] * 4, rtol=1e-6)
+    np.testing.assert_array_equal(found["opacities"], [0.25] * 4)
+    assert found["sh"].shape == (4, 4, 3)
+    np.testing.assert_array_equal(found["sh"][:2, :, 0], np.arange(8).reshape(2, 4))
+    np.testing.assert_array_equal(found["sh"][2:, :, 0], [[0, 0, 0, 0], [1, 0, 0, 0]])
+    np.testing.assert_array_equal(found["sh"][:, 0, 1], [0, 0, 1, 1])
+    assert stage_notes(file) == {"unit": "unit 0", "licence": "CC0-1.0"}
+
+
+def test_more_sh_than_gaussians_need_is_cut_and_less_is_refused(tmp_path: Path) -> None:
+    assert stage_arrays(stage_of(tmp_path / "a.usda", (1,), sh=11), 1 << 20)["sh"].shape == (2, 4, 3)
+    with pytest.raises(ValueError, match="7 SH coefficients for 2 Gaussians of degree 1"):
+        stage_arrays(stage_of(tmp_path / "b.usda", (1,), sh=7), 1 << 20)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"degree": 5}, "SH degree 5, expected 0 to 4"), ({"degree": -1}, "SH degree -1, expected 0 to 4"),
+        ({"quats": 1}, "quats: 1 values for 2 positions"), ({"scales": 3}, "scales: 3 values for 2 positions"),
+        ({"opacities": 0}, "lacks opacities"), ({"count": 0}, "lacks positions"),
+    ],
+)  # fmt: skip
+def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, changes: dict[str, int], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        stage_arrays(stage_of(tmp_path / "a.usda", **changes), 1 << 20)
+
+
+def test_degree_4_is_read(tmp_path: Path) -> None:
+    assert stage_arrays(stage_of(tmp_path / "a.usda", (4,)), 1 << 20)["sh"].shape == (2, 25, 3)
+
+
+def test_arrays_take_no_more_than_allowed(tmp_path: Path) -> None:
+    """Two times three numbers of eight bytes are positions; two times four, orientations."""
+    file = stage_of(tmp_path / "a.usda")
+    with pytest.raises(ValueError, match="positions: 2 values, more than 47 bytes can hold"):
+        stage_arrays(file, 47)
+    with pytest.raises(ValueError, match="orientations: 2 values, more than 63 bytes can hold"):
+        stage_arrays(file, 63)
+    assert len(stage_arrays(file, 64)["means"]) == 2
+
+
+def test_what_is_read_is_written_and_what_fails_is_a_line(tmp_path: Path, monkeypatch, capsys) -> None:
+    bounds: list[tuple[int, int]] = []
+    monkeypatch.setattr(usd_worker, "bound_process", lambda memory, seconds: bounds.append((memory, seconds)))
+    file, out = stage_of(tmp_path / "a.usda"), str(tmp_path / "o.npz")
+    assert main(file, out, 1 << 20) == 0
+    size = Path(file).stat().st_size
+    assert bounds == [((3 << 28) + 40 * size, 240)]
+    with np.load(out) as arrays:
+        assert {*arrays} == {"means", "quats", "scales", "opacities", "sh", "notes"}
+        assert json.loads(arrays["notes"].tobytes()) == {"unit": "unit 0"}
+    assert main(file, out, 0) == 0
+    with np.load(out) as arrays:
+        assert {*arrays} == {"notes"}
+    assert main(file, out, 10) == 1
+    assert capsys.readouterr().err == "positions: 2 values, more than 10 bytes can hold\n"
+    monkeypatch.setattr(usd_worker, "stage_notes", lambda path: (_ for _ in ()).throw(MemoryError()))
+    assert main(file, out, 0) == 1 and capsys.readouterr().err == "MemoryError\n"
+    monkeypatch.setattr(usd_worker, "stage_notes", lambda path: (_ for _ in ()).throw(ValueError("a \n" * 200)))
+    assert main(file, out, 0) == 1 and capsys.readouterr().err == ("a " * 100) + "\n"
+
+
+def test_what_a_reader_does_not_survive_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = [(1, "a\nlast\n", "last"), (-9, "", "its reader ended"), (0, " \n", "its reader ended")]
+    for status, said, words in (*ended, (1, "y" * 200, "y" * 160)):
+        done = subprocess.CompletedProcess([], status, "", said)
+        monkeypatch.setattr(subprocess, "run", lambda *_, done=done, **__: done)
+        with pytest.raises(InputError) as error:
+            usd.read_usd(tmp_path / "a.usd", 100)
+        assert str(error.value) == f"damaged or foreign USD file ({words})"
+
+    def waits(*_: object, **options: Any) -> None:
+        raise subprocess.TimeoutExpired("usd", options["timeout"])
+
+    monkeypatch.setattr(subprocess, "run", waits)
+    with pytest.raises(InputError, match=r"^not read within 300 seconds$"):
+        usd.read_usd(tmp_path / "a.usd", 100)
+
+
+def test_the_module_is_a_program(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", usd_worker.__name__, stage_of(tmp_path / "a.usda"), str(tmp_path / "o.npz"), "0"]
+    assert subprocess.run(command, check=False).returncode == 0 and (tmp_path / "o.npz").is_file()
+
+
+@pytest.mark.parametrize(
+    ("unit", "is_said"), [("", False), ("metre", False), ("meter", False), ("m", False), ("inch", True)]
+)
+def test_other_units_than_metres_are_said(unit: str, is_said: bool) -> None:
+    from types import SimpleNamespace
+
+    said = [f"lengths are in {unit}, written as if they were metres"] * is_said
+    assert usd._losses(SimpleNamespace(notes=SimpleNamespace(unit=unit))) == said  # type: ignore[arg-type]
