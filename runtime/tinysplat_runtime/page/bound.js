@@ -43,7 +43,7 @@ export function poseBetween(a, b, t) {
 export class Bound {
   // views in page units; depth and spread of their surfaces (cloud.js).
   constructor(views, depth, spread) {
-    this.side = depth * clamp(SIDE / Math.sqrt(Math.max(spread, 1e-6)), LEAST_SIDE, MOST_SIDE);
+    this.side = depth * clamp(SIDE / Math.sqrt(spread), LEAST_SIDE, MOST_SIDE);
     Object.assign(this, { views, depth, edges: joined(views, depth) });
     this.width = this.side + Math.max(...this.edges.map(([i, j]) => length(add(views[i].position, views[j].position, -1)))) / 2;
   }

@@ -47,8 +47,8 @@ export class Camera {
   swing(up, left, down, about) {
     this.turn(up, left, about);
     const height = Math.acos(clamp(dot(this.rotation[2], up), -1, 1));
-    const angle = clamp(down, LEAST_HEIGHT - height, Math.PI - LEAST_HEIGHT - height), side = cross(this.rotation[2], up);
-    this.turn(scaled(side, 1 / (length(side) || 1)), -angle, about);
+    const angle = clamp(down, LEAST_HEIGHT - height, Math.PI - LEAST_HEIGHT - height), side = cross(this.rotation[2], up), wide = length(side);
+    this.turn(wide > 1e-6 ? scaled(side, 1 / wide) : this.rotation[0], -angle, about);
   }
 
   shift(right, down, forward) {

@@ -22,11 +22,3 @@ export function between(from, to, t) {
   if (length(twice) < 1e-9) return t < 0.5 ? from : to; // the same, or half a turn, which has no shorter way
   return from.map((row) => turned(row, unit(twice), t * angle));
 }
-
-// The same direction of view without roll: right lies across `up`.
-export function upright(rotation, up) {
-  const right = cross(rotation[2], up);
-  if (length(right) < 1e-3) return rotation;
-  const x = unit(right);
-  return [x, cross(rotation[2], x), rotation[2]];
-}

@@ -18,7 +18,7 @@ export class Viewer {
   // canvas; told: { drawn, moved, touched }, called after a frame, after movements and before the first of them.
   // isBare: pictures as the rasteriser's, and nothing moves by itself.
   constructor(canvas, told, { isBare, isStill }) {
-    Object.assign(this, { canvas, told, isBare, isStill, share: 1, last: 0, time: 0, light: 1, isFree: false });
+    Object.assign(this, { canvas, told, isBare, isStill, share: 1, last: 0, time: 0, isFree: false });
     this.settings = { degree: 4, leastOpacity: 0, depth: false, lines: false, ownPixels: true, nearFirst: true };
     this.controls = new Controls(canvas, {
       mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
@@ -33,7 +33,7 @@ export class Viewer {
   show(scene, cloud, isSame = false) {
     this.splats ??= new Splats(this.canvas, () => { this.isDirty = true; });
     this.splats.load(cloud);
-    Object.assign(this, { scene, cloud, isDirty: true });
+    Object.assign(this, { scene, cloud });
     if (cloud.behind && !this.isBare) this.splats.setBehind(cloud.behind);
     if (!isSame) this.#stand();
     else if (this.bound) this.bound = this.near.bound = new Bound(scene.views, cloud.depth, cloud.spread);
