@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from page.scripts import close
 from page.scripts import run as run_with
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation, Slerp
@@ -30,10 +31,6 @@ def view(n: int) -> dict[str, Any]:
 
 def run(code: str, **given: Any) -> Any:
     return run_with(code, START, **given)
-
-
-def close(found: Any, wanted: Any, atol: float = 1e-12) -> None:
-    np.testing.assert_allclose(np.array(found, float), np.array(wanted, float), rtol=1e-10, atol=atol)
 
 
 def between(a: dict[str, Any], b: dict[str, Any], t: float) -> tuple[NDArray, NDArray]:
@@ -146,7 +143,8 @@ def test_turns_decide_between_ways_that_are_equally_near() -> None:
     foot, ahead, behind = run(
         f"""
         const bound = new Bound(views, {DEPTH}, {SPREAD}), ahead = new Bound([views[0]], {DEPTH}, {SPREAD});
-        const at = (far) => ahead.strain({{ rotation: camera.rotation, position: views[0].rotation[2].map((x) => far * x) }});
+        const at = (far) => ahead.strain({{ rotation: camera.rotation,
+          position: views[0].rotation[2].map((x) => far * x) }});
         return [bound.foot(camera), at(0.5), at(-0.5)];
         """,
         views=ways, camera=camera,
@@ -161,7 +159,7 @@ def test_turns_decide_between_ways_that_are_equally_near() -> None:
 )
 def test_windows_stray_by_what_they_leave_of_the_picture(zoom: float, turn: float, window: tuple[int, int]) -> None:
     one, (width, height) = view(1), window
-    place = np.array(one["position"]) + [0.1, -0.2, 0.15]
+    place = np.add(one["position"], [0.1, -0.2, 0.15])
     rotation = Rotation.from_rotvec([0.8 * turn, turn, 0]).apply(np.array(one["rotation"]))
     found = run(
         f"""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from page.scripts import close
 from page.scripts import run as run_with
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -26,10 +27,6 @@ AXIS = np.array([2, -3, 6]) / 7
 
 def run(code: str, **given: Any) -> Any:
     return run_with(code, **{"start": f"const VIEW = {VIEW};{START}", **given})
-
-
-def close(found: Any, wanted: Any) -> None:
-    np.testing.assert_allclose(np.array(found, float), np.array(wanted, float), rtol=1e-12, atol=1e-12)
 
 
 def test_vectors_are_numpy_s() -> None:

@@ -9,7 +9,8 @@ from page.scripts import run as run_with
 
 START = """
 import { Controls } from "./controls.js";
-const told = [], listeners = {}, round = (values) => values.map((x) => (typeof x === "number" ? Number(x.toFixed(9)) : x));
+const told = [], listeners = {}, round = (values) => values.map((x) => (typeof x === "number" ?
+  Number(x.toFixed(9)) : x));
 const tell = (name) => (...given) => { told.push([name, ...round(given.flat())]); };
 const canvas = {
   addEventListener: (name, react, options) => { listeners[name] = [react, options]; },
@@ -23,7 +24,8 @@ const controls = new Controls(canvas, {
 // An event, and what was told because of it.
 function send(type, more = {}) {
   let isPrevented = false;
-  const event = { type, pointerId: 1, buttons: 1, pointerType: "mouse", timeStamp: 0, preventDefault: () => { isPrevented = true; }, ...more };
+  const event = { type, pointerId: 1, buttons: 1, pointerType: "mouse", timeStamp: 0, preventDefault: () => {
+    isPrevented = true; }, ...more };
   listeners[type][0](event);
   return [...told.splice(0), ...(isPrevented ? ["prevented"] : [])];
 }
@@ -38,8 +40,10 @@ def run(code: str) -> Any:
 def test_a_drag_turns_by_what_it_moves() -> None:
     assert run(
         """
-        return [send("pointermove", at(9, 9)), send("pointerdown", at(10, 20)), controls.isMoving, send("pointermove", at(13, 15)),
-          send("pointermove", at(14, 18)), send("pointerup", at(14, 18)), controls.isMoving, send("pointermove", at(1, 1))];
+        return [send("pointermove", at(9, 9)), send("pointerdown", at(10, 20)), controls.isMoving,
+          send("pointermove", at(13, 15)),
+          send("pointermove", at(14, 18)), send("pointerup", at(14, 18)), controls.isMoving, send("pointermove",
+            at(1, 1))];
         """
     ) == [
         [], [["touched"], ["capture", 1]], True, [["turn", 3, -5], ["moved"]], [["turn", 1, 3], ["moved"]], [["moved"]],
@@ -65,8 +69,10 @@ def test_two_fingers_slide_and_pinch_about_what_showed_between_them() -> None:
         const finger = (pointerId, x, y) => at(x, y, { pointerId, pointerType: "touch", timeStamp: 1000 * x });
         send("pointerdown", finger(1, 100, 100));
         send("pointerdown", finger(2, 130, 140));
-        return [send("pointermove", finger(2, 160, 180)), send("pointermove", finger(1, 110, 94)), send("pointermove", finger(2, 160, 260)),
-          send("pointermove", finger(2, 110, 94)), send("pointerup", finger(2, 160, 260)), send("pointermove", finger(1, 111, 94)),
+        return [send("pointermove", finger(2, 160, 180)), send("pointermove", finger(1, 110, 94)),
+          send("pointermove", finger(2, 160, 260)),
+          send("pointermove", finger(2, 110, 94)), send("pointerup", finger(2, 160, 260)), send("pointermove",
+            finger(1, 111, 94)),
           send("pointercancel", finger(1, 111, 94)), controls.isMoving];
         """
     )
@@ -82,8 +88,10 @@ def test_two_fingers_slide_and_pinch_about_what_showed_between_them() -> None:
 def test_the_wheel_approaches_what_it_began_on() -> None:
     found = run(
         """
-        const wheel = (deltaY, x, timeStamp, deltaMode = 0) => send("wheel", { deltaY, deltaMode, offsetX: x, offsetY: 50, timeStamp });
-        return [wheel(100, 40, 600), wheel(-200, 60, 1000), wheel(3, 64, 1500), wheel(2, 65, 1600, 1), wheel(1, 65, 2101, 2),
+        const wheel = (deltaY, x, timeStamp, deltaMode = 0) => send("wheel", { deltaY, deltaMode, offsetX: x,
+          offsetY: 50, timeStamp });
+        return [wheel(100, 40, 600), wheel(-200, 60, 1000), wheel(3, 64, 1500), wheel(2, 65, 1600, 1), wheel(1, 65,
+          2101, 2),
           wheel(900, 66, 2200), wheel(-900, 66, 2300), listeners.wheel[1]];
         """
     )
@@ -195,7 +203,8 @@ def test_a_tap_is_a_finger_that_stays_where_it_is() -> None:
         f"""
         return {[list(case[:4]) for case in cases]}.map(([type, dx, dy, pointerType]) => {{
           controls.tap = null;
-          return [[0, 0, 0, "pointerup"], [dx, dy, 100, type], [0, 0, 200, "pointerup"]].flatMap(([dx, dy, timeStamp, type], n) => {{
+          return [[0, 0, 0, "pointerup"], [dx, dy, 100, type], [0, 0, 200, "pointerup"]].flatMap(([dx, dy, timeStamp,
+            type], n) => {{
             send("pointerdown", at(50, 60, {{ timeStamp }}));
             const said = send(type, at(50 + dx, 60 + dy, {{ timeStamp: timeStamp + 10, pointerType }}));
             return said.some(([name]) => name === "picked") ? [n] : [];

@@ -1,4 +1,4 @@
-"""What movements of a hand do to the page's camera: steps as they are described, on a camera that nothing is special of."""
+"""What movements of a hand do to the page's camera: each step as it is described, on a camera like any other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ import { BoundMover, FreeMover } from "./movers.js";
 import { add, dot, length, mix, turned } from "./vectors.js";
 const UP = [0, -1, 0], SIZE = [800, 650], WINDOW = () => SIZE, ROWS = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 const view = (x, turn) => ({
-  K: [500, 3, 480, 310 + 9 * x, 250], width: 640, height: 470, position: [x, 0.1 * x, 0], rotation: ROWS.map((row) => turned(row, UP, turn)),
+  K: [500, 3, 480, 310 + 9 * x, 250], width: 640, height: 470, position: [x, 0.1 * x, 0],
+    rotation: ROWS.map((row) => turned(row, UP, turn)),
 });
 function bounded(zoom = 1.4, views = [view(0, 0), view(0.5, 0.1)]) {
   const camera = new Camera(views[0], 4), bound = new Bound(views, 4, 0.25);
@@ -65,13 +66,16 @@ def test_drags_near_the_views_turn_about_the_scene_and_look_where_the_picture_go
           () => bounded(zoom, [view(0, 0), view(far, 0.1)]), (mover) => mover.turn(dx, dy),
           (other) => held(other, (camera) => {
             const [width, height] = SIZE, { bound } = other, rate = Math.min(1, 3 * bound.width / 4) / width;
-            const scale = zoom * (height > 600 ? 1.25 : 500 / 470), rest = [640 * scale - width, 470 * scale - height].map((n) => Math.max(n, 0));
+            const scale = zoom * (height > 600 ? 1.25 : 500 / 470), rest = [640 * scale - width,
+              470 * scale - height].map((n) => Math.max(n, 0));
             camera.swing(UP, -rate * dx, rate * dy, add(camera.position, camera.rotation[2], 4));
-            camera.swing(UP, dx * rest[0] / (0.8 * width) / (500 * scale), -dy * rest[1] / (0.8 * height) / (480 * scale));
+            camera.swing(UP, dx * rest[0] / (0.8 * width) / (500 * scale),
+              -dy * rest[1] / (0.8 * height) / (480 * scale));
           }));
         return [[800, 650], [900, 500]].flatMap((size) => {
           SIZE.splice(0, 2, ...size);
-          return [[60, -35, 1.4], [-300, 0, 1.1], [0, 90, 3], [900, 400, 1]].flatMap((drag) => [0.5, 3.9].map((far) => one(drag, far)));
+          return [[60, -35, 1.4], [-300, 0, 1.1], [0, 90, 3], [900, 400, 1]].flatMap((drag) => [0.5,
+            3.9].map((far) => one(drag, far)));
         });
         """
     )
@@ -92,12 +96,15 @@ def test_slides_near_the_views_are_a_quarter_of_what_a_hand_moves() -> None:
 def test_approaches_share_between_way_and_lens_and_keep_their_distance() -> None:
     alike(
         """
-        const cases = [[1.2, [0.3, 0.2, 4], 0], [0.9, [0.3, 0.2, 4], 0], [5, [0, 0.1, 3], 0], [0.01, [0, 0.1, 3], 0], [1.5, [0.1, 0, 0.3], 0],
+        const cases = [[1.2, [0.3, 0.2, 4], 0], [0.9, [0.3, 0.2, 4], 0], [5, [0, 0.1, 3], 0], [0.01, [0, 0.1, 3], 0],
+          [1.5, [0.1, 0, 0.3], 0],
           [2.5, [0.3, 0.2, 4], 2.2], [2.5, [0.3, 0.2, 4], 2.8]];
         const ahead = (far) => { const made = bounded(); made.camera.shift(0, 0, far); return made; };
-        return cases.map(([factor, point, far]) => both(() => ahead(far), (mover) => mover.near(factor, 300, 350, point), (other) => {
+        return cases.map(([factor, point, far]) => both(() => ahead(far), (mover) => mover.near(factor, 300, 350,
+          point), (other) => {
           const { camera, bound } = other, before = camera.zoom, zoom = Math.min(Math.max(before * factor, 1), 4);
-          const foot = bound.foot(camera), depth = length(add(point, foot.position, -1)), now = length(add(point, camera.position, -1));
+          const foot = bound.foot(camera), depth = length(add(point, foot.position, -1)), now = length(add(point,
+            camera.position, -1));
           const wanted = Math.max(now * Math.sqrt(before / zoom), Math.min(now, 0.4 * depth));
           held(other, () => {
             camera.zoom = zoom;
@@ -153,7 +160,8 @@ def test_keys_near_the_views_are_drags_and_approaches() -> None:
 def test_the_spring_takes_half_a_second_and_then_rests() -> None:
     alike(
         """
-        const away = () => { const made = bounded(); made.camera.shift(0.7, -0.1, 0.2); made.camera.swing(UP, 0.3, 0.2); return made; };
+        const away = () => { const made = bounded(); made.camera.shift(0.7, -0.1, 0.2); made.camera.swing(UP, 0.3,
+          0.2); return made; };
         return [0.016, 0.1].map((seconds) => both(away, (mover) => mover.spring(seconds), ({ camera, bound }) => {
           const left = Math.exp(-seconds / 0.12), [x, y] = bound.stray(camera, ...SIZE);
           camera.swing(UP, (1 - left) * x, -(1 - left) * y);
@@ -190,7 +198,8 @@ def test_free_drags_orbit_or_look_around_and_slide_with_the_hand() -> None:
         return drags.flatMap(([dx, dy]) => [
           both(free, (mover) => mover.turn(dx, dy), ({ camera }) =>
             camera.swing(UP, -4 * dx / 800, 4 * dy / 800, add(camera.position, camera.rotation[2], 3))),
-          both(free, (mover) => { mover.flies = true; mover.turn(dx, dy); }, ({ camera }) => camera.swing(UP, dx / focal, -dy / focal)),
+          both(free, (mover) => { mover.flies = true; mover.turn(dx, dy); }, ({ camera }) => camera.swing(UP,
+            dx / focal, -dy / focal)),
           both(free, (mover) => mover.slide(dx, dy), ({ camera }) => camera.shift(-dx * 3 / focal, -dy * 3 / focal, 0)),
         ]);
         """
@@ -201,7 +210,8 @@ def test_free_approaches_and_keys() -> None:
     alike(
         """
         const point = [0.5, -0.3, 5], far = [0, 0, 33];
-        const nears = [[1.25, point, 0.2], [0.8, point, -0.25], [2, far, 0.5], [0.8, far, 0], [0.8, [-31.7, 0.02, 0], -0.25]].map(([factor, to, share]) =>
+        const nears = [[1.25, point, 0.2], [0.8, point, -0.25], [2, far, 0.5], [0.8, far, 0], [0.8, [-31.7, 0.02, 0],
+          -0.25]].map(([factor, to, share]) =>
           both(free, (mover) => mover.near(factor, 9, 9, to), ({ camera }) => {
             camera.position = mix(camera.position, to, share);
             camera.reach *= 1 - share;
