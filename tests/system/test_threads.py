@@ -65,7 +65,9 @@ def test_cores_are_those_that_this_process_may_use(monkeypatch):
         assert available_cores() == expected
 
 
-@pytest.mark.parametrize(("threads", "items", "helpers"), [(4, 3, 2), (3, 9, 2), (2, 1, 0), (1, 5, 0)])
+@pytest.mark.parametrize(
+    ("threads", "items", "helpers"), [(4, 3, 2), (3, 9, 2), (2, 5, 1), (3, 2, 1), (2, 1, 0), (1, 5, 0)]
+)
 def test_no_more_helpers_are_woken_than_there_is_work_for(threads, items, helpers):
     crew, woken = Crew(threads), []
     if crew._pool is not None:
