@@ -266,3 +266,40 @@ def test_empty_and_cut_files_are_called_so(tmp_path: Path) -> None:
     assert f"cut short: {len(data) - 1} bytes of the {len(data)}" in refusal(file)
     file.write_bytes(b"")
     assert "an empty file, expected PLY" in refusal(file)
+
+
+SIZES = {
+    "char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2, "int": 4, "uint": 4,
+    "int32": 4, "uint32": 4, "float": 4, "float32": 4, "double": 8, "float64": 8,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SIZES)
+def test_a_file_is_as_long_as_its_header_announces(kind: str, tmp_path: Path) -> None:
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex 7\nproperty {kind} x\nproperty uchar y\nend_header\n"
+    length = len(head) + 7 * (SIZES[kind] + 1)
+    path = tmp_path / "a.ply"
+    path.write_bytes(head.encode() + bytes(length - len(head)))
+    with pytest.raises(InputError, match="lacks"):
+        load_gaussians(path)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(InputError, match=f"cut short: {length - 1} bytes of the {length} that its header announces"):
+        load_gaussians(path)
+
+
+def test_a_header_announces_at_most_a_value_a_byte_and_what_memory_holds(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    head = "ply\nformat ascii 1.0\nelement b 2\nproperty float x\nproperty float y\nelement a {}\nend_header\n"
+    for count, is_said in ((100, False), (101, True)):  # an element without properties counts as one value
+        text = head.format(count).encode()
+        path.write_bytes(text + b" " * (104 - len(text)))
+        with pytest.raises(InputError, match="announces 105 values" if is_said else "(lacks|damaged)"):
+            load_gaussians(path)
+    with pytest.raises(InputError, match="announces 105 values, which neither the file nor 839 bytes can hold"):
+        path.write_bytes(text + b" " * 2000)
+        load_gaussians(path, max_bytes=839)
+    for text, words in ((b"plx\nend_header\n", "does not start with a PLY header"), (b"ply\n", "does not start"),
+                        (b"ply\nelement vertex x\nend_header\n", "damaged PLY header")):  # fmt: skip
+        path.write_bytes(text + bytes(100))
+        with pytest.raises(InputError, match=words):
+            load_gaussians(path)

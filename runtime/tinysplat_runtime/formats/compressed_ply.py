@@ -36,7 +36,7 @@ _RANGES = [
 ]
 _WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _LOG_SCALE_LIMIT = 20.0
-_SH_COUNTS = {0: 0, 9: 1, 24: 2, 45: 3}
+_SH_COUNTS = (0, 9, 24, 45)  # of degrees 0 to 3, without the first band
 
 
 def save_compressed_ply(path: Path, gaussians: Gaussians) -> list[str]:
