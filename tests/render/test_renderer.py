@@ -1,0 +1,99 @@
+"""The public door's arguments to their ends, and what it chooses by itself."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from scenes import make_cameras, make_gaussians
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.render import DEFINITION, Renderer, render
+from tinysplat_runtime.render import renderer as module
+from tinysplat_runtime.render.prepare import Part
+
+SCENE, (CAMERA,) = make_gaussians(2, 8, 12), make_cameras(1, 8, 12)
+
+
+def test_what_is_asked_for_comes_and_nothing_else() -> None:
+    drawn = Renderer(SCENE, np.int64(1), compiled=False)
+    picture = drawn.render(CAMERA)
+    assert isinstance(picture, np.ndarray) and picture.shape == (8, 12, 3)
+    assert isinstance(drawn.render(CAMERA, outputs="rgb"), np.ndarray)
+    both = drawn.render(CAMERA, outputs=["alpha", "rgb"])
+    assert list(both) == ["alpha", "rgb"]
+    np.testing.assert_array_equal(both["rgb"], picture)
+    assert drawn.render(CAMERA, [np.int32(5), 7]).shape == (5, 7, 3)
+    assert drawn.render(CAMERA, near_plane=0).shape == (8, 12, 3)
+
+
+@pytest.mark.parametrize("background", [(0, 0, 1), (0.5, 0, 0), np.float64([0, 0.25, 0])])
+def test_a_background_of_one_colour_shows_where_nothing_covers_it(background) -> None:
+    drawn = Renderer(SCENE, 1, compiled=False)
+    both = drawn.render(CAMERA, outputs=("rgb", "alpha"))
+    found = drawn.render(CAMERA, background=background)
+    wanted = both["rgb"].astype(np.float64) + (1 - both["alpha"])[..., None] * np.float64(background)
+    np.testing.assert_allclose(found, wanted.clip(0, 1), atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "where"),
+    [({"size": (1, 2, 3)}, "size"), ({"size": [0, 1]}, "size[0]"), ({"size": (1, -1)}, "size[1]"),
+     ({"outputs": ()}, "outputs"), ({"outputs": "normals"}, "outputs"), ({"outputs": ["rgb", "normals"]}, "outputs"),
+     ({"near_plane": -1e-9}, "near_plane"), ({"background": (1, 2)}, "background"),
+     ({"background": 1.0}, "background")],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_named(options: dict, where: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Renderer(SCENE, 1, compiled=False).render(CAMERA, **options)
+    assert caught.value.where == where
+
+
+def test_ways_to_draw_are_chosen_by_name() -> None:
+    usual = render(SCENE, CAMERA, threads=1)
+    np.testing.assert_array_equal(usual, render(SCENE, CAMERA, dilation="own", order="near"))
+    by_name = {(d, o): render(SCENE, CAMERA, dilation=d, order=o) for d in ("own", "screen") for o in ("near", "depth")}
+    assert len({picture.tobytes() for picture in by_name.values()}) == 4
+    np.testing.assert_array_equal(by_name["screen", "depth"], render(SCENE, CAMERA, **DEFINITION))
+    for name in ("dilation", "order"):
+        with pytest.raises(InputError) as caught:
+            Renderer(SCENE, 1, **{name: "none"})
+        assert caught.value.where == name
+
+
+def test_compiled_code_draws_where_numba_is_and_is_missed_where_it_was_asked_for(monkeypatch) -> None:
+    pytest.importorskip("numba")
+    assert Renderer(SCENE, 1).is_compiled and Renderer(SCENE, 1, compiled=True).is_compiled
+    assert not Renderer(SCENE, 1, compiled=False).is_compiled
+    monkeypatch.setitem(sys.modules, "tinysplat_runtime.render.compiled", None)
+    monkeypatch.delattr(sys.modules["tinysplat_runtime.render"], "compiled")
+    assert not Renderer(SCENE, 1).is_compiled
+    with pytest.raises(InputError, match="pip install 'tinysplat\\[fast\\]' brings numba"):
+        Renderer(SCENE, 1, compiled=True)
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_blocks_are_made_once_where_they_are_kept(keep: bool, monkeypatch) -> None:
+    made = []
+    block = Part.block
+    monkeypatch.setattr(Part, "block", lambda self, *rest: made.append(self) or block(self, *rest))
+    drawn = Renderer(SCENE, 1, compiled=False, keep=keep)
+    for _ in range(3):
+        drawn.render(CAMERA)
+    assert len(made) == (2 if keep else 6)
+    made.clear()
+    monkeypatch.setattr(module, "KEPT_BYTES", (56 + 4 * 3 * 4) * SCENE.count - 1)  # a byte too few
+    late = Renderer(SCENE, 1, compiled=False)
+    late.render(CAMERA)
+    late.render(CAMERA)
+    assert len(made) == 4
+
+
+@pytest.mark.parametrize(("order", "dilation", "views"), [
+    ("near", "own", {0, 1}), ("near", "screen", {0, 1}), ("depth", "own", {0, 1}), ("depth", "screen", {-1}),
+])  # fmt: skip
+def test_gaussians_are_cut_by_view_where_views_matter(order: str, dilation: str, views: set[int]) -> None:
+    drawn = Renderer(SCENE, 1, order=order, dilation=dilation, compiled=False)
+    assert {part.view for part in drawn._parts} == views
+    assert all((part.photo is not None) == (dilation == "own") for part in drawn._parts)
