@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian import difference
-from tinysplat_runtime.gaussian.difference import attribute_errors, layer_pairs, spread
+from tinysplat_runtime.gaussian.difference import _angles, attribute_errors, layer_pairs, spread
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 
@@ -82,3 +82,11 @@ def test_other_shapes_are_refused_and_layers_paired() -> None:
 def test_the_spread_of_parts_is_that_of_all_their_values() -> None:
     found = spread([np.array([[3.0, -4.0]]), np.array([0.0, 0.0, 1.0])])
     assert found == {"rmse": pytest.approx(np.sqrt(26 / 5)), "max": 4.0}
+
+
+def test_angles_of_grids_of_rotations_are_those_of_each() -> None:
+    quats = np.random.default_rng(0).normal(size=(2, 3, 5, 4))
+    a, b = quats
+    turns = [Rotation.from_quat(one.reshape(-1, 4), scalar_first=True) for one in (a, b)]
+    wanted = np.degrees((turns[0].inv() * turns[1]).magnitude()).reshape(3, 5)
+    np.testing.assert_allclose(_angles(a, b), wanted, rtol=1e-9)

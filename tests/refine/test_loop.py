@@ -10,6 +10,7 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.refine import refine as refine_module
 from tinysplat_runtime.refine.loop import JUDGED, Loop
 from tinysplat_runtime.refine.photos import matched
 from tinysplat_runtime.refine.refine import Refining, _other
@@ -218,3 +219,49 @@ def test_shares_of_places_between_go_round() -> None:
         np.testing.assert_array_equal(loop._shares(1, place).front, fronts[place % 2].front)
     assert not loop._shares(1, None).has_front and loop._drawn == 4
     assert loop.judged == [0, 1, 2, 3] and len(begun(2)._fronts[0]) == 1
+
+
+@pytest.mark.parametrize(("step", "costs"), [("step 0", 16.0), ("step 1", 16 / 3), ("step 2", 5.0)])
+def test_a_step_begins_where_it_a_look_and_the_end_may_be_expected_to_fit(step: str, costs: float, monkeypatch) -> None:
+    """Six photos, three of them judged in 2 s: a first step costs four looks at all, a third at each smaller size."""
+    refining = object.__new__(Refining)
+    refining._sizes, refining._seconds = [[None] * 6], {"look": 2.0, "judging": 1.0, "step 2": 5.0}  # type: ignore[list-item]
+    refining._loop = object.__new__(Loop)
+    refining._loop.judged = [0, 2, 5]
+    monkeypatch.setattr(refine_module.time, "perf_counter", lambda: 100.0)
+    assert refining._has_time(step, 100 + costs + 3.01) and not refining._has_time(step, 100 + costs + 2.99)
+
+
+def test_the_check_counts_pixels_of_which_others_left_at_most_four_tenths_at_first() -> None:
+    loop, asked = begun(3), []
+    left_there = np.linspace(0, 1, 16 * 20, dtype=np.float32).reshape(16, 20)
+
+    def measure(target: Target, *, shares, left=None, most_left=1.0) -> PhotoError:
+        asked.append((target, shares, left is not None, most_left))
+        if left is not None:
+            left[:] = left_there
+        return PhotoError(1.0, 0.03, 0.0, 0.0, float(len(asked) % 2))
+
+    loop.field.measure = measure  # type: ignore[method-assign, assignment]
+    loop.exposures[1] = 1.5, 0.25
+    loop._checked(1)
+    loop._checked(1)
+    (first, shares, with_left, most), (again, later, without, _) = asked
+    assert (with_left, most, without) == (True, 0.4, False)
+    assert shares.whole[1] == 0 == later.whole[1] and shares.whole[0] > 0
+    assert (first.gain, first.offset) == (again.gain, again.offset) == (1.5, 0.25)
+    np.testing.assert_array_equal(np.isnan(again.photo).all(axis=-1), left_there > 0.4)
+    np.testing.assert_array_equal(again.photo[left_there <= 0.4], first.photo[left_there <= 0.4])
+    asked.clear()
+    assert loop.check() == pytest.approx(20)  # photos of which nothing is known say nothing
+    assert len(asked) == 3
+
+
+def test_how_things_stand_is_said_in_few_words() -> None:
+    refining = object.__new__(Refining)
+    refining._smaller, refining._loop = None, None
+    assert refining.note() == ""
+    refining._loop = begun(2)
+    assert refining.note() == ""
+    refining._loop.errors = tuple(PhotoError(1, squared, 0, 0, 1) for squared in (0.03, 0.003))
+    assert refining.note() == "photos 25.00 dB"
