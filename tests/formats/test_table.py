@@ -1,0 +1,172 @@
+"""Which format a name tells, what is said where a package is missing, point clouds, and the loss of a file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import make_free_gaussians, make_smooth_gaussians
+
+from tinysplat_runtime.errors import InputError, InputWarning
+from tinysplat_runtime.formats import check, table
+from tinysplat_runtime.formats.check import Loss, file_loss
+from tinysplat_runtime.formats.table import endings, find_format, load_gaussians, save_gaussians, save_points
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.notes import Notes
+from tinysplat_runtime.gaussian.sh import C0
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("a.npz", "npz"), ("A.PLY", "PLY (3DGS)"), ("a.compressed.ply", "compressed PLY"), ("a.b.glb", "glTF"),
+        ("x/meta.json", "SOG"), ("a.USDZ", "USD"), ("a.spz", "SPZ"), ("a.safetensors", "safetensors"),
+    ],
+)  # fmt: skip
+def test_the_longest_ending_tells_the_format(name: str, form: str) -> None:
+    assert find_format(name, written=True).name == find_format(name, written=False).name == form
+
+
+def test_formats_are_read_or_written_or_both() -> None:
+    read, written = endings(written=False), endings(written=True)
+    assert {".splat", ".ksplat"} <= {*read} - {*written} and {".npz", ".ply", ".usda", ".sog"} <= {*read} & {*written}
+    for name, is_written, accepted in (("a.splat", True, written), ("a.xyz", False, read), ("ply", True, written)):
+        with pytest.raises(InputError) as error:
+            find_format(name, written=is_written)
+        assert str(error.value) == f"{name}: suffix '{Path(name).suffix}', expected {', '.join(accepted)}"
+
+
+def test_folders_are_refused_as_such(tmp_path: Path) -> None:
+    for call in (lambda: find_format(tmp_path, written=False), lambda: load_gaussians(tmp_path)):
+        with pytest.raises(InputError) as error:
+            call()
+        said = "a folder, expected a file; `tinysplat encode` makes one of a scene"
+        assert str(error.value) == f"{tmp_path}: {said}"
+
+
+@pytest.mark.parametrize("grid", [(1, 2), (1, 2, 3, 4), (0, 4, 6), (2, 4, -1)])
+def test_grids_are_three_numbers_of_one_or_more(tmp_path: Path, grid: Any) -> None:
+    save_gaussians(tmp_path / "g.npz", make_free_gaussians(24, 0, np.random.default_rng(0)))
+    assert load_gaussians(tmp_path / "g.npz", (1, 4, 6)).opacities.shape == (1, 4, 6)
+    with pytest.raises(InputError) as error:
+        load_gaussians(tmp_path / "g.npz", grid)
+    assert str(error.value) == f"grid: {grid}, expected (V, H, W), each at least 1"
+
+
+def test_cameras_state_the_grid(tmp_path: Path) -> None:
+    g = make_smooth_gaussians(2, 4, 6)
+    save_gaussians(tmp_path / "g.ply", g)
+    found = load_gaussians(tmp_path / "g.ply", cameras=g.cameras)
+    assert found.opacities.shape == (2, 4, 6) and found.cameras == g.cameras
+
+
+def test_an_empty_file_and_numbers_that_are_none(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").touch()
+    with pytest.raises(InputError, match=r"a\.npz: an empty file, expected npz"):
+        load_gaussians(tmp_path / "a.npz")
+    g = make_free_gaussians(5, 0, np.random.default_rng(0))
+    opacities = np.array([0.1, np.nan, 0.3, np.inf, 0.5], np.float32)
+    np.savez(tmp_path / "b.npz", means=g.means, quats=g.quats, scales=g.scales, sh=g.sh, opacities=opacities)
+    with pytest.warns(InputWarning, match=r"b\.npz: 2 of 5 Gaussians hold NaN or infinity and are left out"):
+        assert load_gaussians(tmp_path / "b.npz").count == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "form"), [("a.safetensors", "safetensors", "safetensors"), ("a.ply", "plyfile", "PLY (3DGS)")]
+)
+def test_a_package_that_is_missing_is_named_by_its_extra(
+    tmp_path: Path, monkeypatch, name: str, package: str, form: str
+) -> None:
+    g = make_free_gaussians(5, 0, np.random.default_rng(0))
+    save_gaussians(tmp_path / name, g)
+    for module in [module for module in sys.modules if module.split(".")[0] == package]:
+        monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, package, None)
+    said = f'{tmp_path / name}: {form} needs a package that is not installed: pip install "tinysplat[io]"'
+    calls = [lambda: load_gaussians(tmp_path / name), lambda: save_gaussians(tmp_path / name, g)]
+    for call in [*calls, *([lambda: save_points(tmp_path / name, g)] if package == "plyfile" else [])]:
+        with pytest.raises(InputError) as error:
+            call()
+        assert str(error.value) == said
+
+
+def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:
+    import plyfile
+
+    means = np.array([[0, 1, 2], [3, 4, 5]])
+    sh = np.array([[[-9, 0, 9]], [[-0.25 / C0, 0.25 / C0, 0]]])
+    g = Gaussians(means, np.tile([1.0, 0, 0, 0], (2, 1)), np.ones((2, 3)), np.ones(2), sh)
+    save_points(tmp_path / "p.PLY", g)
+    vertex = plyfile.PlyData.read(str(tmp_path / "p.PLY"))["vertex"].data
+    assert [vertex[axis].tolist() for axis in "xyz"] == means.T.tolist() and vertex["x"].dtype == np.float32
+    colours = np.stack([vertex[name] for name in ("red", "green", "blue")], axis=1)
+    assert colours.tolist() == [[0, 128, 255], [64, 191, 128]] and colours.dtype == np.uint8
+    far = Gaussians(means, g.quats, g.scales, g.opacities, sh, origin=np.array([4e6 + 0.1, 0, 0]))
+    save_points(tmp_path / "p.PLY", far)
+    vertex = plyfile.PlyData.read(str(tmp_path / "p.PLY"))["vertex"].data
+    assert vertex["x"].dtype == np.float64 and vertex["x"].tolist() == [4e6 + 0.1, 4e6 + 0.1 + 3]
+    with pytest.raises(InputError, match=r"p\.txt: suffix '\.txt', expected \.ply"):
+        save_points(tmp_path / "p.txt", g)
+
+
+def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
+    g = make_free_gaussians(5, 0, np.random.default_rng(0))
+    for options, words in (({"sh_bits": (0, 4)}, "SH bits"), ({"spz_version": 9}, "SPZ version")):
+        with pytest.raises(InputError, match=words) as error:
+            save_gaussians(tmp_path / "a.spz", g, **options)
+        assert str(error.value).count("a.spz") <= 1
+    noted = g.with_notes(Notes("m", "us"))
+    assert save_gaussians(tmp_path / "a.spz", noted) == ["unit and attribution left out, .spz has no room for text"]
+    with pytest.raises(InputError, match="4 within glTF, expected at most 3"):
+        save_gaussians(tmp_path / "a.glb", g, spz_version=4, gltf_spz=True)
+    assert save_gaussians(tmp_path / "a.glb", g, spz_version=4) == []
+
+
+# ---- losses ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_loss_in_words() -> None:
+    assert str(Loss(12_345, 40.126, 3)) == "12.3 KB, 40.13 dB beside its source, mean of 3 views"
+    assert str(Loss(1000, 150.0, 6)) == "1.0 KB, equal to its source, mean of 6 views"
+
+
+@pytest.mark.parametrize(
+    ("views", "chosen"), [(1, [0]), (6, [0, 1, 2, 3, 4, 5]), (7, [0, 1, 2, 4, 5, 6]), (11, [0, 2, 4, 6, 8, 10])]
+)
+def test_of_many_views_six_are_looked_at(views: int, chosen: list[int]) -> None:
+    g = make_smooth_gaussians(views, 2, 3, degree=0)
+    assert check._views(g) == [g.cameras[n] for n in chosen]
+
+
+def test_gaussians_of_no_views_are_seen_from_about_them(tmp_path: Path) -> None:
+    g = make_free_gaussians(40, 0, np.random.default_rng(0))
+    views = check._views(g)
+    middle = np.median(g.means, axis=0)
+    assert len(views) == 4 and len({tuple(np.round(view.centre, 6)) for view in views}) == 4
+    for view in views:
+        along = (middle - view.centre) @ view.c2w[:3, 2]
+        assert 0.5 < along / np.linalg.norm(middle - view.centre) <= 1
+    save_gaussians(tmp_path / "a.npz", g)
+    assert file_loss(tmp_path / "a.npz", g).psnr == 150
+
+
+def test_writers_are_given_the_options_that_they_know(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    module = __import__("tinysplat_runtime.formats.spz", fromlist=["spz"])
+    encode = module.encode_spz
+
+    def recording(*words: Any, **options: Any) -> Any:
+        asked.append((words[2:], options))
+        return encode(*words, **options)
+
+    monkeypatch.setattr(module, "encode_spz", recording)
+    g = make_free_gaussians(5, 1, np.random.default_rng(0))
+    save_gaussians(tmp_path / "a.spz", g, (8, 7), 2)
+    save_gaussians(tmp_path / "a.glb", g, (6, 5), gltf_spz=True)
+    save_gaussians(tmp_path / "a.spz", g)
+    plain = {"antialiased": False}
+    assert asked == [(((8, 7), 2), plain), (((6, 5), 3), plain), (((5, 4), 3), plain)]
+    assert {form.name for form in table.FORMATS if form.room == ("antialiased",)} == {"SPZ", "SOG"}
