@@ -202,9 +202,12 @@ def test_photos_are_handed_to_the_network_with_their_cameras(monkeypatch: pytest
         return iter(items)
 
     groups = [Group((1, 0), (0,)), Group((2, 1), (1, 2))]
+    walk.predict_grouped(images, cameras, 1.0, 9.0, "g", groups)  # type: ignore[arg-type]
+    both = [([1, 0], [1, 0], 1.0, 9.0, "g"), ([2, 1], [2, 1], 1.0, 9.0, "g")]
+    assert asked[1:] == both
     run = lambda views: network(images[list(views)], [cameras[v] for v in views], 1.0, 9.0, "g")  # noqa: E731
     found = walk.predict_groups(cameras, 1.0, groups, run, show)
-    assert asked[1:] == [([1, 0], [1, 0], 1.0, 9.0, "g"), ([2, 1], [2, 1], 1.0, 9.0, "g")] and shown == [3]
+    assert asked[3:] == both and shown == [3]
     assert [c.centre[0] for c in found.cameras] == [0, 1, 2] and not found.origin.any()
     np.testing.assert_allclose(found.means[..., 2], 4)  # from each group's origin to the scene's
 
