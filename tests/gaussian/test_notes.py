@@ -260,3 +260,38 @@ def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:
     head = L.HEADER.pack(*header[:-1], 0)[:-4]
     table = b"".join(rows)
     return b"".join([head, struct.pack("<I", crc32(head + table)), table, *bodies])
+
+
+@pytest.mark.parametrize(
+    ("field", "most"), [("unit", 32), ("attribution", 1024), ("licence", 128), ("refined", 128), ("thinned", 128)]
+)
+def test_text_is_as_long_as_its_field_may_be_in_utf_8(field: str, most: int) -> None:
+    assert len(getattr(ts.Notes(**{field: "é" * (most // 2)}), field)) == most // 2
+    with pytest.raises(ts.InputError, match=f"{most + 1} bytes of UTF-8, expected at most {most}") as caught:
+        ts.Notes(**{field: "é" * (most // 2) + "x"})
+    assert caught.value.where == field
+
+
+def test_marks_and_types_of_notes_are_checked() -> None:
+    assert ts.Notes(antialiased="yes") and not ts.Notes(antialiased="")
+    for wrong, words in (
+        ("no", "'no', expected 'yes' or nothing"),
+        ("yess", "4 bytes"),
+        (None, "a NoneType, expected text"),
+    ):
+        with pytest.raises(ts.InputError, match=words) as caught:
+            ts.Notes(antialiased=wrong)  # type: ignore[arg-type]
+        assert caught.value.where == "antialiased"
+
+
+def test_licences_of_several_are_all_to_be_kept() -> None:
+    parts = [
+        ts.Notes("m", "A", "MIT OR Apache-2.0", "r", "yes"),
+        ts.Notes("m", "", "CC0-1.0", "r"),
+        ts.Notes("m", "A", "CC0-1.0"),
+    ]
+    found = ts.Notes.joined(parts)
+    assert found == ts.Notes("m", "A", "(MIT OR Apache-2.0) AND CC0-1.0")
+    assert ts.Notes.joined(parts[:1]) == parts[0]
+    assert ts.Notes.joined([parts[1], ts.Notes("cm", "B")]) == ts.Notes("", "B", "CC0-1.0")
+    assert found.given() == {"unit": "m", "attribution": "A", "licence": found.licence}

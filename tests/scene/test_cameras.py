@@ -106,3 +106,54 @@ def test_w2c_undoes_c2w():
     c2w[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     c2w[:3, 3] = [1, 2, 3]
     np.testing.assert_allclose(Camera(K, c2w, 64, 48).w2c @ c2w, np.eye(4), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"c2w": np.diag([1.0, 1, -1, 1])},
+            "in the upper left (a mirrored rotation), expected orthonormal",
+        ),
+        ({"c2w": _with(np.eye(4), (0, 0), 1.1)}, "(|R Rᵀ − 1| = 0.21)"),
+        ({"c2w": _with(np.eye(4), (0, 0), 1e9)}, "(|R Rᵀ − 1| = 3)"),
+        ({"c2w": _with(np.eye(4), (3, 2), 1e-9)}, "last row [0.0, 0.0, 1e-09, 1.0], expected [0, 0, 0, 1]"),
+        ({"c2w": _with(np.eye(4), (3, 3), 2)}, "last row [0.0, 0.0, 0.0, 2.0]"),
+        ({"K": _with(K, (2, 0), 1)}, "expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]"),
+        ({"K": _with(K, (2, 1), 1)}, "expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]"),
+        ({"K": _with(K, (0, 0), -3)}, "focal length fx = -3 px, expected > 0"),
+        ({"K": _with(K, (1, 1), 1e-7)}, "focal length fy = 1e-07 px, expected at least 1e-06"),
+        ({"K": _with(K, (0, 1), 2e9)}, "holds 2e+09, expected at most 1e+09"),
+        ({"c2w": _with(np.eye(4), (1, 3), -2e15)}, "holds 2e+15, expected at most 1e+15"),
+        ({"width": True}, "True, expected a whole number from 1 to 65536"),
+    ],
+)
+def test_what_is_wrong_with_a_camera_is_said(changes, words):
+    with pytest.raises(InputError) as caught:
+        Camera(**{"K": K, "c2w": np.eye(4), "width": 64, "height": 48, **changes})
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("size", "scale", "crop"),
+    [((48, 64), 1, (0, 0)), ((24, 32), 0.5, (0, 0)), ((48, 61), 1, (1, 0)), ((45, 64), 1, (0, 1)),
+     ((96, 64), 2, (32, 0)), ((10, 64), 1, (0, 19)), ((30, 20), 0.625, (10, 0)),
+     ((16, 40), 0.625, (0, 7)), ((48, 62), 1, (1, 0))],
+)  # fmt: skip
+def test_crops_begin_at_whole_pixels(size, scale, crop):
+    camera = Camera(_with(K, (0, 1), 3), np.eye(4), np.int64(64), 48)
+    found = camera.resized(*size)
+    wanted = camera.K * [[scale], [scale], [1]]
+    wanted[:2, 2] -= crop
+    np.testing.assert_allclose(found.K, wanted, rtol=1e-12)
+    assert (found.height, found.width) == size and type(camera.width) is int
+
+
+def test_a_camera_s_arrays_are_its_own_and_stay():
+    given = K.copy()
+    camera = Camera(given, np.eye(4), 64, 48)
+    given[0, 0] = 7
+    assert camera.K[0, 0] == 100
+    for array in (camera.K, camera.c2w):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
