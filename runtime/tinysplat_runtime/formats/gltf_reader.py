@@ -73,7 +73,8 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
 
 def read_gltf_notes(path: Path) -> dict[str, Any]:
     """What `asset` says about the scene: fields of `Notes`."""
-    asset = _object(_File(path, max_bytes=0).document.get("asset"))
+    size = path.stat().st_size  # which `read_gltf` has held against its bound
+    asset = _object(_File(path, max_bytes=size).document.get("asset"))
     extras = _object(asset.get("extras"))
     known = {name: extras[name] for name in NAMES if name in extras}
     return known or ({"attribution": asset["copyright"]} if isinstance(asset.get("copyright"), str) else {})
@@ -101,7 +102,7 @@ class _File:
                 text = file.read(length)
                 self._binary_at: int | None = 20 + length
             else:
-                text = read_limited(path, _MAX_JSON_BYTES if max_bytes == 0 else max(max_bytes, _MAX_JSON_BYTES))
+                text = read_limited(path, max(max_bytes, _MAX_JSON_BYTES))
                 self._binary_at = None
         try:
             self.document = json.loads(text)
