@@ -8,7 +8,7 @@ import pytest
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.refine import schedule
-from tinysplat_runtime.refine.refine import _limit
+from tinysplat_runtime.refine.refine import MAX_STEPS, _limit
 from tinysplat_runtime.refine.schedule import Turn, order, steps_below, turn
 from tinysplat_runtime.refine.settings import FOR_TWO, LIMITS, STEPS, Settings, settings_for
 from tinysplat_runtime.refine.stats import RefineStats
@@ -62,11 +62,22 @@ def test_two_photos_have_settings_of_their_own() -> None:
     assert sizes == (1, 2, 3, 4, 4, 4)
     for settings in (Settings(), FOR_TWO):  # Adam's, and steps that are small against what they change
         assert 0 < settings.momentum < settings.memory < 1 and 0 < settings.noise < 0.1
-        assert max(settings.step_sizes) <= 0.2 and settings.look_every >= 1 <= settings.patience
+        assert (
+            0 <= min(settings.step_sizes) <= max(settings.step_sizes) <= 0.2
+            and settings.look_every >= 1 <= settings.patience
+        )
         assert 0 <= settings.hidden < 0.1 and 0 < settings.price < 0.1 and 0 < settings.least_gain < 0.1
         assert 0 < settings.exposure < 0.01 and 0 < settings.variation < 1
     assert FOR_TWO.log_depth == FOR_TWO.hidden == 0  # two photos say nothing more about depth
-    assert FOR_TWO.most_steps < STEPS < Settings().most_steps
+    assert FOR_TWO.most_steps == 4 < STEPS < Settings().most_steps == MAX_STEPS
+
+
+def test_settings_are_those_that_the_laboratory_kept() -> None:
+    """docs/lab/refine.md, "kept"."""
+    many = Settings()
+    assert (many.logit, many.log_size, many.momentum, many.noise, many.price) == (0.2, 0.1, 0.8, 2e-3, 0.005)
+    assert (many.hidden, many.together, FOR_TWO.logit, FOR_TWO.sh, FOR_TWO.together) == (0.03, 1, 0.05, 4e-3, 2)
+    assert many.look_every == FOR_TWO.look_every == 2 == many.patience and FOR_TWO.patience == 1
 
 
 def test_budgets_are_accepted_to_their_ends() -> None:

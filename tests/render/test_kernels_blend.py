@@ -160,3 +160,43 @@ def test_a_tile_is_blended_front_to_back_as_pixels_are(count: int, extent: Exten
         records, order.astype(np.int32), Listed(keys, np.empty_like(keys)), extent, work, plain, has_front
     )
     np.testing.assert_array_equal(plain.colour, before)
+
+
+def test_a_tile_is_open_while_any_pixel_lets_something_through() -> None:
+    state = np.zeros(kb.STATE, np.float32)
+    assert not kb.is_open(state)
+    state[:] = -0.5  # all have stopped
+    assert not kb.is_open(state)
+    for row, column in ((0, 0), (31, 127), (7, 64)):
+        state[row * kb.ROW + column] = 1e-4
+        assert kb.is_open(state)
+        state[row * kb.ROW + column] = -1e-4
+    state[128] = 1  # behind the last column, where vectors may end
+    assert not kb.is_open(state)
+
+
+def test_an_open_tile_is_blended_to_its_end() -> None:
+    """Seven hundred faint splats, none of which stops a pixel, and a thousand of which the first stop all."""
+    extent = Extent(0, 0, 8, 8)
+    for count, log_opacity, left in ((700, np.log(0.006), None), (1000, np.log(0.9), 1e-4)):
+        records = np.zeros((count, 16), np.float32)
+        records[:, [kp.X, kp.Y]], records[:, [kp.ALPHA_X, kp.GAMMA]] = 4, 1e-4
+        records[:, kp.LOG_OPACITY], records[:, kp.RED] = log_opacity, np.arange(count) / count
+        records[:, [kp.RIGHT, kp.BOTTOM]], records[:, kp.DEPTH] = 7, np.arange(count) + 1
+        keys = records[:, kp.DEPTH].copy().view(np.uint32).astype(np.uint64) << np.uint64(32) | np.arange(
+            count, dtype=np.uint64
+        )
+        work = Scratch(
+            np.empty(kb.STATE, np.float32), np.empty((kb.AHEAD, 16), np.float32), np.empty(kb.DIGITS, np.int64)
+        )
+        rows = np.arange(count, dtype=np.int32)
+        _, looked_at = kb.blend_tile(records, rows, Listed(keys, np.empty_like(keys)), extent, work, False)
+        alpha = np.exp(log_opacity)
+        if left is None:
+            assert looked_at == count
+            weights = alpha * (1 - alpha) ** np.arange(count)
+            assert work.state[0] == pytest.approx((1 - alpha) ** count, rel=1e-3)
+            red = work.state[kb.ROW // 10]
+            assert red == pytest.approx((weights * records[:, kp.RED]).sum(), rel=1e-3)
+        else:
+            assert looked_at == kb.AHEAD and -2 * left < work.state[0] * 1.0 < 0

@@ -15,6 +15,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.own import own_psnr
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene import look as look_module
 from tinysplat_runtime.scene.look import (
     Look,
     _places,
@@ -409,3 +410,27 @@ def test_a_common_point_behind_most_cameras_is_none() -> None:
     size = np.abs(np.ptp([camera.centre for camera in cameras], axis=0))
     assert range_guessed(cameras) == pytest.approx((1.5 * np.linalg.norm(size), 30 * np.linalg.norm(size)), rel=1e-9)
     assert range_guessed([camera(0)]) == (1.5, 30)
+
+
+@pytest.mark.parametrize(("clear", "is_found"), [(122, False), (123, True)])
+def test_a_range_is_found_where_a_fiftieth_of_all_pixels_tell_their_depth(
+    clear: int, is_found: bool, monkeypatch
+) -> None:
+    """Of two photos of 48×64 pixels, those that tell it at planes of 1.2 to 150 times the distance of the cameras."""
+    rng, planes = np.random.default_rng(0), 1 / np.linspace(1 / (1.2 * 0.4), 1 / (150 * 0.4), 96)
+    best = rng.integers(10, 90, clear)
+
+    def looked(images: NDArray, cameras: list[ts.Camera], depths: NDArray) -> list[Look]:
+        np.testing.assert_allclose(depths, planes)
+        costs = np.ones((96, 2 * H * W), np.float32)
+        costs[best, 7 * np.arange(clear)] = 0
+        return [Look(half.reshape(96, H, W), depths) for half in np.split(costs, 2, axis=1)]
+
+    monkeypatch.setattr(look_module, "look", looked)
+    views, images = [camera(0), camera(0.4), camera(0.1)][:2], np.zeros((2, H, W, 3))
+    if is_found:
+        low, high = np.percentile(planes[best], (3, 90))
+        assert range_seen(images, views) == pytest.approx((low / 1.4, 2 * high), rel=1e-6)
+    else:
+        with pytest.raises(ts.InputError, match="agree about no depth"):
+            range_seen(images, views)
