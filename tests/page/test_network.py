@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from page.scripts import run as run_with
 from scenes import make_cameras
 from web.node import node
 
@@ -52,9 +54,20 @@ def asked(images: NDArray, cameras: tuple[ts.Camera, ...]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("height", "width"), [(18, 22), (32, 48)])
+def placed(cameras: Iterable[ts.Camera], away: tuple[float, float, float]) -> list[ts.Camera]:
+    """Elsewhere, and with sensors that are not quite rectangular."""
+    found = []
+    for camera in cameras:
+        K, c2w = np.array(camera.K), np.array(camera.c2w)
+        K[0, 1] = 0.75
+        c2w[:3, 3] += away
+        found.append(ts.Camera(K, c2w, camera.width, camera.height))
+    return found
+
+
+@pytest.mark.parametrize(("height", "width"), [(18, 22), (32, 48), (50, 66)])
 def test_inputs_are_the_host_s(height: int, width: int) -> None:
-    cameras = make_cameras(3, height, width)
+    cameras = placed(make_cameras(3, height, width), (3, -2, 1))
     images = np.random.default_rng(1).random((3, height, width, 3)).astype(np.float32)
     expected = network_inputs(images, cameras, NEAR, FAR, NetworkLimits(stride=16, min_side=40))
     found = run("networkInputs(request, { stride: 16, minSide: 40 })", {"request": asked(images, tuple(cameras))})
@@ -65,18 +78,19 @@ def test_inputs_are_the_host_s(height: int, width: int) -> None:
         np.testing.assert_allclose(np.array(data).reshape(shape), array, atol=1e-6)
 
 
-@pytest.mark.parametrize("away", [(0, 0, 0), (1e4, 0, 0), (0, 1e4, 0), (0, 0, 1e4)])
+@pytest.mark.parametrize(
+    "away", [(0, 0, 0), (90, -50, 30), (150, 80, -60), (160, 80, 80), (1e4, 0, 0), (0, 1e4, 0), (0, 0, 1e4)]
+)
 def test_outputs_become_the_host_s_gaussians(away: tuple[float, float, float]) -> None:
-    rng, cameras = np.random.default_rng(2), []
-    for camera in make_cameras(2, 18, 22):
-        c2w = np.array(camera.c2w)
-        c2w[:3, 3] += away
-        cameras.append(ts.Camera(camera.K, c2w, camera.width, camera.height))
+    rng, cameras = np.random.default_rng(2), placed(make_cameras(2, 18, 22), away)
+    if away == (160, 80, 80):  # one that is far is enough
+        cameras[0] = make_cameras(1, 18, 22)[0]
     outputs: dict[str, NDArray] = {"layer1_K": np.stack([camera.K for camera in cameras]).astype(np.float32)}
     for prefix, rows, columns in (("", 32, 32), ("layer1_", 10, 12)):
         for name, trailing in FIELDS.items():
             rest = (1, 3) if name == "sh" else trailing
             outputs[prefix + name] = rng.uniform(0, 1.2, (2, rows, columns, *rest)).astype(np.float32)
+        outputs[prefix + "opacities"][0, 0, 0] = 1.1
     images = np.zeros((2, 18, 22, 3), np.float32)
 
     class Given(Graph):
@@ -93,3 +107,54 @@ def test_outputs_become_the_host_s_gaussians(away: tuple[float, float, float]) -
             np.testing.assert_allclose(np.array(layer[name]).reshape(array.shape), array, rtol=1e-6)
         assert [camera["fx"] for camera in layer["cameras"]] == pytest.approx([c.K[0, 0] for c in wanted.cameras])
         assert (layer["height"], layer["width"]) == (wanted.cameras[0].height, wanted.cameras[0].width)
+
+
+RUNTIME = """
+export const env = { wasm: {} };
+export class Tensor { constructor(...given) { this.given = given; } }
+export const InferenceSession = { create: async (address) => {
+  told.push([address, env.wasm.wasmPaths.wasm]);
+  return { run: async (inputs) => {
+    told.push(Object.entries(inputs).map(([name, { given: [type, data, dims] }]) => [name, type, data.length, dims]));
+    return outputs;
+  } };
+} };
+"""
+
+
+def test_networks_beside_the_page_are_loaded_once_and_only_as_known() -> None:
+    camera = asked(np.zeros((1, 2, 3, 3)), tuple(make_cameras(1, 2, 3)))
+    made, told, refused = run_with(
+        """
+        Object.assign(globalThis, { told: [], location: { href: "https://example.org/a/page.html" } });
+        const sizes = { means: [3], quats: [4], scales: [3], opacities: [], sh: [1, 3] };
+        globalThis.outputs = Object.fromEntries(Object.entries(sizes).map(([name, rest]) => {
+          const dims = [1, 4, 4, ...rest];
+          return [name, { dims, data: new Float32Array(dims.reduce((a, b) => a * b)).fill(0.5) }];
+        }));
+        const models = { one: { file: "one.onnx", stride: 4, minSide: 4 }, two: { file: "two.onnx", stride: 4,
+          minSide: 4 } };
+        const runner = networkRunner({ runtime: `data:text/javascript,${encodeURIComponent(text)}`, wasm: "ort.wasm",
+          most: 6, models });
+        const first = await runner({ ...camera, sha256: "one" });
+        for (const sha256 of ["one", "two"]) await runner({ ...camera, sha256 });
+        const refused = [];
+        const ask = async (more) => runner({ ...camera, sha256: "one",
+          ...more }).catch((error) => refused.push(error.message));
+        await ask({ sha256: "three", name: "edge" });
+        await ask({ width: 7, height: 1 });
+        globalThis.outputs.scales.data[5] = NaN;
+        await ask({});
+        const { layers: [{ height, width, degree, means }], origin } = first;
+        return [[height, width, degree, means.length, origin], told, refused];
+        """,
+        'import { networkRunner } from "./network.js";', camera=camera, text=RUNTIME,
+    )  # fmt: skip
+    assert made == [2, 3, 0, 18, [0, 0, 0]]
+    base, run = "https://example.org/a/", [
+        ["images", "float32", 48, [1, 3, 4, 4]], ["K", "float32", 9, [1, 3, 3]], ["c2w", "float32", 16, [1, 4, 4]],
+        ["near", "float32", 1, [1]], ["far", "float32", 1, [1]],
+    ]  # fmt: skip
+    loads = [[f"{base}{name}.onnx", f"{base}ort.wasm"] for name in ("one", "two")]
+    assert told == [loads[0], run, run, loads[1], run, loads[0], run]
+    assert "edge of another version" in refused[0] and "7x1 are too large" in refused[1] and "not finite" in refused[2]
