@@ -242,17 +242,22 @@ def test_equal_cells_are_sorted_by_all_that_gaussians_have() -> None:
         assert rows == sorted(rows)
 
 
-def test_channels_have_these_steps_and_colours_behind_the_third_the_first_s() -> None:
-    assert [encoder._colour_step(n) for n in range(5)] == [0.33, 0.165, 0.165, 0.33, 0.33]
-    factors = {key: [] for key in [*encoder.STEPS, (PlaneClass.COLOR, 1)]}  # type: ignore[var-annotated]
+STEPS = {
+    (PlaneClass.OPACITY, 0): 0.08, (PlaneClass.SCALE, 0): 0.28, (PlaneClass.SCALE, 1): 0.68, (PlaneClass.SCALE, 2): 1.5,
+    (PlaneClass.ROTATION, 0): 0.12, (PlaneClass.ROTATION, 1): 0.12, (PlaneClass.ROTATION, 2): 0.12,
+    (PlaneClass.COLOR, 0): 0.33, (PlaneClass.COLOR, 1): 0.165, (PlaneClass.COLOR, 2): 0.165,
+    (PlaneClass.COLOR, 3): 0.33,
+}  # fmt: skip
+"""At Q_g = 0; colours behind the third have the first one's."""
+
+
+@pytest.mark.parametrize(("channel", "step"), STEPS.items())
+def test_channels_are_rounded_to_their_steps(channel: tuple[PlaneClass, int], step: float) -> None:
     coder = encoder._ChannelCoder(0.5, None, 1)
-    order = encoder.along_the_curve(4)
     values = np.array([-8.0, -1, 1, 8])
-    for (plane_class, target), found in factors.items():
-        found.extend(coder.one(plane_class, target, values, order, 3.0).values)
-        step = 1.5 * (encoder.STEPS.get((plane_class, target)) or 0.165)
-        away = np.abs(values) / step
-        np.testing.assert_allclose(found, np.sign(values) * step * np.floor(away + 1 / 3), rtol=1e-6)
+    found = coder.one(*channel, values, encoder.along_the_curve(4), 3.0).values
+    away = np.abs(values) / (1.5 * step)
+    np.testing.assert_allclose(found, np.sign(values) * 1.5 * step * np.floor(away + 1 / 3), rtol=1e-6)
 
 
 def test_channels_that_vary_less_than_a_share_of_their_step_are_numbers() -> None:

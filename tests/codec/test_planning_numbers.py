@@ -10,12 +10,13 @@ import pytest
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec import encoder, hevc, parts
+from tinysplat_runtime.codec import encoder, hevc, one_colour, parts, recode
 from tinysplat_runtime.codec.encoder import SceneEncoder, check_qp, check_readable, map_channel
 from tinysplat_runtime.codec.hevc import PictureDecoder, PlaneDecoder, encode_picture, encode_plane, rectangles
 from tinysplat_runtime.codec.paper import paper_plan
 from tinysplat_runtime.codec.profiles import PAPER, PROFILES, EncoderSettings, find_profile
 from tinysplat_runtime.codec.residual import check_prediction
+from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError, NumericError, TinySplatError
 from tinysplat_runtime.gaussian.planes import CODING_ORDER, Channel, PlaneClass
 from tinysplat_runtime.graphs.inference import GraphStore
@@ -224,3 +225,31 @@ def test_files_that_were_opened_are_closed_and_those_given_are_not(tmp_path) -> 
 def test_addresses_that_nothing_reaches_are_refused() -> None:
     with pytest.raises(InputError, match=r"^nowhere://a: "):
         parts.ranges_of("nowhere://a")
+
+
+def test_files_whose_codes_are_worth_next_to_nothing_are_no_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    g = make_smooth_gaussians(1, 8, 8, degree=0)
+    container = read_container(ts.compress(g))
+    (layer,) = container.body.layers
+    number = next(n for n, c in enumerate(layer.channels) if c.streams)
+    for scale, is_fine in ((1.1e-30, True), (1e-30, False)):
+        channels = list(layer.channels)
+        channels[number] = encoder.replace(channels[number], scale=scale)
+        body = encoder.replace(container.body, layers=(encoder.replace(layer, channels=tuple(channels)),))
+        changed = encoder.replace(container, body=body)
+        if is_fine:
+            assert recode._checked(g, changed)[1].name == "balanced"
+        else:
+            with pytest.raises(InputError) as error:
+                recode._checked(g, changed)
+            name = channels[number].name
+            said = f"like: plane {name} of layer 0 has 1e-30 units per code, expected more than 1e-30"
+            assert str(error.value) == said
+
+
+def test_colours_beyond_float32_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    g = make_smooth_gaussians(2, 8, 8, degree=1)
+    monkeypatch.setattr(one_colour, "disagreement", lambda layer: 0.0)
+    assert one_colour.as_seen(g, 0.0).degree == 0
+    g.sh[1, 2, 3, 0, 1] = np.inf
+    assert one_colour.as_seen(g, 0.0) is None

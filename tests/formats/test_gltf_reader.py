@@ -218,7 +218,13 @@ def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, change: Any,
     assert "bad.gltf" in str(caught.value)
 
 
+LONG = "0123456789" * 15
 BAD = [
+    (lambda d: d["nodes"][1].update(mesh=LONG), f"no meshes[{LONG[:20]}]"),
+    (lambda d: d["buffers"][0].update(uri=LONG + ":"), f"buffer '{LONG[:59]}, expected a file"),
+    (lambda d: d["bufferViews"][0].update(extensions=[LONG]), f"compressed by ['{LONG[:78]}, expected plain"),
+    (lambda d: d["meshes"][0]["primitives"][0]["extensions"][PREFIX].update(extensions={LONG: 1}),
+     f"compressed by {{'{LONG[:78]}, expected plain"),
     (lambda d: d.update(accessors={}), "no accessors[0]"),
     (lambda d: d["accessors"].__setitem__(1, 7), "accessors[1]: no object"),
     (lambda d: d.update(meshes=[]), "no meshes[0]"), (lambda d: d["nodes"][1].update(mesh=True), "no meshes[True]"),

@@ -350,3 +350,16 @@ def test_nodes_are_counted_by_provider(tmp_path: Path) -> None:
 
 def test_of_an_error_the_first_line_is_said() -> None:
     assert first_line(ValueError("\n a\nb")) == "a" and first_line(ValueError("x" * 400)) == "x" * 300
+
+
+@pytest.mark.parametrize("name", [name for name in CONTRACTS if name != "network"])
+def test_shipped_graphs_are_within_their_contracts(name: str) -> None:
+    """And have every input at its rank and type, as onnx says it."""
+    onnx = pytest.importorskip("onnx")
+    graph = GraphStore().transform(name)
+    model = onnx.load(str(find_artifact(name, name.split("_")[0]).path), load_external_data=False).graph
+    kinds = {onnx.TensorProto.FLOAT: "tensor(float)", onnx.TensorProto.UINT16: "tensor(uint16)"}
+    for found, wanted in ((model.input, CONTRACTS[name].inputs), (model.output, CONTRACTS[name].outputs)):
+        types = {value.name: value.type.tensor_type for value in found}
+        assert {n: (kinds[t.elem_type], len(t.shape.dim)) for n, t in types.items()} == dict(wanted)
+    assert graph.name == name and not graph.lets_go
