@@ -76,3 +76,35 @@ def test_exact_variants_are_ways_by_threads() -> None:
     assert [(v.name, v.threads) for v in variants][:2] == [("numpy, 1 thread", 1), ("numpy, 2 threads", 2)]
     assert variants[0].setting == {"size": 20, "gaussians": 256, "way": "numpy"}
     assert variants[1].run().shape == (20, 20, 3)
+
+
+def test_dense_blending_is_front_to_back_with_the_thresholds_of_3dgs() -> None:
+    """Pixel by pixel in numpy: alphas from 1/255 up to 0.99, and none behind a transmittance of 1e-4."""
+    torch = pytest.importorskip("torch")
+    rng = np.random.default_rng(0)
+    n, height, width = 60, 24, 27
+    centres = rng.uniform(0, 27, (n, 2))
+    centres[:8] = 12.0  # opaque ones in front of each other
+    a, c = rng.uniform(0.02, 0.5, (2, n))
+    conics = np.stack([a, 0.4 * np.sqrt(a * c) * rng.uniform(-1, 1, n), c], axis=1)
+    conics[9] = 0.3, 2.0, 0.3  # no covariance: its exponent can be negative, where nothing is drawn
+    opacities, colours = rng.uniform(0.2, 1.0, n), rng.uniform(0, 1, (n, 3))
+    opacities[:8] = 1.0
+    camera = made_gaussians(1, 16, 16, 0).cameras[0].resized(height, width)
+    given = (torch.from_numpy(array) for array in (centres, conics, opacities, colours))
+    found = drawing._blend(*given, camera).numpy()
+    wanted = np.zeros((height, width, 3))
+    for row in range(height):
+        for column in range(width):
+            left = 1.0
+            for i in range(n):
+                x, y = column + 0.5 - centres[i, 0], row + 0.5 - centres[i, 1]
+                power = 0.5 * (conics[i, 0] * x * x + conics[i, 2] * y * y) + conics[i, 1] * x * y
+                alpha = min(opacities[i] * math.exp(-power), 0.99) if power >= 0 else 0.0
+                if alpha < 1 / 255:
+                    continue
+                if left * (1 - alpha) < 1e-4:
+                    break
+                wanted[row, column] += alpha * left * colours[i]
+                left *= 1 - alpha
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
