@@ -50,6 +50,7 @@ def convert(models: Path, out: Path, types: bool) -> dict[str, int]:
         for name, artifact in load_manifest(models).items():
             (plain / f"{name}.onnx").write_bytes(artifact.read())
             entries[name] = {**(artifact.entry or {}), "file": f"{name}.ort"}
+            entries[name].pop("optimised", None)
         logging.disable(logging.INFO)
         with contextlib.redirect_stdout(io.StringIO()):
             convert_onnx_models_to_ort(plain, made, [OptimizationStyle.Fixed], enable_type_reduction=types)

@@ -119,8 +119,10 @@ def test_doctor_names_codecs_and_models_that_are_missing(monkeypatch: pytest.Mon
     def damaged() -> bytes:
         raise ModelError("sha256 differs", where="b.onnx")
 
-    sound = SimpleNamespace(role="network", read=lambda: bytes(12_500))
-    monkeypatch.setattr(doctor, "load_manifest", lambda: {"a": sound, "b": SimpleNamespace(role="x", read=damaged)})
+    sound = SimpleNamespace(role="network", read=lambda: bytes(12_500), for_cpu=lambda: sound)
+    stored = SimpleNamespace(read=damaged)
+    halves = SimpleNamespace(role="x", read=sound.read, for_cpu=lambda: stored)
+    monkeypatch.setattr(doctor, "load_manifest", lambda: {"a": sound, "b": halves})
     for folder, suffix in (("m", " (TINYSPLAT_MODELS)"), ("", "")):
         monkeypatch.setenv("TINYSPLAT_MODELS", folder)
         monkeypatch.setattr(doctor, "models_dir", lambda: "there")

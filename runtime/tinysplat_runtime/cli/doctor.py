@@ -103,7 +103,9 @@ def _models(wrong: list[str]) -> dict[str, str]:
         states["folder"] = str(models_dir()) + (" (TINYSPLAT_MODELS)" if os.environ.get("TINYSPLAT_MODELS") else "")
         for name, artifact in load_manifest().items():
             try:
-                states[name] = f"{artifact.role}, {len(artifact.read()) / 1000:.0f} KB, as the manifest says"
+                size = len(artifact.read())
+                artifact.for_cpu().read()
+                states[name] = f"{artifact.role}, {size / 1000:.0f} KB, as the manifest says"
             except TinySplatError as error:
                 states[name] = "WRONG"
                 wrong.append(str(error))

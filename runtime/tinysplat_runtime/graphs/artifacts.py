@@ -11,7 +11,7 @@ import hashlib
 import importlib.util
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ class Artifact:
         role: "network", "analysis" or "synthesis"; None when only the file itself can tell.
         sha256: expected hash in hex; None for a user's own file, which nothing vouches for.
         entry: the manifest's whole entry, empty for a user's own file.
+        optimised: file and hash of what onnxruntime made of the graph for its CPU provider, where the manifest has it.
     """
 
     name: str
@@ -37,6 +38,15 @@ class Artifact:
     role: str | None = None
     sha256: str | None = None
     entry: dict[str, Any] | None = None
+    optimised: tuple[Path, str] | None = None
+
+    def for_cpu(self) -> Artifact:
+        """What to open for the CPU: the same graph as `export/optimised.py` stored it, where it did; itself otherwise.
+
+        Opening `edge` takes longer than running it, most of that to look for operators to join. The stored graph opens
+        in 0.57 of the time and computes the same bits; name and hash of the network stay those of the first file.
+        """
+        return self if self.optimised is None else replace(self, path=self.optimised[0], sha256=self.optimised[1])
 
     def file_sha256(self) -> str:
         """Hash of the ONNX file, hexadecimal; of a user's own file as it is now. Weights beside it are not in it."""
@@ -89,11 +99,16 @@ def load_manifest(folder: str | os.PathLike[str] | None = None) -> dict[str, Art
     try:
         entries = json.loads(path.read_text("utf-8"))["artifacts"]
         return {
-            name: Artifact(name, root / entry["file"], entry["role"], entry["sha256"], entry)
+            name: Artifact(name, root / entry["file"], entry["role"], entry["sha256"], entry, _optimised(root, entry))
             for name, entry in entries.items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ModelError(f"not a manifest of artifacts ({type(error).__name__}: {error})", where=str(path)) from None
+
+
+def _optimised(root: Path, entry: dict[str, Any]) -> tuple[Path, str] | None:
+    stored = entry.get("optimised")
+    return (root / stored["file"], stored["sha256"]) if stored else None
 
 
 def find_artifact(name: str, role: str, folder: str | os.PathLike[str] | None = None) -> Artifact:

@@ -188,6 +188,8 @@ def open_graph(
     if profile is not None:
         options.enable_profiling, options.profile_file_prefix = True, profile
     chosen = add_providers(ort, options, providers)
+    if all((provider if isinstance(provider, str) else provider[0]) == CPU for provider in providers):
+        artifact = artifact.for_cpu()
     # A user's network may keep its weights beside the file, which only a path can find.
     source = artifact.read() if artifact.sha256 is not None else str(artifact.path)
     try:

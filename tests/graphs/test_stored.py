@@ -1,0 +1,70 @@
+"""Stored graphs: opened in place of a network's own where they serve, and computing the same."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tinysplat_runtime.errors import ModelError
+from tinysplat_runtime.graphs import DEFAULT_MODEL, inference
+from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest, models_dir
+from tinysplat_runtime.graphs.inference import open_graph
+from tinysplat_runtime.graphs.providers import CPU
+
+NAME = "analysis_project"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Models of which one has a stored graph, which is not what its hash says."""
+    shutil.copy(models_dir() / f"{NAME}.onnx", tmp_path)
+    (tmp_path / "stored.onnx").write_bytes(b"altered")
+    entry = load_manifest()[NAME].entry | {"optimised": {"file": "stored.onnx", "sha256": "0" * 64}}
+    (tmp_path / "manifest.json").write_text(json.dumps({"artifacts": {NAME: entry}}))
+    return tmp_path
+
+
+@pytest.mark.parametrize("provider", [CPU, (CPU, {"enable_arena": "1"})])
+def test_the_cpu_opens_the_stored_graph(folder, provider) -> None:
+    artifact = find_artifact(NAME, "analysis", folder)
+    with pytest.raises(ModelError, match=r"stored.onnx: sha256"):
+        open_graph(artifact, NAME, providers=(provider,))
+    assert artifact.file_sha256() == load_manifest()[NAME].sha256
+
+
+def test_other_providers_open_the_graph_itself(folder, monkeypatch) -> None:
+    monkeypatch.setattr(inference, "add_providers", lambda *_: [CPU])
+    assert open_graph(find_artifact(NAME, "analysis", folder), NAME, providers=("Other", CPU)).name == NAME
+
+
+def test_an_entry_without_its_hash_is_no_manifest(folder) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["artifacts"][NAME]["optimised"]["sha256"]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(ModelError, match="not a manifest of artifacts"):
+        load_manifest(folder)
+
+
+def test_what_is_stored_of_the_network_computes_what_it_does() -> None:
+    rng, views = np.random.default_rng(3), 2
+    pose = np.eye(4, dtype=np.float32)[None].repeat(views, 0)
+    pose[:, 0, 3] = -0.2, 0.2
+    inputs = {
+        "images": rng.uniform(size=(views, 3, 32, 48)).astype(np.float32),
+        "K": np.array([[[1, 0, 0.5], [0, 1.5, 0.5], [0, 0, 1]]], np.float32).repeat(views, 0),
+        "c2w": pose,
+        "near": np.full(views, 1, np.float32),
+        "far": np.full(views, 9, np.float32),
+    }
+    artifact = find_artifact(DEFAULT_MODEL, "network")
+    assert artifact.for_cpu().path != artifact.path
+    stored, own = (open_graph(one, "network").run(inputs) for one in (artifact, replace(artifact, optimised=None)))
+    assert stored.keys() == own.keys()
+    for name, wanted in own.items():  # the same bits; a version may round otherwise, which a few pixels make more of
+        error = np.abs(stored[name] - wanted) / np.abs(wanted).max()
+        assert np.quantile(error, 0.99) <= 1e-4, name
