@@ -1,4 +1,4 @@
-"""Codebooks and palettes by hand, and notes in files of other tools."""
+"""Codebooks and palettes by hand, notes in files of other tools, and names and levels of SOG."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats import sog
 from tinysplat_runtime.formats.file_notes import npz_notes, ply_notes
 from tinysplat_runtime.formats.palette import codebook, nearest, palette
+from tinysplat_runtime.formats.table import save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 
 def test_the_nearest_level_is_found_and_ties_go_down() -> None:
@@ -85,3 +88,70 @@ def test_notes_in_an_npz(tmp_path: Path, data: bytes, expected: Any) -> None:
             npz_notes(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", other=np.zeros(1))
     assert npz_notes(tmp_path / "b.npz") == {}
+
+
+# ---- names and levels of SOG ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "is_within"),
+    [
+        ("a/meta.json", True), ("x" * 999, True), ("x" * 1000, False), ("", False), ("/a", False), ("a/../b", False),
+        ("a\\b", False), ("a\0b", False), ("..a/b..", True),
+    ],
+)  # fmt: skip
+def test_names_of_levels_lie_within_the_folder(name: str, is_within: bool) -> None:
+    assert sog._is_within(name) is is_within
+
+
+def node(**lods: Any) -> dict[str, Any]:
+    return {"lods": {level: dict(zip(("file", "offset", "count"), rows, strict=True)) for level, rows in lods.items()}}
+
+
+def test_of_every_node_the_finest_level_s_rows_are_taken() -> None:
+    first, second = node(**{"10": (0, 1, 1), "9": (1, 5, 2)}), node(**{"0": (1, 0, 3), "1": (0, 0, 1)})
+    tree = {"children": [first, {"children": [second]}]}
+    rows = sog._finest(tree, 2)
+    assert {*rows} == {1} and sorted((piece.start, piece.stop) for piece in rows[1]) == [(0, 3), (5, 7)]
+    assert sog._finest(node(**{"0": (0, 0, 0)}), 1) == {0: [slice(0, 0)]}
+    for rows_ in ((2, 0, 1), (-1, 0, 1), (0, -1, 1), (0, 0, -1)):
+        with pytest.raises(InputError) as error:
+            sog._finest(node(**{"0": rows_}), 2)
+        assert str(error.value) == f"lod-meta.json: file {rows_[0]}, rows {rows_[1]} and {rows_[2]} more"
+
+
+def test_trees_have_so_many_nodes_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sog, "_MAX_NODES", 4)
+    leaf = node(**{"0": (0, 0, 1)})
+    assert len(sog._finest({"children": [leaf] * 3}, 1)[0]) == 3
+    with pytest.raises(InputError, match=r"lod-meta\.json: more than 4 nodes"):
+        sog._finest({"children": [leaf] * 4}, 1)
+
+
+def test_members_are_no_larger_than_their_pictures_may_be() -> None:
+    """Eight bytes a pixel and 64 KiB."""
+    asked: list[tuple[str, int]] = []
+
+    def read(name: str, limit: int) -> bytes:
+        asked.append((name, limit))
+        raise InputError("too large")
+
+    with pytest.raises(InputError):
+        sog._picture(read, {"quats": {"files": ["q.webp"]}}, "quats", 0, 100)
+    assert asked == [("q.webp", 800 + 65536)]
+
+
+def test_a_usd_prim_reaches_three_deviations_beyond_its_means(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom, UsdVol
+
+    means, scales = np.array([[1.0, 2, 3], [-4, 5, 6]]), np.array([[0.1, 0.5, 0.2], [1, 0.25, 0.125]])
+    quats = np.tile([1.0, 0, 0, 0], (2, 1))
+    g = Gaussians(means, quats, scales, np.array([0.5, 1]), np.zeros((2, 1, 3)), origin=np.array([1e6, 2e6, 0]))
+    save_gaussians(tmp_path / "a.usda", g)
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    prim = UsdVol.ParticleField3DGaussianSplat(stage.GetPrimAtPath("/Scene/Gaussians"))
+    np.testing.assert_allclose(prim.GetExtentAttr().Get(), [[-7, -8, -9], [2.5, -0.5, -1.5]], rtol=1e-6)
+    np.testing.assert_allclose(prim.GetScalesAttr().Get(), scales, rtol=1e-6)
+    place = UsdGeom.Xformable(prim).GetLocalTransformation()
+    np.testing.assert_allclose(np.array(place)[3, :3], [1e6, -2e6, 0])
+    assert stage.GetRootLayer().comment == "tinysplat" and stage.GetDefaultPrim().GetPath() == "/Scene"

@@ -355,7 +355,8 @@ def test_of_an_error_the_first_line_is_said() -> None:
 @pytest.mark.parametrize("name", [name for name in CONTRACTS if name != "network"])
 def test_shipped_graphs_are_within_their_contracts(name: str) -> None:
     """And have every input at its rank and type, as onnx says it."""
-    onnx = pytest.importorskip("onnx")
+    import onnx
+
     graph = GraphStore().transform(name)
     model = onnx.load(str(find_artifact(name, name.split("_")[0]).path), load_external_data=False).graph
     kinds = {onnx.TensorProto.FLOAT: "tensor(float)", onnx.TensorProto.UINT16: "tensor(uint16)"}
