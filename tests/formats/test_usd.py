@@ -73,3 +73,15 @@ def test_files_that_refer_to_others_or_hold_nothing_are_refused(tmp_path: Path) 
     (tmp_path / "bad.usdc").write_bytes(b"PXR-USDC" + bytes(200))
     with pytest.raises(InputError, match="damaged or foreign USD file"):
         load_gaussians(tmp_path / "bad.usdc")
+
+
+def test_a_stage_with_z_up_is_turned_to_y_up_whatever_its_node_says() -> None:
+    from tinysplat_runtime.formats.usd_worker import _placed
+
+    given = {"means": np.array([[1.0, 2, 3], [0, 0, 0]]), "quats": np.eye(4)[:2], "scales": np.ones((2, 3)),
+             "opacities": np.ones(2), "sh": np.ones((2, 1, 3))}  # fmt: skip
+    shifted = np.eye(4)
+    shifted[:3, 3] = 10, 20, 30
+    for matrix, wanted in ((np.eye(4), [[1, 3, -2], [0, 0, 0]]), (shifted, [[11, 33, -22], [10, 30, -20]])):
+        np.testing.assert_allclose(_placed(given, matrix, True)["means"], wanted, atol=1e-12)
+    np.testing.assert_allclose(_placed(given, shifted, False)["means"], given["means"] + [10, 20, 30])
