@@ -1,6 +1,7 @@
 // node draw.mjs FOLDER IN.json OUT.f32: draws Gaussians with the page's own arithmetic, pixel by pixel, as shaders do it by triangles.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
+import { basisOf, functionsOf } from "./glsl.mjs";
 
 const [folder, input, output] = process.argv.slice(2);
 const module = (name) => import(pathToFileURL(`${folder}/${name}`));
@@ -9,13 +10,7 @@ const { Camera } = await module("camera.js");
 const { counted, distances, shares, sorting } = await module("near.js");
 const { dot, unit } = await module("vectors.js");
 
-// GLSL of scalars and constructors as JavaScript: types go.
-const TYPE = "(?:float|vec2|vec3|vec4)";
-const script = ARITHMETIC.replace(new RegExp(`^${TYPE} (\\w+)\\(([^)]*)\\) \\{`, "gm"), (_, name, given) => `function ${name}(${given.replace(new RegExp(`${TYPE} `, "g"), "")}) {`)
-  .replace(new RegExp(`const ${TYPE} `, "g"), "const ").replace(new RegExp(`\\b${TYPE} (\\w+) =`, "g"), "let $1 =");
-const names = [...script.matchAll(/^(?:function|const) (\w+)/gm)].map(([, name]) => name);
-const { max, sqrt } = Math, vector = (x, y, z, w) => ({ x, y, z, w });
-const glsl = new Function("vec2", "vec3", "vec4", "max", "sqrt", `${script}\nreturn { ${names.join()} };`)(vector, vector, vector, max, sqrt);
+const glsl = functionsOf(ARITHMETIC), { max, sqrt } = Math, vector = (x, y, z, w) => ({ x, y, z, w });
 
 const scene = JSON.parse(readFileSync(input, "utf8"));
 const { width, height, parts, views, depth, nearPlane, degree } = scene;
@@ -30,11 +25,8 @@ const z = camera.rotation[2], order = sorting(means, parts)([...z, -dot(z, camer
 const partOf = (i) => parts.find(({ from, to }) => from <= i && i < to);
 
 function colour(i, d) {
-  const [x, y, z] = d, places = { x, y, z }, sum = [0.5, 0.5, 0.5], functions = (degree + 1) ** 2;
-  for (let n = 0; n < functions; n++) {
-    const basis = glsl[`Y${n}`], wanted = basis.toString().match(/\(([^)]*)\)/)[1].split(",").map((name) => places[name.trim()]);
-    for (let k = 0; k < 3; k++) sum[k] += basis(...wanted) * sh[3 * (functions * i + n) + k];
-  }
+  const sum = [0.5, 0.5, 0.5], functions = (degree + 1) ** 2, basis = basisOf(glsl, { x: d[0], y: d[1], z: d[2] });
+  for (let n = 0; n < functions; n++) for (let k = 0; k < 3; k++) sum[k] += basis[n] * sh[3 * (functions * i + n) + k];
   return sum.map((value) => max(value, 0));
 }
 
