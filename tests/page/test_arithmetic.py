@@ -113,7 +113,7 @@ def test_each_function_is_what_numpy_finds() -> None:
     quats, directions = rng.normal(size=(6, 4)), rng.normal(size=(6, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     shapes = [(3, 0.5, 1), (1, -0.5, 3), (2, 0, 1), (1, 0, 2), (2, 0, 2), (0.02, 0.01, 0.03), (2, 1.9, 2)]
-    owns = [0, 0.05, 0.2, 1, 3]
+    owns = [0, 0.05, 0.2, 1, 1.5, 3]
     found = run_with(
         """
         const glsl = functionsOf(ARITHMETIC), vec = ([x, y, z, w]) => ({ x, y, z, w }), numbers = (v) => [v.x, v.y,
