@@ -128,6 +128,8 @@ def test_llff_intrinsics_follow_the_pictures_size_on_either_axis(folder: Path) -
     np.testing.assert_allclose(scene.cameras[0].K, [[50, 0, 16], [0, 25, 12], [0, 0, 1]])
     np.testing.assert_allclose(scene.cameras[0].c2w[:3], [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3]])
     assert (scene.near, scene.far) == (0.5, 11)
+    assert load_scene(llff(folder, [row(1, 1, 2)] * 5)).cameras[0].K[:2, :2].tolist() == [[64, 0], [0, 48]]
+    llff(folder, [row(), row(near=0.5), row(far=11), row(), row()])
     assert load_scene(folder, near=0.7).depth_range() == (0.7, 11)
     assert load_scene(folder, far=7.0).depth_range() == (0.5, 7)
 
