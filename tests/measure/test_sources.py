@@ -1,0 +1,129 @@
+"""Sources of windows: stamps that follow what figures depend on, targets of Gaussian files, and photos by size."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluation_scenes import NEAR_WINDOW, write_eval_scene
+from scenes import make_smooth_gaussians
+
+from tinysplat.measure.subjects import cases
+from tinysplat.measure.subjects.cases import LeftOut, Window, contract_inputs, covered_pixels, nearest_views
+from tinysplat.measure.subjects.room import Room
+from tinysplat.measure.subjects.sources import FileSource, find_sources
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.table import save_gaussians
+from tinysplat_runtime.scene.cameras import Camera
+
+
+@pytest.fixture
+def scene(tmp_path: Path):
+    (source,), lost = find_sources([write_eval_scene(tmp_path / "plane", [NEAR_WINDOW])])
+    assert lost == []
+    return source
+
+
+def test_a_changed_photo_or_camera_gives_a_windows_figures_another_stamp(scene) -> None:
+    (window,), lost = scene.windows()
+    assert lost == [] and str(window).startswith("near ")
+    first = scene.fingerprint(window)
+    assert scene.fingerprint(window) == first
+    frames = scene.scene().frames
+    used = {*window.context, *window.targets}
+    for number, frame in enumerate(frames):
+        stat = frame.path.stat()
+        os.utime(frame.path, ns=(stat.st_atime_ns, stat.st_mtime_ns + 1_000_000_000))
+        assert (scene.fingerprint(window) != first) == (number in used), number
+        os.utime(frame.path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    path = scene.path / "cameras.json"
+    text = path.read_text()
+    path.write_text(text + " ")
+    assert scene.fingerprint(window) != first
+    path.write_text(text)
+    assert scene.fingerprint(window) == first
+
+
+def test_shots_are_of_the_size_asked_for_and_say_what_was_scaled_up(scene) -> None:
+    (window,), _ = scene.windows()
+    camera = scene.scene().frames[0].camera
+    for size in ((24, 32), (2 * camera.height, 2 * camera.width)):
+        shots = scene.shots(window, size)
+        assert shots.context.images.shape == (len(window.context), *size, 3)
+        assert shots.targets.images.shape == (len(window.targets), *size, 3)
+        assert len(shots.targets.depths) == len(window.targets) and 0 < shots.near < shots.far
+        assert shots.targets.enlarged == pytest.approx(max(size[0] / camera.height, size[1] / camera.width))
+
+
+@pytest.mark.parametrize("views", [1, 2, 3])
+def test_a_gaussian_file_is_judged_midway_between_its_views(tmp_path: Path, views: int) -> None:
+    gaussians = make_smooth_gaussians(views, 8, 12, 0)
+    save_gaussians(tmp_path / "g.npz", gaussians)
+    source = FileSource(tmp_path / "g.npz")
+    case = source.case(Window("file", (), ()), "", (1, 1), None)  # type: ignore[arg-type]
+    centres = np.array([camera.centre for camera in gaussians.cameras])
+    wanted = (centres[1:] + centres[:-1]) / 2 if views > 1 else centres
+    np.testing.assert_allclose([camera.centre for camera in case.cameras], wanted, atol=1e-6)
+    count = max(views - 1, 1)
+    assert source.windows() == ([Window("file", tuple(range(views)), tuple(range(count)))], [])
+    assert (source.name, case.name, case.model, len(case.photos), len(case.depths)) == ("g", "g", "g", count, count)
+    before = source.fingerprint(source.windows()[0][0])
+    os.utime(source.path, ns=(0, 7))
+    assert source.fingerprint(source.windows()[0][0]) != before
+    with pytest.raises(InputError, match="a Gaussian file has no photos"):
+        source.shots(Window("file", (), ()), (8, 8))
+
+
+def test_a_file_without_cameras_has_no_targets(tmp_path: Path) -> None:
+    save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 8, 12, 0).flat())
+    with pytest.raises(InputError, match=r"no cameras, expected K and c2w per view"):
+        FileSource(tmp_path / "g.npz").windows()
+
+
+# ---- cases -------------------------------------------------------------------------------------------------------
+
+
+def camera(x: float, width: int = 60) -> Camera:
+    return Camera([[40, 0, width / 2], [0, 40, 10], [0, 0, 1]], np.eye(4) + x * np.eye(4, k=3), width, 20)
+
+
+def test_words_of_windows_and_of_what_was_left_out() -> None:
+    assert str(Window("near", (0, 12), (3,))) == "near 0,12"
+    lost = LeftOut("fox", "no photo")
+    assert str(lost) == "left out fox: no photo" and lost.count == 1
+
+
+def test_the_nearest_views_stand_in_the_order_in_which_they_are_given() -> None:
+    among = [camera(x) for x in (5.0, 1.0, -2.0, 0.5, 1.0)]
+    assert nearest_views(camera(0), among, 3) == [1, 3, 4] and nearest_views(camera(0), among, 1) == [3]
+    assert nearest_views(camera(4), among, 2) == [0, 1]
+
+
+@pytest.mark.parametrize(("near", "far"), [(1.0, 4.0), (0.5, 20.0), (2.0, 2.5)])
+def test_a_pixel_is_covered_where_half_of_sixteen_places_along_its_ray_are_in_a_frame(near: float, far: float) -> None:
+    """Places uniform in inverse depth; half a unit aside they move by twenty pixels times it."""
+    assert (cases.DEPTHS, cases.SHARE) == (16, 0.5)
+    inverse = np.linspace(1 / far, 1 / near, 16)
+    x = np.arange(60) + 0.5
+    counted = ((x[:, None] + 20 * inverse <= 60) & (x[:, None] + 20 * inverse >= 0)).sum(axis=1)
+    found = covered_pixels(camera(-0.5), [camera(-1.0)], near, far)
+    np.testing.assert_array_equal(found, np.broadcast_to(counted >= 8, (20, 60)))
+    mirrored = covered_pixels(camera(0.5), [camera(1.0)], near, far)
+    np.testing.assert_array_equal(mirrored, found[:, ::-1])
+
+
+def test_a_network_is_fed_planar_photos_unit_intrinsics_and_poses_about_their_mean() -> None:
+    shots = Room(3).shots(Window("room", (0,), (1,)), (16, 24))
+    found = contract_inputs(shots)
+    assert {name: array.shape for name, array in found.items()} == {
+        "images": (3, 3, 16, 24), "K": (3, 3, 3), "c2w": (3, 4, 4), "near": (3,), "far": (3,)
+    }  # fmt: skip
+    assert {array.dtype for array in found.values()} == {np.dtype(np.float32)}
+    np.testing.assert_array_equal(found["images"][1, 2], shots.context.images[1, :, :, 2])
+    np.testing.assert_allclose(found["c2w"][:, :3, 3].mean(axis=0), 0, atol=1e-7)
+    steps = np.diff([one.centre for one in shots.context.cameras], axis=0)
+    np.testing.assert_allclose(np.diff(found["c2w"][:, :3, 3], axis=0), steps, atol=1e-6)
+    np.testing.assert_allclose(found["K"][0], [[0.9, 0, 0.5], [0, 1.35, 0.5], [0, 0, 1]], rtol=1e-6)
+    assert (found["near"] == np.float32(1.8)).all() and (found["far"] == 9).all()
