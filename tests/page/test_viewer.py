@@ -380,8 +380,7 @@ def test_a_point_is_on_the_nearest_quarter_of_what_shows_there() -> None:
         return [one, none, all, more, depthAt(...at)];
         """
     )
-    for depth, answer in zip((2.5, 4, 1.5, 2, 1.5), found, strict=True):
-        np.testing.assert_allclose(answer, [depth] * 3, rtol=1e-5)
+    np.testing.assert_allclose(found, np.repeat([[2.5], [4], [1.5], [2], [1.5]], 3, axis=1), rtol=1e-5)
 
 
 def test_a_double_click_returns_or_turns_to_what_shows_there() -> None:
@@ -389,9 +388,8 @@ def test_a_double_click_returns_or_turns_to_what_shows_there() -> None:
         """
         const viewer = made();
         viewer.camera.shift(1, 0, 0);
-        listeners.dblclick({ offsetX: 250, offsetY: 180 });
-        const back = viewer.camera.position;
-        viewer.setFree(true);
+        listeners.dblclick({});
+        const back = viewer.camera.position; viewer.setFree(true);
         viewer.camera.shift(0.2, 0.1, -0.3);
         viewer.camera.swing(UP, 0.2, 0.1);
         const point = [0.7, 0.4, 5];
