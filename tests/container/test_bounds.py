@@ -15,7 +15,7 @@ from sections import file_of, sections_of
 
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.body import Container
-from tinysplat_runtime.container.bounds import MAX_DECODED, decoding_bytes
+from tinysplat_runtime.container.bounds import MAX_DECODED, _largest, decoding_bytes
 from tinysplat_runtime.container.layers import CodedChannel, CodedLayer
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import ChannelRecord, Limits, StreamRef
@@ -344,3 +344,11 @@ def test_channels_stand_by_rising_class_and_each_once():
         read_container(_with_records(records, [0, 1, 1, 2, 3]))
     with pytest.raises(FormatError, match="twice"):
         read_container(_with_records(records, [0, 1, 2, 3, 2]))
+
+
+def test_the_largest_value_of_a_target_is_the_sum_of_its_records_alone():
+    layer = _read(records=[(PlaneClass.OFFSET, 0, -0.25), (PlaneClass.OFFSET, 1, 0.5)]).body.layers[0]
+    coded = ChannelRecord(PlaneClass.OFFSET, 1, 4, -2.0, 1.5, (StreamRef(0, 1, 0),))
+    layer = replace(layer, channels=(*layer.channels, coded))
+    assert _largest(layer, PlaneClass.OFFSET) == {0: 0.25, 1: 0.5 + 1.5 + 4095 * 2.0}
+    assert _largest(layer, PlaneClass.SCALE) == {}
