@@ -28,7 +28,6 @@ from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.images import write_png
-from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from ..clock import Variant, high_water_mark, measure, measure_peak, reset_high_water_mark
@@ -261,12 +260,7 @@ def walk_capture(folder: str, count: str, model: str, threads: str) -> Callable[
 
 def _write_pair(folder: Path, size: Size) -> None:
     """The motorcycle pair as a scene folder of photos of a size."""
-    shots = Motorcycle().shots(Motorcycle().windows()[0][0], size)
-    frames = []
-    for i, (image, camera) in enumerate(zip(shots.context.images, shots.context.cameras, strict=True)):
-        write_png(folder / f"{i}.png", image)
-        frames.append(camera_entry(f"{i}.png", camera))
-    (folder / CAMERAS_FILE).write_text(json.dumps({"near": shots.near, "far": shots.far, "frames": frames}), "utf-8")
+    Motorcycle().shots(Motorcycle().windows()[0][0], size).write(folder)
 
 
 @dataclass

@@ -110,6 +110,12 @@ def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
         "compress": ["compress", source, "-o", coded],
         "compress --profile fast": ["compress", source, "-o", coded, "--profile", "fast"],
     }
+    shots = run.cases[-1].shots
+    if shots is not None:
+        photos = folder / "photos"
+        photos.mkdir()
+        shots.write(photos)
+        commands[f"encode of {len(shots.context.cameras)} photos"] = ["encode", photos, "-o", coded]
     variants = []
     for name, words in commands.items():
         sizes = {"bytes": file.stat().st_size}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +17,8 @@ from tinysplat_runtime.graphs.inference import as_input
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
@@ -89,6 +93,15 @@ class Shots:
     near: float
     far: float
     scene: Scene | None = None
+
+    def write(self, folder: Path) -> None:
+        """The context as a scene folder that commands read."""
+        frames = []
+        for i, (image, camera) in enumerate(zip(self.context.images, self.context.cameras, strict=True)):
+            write_png(folder / f"{i}.png", image)
+            frames.append(camera_entry(f"{i}.png", camera))
+        told = {"near": self.near, "far": self.far, "frames": frames}
+        (folder / CAMERAS_FILE).write_text(json.dumps(told), "utf-8")
 
 
 class Source(Protocol):
