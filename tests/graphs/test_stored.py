@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pytest
 
 from tinysplat_runtime.errors import ModelError
 from tinysplat_runtime.graphs import DEFAULT_MODEL, inference
-from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest, models_dir
+from tinysplat_runtime.graphs.artifacts import Artifact, find_artifact, load_manifest, models_dir
 from tinysplat_runtime.graphs.inference import open_graph
 from tinysplat_runtime.graphs.providers import CPU
 
@@ -21,25 +21,47 @@ NAME = "analysis_project"
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Models of which one has a stored graph, which is not what its hash says."""
-    shutil.copy(models_dir() / f"{NAME}.onnx", tmp_path)
-    (tmp_path / "stored.onnx").write_bytes(b"altered")
-    entry = load_manifest()[NAME].entry | {"optimised": {"file": "stored.onnx", "sha256": "0" * 64}}
-    (tmp_path / "manifest.json").write_text(json.dumps({"artifacts": {NAME: entry}}))
+    """Models of which one has a stored graph, the same file."""
+    data = (models_dir() / f"{NAME}.onnx").read_bytes()
+    for name in (NAME, "stored"):
+        (tmp_path / f"{name}.onnx").write_bytes(data)
+    entry = load_manifest()[NAME].entry
+    stored = {"file": "stored.onnx", "sha256": entry["sha256"]}
+    (tmp_path / "manifest.json").write_text(json.dumps({"artifacts": {NAME: {**entry, "optimised": stored}}}))
     return tmp_path
 
 
+@pytest.fixture
+def read(monkeypatch) -> list[str]:
+    """Names of the files that are opened."""
+    names: list[str] = []
+    own = Artifact.read
+    monkeypatch.setattr(Artifact, "read", lambda self: (names.append(self.path.name), own(self))[1])
+    return names
+
+
 @pytest.mark.parametrize("provider", [CPU, (CPU, {"enable_arena": "1"})])
-def test_the_cpu_opens_the_stored_graph(folder, provider) -> None:
+def test_the_cpu_opens_the_stored_graph(folder, read, provider) -> None:
     artifact = find_artifact(NAME, "analysis", folder)
-    with pytest.raises(ModelError, match=r"stored.onnx: sha256"):
-        open_graph(artifact, NAME, providers=(provider,))
-    assert artifact.file_sha256() == load_manifest()[NAME].sha256
+    assert open_graph(artifact, NAME, providers=(provider,)).name == NAME and read == ["stored.onnx"]
 
 
-def test_other_providers_open_the_graph_itself(folder, monkeypatch) -> None:
+@pytest.mark.parametrize("is_listed", [False, True], ids=["altered", "no graph"])
+def test_where_it_does_not_open_the_graph_itself_does(folder, read, is_listed) -> None:
+    (folder / "stored.onnx").write_bytes(b"other")
+    artifact = find_artifact(NAME, "analysis", folder)
+    if is_listed:
+        artifact = replace(artifact, optimised=(folder / "stored.onnx", hashlib.sha256(b"other").hexdigest()))
+    assert open_graph(artifact, NAME).name == NAME and read == ["stored.onnx", f"{NAME}.onnx"]
+    (folder / f"{NAME}.onnx").write_bytes(b"other")
+    with pytest.raises(ModelError, match=rf"{NAME}.onnx: sha256"):
+        open_graph(artifact, NAME)
+
+
+def test_other_providers_open_the_graph_itself(folder, read, monkeypatch) -> None:
     monkeypatch.setattr(inference, "add_providers", lambda *_: [CPU])
-    assert open_graph(find_artifact(NAME, "analysis", folder), NAME, providers=("Other", CPU)).name == NAME
+    artifact = find_artifact(NAME, "analysis", folder)
+    assert open_graph(artifact, NAME, providers=("Other", CPU)).name == NAME and read == [f"{NAME}.onnx"]
 
 
 def test_an_entry_without_its_hash_is_no_manifest(folder) -> None:

@@ -44,7 +44,8 @@ class Artifact:
         """What to open for the CPU: the same graph as `export/optimised.py` stored it, where it did; itself otherwise.
 
         Opening `edge` takes longer than running it, most of that to look for operators to join. The stored graph opens
-        in 0.57 of the time and computes the same bits; name and hash of the network stay those of the first file.
+        in 0.57 of the time and computes the same bits. It is a copy to save time: name and hash of the network are
+        those of its own file, which is opened where the copy cannot be.
         """
         return self if self.optimised is None else replace(self, path=self.optimised[0], sha256=self.optimised[1])
 

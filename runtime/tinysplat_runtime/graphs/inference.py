@@ -188,22 +188,34 @@ def open_graph(
     if profile is not None:
         options.enable_profiling, options.profile_file_prefix = True, profile
     chosen = add_providers(ort, options, providers)
+    stored = artifact
     if all((provider if isinstance(provider, str) else provider[0]) == CPU for provider in providers):
-        artifact = artifact.for_cpu()
+        stored = artifact.for_cpu()
+    try:
+        graph, tensors = _opened(stored, contract, options, chosen)
+    except ModelError:
+        if stored is artifact:
+            raise
+        graph, tensors = _opened(artifact, contract, options, chosen)  # without operators of onnxruntime's own
+    _check_contract(graph, tensors, CONTRACTS[contract], str(artifact.path))
+    return graph
+
+
+def _opened(
+    artifact: Artifact, contract: str, options: Any, providers: Sequence[Any] | None
+) -> tuple[Graph, dict[str, dict[str, tuple[str, int]]]]:
+    """A graph as it is, and its tensors by kind and name; ModelError for what is none."""
     # A user's network may keep its weights beside the file, which only a path can find.
     source = artifact.read() if artifact.sha256 is not None else str(artifact.path)
     try:
         # Its fallback would print to standard output, and try again what just failed.
-        session = ort.InferenceSession(source, options, providers=chosen, enable_fallback=0)
+        session = onnxruntime().InferenceSession(source, options, providers=providers, enable_fallback=0)
         names = tuple(o.name for o in session.get_outputs())
         # A network takes hundreds of megabytes, and what comes after it needs them; other graphs run again at once.
         graph = Graph(artifact.name, session, _metadata(session), names, lets_go=contract == "network")
-        tensors = {kind: _tensors(nodes) for kind, nodes in (
-            ("input", session.get_inputs()), ("output", session.get_outputs()))}  # fmt: skip
+        return graph, {"input": _tensors(session.get_inputs()), "output": _tensors(session.get_outputs())}
     except Exception as error:  # UnicodeDecodeError among them: names in a file need not be UTF-8
         raise ModelError(f"not a graph onnxruntime can run: {first_line(error)}", where=str(artifact.path)) from error
-    _check_contract(graph, tensors, CONTRACTS[contract], str(artifact.path))
-    return graph
 
 
 def onnxruntime() -> Any:
