@@ -11,7 +11,15 @@ from scenes import make_gaussians, make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.refine import refine as refine_module
-from tinysplat_runtime.refine.coarse import _doubled, bring_up, halved, halved_camera, halved_target
+from tinysplat_runtime.refine.coarse import (
+    _doubled,
+    bring_up,
+    halved,
+    halved_camera,
+    halved_picture,
+    halved_target,
+    lacking_alike,
+)
 from tinysplat_runtime.refine.refine import Refining, refine
 from tinysplat_runtime.refine.schedule import STEPS_BELOW, Turn, order, steps_below, turn
 from tinysplat_runtime.refine.settings import LIMITS
@@ -39,6 +47,20 @@ def test_a_copy_has_a_gaussian_for_every_four_pixels_and_shows_the_same() -> Non
     assert -10 * np.log10(np.mean((photo.photo - shown)[1:-1, 1:-1] ** 2)) > 25
 
 
+def test_a_copy_of_what_is_right_has_nothing_to_correct() -> None:
+    whole = make_smooth_gaussians(3, 32, 40, degree=0)
+    field, copy = (MovableGaussians(gaussians, Crew(1).map) for gaussians in (whole, halved(whole)))
+    for camera in whole.cameras:
+        shown = np.empty((32, 40, 4), np.float32)
+        field.measure(Target(camera, np.zeros((32, 40, 3), np.float32)), shares=field.shares(camera), shown=shown)
+        picture = shown[..., :3]
+        photo = halved_target(Target(camera, picture + np.float32(0.25)))
+        shares = copy.shares(photo.camera)
+        alike = copy.measure(lacking_alike(photo, copy, halved_picture(picture)), shares=shares)
+        assert alike.absolute == pytest.approx(3 * 16 * 20 * 0.25, rel=1e-4)
+        assert copy.measure(photo, shares=shares).absolute != pytest.approx(3 * 16 * 20 * 0.25, rel=1e-3)
+
+
 def test_changes_come_back_in_the_middle_of_what_they_were_made_for() -> None:
     whole = make_gaussians(2, 9, 12, degree=0, layers=2)
     field, smaller = (MovableGaussians(gaussians, Crew(1).map) for gaussians in (whole, halved(whole)))
@@ -56,9 +78,9 @@ def test_changes_come_back_in_the_middle_of_what_they_were_made_for() -> None:
 
 
 def test_first_steps_of_large_views_are_small_ones() -> None:
-    assert steps_below(40 * 48, 20) == {} and steps_below(256 * 256, 1) == {}
-    assert steps_below(256 * 256, 20) == {1: STEPS_BELOW} and steps_below(256 * 256, 3) == {1: 2}
-    assert steps_below(739 * 416, 20) == {1: STEPS_BELOW}
+    assert steps_below(40 * 48, 4, 20) == steps_below(256 * 256, 4, 1) == steps_below(256 * 256, 2, 20) == 0
+    assert steps_below(256 * 256, 3, 20) == STEPS_BELOW and steps_below(256 * 256, 3, 3) == 2
+    assert steps_below(739 * 416, 4, 20) == STEPS_BELOW
 
 
 def test_steps_take_every_photo_once_and_neighbours_far_apart() -> None:

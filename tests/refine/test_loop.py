@@ -10,6 +10,7 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.refine import loop as loop_module
 from tinysplat_runtime.refine import refine as refine_module
 from tinysplat_runtime.refine.loop import JUDGED, Loop
 from tinysplat_runtime.refine.photos import matched
@@ -72,6 +73,24 @@ def test_a_state_is_judged_by_some_photos_spread_over_all() -> None:
     loop.field.measure = counted  # type: ignore[method-assign]
     loop.photo_psnr()
     assert len(seen) == JUDGED and (seen[0], seen[-1]) == (0, 18) and set(np.diff(seen)) == {2, 3}
+
+
+def test_large_photos_are_judged_by_tiles_spread_over_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    gaussians = make_smooth_gaussians(3, 130, 520, degree=0)
+    targets = [Target(camera, np.full((130, 520, 3), 0.5, np.float32)) for camera in gaussians.cameras]
+    loop = Loop(MovableGaussians(gaussians, Crew(1).map), [targets], {}, settings_for(3), Crew(1).map)
+    monkeypatch.setattr(loop_module, "COVERED", 2.0)
+    monkeypatch.setattr(loop_module, "JUDGED_PIXELS", 130 * 520 // 4)
+    seen = [loop._checked(view) for view in loop.judged]
+    again = [loop._checked(view) for view in loop.judged]
+    known = sum(~np.isnan(loop._covered[view].photo[..., 0]) for view in loop.judged)
+    assert seen == again and known.max() == 1  # no two photos by the same tiles
+    for view, error in enumerate(seen):
+        is_known = ~np.isnan(loop._covered[view].photo[..., 0])
+        tiles = is_known[::32, ::128]
+        assert error.known == is_known.sum() == pytest.approx(130 * 520 / 4, rel=0.3)
+        assert (np.repeat(np.repeat(tiles, 32, 0), 128, 1)[:130, :520] == is_known).all()
+        assert tiles.any(axis=0).sum() >= 3 and tiles.any(axis=1).sum() >= 2
 
 
 def test_of_a_capture_a_photo_corrects_and_costs_no_more_than_what_it_sees() -> None:
@@ -221,11 +240,15 @@ def test_shares_of_places_between_go_round() -> None:
     assert loop.judged == [0, 1, 2, 3] and len(begun(2)._fronts[0]) == 1
 
 
-@pytest.mark.parametrize(("step", "costs"), [("step 0", 16.0), ("step 1", 16 / 3), ("step 2", 5.0)])
-def test_a_step_begins_where_it_a_look_and_the_end_may_be_expected_to_fit(step: str, costs: float, monkeypatch) -> None:
-    """Six photos, three of them judged in 2 s: a first step costs four looks at all, a third at each smaller size."""
+@pytest.mark.parametrize(
+    ("step", "took", "costs"), [("step", {}, 8.0), ("small step", {}, 4.0), ("step", {"step": 5.0}, 5.0)]
+)
+def test_a_step_begins_where_it_a_look_and_the_end_may_be_expected_to_fit(
+    step: str, took: dict[str, float], costs: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six photos, three of them drawn in 1 s: a first step costs drawing all of them four times, a small one twice."""
     refining = object.__new__(Refining)
-    refining._sizes, refining._seconds = [[None] * 6], {"look": 2.0, "judging": 1.0, "step 2": 5.0}  # type: ignore[list-item]
+    refining._sizes, refining._seconds = [[None] * 6], {"look": 2.0, "judging": 1.0, **took}  # type: ignore[list-item]
     refining._loop = object.__new__(Loop)
     refining._loop.judged = [0, 2, 5]
     monkeypatch.setattr(refine_module.time, "perf_counter", lambda: 100.0)
@@ -236,10 +259,10 @@ def test_the_check_counts_pixels_of_which_others_left_at_most_four_tenths_at_fir
     loop, asked = begun(3), []
     left_there = np.linspace(0, 1, 16 * 20, dtype=np.float32).reshape(16, 20)
 
-    def measure(target: Target, *, shares, left=None, most_left=1.0) -> PhotoError:
-        asked.append((target, shares, left is not None, most_left))
-        if left is not None:
-            left[:] = left_there
+    def measure(target: Target, *, shares, shown=None, most_left=1.0) -> PhotoError:
+        asked.append((target, shares, shown is not None, most_left))
+        if shown is not None:
+            shown[..., 3] = left_there
         return PhotoError(1.0, 0.03, 0.0, 0.0, float(len(asked) % 2))
 
     loop.field.measure = measure  # type: ignore[method-assign, assignment]

@@ -7,7 +7,6 @@ import pytest
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.sh import C0
-from tinysplat_runtime.refine import schedule
 from tinysplat_runtime.refine.refine import MAX_STEPS, _limit
 from tinysplat_runtime.refine.schedule import Turn, order, steps_below, turn
 from tinysplat_runtime.refine.settings import FOR_TWO, LIMITS, STEPS, Settings, settings_for
@@ -36,14 +35,10 @@ def test_turns_by_hand() -> None:
     ]  # fmt: skip
 
 
-def test_copies_are_stepped_on_from_96_by_96_pixels_and_take_two_thirds_of_the_steps(monkeypatch) -> None:
-    limits = {1: {}, 2: {1: 1}, 3: {1: 2}, 4: {1: 2}, 5: {1: 3}, 6: {1: 3}, 100: {1: 3}}
-    assert {limit: steps_below(96 * 96, limit) for limit in limits} == limits
-    assert steps_below(96 * 96 - 1, 100) == {}
-    monkeypatch.setattr(schedule, "HALVED_FROM", (100, 1000))
-    found = steps_below(1000, 6)
-    assert found == {2: 2, 1: 2} and list(found) == [2, 1]  # the smallest copy first
-    assert steps_below(999, 6) == {1: 3} and steps_below(1000, 2) == {}
+def test_copies_are_stepped_on_from_96_by_96_pixels_and_take_two_thirds_of_the_steps() -> None:
+    limits = {1: 0, 2: 1, 3: 2, 4: 2, 5: 3, 6: 3, 100: 3}
+    assert {limit: steps_below(96 * 96, 3, limit) for limit in limits} == limits
+    assert steps_below(96 * 96 - 1, 3, 100) == steps_below(96 * 96, 2, 100) == 0
 
 
 def test_values_stay_within_what_is_documented() -> None:

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 import torch
 from reference.rasteriser import render_reference, shares
-from scenes import make_cameras, make_gaussians
+from scenes import make_cameras, make_gaussians, make_smooth_gaussians
 
 from tinysplat.rasteriser import PinholeCamera
 from tinysplat.rasteriser import render as render_torch
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.sh import C0
+from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.render.gradient import MovableGaussians, PhotoError, Target
 from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from tinysplat_runtime.render.near import Shares
@@ -296,13 +297,33 @@ def test_pixels_that_are_left_open_count_as_unknown_ones() -> None:
     gaussians, camera = scene(opacity=0.3), side_camera()
     field = MovableGaussians(gaussians, Crew(1).map)
     photo = np.random.default_rng(2).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
-    left = np.empty(photo.shape[:2], np.float32)
-    field.measure(Target(camera, photo), left=left)
-    most = float(np.median(left))
-    unknown = np.where(left[..., None] > most, np.float32(np.nan), photo)
-    again = np.empty_like(left)
-    assert field.measure(Target(camera, photo), left=again, most_left=most) == field.measure(Target(camera, unknown))
-    np.testing.assert_array_equal(left, again)
+    shown = np.empty((*photo.shape[:2], 4), np.float32)
+    field.measure(Target(camera, photo), shown=shown)
+    most = float(np.median(shown[..., 3]))
+    unknown = np.where(shown[..., 3:] > most, np.float32(np.nan), photo)
+    again = np.empty_like(shown)
+    assert field.measure(Target(camera, photo), shown=again, most_left=most) == field.measure(Target(camera, unknown))
+    np.testing.assert_array_equal(shown, again)
+    field.measure(Target(camera, photo), shares=field.shares(camera), shown=shown)
+    drawn = Renderer(gaussians, 1, compiled=True).render(camera)
+    np.testing.assert_allclose(shown[..., :3], drawn, atol=1e-6)
+
+
+def test_tiles_of_which_the_photo_knows_nothing_are_passed_over() -> None:
+    gaussians = make_smooth_gaussians(2, 64, 136, degree=0)
+    field, camera = MovableGaussians(gaussians, Crew(1).map), gaussians.cameras[0]
+    photo = np.random.default_rng(2).uniform(size=(64, 136, 3)).astype(np.float32)
+    parts = [photo.copy(), photo.copy()]
+    parts[0][32:] = parts[1][:32] = np.nan
+    sums, found = [], np.zeros((3, *field.values.shape), np.float32)
+    for known, gradient in zip((photo, *parts), found, strict=True):
+        shown = np.full((64, 136, 4), 7, np.float32)
+        sums.append(field.measure(Target(camera, known), gradient=gradient, shown=shown))
+        assert ((shown == 7).all(axis=-1) == np.isnan(known[..., 0])).all()
+    for name in ("absolute", "squared", "by_gain", "by_offset", "known"):
+        whole, above, below = (getattr(error, name) for error in sums)
+        assert whole == pytest.approx(above + below, rel=1e-9) and 0 < abs(above) < abs(whole) * 2
+    np.testing.assert_allclose(found[1] + found[2], found[0], rtol=1e-4, atol=1e-4 * np.abs(found[0]).max())
 
 
 def test_gaussians_behind_others_are_left_out_and_no_more_than_those() -> None:

@@ -24,8 +24,8 @@ def planes_of(state: np.ndarray, extent: Extent) -> np.ndarray:
 
 
 @pytest.mark.parametrize("most_left", [1.0, 0.6])
-@pytest.mark.parametrize("with_left", [True, False])
-def test_a_tile_is_held_against_the_photo(with_left: bool, most_left: float) -> None:
+@pytest.mark.parametrize("is_shown", [True, False])
+def test_a_tile_is_held_against_the_photo(is_shown: bool, most_left: float) -> None:
     """Gain 1.25 and offset −0.1, a weight of 3; of pixels that are unknown or too open nothing counts."""
     rng, extent = np.random.default_rng(0), Extent(2, 3, 5, 7)
     state = np.zeros(kb.STATE, np.float32)
@@ -36,11 +36,11 @@ def test_a_tile_is_held_against_the_photo(with_left: bool, most_left: float) -> 
     photo = rng.uniform(size=(9, 12, 3)).astype(np.float32)
     photo[3, 4:6, 0] = np.nan
     photo[4, 5] = np.float32(1.25) * picture[:, 2, 2] + np.float32(-0.1)  # exactly
-    left, sums = np.full((9, 12) if with_left else (0, 0), 7, np.float32), np.full(kg.SUMS, 9.0)
+    shown, sums = np.full((9, 12, 4) if is_shown else (0, 0, 0), 7, np.float32), np.full(kg.SUMS, 9.0)
     exposure = Exposure(np.float32(1.25), np.float32(-0.1), np.float32(3))
-    kg._compare(state, Sought(photo, exposure, left, np.float32(most_left)), extent, sums)
+    kg._compare(state, Sought(photo, exposure, shown, np.float32(most_left)), extent, sums)
     own = photo[2:7, 3:10]
-    known = ~np.isnan(own[..., 0]) & ((through <= most_left) if with_left else True)
+    known = ~np.isnan(own[..., 0]) & ((through <= most_left) if is_shown else True)
     seen = np.moveaxis(1.25 * picture.astype(np.float64) - 0.1, 0, -1)
     error = np.where(known[..., None], seen - own, 0)
     error[np.abs(error) < 1e-6] = 0
@@ -52,9 +52,10 @@ def test_a_tile_is_held_against_the_photo(with_left: bool, most_left: float) -> 
     np.testing.assert_allclose(planes[1:4], slopes, rtol=1e-6)
     assert (planes[0] == 1).all()
     np.testing.assert_allclose(planes[4], (slopes * picture).sum(axis=0), rtol=1e-4, atol=1e-5)
-    if with_left:
-        np.testing.assert_array_equal(left[2:7, 3:10], through)
-        assert (left[:2] == 7).all() and (left[7:] == 7).all() and (left[:, 10:] == 7).all()
+    if is_shown:
+        np.testing.assert_array_equal(shown[2:7, 3:10, 3], through)
+        np.testing.assert_array_equal(shown[2:7, 3:10, :3], np.moveaxis(picture, 0, -1))
+        assert (shown[:2] == 7).all() and (shown[7:] == 7).all() and (shown[:, 10:] == 7).all()
 
 
 def test_behind_the_front_everything_shows_as_far_as_it_lets_through() -> None:

@@ -2,7 +2,9 @@
 
 Most of what refinement mends is wrong over many pixels: surfaces that stand before others, colours, opacities. A copy
 with one Gaussian for every 2×2 finds it in a quarter of the time; what it changed is added to the Gaussians of all
-pixels, smoothly, and a few steps at full size do the rest.
+pixels, smoothly, and a few steps at full size do the rest. A copy does not look quite like its original, so its
+photos are changed until it lacks at the start what the original does (Brandt 1977, full approximation scheme): what
+copying alone made wrong is not corrected, which the original would have to undo.
 """
 
 from __future__ import annotations
@@ -41,10 +43,27 @@ def halved_camera(camera: Camera) -> Camera:
     return Camera(K, camera.c2w, camera.width // 2, camera.height // 2)
 
 
+def halved_picture(picture: NDArray) -> NDArray:
+    """(H, W, 3) to half the size, float32."""
+    return _pooled(picture, (picture.shape[0] // 2, picture.shape[1] // 2))
+
+
 def halved_target(target: Target) -> Target:
     """A photo of half the size."""
-    camera = halved_camera(target.camera)
-    return replace(target, camera=camera, photo=_pooled(target.photo, (camera.height, camera.width)))
+    return replace(target, camera=halved_camera(target.camera), photo=halved_picture(target.photo))
+
+
+def lacking_alike(target: Target, moving: MovableGaussians, picture: NDArray) -> Target:
+    """A halved photo, changed so that a halved copy lacks of it what its original, which draws `picture`, lacks.
+
+    Args:
+        target: the photo.
+        moving: the copy.
+        picture: (H, W, 3) float32, halved, of the photo's camera by the original, near views first.
+    """
+    shown = np.empty((*target.photo.shape[:2], 4), np.float32)
+    moving.measure(target, shares=moving.shares(target.camera), shown=shown)
+    return replace(target, photo=target.photo + shown[..., :3] - picture)
 
 
 def bring_up(field: MovableGaussians, smaller: MovableGaussians, start: NDArray) -> None:

@@ -124,7 +124,7 @@ class FreeGaussians:
         view, buffers = View.of(target.camera, self._start.origin, NEAR_PLANE), self._buffers
         visible = self._run(lambda piece: self._project(piece, view), self.pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
-        sought = Sought(target.photo, exposure, np.empty((0, 0), np.float32))
+        sought = Sought(target.photo, exposure, np.empty((0, 0, 0), np.float32))
         sums = np.zeros((visible[0].counts.size, SUMS))
 
         def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:

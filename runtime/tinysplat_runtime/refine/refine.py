@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
-from .coarse import bring_up, halved, halved_target
+from .coarse import bring_up, halved, halved_picture, halved_target, lacking_alike
 from .loop import Loop
 from .photos import matched, sizes_of
 from .price import plane_prices
@@ -26,8 +26,8 @@ from .stats import RefineStats
 
 MAX_STEPS = 10_000
 
-FIRST_STEP = 4
-"""Looks that a first step may be expected to cost."""
+FIRST = {"step": 4, "small step": 2}
+"""What a first step may be expected to cost, in drawings of all photos."""
 
 SAME_PICTURE = 0.25
 """Least share of a photo's variance, after gain and offset, that the Gaussians' picture has to explain at the start:
@@ -101,7 +101,12 @@ class Refining:
         self._sizes = sizes_of(gaussians, matched(gaussians, scene))
         moving = MovableGaussians(gaussians, run_jobs)
         begun = time.perf_counter()
-        errors = [moving.measure(target, shares=moving.shares(target.camera)) for target in self._sizes[0]]
+        shown = [np.empty((*target.photo.shape[:2], 4), np.float32) for target in self._sizes[0]]
+        errors = [
+            moving.measure(target, shares=moving.shares(target.camera), shown=picture)
+            for target, picture in zip(self._sizes[0], shown, strict=True)
+        ]
+        self._halved = [halved_picture(picture[..., :3]) for picture in shown]
         each = (time.perf_counter() - begun) / len(errors)
         if (view := _other(errors, self._sizes[0])) is not None:
             self.stats.reason = f"photo {view} shows something else than they do"
@@ -120,21 +125,17 @@ class Refining:
         if loop is None:
             return
         limit = min(limit, settings.most_steps)
-        below = steps_below(self._start.opacities[0].size, limit) if len(self._start.cameras) > 2 else {}
-        for halvings, steps in below.items() if self._is_new else ():
-            self._is_new = False
-            self._go_to(halvings)
-            assert self._smaller is not None
-            for _ in range(steps):
-                if not self._has_time(f"step {halvings}", deadline):
-                    break
-                self._timed(f"step {halvings}", self._smaller.loop.step)
-                stats.steps += 1
-                yield stats.steps
-        self._go_to(0)
+        below = steps_below(self._start.opacities[0].size, len(self._start.cameras), limit) if self._is_new else 0
+        self._is_new = False
+        while stats.steps < below and self._has_time("small step", deadline):
+            small = self._smaller or self._timed("copy", self._go_down)
+            self._timed("small step", small.loop.step)
+            stats.steps += 1
+            yield stats.steps
+        self._go_up()
         taken = 0
-        while stats.steps < limit and self._worse < settings.patience and self._has_time("step 0", deadline):
-            self._timed("step 0", loop.step)
+        while stats.steps < limit and self._worse < settings.patience and self._has_time("step", deadline):
+            self._timed("step", loop.step)
             stats.steps, taken = stats.steps + 1, taken + 1
             if taken % settings.look_every == 0:
                 self._look()
@@ -151,7 +152,7 @@ class Refining:
         loop, stats, start = self._loop, self.stats, self._start
         if loop is None:
             return start
-        self._go_to(0)
+        self._go_up()
         if stats.looks[-1][0] != stats.steps:
             self._look()
         if stats.kept == 0:
@@ -179,21 +180,23 @@ class Refining:
         else:
             self._worse += 1
 
-    def _go_to(self, halvings: int) -> None:
-        """From the smaller copy that there is, if any, to one that is halved so many times, or to all pixels."""
-        was = self._smaller
-        loop, self._smaller = self._loop, None
+    def _go_down(self) -> _Smaller:
+        """To a smaller copy."""
+        run_jobs, targets = self._told[2], [halved_target(target) for target in self._sizes[0]]
+        gaussians = halved(self._start)
+        moving = MovableGaussians(gaussians, run_jobs)
+        targets = [lacking_alike(target, moving, found) for target, found in zip(targets, self._halved, strict=True)]
+        loop = Loop(moving, [targets], self._prices(gaussians, moving), self._settings, run_jobs)
+        self._smaller = _Smaller(loop, moving.values.copy())
+        return self._smaller
+
+    def _go_up(self) -> None:
+        """From the smaller copy that there is, if any, to all pixels."""
+        loop, small, self._smaller = self._loop, self._smaller, None
         assert loop is not None
-        if halvings:
-            gaussians, targets = self._start, self._sizes[0]
-            for _ in range(halvings):
-                gaussians, targets = halved(gaussians), [halved_target(target) for target in targets]
-            moving = MovableGaussians(gaussians, self._told[2])
-            loop = Loop(moving, [targets], self._prices(gaussians, moving), self._settings, self._told[2])
-            self._smaller = _Smaller(loop, moving.values.copy())
-        if was is not None:
-            bring_up(loop.field, was.loop.field, was.start)
-            loop.exposures[:] = was.loop.exposures
+        if small is not None:
+            bring_up(loop.field, small.loop.field, small.start)
+            loop.exposures[:] = small.loop.exposures
 
     def _prices(self, gaussians: Gaussians, moving: MovableGaussians) -> dict:
         profile, qp, _ = self._told
@@ -206,12 +209,9 @@ class Refining:
         return found
 
     def _has_time(self, step: str, deadline: float) -> bool:
-        """Whether a step, a look at it and the end may be expected to fit; a first one is expected to cost what a look
-        costs several times, or less the smaller it is.
-        """
+        """Whether a step, a look at it and the end may be expected to fit."""
         assert self._loop is not None
-        looks = FIRST_STEP * len(self._sizes[0]) / len(self._loop.judged)
-        first = looks * self._seconds["look"] / 3 ** int(step.split()[1])
+        first = FIRST[step] * self._seconds["judging"] * len(self._sizes[0]) / len(self._loop.judged)
         ahead = self._seconds.get(step, first) + self._seconds["look"] + self._seconds["judging"]
         return time.perf_counter() + ahead < deadline
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-HALVED_FROM = (96 * 96,)
-"""Pixels of a view from which steps are taken at half of the size first; a further entry would be of a quarter."""
+HALVED_FROM = 96 * 96
+"""Pixels of a view from which steps are taken at half of the size first."""
 
 STEPS_BELOW = 3
-"""Steps at each of these sizes, or less where few steps are asked for."""
+"""Steps at half of the size, or less where few steps are asked for."""
 
 SHARE_BELOW = 2 / 3
-"""Most of all steps that are taken at them."""
+"""Most of all steps that are taken at it."""
 
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Strides of this share of a circle leave no large gap anywhere, however many there are."""
@@ -51,15 +51,12 @@ def order(step: int, photos: int) -> list[int]:
     return [(step + stride * turn) % photos for turn in range(photos)]
 
 
-def steps_below(pixels: int, limit: int) -> dict[int, int]:
-    """Steps to take of Gaussians that are halved so many times, from the smallest on, before those at full size.
+def steps_below(pixels: int, views: int, limit: int) -> int:
+    """Steps to take at half of the size before those at full size.
 
     Args:
         pixels: of a view.
-        limit: most steps of all sizes together.
+        views: how many; two get none.
+        limit: most steps of both sizes together.
     """
-    halvings = sum(pixels >= least for least in HALVED_FROM)
-    if not halvings:
-        return {}
-    steps = min(STEPS_BELOW, int(SHARE_BELOW * limit / halvings))
-    return dict.fromkeys(range(halvings, 0, -1), steps) if steps else {}
+    return min(STEPS_BELOW, int(SHARE_BELOW * limit)) if views > 2 and pixels >= HALVED_FROM else 0

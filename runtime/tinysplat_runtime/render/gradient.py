@@ -208,7 +208,7 @@ class MovableGaussians:
 
     def measure(
         self, target: Target, *, shares: Shares | None = None, gradient: NDArray | None = None, weight: float = 1.0,
-        left: NDArray | None = None, most_left: float = 1.0, hidden: float = 0.0,
+        shown: NDArray | None = None, most_left: float = 1.0, hidden: float = 0.0,
     ) -> PhotoError:  # fmt: skip
         """Draw a photo's picture and hold it against the photo.
 
@@ -217,8 +217,9 @@ class MovableGaussians:
             shares: what of each view is drawn; without them, all of every view by depth.
             gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
             weight: what a unit of |error| counts in `gradient`.
-            left: (H, W) float32, filled with the transmittance of pixels, or None.
-            most_left: pixels of more than this, where `left` is asked for, count nowhere.
+            shown: (H, W, 4) float32, filled with the picture and its transmittance, but for tiles of which the photo
+                knows nothing; or None.
+            most_left: pixels of more transmittance than this, where `shown` is asked for, count nowhere.
             hidden: Gaussians whose middle lies behind others that leave less transmittance than this have no gradient
                 there.
         """
@@ -226,7 +227,7 @@ class MovableGaussians:
         pieces = [piece for piece in self._pieces if shares is None or shares.whole[piece.grid.view] > 0]
         visible = self._run(lambda piece: self._project(piece, view, shares), pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
-        room = np.empty((0, 0), np.float32) if left is None else left
+        room = np.empty((0, 0, 0), np.float32) if shown is None else shown
         sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden))
         has_front = shares is not None and shares.has_front
         sums = np.zeros((visible[0].counts.size, SUMS))

@@ -127,14 +127,15 @@ class Sought(NamedTuple):
     Attributes:
         photo: (H, W, 3) float32, NaN where nothing is known.
         exposure: how the picture is seen.
-        left: (H, W) float32 or (0, 0): transmittance, written.
-        most_left: where it is more, nothing is known either; 1 where `left` is (0, 0).
+        shown: (H, W, 4) float32 or (0, 0, 0): the picture and its transmittance, written in tiles where the photo knows
+            something.
+        most_left: where transmittance is more, nothing is known either; 1 where `shown` is (0, 0, 0).
         hidden: transmittance before a splat, at its middle, below which its sums are left out; at 0, none are.
     """
 
     photo: NDArray
     exposure: Exposure
-    left: NDArray
+    shown: NDArray
     most_left: np.float32 = np.float32(1)
     hidden: np.float32 = np.float32(0)
 
@@ -153,6 +154,12 @@ def measure_tile(
         pairs: (pairs, 9) float32, written at the tile's places; (0, 9) where none are wanted.
     """
     state, near = work.state, work.near
+    if not _is_known(sought.photo, extent):
+        sums[:] = 0
+        if pairs.size:
+            for key in listed.keys:
+                pairs[key & _I(0xFFFFFFFF)] = 0
+        return
     keys, count = blend_tile(records, rows, listed, extent, work, has_front)
     _compare(state, sought, extent, sums)
     if not pairs.size:
@@ -170,6 +177,16 @@ def measure_tile(
                     _walk(near[entry], share, extent, state, pairs[pair])
         if not is_whole:
             _go_behind(state, extent)
+
+
+@compiled
+def _is_known(photo: NDArray, extent: Extent) -> bool:
+    """Whether a photo knows any pixel of a tile."""
+    for line in range(extent.rows):
+        for lane in range(extent.columns):
+            if not np.isnan(photo[extent.row + line, extent.column + lane, 0]):
+                return True
+    return False
 
 
 @compiled
@@ -197,15 +214,17 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
     """Sum a tile's errors, and turn its state into that of the second walk: full transmittance, the error's gradient by
     colour, and what lies behind the first splat.
     """
-    row, column, photo, left = extent.row, extent.column, sought.photo, sought.left
+    row, column, photo, shown = extent.row, extent.column, sought.photo, sought.shown
     gain, offset, weight = sought.exposure
     sums[:] = 0
     for line in range(extent.rows):
         for lane in range(extent.columns):
             at = line * ROW + lane
             is_known, behind = not np.isnan(photo[row + line, column + lane, 0]), _ZERO
-            if left.size:
-                left[row + line, column + lane] = abs(state[at])
+            if shown.size:
+                shown[row + line, column + lane, 3] = abs(state[at])
+                for channel in range(3):
+                    shown[row + line, column + lane, channel] = state[at + (1 + channel) * _STRIDE]
                 is_known &= abs(state[at]) <= sought.most_left
             for channel in range(3):
                 plane = at + (1 + channel) * _STRIDE
