@@ -112,6 +112,28 @@ def worn(tmp_path_factory: pytest.TempPathFactory):
     return wrong, Scene(folder, tuple(frames), 1.0, 10.0)
 
 
+def test_small_steps_begin_with_what_is_wrong_at_full_size(worn) -> None:
+    refining = Refining(*worn, *TOLD)
+    small, renderer = refining._go_down().loop, Renderer(worn[0], 1, compiled=True)
+    for target, photo in zip(small._sizes[0], worn[1].images(), strict=True):
+        error = small.field.measure(target, shares=small.field.shares(target.camera))
+        camera = worn[0].cameras[small._sizes[0].index(target)]
+        wrong = np.abs(halved_picture(renderer.render(camera) - photo)).sum()
+        assert error.absolute == pytest.approx(wrong, rel=1e-3)
+
+
+def test_gaussians_between_two_steps_have_what_a_smaller_copy_changed(worn) -> None:
+    refining = Refining(*worn, *TOLD)
+    before = refining.present()
+    next(refining.advance(6, np.inf))
+    once, again = refining.present(), refining.present()
+    assert refining._smaller is not None and np.abs(once.sh - before.sh).max() > 0.01
+    refining._go_up()
+    for found in (again, refining.present()):
+        np.testing.assert_array_equal(found.sh, once.sh)
+        np.testing.assert_array_equal(found.opacities, once.opacities)
+
+
 def test_small_steps_gain_and_count(worn) -> None:
     stats = RefineStats()
     refine(worn[0], worn[1], steps=6, profile=TOLD[0], run_jobs=TOLD[2], stats=stats)

@@ -14,7 +14,7 @@ from .clock import Effort
 from .lpips import LpipsFiles, find_lpips
 from .pictures import Drawing
 from .rows import Row, RowFile
-from .runner import Plan
+from .runner import Plan, WindowJob, list_jobs
 from .show.plots import Chart
 from .show.tables import Listing, View
 from .subjects.cases import Case, Source, Window
@@ -69,7 +69,7 @@ class Options:
         data: data sets in chunks: (name, folder, index).
         lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
         jobs: windows at a time.
-        beside: another checkout, whose commands are timed in turns with this one's.
+        beside: another checkout, whose commands or refinement is timed in turns with this one's.
         near, far: over the inputs' own.
     """
 
@@ -160,6 +160,21 @@ class Run:
         options = self.options
         return Plan(self.sources, self.models[:1] if not options.models else options.models, self.size,
                     options.kinds or kinds, options.views or views, options.limit or 1)  # fmt: skip
+
+    def jobs(self, views: Sequence[int]) -> Iterator[WindowJob]:
+        """For every scene and number of photos the first windows of so many, or the first photos of larger ones."""
+        plan = self.plan()
+        jobs, left_out, notes = list_jobs(replace(plan, limit=None))
+        self.left_out += [*map(str, left_out), *notes]
+        scenes: dict[tuple[str, str], list[WindowJob]] = {}
+        for job in jobs:
+            scenes.setdefault((job.source.name, job.model), []).append(job)
+        for same in scenes.values():
+            for count in plan.views or views:
+                exact = [job for job in same if len(job.window.context) == count]
+                larger = [job for job in same if len(job.window.context) > count]
+                for job in (exact or larger)[: plan.limit]:
+                    yield replace(job, window=replace(job.window, context=job.window.context[:count]))
 
     @cached_property
     def photos(self) -> list[tuple[Source, Window]]:

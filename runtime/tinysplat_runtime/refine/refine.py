@@ -147,6 +147,19 @@ class Refining:
         errors = loop.errors if loop else ()
         return f"photos {np.mean([error.psnr for error in errors]):.2f} dB" if errors else ""
 
+    def present(self) -> Gaussians:
+        """As they stand between two steps, with what a smaller copy has changed."""
+        loop, small = self._loop, self._smaller
+        if loop is None:
+            return self._start
+        if small is None:
+            return loop.field.gaussians(self._start)
+        before = loop.field.values.copy()
+        bring_up(loop.field, small.loop.field, small.start)
+        found = loop.field.gaussians(self._start)
+        loop.put(before)
+        return found
+
     def result(self) -> Gaussians:
         """The best so far, with notes that say how they were refined; the start where nothing was better."""
         loop, stats, start = self._loop, self.stats, self._start

@@ -34,6 +34,10 @@ STUDIES: dict[str, tuple[str, str]] = {
     "numerics": ("conditioning.NUMERICS", "conditioning of the transforms against 50 digits"),
     "refine": ("refining.REFINE", "held-out dB and bytes by the seconds that refinement is given"),
     "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
+    "paces": (
+        "pacing.PACES",
+        "processor seconds to equal gains of refinement, in turns with another checkout (--beside)",
+    ),
     "walk": ("walking.WALK", "whole captures: photos left out, drawn from 12, 24, 48 and all others"),
     "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
 }

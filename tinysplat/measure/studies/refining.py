@@ -14,7 +14,6 @@ import math
 import statistics
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
@@ -26,7 +25,7 @@ from tinysplat_runtime.system.threads import Crew
 from ..curves import decibels_at
 from ..pictures import Drawing, photo_psnr
 from ..rows import Row, grouped, of_study
-from ..runner import WindowJob, list_jobs
+from ..runner import WindowJob
 from ..show.plots import Axis, Chart, Curve, Panel, save_grid
 from ..show.tables import decibels, format_table, kilobytes
 from ..study import Run, Study
@@ -48,31 +47,11 @@ LINE_SECONDS = 10
 
 def refine_rows(run: Run) -> Iterator[Row]:
     """Every budget of the first windows of three photos and more of the user's scene folders."""
-    for job in _jobs(run):
+    for job in run.jobs(VIEWS):
         try:
             yield from _window_rows(job, run)
         except TinySplatError as error:
             run.left_out.append(f"left out {job}: {error}")
-
-
-def _jobs(run: Run, views: Sequence[int] = VIEWS) -> Iterator[WindowJob]:
-    """For every scene and number of photos the first windows of so many, or the first photos of larger ones."""
-    plan = run.plan()
-    jobs, left_out, notes = list_jobs(replace(plan, limit=None))
-    run.left_out += [*map(str, left_out), *notes]
-    for same in _by_scene(jobs).values():
-        for count in plan.views or views:
-            exact = [job for job in same if len(job.window.context) == count]
-            larger = [job for job in same if len(job.window.context) > count]
-            for job in (exact or larger)[: plan.limit]:
-                yield replace(job, window=replace(job.window, context=job.window.context[:count]))
-
-
-def _by_scene(jobs: Sequence[WindowJob]) -> dict[tuple[str, str], list[WindowJob]]:
-    scenes: dict[tuple[str, str], list[WindowJob]] = {}
-    for job in jobs:
-        scenes.setdefault((job.source.name, job.model), []).append(job)
-    return scenes
 
 
 def _window_rows(job: WindowJob, run: Run) -> Iterator[Row]:
@@ -158,7 +137,7 @@ def refine_line(rows: Sequence[Row]) -> str:
 
 def curve_rows(run: Run) -> Iterator[Row]:
     """Files of the first windows of four photos, unrefined and refined: once, for Q_g 0, in the default steps."""
-    for job in _jobs(run, CURVE_VIEWS):
+    for job in run.jobs(CURVE_VIEWS):
         try:
             yield from _curve_rows(job, run)
         except TinySplatError as error:
