@@ -96,6 +96,15 @@ def test_what_a_renderer_keeps_from_frame_to_frame_does_not_show(compiled):
             np.testing.assert_array_equal(again[name], fresh[name])
 
 
+def test_compiled_frames_hold_records_of_what_they_show_alone():
+    means = np.zeros((40_000, 3))
+    means[:, 2] = np.where(np.arange(40_000) % 4 == 0, 3.0, -3.0)
+    r = Renderer(cloud(40_000, means=means, opacities=np.full(40_000, 0.5)), threads=2, compiled=True)
+    for _ in range(2):
+        r.render(pinhole(60, 80))
+        assert r._compiled._buffers._used == 10_000
+
+
 @by_both
 @pytest.mark.parametrize("scales", [(50.0, 50.0, 50.0), (50.0, 1e-3, 1e-3)], ids=["blobs", "needles"])
 def test_memory_stays_bounded_when_every_gaussian_crosses_the_picture(scales, compiled):

@@ -145,8 +145,7 @@ class FreeGaussians:
         return self._pairs
 
     def _project(self, piece: Piece, view: View) -> Visible:
-        uncoloured = np.zeros(len(piece.base), np.uint8)
-        chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, uncoloured, lambda: self._block(piece))
+        chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))
         return self._buffers.project(chunks, view, 0.0, 0.0)
 
     def _block(self, piece: Piece) -> Block:

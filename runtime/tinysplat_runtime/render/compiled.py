@@ -51,8 +51,7 @@ class Canvas:
 class Rasteriser:
     """Draws the same Gaussians again and again.
 
-    Between frames it keeps the packed Gaussians and all buffers, and the colours for as long as the camera's centre
-    stays where it is: turning, zooming and other sizes leave the directions that SH depend on alone.
+    Between frames it keeps the packed Gaussians, and buffers as large as what frames have shown.
     """
 
     def __init__(self, parts: Sequence[Part], places: int, run_jobs: Callable) -> None:
@@ -62,18 +61,12 @@ class Rasteriser:
         longest = CHUNK * max(-(-part.size // CHUNK) for part in parts)
         self._parts, self._run = parts, run_jobs
         self._shelf = Shelf(lambda number, place: pack(parts[number], place * longest), places)
-        self._keeps, self._buffers = places > 0, SplatBuffers(places * longest, run_jobs)
-        self._place = np.full(3, np.nan)
+        self._keeps, self._buffers = places > 0, SplatBuffers(places * longest, run_jobs, only_shown=True)
 
     def draw(self, drawn: Sequence[int], view: View, shares: Shares | None, with_depth: bool) -> Canvas:
         """Draw a frame of some parts; without `shares` as they are, by depth."""
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
         picture, has_front = canvas.picture, shares is not None and shares.has_front
-        if not np.array_equal(view.offset, self._place):
-            self._place = view.offset
-            for chunks in self._shelf:
-                chunks.is_coloured[:] = 0
-
         buffers, packed = self._kept(drawn) if self._keeps else self._shown(drawn, view)
 
         def project(number_and_chunks: tuple[int, Packed]) -> kernels_blend.Visible:
@@ -93,6 +86,7 @@ class Rasteriser:
 
     def _kept(self, drawn: Sequence[int]) -> tuple[SplatBuffers, list[Packed]]:
         """Buffers of a frame, and parts as they are kept."""
+        self._buffers.clear()
         return self._buffers, [partial(_itself, chunks) for chunks in self._shelf.take(drawn)]
 
     def _shown(self, drawn: Sequence[int], view: View) -> tuple[SplatBuffers, list[Packed]]:
@@ -101,7 +95,7 @@ class Rasteriser:
         shown = self._run(lambda part: may_show(part, view), parts)
         ends = np.cumsum([CHUNK * -(-np.count_nonzero(keep) // CHUNK) for keep in shown]).tolist()
         packed: list[Packed] = [partial(pack, *of) for of in zip(parts, [0, *ends[:-1]], shown, strict=True)]
-        return SplatBuffers(ends[-1], self._run), packed
+        return SplatBuffers(ends[-1], self._run, only_shown=True), packed
 
 
 def _itself(chunks: Chunks) -> Chunks:
@@ -122,7 +116,7 @@ def pack(of: Part, first: int, keep: NDArray | None = None) -> Chunks:
     sh = np.zeros((3 * functions, chunks * CHUNK), np.float32)
     sh[:, : block.size] = block.sh.reshape(3 * functions, -1)
     geometry, sh = (_by_chunk(planes, chunks) for planes in (planes, sh))
-    return Chunks(first, geometry.ravel(), sh, np.zeros(chunks, np.uint8), partial(of.outline, keep))
+    return Chunks(first, geometry.ravel(), sh, partial(of.outline, keep))
 
 
 def _by_chunk(planes: NDArray, chunks: int) -> NDArray:

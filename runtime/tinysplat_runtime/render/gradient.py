@@ -256,8 +256,7 @@ class MovableGaussians:
 
     def _project(self, piece: _Piece, view: View, shares: Shares | None) -> Visible:
         share, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
-        uncoloured = np.zeros(len(piece.base), np.uint8)
-        chunks = Chunks(piece.start, piece.geometry.ravel(), piece.sh, uncoloured, lambda: self._block(piece))
+        chunks = Chunks(piece.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))
         return self._buffers.project(chunks, view, share, front)
 
     def _block(self, piece: _Piece) -> Block:

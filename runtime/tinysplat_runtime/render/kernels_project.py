@@ -95,41 +95,42 @@ SCRATCH = CHUNK * len(P)
 
 @compiled
 def project(
-    geometry: NDArray, sh: NDArray, is_coloured: NDArray, view: ViewNumbers, work: NDArray, records: NDArray
-) -> Number:
-    """Project a block into its records.
+    geometry: NDArray, sh: NDArray, view: ViewNumbers, work: NDArray, records: NDArray, rows: NDArray
+) -> tuple[Number, Number]:
+    """Project a block into records.
 
     Args:
         geometry: (chunks·14·128,) float32.
         sh: (chunks, 3 S·128) float32.
-        is_coloured: (chunks,) uint8, whether the records hold the colours already; brought up to date.
         view: where the picture is taken.
         work: (`SCRATCH`,) float32.
         records: (chunks·128, 16) float32, written.
+        rows: (chunks·128,) int32, written: of which Gaussian of the block each record is. Then there are records of
+            those alone that may show, and memory that nothing touches is none. Where empty, every Gaussian has its own.
 
     Returns:
-        How many are too wide for float32 and need to be done again.
+        How many records there are, and how many of them are too wide for float32 and need to be done again.
     """
-    wide = 0
+    count, wide = 0, 0
     for chunk in range(len(sh)):
         start = _I(chunk) * _I(GEOMETRY * CHUNK)
-        out = records[chunk * CHUNK : (chunk + 1) * CHUNK]
         _shapes(geometry, start, view, work)
         _fade(geometry, start, _F(view.log_share), work)
         shown, is_wide = _bounds(geometry, start, view, work)
         wide += is_wide
-        if is_coloured[chunk]:
-            for row in range(CHUNK):
-                for plane in (RED, GREEN, BLUE):
-                    work[_I(plane * CHUNK + row)] = out[row, plane]
-        elif shown + is_wide:
+        if shown + is_wide:
             _directions(geometry, start, view, work)
             _colours(sh[chunk], work)
-            is_coloured[chunk] = 1
         for row in range(CHUNK):
+            i = _I(row)
+            if rows.size:
+                if not (work[i + P[RIGHT]] >= _F(0) or work[i + P[LAST]] > _F(0)):
+                    continue
+                rows[count] = chunk * CHUNK + row
             for plane in range(RECORD):
-                out[row, plane] = work[_I(plane * CHUNK + row)]
-    return wide
+                records[count, plane] = work[_I(plane * CHUNK) + i]
+            count += 1
+    return count, wide
 
 
 @compiled

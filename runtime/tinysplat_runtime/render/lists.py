@@ -35,14 +35,12 @@ class Chunks:
         geometry: (chunks·14·128,) float32. Rows that fill the last chunk up have no opacity, which keeps them out of
             every picture.
         sh: (chunks, 3 S·128) float32.
-        is_coloured: (chunks,) uint8, which chunks' records hold colours as seen from the present place.
         block: makes the Gaussians, without `axes` and `sh`.
     """
 
     first: int
     geometry: NDArray
     sh: NDArray
-    is_coloured: NDArray
     block: Callable[[], Block]
 
 
@@ -68,14 +66,20 @@ class SplatBuffers:
     """Records of splats, and what threads need in order to work on them.
 
     Attributes:
-        records: (rows, 16) float32.
+        records: (rows, 16) float32, every Gaussian's in its place, or of those alone that may show, block by block.
     """
 
-    def __init__(self, rows: int, run_jobs: Callable) -> None:
-        """`run_jobs` maps a function over a list, on any number of threads."""
+    def __init__(self, rows: int, run_jobs: Callable, only_shown: bool = False) -> None:
+        """`run_jobs` maps a function over a list, on any number of threads; `only_shown` leaves out records, and with
+        them memory, of what does not show.
+        """
         self.records = np.empty((rows, RECORD), np.float32)
-        self._ids, self._boxes = np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
-        self._run, self._local = run_jobs, threading.local()
+        self._found = None if only_shown else (np.empty(rows, np.int32), np.empty((rows, 4), np.int16))
+        self._run, self._local, self._lock, self._used = run_jobs, threading.local(), threading.Lock(), 0
+
+    def clear(self) -> None:
+        """Make place for another frame's records where there are only those that may show."""
+        self._used = 0
 
     def project(self, chunks: Chunks, view: View, log_share: float, front: float) -> Visible:
         """Fill a block's records, and list what of them is visible.
@@ -86,21 +90,35 @@ class SplatBuffers:
             log_share: logarithm of the share of their opacity that its Gaussians are drawn with.
             front: share of their alphas that is drawn before everything else.
         """
-        own = slice(chunks.first, chunks.first + kernels_project.CHUNK * len(chunks.sh))
-        records = self.records[own]
+        rows, scratch = kernels_project.CHUNK * len(chunks.sh), self._workspace()
+        if self._found is None:
+            first, (records, ids, boxes) = 0, scratch.block(rows)
+            gaussians = ids
+        else:
+            first, gaussians = chunks.first, np.zeros(0, np.int32)
+            records, ids, boxes = (array[first : first + rows] for array in (self.records, *self._found))
         with part("projection and colours"):
-            numbers = view_numbers(view, log_share)
-            is_wide = kernels_project.project(
-                chunks.geometry, chunks.sh, chunks.is_coloured, numbers, self._workspace().chunk, records
-            )
-        if is_wide:
-            _redo_wide(chunks.block().fainter(log_share), view, records)
+            numbers, work = view_numbers(view, log_share), scratch.chunk
+            count, wide = kernels_project.project(chunks.geometry, chunks.sh, numbers, work, records, gaussians)
+        records = records[:count]
+        if wide:
+            _redo_wide(chunks.block().fainter(log_share), view, records, gaussians)
         records[:, LAST] = front
         grid = _grid(view)
-        found = Visible(self._ids[own], self._boxes[own], np.zeros(grid.stop, np.int64))
+        found = Visible(ids, boxes, np.zeros(grid.stop, np.int64))
         with part("listing what is visible"):
-            shown = kernels_blend.list_visible(records, chunks.first, grid.columns, found)
-        return Visible(found.ids[:shown], found.boxes[:shown], found.counts)
+            shown = kernels_blend.list_visible(records, first, grid.columns, found)
+            if self._found is None:
+                place = self._put(records)
+                return Visible(ids[:shown] + np.int32(place), boxes[:shown].copy(), found.counts)
+        return Visible(ids[:shown], boxes[:shown], found.counts)
+
+    def _put(self, records: NDArray) -> int:
+        """Take in a block's records; their first row."""
+        with self._lock:
+            first, self._used = self._used, self._used + len(records)
+        self.records[first : first + len(records)] = records
+        return first
 
     def lists(self, visible: Sequence[Visible], view: View) -> Iterator[TileLists]:
         """Lists of a few tiles after the other; a tile's list holds its splats block by block."""
@@ -146,11 +164,22 @@ class _Workspace:
 
     def __init__(self) -> None:
         self.chunk = np.empty(kernels_project.SCRATCH, np.float32)
+        self._block = self._block_of(0)
         self.tile = Scratch(
             np.empty(kernels_blend.STATE, np.float32),
             np.empty((kernels_blend.AHEAD, RECORD), np.float32),
             np.empty(kernels_blend.DIGITS, np.int64),
         )
+
+    def block(self, rows: int) -> list[NDArray]:
+        """Place for a block's (rows, 16) float32 records, (rows,) int32 numbers and (rows, 4) int16 boxes."""
+        if len(self._block[0]) < rows:
+            self._block = self._block_of(rows)
+        return [array[:rows] for array in self._block]
+
+    @staticmethod
+    def _block_of(rows: int) -> tuple[NDArray, NDArray, NDArray]:
+        return np.empty((rows, RECORD), np.float32), np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
 
 
 def view_numbers(view: View, log_share: float = 0.0) -> ViewNumbers:
@@ -179,10 +208,11 @@ def _batches(counts: NDArray) -> Iterator[tuple[int, int]]:
         first = last
 
 
-def _redo_wide(block: Block, view: View, records: NDArray) -> None:
-    """Do what float32 is too narrow for in float64, by the code of the numpy path."""
+def _redo_wide(block: Block, view: View, records: NDArray, gaussians: NDArray) -> None:
+    """Do what float32 is too narrow for in float64, by the code of the numpy path; `gaussians` are those of the records
+    if they are not all, one after the other."""
     rows = np.flatnonzero(records[: block.size, LAST])
-    planes, half, log_opacities = wide_shapes(block, view, rows)
+    planes, half, log_opacities = wide_shapes(block, view, gaussians[rows] if gaussians.size else rows)
     tau = footprint_exponent(log_opacities)
     shows = np.isfinite(planes).all(axis=0) & (tau >= 0)  # below, edges are NaN, and no number of a tile
     with np.errstate(all="ignore"):

@@ -92,9 +92,6 @@ class Shelf:
                 self._made[part] = place, self._make(part, place)
         return [self._made[part][1] for part in wanted]
 
-    def __iter__(self) -> Iterator[Any]:
-        return (made for _, made in self._made.values())
-
 
 def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
     """R(q)·diag(s) as (3, 3, n) planes of the inputs' dtype; Σ = axes·axesᵀ (Kerbl et al. 2023, eq. 6)."""

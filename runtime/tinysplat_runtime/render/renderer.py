@@ -52,9 +52,9 @@ class Renderer:
 
     Holds what does not depend on the camera (planar coefficients, principal axes), about 110 bytes per Gaussian of SH
     degree 0 and 290 of degree 3, but no more than `KEPT_BYTES`; of more Gaussians it is made for every frame, block by
-    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds what frames need, about
-    150 bytes per Gaussian of degree 0; for one frame alone, nothing but 80 for every Gaussian that may show. Of a
-    capture, more than `near.FEW` views, that is the views that a frame is drawn from, and of those before as much as
+    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds 70 bytes per
+    Gaussian of degree 0, and 80 for every one that shows; for one frame alone, nothing but the latter. Of a capture,
+    more than `near.FEW` views, that is the views that a frame is drawn from, and of those before as much as
     `KEPT_BYTES` hold. Pictures do not depend on the number of threads, bit for bit. Frames asked for from several
     threads at once are made one after the other.
     """
