@@ -101,12 +101,10 @@ class Refining:
         self._sizes = sizes_of(gaussians, matched(gaussians, scene))
         moving = MovableGaussians(gaussians, run_jobs)
         begun = time.perf_counter()
-        shown = [np.empty((*target.photo.shape[:2], 4), np.float32) for target in self._sizes[0]]
-        errors = [
-            moving.measure(target, shares=moving.shares(target.camera), shown=picture)
-            for target, picture in zip(self._sizes[0], shown, strict=True)
-        ]
-        self._halved = [halved_picture(picture[..., :3]) for picture in shown]
+        shown, errors, self._halved = np.empty((*self._sizes[0][0].photo.shape[:2], 4), np.float32), [], []
+        for target in self._sizes[0]:
+            errors.append(moving.measure(target, shares=moving.shares(target.camera), shown=shown))
+            self._halved.append(halved_picture(shown[..., :3]))
         each = (time.perf_counter() - begun) / len(errors)
         if (view := _other(errors, self._sizes[0])) is not None:
             self.stats.reason = f"photo {view} shows something else than they do"
