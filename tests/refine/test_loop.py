@@ -241,12 +241,12 @@ def test_shares_of_places_between_go_round() -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "took", "costs"), [("step", {}, 8.0), ("small step", {}, 4.0), ("step", {"step": 5.0}, 5.0)]
+    ("step", "took", "costs"), [("step", {}, 8.0), ("small step", {}, 3.0), ("step", {"step": 5.0}, 5.0)]
 )
 def test_a_step_begins_where_it_a_look_and_the_end_may_be_expected_to_fit(
     step: str, took: dict[str, float], costs: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Six photos, three of them drawn in 1 s: a first step costs drawing all of them four times, a small one twice."""
+    """Six photos, three of them drawn in 1 s: a first step costs as much as drawing all four times, a small one 1.5."""
     refining = object.__new__(Refining)
     refining._sizes, refining._seconds = [[None] * 6], {"look": 2.0, "judging": 1.0, **took}  # type: ignore[list-item]
     refining._loop = object.__new__(Loop)

@@ -26,7 +26,7 @@ from .stats import RefineStats
 
 MAX_STEPS = 10_000
 
-FIRST = {"step": 4, "small step": 2}
+FIRST = {"step": 4.0, "small step": 1.5}
 """What a first step may be expected to cost, in drawings of all photos."""
 
 SAME_PICTURE = 0.25
