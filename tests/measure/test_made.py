@@ -78,7 +78,7 @@ PRINTS = {
 """Of means, quaternions, scales, opacities and SH; whoever changes a scene measures anew what was measured on it."""
 
 
-@pytest.mark.parametrize(("make", "arguments"), PRINTS, ids=str)
+@pytest.mark.parametrize(("make", "arguments"), PRINTS, ids=lambda value: getattr(value, "__name__", str(value)))
 def test_scenes_that_committed_figures_were_measured_on_are_what_they_were(make, arguments) -> None:
     found = make(*arguments)
     for name, wanted in zip(FIELDS, PRINTS[make, arguments], strict=True):
