@@ -11,6 +11,7 @@ if it passes without the bug; a run that takes too long counts for nothing.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import json
 import os
@@ -238,11 +239,18 @@ def run_tests(tests: list[str], *options: str) -> tuple[int | None, str]:
     while time.monotonic() < ends:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
+            _end_group(child)
             return os.waitstatus_to_exitcode(status), log.read_text(encoding="utf-8", errors="replace")
         time.sleep(0.05)
-    os.killpg(child, signal.SIGKILL)
+    _end_group(child)
     os.waitpid(child, 0)
     return None, ""
+
+
+def _end_group(child: int) -> None:
+    """Kill what a fork has started and left: a script that never ends, for one."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
 
 
 def _doubt() -> None:

@@ -31,7 +31,8 @@ WORDS = {
     " += ": " -= ", " -= ": " += ", " *= ": " /= ", "true": "false", "false": "true", "Math.min": "Math.max",
     "Math.max": "Math.min", "Math.floor": "Math.ceil", "Math.ceil": "Math.floor", "if (": "if (!", "-": "+",
 }  # fmt: skip
-NOT_CODE = r"//[^\n]*|/\*.*?\*/|\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*'|^import [^;]*;|^#version.*$|^precision .*$"
+NOT_CODE = r"//[^\n]*|/\*.*?\*/|\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*'|^import [^;]*;"
+NOT_CODE += r"|^#version[^\n]*|^precision [^\n]*"
 CODE = r" (?:\*\*|<<|>>>|>>|&&|\|\||\?\?|<=|>=|===|!==|==|\+=|-=|\*=|[-+*/%&|^<>]) |\b(?:true|false)\b"
 CODE += r"|Math\.(?:min|max|floor|ceil)\b|\bif \((?=[\w.]+\))|(?<=[(\[])-(?=[\w(])"
 NUMBER = r"(?<![\w.$])\d+(?:\.\d+)?(?![\w.])"

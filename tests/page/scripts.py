@@ -35,7 +35,7 @@ for await (const line of createInterface({ input: process.stdin })) {
 def _process() -> subprocess.Popen[str]:
     command = [node(), "--input-type=module", "-e", SERVER]
     started = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    atexit.register(started.communicate)  # closes its input, which ends it
+    atexit.register(started.kill)  # a script may never end
     return started
 
 
