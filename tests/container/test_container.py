@@ -9,9 +9,11 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.notes import note_sections
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussian.notes import Notes
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +47,17 @@ def test_metadata_stands_before_planes_and_planes_in_the_order_a_picture_needs(d
     assert set(kinds[:first]) == {L.SCENE, L.CAMERAS, L.LAYER, L.PARAMETER_SETS}
     order = [list(L.PLANES.values()).index(kind) for kind, _, index, _ in sections_of(data)[first:] if index == 0]
     assert order == sorted(order)
+
+
+def test_prefixes_add_each_coded_plane_once(data):
+    described = ts.inspect(data)
+    added = sorted((prefix["layer"], name) for prefix in described["prefixes"] for name in prefix["adds"])
+    assert added == sorted((plane["layer"], plane["name"]) for plane in described["planes"] if plane["bytes"])
+
+
+def test_readers_may_skip_notes():
+    found = note_sections(Notes(unit="metre", refined="20 steps"))
+    assert [(s.kind, s.minor, s.is_required) for s in found] == [(b"NOTE", 1, False), (b"REFI", 2, False)]
 
 
 def test_a_prefix_that_ends_with_the_table_is_told_what_the_metadata_takes(data):

@@ -125,6 +125,11 @@ def test_what_is_written_by_hand_is_read_and_written_again_to_the_byte() -> None
     assert [s.minor for s in free_sections(scene, [{}, {}], [b"", b""])] == [4, 6, 0, 0]
 
 
+def test_pictures_have_names_that_tell_tiers_apart() -> None:
+    body = read_container(with_tier()).body
+    assert [body.picture_name(0, 0, 0), body.picture_name(1, 3, 0)] == ["color0", "tier 1 scale1"]
+
+
 def test_pictures_stand_by_class_in_the_order_that_a_prefix_needs() -> None:
     scene = read(Free().file())
     payloads = {

@@ -7,12 +7,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from fingerprints import print_of
 from scenes import make_smooth_gaussians
 from tiny_runs import rows_of, tiny_run
 
+from tinysplat.measure.studies.figures import _paper_channel
+from tinysplat_runtime.codec.profiles import PAPER
 from tinysplat_runtime.formats.table import save_gaussians
+from tinysplat_runtime.gaussian.planes import PlaneClass
 
 
 def numbers(value: Any) -> Iterator[float]:
@@ -60,3 +64,9 @@ def test_figures_of_a_small_scene_are_what_they_were(study: str, tmp_path: Path)
     for name, (count, wanted) in FIGURES[study].items():
         assert found[name][0] == count
         assert found[name][1] == pytest.approx(wanted, rel=0.01, abs=0.01), name
+
+
+def test_the_papers_window_is_all_of_14_bits() -> None:
+    plane = np.array([[[1.0, 1e9]]])
+    channel = _paper_channel(PlaneClass.DEPTH, 0, plane, 0.0, sigma=10.0)
+    assert channel.window == pytest.approx((1.0, 1.0 + (2**14 - 1) * 10.0 / PAPER.alpha[PlaneClass.DEPTH]))
