@@ -170,7 +170,7 @@ def jpeg_bytes(image: NDArray, quantiser: int = 3) -> bytes:
     codec: Any = av.CodecContext.create("mjpeg", "w")
     codec.height, codec.width = pixels.shape[:2]
     codec.pix_fmt, codec.time_base = "yuvj444p", Fraction(1, 1)
-    codec.qmin = codec.qmax = quantiser
+    codec.options = {"qmin": str(quantiser), "qmax": str(quantiser)}  # PyAV has attributes for them from 14 on
     frame: Any = av.VideoFrame.from_ndarray(np.ascontiguousarray(planes), format="yuvj444p")
     return b"".join(bytes(packet) for packet in [*codec.encode(frame), *codec.encode(None)])
 
