@@ -1,7 +1,7 @@
 #!/bin/bash
 # checks/processor.py on aarch64 without one: an arm64 Python of Debian and the arm64 wheels under qemu-user (Debian, as
 # root; about ten minutes of one core). On a Raspberry Pi run checks/processor.py itself. Seconds mean nothing here.
-# onnxruntime 1.20: newer wheels end with a segmentation fault under qemu 7.2.
+# onnxruntime 1.20, older than the project allows: newer wheels end with a segmentation fault under qemu 7.2.
 set -euo pipefail
 repository=$(cd "$(dirname "$0")/.." && pwd)
 work=$(mktemp -d)

@@ -19,12 +19,12 @@ for _folder in (ROOT, ROOT / "runtime"):
 from tinysplat_runtime.graphs.inference import CONTRACT_VERSION  # noqa: E402
 
 MODELS = ROOT / "models"
-MAX_IR_VERSION = 10  # onnxruntime 1.20 reads no newer one
+MAX_IR_VERSION = 10  # what every onnxruntime that is allowed reads
 OPSET = 18
 
 
 def add_metadata(path: Path, metadata: dict[str, Any]) -> None:
-    """Stamp role, contract, ranges, licence and provenance into the file; lower its IR version to ORT 1.20's."""
+    """Stamp role, contract, ranges, licence and provenance into the file; lower its IR version."""
     model = onnx.load(str(path))
     stamp(model, metadata)
     onnx.save(model, str(path))

@@ -23,12 +23,10 @@ from tinysplat_runtime.graphs.providers import add_providers, parse_provider
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 NOT_BUILT_IN = SimpleNamespace(
     get_available_providers=list,
-    get_ep_devices=getattr(onnxruntime, "get_ep_devices", None),
-    register_execution_provider_library=getattr(onnxruntime, "register_execution_provider_library", None),
+    get_ep_devices=onnxruntime.get_ep_devices,
+    register_execution_provider_library=onnxruntime.register_execution_provider_library,
 )
 """An onnxruntime whose CPU came as a plug-in does: by devices alone."""
-
-plug_ins = pytest.mark.skipif(not hasattr(onnxruntime, "get_ep_devices"), reason="an onnxruntime older than plug-ins")
 
 
 @pytest.mark.parametrize(
@@ -53,10 +51,9 @@ def test_options_reach_a_built_in_provider() -> None:
     options = onnxruntime.SessionOptions()
     chosen = add_providers(onnxruntime, options, [("CPU", {"use_arena": "0"}), "CPUExecutionProvider"])
     assert chosen == [("CPUExecutionProvider", {"use_arena": "0"})]
-    assert not getattr(options, "has_providers", bool)()
+    assert not options.has_providers()
 
 
-@plug_ins
 def test_a_plug_in_runs_on_its_device() -> None:
     """Onnxruntime's own CPU, asked for as plug-ins are; the graph then finds what it found before."""
     artifact = find_artifact("analysis_project", "analysis")
@@ -72,7 +69,6 @@ def test_a_plug_in_runs_on_its_device() -> None:
     assert np.array_equal(session.run(["color"], inputs)[0], expected)
 
 
-@plug_ins
 @pytest.mark.parametrize(
     ("provider", "message"),
     [
@@ -86,7 +82,6 @@ def test_what_a_plug_in_lacks_is_said(provider: str | tuple[str, dict[str, str]]
         add_providers(NOT_BUILT_IN, onnxruntime.SessionOptions(), [provider])
 
 
-@plug_ins
 def test_a_plug_in_package_is_found_by_its_provider(tmp_path: Path) -> None:
     """Its library is none, which onnxruntime says; a package that fails on import is as if it were not there."""
     library = tmp_path / "libfake.so"

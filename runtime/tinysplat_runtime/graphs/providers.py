@@ -98,8 +98,6 @@ def _find(library: Any, name: str, given: Mapping[str, str]) -> tuple[str, dict[
     full = name if name.endswith(_SUFFIX) else name + _SUFFIX
     if path is None and full in library.get_available_providers():
         return full, own, []
-    if not hasattr(library, "get_ep_devices"):
-        raise ModelError(f"{full} is not in onnxruntime {library.__version__}, older than plug-ins", where="provider")
     with _REGISTERING:
         if not _devices(library, name, full):
             _register(library, name, full, path)
