@@ -46,7 +46,7 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
     "eval": [
         ("PIL", (*CLI, "compare", "g.npz", "g.npz")),
         ("matplotlib", (*CLI, "bench", "--quick")),
-        ("skimage", (*CLI, "eval", "g.npz")),
+        ("skimage", (*CLI, "eval", "g.npz", "-q")),
         ("skimage", (*CLI, "compare", "g.npz", "g.npz")),
         ("torch", (*CLI, "eval", "g.npz", "--lpips", "vgg", "--lpips-backbone", "b.pth", "--lpips-linear", "l.pth")),
     ],
