@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -53,12 +55,14 @@ def test_values_stay_within_what_is_documented() -> None:
 
 def test_two_photos_have_settings_of_their_own() -> None:
     assert settings_for(2) is FOR_TWO and settings_for(3) == settings_for(64) == Settings()
-    sizes = Settings(log_depth=1, log_size=2, logit=3, sh=4).step_sizes
-    assert sizes == (1, 2, 3, 4, 4, 4)
+    large = Settings(log_depth=1, log_size=2, logit=3, sh=4, half_after=5)
+    assert large.step_sizes(0) == (1, 2, 3, 4, 4, 4) and large.step_sizes(5) == (0.5, 1, 1.5, 2, 2, 2)
+    assert large.step_sizes(10) == pytest.approx([0.2, 0.4, 0.6, 0.8, 0.8, 0.8])  # the square of the steps
+    assert FOR_TWO.step_sizes(3) == FOR_TWO.step_sizes(0)
     for settings in (Settings(), FOR_TWO):  # Adam's, and steps that are small against what they change
         assert 0 < settings.momentum < settings.memory < 1 and 0 < settings.noise < 0.1
         assert (
-            0 <= min(settings.step_sizes) <= max(settings.step_sizes) <= 0.2
+            0 <= min(settings.step_sizes(0)) <= max(settings.step_sizes(0)) <= 0.2
             and settings.look_every >= 1 <= settings.patience
         )
         assert 0 <= settings.hidden < 0.1 and 0 < settings.price < 0.1 and 0 < settings.least_gain < 0.1
@@ -72,7 +76,8 @@ def test_settings_are_those_that_the_laboratory_kept() -> None:
     many = Settings()
     assert (many.logit, many.log_size, many.momentum, many.noise, many.price) == (0.2, 0.1, 0.8, 2e-3, 0.005)
     assert (many.hidden, many.together, FOR_TWO.logit, FOR_TWO.sh, FOR_TWO.together) == (0.03, 1, 0.05, 4e-3, 2)
-    assert many.look_every == FOR_TWO.look_every == 2 == many.patience and FOR_TWO.patience == 1
+    assert many.look_every == FOR_TWO.look_every == 2 and (many.patience, FOR_TWO.patience) == (3, 1)
+    assert (many.half_after, FOR_TWO.half_after) == (8, math.inf)
 
 
 def test_budgets_are_accepted_to_their_ends() -> None:

@@ -182,9 +182,9 @@ class Loop:
         values, *others = (
             array[:, grid.rows] for array in (self.field.values, self._gradient, self._first, self._second)
         )
-        for kind in range(VALUES):
+        for kind, size in enumerate(settings.step_sizes(self._count)):
             numbers = (
-                settings.step_sizes[kind], settings.momentum, settings.memory, settings.noise, count, *LIMITS[kind]
+                size, settings.momentum, settings.memory, settings.noise, count, *LIMITS[kind]
             )  # fmt: skip
             kernels.adam(values[kind], *(array[kind] for array in others), numbers)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
@@ -22,6 +23,8 @@ class Settings:
         variation: weight of the total variation of changes of log depth, at 0 contrast.
         edge: how fast that weight falls with the photo's contrast, e^(−edge · |difference|).
         price: |error| that a bit of the file is worth.
+        half_after: steps at one size after which steps go half as far: photos contradict each other, and corrected by
+            one after the other, Gaussians would go on moving between what each of them asks for.
         exposure: step size of a photo's gain and offset.
         together: photos that are drawn before Gaussians are corrected by the sum of what they lack.
         hidden: transmittance before a Gaussian, at its middle, below which a photo does not correct it.
@@ -42,19 +45,20 @@ class Settings:
     variation: float = 0.05
     edge: float = 10.0
     price: float = 0.005
+    half_after: float = 8.0
     exposure: float = 2e-3
     together: int = 1
     hidden: float = 0.03
     look_every: int = 2
     least_gain: float = 0.03
-    patience: int = 2
+    patience: int = 3
     most_steps: int = 10_000
 
-    @property
-    def step_sizes(self) -> tuple[float, ...]:
-        """(6,) by kind of value."""
+    def step_sizes(self, count: int) -> tuple[float, ...]:
+        """(6,) by kind of value, after `count` steps."""
         by_kind = {LOG_DEPTH: self.log_depth, LOG_SIZE: self.log_size, LOGIT: self.logit}
-        return tuple(by_kind.get(kind, self.sh) for kind in range(VALUES))
+        share = 1 / (1 + (count / self.half_after) ** 2)
+        return tuple(share * by_kind.get(kind, self.sh) for kind in range(VALUES))
 
 
 LIMITS: tuple[tuple[float, float], ...] = (
@@ -65,8 +69,8 @@ colours from −0.6 to 2.8. Values that begin outside stay where they are or mov
 
 
 FOR_TWO = Settings(
-    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, hidden=0.0, look_every=2, least_gain=0.015,
-    patience=1, most_steps=4,
+    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, hidden=0.0, half_after=math.inf, look_every=2,
+    least_gain=0.015, patience=1, most_steps=4,
 )  # fmt: skip
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
