@@ -71,13 +71,15 @@ def wheel_files(wheel: Path) -> Iterator[Entry]:
 
 
 def own_files() -> Iterator[Entry]:
-    """The runtime and its models."""
+    """The runtime and its models, without copies that only save time."""
     for package, folder, patterns in (
         ("tinysplat_runtime", Path(str(tinysplat_runtime.__file__)).parent, ("*.py", "page.html", "*.css", "*.js")),
         ("tinysplat_models", models_dir(), ("__init__.py", "*.onnx", "*.ort", "manifest.json")),
     ):
         for pattern in patterns:
             for source in folder.rglob(pattern):
+                if source.name.endswith(".optimised.onnx"):
+                    continue
                 name = f"{package}/{source.relative_to(folder).as_posix()}"
                 yield name, lambda target, source=source: shutil.copy(source, target)
 

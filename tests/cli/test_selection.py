@@ -53,6 +53,7 @@ def test_what_keeps_views_keeps_all_as_do_few_views_and_whoever_asks(capture, tm
 
 
 def test_fuse_is_done_for_so_many_seconds_and_says_what_it_did(capture, tmp_path, capsys):
+    pytest.importorskip("numba")
     wall, file = capture
     found = converted(file, str(tmp_path / "g.ply"), "--fuse", "0.3", "--threads", "1")
     assert 0 < found.count <= thinned(wall).count
@@ -60,6 +61,7 @@ def test_fuse_is_done_for_so_many_seconds_and_says_what_it_did(capture, tmp_path
 
 
 def test_fuse_needs_views(capture, tmp_path, capsys):
+    pytest.importorskip("numba")
     _, file = capture
     assert main(["convert", file, "-o", str(tmp_path / "g.ply"), "--fuse", "1", "--trim-border", "1"]) == 2
     assert "expected per-pixel Gaussians of two or more" in capsys.readouterr().err

@@ -83,6 +83,7 @@ def test_closer_and_with_more_photos_are_measured_where_asked_for(tmp_path):
 
 def test_refined_and_drawn_otherwise_where_asked_for(tmp_path):
     """Three photos, and depths that are looked for behind the plane: what was before stands beside what is better."""
+    pytest.importorskip("numba")
     scene = write_eval_scene(tmp_path / "plane", [{"kind": "multi", "context": [0, 2, 4], "target": [1, 3]}], frames=5)
     found = []
     for words in (["--refine", 5], ["--draw", "order=depth"]):

@@ -42,6 +42,7 @@ def test_ratios_are_of_equal_gains_and_medians_of_windows() -> None:
 
 
 def test_both_take_the_same_steps_from_the_same_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("numba")
     monkeypatch.setattr(pacing, "QUICK_STEPS", 1)
     windows = [{"kind": "multi", "context": [0, 1, 3, 4], "target": [2]}]
     run = tiny_run(tmp_path, write_eval_scene(tmp_path / "plane", windows, frames=5))
