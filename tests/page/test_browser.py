@@ -72,10 +72,8 @@ def test_a_visitor_stays_near_the_views_and_comes_back(browser: Browser, tmp_pat
     (tmp_path / "page.html").write_text(scene_page(coded(2), title="scene", photos={0: np.full((48, 64, 3), 0.5)}))
     tab = browser.open((tmp_path / "page.html").as_uri(), 390, 844)
     tab.ready()
-    assert tab.evaluate("[document.getElementById('panel').open, document.getElementById('back').hidden]") == [
-        False,
-        True,
-    ]
+    hidden = "['panel', 'back'].map((id) => document.getElementById(id).hidden)"
+    assert tab.evaluate(f"[document.getElementById('panel').open, ...{hidden}]") == [False, False, True]
     assert "2 photos" in tab.evaluate("document.getElementById('caption').textContent")
     start = picture(tab)
     tab.drag(195, 420, 150, 40)
@@ -164,6 +162,7 @@ def test_the_player_opens_what_is_dropped_and_refuses_what_is_none(browser: Brow
     assert tab.evaluate("[document.title, document.getElementById('open').hidden]") == ["scene", True]
     tab.evaluate(f"({drop})([1, 2, 3, 4])")
     assert "cannot be shown" in tab.wait("document.getElementById('fault').textContent")
+    assert not tab.evaluate("document.getElementById('fault').hidden")
     browser.messages[:] = [
         message for message in browser.messages if "tsplat" not in message and "Error" not in message
     ]
