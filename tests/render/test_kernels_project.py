@@ -47,9 +47,10 @@ def test_records_are_what_numpy_projects(degree: int, photo: bool) -> None:
     chunks, count = pack(part, 0), block.size
     records = np.full((len(chunks.sh) * 128, 16), np.nan, np.float32)
     for focal in (40.0, 5.0):  # by the second, own pixels are less than the picture's
-        seen, chunks.is_coloured[:] = projected(block.fainter(share), view(focal)), 0
+        seen = projected(block.fainter(share), view(focal))
         numbers, work = view_numbers(view(focal), share), np.empty(kp.SCRATCH, np.float32)
-        wide = kp.project(chunks.geometry, chunks.sh, chunks.is_coloured, numbers, work, records)
+        written, wide = kp.project(chunks.geometry, chunks.sh, numbers, work, records, np.zeros(0, np.int32))
+        assert written == len(records)
         assert seen is not None and 20 < seen.visible.size < count
         is_wide = records[:, kp.LAST] == 1
         assert wide == is_wide.sum() and wide < 20
@@ -75,20 +76,17 @@ def test_records_are_what_numpy_projects(degree: int, photo: bool) -> None:
         assert (records[:count][z[shown] <= 0.3][:, kp.DEPTH] == -1).all()
 
 
-def test_colours_are_kept_for_as_long_as_they_are_said_to_hold() -> None:
+def test_records_may_be_of_those_alone_that_may_show() -> None:
     (part,) = parts(scene(1, False))
-    chunks, work = pack(part, 0), np.empty(kp.SCRATCH, np.float32)
-    records = np.zeros((len(chunks.sh) * 128, 16), np.float32)
-    kp.project(chunks.geometry, chunks.sh, chunks.is_coloured, view_numbers(view()), work, records)
-    assert chunks.is_coloured.tolist() == [1, 1, 1]
-    first = records.copy()
-    records[:, kp.RED : kp.BLUE + 1] = np.arange(3)
-    chunks.is_coloured[1] = 0
-    kp.project(chunks.geometry, chunks.sh, chunks.is_coloured, view_numbers(view()), work, records)
-    kept = [0, 1, 2]
-    np.testing.assert_array_equal(records[128:256], first[128:256])
-    assert (records[:128, kp.RED : kp.BLUE + 1] == kept).all() and (records[256:, kp.RED : kp.BLUE + 1] == kept).all()
+    chunks, work, numbers = pack(part, 0), np.empty(kp.SCRATCH, np.float32), view_numbers(view())
+    every, some = np.full((2, len(chunks.sh) * 128, 16), np.nan, np.float32)
+    rows = np.full(len(every), -1, np.int32)
+    _, wide = kp.project(chunks.geometry, chunks.sh, numbers, work, every, np.zeros(0, np.int32))
+    count, same = kp.project(chunks.geometry, chunks.sh, numbers, work, some, rows)
+    shown = np.flatnonzero((every[:, kp.RIGHT] >= 0) | (every[:, kp.LAST] > 0))
+    assert 0 < count == shown.size < len(every) and same == wide
+    np.testing.assert_array_equal(rows[:count], shown)
+    np.testing.assert_array_equal(some[:count], every[shown])
+    assert (rows[count:] == -1).all() and np.isnan(some[count:]).all()
     behind = View.of(Camera(np.eye(3), np.diag([1.0, 1, 1, 1]), 9, 9), np.array([0, 0, -99.0]), 0.1)
-    chunks.is_coloured[:] = 0
-    assert kp.project(chunks.geometry, chunks.sh, chunks.is_coloured, view_numbers(behind), work, records) == 0
-    assert not chunks.is_coloured.any() and (records[:, kp.RIGHT] == -1).all()
+    assert kp.project(chunks.geometry, chunks.sh, view_numbers(behind), work, some, rows) == (0, 0)
