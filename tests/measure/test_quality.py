@@ -42,7 +42,7 @@ from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
 from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
 from tinysplat.measure.show.tables import csv_text, format_table
-from tinysplat.measure.studies.quality import refined_summary, refined_table, results_text, summary_table
+from tinysplat.measure.studies.quality import refined_line, refined_summary, refined_table, results_text, summary_table
 from tinysplat.measure.subjects.cases import LeftOut, Window, covered_pixels
 from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources, read_depth
 from tinysplat_runtime.api import Runtime
@@ -351,7 +351,9 @@ def test_what_refinement_gained_is_told_by_scene_and_with_its_worst_window(measu
     assert [cell.strip() for cell in refined_summary(rows).splitlines()[2].split("|")[2:7]] == [
         "3", "25.00", "26.10", "+1.10", "-0.10"
     ]  # fmt: skip
-    assert not refined_table(outcome.rows) and not refined_summary(outcome.rows)
+    assert not refined_table(outcome.rows) and not refined_summary(outcome.rows) and not refined_line(rows)
+    three = [replace(row, setting={**row.setting, "views": 3}) for row in rows]
+    assert refined_line([*rows, *three]) == "mean of 2 scenes: 3 photos 25.00 → 26.10 dB"
     assert refined_table(rows) in results_text(rows, has_lpips=False)
 
 

@@ -38,7 +38,7 @@ def test_budgets_are_kept_and_nothing_is_done_for_none(rows: list) -> None:
     for start, *refined in (rows[:3], rows[3:]):
         assert start.costs["seconds"] == 0 and (start.figures["steps"], start.figures["kept"]) == (0, 0)
         steps = [row.figures["steps"] for row in refined]
-        assert 0 < steps[0] <= steps[1]
+        assert steps[0] <= steps[1] > 0
         for row in refined:
             figures = row.figures
             assert figures["bytes"] > 1000 and figures["psnr"] != figures["psnr_defined"]
@@ -47,18 +47,10 @@ def test_budgets_are_kept_and_nothing_is_done_for_none(rows: list) -> None:
                 assert figures["psnr"] == start.figures["psnr"]
 
 
-def test_rows_become_a_table_a_plot_and_a_line(rows: list, tmp_path: Path) -> None:
+def test_rows_become_a_table_and_a_plot(rows: list, tmp_path: Path) -> None:
     table = refining.refine_table(rows)
     assert cells(table)["3"][0] == "2 s" and table.count("\n") == 1 + len(rows)
     assert refining.refine_plot(tmp_path / "plot.png", rows) and (tmp_path / "plot.png").stat().st_size > 1000
-    assert refining.refine_line(rows) == ""  # of none of the budgets above
-    renamed = [row for row in rows if row.setting["given"] in (0, 2)]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refining, "LINE_SECONDS", 2)
-        before, after = (f"{row.figures['psnr']:.2f}" for row in renamed[:2])
-        assert refining.refine_line(renamed).startswith(
-            f"2 s, mean of 1 scenes: 3 photos {before} → {after} dB, 4 photos "
-        )
 
 
 def test_curves_are_of_both_kinds_of_file_and_become_a_table_and_a_plot(

@@ -41,9 +41,6 @@ CURVE_VIEWS = (4,)
 SIZES_KB = (20, 40, 80, 160, 300)
 """At which the two are compared."""
 
-LINE_SECONDS = 10
-"""Given for the one line that README has."""
-
 
 def refine_rows(run: Run) -> Iterator[Row]:
     """Every budget of the first windows of three photos and more of the user's scene folders."""
@@ -122,19 +119,6 @@ def refine_plot(path: Path, rows: Sequence[Row]) -> bool:
     return True
 
 
-def refine_line(rows: Sequence[Row]) -> str:
-    """What a page says of it in a line: dB before and after by number of photos, after the budget of `LINE_SECONDS`."""
-    parts = []
-    for (views,), members in grouped([row for row in rows if row.study == STUDY], "views").items():
-        by_time = {given: same for (given,), same in grouped(members, "given").items()}
-        if not {0, LINE_SECONDS} <= by_time.keys():
-            continue
-        before, after = (statistics.fmean(row.figures["psnr"] for row in by_time[given]) for given in (0, LINE_SECONDS))
-        parts.append(f"{views} photos {decibels(before)} → {decibels(after)} dB")
-    scenes = {row.subject.partition(" ")[0] for row in rows if row.study == STUDY}
-    return f"{LINE_SECONDS} s, mean of {len(scenes)} scenes: {', '.join(parts)}" if parts else ""
-
-
 def curve_rows(run: Run) -> Iterator[Row]:
     """Files of the first windows of four photos, unrefined and refined: once, for Q_g 0, in the default steps."""
     for job in run.jobs(CURVE_VIEWS):
@@ -190,5 +174,5 @@ def curve_plot(path: Path, rows: Sequence[Row]) -> bool:
     return bool(panels)
 
 
-REFINE = Study("Refinement", refine_rows, {STUDY: refine_table, f"{STUDY} line": refine_line}, {STUDY: refine_plot})
+REFINE = Study("Refinement", refine_rows, {STUDY: refine_table}, {STUDY: refine_plot})
 REFINED = Study("Refinement by size", curve_rows, {CURVES: curve_table}, {CURVES: curve_plot})
