@@ -7,7 +7,6 @@ the window's targets, which counts nowhere. Compared are the seconds to shares o
 
 from __future__ import annotations
 
-import json
 import statistics
 import subprocess
 import sys
@@ -18,8 +17,6 @@ from pathlib import Path
 
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
-from tinysplat_runtime.scene.images import write_png
-from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 
 from .. import stepper
 from ..pictures import Drawing, photo_psnr
@@ -98,12 +95,7 @@ def _write(case: Case, folder: Path) -> None:
     """Gaussians, photos and cameras, as a stepper reads them."""
     assert case.shots is not None
     folder.mkdir()
-    entries = []
-    for number, (image, camera) in enumerate(zip(case.shots.context.images, case.gaussians.cameras, strict=True)):
-        write_png(folder / f"{number}.png", image)
-        entries.append(camera_entry(f"{number}.png", camera))
-    near, far = case.shots.near, case.shots.far
-    (folder / "cameras.json").write_text(json.dumps({"frames": entries, "near": near, "far": far}), "utf-8")
+    case.shots.write(folder)
     save_gaussians(folder / "g.npz", case.gaussians)
 
 
