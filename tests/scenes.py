@@ -26,6 +26,14 @@ from tinysplat_runtime.scene.images import write_png
 NEAR, FAR = 1.5, 8.0
 
 
+def camera_at(x: float, y: float = 0.0, turn: float = 0.0) -> Camera:
+    """At (x, y, 0), turned by `turn` radians about y; 128×96."""
+    c2w = np.eye(4)
+    c2w[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+    c2w[:2, 3] = x, y
+    return Camera([[100, 0, 64], [0, 100, 48], [0, 0, 1]], c2w, 128, 96)
+
+
 def make_cameras(
     views: int = 2, height: int = 8, width: int = 12, spacing: float = 0.2,
     *, turn: float = 0.05, focal: float = 1.1, shift: tuple[float, float] = (0.3, -0.2),

@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.matching import reach_of, taken_as
 from tinysplat_runtime.scene.scenes import Frame, Scene
-
-K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
-
-
-def camera_at(x: float, y: float = 0.0, turn: float = 0.0) -> Camera:
-    c2w = np.eye(4)
-    c2w[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
-    c2w[:2, 3] = x, y
-    return Camera(K, c2w, 128, 96)
 
 
 def scene_of(*cameras: Camera) -> Scene:

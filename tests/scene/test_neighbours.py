@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import (
@@ -18,14 +19,6 @@ from tinysplat_runtime.scene.neighbours import (
 NEAR, FAR = 2.0, 6.0
 DEPTH = 3.0  # their harmonic mean
 K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
-
-
-def camera_at(x: float, y: float = 0.0, turn: float = 0.0) -> Camera:
-    """At (x, y, 0), turned by `turn` radians about y."""
-    c2w = np.eye(4)
-    c2w[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
-    c2w[:2, 3] = x, y
-    return Camera(K, c2w, 128, 96)
 
 
 def found(cameras: list[Camera]) -> Neighbours:
