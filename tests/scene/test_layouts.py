@@ -42,9 +42,14 @@ def test_what_is_no_scene_is_told_by_its_name(path: Any, words: str) -> None:
     assert words in refusal(path)
 
 
-def test_photos_alone_are_told_what_finds_their_cameras(folder: Path) -> None:
-    assert "in this folder" in refusal(folder) and "only photos" not in refusal(folder)
-    assert "only photos; `tinysplat poses" in refusal(folder / "images")
+def test_photos_alone_are_told_what_finds_their_cameras(folder: Path, tmp_path: Path) -> None:
+    """Whether they are in the folder itself or where another tool has put them; nothing is said of an empty one."""
+    for named in (folder, folder / "images"):
+        assert f"`tinysplat poses {folder / 'images'} -o SCENE`" in refusal(named)
+    (folder / "reconstruction.json").write_text("[]")
+    assert "OpenSfM" in refusal(folder) and f"`tinysplat poses {folder / 'images'} -o SCENE`" in refusal(folder)
+    (tmp_path / "empty").mkdir()
+    assert "tinysplat poses" not in refusal(tmp_path / "empty")
 
 
 # ---- transforms.json ---------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 
 from ...errors import InputError
@@ -20,6 +21,14 @@ from .realestate import load_realestate
 
 Reader = Callable[[Path, float | None, float | None], Scene]
 """Takes a path, near and far; the latter two replace the scene's own where they are not None."""
+
+NOT_READ = {
+    "*.psx": "Metashape", "*.psz": "Metashape", "*.sfm": "Meshroom", "*.mg": "Meshroom", "MeshroomCache": "Meshroom",
+    "bundle*.out": "Bundler", "reconstruction.json": "OpenSfM", "opensfm": "OpenSfM",
+}  # fmt: skip
+"""Files of tools whose cameras are in none of the layouts."""
+
+_MOST_FOLDERS = 200  # that are searched for photos
 
 POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
 ACCEPTED = f"{CAMERAS_FILE}, {FILE}, {BLENDER_FILE}, {LLFF_FILE} or a COLMAP model in sparse/"
@@ -83,7 +92,22 @@ def foreign_reader(path: Path) -> Reader | None:
 
 def _cameras_file(path: Path) -> Path:
     if path.is_dir() and not (path / CAMERAS_FILE).exists():
-        photos = sum(file.suffix.lower() in PHOTO_SUFFIXES for file in path.iterdir())
-        advice = f", only photos; `tinysplat poses {path} -o SCENE` finds their cameras" if photos else ""
-        raise InputError(f"no {ACCEPTED} in this folder{advice}", where=str(path))
+        tool = next((f"cameras of {tool} are not read; " for sign, tool in NOT_READ.items() if any(path.glob(sign))), "")
+        photos, folder = max(((_photos_in(folder), folder) for folder in _folders(path)), key=lambda found: found[0])
+        only = ", only photos" if photos and folder == path else ""
+        advice = f"{only}; `tinysplat poses {folder} -o SCENE` finds the photos' cameras" if photos else ""
+        raise InputError(f"{tool}no {ACCEPTED} in this folder{advice}", where=str(path))
     return path / CAMERAS_FILE if path.is_dir() else path
+
+
+def _folders(path: Path) -> list[Path]:
+    """A folder and those in it, two levels deep: where tools keep their photos."""
+    inner = (folder for pattern in ("*", "*/*") for folder in sorted(path.glob(pattern)) if folder.is_dir())
+    return [path, *islice(inner, _MOST_FOLDERS)]
+
+
+def _photos_in(folder: Path) -> int:
+    try:
+        return sum(file.suffix.lower() in PHOTO_SUFFIXES for file in folder.iterdir())
+    except OSError:  # not ours to read
+        return 0
