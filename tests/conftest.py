@@ -1,5 +1,6 @@
-"""Shared settings: the artifacts of this checkout, property tests that say the same thing on every run, and what is
-said of tests whose extra is not installed."""
+"""Shared settings: the artifacts of this checkout, property tests that say the same thing on every run, what is said
+of tests whose extra is not installed, and the world as a test wants it: memory, cores, clock, processes, network and
+missing packages."""
 
 from __future__ import annotations
 
@@ -7,8 +8,13 @@ import importlib.metadata
 import os
 import re
 import signal
-from collections.abc import Generator
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -79,3 +85,84 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
         if why is None:
             raise
         pytest.skip(why)
+
+
+@pytest.fixture
+def free_memory(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Say what a machine has free, and what its container may take and has taken: `free_memory(300_000_000)`. Each is
+    the text that Linux gives, a number of bytes, or None where the machine does not say."""
+    from tinysplat_runtime.system import memory
+
+    folder = tmp_path_factory.mktemp("memory")
+    monkeypatch.setattr(memory, "MEMINFO", folder / "meminfo")
+    monkeypatch.setattr(memory, "CGROUP", folder)
+
+    def says(machine: int | str | None, limit: int | str | None = None, taken: int | str | None = None) -> None:
+        if isinstance(machine, int):
+            machine = f"MemTotal: 99000000 kB\nMemAvailable: {machine // 1024} kB\n"
+        for name, text in (("meminfo", machine), ("memory.max", limit), ("memory.current", taken)):
+            (folder / name).unlink(missing_ok=True)
+            if text is not None:
+                (folder / name).write_text(str(text), encoding="utf-8")
+
+    return says
+
+
+@pytest.fixture
+def cores(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Say how many cores this process may use."""
+    return lambda count: monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(count)), raising=False)
+
+
+@pytest.fixture
+def missing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Say which packages cannot be imported: `missing("numba", "tqdm")`."""
+
+    def packages(*names: str) -> None:
+        for name in names:
+            for module in [name, *(found for found in sys.modules if found.startswith(f"{name}."))]:
+                monkeypatch.setitem(sys.modules, module, None)
+
+    return packages
+
+
+class Clock:
+    """A clock that stands still: it goes on as it is told and when somebody sleeps, and notes how long they slept."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.slept: list[float] = []
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The clock that everything reads."""
+    found = Clock()
+    for name in ("perf_counter", "monotonic", "time"):
+        monkeypatch.setattr(time, name, found)
+    monkeypatch.setattr(time, "sleep", found.sleep)
+    return found
+
+
+@pytest.fixture
+def processes(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., Any]], None]:
+    """Say what comes of starting a process: `processes(lambda command, **options: CompletedProcess(command, 0))`."""
+    return lambda run: monkeypatch.setattr(subprocess, "run", run)
+
+
+@pytest.fixture
+def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine on which whoever reaches for the network fails the test."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("the network was asked for")
+
+    for name in ("socket", "create_connection", "getaddrinfo"):
+        monkeypatch.setattr(socket, name, refuse)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
-from tinysplat_runtime.system import memory
+from tinysplat_runtime.system.memory import available_bytes
 
 MEMINFO = "MemTotal:       4000 kB\nMemFree:         500 kB\nMemAvailable:   3000 kB\nBuffers:  70 kB\n"
 
@@ -26,17 +26,7 @@ MEMINFO = "MemTotal:       4000 kB\nMemFree:         500 kB\nMemAvailable:   300
     ],
 )
 def test_the_lesser_of_what_machine_and_container_leave(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, meminfo: str | None, limit: str | None, used: str | None,
-    expected: int | None,
-) -> None:  # fmt: skip
-    for name, text in (("meminfo", meminfo), ("memory.max", limit), ("memory.current", used)):
-        if text is not None:
-            (tmp_path / name).write_text(text)
-    monkeypatch.setattr(memory, "_MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr(memory, "_CGROUP", tmp_path)
-    assert memory.available_bytes() == expected
-
-
-def test_linux_s_own_files_are_read_where_there_are_any() -> None:
-    known = Path("/proc/meminfo").exists() and "MemAvailable:" in Path("/proc/meminfo").read_text()
-    assert not known or 0 < (memory.available_bytes() or 0) < 2**60
+    free_memory: Callable[..., None], meminfo: str | None, limit: str | None, used: str | None, expected: int | None
+) -> None:
+    free_memory(meminfo, limit, used)
+    assert available_bytes() == expected

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-_MEMINFO = Path("/proc/meminfo")
-_CGROUP = Path("/sys/fs/cgroup")
+MEMINFO = Path("/proc/meminfo")
+CGROUP = Path("/sys/fs/cgroup")
 
 
 def available_bytes() -> int | None:
@@ -16,7 +16,7 @@ def available_bytes() -> int | None:
 
 def _of_machine() -> int | None:
     try:
-        lines = _MEMINFO.read_text().splitlines()
+        lines = MEMINFO.read_text().splitlines()
     except OSError:  # not Linux
         return None
     return next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), None)
@@ -25,7 +25,7 @@ def _of_machine() -> int | None:
 def _of_container() -> int | None:
     """What version 2 of Linux's control groups leaves; caches that would give way count as taken."""
     try:
-        limit, used = (_CGROUP / "memory.max").read_text(), (_CGROUP / "memory.current").read_text()
+        limit, used = (CGROUP / "memory.max").read_text(), (CGROUP / "memory.current").read_text()
         return int(limit) - int(used)
     except (OSError, ValueError):  # no limit reads "max"
         return None
