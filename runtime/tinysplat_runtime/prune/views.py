@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codec.free.octree import morton_keys
 from ..gaussian.gaussians import Gaussians
 from ..render import DEFINITION, Renderer
 from ..render.paths import looking_along
@@ -29,8 +30,33 @@ OPEN, CLOSED = 0.2, 0.75
 """A scene is a room where, from its middle, so far (in diagonals) nothing stands in most directions, and something
 beyond in this share of them."""
 
+UNEVEN = 3.0
+"""Octaves between the sizes of Gaussians in the finest and the coarsest parts of a scene: of a place, at least so many."""
+
+ALIKE = 64
+"""Gaussians in a row along a curve through space whose median size is that of a part."""
+
 _GOLDEN = math.pi * (3 - math.sqrt(5))
+_BITS = 20
 _DOWN = np.array([0.0, 1.0, 0.0])
+
+
+def is_place(gaussians: Gaussians) -> bool:
+    """Whether (N,) Gaussians show what was seen from within, and views from outside would show too little of.
+
+    Gaussians are about as large as pixels of the photos that they were made from. About an object cameras are equally
+    far from all of it; in a place they are near some of it and far from the rest, and sizes differ by as much.
+    """
+    means = gaussians.means.astype(np.float64)
+    low, high = np.percentile(means, (1, 99), axis=0)
+    unit = (1 << _BITS) / (2 * float((high - low).max()) or 1.0)
+    cells = ((means - low) * unit + (1 << (_BITS - 2))).clip(0, (1 << _BITS) - 1)
+    order = np.argsort(morton_keys(cells.astype(np.int64)), kind="stable")
+    widths = np.sort(gaussians.scales, axis=1)[order, 1:].astype(np.float64)
+    sizes = np.log2(np.maximum(widths, 1e-15)).mean(axis=1)
+    parts = max(len(sizes) // ALIKE, 1)
+    finest, coarsest = np.percentile([np.median(part) for part in np.array_split(sizes, parts)], (5, 95))
+    return bool(coarsest - finest >= UNEVEN)
 
 
 def views_about(gaussians: Gaussians, count: int) -> list[Camera]:

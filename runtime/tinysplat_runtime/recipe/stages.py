@@ -177,12 +177,17 @@ def _free(job: Job, coding: Coding, tools: Tools) -> bytes:
 
 
 def _thinning(job: Job) -> ThinningEncoder | None:
-    """What leaves Gaussians out; without numba None, and a warning that says so."""
+    """What leaves Gaussians out; without numba or of a place None, and a warning that says so."""
     try:
+        from ..codec.free.encoder import visible
         from ..prune.thinning import ThinningEncoder
+        from ..prune.views import is_place
     except ImportError as error:
         found = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
         warn(found)
+        return None
+    if is_place(visible(job.gaussians)):
+        warn("all Gaussians are kept: they show a place, of which pictures need others from within than from outside")
         return None
     return ThinningEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
 
