@@ -10,12 +10,9 @@ from evaluation_scenes import NEAR_WINDOW, write_eval_scene
 from scenes import make_smooth_gaussians
 from tiny_runs import cells, rows_of, tiny_run
 
-from tinysplat.measure import ideas
 from tinysplat.measure.rows import Row
 from tinysplat.measure.show.curve_tables import (
-    bits_table,
     gain_table,
-    overview_table,
     photo_table,
     rate_table,
     single_table,
@@ -55,12 +52,6 @@ def test_shares_are_means_over_windows_in_proportion():
     assert found[-1] == "+0.0% (-50% to +100%)" and "(100%)" in found[1]
 
 
-def test_the_overview_has_every_curve_and_no_points():
-    rows = [*_rows("paper", 1), *_rows("half", 0.5), *_rows("SPZ", 9, decibels=(41.0,))]
-    lines = overview_table(rows).splitlines()
-    assert "SPZ" not in lines[0] and " -50.0% |" in lines[2] and " 14.1 (50%) |" in lines[3]
-
-
 def test_curves_that_do_not_meet_say_so():
     rows = [*_rows("paper", 1), *_rows("x", 0.5, decibels=(44.0, 46.0)), *_rows("SPZ", 9, decibels=(41.0,))]
     found = cells(rate_table(rows))
@@ -76,11 +67,6 @@ def test_windows_that_lack_a_size_are_counted():
     rows = [*_rows("paper", 1), *_rows("x", 0.5), *_rows("paper", 1, "trex"), *_rows("x", 1, "trex", (44.0, 46.0))]
     found = cells(rate_table(rows))["x"]
     assert found[1] == "10.0 (50%), 1 of 2" and found[-1] == "-50.0%, 1 of 2"
-
-
-def test_bits_are_shares_of_the_planes():
-    table = bits_table(_rows("paper", 1))
-    assert cells(table)["paper"][4:] == ["30.0", "0.0", "0.0", "60.0", "10.0", "–"]
 
 
 def test_what_an_idea_gains_is_what_the_codec_without_it_costs():
@@ -123,15 +109,6 @@ def test_curves_cover_profiles_modes_and_peers_and_go_on(inputs, tmp_path):
     size = (tmp_path / "rows.jsonl").stat().st_size
     assert rows_of("curves", tiny_run(tmp_path, *inputs, **options)) == rows
     assert (tmp_path / "rows.jsonl").stat().st_size == size
-
-
-def test_an_ablation_undoes_every_idea_and_tells_its_cost(inputs, tmp_path):
-    rows = rows_of("ideas", tiny_run(tmp_path, inputs[1], rounds=1, qps=(0.0,)))
-    names = {*ideas.CHANGES, *ideas.other_settings()}
-    times = find_study("ideas").tables["ideas decode"](rows)
-    for study in ("ideas", "ideas encode", "ideas decode"):
-        assert {row.way for row in rows if row.study == study} == {"balanced", *names}
-    assert all(f"| {name} " in gain_table(rows) and f"| {name} " in times for name in names)
 
 
 def test_seconds_stand_beside_decibels(inputs, tmp_path):

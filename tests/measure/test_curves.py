@@ -90,20 +90,6 @@ def test_growth_is_proportional_from_where_all_further_steps_are_nearly_one(step
     assert [step for _, step in fit.steps] == pytest.approx(steps)
 
 
-def test_the_slope_is_that_of_the_line_through_all_points() -> None:
-    assert growth(1, 1, 1).slope == pytest.approx(1) and growth(2, 2).slope == pytest.approx(2)
-    assert growth(0, 0, 3).slope == pytest.approx(0.9)  # least squares of 0, 0, 0, 3 over 0, 1, 2, 3
-
-
-def test_fixed_costs_and_costs_per_unit_are_least_squares_of_relative_errors_and_not_negative() -> None:
-    fit = Fit.of(X, [3 + 2 * x for x in X])
-    assert (fit.fixed, fit.per_unit) == pytest.approx((3, 2))
-    fit = Fit.of([1.0, 2.0], [1.0, 4.0])  # through both: −2 + 3 x
-    assert fit.fixed == 0 and fit.per_unit == pytest.approx((1 + 0.5) / (1 + 0.25))
-    fit = Fit.of([1.0, 2.0], [4.0, 1.0])
-    assert fit.per_unit == 0 and fit.fixed == pytest.approx((0.25 + 1) / (1 / 16 + 1))
-
-
 @pytest.mark.parametrize(
     ("x", "y", "axis", "said"),
     [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,22 +12,17 @@ from scenes import make_smooth_gaussians
 from tiny_runs import rows_of, tiny_run
 
 from tinysplat.measure.studies import find_study
-from tinysplat.measure.studies.coding import component_bytes
 from tinysplat.measure.studies.figures import (
     paper_variant,
-    smoothness,
     vpt_channels,
     without_vabr,
     without_vpt,
 )
 from tinysplat.measure.studies.paper import (
     BITS,
-    MAIN,
-    VIEWS,
     bits_table,
     elsewhere_table,
     main_table,
-    network_name,
     time_table,
     views_table,
 )
@@ -60,12 +54,6 @@ def test_the_paper_variant_is_the_real_codec(gaussians, runtime):
     np.testing.assert_array_equal(variant.gaussians.sh, runtime.decompress(data).sh)
 
 
-def test_components_come_with_their_bytes_and_degree_0_has_none(gaussians, runtime):
-    sizes = component_bytes(runtime.compress(gaussians, "paper"))
-    assert len(sizes) == 6 and sizes[0] > sizes[5] > 0
-    assert component_bytes(runtime.compress(make_smooth_gaussians(degree=0), "paper")) == []
-
-
 def test_more_components_cost_more_and_lose_less(tmp_path):
     save_gaussians(tmp_path / "made.npz", make_smooth_gaussians(height=24, width=32, degree=2))
     save_gaussians(tmp_path / "flat.npz", make_smooth_gaussians(height=24, width=32, degree=0))
@@ -77,20 +65,6 @@ def test_more_components_cost_more_and_lose_less(tmp_path):
     bits = [row.figures["bits"] for row in rows if row.study == "component bits"]
     assert len(bits) == 12 and bits[0] > bits[11] > 0
     assert [line for line in run.left_out if "SH degree 0 has no components" in line] == run.left_out
-
-
-@pytest.mark.parametrize("make", [without_vpt, without_vabr])
-def test_ablations_replace_one_part_and_keep_the_rest(gaussians, runtime, make):
-    real, ablated = paper_variant(gaussians, 0, runtime), make(gaussians, 0, runtime)
-    replaced = {"depth", "offset", "scale", "rotation"} if make is without_vpt else {"color"}
-    for name, size in real.bytes_by_class.items():
-        assert (ablated.bytes_by_class[name] == size) == (name not in replaced)
-    kept = ("sh", "opacities") if make is without_vpt else ("means", "quats", "scales", "opacities")
-    for a, b in zip(real.gaussians.layers, ablated.gaussians.layers, strict=True):
-        assert all(np.array_equal(getattr(a, name), getattr(b, name)) for name in kept)
-    planes = sum(ablated.bytes_by_class.values()) - sum(real.bytes_by_class.values())
-    basis = 0 if make is without_vpt else 2 * 27 * 6  # float16, layer 0's alone: layer 1 is of degree 0
-    assert ablated.bytes == real.bytes + planes - basis
 
 
 def test_ablations_return_the_gaussians_at_fine_steps(gaussians, runtime):
@@ -106,16 +80,6 @@ def test_the_first_raw_coefficients_leave_the_others_zero(gaussians, runtime):
     assert flat[..., :6].any() and not flat[..., 6:].any()
 
 
-def test_constant_attributes_survive_without_planes(runtime):
-    flat = make_smooth_gaussians(degree=0)
-    flat = replace(
-        flat, scales=np.full_like(flat.scales, 0.02), quats=np.broadcast_to([1.0, 0, 0, 0], flat.quats.shape)
-    )
-    variant = without_vpt(flat, 0, runtime)
-    assert variant.bytes_by_class["scale"] == variant.bytes_by_class["rotation"] == 0
-    np.testing.assert_allclose(variant.gaussians.scales, 0.02, rtol=1e-6)
-
-
 def test_vpt_channels_are_the_positions_and_scales_on_either_side(gaussians, runtime):
     groups = vpt_channels(gaussians, runtime.store)
     np.testing.assert_array_equal(groups["position before"]["z"], gaussians.means[..., 2])
@@ -124,29 +88,11 @@ def test_vpt_channels_are_the_positions_and_scales_on_either_side(gaussians, run
     np.testing.assert_allclose(groups["scale after"]["ŝ1"], focal * gaussians.scales[..., 0] / depth, rtol=1e-4)
 
 
-def test_smoothness_tells_ramps_from_noise():
-    ramp = np.broadcast_to(np.arange(32.0), (1, 32, 32)) + np.arange(32.0)[:, None]
-    assert smoothness(ramp) == pytest.approx(1)
-    assert abs(smoothness(np.random.default_rng(0).normal(size=(1, 64, 64)))) < 0.1
-    assert smoothness(np.zeros((1, 4, 4))) == 1
-
-
 # ---- printed figures ---------------------------------------------------------------------------------------------
 
 
 def test_printed_shares_add_up_as_the_paper_rounds_them():
     assert all(99.5 < sum(shares.values()) < 100.5 for _, shares in BITS.values())
-
-
-def test_printed_tables_have_every_cell():
-    assert all(set(codecs) == {"raw", "FCGS", "TinySplat"} for codecs in (*MAIN.values(), *VIEWS.values()))
-    assert all(set(cells) == {"re10k", "acid"} for codecs in MAIN.values() for cells in codecs.values())
-
-
-def test_networks_go_by_the_papers_names():
-    assert network_name("exports/mvsplat_re10k.onnx") == "MVSplat"
-    assert network_name("depthsplat-base") == "DepthSplat"
-    assert network_name("sweep") == "sweep"
 
 
 # ---- studies -----------------------------------------------------------------------------------------------------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 from dataclasses import replace
@@ -40,10 +38,9 @@ from tinysplat.measure.quality import (
 )
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
-from tinysplat.measure.show.sheets import error_map, matching, picture_sheet, result_sheets, write_sheet
-from tinysplat.measure.show.tables import csv_text, format_table
+from tinysplat.measure.show.sheets import picture_sheet, result_sheets, write_sheet
 from tinysplat.measure.studies.quality import refined_line, refined_summary, refined_table, results_text, summary_table
-from tinysplat.measure.subjects.cases import LeftOut, Window, covered_pixels
+from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources, read_depth
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, ModelError
@@ -294,10 +291,6 @@ def test_chunks_of_a_data_set_are_measured_and_missing_scenes_counted(tmp_path):
     assert entry["zoom"]["2"]["photos_enlarged"] == pytest.approx(96 / 360)
 
 
-def test_identical_pictures_get_the_ceiling_that_json_can_hold():
-    assert psnr(plane_photo(0) / 255, plane_photo(0) / 255) == CEILING
-
-
 def test_zoomed_pictures_and_enlarged_ones_meet_the_same_pixels_of_the_photo(measured):
     """The photo itself, brought to half its size and back, is far nearer than one that lies a pixel aside."""
     scene, _, _ = measured
@@ -367,36 +360,7 @@ def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):
     assert len(found["groups"]) == 4 and found["groups"][0]["mean"]["bytes"] == found["scenes"][0]["bytes"]
 
 
-def test_tables_line_up_and_say_that_there_are_no_weights(measured):
-    _, _, outcome = measured
-    tables = [block.splitlines() for block in results_text(outcome.rows, has_lpips=False).split("\n\n")]
-    assert len(tables) == 4 and tables[0][0] == "near, 2 views, sweep, paper at Q_g 0, 48x64"
-    assert all(len({len(line) for line in table[1:]}) == 1 for table in tables)
-    assert "no weights" in tables[0][3]
-    assert format_table(["a", "b"], [["x", "1.0"]]) == "| a |   b |\n|---|----:|\n| x | 1.0 |"
-
-
-def test_csv_has_a_line_per_row_and_a_column_per_figure(measured):
-    _, _, outcome = measured
-    rows = list(csv.DictReader(io.StringIO(csv_text(map(record, outcome.rows)))))
-    assert len(rows) == 4 and rows[2]["context"] == "0 3"
-    assert float(rows[0]["psnr"]) == outcome.rows[0].figures["psnr"]
-    assert float(rows[0]["bytes_by_class.depth"]) == outcome.rows[0].figures["bytes_by_class"]["depth"]
-
-
-def test_left_out_reads_as_one_line():
-    assert str(LeftOut("a near 0,2", "no such file")) == "left out a near 0,2: no such file"
-
-
 # ---- comparing ---------------------------------------------------------------------------------------------------
-
-
-def test_results_are_matched_by_window_and_then_by_coding(measured):
-    near_paper, near_balanced, wide_paper, _ = map(record, measured[2].rows)
-    assert list(matching([near_paper], [near_balanced])) == [(near_paper, near_balanced)]
-    assert list(matching([near_paper], [wide_paper])) == []
-    both = [near_balanced, near_paper]
-    assert list(matching([near_paper, near_balanced], both)) == [(r, r) for r in (near_paper, near_balanced)]
 
 
 def write_results(folder: Path, outcome: Outcome) -> None:
@@ -437,9 +401,3 @@ def test_pictures_of_two_sizes_are_refused(tmp_path):
     write_png(tmp_path / "b.png", plane_photo(0)[:-1])
     with pytest.raises(InputError, match=r"64x47 pixels, but .*a\.png has 64x48"):
         picture_sheet(tmp_path / "a.png", tmp_path / "b.png")
-
-
-def test_error_maps_are_mean_absolute_differences():
-    a, b = np.zeros((2, 2, 3)), np.zeros((2, 2, 3))
-    b[0, 1] = (0.3, 0, 0.6)
-    np.testing.assert_allclose(error_map(a, b), [[0, 0.3], [0, 0]])

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
 import json
 import math
-import platform
 import subprocess
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -73,60 +69,6 @@ def test_a_changed_graph_gives_another_stamp_and_a_changed_network_gives_rows_an
         model_fingerprint.cache_clear()
         prints.add(model_fingerprint(str(tmp_path / "own.onnx")))
     assert len(prints) == 2
-
-
-def test_another_library_gives_another_stamp(fresh):
-    plain = code_fingerprint.__wrapped__()
-
-    versions = {name: importlib.metadata.version(name) for name in ("numpy", "onnxruntime", "av")}
-    for name in versions:
-        other = {**versions, name: "0"}
-        library = SimpleNamespace(metadata=SimpleNamespace(version=other.__getitem__))
-        assert fresh("importlib", library) != plain, name
-
-
-def test_rows_are_found_by_key_and_stamp_and_unstamped_rows_are_measured_anew(tmp_path):
-    file = RowFile(tmp_path / "rows.jsonl")
-    file.add(Row("s", "a", "w", figures={"db": 1.0}, stamp="one"))
-    file.add(Row("s", "b", "w", figures={"db": 2.0}))
-    again = RowFile(tmp_path / "rows.jsonl")
-    assert again.find(Row("s", "a", "w", stamp="one")).figures == {"db": 1.0}
-    assert again.find(Row("s", "a", "w", stamp="two")) is None
-    assert again.find(Row("s", "b", "w")) is None
-
-
-def test_stamps_are_the_first_64_bits_of_a_hash_of_names_and_contents(tmp_path):
-    files = [tmp_path / "a.py", tmp_path / "b.py"]
-    for path in files:
-        path.write_bytes(path.name.encode() * 2)
-    wanted = hashlib.sha256(b"a.pya.pya.pyb.pyb.pyb.pynumpy 2av 1").hexdigest()[:16]
-    assert fingerprint(files, ["numpy 2", "av 1"]) == wanted
-    assert rows.digest("a", [1], {"y": 1, "x": 2}) == rows.digest("a", [1], {"x": 2, "y": 1})
-    assert rows.digest(1) == hashlib.sha256(b"[1]").hexdigest()[:16] != rows.digest(2)
-    network = next(artifact for artifact in load_manifest().values() if artifact.role == "network")
-    model_fingerprint.cache_clear()
-    assert model_fingerprint(network.name) == network.sha256[:16]
-
-
-def test_weights_beside_a_network_count_with_their_name_size_and_time(tmp_path):
-    (tmp_path / "own.onnx").write_bytes(b"x" * 100)
-
-    def found() -> str:
-        model_fingerprint.cache_clear()
-        return model_fingerprint(str(tmp_path / "own.onnx"))
-
-    assert found() == hashlib.sha256(b"x" * 100).hexdigest()[:16]
-    data = tmp_path / "own.onnx.data"
-    data.write_bytes(b"1234")
-    one = found()
-    stat = data.stat()
-    said = f"own.onnx.data 4 {stat.st_mtime_ns}".encode()
-    assert one == hashlib.sha256(b"x" * 100 + said).hexdigest()[:16]
-    (tmp_path / "own.onnx_data").write_bytes(b"1")
-    assert found() != one
-    (tmp_path / "other.data").write_bytes(b"1")
-    (tmp_path / "own.onnx_data").unlink()
-    assert found() == one
 
 
 def test_rows_are_json_without_what_is_empty_and_come_back():
@@ -197,29 +139,6 @@ def test_rows_are_grouped_by_attributes_and_settings_in_order_of_appearance():
     assert rows.grouped(made, "subject", "views") == {("b", (1, 2)): [made[0], made[2]], ("a", None): [made[1]]}
     assert rows.grouped(made, "study", "way", "qp") == {("s", "w", None): made}
     assert rows.of_study([*made, Row("t", "a", "w")], "s") == made
-
-
-def test_a_machine_is_described_by_what_the_system_tells(monkeypatch):
-    told = {
-        "cpuinfo": ["processor : 0", "model name : Fast One", "flags : fpu avx2 avx512f sse", "flags : none"],
-        "meminfo": ["MemFree: 7 kB", "MemTotal:       24 kB"],
-    }
-    monkeypatch.setattr(rows, "_proc", told.__getitem__)
-    monkeypatch.setattr(rows.os, "getloadavg", lambda: (1.256, 9.0, 9.0))
-    found = rows.describe_machine()
-    assert (found["cpu"], found["memory_bytes"], found["load_average"]) == ("Fast One", 24 * 1024, 1.26)
-    assert found["vector_extensions"] == ["avx2", "avx512f"]
-    assert found["numpy"] == np.__version__ and found["python"] == platform.python_version()
-    assert found["libavcodec"].count(".") == 2 and "torch" in found
-    for name in told:
-        told[name] = []
-    found = rows.describe_machine()
-    assert found["memory_bytes"] is None and found["vector_extensions"] == []
-    assert found["cpu"] == (platform.processor() or platform.machine())
-
-
-def test_what_a_system_does_not_tell_is_nothing():
-    assert rows._proc("no such file") == []
 
 
 @pytest.mark.parametrize(("changed", "plus"), [("", ""), (" M runtime/a.py", "+")])

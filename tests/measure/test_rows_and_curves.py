@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tinysplat.measure.clock import Baseline, Effort, Variant, measure, summarised
-from tinysplat.measure.curves import Fit, bd_rate, bytes_at, decibels_at
-from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
+from tinysplat.measure.clock import Baseline, Effort, Variant, measure
+from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.show.pages import agreement, fill_pages, filled, goal_table, pages, size_at_equal_db
 from tinysplat.measure.show.tables import View, front
 from tinysplat.measure.studies import STUDIES, find_study
@@ -26,24 +25,6 @@ def row(way: str, seconds: float = 1.0, **figures: float) -> Row:
 
 
 # ---- rows --------------------------------------------------------------------------------------------------------
-
-
-def test_rows_survive_the_file_and_of_two_the_later_counts(tmp_path):
-    file = RowFile(tmp_path / ROWS)
-    first = Row("s", "case", "way", {"qp": 0.0, "context": (0, 2)}, {"psnr": math.inf, "x": {"y": None}}, stamp="a")
-    kept = file.add(first)
-    assert kept.figures["psnr"] == math.inf and kept.setting["context"] == [0, 2]
-    assert RowFile(tmp_path / ROWS).find(first) == kept
-    assert file.find(replace(first, stamp="b")) is None and file.find(replace(first, stamp="")) is None
-    second = file.add(replace(first, stamp="b", figures={"psnr": 1.0}))
-    assert read_rows(tmp_path) == [second] == list(RowFile(tmp_path / ROWS))
-
-
-@pytest.mark.parametrize("text", ["[]\n", "3\n", "not json\n", '{"study": "s", "rows": 3}\n'])
-def test_a_file_of_something_else_is_refused(tmp_path, text):
-    (tmp_path / ROWS).write_text(text)
-    with pytest.raises(InputError, match=r"rows\.jsonl: line 1: not a row of measurements"):
-        read_rows(tmp_path)
 
 
 # ---- the clock ---------------------------------------------------------------------------------------------------
@@ -76,56 +57,7 @@ def test_the_budget_ends_the_rounds_but_not_before_the_least():
     assert found.costs["rounds"] == 2
 
 
-def test_medians_ignore_an_outlier():
-    costs = summarised([(1.0, 0.5), (1.1, 0.5), (9.0, 0.6)])
-    assert (costs["seconds"], costs["cpu"], costs["rounds"]) == (1.1, 0.5, 3)
-    assert costs["low"] <= costs["seconds"] <= costs["high"]
-
-
 # ---- curves ------------------------------------------------------------------------------------------------------
-
-REFERENCE = [(10_000, 35.0), (20_000, 38.0), (40_000, 41.0), (80_000, 44.0)]
-
-
-@pytest.mark.parametrize("share", [0.5, 0.9, 1.7])
-def test_bd_rate_of_a_curve_scaled_in_bytes_is_the_scale(share):
-    scaled = [(size * share, db) for size, db in REFERENCE]
-    assert bd_rate(REFERENCE, scaled) == pytest.approx(share - 1, abs=1e-3)
-    assert bd_rate(scaled, REFERENCE) == pytest.approx(1 / share - 1, abs=1e-3)
-
-
-def test_bd_rate_on_a_straight_line_in_log_bytes_is_the_shift_in_db():
-    # 3 dB double the bytes here, so that 1 dB more at equal bytes is 2^(−1/3) of the bytes at equal dB.
-    better = [(size, db + 1) for size, db in REFERENCE]
-    assert bd_rate(REFERENCE, better) == pytest.approx(2 ** (-1 / 3) - 1, abs=1e-4)
-
-
-def test_limits_choose_the_range_and_beaten_points_do_not_count():
-    crossing = [(5_000, 35.0), (40_000, 41.0), (160_000, 44.0), (170_000, 39.0)]
-    assert bd_rate(REFERENCE, crossing, (35, 37)) < 0 < bd_rate(REFERENCE, crossing, (42, 44))
-
-
-def test_bytes_at_passes_through_the_points_and_ends_with_them():
-    assert bytes_at(REFERENCE, 38.0) == pytest.approx(20_000)
-    assert bytes_at(REFERENCE, 34.9) is None and bytes_at(REFERENCE, 44.1) is None
-    assert decibels_at(REFERENCE, 20_000) == pytest.approx(38)
-    assert decibels_at(REFERENCE, 15_000) == pytest.approx(38 - 3 * math.log2(4 / 3), abs=1e-4)
-    assert decibels_at(REFERENCE, 9_999) is None and decibels_at(REFERENCE, 90_000) == 44
-    assert decibels_at([(30_000, 38.0), (60_000, 37.9)], 50_000) == 38  # a larger file that is worse
-    for other in ([(1_000, 20.0), (2_000, 25.0)], REFERENCE[:1]):
-        with pytest.raises(InputError, match="curve"):
-            bd_rate(REFERENCE, other)
-
-
-def test_growth_is_fitted_with_its_fixed_cost_and_where_it_becomes_proportional():
-    x = [2.0**i for i in range(11)]
-    fit = Fit.of(x, [3 * value for value in x])
-    assert (fit.slope, fit.per_unit) == (pytest.approx(1), pytest.approx(3)) and fit.fixed == pytest.approx(0, abs=1e-9)
-    assert "over the whole range" in fit.sentence("views", str, 1)
-    fit = Fit.of(x, [10.0 + value for value in x])
-    assert (fit.fixed, fit.per_unit) == (pytest.approx(10, rel=1e-6), pytest.approx(1, rel=1e-6))
-    assert fit.linear_from is not None and 32 <= fit.linear_from <= 128 and fit.slope < 1
-    assert Fit.of(x[:4], [value**2 for value in x[:4]]).sentence("views", str, 1).startswith("faster")
 
 
 # ---- shown -------------------------------------------------------------------------------------------------------

@@ -10,8 +10,7 @@ import pytest
 from evaluation_scenes import NEAR_WINDOW, write_eval_scene
 from scenes import make_smooth_gaussians
 
-from tinysplat.measure.subjects import cases
-from tinysplat.measure.subjects.cases import LeftOut, Window, contract_inputs, covered_pixels, nearest_views
+from tinysplat.measure.subjects.cases import Window, contract_inputs
 from tinysplat.measure.subjects.room import Room
 from tinysplat.measure.subjects.sources import FileSource, find_sources
 from tinysplat_runtime.errors import InputError
@@ -87,31 +86,6 @@ def test_a_file_without_cameras_has_no_targets(tmp_path: Path) -> None:
 
 def camera(x: float, width: int = 60) -> Camera:
     return Camera([[40, 0, width / 2], [0, 40, 10], [0, 0, 1]], np.eye(4) + x * np.eye(4, k=3), width, 20)
-
-
-def test_words_of_windows_and_of_what_was_left_out() -> None:
-    assert str(Window("near", (0, 12), (3,))) == "near 0,12"
-    lost = LeftOut("fox", "no photo")
-    assert str(lost) == "left out fox: no photo" and lost.count == 1
-
-
-def test_the_nearest_views_stand_in_the_order_in_which_they_are_given() -> None:
-    among = [camera(x) for x in (5.0, 1.0, -2.0, 0.5, 1.0)]
-    assert nearest_views(camera(0), among, 3) == [1, 3, 4] and nearest_views(camera(0), among, 1) == [3]
-    assert nearest_views(camera(4), among, 2) == [0, 1]
-
-
-@pytest.mark.parametrize(("near", "far"), [(1.0, 4.0), (0.5, 20.0), (2.0, 2.5)])
-def test_a_pixel_is_covered_where_half_of_sixteen_places_along_its_ray_are_in_a_frame(near: float, far: float) -> None:
-    """Places uniform in inverse depth; half a unit aside they move by twenty pixels times it."""
-    assert (cases.DEPTHS, cases.SHARE) == (16, 0.5)
-    inverse = np.linspace(1 / far, 1 / near, 16)
-    x = np.arange(60) + 0.5
-    counted = ((x[:, None] + 20 * inverse <= 60) & (x[:, None] + 20 * inverse >= 0)).sum(axis=1)
-    found = covered_pixels(camera(-0.5), [camera(-1.0)], near, far)
-    np.testing.assert_array_equal(found, np.broadcast_to(counted >= 8, (20, 60)))
-    mirrored = covered_pixels(camera(0.5), [camera(1.0)], near, far)
-    np.testing.assert_array_equal(mirrored, found[:, ::-1])
 
 
 def test_a_network_is_fed_planar_photos_unit_intrinsics_and_poses_about_their_mean() -> None:

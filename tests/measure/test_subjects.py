@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
+import tinysplat_runtime as ts
 from tinysplat.measure.clock import measure_peak
 from tinysplat.measure.pictures import Drawing, Pictures, rescaled
 from tinysplat.measure.rows import RowFile
@@ -16,7 +19,7 @@ from tinysplat.measure.studies.speed import graph_operators
 from tinysplat.measure.study import Run
 from tinysplat.measure.subjects.cases import Window, truncated
 from tinysplat.measure.subjects.made import blur, made_case, made_gaussians
-from tinysplat.measure.subjects.room import Motorcycle, photograph, room_cameras
+from tinysplat.measure.subjects.room import Room, photograph, room_cameras
 from tinysplat.measure.tasks import PlaneRecorder, decode_alone, encode_alone, file_streams
 from tinysplat.measure.ways import MissingToolError, Way, peer_ways
 from tinysplat_runtime.api import Runtime
@@ -24,14 +27,6 @@ from tinysplat_runtime.codec.encoder import encode_gaussians
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
-
-
-def test_the_same_room_is_made_every_time() -> None:
-    made_gaussians.cache_clear()
-    first = made_gaussians(2, 16, 24, 2)
-    made_gaussians.cache_clear()
-    again = made_gaussians(2, 16, 24, 2)
-    assert all((getattr(first, name) == getattr(again, name)).all() for name in FIELDS)
 
 
 def test_depths_of_the_room_agree_between_views() -> None:
@@ -54,16 +49,6 @@ def test_network_like_gaussians_show_their_photos() -> None:
     assert figures["psnr_decoded_raw"] == 150
     assert figures["db_lost"] == 0
     assert figures["psnr_raw"] > 20
-
-
-def test_motorcycle_depth_lies_in_its_range() -> None:
-    shots = Motorcycle().shots(Window("motorcycle", (0,), (1,)), (64, 64))
-    assert shots.context.images.shape == (2, 64, 64, 3) and not shots.targets.cameras
-    depth = shots.context.depths[0]
-    assert depth is not None and shots.context.depths[1] is None
-    known = depth[depth > 0]
-    assert known.size > 2000
-    assert shots.near < np.quantile(known, 0.01) and np.quantile(known, 0.99) < shots.far
 
 
 def test_blur_keeps_constants_and_the_interior_of_a_ramp() -> None:
@@ -148,3 +133,15 @@ def test_truncation_cuts_bands_and_nothing_else() -> None:
     assert cut.degree == 1
     assert (cut.sh == gaussians.sh[..., :4, :]).all()
     assert cut.means is gaussians.means
+
+
+def test_the_room_written_as_a_scene_is_the_room(tmp_path: Path) -> None:
+    shots = Room(3).shots(Window("any", (0,), (1,)), (16, 24))
+    Room(3).write(tmp_path, (16, 24))
+    scene = ts.load_scene(tmp_path)
+    assert (scene.near, scene.far) == (shots.near, shots.far) and len(scene.frames) == 3
+    assert np.abs(scene.images() - shots.context.images).max() <= 0.5 / 255 + 1e-6
+    for one, other in zip(scene.cameras, shots.context.cameras, strict=True):
+        np.testing.assert_allclose(one.c2w, other.c2w)
+        np.testing.assert_allclose(one.K, other.K)
+    assert len(json.loads((tmp_path / "cameras.json").read_text())["frames"]) == 3

@@ -7,8 +7,6 @@ import pytest
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.render.prepare import prepare
-from tinysplat_runtime.render.project import Splats, View, _factors, project
 from tinysplat_runtime.scene.cameras import Camera
 
 SIDE = 32
@@ -78,46 +76,3 @@ def test_at_the_coded_size_nothing_changes(compiled):
         np.testing.assert_allclose(
             alpha(wall(), SIDE, compiled, dilation), alpha(wall(), SIDE, False, "screen"), atol=2e-6
         )
-
-
-def test_the_exponent_s_factors_and_the_opacity_that_is_left_by_matrices():
-    """Σ + e·1 of the module's docstring, e = max(0.3, 0.3·m² − λ); where m < 1 the opacity pays for the difference."""
-    rng = np.random.default_rng(0)
-    own = np.array([0.0, 0.01, 0.125, 0.5, 0.99, 1.0, 1.5, 4.0, 20.0, 0.5, 3.0])
-    count = len(own)
-    jacobian = rng.standard_normal((2, 3, count))
-    axes = rng.standard_normal((3, 3, count)) * np.exp(rng.uniform(-3, 1, (3, 1, count)))
-    axes[:, :, -2:] = 0  # points
-    (alpha_x, beta_x, gamma, half_width, half_height), log_share = _factors(jacobian, axes, own)
-    plain, no_share = _factors(jacobian, axes, None)
-    assert no_share == 0
-    for n, m in enumerate(own):
-        projected = jacobian[:, :, n] @ axes[:, :, n]
-        sigma = projected @ projected.T
-        wanted = 0.3 * max(m, 1 / 8) ** 2 if m > 0 else 0.3  # m = 0 stands for no photo's pixel
-        for factors, dilation in (
-            ((alpha_x[n], beta_x[n], gamma[n]), max(0.3, wanted - np.linalg.eigvalsh(sigma)[0])),
-            ([factor[n] for factor in plain[:3]], 0.3),
-        ):
-            inverse = np.linalg.inv(sigma + dilation * np.eye(2)) / 2
-            a, b, c = factors
-            np.testing.assert_allclose([[a * a, a * b], [a * b, b * b + c * c]], inverse, rtol=1e-6, atol=1e-12)
-        dilated = sigma + max(0.3, wanted - np.linalg.eigvalsh(sigma)[0]) * np.eye(2)
-        np.testing.assert_allclose([half_width[n] ** 2, half_height[n] ** 2], 2 * np.diag(dilated), rtol=1e-6)
-        left = np.linalg.det(sigma + wanted * np.eye(2)) / np.linalg.det(sigma + 0.3 * np.eye(2))
-        assert log_share[n] == pytest.approx(0.5 * np.log(left) if wanted < 0.3 else 0, abs=1e-6)
-
-
-@pytest.mark.parametrize(("opacity", "shown"), [(0.06, 0), (0.065, 8 * 8)])
-def test_splats_that_fade_below_one_255th_are_not_drawn(opacity, shown):
-    """Points at a quarter of their photo's size fade to a sixteenth: 0.0627 leaves 1/255.
-
-    Of 0.065, footprints of 0.145 px are left: on either axis, half of the points lie as near to a pixel's centre.
-    """
-    gaussians = wall(opacity=opacity, side=16)
-    (block,) = prepare(gaussians, by_view=True)
-    splats = Splats(block.size)
-    view = View.of(gaussians.cameras[0].resized(4, 4), gaussians.origin, 0.01)
-    rows = project(block, view, (4, 4), splats)
-    assert rows.size == shown
-    np.testing.assert_allclose(np.exp(splats.log_opacities[rows]), opacity / 16, rtol=1e-5)

@@ -20,7 +20,7 @@ from tinysplat.rasteriser import render as render_torch
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.render.gradient import MovableGaussians, PhotoError, Target
+from tinysplat_runtime.render.gradient import MovableGaussians, Target
 from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from tinysplat_runtime.render.near import Shares
 from tinysplat_runtime.scene.cameras import Camera
@@ -82,7 +82,7 @@ def found_gradient(
 
 
 def assert_is_gradient(
-    gaussians: Gaussians, camera: Camera, rtol: float = RTOL, samples: int = 16, order: str = "depth"
+    gaussians: Gaussians, camera: Camera, rtol: float = RTOL, samples: int = 6, order: str = "depth"
 ) -> np.ndarray:
     """Hold every kind of gradient against finite differences at some Gaussians, those of the largest among them.
 
@@ -284,13 +284,6 @@ def test_what_is_wide_but_too_faint_to_show_is_not_drawn():
     photo = np.random.default_rng(0).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
     error, _, gradient = found_gradient(gaussians, camera, photo)
     assert error.absolute == pytest.approx(np.abs(-0.02 - photo).sum(), rel=1e-6) and not gradient.any()
-
-
-def test_decibels_are_of_the_pixels_that_the_photo_knows() -> None:
-    error = PhotoError(absolute=9.0, squared=0.12, by_gain=0.0, by_offset=0.0, known=4)
-    assert error.psnr == pytest.approx(20)  # a hundredth each, of three colours
-    assert replace(error, squared=0.0).psnr == pytest.approx(150)
-    assert np.isnan(replace(error, known=0).psnr)
 
 
 def test_pixels_that_are_left_open_count_as_unknown_ones() -> None:

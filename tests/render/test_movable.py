@@ -11,31 +11,11 @@ pytest.importorskip("numba")
 
 from scenes import make_gaussians
 
-from tinysplat_runtime.gaussian.gaussians import FIELDS
-from tinysplat_runtime.render import gradient as module
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
 from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
 from tinysplat_runtime.system.threads import Crew
 
 RUN = Crew(1).map
-
-
-def test_grids_begin_at_multiples_of_128_rows_and_hold_their_pixels() -> None:
-    scene = make_gaussians(2, 10, 15, degree=1, layers=2)  # 150 pixels, and 35 of the second layer
-    field = MovableGaussians(scene, RUN)
-    found = [(g.layer, g.view, g.rows.start, g.rows.stop, g.height, g.width) for g in field.grids]
-    assert found == [(0, 0, 0, 150, 10, 15), (0, 1, 256, 406, 10, 15), (1, 0, 512, 547, 5, 7), (1, 1, 640, 675, 5, 7)]
-    assert field.values.shape == (6, 768) and field.values.dtype == np.float32
-    for grid in field.grids:
-        layer, own = scene.layers[grid.layer], field.values[:, grid.rows]
-        opacity = layer.opacities[grid.view].ravel().astype(np.float64).clip(1e-9, 1 - 1e-6)
-        np.testing.assert_allclose(own[LOGIT], np.log(opacity / (1 - opacity)), rtol=1e-5)
-        np.testing.assert_array_equal(own[SH_RED:], layer.sh[grid.view][..., 0, :].reshape(-1, 3).T)
-        assert not own[LOG_DEPTH : LOG_SIZE + 1].any()
-    between = np.ones(768, bool)
-    for grid in field.grids:
-        between[grid.rows] = False
-    assert (field.values[LOGIT, between] == -np.inf).all() and not field.values[SH_RED:, between].any()
 
 
 def test_opacities_at_their_ends_have_logits() -> None:
@@ -93,30 +73,3 @@ def test_views_are_placed_alone_where_they_are_named() -> None:
         changed.place(views)
         seen.append(changed.measure(Target(camera, photo)).absolute)
     assert first.absolute < seen[1] < seen[2] == seen[0]
-
-
-def test_more_than_a_block_of_pixels_is_drawn_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = make_gaussians(2, 20, 30, degree=1)
-    camera = scene.cameras[0].resized(24, 40)
-    target = Target(camera, np.random.default_rng(0).uniform(size=(24, 40, 3)).astype(np.float32))
-    found = []
-    for block in (1 << 14, 256):
-        monkeypatch.setattr(module, "BLOCK_SIZE", block)
-        field = MovableGaussians(scene, RUN)
-        gradient = np.zeros_like(field.values)
-        found.append((field.measure(target, gradient=gradient), gradient))
-    assert found[0][0].absolute == pytest.approx(found[1][0].absolute, rel=1e-6)
-    assert found[0][0].known == 24 * 40
-    largest = np.abs(found[0][1]).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(found[0][1] / largest, found[1][1] / largest, atol=1e-4)
-    for name in FIELDS:
-        np.testing.assert_allclose(getattr(field.gaussians(scene), name), getattr(scene, name), rtol=1e-5, atol=1e-5)
-
-
-def test_of_one_view_all_is_drawn_by_depth() -> None:
-    scene = make_gaussians(1, 4, 5, degree=0)
-    shares = MovableGaussians(scene, RUN).shares(scene.cameras[0])
-    assert not shares.has_front and shares.whole.tolist() == [1]
-    two = make_gaussians(2, 4, 5, degree=0)
-    assert MovableGaussians(two, RUN).shares(two.cameras[0]).has_front
-    assert MovableGaussians(two, RUN).shares(two.cameras[0], (0,)).whole.tolist() == [0, 1]

@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reference.rasteriser import render_reference
 from scenes import make_cameras, make_gaussians
 
-from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between, render
-from tinysplat_runtime.render import composite as composite_module
-from tinysplat_runtime.render import renderer as renderer_module
 from tinysplat_runtime.render.near import NearViews
-from tinysplat_runtime.render.prepare import Part
 from tinysplat_runtime.scene.cameras import Camera
 
 C0 = 0.28209479177387814
@@ -53,21 +48,6 @@ def test_a_near_view_covers_wrong_surfaces_before_its_own(compiled):
         assert centre(image) @ colour > 0.4
     by_depth = Renderer(scene, 1, order="depth", compiled=compiled).render(scene.cameras[0])
     assert centre(by_depth) @ RED < 0.01
-
-
-def test_surfaces_in_front_go_on_where_everything_else_is_closed(monkeypatch):
-    """Far views' walls close the picture of everything before the near ones' begin."""
-    colours, asked = [RED, GREEN, BLUE, RED + GREEN, GREEN + BLUE, RED + BLUE], []
-    scene = walls([3.0, 2.9, 2.8, 1.5, 1.4, 1.3], colours)
-    scene = replace(scene, opacities=scene.opacities * np.float32([0.6, 0.3, 0.9, 1, 1, 1])[:, None, None])
-    those = composite_module._those_in_front
-    monkeypatch.setattr(composite_module, "_those_in_front", lambda *given: asked.append(1) or those(*given))
-    for camera in scene.cameras[:2]:
-        found = Renderer(scene, 1, compiled=False).render(camera, outputs=("rgb", "depth", "alpha"))
-        wanted = render_reference(scene, camera, dilation="own", order="near")
-        for name, atol in (("rgb", 2e-5), ("alpha", 2e-5), ("depth", 2e-4)):
-            np.testing.assert_allclose(found[name], np.clip(wanted[name], 0, None), atol=atol)
-    assert asked
 
 
 def test_further_layers_are_never_drawn_first():
@@ -117,59 +97,12 @@ def test_views_at_one_place_are_drawn_first_where_the_camera_is():
     np.testing.assert_array_equal(NearViews.of(same).shares(same.cameras[0]).front, [1, 1])
 
 
-@pytest.mark.parametrize(("option", "value"), [("order", "far"), ("dilation", 0.3)])
-def test_options_that_are_none_are_refused_by_name(option, value):
-    with pytest.raises(InputError, match=option):
-        render(make_gaussians(2, 8, 12), make_cameras(1, 8, 12)[0], **{option: value})
-
-
-def test_the_views_depth_is_the_harmonic_mean_of_what_lies_before_them():
-    scene = make_gaussians(2, 8, 12)
-    depths = [((m - c.centre) @ c.c2w[:3, 2]) for m, c in zip(scene.means, scene.cameras, strict=True)]
-    found = NearViews.of(scene)
-    assert found.depth == pytest.approx(1 / np.mean(1 / np.array(depths)), rel=1e-6)
-    behind = replace(scene, means=2 * np.stack([c.centre for c in scene.cameras])[:, None, None] - scene.means)
-    assert NearViews.of(behind).depth == 1
-    np.testing.assert_allclose(found.centres, [camera.centre for camera in scene.cameras])
-    np.testing.assert_allclose(found.directions, [camera.c2w[:3, 2] for camera in scene.cameras])
-
-
-def test_shares_by_hand():
-    """Distances of 0.3, 0.5 and 0.6 depths: R = 0.75, and of what is left to it a third and a ninth, squared."""
-    places = [(-0.6, 0, 0), (0, 1.0, 0), (0, 0, 1.2)]
-    views = NearViews(np.array(places), np.tile([0.0, 0, 1], (3, 1)), 2.0)
-    camera = Camera([[10.0, 0, 4], [0, 10, 4], [0, 0, 1]], np.eye(4), 8, 8)
-    wanted = [1, ((0.75 - 0.5) / 0.45) ** 2, ((0.75 - 0.6) / 0.45) ** 2]
-    np.testing.assert_allclose(views.shares(camera).front, wanted, atol=1e-12)
-    aside = replace(views, directions=np.array([[0, 0, 1.0], [0, 0.6, 0.8], [0, 0, 1]]))
-    distance = np.hypot(0.5, np.sqrt(0.6**2 + 0.2**2))  # of the second, which looks elsewhere
-    reach = 1.5 * 0.6
-    assert distance < reach
-    wanted = [1, ((reach - distance) / (reach - 0.3)) ** 2, ((reach - 0.6) / (reach - 0.3)) ** 2]
-    np.testing.assert_allclose(aside.shares(camera).front, wanted, atol=1e-12)
-
-
 def row(distances, directions=None, depth=2.0):
     """Views along x, at these distances in depths from a camera at the origin, which is returned too."""
     centres = np.zeros((len(distances), 3))
     centres[:, 0] = depth * np.array(distances)
     directions = np.tile([0.0, 0, 1], (len(distances), 1)) if directions is None else np.array(directions)
     return NearViews(centres, directions, depth), Camera([[10.0, 0, 4], [0, 10, 4], [0, 0, 1]], np.eye(4), 8, 8)
-
-
-def test_shares_of_a_capture_by_hand():
-    views, camera = row([0.9, 0.1, -0.2, 0.4, -0.5, 0.7, 3.0, -4.0])
-    shares = views.shares(camera)
-    wanted = np.array([0, 1, 5 / 6, 3 / 6, 2 / 6, 0, 0, 0])  # R = 0.7, of what is left to it from 0.1 on
-    np.testing.assert_allclose(shares.whole, wanted, atol=1e-12)
-    np.testing.assert_allclose(shares.front, wanted**2, atol=1e-12)
-    kept = views.shares(camera, without=[1]).whole  # seven are left: R = 0.9, from 0.2 on
-    np.testing.assert_allclose(kept, [0, 0, 1, 5 / 7, 4 / 7, 2 / 7, 0, 0], atol=1e-12)
-    few = views.shares(camera, without=[0, 6])
-    np.testing.assert_array_equal(few.whole, [0, 1, 1, 1, 1, 1, 0, 1])  # six are no capture
-    np.testing.assert_allclose(few.front, [0, 1, 0.25, 0, 0, 0, 0, 0], atol=1e-12)
-    alone = views.shares(camera, without=range(7))
-    np.testing.assert_array_equal([alone.front, alone.whole], [np.zeros(8), np.eye(8)[7]])
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.3])
@@ -210,47 +143,6 @@ def test_shares_of_a_capture_are_continuous(places, seed):
         distances = np.sort(np.linalg.norm(views.centres - c2w[:3, 3], axis=1))
         room.append(distances[4] - distances[0])
     assert np.abs(shares[1] - shares[0]).max() <= 4e-6 / min(room) + 1e-12
-
-
-@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
-@pytest.mark.parametrize("dilation", ["own", "screen"])
-def test_a_capture_is_drawn_as_it_is_defined(compiled, dilation):
-    scene, cameras = make_gaussians(8, 6, 7, layers=2), make_cameras(8, 6, 7)
-    renderer = Renderer(scene, 2, compiled=compiled, dilation=dilation)
-    for camera in between([cameras[1], cameras[6]], 3):
-        found = renderer.render(camera, (12, 14), outputs=("rgb", "depth", "alpha"))
-        wanted = render_reference(scene, camera.resized(12, 14), dilation=dilation, order="near")
-        for name, atol in (("rgb", 2e-5), ("alpha", 2e-5), ("depth", 2e-4)):
-            np.testing.assert_allclose(found[name], np.clip(wanted[name], 0, None), atol=atol)
-
-
-@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
-@pytest.mark.parametrize("keep", [True, False], ids=["kept", "made anew"])
-def test_views_beyond_the_near_ones_are_not_read(compiled, keep, monkeypatch):
-    scene, cameras = make_gaussians(12, 6, 7, layers=2), make_cameras(12, 6, 7)
-    asked = set()
-    block, shows = Part.block, renderer_module.may_show
-    monkeypatch.setattr(Part, "block", lambda self, *rest: asked.add(self.view) or block(self, *rest))
-    monkeypatch.setattr(renderer_module, "may_show", lambda cut, *rest: asked.add(cut.view) or shows(cut, *rest))
-    monkeypatch.setattr(renderer_module, "KEPT_BYTES", 1 << 20 if keep else 0)
-    renderer = Renderer(scene, 2, compiled=compiled)
-    assert not asked
-    drawn = [set(np.flatnonzero(NearViews.of(scene).shares(camera).whole)) for camera in cameras[::3]]
-    for camera, near in zip(cameras[::3], drawn, strict=True):
-        renderer.render(camera)
-        assert asked <= near if compiled else asked == near  # compiled, what it has it does not ask for
-        asked.clear()
-
-
-@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
-def test_what_a_renderer_kept_of_other_places_changes_no_picture(compiled, monkeypatch):
-    scene, path = make_gaussians(12, 6, 7, layers=2), between(make_cameras(12, 6, 7), 25)
-    kept = Renderer(scene, 1, compiled=compiled)
-    wanted = [kept.render(camera) for camera in path]
-    monkeypatch.setattr(renderer_module, "BLOCK_SIZE", 1 << 40)  # places for the views of one frame alone
-    walking = Renderer(scene, 2, compiled=compiled)
-    for camera, image in zip([*path, *path[::-1]], [*wanted, *wanted[::-1]], strict=True):
-        np.testing.assert_array_equal(walking.render(camera), image)
 
 
 @pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])

@@ -10,8 +10,6 @@ from scenes import make_cameras, make_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render import DEFINITION, Renderer, render
-from tinysplat_runtime.render import renderer as module
-from tinysplat_runtime.render.prepare import Part
 
 SCENE, (CAMERA,) = make_gaussians(2, 8, 12), make_cameras(1, 8, 12)
 
@@ -37,19 +35,6 @@ def test_a_background_of_one_colour_shows_where_nothing_covers_it(background) ->
     np.testing.assert_allclose(found, wanted.clip(0, 1), atol=2e-6)
 
 
-@pytest.mark.parametrize(
-    ("options", "where"),
-    [({"size": (1, 2, 3)}, "size"), ({"size": [0, 1]}, "size[0]"), ({"size": (1, -1)}, "size[1]"),
-     ({"outputs": ()}, "outputs"), ({"outputs": "normals"}, "outputs"), ({"outputs": ["rgb", "normals"]}, "outputs"),
-     ({"near_plane": -1e-9}, "near_plane"), ({"background": (1, 2)}, "background"),
-     ({"background": 1.0}, "background")],
-)  # fmt: skip
-def test_what_cannot_be_drawn_is_named(options: dict, where: str) -> None:
-    with pytest.raises(InputError) as caught:
-        Renderer(SCENE, 1, compiled=False).render(CAMERA, **options)
-    assert caught.value.where == where
-
-
 def test_ways_to_draw_are_chosen_by_name() -> None:
     usual = render(SCENE, CAMERA, threads=1)
     np.testing.assert_array_equal(usual, render(SCENE, CAMERA, dilation="own", order="near"))
@@ -71,29 +56,3 @@ def test_compiled_code_draws_where_numba_is_and_is_missed_where_it_was_asked_for
     assert not Renderer(SCENE, 1).is_compiled
     with pytest.raises(InputError, match="pip install 'tinysplat\\[fast\\]' brings numba"):
         Renderer(SCENE, 1, compiled=True)
-
-
-@pytest.mark.parametrize("keep", [True, False])
-def test_blocks_are_made_once_where_they_are_kept(keep: bool, monkeypatch) -> None:
-    made = []
-    block = Part.block
-    monkeypatch.setattr(Part, "block", lambda self, *rest: made.append(self) or block(self, *rest))
-    drawn = Renderer(SCENE, 1, compiled=False, keep=keep)
-    for _ in range(3):
-        drawn.render(CAMERA)
-    assert len(made) == (2 if keep else 6)
-    made.clear()
-    monkeypatch.setattr(module, "KEPT_BYTES", (56 + 4 * 3 * 4) * SCENE.count - 1)  # a byte too few
-    late = Renderer(SCENE, 1, compiled=False)
-    late.render(CAMERA)
-    late.render(CAMERA)
-    assert len(made) == 4
-
-
-@pytest.mark.parametrize(("order", "dilation", "views"), [
-    ("near", "own", {0, 1}), ("near", "screen", {0, 1}), ("depth", "own", {0, 1}), ("depth", "screen", {-1}),
-])  # fmt: skip
-def test_gaussians_are_cut_by_view_where_views_matter(order: str, dilation: str, views: set[int]) -> None:
-    drawn = Renderer(SCENE, 1, order=order, dilation=dilation, compiled=False)
-    assert {part.view for part in drawn._parts} == views
-    assert all((part.photo is not None) == (dilation == "own") for part in drawn._parts)

@@ -15,10 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.render import video
 from tinysplat_runtime.render.video import write_video
-
-INVALID_DATA = 1094995529  # libavutil's AVERROR_INVALIDDATA, negated: "INDA"
 
 
 def frames_of(count: int, height: int, width: int) -> list[NDArray]:
@@ -123,12 +120,6 @@ def test_what_is_no_video_is_refused_by_name(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_missing_encoder_is_an_input_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video, "ENCODERS", ("h264_of_nobody",))
-    with pytest.raises(InputError, match="h264_of_nobody"):
-        write_video(tmp_path / "a.mp4", frames_of(1, 8, 8))
-
-
 @pytest.mark.parametrize("limit", [0, 100, 1500, 4000])
 def test_disk_that_fills_up_is_an_oserror_that_names_the_file(tmp_path: Path, limit: int) -> None:
     target = tmp_path / "a.mp4"
@@ -142,49 +133,6 @@ def test_disk_that_fills_up_is_an_oserror_that_names_the_file(tmp_path: Path, li
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert caught.value.filename == str(target) and caught.value.errno == errno.EFBIG
     assert list(tmp_path.iterdir()) == []
-
-
-def test_other_errors_of_the_encoder_name_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise av.FFmpegError(INVALID_DATA, "Invalid data")
-
-    monkeypatch.setattr(video, "_encode", fail)
-    with pytest.raises(InputError, match="Invalid data") as caught:
-        write_video(tmp_path / "a.mp4", frames_of(1, 8, 8))
-    assert caught.value.where == str(tmp_path / "a.mp4")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_primaries_have_the_codes_of_bt_709() -> None:
-    """Bars of 100 %: black, white, red, green, blue."""
-    bars = np.float32([[0, 0, 0], [255, 255, 255], [255, 0, 0], [0, 255, 0], [0, 0, 255]])
-    codes = np.rint(bars @ video._RGB_TO_YCC.T + video._YCC_OFFSET)
-    wanted = [[16, 128, 128], [235, 128, 128], [63, 102, 240], [173, 42, 26], [32, 240, 118]]
-    np.testing.assert_array_equal(codes, wanted)
-
-
-@pytest.mark.parametrize("size", [(6, 8), (5, 7), (1, 1)])
-def test_chroma_lies_on_even_columns_between_two_rows(size: tuple[int, int]) -> None:
-    """By float64 arithmetic of BT.709, a pixel at a time; beyond the edge the last row or column goes on."""
-    pixels = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    height, width = (n + n % 2 for n in size)
-
-    def codes(row: int, column: int) -> NDArray:
-        red, green, blue = pixels[min(max(row, 0), size[0] - 1), min(max(column, 0), size[1] - 1)] / 255
-        luma = 0.2126 * red + 0.7152 * green + 0.0722 * blue
-        return np.array([16 + 219 * luma, 128 + 224 * (blue - luma) / 1.8556, 128 + 224 * (red - luma) / 1.5748])
-
-    planes = video._to_yuv(pixels).to_ndarray().astype(float)
-    assert planes.shape == (height * 3 // 2, width)
-    wanted = [[codes(row, column)[0] for column in range(width)] for row in range(height)]
-    np.testing.assert_allclose(planes[:height], wanted, atol=0.502)
-    for plane, found in zip((1, 2), np.split(planes[height:].ravel(), 2), strict=True):
-        for row, column in np.ndindex(height // 2, width // 2):
-            around = [
-                share * (codes(2 * row, 2 * column + aside)[plane] + codes(2 * row + 1, 2 * column + aside)[plane]) / 2
-                for aside, share in ((-1, 0.25), (0, 0.5), (1, 0.25))
-            ]
-            assert found[row * (width // 2) + column] == pytest.approx(sum(around), abs=0.502)
 
 
 def test_frames_follow_one_another_at_the_rate_and_are_tagged(tmp_path: Path) -> None:
