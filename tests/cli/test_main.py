@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FILE = ROOT / "tests" / "golden" / "data" / "tiny_paper.tsplat"
 
 
 def run(body: str, *words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -53,27 +52,3 @@ def test_libraries_are_not_taken_down() -> None:
 def test_the_status_is_that_of_the_command(body, words, status, error) -> None:
     done = run(body, *words)
     assert done.returncode == status and done.stderr.startswith(error)
-
-
-def test_garbage_is_collected_while_a_command_runs() -> None:
-    assert run("    print(gc.isenabled(), gc.get_freeze_count() > 10_000)\n").stdout == "True True\n"
-
-
-@pytest.mark.parametrize(("given", "found"), [(None, "4"), ("20", "20")])
-def test_threads_of_linear_algebra_are_told_to_sleep_before_they_start(given, found) -> None:
-    code = (
-        "import os, sys\n"
-        "class Look:\n"
-        "    def find_spec(name, *rest):\n"
-        "        if name == 'numpy': print(os.environ['OPENBLAS_THREAD_TIMEOUT'], file=sys.stderr)\n"
-        "sys.meta_path.insert(0, Look)\n"
-        "from tinysplat_runtime.__main__ import main\n"
-        "main()\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
-    environment.pop("OPENBLAS_THREAD_TIMEOUT", None)
-    if given:
-        environment["OPENBLAS_THREAD_TIMEOUT"] = given
-    command = [sys.executable, "-c", code, "decode", str(FILE), "-o", "-.npz"]
-    done = subprocess.run(command, env=environment, capture_output=True, check=False)
-    assert done.stderr.split()[:1] == [found.encode()], done.stderr

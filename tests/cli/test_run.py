@@ -8,15 +8,41 @@ import subprocess
 import sys
 import warnings
 import weakref
-from collections.abc import Iterator
-from types import SimpleNamespace
+from collections.abc import Callable, Iterator
+from types import ModuleType
 
 import pytest
 
-from tinysplat_runtime.cli import commands, main
-from tinysplat_runtime.cli.run import _IMPORT_LOCKS
+from tinysplat_runtime.cli import main
+from tinysplat_runtime.cli.run import IMPORT_LOCKS
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.lenses import load_pycolmap
+
+
+class Point:
+    """An entry point of another package."""
+
+    def __init__(self, name: str, module: object) -> None:
+        self.name, self.module = name, module
+
+    def load(self) -> object:
+        if isinstance(self.module, Exception):
+            raise self.module
+        return self.module
+
+
+def module(run: Callable[..., object], needs: tuple[str, ...] = ()) -> ModuleType:
+    """A command as another package has it, with an option."""
+    made = ModuleType("command")
+    made.HELP, made.run, made.NEEDS = "does", run, needs  # type: ignore[attr-defined]
+    made.configure = lambda parser: parser.add_argument("--x", type=int, default=7)  # type: ignore[attr-defined]
+    return made
+
+
+@pytest.fixture
+def own(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., object]], None]:
+    """Registers what the command `own` does."""
+    return lambda run: monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [Point("own", module(run))])
 
 
 @pytest.fixture
@@ -30,19 +56,19 @@ def handlers() -> Iterator[None]:
 
 
 @pytest.mark.parametrize(("interrupt", "ends"), [(signal.SIG_IGN, True), (signal.default_int_handler, False)])
-def test_sigterm_ends_a_command_where_a_shell_has_interrupts_ignored(monkeypatch, handlers, interrupt, ends) -> None:
+def test_sigterm_ends_a_command_where_a_shell_has_interrupts_ignored(own, handlers, interrupt, ends) -> None:
     found = []
-    monkeypatch.setattr(commands, "models", lambda _: found.append(signal.getsignal(signal.SIGTERM)))
+    own(lambda _: found.append(signal.getsignal(signal.SIGTERM)))
     signal.signal(signal.SIGINT, interrupt)
-    assert main(["models", "-q"]) == 0
+    assert main(["own", "-q"]) == 0
     assert (found == [signal.SIG_DFL]) is ends and found != [signal.SIG_IGN]
 
 
-def test_an_interrupt_that_a_callback_would_lose_comes_again(monkeypatch, capsys, handlers) -> None:
+def test_an_interrupt_that_a_callback_would_lose_comes_again(own, capsys, handlers) -> None:
     """Python releases import locks in a callback, whose exceptions it prints and drops."""
     source = "def released(_):\n    signal.raise_signal(signal.SIGINT)\n    return 0\n"
     names = {"signal": signal}
-    exec(compile(source, _IMPORT_LOCKS, "exec"), names)
+    exec(compile(source, IMPORT_LOCKS, "exec"), names)
 
     class Lock:
         pass
@@ -55,23 +81,23 @@ def test_an_interrupt_that_a_callback_would_lose_comes_again(monkeypatch, capsys
         while True:  # until the interrupt comes
             pass
 
-    monkeypatch.setattr(commands, "models", interrupted)
+    own(interrupted)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    assert main(["models", "-q"]) == 130
+    assert main(["own", "-q"]) == 130
     assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
-def test_what_an_output_cannot_encode_is_escaped(monkeypatch, encoding) -> None:
+def test_what_an_output_cannot_encode_is_escaped(own, monkeypatch, encoding) -> None:
     def fails(_: object) -> None:
         print("σ² → 0.3")
         raise InputError("'Łódź', expected another name", where="city")
 
     out, err = io.BytesIO(), io.BytesIO()
-    monkeypatch.setattr(commands, "models", fails)
+    own(fails)
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(out, encoding, write_through=True))
     monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(err, encoding, write_through=True))
-    assert main(["models", "-q"]) == 2
+    assert main(["own", "-q"]) == 2
     assert b"0.3" in out.getvalue() and b"city: '\\u0141" in err.getvalue()
 
 
@@ -99,22 +125,22 @@ signal.raise_signal(signal.SIGABRT)
         (MemoryError(), "not enough memory; --size, fewer --views or --max-memory keep within it"),
     ],
 )
-def test_errors_are_a_line_and_status_2(monkeypatch, capsys, error: Exception, line: str) -> None:
+def test_errors_are_a_line_and_status_2(own, capsys, error: Exception, line: str) -> None:
     def fails(_: object) -> None:
         raise error
 
-    monkeypatch.setattr(commands, "models", fails)
-    assert main(["models", "-q"]) == 2
+    own(fails)
+    assert main(["own", "-q"]) == 2
     assert capsys.readouterr() == ("", f"tinysplat: {line}\n")
 
 
-def test_a_fault_of_ours_is_raised(monkeypatch) -> None:
+def test_a_fault_of_ours_is_raised(own) -> None:
     def fails(_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(commands, "models", fails)
+    own(fails)
     with pytest.raises(ZeroDivisionError):
-        main(["models", "-q"])
+        main(["own", "-q"])
 
 
 def test_who_reads_no_further_ends_a_command_in_peace() -> None:
@@ -125,28 +151,16 @@ def test_who_reads_no_further_ends_a_command_in_peace() -> None:
         assert (process.stderr.read(), process.wait(60)) == (b"", 0)
 
 
-def test_our_warnings_are_a_line_and_those_of_libraries_none(monkeypatch, capsys) -> None:
+def test_our_warnings_are_a_line_and_those_of_libraries_none(own, monkeypatch, capsys) -> None:
     def warns(_: object) -> None:
         warnings.warn("desk: photos of noise", InputWarning, stacklevel=1)
         warnings.warn("old", DeprecationWarning, stacklevel=1)
 
-    monkeypatch.setattr(commands, "models", warns)
+    own(warns)
     monkeypatch.setattr(sys, "warnoptions", [])
-    assert main(["models", "-q"]) == 0
+    assert main(["own", "-q"]) == 0
     said = capsys.readouterr().err
     assert "photos of noise" in said and said.count("\n") == 1 and "old" not in said
-
-
-class Point:
-    """An entry point of another package."""
-
-    def __init__(self, name: str, module: object) -> None:
-        self.name, self.module = name, module
-
-    def load(self) -> object:
-        if isinstance(self.module, Exception):
-            raise self.module
-        return self.module
 
 
 @pytest.fixture
@@ -160,14 +174,11 @@ def others(monkeypatch):
     def needy(args) -> int:
         raise ModuleNotFoundError("no such", name="plotter")
 
-    def configure(parser) -> None:
-        parser.add_argument("--x", type=int, default=7)
-
     points = [
-        Point("good", SimpleNamespace(HELP="does", configure=configure, run=run)),
+        Point("good", module(run)),
         Point("lame", ModuleNotFoundError("no torch", name="torch")),
-        Point("bare", SimpleNamespace(HELP="bare", configure=configure, run=run, NEEDS=("os", "no_such_package"))),
-        Point("needy", SimpleNamespace(HELP="needy", configure=configure, run=needy)),
+        Point("bare", module(run, ("os", "no_such_package"))),
+        Point("needy", module(needy)),
     ]
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points)
     return ran

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 import os
 import sys
@@ -22,10 +21,9 @@ from scenes import write_scene
 import tinysplat_runtime as ts
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import run_processes, run_ray
-from tinysplat.batch.jobs import OPTIONS, BatchJob, encode, is_done, read_manifest
+from tinysplat.batch.jobs import BatchJob, encode, is_done, read_manifest
 from tinysplat.batch.run import run_batch
 from tinysplat.batch.storage import local_folder, read, write
-from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import AutoViews, Refinement
@@ -238,27 +236,6 @@ def test_every_option_changes_the_fingerprint() -> None:
         read_manifest('{"scene": "/a", "refine": "soon"}', "out", {})
 
 
-def test_a_batch_codes_what_refinement_made_of_a_scene(
-    scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-
-    def refine(gaussians: ts.Gaussians, *_: object, **options: Any) -> ts.Gaussians:
-        asked.append(
-            {name: options[name] for name in ("steps", "seconds", "qp")} | {"profile": options["profile"].name}
-        )
-        return gaussians.with_notes(ts.Notes(refined="seen"))
-
-    monkeypatch.setattr(importlib.import_module("tinysplat_runtime.refine.refine"), "refine", refine)
-    for words in ("", "7", "2.5s"):
-        request = EncodeRequest.of(str(scenes / "s0"), refine=words or None, qp=3)
-        encode(BatchJob("s0", request, str(tmp_path / f"{words}.tsplat")))
-    refined = [ts.inspect((tmp_path / f"{words}.tsplat").read_bytes())["refined"] for words in ("", "7", "2.5s")]
-    assert refined == [None, "seen", "seen"]
-    coding = {"profile": "balanced", "qp": 3}
-    assert asked == [{"steps": 7, "seconds": None, **coding}, {"steps": None, "seconds": 2.5, **coding}]
-
-
 # ---- bounds, lines and what is known after an interrupt -----------------------------------------------------------
 
 
@@ -300,14 +277,6 @@ def test_lines_failures_and_another_try(tmp_path: Path) -> None:
     assert again.returncode == 2 and "missing: " in again.stderr and "1/1 missing" in again.stderr
     kept = json.loads((tmp_path / "out" / "results.json").read_text())["scenes"]
     assert {name: record["status"] for name, record in kept.items()} == {"good": "done", "missing": "failed"}
-
-
-def test_a_batch_has_the_options_of_encode() -> None:
-    _, commands = build_parser()
-    options = {action.dest for action in commands.choices["encode"]._actions if action.option_strings}
-    elsewhere = {"help", "quiet", "threads", "output", "force"}
-    of_stereo_pairs = {"focal", "baseline"}
-    assert options - elsewhere - of_stereo_pairs <= OPTIONS
 
 
 def test_a_scene_is_coded_as_encode_codes_it(tmp_path: Path) -> None:

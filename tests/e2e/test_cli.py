@@ -356,14 +356,6 @@ def test_commands_of_an_extra_that_is_not_installed_name_the_extra():
     assert "tinysplat" in done.stderr and 'pip install "tinysplat[eval]"' in done.stderr
 
 
-def test_an_unknown_command_lists_every_command_there_is():
-    accepted = fail("encoed").strip().split("accepted are ")[1].split(", ")
-    assert accepted == [
-        "batch", "bench", "compare", "completion", "compress", "convert", "decode", "doctor", "encode", "eval", "info",
-        "models", "poses", "render", "view",
-    ]  # fmt: skip
-
-
 def test_a_folder_of_models_that_is_none_is_refused_not_passed_over(tmp_path, monkeypatch):
     monkeypatch.setenv("TINYSPLAT_MODELS", str(tmp_path / "gone"))
     assert fail("models").startswith(f"tinysplat: TINYSPLAT_MODELS: no manifest.json in {tmp_path / 'gone'}")
@@ -460,37 +452,6 @@ def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(
         16 / 9, rel=0.01
     )
     assert fitting_size(ts.load_scene(folder).resized(256, 384)) is None
-
-
-def test_photos_that_memory_does_not_suffice_for_are_refused_with_a_size_that_fits(scene, monkeypatch):
-    from tinysplat_runtime.recipe import memory
-
-    large = ts.load_scene(scene).resized(2000, 3000)
-    monkeypatch.setattr(memory, "available_bytes", lambda: 4_000_000_000)
-    with pytest.raises(ts.InputError, match="--size") as caught:
-        memory.check_memory(large)
-    height, width = map(int, re.search(r"--size (\d+)x(\d+)", str(caught.value)).groups())
-    memory.check_memory(large.resized(height, width))
-    with pytest.raises(ts.InputError):
-        memory.check_memory(large.resized(round(height * 1.1), round(width * 1.1)))
-    runtime = ts.Runtime()
-    enlarger = runtime.enlarger(large)
-    monkeypatch.setattr(memory, "available_bytes", lambda: 2_400_000_000)
-    memory.check_memory(large, enlarger)  # 12 million pixels in all, of which networks are given small copies
-    assert runtime.enlarger(large, whole=True) is None
-    for free in (2_000_000_000, 1_100_000_000):
-        monkeypatch.setattr(memory, "available_bytes", lambda free=free: free)
-        with pytest.raises(ts.InputError, match="--size") as caught:
-            memory.check_memory(large, enlarger)
-        height, width = map(int, re.search(r"--size (\d+)x(\d+)", str(caught.value)).groups())
-        memory.check_memory(large.resized(height, width), enlarger)
-        with pytest.raises(ts.InputError):
-            memory.check_memory(large.resized(round(height * 1.1), round(width * 1.1)), enlarger)
-    monkeypatch.setattr(memory, "available_bytes", lambda: 8_000_000_000)
-    memory.check_memory(large, mode="photos")  # 460 bytes a pixel
-    for options in ({"mode": "hybrid"}, {"refined": True}):
-        with pytest.raises(ts.InputError, match="--size"):
-            memory.check_memory(large, **options)
 
 
 @pytest.mark.parametrize(

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import scene_document
 from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
 
-from tinysplat_runtime import api
 from tinysplat_runtime.errors import ModelError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.graphs import enlarge
-from tinysplat_runtime.graphs.enlarge import Enlarger, _fixed_inputs, predict_large
+from tinysplat_runtime.graphs.enlarge import Enlarger, predict_large
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
-from tinysplat_runtime.recipe import stages
 from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
-from tinysplat_runtime.scene.intake.layouts import load_scene
 
 STORE = GraphStore()
 OPACITY, FOOTPRINT = 0.6, 0.45
@@ -128,10 +120,6 @@ def test_far_larger_photos_are_come_to_in_steps(scene: TracedScene) -> None:
     graph, session = exact_graph(scene)
     gaussians = predict_large(scene.images, scene.cameras, NEAR, FAR, graph, enlarger(16 * 20))
     assert session.size == (16, 20) and gaussians.opacities.shape == scene.depth.shape
-    sizes = enlarge._sizes((3024, 4032), enlarge.NetworkLimits(stride=16, min_side=32), 512 * 512)
-    assert sizes[0] == (448, 592) and len(sizes) == 3
-    sides = np.array([*sizes, (3024, 4032)])
-    assert (sides[1:] / sides[:-1] < 2.15).all()
 
 
 def test_a_tint_of_the_network_is_kept_and_detail_is_the_photos(scene: TracedScene) -> None:
@@ -146,29 +134,6 @@ def test_pictures_are_those_of_the_large_photos(scene: TracedScene) -> None:
     assert np.mean((large.clip(0, 1) - photo) ** 2) < 10**-3.6
 
 
-def test_who_takes_that_way(scene: TracedScene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Shipped networks on large photos, unless they are asked to look at the whole; no others."""
-    document = {**scene_document(scene.cameras), "near": NEAR, "far": FAR}
-    (tmp_path / "images").mkdir()
-    (tmp_path / "cameras.json").write_text(json.dumps(document))
-    for view, image in enumerate(scene.images):
-        write_png(tmp_path / f"images/{view:04}.png", np.rint(255 * image).astype(np.uint8))
-    photos = load_scene(tmp_path)
-    runtime = api.Runtime()
-    for name, taken in (("edge", True), ("sweep", False)):
-        graph, session = exact_graph(scene)
-        monkeypatch.setitem(runtime.store._graphs, name, graph)
-        monkeypatch.setattr(stages, "LARGE_PIXELS", 100 * 100)
-        monkeypatch.setattr(Enlarger, "of", classmethod(lambda cls, g: cls(g, ("edge",), 48 * 60, 16)))
-        assert runtime.predict(photos, name).opacities.shape == scene.depth.shape
-        assert (session.size == (48, 60)) == taken
-        runtime.predict(photos, name, whole=True)
-        assert session.size == (120, 152)
-        monkeypatch.setattr(stages, "LARGE_PIXELS", 120 * 150)
-        runtime.predict(photos, name)
-        assert session.size == (120, 152)
-
-
 def test_refusals(scene: TracedScene) -> None:
     graph, _ = exact_graph(scene)
     with pytest.raises(ModelError, match="metadata"):
@@ -178,20 +143,3 @@ def test_refusals(scene: TracedScene) -> None:
     damaged = replace(shipped, metadata={**shipped.metadata, "pixels": 0})
     with pytest.raises(ModelError, match="0 pixels"):
         Enlarger.of(damaged)
-
-
-def test_a_view_is_enlarged_by_its_nearest_photos_and_their_mean_distance() -> None:
-    """Of six photos four, as the graph was made for; pixels of depth are measured in the mean of their baselines."""
-    places = [0.0, 0.3, -0.1, 0.8, 1.6, 0.5]
-    cameras = []
-    for x in places:
-        c2w = np.eye(4)
-        c2w[0, 3] = x
-        cameras.append(Camera([[10, 0, 5], [0, 10, 4], [0, 0, 1]], c2w, 10, 8))
-    photos = np.arange(6, dtype=np.float32)[:, None, None, None] * np.ones((1, 3, 8, 10), np.float32)
-    for views, nearest in ((6, [2, 1, 5, 3]), (3, [2, 1])):
-        fixed = _fixed_inputs(photos[:views], cameras[:views], 0, np.zeros(3), near=1.0)
-        assert fixed["sources"][:, 0, 0, 0].tolist() == nearest
-        mean = np.mean([abs(places[i]) for i in nearest])
-        assert float(fixed["unit"].item()) == pytest.approx(1 / (10 * mean))
-        np.testing.assert_allclose(fixed["translation"][:, 0], [-places[i] for i in nearest], atol=1e-6)

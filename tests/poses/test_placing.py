@@ -11,7 +11,6 @@ import pytest
 from walls import write_photos_of_walls
 
 from tinysplat.poses import placing
-from tinysplat_runtime.errors import InputError
 
 
 @pytest.fixture
@@ -42,27 +41,3 @@ def test_many_photos_are_matched_with_their_neighbours(tmp_path: Path, matched: 
     np.testing.assert_allclose(unit * np.linalg.norm(np.diff(found, axis=0), axis=1), 0.35, rtol=0.05)
     points, colours, errors = placing.coloured_points(model)
     assert len(points) == len(colours) == len(errors) > 50 and errors.max() < 8
-
-
-@pytest.mark.parametrize(("in_order", "ways"), [(False, 2), (True, 1)])
-def test_where_the_order_means_nothing_all_pairs_are_matched(
-    tmp_path: Path, matched: list[str], monkeypatch: pytest.MonkeyPatch, in_order: bool, ways: int
-) -> None:
-    write_photos_of_walls(tmp_path / "photos", 5)
-    (tmp_path / "work").mkdir()
-    mapped = placing._mapped
-    tried: list[Path] = []
-
-    def nothing_at_first(photos: Path, database: Path, folder: Path, threads: int, *, quiet: bool) -> Any:
-        tried.append(folder)
-        return None if len(tried) == 1 else mapped(photos, database, folder, threads, quiet=quiet)
-
-    monkeypatch.setattr(placing, "_mapped", nothing_at_first)
-    names = [f"{i}.png" for i in range(5)]
-    if in_order:
-        with pytest.raises(InputError, match="no photos could be placed"):
-            placing.place(tmp_path / "photos", names, tmp_path / "work", -1, in_order=True, quiet=True)
-    else:
-        model = placing.place(tmp_path / "photos", names, tmp_path / "work", -1, in_order=False, quiet=True)
-        assert model.num_reg_images() == 5
-    assert matched == ["match_sequential", "match_exhaustive"][:ways]

@@ -10,7 +10,6 @@ from scenes import make_free_gaussians
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune import correction
 from tinysplat_runtime.prune.correction import corrected
 from tinysplat_runtime.prune.views import views_about
 from tinysplat_runtime.render import DEFINITION, Renderer
@@ -72,28 +71,3 @@ def test_what_is_not_wanted_fades_but_stays_what_may_show(scene):
     faint = replace(true, opacities=np.full(true.count, 1.1 * ALPHA_MIN))
     found = corrected(faint, cameras, [np.zeros((64, 64, 3), np.float32)] * 6, Crew(1).map)
     assert found.opacities.min() >= ALPHA_MIN and (found.opacities < faint.opacities).mean() > 0.5
-
-
-def test_every_picture_is_stepped_towards_four_times_in_rounds_of_their_own_order(scene, monkeypatch):
-    true, _ = scene
-    cameras, taken = [camera.resized(8, 8) for camera in views_about(true, 5)], []
-    wanted = [np.full((8, 8, 3), level, np.float32) for level in (0.0, 0.25, 0.5, 0.75, 2.0)]
-
-    class Steps:
-        def __init__(self, field, pace, run, limits):
-            assert 0 < pace.last < 1 and 0 < pace.sh < pace.log_scale < pace.logit < pace.move < 0.1
-            assert len(limits) == 10 and limits[5][1] > 1 < limits[7][1]
-            assert 1 / 255 < 1 / (1 + np.exp(-limits[6][0])) < 1.001 / 255 and limits[6][1] > 4
-            self.field, self.count = field, 0
-
-        def step(self, target, way):
-            taken.append((float(target.photo[0, 0, 0]), way, target.camera))
-            self.count += 1
-
-    monkeypatch.setattr(correction, "Descent", Steps)
-    corrected(true, cameras, wanted, Crew(1).map)
-    np.testing.assert_allclose([way for _, way, _ in taken], np.arange(20) / 20)
-    rounds = [[level for level, _, _ in taken[5 * n : 5 * n + 5]] for n in range(4)]
-    assert all(sorted(one) == [0, 0.25, 0.5, 0.75, 1] for one in rounds) and len({tuple(one) for one in rounds}) > 1
-    levels = {camera: min(float(one[0, 0, 0]), 1) for camera, one in zip(cameras, wanted, strict=True)}
-    assert all(levels[camera] == level for level, _, camera in taken)

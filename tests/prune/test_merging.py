@@ -13,7 +13,7 @@ from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_mat
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.merging import _neighbours, _unlikeness, choose, diagonalise, merged, principal_axes
+from tinysplat_runtime.prune.merging import diagonalise, merged, principal_axes
 
 
 def covariances(gaussians: Gaussians) -> np.ndarray:
@@ -76,49 +76,6 @@ def test_axes_and_turns_make_the_matrix_again() -> None:
     np.testing.assert_allclose(axes @ axes.swapaxes(1, 2) / largest, wanted / largest, atol=1e-12)
 
 
-def spread_of(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Means, covariances, logarithms of the roots of their determinants, and colours."""
-    rng = np.random.default_rng(seed)
-    axes = rng.normal(size=(count, 3, 3))
-    covariances = axes @ axes.swapaxes(1, 2) + 0.1 * np.eye(3)
-    return (
-        rng.normal(size=(count, 3)),
-        covariances,
-        0.5 * np.linalg.slogdet(covariances)[1],
-        rng.uniform(size=(count, 3)),
-    )
-
-
-def bhattacharyya(means: np.ndarray, covariances: np.ndarray, one: int, other: int) -> float:
-    middle, away = (covariances[one] + covariances[other]) / 2, means[one] - means[other]
-    roots = np.sqrt(np.linalg.det(covariances[one]) * np.linalg.det(covariances[other]))
-    return float(away @ np.linalg.inv(middle) @ away / 8 + 0.5 * np.log(np.linalg.det(middle) / roots))
-
-
-def test_unlikeness_is_bhattacharyyas_distance_and_that_of_colours() -> None:
-    means, covariances, logs, colours = spread_of(12, 0)
-    for one, other in ((0, 1), (5, 3), (7, 7), (11, 2)):
-        wanted = bhattacharyya(means, covariances, one, other) + np.abs(colours[one] - colours[other]).sum()
-        assert _unlikeness(means, covariances, logs, colours, one, other) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
-    flat = np.zeros((2, 3, 3))
-    assert _unlikeness(means, flat, logs, colours, 0, 1) == np.inf
-
-
-def test_the_likest_of_what_was_looked_at_is_taken() -> None:
-    means, covariances, logs, colours = spread_of(12, 1)
-    distance = np.array([[_unlikeness(means, covariances, logs, colours, a, b) for b in range(12)] for a in range(12)])
-    gone, into = np.array([8, 9, 10, 11]), np.full(4, -1)
-    most = float(np.median(distance[8:, :8]))
-    for candidate in range(8):
-        choose(means, covariances, logs, colours, gone, (np.arange(4) + candidate) % 8, most, into)
-    least = distance[8:, :8].min(axis=1)
-    np.testing.assert_array_equal(into, np.where(least < most, distance[8:, :8].argmin(axis=1), -1))
-    assert (into >= 0).any()
-    none = np.full(4, -1)
-    choose(means, covariances, logs, colours, gone, np.arange(4), 0.0, none)
-    assert (none == -1).all()
-
-
 def test_eigenvalues_and_vectors_are_numpys() -> None:
     rng = np.random.default_rng(4)
     made = rng.normal(size=(60, 3, 3))
@@ -136,36 +93,3 @@ def test_eigenvalues_and_vectors_are_numpys() -> None:
             made[number] @ vectors[number] / scale, vectors[number] * values[number] / scale, atol=1e-10
         )
         np.testing.assert_allclose(vectors[number].T @ vectors[number], np.eye(3), atol=1e-12)
-
-
-def test_neighbours_are_six_before_and_after_along_each_of_two_curves() -> None:
-    """Along a diagonal, where curves go straight on."""
-    means = np.repeat(np.linspace(0, 1, 101)[:, None], 3, axis=1)
-    kept, gone = np.flatnonzero(np.arange(101) % 2 == 0), np.array([51, 25, 3, 99])
-    found = list(_neighbours(means, kept, gone))
-    assert len(found) == 24
-    for n, row in enumerate(gone):
-        wanted = {int(r) for r in kept[np.argsort(np.abs(kept - row), kind="stable")[:12]]} if 12 < row < 88 else None
-        seen = {int(one[n]) for one in found}
-        assert seen <= set(kept.tolist()) and (wanted is None or seen == wanted)
-        assert {row - 1, row + 1} <= seen
-
-
-@pytest.mark.parametrize(("apart", "merges"), [(0.59, True), (0.61, False)])
-def test_colours_may_differ_by_six_tenths_in_all(apart: float, merges: bool) -> None:
-    some = make_free_gaussians(1, 0, np.random.default_rng(1))
-    twice = Gaussians(**{name: np.concatenate([getattr(some, name)] * 2) for name in FIELDS})
-    sh = twice.sh.copy()
-    sh[1, 0] += np.array([0.2, -0.3, 0.5]) * apart / 0.28209479177387814
-    pair = replace(twice, sh=sh, opacities=np.array([0.3, 0.3]))
-    found = merged(pair, np.array([0]), np.array([1]))
-    assert (found.opacities[0] == pytest.approx(0.6, rel=1e-4)) == merges and found.opacities.size == 1
-
-
-def test_what_is_merged_is_never_quite_opaque_nor_thinner_than_a_thousandth() -> None:
-    some = make_free_gaussians(1, 0, np.random.default_rng(1))
-    twice = Gaussians(**{name: np.concatenate([getattr(some, name)] * 2) for name in FIELDS})
-    flat = replace(twice, scales=np.array([[2.0, 1, 0], [2, 1, 0]]), opacities=np.array([0.9, 0.8]))
-    found = merged(flat, np.array([1]), np.array([0]))
-    assert found.opacities[0] == pytest.approx(0.999)
-    np.testing.assert_allclose(np.sort(found.scales[0]), [2e-3, 1, 2], rtol=1e-4)

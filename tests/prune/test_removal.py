@@ -214,16 +214,3 @@ def test_without_numba_all_are_kept_and_one_line_says_so(ball, tmp_path: Path):
     assert run("compress", source, "-o", file, "-q", "--keep-all", "--force").stderr == ""
     refused = run("convert", source, "-o", tmp_path / "b.npz", "--prune", "0.5")
     assert refused.returncode == 2 and "--prune: needs numba" in refused.stderr and refused.stderr.count("\n") == 1
-
-
-def test_what_is_left_is_corrected_where_that_brings_pictures_nearer(ball, monkeypatch):
-    from tinysplat_runtime.prune import removal
-
-    remover = Remover(ball, views_about(ball, 6), Crew(2).map)
-    found = remover.thin_to(400)
-    monkeypatch.setattr(removal, "corrected", lambda gaussians, *_: gaussians)
-    plain = remover.thin_to(400)
-    assert found.psnr > plain.psnr + 1, (found.psnr, plain.psnr)
-    spoilt = replace(plain.gaussians, opacities=np.full(400, 0.01, np.float32))
-    monkeypatch.setattr(removal, "corrected", lambda *_: spoilt)
-    assert remover.thin_to(400).psnr == plain.psnr

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scenes import make_free_gaussians
 
-import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.render.paths import ring
@@ -18,7 +17,7 @@ from tinysplat_runtime.system.threads import Crew
 pytest.importorskip("numba")
 
 from tinysplat_runtime.codec.free.levels import LEVELS
-from tinysplat_runtime.prune import thinning, tiers, views
+from tinysplat_runtime.prune import tiers, views
 from tinysplat_runtime.prune.removal import Remover
 from tinysplat_runtime.prune.tiers import tiers_of
 from tinysplat_runtime.prune.views import views_about
@@ -66,18 +65,3 @@ def test_few_gaussians_are_one_tier(ball: Gaussians) -> None:
     few = replace(ball, **{name: getattr(ball, name)[:999] for name in FIELDS})
     remover = Remover(few, views_about(few, 4), Crew(2).map)
     assert len(tiers_of(remover, remover.whole).levels) == 1
-
-
-def test_colours_make_up_for_what_is_lost_of_all_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    some = make_free_gaussians(1000, 0, np.random.default_rng(0))
-    haze = replace(some, scales=2 * some.scales, opacities=np.full(1000, 0.3), sh=0.3 * some.means[:, None])
-    monkeypatch.setattr(thinning, "SLOPE", 0.5)  # what is lost is lost by steps
-
-    def coded() -> tuple[int, float]:
-        data = ts.Runtime(threads=2).compress(haze, "balanced", 15.0)
-        return len(data), errors(ts.decompress(data), haze)
-
-    size, error = coded()
-    monkeypatch.setattr(thinning, "RECOLOURINGS", 0)
-    plain_size, plain_error = coded()
-    assert error < 0.93 * plain_error and size < 1.05 * plain_size

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -65,12 +64,6 @@ def test_so_many_are_taken(capture: Path, count: int) -> None:
     assert len(chosen(capture, views=f"auto:{count}")[0]) == count
 
 
-@pytest.mark.parametrize("word", ["4-1", "0-9:0", "0:2", "x", "3-", "-3", "0--4", "", "0-99999999"])
-def test_what_is_no_list_of_views_is_refused(capture: Path, word: str) -> None:
-    with pytest.raises(ts.InputError, match="expected indices such as 0,4 or ranges such as 0-40:2"):
-        chosen(capture, views=word)
-
-
 def test_frames_that_lie_between_others_are_left_out(capture: Path) -> None:
     scene = ts.load_scene(capture, near=2.0, far=12.0)
     frames = []
@@ -120,15 +113,6 @@ def test_cameras_at_one_place_are_refused_in_a_line(capture: Path) -> None:
         chosen(replace(scene, frames=tuple(frames)), views="all")
 
 
-def test_more_photos_than_a_file_can_have_are_refused_before_work_begins(
-    capture: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tinysplat_runtime.recipe.prepare.MAX_VIEWS", 8)
-    with pytest.raises(ts.InputError, match=f"{VIEWS} photos, a file has at most 8 views; --views auto:8"):
-        chosen(capture)
-    assert len(chosen(capture, views="auto:8")[0]) == 8
-
-
 # ---- what is said ------------------------------------------------------------------------------------------------
 
 
@@ -143,110 +127,11 @@ def photos_of(count: int, height: int, width: int, **depths: float) -> Scene:
     return Scene(Path("made"), tuple(frames), depths.get("near"), depths.get("far"))
 
 
-@pytest.mark.parametrize(
-    ("taken", "size", "options", "said"),
-    [
-        (24, (256, 256), {}, "24 of 30 photos, so: about 13 s and 792 KB; --views all takes every one"),
-        (24, (480, 640), {}, f"24 of 30 photos, so: about 63 s and {792 * 4.6875**0.69:.0f} KB; --views all takes"),
-        (24, (1000, 2000), {}, f"about 63 s and {792 * (2e6 / 65536) ** 0.69:.0f} KB; "),
-        (30, (256, 256), {"qp": 1}, "30 of 30 photos, so: about 17 s; --views auto:N takes so many"),
-        (7, (16, 16), {}, "about 1 s and 5 KB; "),
-    ],
-)
-def test_what_a_capture_takes_is_told(monkeypatch, taken: int, size: tuple[int, int], options, said: str) -> None:
-    """17 µs of a core per pixel up to 640×480, 33 kB for 256×256, growing with the pixels' power of 0.69."""
-    scene = photos_of(30, *size, near=1.0, far=2.0)
-    monkeypatch.setattr(prepare, "_chosen_views", lambda request, scene, say: (scene.views(range(taken)), "so"))
-    monkeypatch.setattr(prepare, "available_cores", lambda: 2)
-    lines: list[str] = []
-    prepared(EncodeRequest.of(scene, size="full", **options), lines.append)
-    assert len(lines) == 1 and lines[0].startswith("made: ") and said in lines[0]
-
-
 @pytest.mark.parametrize("taken", [2, 6])
 def test_nothing_is_said_of_two_to_six_photos_as_they_are(monkeypatch, taken: int) -> None:
     lines: list[str] = []
     scene = photos_of(taken, 480, 640, near=1.0, far=2.0)
     assert prepared(EncodeRequest.of(scene), lines.append).frames == scene.frames and lines == []
-
-
-@pytest.mark.parametrize(
-    ("size", "wanted"),
-    [
-        ((480, 640), None), ((640, 480), None), ((481, 640), (480, 639)), ((960, 1280), (480, 640)),
-        ((100, 12_288), (50, 6144)),
-    ],
-)  # fmt: skip
-def test_larger_photos_are_scaled_to_307_200_pixels(size: tuple[int, int], wanted: tuple[int, int] | None) -> None:
-    scene = photos_of(2, *size, near=1.0, far=2.0)
-    assert prepare.fitting_size(scene) == wanted
-    lines: list[str] = []
-    camera = prepared(EncodeRequest.of(scene, model="sweep"), lines.append).frames[0].camera
-    assert (camera.height, camera.width) == (wanted or size)
-    words = "the largest size that sweep handles well; --size full keeps all pixels"
-    scaled = f"made: photos of {size[1]}x{size[0]} scaled to {camera.width}x{camera.height}, {words}"
-    assert lines == ([scaled] if wanted else [])
-    for asked, (height, width) in (("full", size), ((30, 40), (30, 40))):
-        camera = prepared(EncodeRequest.of(scene, size=asked), lines.append).frames[0].camera
-        assert (camera.height, camera.width) == (height, width)
-
-
-class Related:
-    """`Neighbours` of which photo shows what."""
-
-    def __init__(self, parts: list[list[int]]) -> None:
-        self._parts = parts
-        inside = {v: tuple(part) for part in parts for v in part if len(part) > 1}
-        self.partners = tuple(inside.get(v, ()) for v in range(sum(map(len, parts))))
-
-    def parts(self) -> list[list[int]]:
-        return self._parts
-
-
-@pytest.mark.parametrize(
-    ("parts", "left_out", "places"),
-    [
-        ([8], "", ""),
-        ([1, 8], "0.png", ""),
-        ([1, 1, 1, 8], "0.png, 1.png, 2.png", ""),
-        ([1, 1, 1, 1, 1, 8], "0.png, 1.png, 2.png and 2 more", ""),
-        ([2, 7], "", "2 places that have nothing in common, of 7, 2 photos"),
-        ([4, 3, 2, 5], "", "4 places that have nothing in common, of 5, 4, 3, 2 photos"),
-        ([4, 3, 2, 5, 6, 1], "19 lies", "5 places that have nothing in common, of 6, 5, 4, 3, … photos"),
-    ],
-)
-def test_photos_that_match_nothing_are_left_out_and_places_counted(monkeypatch, parts, left_out, places) -> None:
-    ends = np.cumsum([0, *parts])
-    groups = [list(range(low, high)) for low, high in pairwise(ends)]
-    monkeypatch.setattr(prepare.Neighbours, "of", classmethod(lambda cls, *given: Related(groups)))
-    scene, lines = photos_of(int(ends[-1]), 8, 8, near=1.0, far=2.0), []
-    kept = prepare._matching(scene, lines.append)
-    assert len(kept.frames) == sum(size for size in parts if size > 1)
-    wanted = []
-    if left_out:
-        named = left_out.replace("19 lies", "20.png")
-        wanted.append(f"left out {named}: nothing in common with other photos from other places")
-    if places:
-        wanted.append(f"{places}: all are coded; --views takes some")
-    assert lines == wanted
-
-
-def test_depths_that_are_given_are_kept_and_others_found(monkeypatch) -> None:
-    monkeypatch.setattr(prepare, "range_seen", lambda images, cameras: (2.0, 7.0))
-    monkeypatch.setattr(Scene, "images", lambda self: None)
-    line = "near {} and far {}, from what the photos agree about; --near and --far say otherwise"
-    for given, found in (({}, (2, 7)), ({"near": 3.0}, (3, 7)), ({"far": 5.5}, (2, 5.5))):
-        lines: list[str] = []
-        scene = prepare._with_range(photos_of(2, 16, 16, **given), lines.append)
-        assert (scene.near, scene.far) == found and lines == [line.format(*found)]
-    for given in ({"near": 7.0}, {"far": 2.0}):
-        with pytest.raises(ts.InputError, match=r"made: photos agree about depths from .*; give --near and --far"):
-            prepare._with_range(photos_of(2, 16, 16, **given), str)
-    whole = photos_of(2, 16, 16, near=1.0, far=2.0)
-    assert prepare._with_range(whole, str) is whole
-    assert prepare._range_or_guess(whole) == (1, 2)
-    guessed = prepare._range_or_guess(photos_of(2, 16, 16, near=1.0))
-    assert guessed == prepare._range_or_guess(photos_of(2, 16, 16)) != (1, 2)
 
 
 def test_one_photo_is_too_few(capture: Path) -> None:

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import count
 
 import numpy as np
 import pytest
 from scenes import make_gaussians, make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
-from tinysplat_runtime.refine import refine as refine_module
 from tinysplat_runtime.refine.coarse import (
-    _doubled,
     bring_up,
     halved,
-    halved_camera,
     halved_picture,
     halved_target,
     lacking_alike,
 )
-from tinysplat_runtime.refine.refine import Refining, refine
-from tinysplat_runtime.refine.schedule import STEPS_BELOW, Turn, order, steps_below, turn
+from tinysplat_runtime.refine.refine import refine
 from tinysplat_runtime.refine.settings import LIMITS
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import Renderer
@@ -77,28 +72,6 @@ def test_changes_come_back_in_the_middle_of_what_they_were_made_for() -> None:
     assert field.values[LOGIT, place.rows].max() == LIMITS[LOGIT][1]
 
 
-def test_first_steps_of_large_views_are_small_ones() -> None:
-    assert steps_below(40 * 48, 4, 20) == steps_below(256 * 256, 4, 1) == steps_below(256 * 256, 2, 20) == 0
-    assert steps_below(256 * 256, 3, 20) == STEPS_BELOW and steps_below(256 * 256, 3, 3) == 2
-    assert steps_below(739 * 416, 4, 20) == STEPS_BELOW
-
-
-def test_steps_take_every_photo_once_and_neighbours_far_apart() -> None:
-    for photos in (1, 2, 3, 4, 6, 9, 64):
-        orders = [order(step, photos) for step in range(3)]
-        assert all(sorted(found) == list(range(photos)) for found in orders)
-        assert [found[0] for found in orders] == [step % photos for step in range(3)]
-    away = np.diff(order(0, 64))
-    assert np.abs(away).min() >= 64 // 4
-
-
-def test_turns_take_every_size_in_every_way() -> None:
-    turns = [turn(step, 2) for step in range(8)]
-    assert [now.size for now in turns] == [0, 1] * 4
-    assert [now.place for now in turns] == [0, 0, None, None, 1, 1, None, None]
-    assert turn(2, 1) == Turn(0, 1)
-
-
 @pytest.fixture(scope="module")
 def worn(tmp_path_factory: pytest.TempPathFactory):
     """Gaussians too faint here and there, and photos of what they should be."""
@@ -112,28 +85,6 @@ def worn(tmp_path_factory: pytest.TempPathFactory):
     return wrong, Scene(folder, tuple(frames), 1.0, 10.0)
 
 
-def test_small_steps_begin_with_what_is_wrong_at_full_size(worn) -> None:
-    refining = Refining(*worn, *TOLD)
-    small, renderer = refining._go_down().loop, Renderer(worn[0], 1, compiled=True)
-    for target, photo in zip(small._sizes[0], worn[1].images(), strict=True):
-        error = small.field.measure(target, shares=small.field.shares(target.camera))
-        camera = worn[0].cameras[small._sizes[0].index(target)]
-        wrong = np.abs(halved_picture(renderer.render(camera) - photo)).sum()
-        assert error.absolute == pytest.approx(wrong, rel=1e-3)
-
-
-def test_gaussians_between_two_steps_have_what_a_smaller_copy_changed(worn) -> None:
-    refining = Refining(*worn, *TOLD)
-    before = refining.present()
-    next(refining.advance(6, np.inf))
-    once, again = refining.present(), refining.present()
-    assert refining._smaller is not None and np.abs(once.sh - before.sh).max() > 0.01
-    refining._go_up()
-    for found in (again, refining.present()):
-        np.testing.assert_array_equal(found.sh, once.sh)
-        np.testing.assert_array_equal(found.opacities, once.opacities)
-
-
 def test_small_steps_gain_and_count(worn) -> None:
     stats = RefineStats()
     refine(worn[0], worn[1], steps=6, profile=TOLD[0], run_jobs=TOLD[2], stats=stats)
@@ -142,44 +93,3 @@ def test_small_steps_gain_and_count(worn) -> None:
     alone = RefineStats()
     refine(worn[0], worn[1], steps=1, profile=TOLD[0], run_jobs=TOLD[2], stats=alone)
     assert stats.looks[-1][1] > alone.looks[-1][1] + 0.5  # one at full size is not what gained
-
-
-def test_no_step_begins_that_would_end_too_late(worn, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a clock that goes on by a second whenever it is read: what is timed takes one, and looks ahead another."""
-    ticks = count()
-    monkeypatch.setattr(refine_module.time, "perf_counter", lambda: float(next(ticks)))
-    refining = Refining(*worn, *TOLD)
-    taken = list(refining.advance(100, next(ticks) + 30.0))
-    assert 2 <= len(taken) < 12
-    refining.result()
-    assert next(ticks) <= 36
-
-
-def test_a_copy_by_hand() -> None:
-    """Of 5×7 pixels, the last row and column of which have no partner."""
-    whole = make_gaussians(2, 5, 7, degree=1, layers=2)
-    half = halved(whole)
-    first = whole.layers[0]
-    for name in ("means", "opacities", "sh"):
-        array = getattr(first, name).astype(np.float64)
-        wanted = (array[:, 0:4:2, 0:6:2] + array[:, 1:4:2, 0:6:2] + array[:, 0:4:2, 1:6:2] + array[:, 1:4:2, 1:6:2]) / 4
-        np.testing.assert_allclose(getattr(half, name), wanted, rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(half.scales[1, 1, 2], first.scales[1, 2:4, 4:6].mean(axis=(0, 1)) * 2, rtol=1e-6)
-    np.testing.assert_array_equal(half.quats, first.quats[:, 0:4:2, 0:6:2])
-    assert [layer.opacities.shape for layer in half.layers] == [(2, 2, 3), (2, 1, 1)]
-    camera = halved_camera(first.cameras[1])
-    assert (camera.width, camera.height) == (3, 2) == (half.cameras[1].width, half.cameras[1].height)
-    np.testing.assert_allclose(camera.K, first.cameras[1].K * [[0.5], [0.5], [1]])
-    np.testing.assert_array_equal(camera.c2w, first.cameras[1].c2w)
-
-
-@pytest.mark.parametrize(("axis", "size"), [(0, 6), (1, 6), (1, 7), (2, 4), (2, 5)])
-def test_samples_are_doubled_between_their_centres(axis: int, size: int) -> None:
-    array = np.random.default_rng(0).normal(size=(3, 3, 2)).astype(np.float32)
-    centres, wanted = (
-        2 * np.arange(array.shape[axis]) + 0.5,
-        np.moveaxis(array, axis, -1).reshape(-1, array.shape[axis]),
-    )
-    lines = np.stack([np.interp(np.arange(size), centres, line) for line in wanted])
-    shape = (*np.delete(array.shape, axis), size)
-    np.testing.assert_allclose(_doubled(array, axis, size), np.moveaxis(lines.reshape(shape), -1, axis), atol=1e-6)

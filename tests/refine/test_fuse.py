@@ -14,7 +14,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.thin import thinned
 from tinysplat_runtime.refine.descent import Pace
 from tinysplat_runtime.refine.free import FreeGaussians
-from tinysplat_runtime.refine.fuse import FADED, FuseStats, _cameras, _Pictures, _seconds, fused
+from tinysplat_runtime.refine.fuse import FADED, FuseStats, fused
 from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
 from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.render.gradient import Target
@@ -140,46 +140,3 @@ def test_what_cannot_be_fused_is_said(wrong: Gaussians, options: dict, where: st
     with pytest.raises(InputError) as caught:
         fused(wrong, **options)
     assert caught.value.where == where
-
-
-def test_budgets_are_accepted_to_their_ends() -> None:
-    assert _seconds(None, 1) == np.inf and _seconds(86_399.0, None) == 86_399 and _seconds(1e-9, None) == 1e-9
-    assert 0 < _seconds(None, None) < 3600
-    for seconds in (0.0, 86_400.0):
-        with pytest.raises(InputError, match=f"{seconds:g} s, expected more than 0 and less than a day"):
-            _seconds(seconds, None)
-    for steps in (0, True, 1.5):
-        with pytest.raises(InputError, match="expected a whole number above 0"):
-            _seconds(None, steps)
-
-
-def test_pictures_are_those_of_the_views_and_halfway_to_the_two_nearest() -> None:
-    """In a row at 0, 1, 3, 7: 0 and 1 have each other and 3, 3 has 1 and 0, and 7 has 3 and 1."""
-    views = [Camera([[9.0, 0, 4], [0, 9, 3], [0, 0, 1]], np.eye(4) + x * np.eye(4)[0][:, None] * np.eye(4)[3], 8, 6)
-             for x in (0, 1, 3, 7)]  # fmt: skip
-    found = _cameras(views, 2.0)
-    assert found[:4] == views
-    np.testing.assert_allclose([camera.centre[0] for camera in found[4:]], [0.5, 1.5, 2, 4, 5])
-    assert [camera.centre[0] for camera in _cameras(views[:2], 2.0)] == pytest.approx([0, 1, 0.5])
-
-
-def test_what_a_picture_hardly_covers_is_unknown() -> None:
-    """A wall of opacities from left to right: nine tenths is known, and less is not."""
-    whole = capture()
-    whole = replace(whole, opacities=np.broadcast_to(np.linspace(0.1, 1, 32), whole.opacities.shape),
-                    scales=whole.scales * 0.2)  # fmt: skip
-    pictures = _Pictures(whole, 1)
-    assert len(pictures) == len(_cameras(whole.cameras, 3.0))
-    target = pictures[3]
-    alpha = render(whole, target.camera, outputs=("alpha",))["alpha"]
-    unknown = np.isnan(target.photo).all(axis=-1)
-    np.testing.assert_array_equal(unknown, alpha < 0.9)
-    assert 0.05 < unknown.mean() < 0.95 and target.photo.dtype == np.float32
-    np.testing.assert_allclose(target.photo[~unknown], render(whole, target.camera)[~unknown], atol=1e-3)
-
-
-def test_what_was_done_is_said() -> None:
-    stats = FuseStats(100, 50, 40, 7, [[20.0, 22.0], [23.0, np.nan], [25.0, 26.0, 27.0]])
-    wanted = "100 Gaussians thinned to 50 and fused to 40 in 7 steps: pictures of our own drawing 21.0 to 25.2 dB"
-    assert stats.text == wanted and stats.note() == "pictures 26.00 dB" and FuseStats().note() == ""
-    assert (FuseStats().given, FuseStats().thinned, FuseStats().kept, FuseStats().steps) == (0, 0, 0, 0)

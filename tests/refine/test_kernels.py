@@ -10,15 +10,10 @@ import pytest
 import torch
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.refine import kernels
 from tinysplat_runtime.refine.photos import sizes_of
-from tinysplat_runtime.refine.price import plane_prices
-from tinysplat_runtime.render.gradient import MovableGaussians
-from tinysplat_runtime.render.kernels_gradient import VALUES
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
-from tinysplat_runtime.system.threads import Crew
 
 STEP = 1e-5
 
@@ -60,34 +55,6 @@ def test_variation_weighs_every_pair_of_neighbours() -> None:
         )
 
     np.testing.assert_allclose(found, slopes(variation, change), atol=1e-3)
-
-
-def test_what_planes_cost_is_counted_in_the_profiles_steps() -> None:
-    """The gradient by values is that of the bits of −1/z, ŝ, opacity and colours in steps, which grow with Q_g."""
-    gaussians = make_smooth_gaussians(2, 5, 6, degree=0)
-    field = MovableGaussians(gaussians, Crew(1).map)
-    rng = np.random.default_rng(2)
-    values = (
-        field.values[:, field.grids[1].rows].reshape(VALUES, 5, 6) + 0.1 * rng.normal(size=(VALUES, 5, 6))
-    ).astype(np.float32)
-    costs = []
-    for qp in (0, 6):
-        price = plane_prices(gaussians, field.grids, find_profile("balanced"), qp, 0.5)[0, 1]
-
-        def cost(values: np.ndarray, price=price) -> float:
-            depth, size, opacity, *colours = values
-            planes = [price.inverse_depth * np.exp(-depth), price.size * np.exp(size)]
-            planes += [1 / (1 + np.exp(-opacity)) / price.opacity, *(colour / price.color for colour in colours)]
-            return 0.5 * sum(bits(plane) for plane in planes)
-
-        found = np.zeros_like(values)
-        price.add_gradient(values, found)
-        np.testing.assert_allclose(found, slopes(cost, values), rtol=1e-3, atol=1e-3)
-        costs.append(price)
-    for name in ("opacity", "color"):
-        assert getattr(costs[1], name) == 2 * getattr(costs[0], name)
-    for name in ("inverse_depth", "size"):
-        np.testing.assert_allclose(2 * getattr(costs[1], name), getattr(costs[0], name), rtol=1e-6)
 
 
 def test_steps_are_those_of_torchs_adam_and_end_at_the_limits() -> None:

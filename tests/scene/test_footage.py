@@ -17,7 +17,7 @@ from tinysplat_runtime.cli import main
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render.video import write_video
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.footage import Video, open_video
+from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.intake.video import video_scene
@@ -177,24 +177,6 @@ def test_chosen_frames_come_in_one_pass_and_all_of_them_as_small_grey_ones(clip:
         assert all(luma.shape == shape and luma.dtype == np.uint8 for _, luma in small)
         means = np.array([luma.mean() for _, luma in small])
         assert (np.diff(means) > 0).all()
-
-
-def test_the_frame_shown_nearest_to_a_time_is_found_within_a_frame_s_time(tmp_path: Path) -> None:
-    """Shown at 0, 0.4, 1.0 and 1.2 s from the first on: usually 0.4 s apart."""
-    video = Video(tmp_path / "v.mp4", np.array([100, 140, 200, 220]), 0.01, 2, 2)
-    times = (-0.39, 0.0, 0.19, 0.21, 0.69, 0.71, 1.11, 1.59)
-    assert [video.index_at(time) for time in times] == [0, 0, 0, 1, 1, 2, 3, 3]
-    for time in (-0.41, 1.61, float("nan")):
-        with pytest.raises(InputError, match=r"no frame at .* s, its 4 frames are shown from 0 to 1\.200 s"):
-            video.index_at(time)
-    alone = Video(tmp_path / "v.mp4", np.array([7]), 1.0, 2, 2)
-    assert alone.index_at(0.033) == 0
-    with pytest.raises(InputError):
-        alone.index_at(0.034)
-    assert [video.check_index(index) for index in (0, 3)] == [0, 3]
-    for index in (-1, 4):
-        with pytest.raises(InputError, match=f"frame {index}, but its frames are 0 to 3"):
-            video.check_index(index)
 
 
 def test_photos_made_free_of_distortion_name_the_frames_that_they_were(clip: Path, tmp_path: Path) -> None:

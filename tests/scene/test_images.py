@@ -18,9 +18,6 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import (
     MAX_PIXELS,
-    _exif_orientation,
-    _upsample_chroma,
-    _ycc_to_rgb,
     image_size,
     is_turned,
     read_image,
@@ -358,58 +355,12 @@ def test_headers_tell_the_size_as_shown_and_whether_it_is_turned(tmp_path: Path,
         assert read_image(tmp_path / "a", upright=False).shape == (24, 40, 3)
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_an_orientation_is_found_behind_other_fields_of_its_directory(order: str) -> None:
-    def field(tag: int, value: int) -> bytes:
-        return struct.pack(f"{order}HHIHH", tag, 3, 1, value, 0)
-
-    def tiff(*fields: bytes, gap: int = 4) -> bytes:
-        head = {"<": b"II*\0", ">": b"MM\0*"}[order]
-        return (
-            head
-            + struct.pack(f"{order}I", 8 + gap)
-            + bytes(gap)
-            + struct.pack(f"{order}H", len(fields))
-            + b"".join(fields)
-        )
-
-    assert _exif_orientation(tiff(field(0x010F, 7), field(0x0111, 5), field(0x0112, 6), field(0x0112, 3))) == 6
-    assert _exif_orientation(tiff(field(0x0112, 8), gap=0)) == 8
-    assert [_exif_orientation(tiff(field(0x0112, value))) for value in (0, 1, 9)] == [1, 1, 1]
-    assert _exif_orientation(tiff(field(0x0113, 6))) == 1
-
-
 def test_a_png_begins_with_its_header(tmp_path: Path) -> None:
     good = png_of_rows(2, 1, 8, 2, [bytes(6)])
     body = good[8:]
     assert "does not start with its header" in refusal(tmp_path, good[:8] + chunk(b"tEXt", b"a\0b") + body)
     assert "does not start with its header" in refusal(tmp_path, good[:8] + chunk(b"IHDR", bytes(14)) + body)
     np.testing.assert_array_equal(read_bytes(tmp_path, good + b"behind its end"), np.zeros((1, 2, 3)))
-
-
-def test_luma_and_chroma_become_the_colours_of_jfif() -> None:
-    y, cb, cr = (np.random.default_rng(seed).integers(0, 256, (64, 65), dtype=np.uint8) for seed in range(3))
-    cb[0, :4], cr[0, :4] = (0, 255, 0, 255), (0, 255, 255, 0)
-    b, r = cb.astype(float) - 128, cr.astype(float) - 128
-    wanted = np.stack([y + 1.402 * r, y - 0.344136 * b - 0.714136 * r, y + 1.772 * b], axis=-1)
-    found = _ycc_to_rgb(y, cb, cr).astype(float)
-    np.testing.assert_allclose(found, wanted.clip(0, 255), atol=0.5 + 1 / 64)
-
-
-@pytest.mark.parametrize(
-    ("plane", "shape"), [((3, 4), (6, 8)), ((3, 4), (5, 7)), ((3, 7), (6, 7)), ((2, 3), (7, 12)), ((1, 1), (2, 1))]
-)
-def test_chroma_between_samples_is_three_parts_of_the_nearest_and_one_of_the_next(plane, shape) -> None:
-    samples = np.random.default_rng(0).integers(0, 256, plane).astype(np.uint8)
-    wanted = samples.astype(float)
-    for axis in (0, 1):
-        while wanted.shape[axis] < shape[axis]:
-            length = wanted.shape[axis]
-            rows = np.moveaxis(wanted, axis, 0)
-            doubled = [0.75 * rows[i // 2] + 0.25 * rows[min(max(i // 2 + (1 if i % 2 else -1), 0), length - 1)]
-                       for i in range(2 * length)]  # fmt: skip
-            wanted = np.moveaxis(np.array(doubled), 0, axis)
-    np.testing.assert_array_equal(_upsample_chroma(samples, shape), np.floor(wanted[: shape[0], : shape[1]] + 0.5))
 
 
 @pytest.mark.parametrize("size", [(48, 64), (24, 200), (7, 5), (61, 93), (122, 31)])

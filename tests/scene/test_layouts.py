@@ -11,10 +11,7 @@ import pytest
 from scenes import colmap_texts, make_cameras, transforms_document, write_scene
 
 from tinysplat_runtime.errors import InputError, InputWarning
-from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
-from tinysplat_runtime.scene.intake.colmap import MODEL_FOLDERS, _observed_range, _photo_folder, model_folder
-from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 CAMERAS = make_cameras(5, 24, 32)
 
@@ -74,16 +71,6 @@ def test_the_first_three_missing_photos_are_named(folder: Path, gone: tuple[int,
         (folder / f"images/{n:04}.png").unlink()
     with pytest.warns(InputWarning, match=words):
         assert len(load_scene(write_transforms(folder)).frames) == 5 - len(gone)
-
-
-def test_a_pose_may_lack_its_last_row_but_not_be_missing(folder: Path) -> None:
-    def three_rows(document: dict[str, Any]) -> None:
-        document["frames"][1]["transform_matrix"] = document["frames"][1]["transform_matrix"][:3]
-
-    found = load_scene(write_transforms(folder, three_rows)).cameras[1]
-    np.testing.assert_allclose(found.c2w, CAMERAS[1].c2w, atol=1e-9)
-    message = refusal(write_transforms(folder, lambda document: document["frames"][2].pop("transform_matrix")))
-    assert "frames[2].transform_matrix: missing" in message
 
 
 @pytest.mark.parametrize(
@@ -160,36 +147,6 @@ def test_faults_of_llff_files_name_the_row(folder: Path, rows: Any, words: str) 
 # ---- COLMAP ------------------------------------------------------------------------------------------------------
 
 
-def test_a_model_is_sought_in_its_folders_in_order(tmp_path: Path) -> None:
-    assert model_folder(tmp_path) is None
-    for name in reversed(MODEL_FOLDERS):
-        (tmp_path / name).mkdir(parents=True, exist_ok=True)
-        for part in ("cameras", "images", "points3D"):
-            assert model_folder(tmp_path) != tmp_path / name
-            (tmp_path / name / f"{part}.txt").touch()
-        assert model_folder(tmp_path) == tmp_path / name
-
-
-def test_photos_are_sought_about_the_model(tmp_path: Path) -> None:
-    model = tmp_path / "sparse/0"
-    model.mkdir(parents=True)
-    assert _photo_folder(tmp_path, model, "x.png") == tmp_path / "images"
-    for place in ("sparse/images", "sparse/0", "sparse/0/images", "images"):  # each before those that came earlier
-        (tmp_path / place).mkdir(parents=True, exist_ok=True)
-        (tmp_path / place / "x.png").touch()
-        assert _photo_folder(tmp_path, model, "x.png").resolve() == (tmp_path / place).resolve()
-    assert _photo_folder(tmp_path, model, "y.png") == tmp_path / "images"
-
-
-def test_depths_are_those_of_points_as_photos_observed_them() -> None:
-    """Two photos of three points, of which each observed two; the second stands 2 back and is turned round."""
-    w2c = np.array([[[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 20]]])
-    arrays = {"points": np.array([[9.0, 9, 2], [9, 9, 5], [9, 9, 11]]),
-              "observations": np.array([[0, 0], [0, 1], [1, 1], [1, 2]])}  # fmt: skip
-    low, high = np.percentile([2.0, 5, 15, 9], (1, 99))
-    assert _observed_range(arrays, w2c) == pytest.approx((low / 1.1, high * 1.1))
-
-
 def test_points_that_no_photo_observed_still_tell_depths(folder: Path) -> None:
     points = np.array([[0.1, 0.05, 3.0], [-0.2, 0.1, 4.0], [0.0, -0.1, 5.0], [0.3, 0.0, 6.0]])
     (folder / "sparse").mkdir()
@@ -211,18 +168,3 @@ def test_points_that_no_photo_observed_still_tell_depths(folder: Path) -> None:
 
 
 # ---- cameras of other files --------------------------------------------------------------------------------------
-
-
-def test_cameras_of_the_reference_code_lack_no_field(folder: Path) -> None:
-    camera = CAMERAS[0]
-    entry = {"img_name": "0000", "width": 32, "height": 24, "fx": camera.K[0, 0], "fy": camera.K[1, 1],
-             "position": camera.c2w[:3, 3].tolist(), "rotation": camera.c2w[:3, :3].tolist()}  # fmt: skip
-    for name in ("position", "rotation", "width", "height", "fx", "fy"):
-        (folder / "cameras.json").write_text(json.dumps([entry, {k: v for k, v in entry.items() if k != name}]))
-        assert f"[1].{name}: missing" in refusal(folder)
-    write_png(folder / "0007.png", np.zeros((24, 32, 3), np.uint8))
-    (folder / "cameras.json").write_text(json.dumps([{**entry, "img_name": name} for name in ("0001", "0007", "gone")]))
-    paths = [frame.path for frame in load_scene(folder).frames]
-    assert paths == [folder / "images/0001.png", folder / "0007.png", folder / "images/gone"]
-    (found, *_) = load_cameras(folder)
-    assert isinstance(found, Camera) and found.K[0, 2] == 16 and found.K[1, 2] == 12

@@ -13,7 +13,7 @@ from scenes import make_cameras, make_photo, transforms_document, write_scene
 
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
+from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 HEIGHT, WIDTH = 24, 32
@@ -90,16 +90,6 @@ def inria(cameras: list[Camera]) -> list[dict[str, Any]]:
         }
         for i, c in enumerate(cameras)
     ]  # fmt: skip
-
-
-def test_cameras_of_the_reference_code_are_read(folder: Path) -> None:
-    cameras = [Camera([[c.K[0, 0], 0, 16], [0, c.K[1, 1], 12], [0, 0, 1]], c.c2w, 32, 24) for c in CAMERAS]
-    (folder / "cameras.json").write_text(json.dumps(inria(cameras)))
-    scene = load_scene(folder, near=1, far=9)
-    assert_cameras(scene, cameras)
-    np.testing.assert_array_equal(scene.images()[2], make_photo(HEIGHT, WIDTH, seed=2) / np.float32(255))
-    found = load_cameras(folder / "cameras.json")
-    np.testing.assert_array_equal([c.c2w for c in found], [c.c2w for c in cameras])
 
 
 @pytest.mark.parametrize(

@@ -49,30 +49,6 @@ def test_pinholes_have_their_own_intrinsics_and_photos_as_they_are() -> None:
         assert (camera.width, camera.height) == (64, 48) and lens.undistort(photo) is photo
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: Lens("PINHOLE", (1.0,), 0, 48), "width: 0, expected a whole number from 1 to 65536"),
-        (lambda: Lens("PINHOLE", (1.0,), 64, 65537), "height: 65537"),
-        (lambda: Lens("PINHOLE", (1.0,), 64.0, 48), "width: 64.0"),
-        (lambda: Lens("PINHOLE", (np.nan,), 64, 48), "intrinsics: holds NaN"),
-        (lambda: Lens("PINHOLE", (70.0, *C), 64, 48).camera(np.eye(4)), "camera: 3 parameters for the model PINHOLE"),
-        (lambda: Lens("SIMPLE_PINHOLE", (*F, *C), 64, 48).camera(np.eye(4)), "4 parameters for the model SIMPLE"),
-        (lambda: Lens("NO_SUCH", (70.0, *C), 64, 48).camera(np.eye(4)), "camera: unknown model 'NO_SUCH'"),
-        (lambda: Lens("OPENCV", (70.0, *C), 64, 48).camera(np.eye(4)), "no usable camera of the model OPENCV"),
-        (lambda: Lens("SIMPLE_RADIAL", (-70.0, *C, 0.1), 64, 48).camera(np.eye(4)), "no usable camera"),
-    ],
-)
-def test_what_is_no_lens_is_named(make, words) -> None:
-    pytest.importorskip("pycolmap")
-    with pytest.raises(InputError, match=words):
-        make()
-
-
-def test_sides_are_accepted_to_their_ends() -> None:
-    assert Lens("PINHOLE", (*F, *C), 1, 65536).camera(np.eye(4)).height == 65536
-
-
 def test_undistorted_photos_have_the_size_of_their_camera() -> None:
     pytest.importorskip("pycolmap")
     lens = Lens("SIMPLE_RADIAL", (70.0, 32.0, 24.0, 0.3), 64, 48)

@@ -8,17 +8,12 @@ import pytest
 from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.matching import reach_of, taken_as
+from tinysplat_runtime.scene.matching import taken_as
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 
 def scene_of(*cameras: Camera) -> Scene:
     return Scene(Path("desk"), tuple(Frame(camera, Path(f"{n}.png")) for n, camera in enumerate(cameras)))
-
-
-def test_the_reach_is_the_greatest_distance_of_two_cameras() -> None:
-    assert reach_of([camera_at(0), camera_at(3, 4), camera_at(3)]) == pytest.approx(5)
-    assert reach_of([camera_at(2)]) == 0
 
 
 def test_a_view_is_the_nearest_photo_that_stands_at_its_place_and_is_turned_alike() -> None:

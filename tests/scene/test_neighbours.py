@@ -10,7 +10,6 @@ from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import (
     GROUP,
     Neighbours,
-    _cover,
     grouped,
     nearest_views,
     view_places,
@@ -114,37 +113,6 @@ def test_too_small_a_group_is_none() -> None:
     neighbours = found([camera_at(0), camera_at(0.2), camera_at(500), camera_at(500.2), camera_at(500.4)])
     assert [group.views for group in grouped(neighbours, GROUP, 3)] == [(2, 3, 4)]
     assert [group.views for group in grouped(neighbours)] == [(0, 1), (2, 3, 4)]
-
-
-def test_hundreds_of_photos_take_no_square_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    cameras = [camera_at(0.1 * i) for i in range(300)]
-    whole = found(cameras).partners
-    monkeypatch.setattr("tinysplat_runtime.scene.neighbours._ROWS", 7)
-    assert found(cameras).partners == whole
-
-
-def test_partners_stand_a_five_hundredth_of_the_depth_apart_and_see_a_tenth_of_the_same() -> None:
-    for apart, is_partner in ((0.0021, True), (0.0019, False)):
-        assert bool(found([camera_at(0), camera_at(apart * DEPTH)]).partners[0]) == is_partner
-    # of the farthest plane, 6 away, two columns of points are seen up to 4.8 aside, 6 of 36; then one column, 3 of 36
-    for aside, is_partner in ((4.7, True), (4.9, False)):
-        assert bool(found([camera_at(0), camera_at(aside)]).partners[0]) == is_partner
-
-
-def test_a_group_is_a_photo_and_its_nearest_partners_and_costs_their_mean_distance() -> None:
-    places = np.zeros((5, 6))
-    places[:, 0] = 0, 1, 3, 3.001, 7
-    neighbours = Neighbours(places, ((1, 2, 3, 4), (0, 2), (3, 1), (), (0,)))
-    assert [neighbours.own_group(v, 4) for v in range(5)] == [(0, 1, 2, 4), (0, 1, 2), (1, 2), (3,), (0, 4)]
-    assert neighbours.own_group(0, 3) == (0, 1, 2) and neighbours.own_group(0) == (0, 1, 2, 4)
-    assert neighbours.cost(0, (0, 1, 2, 4)) == pytest.approx((1 + 3 + 7) / 3) and neighbours.cost(3, (3,)) == 0
-    assert neighbours.parts() == [[0, 1, 2, 3, 4]]
-
-
-def test_sets_are_chosen_by_what_is_new_and_then_by_what_they_cost() -> None:
-    assert _cover([{0, 1}, {1, 2, 3}, {0, 3}, {0}], [1.0, 9.0, 0.5, 0.1]) == [1, 3]
-    assert _cover([{0, 1}, {2, 3}, {0, 1}], [2.0, 1.0, 1.0]) == [1, 2]
-    assert _cover([set(), {0}], [0.0, 1.0]) == [1] and _cover([set()], [1.0]) == []
 
 
 def test_the_views_nearest_to_a_camera_are_named_in_their_order() -> None:

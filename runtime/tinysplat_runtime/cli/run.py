@@ -30,7 +30,7 @@ _MODULES = {"encode": "encode", "compress": "encode", "convert": "convert", "ren
 
 _NEGATIVES = re.compile(r"-[0-9.][-+0-9.eEx]*(,[-+0-9.eE]+)*")
 
-_IMPORT_LOCKS = "<frozen importlib._bootstrap>"
+IMPORT_LOCKS = "<frozen importlib._bootstrap>"
 """Code that Python runs as a callback now and then: an exception there is printed and lost."""
 
 _AGAIN_S = 0.01
@@ -60,7 +60,7 @@ def _interrupts() -> Iterator[list[int]]:
 
     def notice(number: int, frame: FrameType | None) -> None:
         noticed.append(number)
-        if frame is None or frame.f_code.co_filename != _IMPORT_LOCKS:
+        if frame is None or frame.f_code.co_filename != IMPORT_LOCKS:
             signal.default_int_handler(number, frame)
         again = threading.Timer(_AGAIN_S, interrupt_main)
         again.daemon = True
