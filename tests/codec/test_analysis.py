@@ -194,15 +194,6 @@ def test_a_gaussian_in_its_camera_s_own_plane_is_refused(layer):
         _project(replace(layer, means=means))
 
 
-@pytest.mark.parametrize("rows", [1, 3, 13])
-def test_planes_do_not_depend_on_how_many_rows_go_through_at_a_time(layer, rows, monkeypatch):
-    whole = _project(layer)
-    monkeypatch.setattr("tinysplat_runtime.codec.analysis.BLOCK_PIXELS", rows * layer.opacities.shape[2])
-    found = _project(layer)
-    np.testing.assert_allclose(found.reference_quats, whole.reference_quats, atol=1e-6)
-    np.testing.assert_allclose(found.geometry, whole.geometry, rtol=1e-5, atol=1e-5)
-
-
 def test_planes_are_those_of_the_scene_wherever_its_origin_lies(layer):
     """Means and cameras moved by exact numbers of the same exponent: nothing but the origin differs."""
     place = np.array([1024.0, -2048.0, 512.0])

@@ -14,10 +14,7 @@ from scenes import write_scene
 from scipy.spatial.transform import Rotation
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.paper import _class_channels
-from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.planes import PlaneClass
 
 SLACK = 1.6
 RUNTIME = ts.Runtime(threads=1)
@@ -107,21 +104,6 @@ def test_attributes_come_back_as_near_as_they_do(raw, profile, qp):
     for index, (wanted, found, reached) in enumerate(pairs):
         for name, error, bound in zip(NAMES, errors(wanted, found), reached, strict=True):
             assert error <= SLACK * bound, f"layer {index}: {name} {error:.3g}, reached was {bound:.3g}"
-
-
-def test_steps_and_windows_of_the_paper_s_profile_by_hand():
-    """14-bit integers of σ / α each, from the least value: 16,383 of them; HEVC's step at QP 4 is 64."""
-    values = np.random.default_rng(0).standard_normal((2, 1, 40, 50)).astype(np.float32)
-    values[0, 0, 0, 0] = 90
-    sigma = values.std(dtype=np.float64)
-    settings = PROFILES["paper"].settings
-    for plane_class, alpha, class_qp in ((PlaneClass.DEPTH, 2048, -4), (PlaneClass.ROTATION, 256, 9)):
-        (channel,) = _class_channels(plane_class, values, np.array([sigma]), settings, 5.0)
-        assert channel.step == pytest.approx(64 * sigma / alpha * 2 ** ((class_qp + 5 - 4) / 6))
-        low = float(values.min())
-        high = min(low + 16383 * sigma / alpha, 90)
-        assert channel.window == pytest.approx((low, high), rel=1e-9)
-    assert high == 90
 
 
 def test_a_hybrid_file_s_planes_bring_back_what_the_network_lacks(tmp_path):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import ClassVar
 
@@ -98,7 +98,7 @@ def mode_of(name: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory) -> dict[str, bytes]:
+def jobs(tmp_path_factory) -> dict[str, Job]:
     scene = ts.load_scene(write_scene(tmp_path_factory.mktemp("photos") / "scene", views=2, height=24, width=40))
     store = RUNTIME.store
     predicted = RUNTIME.predict(scene, "sweep").with_notes(NOTES)
@@ -107,11 +107,14 @@ def files(tmp_path_factory) -> dict[str, bytes]:
     made = {"lossless": smooth, "free": smooth.flat(), "toy": smooth, MANY: many}
     photos = PhotoScene.of(scene, "sweep", store)
     return {
-        name: registry.MODES[mode_of(name)].encode(
-            Job(made.get(name, predicted), PROFILES["fast"], 6.0, store, 1, EncodeStats(), photos=photos)
-        )
+        name: Job(made.get(name, predicted), PROFILES["fast"], 6.0, store, 1, EncodeStats(), photos=photos)
         for name in NAMES
     }
+
+
+@pytest.fixture(scope="module")
+def files(jobs) -> dict[str, bytes]:
+    return {name: registry.MODES[mode_of(name)].encode(job) for name, job in jobs.items()}
 
 
 def test_every_mode_is_here(files):
@@ -126,10 +129,31 @@ def test_files_come_back_as_finite_gaussians_of_their_mode_with_their_notes(file
     decoded, again = RUNTIME.decompress(files[name]), RUNTIME.decompress(files[name])
     assert read_container(files[name]).mode == mode_of(name)
     assert decoded.notes.attribution == "somebody"
-    for layer, same in zip(decoded.layers, again.layers, strict=True):
+    assert all(np.isfinite(getattr(layer, field)).all() for layer in decoded.layers for field in FIELDS)
+    assert_alike(decoded, again)
+
+
+def assert_alike(found: ts.Gaussians, wanted: ts.Gaussians) -> None:
+    for layer, same in zip(found.layers, wanted.layers, strict=True):
         for field in FIELDS:
-            assert np.isfinite(getattr(layer, field)).all()
             np.testing.assert_array_equal(getattr(layer, field), getattr(same, field))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_threads_change_neither_bytes_nor_gaussians(files, jobs, name):
+    job = replace(jobs[name], threads=3, stats=EncodeStats())
+    assert registry.MODES[mode_of(name)].encode(job) == files[name]
+    assert_alike(ts.Runtime(threads=3).decompress(files[name]), RUNTIME.decompress(files[name]))
+
+
+@pytest.mark.parametrize("name", ["gaussians", "lossless", "free"])
+def test_one_gaussian_comes_back_alone(name):
+    one = make_smooth_gaussians(1, 1, 1, degree=0)
+    one = one.flat() if name == "free" else one
+    job = Job(one, PROFILES["fast"], -12.0, RUNTIME.store, 1, EncodeStats())
+    found = RUNTIME.decompress(registry.MODES[name].encode(job))
+    assert found.count == 1 and len(found.cameras) == len(one.cameras)
+    np.testing.assert_allclose(found.means.ravel(), one.means.ravel(), atol=0.05)
 
 
 @pytest.mark.parametrize("name", NAMES)

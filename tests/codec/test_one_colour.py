@@ -31,29 +31,6 @@ def _seen_in_float64(layer, view, row, column, camera):
     return sh_basis(ray / np.linalg.norm(ray), layer.degree) @ layer.sh[view, row, column].astype(np.float64)
 
 
-def _standing(layer, places):
-    """The same Gaussians before cameras on a line along x."""
-    cameras = [
-        replace(camera, c2w=np.vstack([np.c_[camera.c2w[:3, :3], [x, 0.0, 0.0]], [0, 0, 0, 1]]))
-        for camera, x in zip(layer.cameras, places, strict=True)
-    ]
-    return replace(layer, cameras=tuple(cameras))
-
-
-def test_cameras_are_ordered_by_how_near_they_stand():
-    layer = _standing(_weakly_view_dependent(4), [0.0, 1.0, 1.4, 3.0])
-    wanted = [[0, 1, 2, 3], [1, 2, 0, 3], [2, 1, 0, 3], [3, 2, 1, 0]]
-    np.testing.assert_array_equal(nearest_cameras(layer.cameras), wanted)
-
-
-def test_the_colour_is_seen_from_the_own_and_the_neighbouring_place():
-    layer = _standing(_weakly_view_dependent(3, share=0.3), [0.0, 0.5, -3.0])
-    found = as_seen(layer, np.inf).sh[:, 5, 7, 0] * C0
-    for view, neighbour in enumerate((1, 0, 0)):
-        seen = [_seen_in_float64(layer, view, 5, 7, camera) for camera in (view, neighbour)]
-        np.testing.assert_allclose(found[view], np.mean(seen, axis=0), atol=3e-6)
-
-
 @pytest.mark.parametrize("origin", [np.zeros(3), np.array([3e5, -2e5, 1e6])])
 def test_the_colour_is_the_mean_of_what_the_own_and_the_nearest_camera_see(origin):
     layer = _weakly_view_dependent(origin=origin)
@@ -75,25 +52,6 @@ def test_disagreement_is_the_mean_squared_difference_to_that_colour_from_the_nea
     assert disagreement(layer) == pytest.approx(np.mean(squares), rel=1e-4)
 
 
-def test_coefficients_stay_where_views_disagree_by_more_than_the_budget():
-    layer = _weakly_view_dependent()
-    found = disagreement(layer)
-    assert found > 0
-    assert as_seen(layer, found * 1.001) is not None
-    assert as_seen(layer, found * 0.999) is None
-
-
-def test_a_lambertian_layer_keeps_its_colours():
-    layer = _weakly_view_dependent(share=0.0)
-    assert disagreement(layer) == pytest.approx(0, abs=1e-12)
-    np.testing.assert_allclose(as_seen(layer, 1e-9).sh, layer.sh[..., :1, :], rtol=1e-6, atol=1e-7)
-
-
-@pytest.mark.parametrize("views, degree", [(1, 3), (2, 0)])
-def test_without_another_view_or_other_bands_there_is_nothing_to_do(views, degree):
-    assert as_seen(_weakly_view_dependent(views, degree), np.inf) is None
-
-
 @pytest.mark.parametrize("value", [3e38, np.finfo(np.float32).tiny])
 def test_coefficients_at_either_end_of_float32_raise_no_warning(value):
     layer = _weakly_view_dependent()
@@ -109,11 +67,6 @@ def test_a_gaussian_in_a_camera_s_centre_has_a_colour():
     means = layer.means.copy()
     means[0, 0, 0] = layer.cameras[1].centre - layer.origin
     assert np.isfinite(as_seen(replace(layer, means=means), np.inf).sh).all()
-
-
-def test_a_camera_is_the_nearest_to_itself_even_where_others_stand_in_its_place():
-    cameras = make_smooth_gaussians(3, 8, 8).cameras
-    assert list(nearest_cameras((cameras[0], cameras[0], cameras[2]))[:, 0]) == [0, 1, 2]
 
 
 def test_a_file_holds_the_colours_that_its_views_see_and_says_what_was_left_out():

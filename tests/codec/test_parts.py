@@ -13,6 +13,7 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec import parts
+from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 
@@ -109,7 +110,8 @@ def test_decoded_views_are_kept_within_the_bound_the_last_used_longest(data, sma
 def test_near_views_are_those_whose_places_and_directions_are_nearest(data, gaussians):
     """By the formula of the page, with the harmonic mean of the depth limits."""
     with ts.open(io.BytesIO(data)) as file:
-        low, high = file._depths
+        limits = [layer.depth_limits for layer in read_container(data).body.layers]
+        low, high = min(least for least, _ in limits), max(most for _, most in limits)
         turned = np.diag([-1.0, 1, -1, 1])  # looks the other way: every direction is 2 away
         for c2w in (gaussians.cameras[5].c2w, gaussians.cameras[0].c2w @ turned):
             camera = replace(gaussians.cameras[0], c2w=c2w)

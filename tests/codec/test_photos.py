@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scenes import make_photo
 
 from tinysplat_runtime.codec.photos import (
-    _image,
-    _planes,
     coded_photo_size,
     decode_photos,
     encode_photos,
     photo_qp,
+    picture_planes,
+    planes_picture,
 )
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import FormatError
@@ -46,7 +46,7 @@ def ycc(rgb: NDArray) -> NDArray:
 
 def test_planes_are_luma_and_means_of_four_colours_in_ten_bits() -> None:
     image = np.random.default_rng(0).random((17, 30, 3), np.float32)
-    planes = _planes(image)
+    planes = picture_planes(image)
     assert [plane.shape for plane in planes] == [(32, 32), (16, 16), (16, 16)]
     assert {plane.dtype for plane in planes} == {np.dtype(np.uint16)}
     whole = ycc(image[np.minimum(np.arange(32), 16)][:, np.minimum(np.arange(32), 29)])
@@ -65,7 +65,7 @@ def test_black_white_and_primaries_have_the_codes_of_full_range() -> None:
         "blue": (0, 0, 1),
         "over": (2, 2, 2),
     }.items():
-        codes[name] = tuple(int(plane[0, 0]) for plane in _planes(np.full((16, 16, 3), rgb, np.float32)))
+        codes[name] = tuple(int(plane[0, 0]) for plane in picture_planes(np.full((16, 16, 3), rgb, np.float32)))
     assert codes == {
         "black": (0, 512, 512), "white": (1023, 512, 512), "red": (217, 395, 1023), "blue": (74, 1023, 465),
         "over": (1023, 512, 512),
@@ -77,7 +77,7 @@ def test_an_image_is_made_of_luma_and_of_chroma_between_its_neighbours() -> None
     rng = np.random.default_rng(1)
     luma = rng.integers(300, 700, (16, 16)).astype(np.uint16)
     blue, red = rng.integers(450, 570, (2, 8, 8)).astype(np.uint16)
-    found = _image([luma, blue, red], 13, 11)
+    found = planes_picture([luma, blue, red], 13, 11)
     assert found.shape == (13, 11, 3) and found.dtype == np.float32 and found.flags.c_contiguous
 
     def at(plane: NDArray, row: int, column: int) -> float:
@@ -92,7 +92,7 @@ def test_an_image_is_made_of_luma_and_of_chroma_between_its_neighbours() -> None
         r, b = y + 1.5748 * cr, y + 1.8556 * cb
         g = (y - 0.2126 * r - 0.0722 * b) / 0.7152
         np.testing.assert_allclose(found[row, column], np.clip([r, g, b], 0, 1), atol=2e-6)
-    assert _image([np.full((16, 16), 1023), np.full((8, 8), 1023), np.full((8, 8), 512)], 2, 2).max() == 1
+    assert planes_picture([np.full((16, 16), 1023), np.full((8, 8), 1023), np.full((8, 8), 512)], 2, 2).max() == 1
 
 
 def test_photos_come_back_nearly_and_the_worse_the_coarser_on_any_threads() -> None:

@@ -8,16 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tinysplat_runtime.codec.encoder import map_channel
-from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, mean_and_spread, without_outliers
+from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, without_outliers
 from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass, hevc_step
 
 STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
 """Steps, as shares of the range, whose QP lies between 0 and the highest: what planes are coded at."""
-
-
-def test_hevc_step_doubles_every_six_qp_and_is_16_at_qp_4():
-    assert hevc_step(4) == 16
-    assert hevc_step(16) == pytest.approx(4 * hevc_step(4))
 
 
 @given(
@@ -39,19 +34,6 @@ def test_codes_never_overflow_and_steps_are_as_wanted_unless_12_bits_are_too_few
     assert ends.min() >= -slack and ends.max() <= MAX_CODE + slack
     finest = hevc_step(0) * span / MAX_CODE
     assert code_map.step == pytest.approx(max(step, finest), rel=1e-5)
-
-
-@given(relative_step=STEPS_WITH_A_QP)
-def test_codes_span_the_range_at_the_highest_qp_that_holds_it(relative_step):
-    code_map = choose_code_map(-2.0, 6.0, 1.0, 8.0 * relative_step)
-    span = 8.0 / code_map.scale
-    assert 0 <= code_map.qp < MAX_MAPPED_QP
-    assert MAX_CODE * 2 ** (-1 / 6) * 0.999 <= span <= MAX_CODE * 1.001
-
-
-def test_the_mean_lies_at_mid_code_where_the_range_allows():
-    code_map = choose_code_map(0.0, 1.0, 0.3, 0.5)
-    assert (0.3 - code_map.offset) / code_map.scale == pytest.approx(2048, abs=0.5)
 
 
 def test_values_outside_the_range_are_clipped_and_counted():
@@ -78,13 +60,6 @@ def _values(spread: float, *strays: float) -> np.ndarray:
     return np.concatenate([values[: len(values) - len(strays)], strays]).astype(np.float32)
 
 
-@pytest.mark.parametrize("far", [3.9, -2.9])
-def test_strays_that_12_bits_nearly_hold_are_kept(far):
-    values = _values(REACH, far * REACH)
-    ends = float(values.min()), float(values.max())
-    assert without_outliers(values, *ends, 1.0) == ends
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_few_strays_far_out_are_cut_and_half_a_range_is_left_about_the_rest(sign):
     values = sign * _values(REACH, *[40 * REACH] * 4)
@@ -94,36 +69,9 @@ def test_a_few_strays_far_out_are_cut_and_half_a_range_is_left_about_the_rest(si
     assert far == pytest.approx(1.5 * REACH, rel=0.01)
 
 
-def test_the_range_that_is_left_grows_with_what_most_values_take():
-    values = _values(3 * REACH, *[40 * REACH] * 4)
-    low, high = without_outliers(values, 0.0, 40 * REACH, 1.0)
-    assert low == 0 and high == pytest.approx(4.5 * REACH, rel=0.01)
-
-
-def test_more_strays_than_the_share_are_all_kept():
-    values = _values(REACH, *[40 * REACH] * 6)  # of 10,000, five at either end may go
-    ends = float(values.min()), float(values.max())
-    assert without_outliers(values, *ends, 1.0) == ends
-    assert without_outliers(values[5:], *ends, 1.0) == ends
-
-
-def test_planes_of_few_values_are_kept_whole():
-    for count in (2, 3):
-        values = np.float32([0, 1, 1e6][-count:])
-        ends = float(values.min()), float(values.max())
-        assert without_outliers(values, *ends, 1.0) == ends
-
-
 def test_what_a_window_leaves_out_is_counted_and_what_lies_on_its_ends_is_not():
     values = np.float32([-0.5] * 3 + [0, 1, 0.2, 0.4, 0.6] + [1.25] * 2).reshape(1, 2, 5)
     coded = map_channel(Channel(PlaneClass.OPACITY, 0, values, 1e-3, (0.0, 1.0)))
     codes, clipped = coded.codes(0)
     assert clipped == 5
     np.testing.assert_allclose(coded.code_map.dequantise(codes), values[0].clip(0, 1), atol=2 * coded.code_map.scale)
-
-
-def test_mean_and_deviation_are_those_of_all_views_and_rows():
-    values = np.random.default_rng(0).normal(1e4, 3, (3, 250, 301)).astype(np.float32)
-    exact = values.astype(np.float64)
-    np.testing.assert_allclose(mean_and_spread(values), (exact.mean(), exact.std()), rtol=1e-12)
-    assert mean_and_spread(np.full((2, 5, 7), 0.1, np.float32)) == (np.float32(0.1), 0)

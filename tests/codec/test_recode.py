@@ -112,13 +112,6 @@ def test_another_scene_is_coded_with_the_steps_and_maps_of_the_file() -> None:
     assert set(stats.clipped) <= {"depth", "color", "opacity", "scale", "rotation", "offset"}
 
 
-def test_bytes_are_the_same_for_any_number_of_threads() -> None:
-    first, other = (make_smooth_gaussians(2, 24, 32, 1, seed=seed) for seed in (0, 1))
-    data = ts.compress(first, "fast")
-    files = [ts.Runtime(threads=threads).compress(other, like=data) for threads in (1, 4)]
-    assert files[0] == files[1]
-
-
 def test_pictures_of_another_x265_are_all_coded_anew() -> None:
     g = make_smooth_gaussians(2, 24, 32, 0)
     parts = Seed.of(ts.compress(g, "paper")).parts

@@ -11,11 +11,6 @@ from scenes import free_in_tiers, make_free_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.free.levels import LEVELS, WHOLE, Tiers
-from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.bodies import known_kinds
-from tinysplat_runtime.container.free import FREE_TIER
-from tinysplat_runtime.container.planes import PLANE_KINDS
-from tinysplat_runtime.container.sections import read_table
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
@@ -103,35 +98,6 @@ def test_a_damaged_picture_leaves_out_its_tier_and_those_behind_it(data: bytes) 
     damaged = bytearray(data)
     damaged[-5] ^= 1
     assert ts.Runtime(threads=1).decompress(bytes(damaged), lost=lost).count == 800
-
-
-def test_bytes_depend_neither_on_the_order_of_gaussians_nor_on_threads() -> None:
-    gaussians = cloud()
-    rows = np.random.default_rng(0).permutation(COUNT)
-    shuffled = replace(gaussians, **{name: getattr(gaussians, name)[rows] for name in FIELDS})
-    assert free_in_tiers(gaussians) == free_in_tiers(shuffled) == free_in_tiers(shuffled, threads=3)
-
-
-def test_colours_are_asked_for_what_is_decoded_of_all_else() -> None:
-    gaussians, seen = cloud(), []
-
-    def recolour(decoded: Gaussians) -> NDArray:
-        seen.append(decoded)
-        return -decoded.sh
-
-    plain = ts.decompress(free_in_tiers(gaussians))
-    found = ts.decompress(free_in_tiers(gaussians, recolour=recolour))
-    (asked,) = seen
-    for decoded in (plain, found):
-        assert is_alike(asked, decoded, ("means", "quats", "scales", "opacities"))
-    assert np.corrcoef(asked.sh.ravel(), plain.sh.ravel())[0, 1] > 0.95
-    assert np.corrcoef(asked.sh.ravel(), found.sh.ravel())[0, 1] < -0.95
-
-
-def test_readers_that_know_no_tiers_refuse_the_file_in_a_line(data: bytes) -> None:
-    known = {L.SCENE} | known_kinds() - {FREE_TIER}
-    with pytest.raises(FormatError, match=r"section TIER\[1\]: unknown and required; a newer reader is needed"):
-        read_table(memoryview(data), known, PLANE_KINDS, is_prefix=False)
 
 
 def test_a_tier_that_would_be_empty_leaves_one_for_all() -> None:

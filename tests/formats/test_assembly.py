@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.assembly import (
     Points,
-    _loses_digits,
     assemble,
     cut_degree_note,
     far_note,
@@ -32,28 +31,6 @@ def arrays(*lead: int, degree: int = 0, dtype: type = np.float64) -> dict[str, N
 
 def camera(x: float, width: int = 4, height: int = 2) -> Camera:
     return Camera(K, np.eye(4) + x * np.eye(4, k=3), width, height)
-
-
-@pytest.mark.parametrize(
-    ("point", "reach", "loses"),
-    [
-        (0.0, 1.0, False), (3.0, 1e-3, False), (16_777_217.0, 1e6 * 1.001, False), (16_777_217.0, 1e6 * 0.999, True),
-        (-16_777_217.0, 1e6 * 0.999, True), (1 + 2.0**-30, 2.0**-30 * 1e6 * 1.001, False),
-        (1 + 2.0**-30, 2.0**-30 * 1e6 * 0.999, True),
-    ],
-)  # fmt: skip
-def test_digits_are_lost_that_are_a_millionth_of_the_distance_to_the_nearest_camera(point, reach, loses) -> None:
-    """float32 moves 2²⁴ + 1 by one, and 1 + 2⁻³⁰ by 2⁻³⁰."""
-    points = np.array([[5.0, point, 0], [5, 2, 0]])
-    centres = np.array([[5, point + reach, 0], [5, point + 9e9, 0]])
-    assert _loses_digits(points[:1], centres) is loses
-    assert _loses_digits(points, np.concatenate([centres, [[5, 2, 1.0]]])) is loses
-
-
-def test_without_cameras_the_clouds_size_counts() -> None:
-    for size, loses in ((2_100_001.0, False), (1_900_001.0, True)):
-        points = np.array([[16_777_217.0, 0, 0], [16_777_217.0 - size, 0, 0]])  # the first moves by one
-        assert _loses_digits(points, np.zeros((0, 3))) is loses
 
 
 def test_means_near_the_origin_are_taken_as_they_are() -> None:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats import sog
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.notes import Notes
@@ -158,22 +157,6 @@ def test_a_meta_json_is_an_object(tmp_path: Path, data: bytes, words: str) -> No
         load_gaussians(tmp_path / "a.sog")
 
 
-def test_counts_are_held_against_what_may_be_taken(tmp_path: Path) -> None:
-    """A Gaussian takes a hundred bytes, and pictures have at most 16,383 pixels of a side."""
-    sog_by_hand(tmp_path / "a")
-    assert load_gaussians(tmp_path / "a", max_bytes=200 * 8).count == 2
-    read = {"meta.json": json.dumps({"version": 2, "count": 3}).encode()}
-    for count, most, is_fine in (
-        (3, 300, True),
-        (3, 299, False),
-        (16383**2, 10**12, True),
-        (16383**2 + 1, 10**12, False),
-    ):
-        read["meta.json"] = json.dumps({"version": 2, "count": count}).encode()
-        with pytest.raises(InputError, match="lacks 'means'" if is_fine else "cannot hold"):
-            sog._arrays(lambda name, limit: read[name], most)
-
-
 def test_pictures_hold_little_more_than_their_gaussians(tmp_path: Path) -> None:
     def of(width: int, height: int) -> Any:
         return picture("s.webp", [[0, 0, 0, 255]] * (width * height), width)
@@ -246,38 +229,6 @@ def test_antialiased_gaussians_are_said_to_be_so(tmp_path: Path) -> None:
         save_gaussians(tmp_path / "a.sog", given)
         assert taken_apart(tmp_path / "a.sog")[0].get("model") == model
         assert bool(load_gaussians(tmp_path / "a.sog").notes.antialiased) == bool(model)
-
-
-@pytest.mark.parametrize(
-    ("count", "size"),
-    [(1, (4, 4)), (16, (4, 4)), (17, (8, 4)), (32, (8, 4)), (33, (8, 8)), (65, (12, 8)), (97, (12, 12))],
-)
-def test_pictures_are_as_large_as_they_need_to_be(tmp_path: Path, count: int, size: tuple[int, int]) -> None:
-    save_gaussians(tmp_path / "a.sog", points(count))
-    assert taken_apart(tmp_path / "a.sog")[1]["quats.webp"].shape[1::-1] == size
-    assert load_gaussians(tmp_path / "a.sog").count == count
-
-
-@pytest.mark.parametrize(("count", "most"), [(1000, 1024), (2047, 1024), (2048, 2048), (4100, 4096)])
-def test_palettes_grow_with_the_gaussians(monkeypatch: pytest.MonkeyPatch, count: int, most: int) -> None:
-    asked: list[int] = []
-
-    def few(vectors: NDArray, size: int) -> tuple[NDArray, NDArray]:
-        asked.append(size)
-        return vectors[:1], np.zeros(len(vectors), np.int64)
-
-    monkeypatch.setattr(sog, "palette", few)
-    g = points(count, 1)
-    sog._files(g, g.means, {})
-    assert asked == [most]
-
-
-def test_more_than_pictures_hold_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sog, "_MAX_SIDE", 8)
-    g = points(64)
-    assert len(sog._files(g, g.means, {})) == 6
-    with pytest.raises(InputError, match=r"^65 Gaussians, \.sog holds 64"):
-        sog._files(points(65), points(65).means, {})
 
 
 # ---- compressed .ply ------------------------------------------------------------------------------------------------

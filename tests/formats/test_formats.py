@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 import tempfile
 import tracemalloc
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from safetensors.numpy import save_file
 from scenes import make_cameras, make_gaussians
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats import arrays
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
@@ -270,13 +269,12 @@ def test_unknown_suffixes_are_refused_with_the_list(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("suffix", "package"), [(".safetensors", "safetensors"), (".ply", "plyfile")])
 def test_missing_package_is_named_with_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str
+    tmp_path: Path, missing: Callable[..., None], suffix: str, package: str
 ) -> None:
     path = tmp_path / f"g{suffix}"
     save_gaussians(path, MADE)
     content = path.read_bytes()
-    for name in [m for m in sys.modules if m.partition(".")[0] == package]:
-        monkeypatch.setitem(sys.modules, name, None)
+    missing(package)
     assert 'pip install "tinysplat[io]"' in refusal(path)
     with pytest.raises(InputError, match="tinysplat"):
         save_gaussians(path, MADE)
@@ -329,13 +327,12 @@ def test_hostile_npy_headers_are_refused_before_memory_is_taken(tmp_path: Path, 
     assert peak < 8 << 20
 
 
-def test_zip_bombs_are_refused_by_their_expansion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(arrays, "MIN_BUDGET", 1 << 20)
+def test_zip_bombs_are_refused_by_their_expansion(tmp_path: Path) -> None:
     data = io.BytesIO()
     np.save(data, np.zeros((1 << 22,), np.float32))
     path = npz_of_members(tmp_path / "g.npz", {"means.npy": data.getvalue()})
     assert path.stat().st_size < 1 << 16
-    assert "16777216 bytes in all, expected at most" in refusal(path)
+    assert "16777216 bytes in all, expected at most" in refusal(path, max_bytes=1 << 20)
     assert "expected at most 1000" in refusal(write(tmp_path / "h.npz", arrays_of(MADE)), max_bytes=1000)
     assert "expected at most 1000" in refusal(write(tmp_path / "h.safetensors", arrays_of(MADE)), max_bytes=1000)
 
@@ -354,29 +351,6 @@ def test_npz_with_more_data_than_its_shape_or_another_method_is_refused(tmp_path
     assert "another method" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": body}, zipfile.ZIP_LZMA))
     version_3 = npy_header(described("(2,)"), (3, 0)) + bytes(8)
     assert "format (3, 0)" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": version_3}))
-
-
-@BOTH
-def test_every_truncation_is_refused(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"g{suffix}"
-    data = write(path, arrays_of(make_gaussians(1, 2, 2))).read_bytes()
-    for length in [*range(40), *range(40, len(data) - 1, 29), len(data) - 1]:
-        path.write_bytes(data[:length])
-        refusal(path)
-
-
-@BOTH
-def test_flipped_bits_are_refused_or_give_valid_gaussians(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"g{suffix}"
-    data = write(path, arrays_of(make_gaussians(1, 2, 2, degree=0))).read_bytes()
-    for position in range(0, len(data), 7):
-        damaged = bytearray(data)
-        damaged[position] ^= 1 << position % 8
-        path.write_bytes(damaged)
-        try:
-            load_gaussians(path)
-        except InputError as error:
-            assert str(error).startswith(f"{path}: ")
 
 
 def test_hostile_safetensors_headers_are_refused(tmp_path: Path) -> None:

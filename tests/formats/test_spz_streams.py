@@ -62,14 +62,6 @@ def test_headers_are_accepted_to_their_bounds_and_no_further(accepted, refused, 
         read_blocks(io.BytesIO(file(bytes(1000), **refused)), LARGE)
 
 
-@pytest.mark.parametrize(("degree", "each"), [(0, 8 * 14), (1, 8 * 23), (3, 8 * 59)])
-def test_points_take_eight_bytes_a_number(degree: int, each: int) -> None:
-    data = file(bytes(500), degree=degree)
-    assert read_blocks(io.BytesIO(data), 2 * each)[0].count == 2
-    with pytest.raises(InputError, match=f"announces 2 points, more than {2 * each - 1} bytes can hold"):
-        read_blocks(io.BytesIO(data), 2 * each - 1)
-
-
 def blocks_of(degree: int, version: int) -> list[np.ndarray]:
     rng = np.random.default_rng(degree)
     return [rng.integers(0, 256, (3, width)).astype(np.uint8) for width in SpzHeader(version, 3, degree, 7).widths]
@@ -96,16 +88,6 @@ def test_blocks_and_flags_come_back_of_every_version(
     assert is_antialiased(tmp_path / "a.spz") is antialiased
 
 
-@pytest.mark.parametrize("flags", [2, 4, 128, 254])
-def test_other_flags_are_not_the_one_of_antialiasing(tmp_path: Path, flags: int) -> None:
-    (tmp_path / "a.spz").write_bytes(file(bytes(100), flags=flags))
-    assert not is_antialiased(tmp_path / "a.spz")
-    (tmp_path / "a.spz").write_bytes(file(bytes(100), flags=flags + 1))
-    assert is_antialiased(tmp_path / "a.spz")
-    (tmp_path / "a.spz").write_bytes(gzip.compress(header(flags=1)[:15]))
-    assert not is_antialiased(tmp_path / "a.spz")
-
-
 def extended(*records: tuple[int, bytes], flags: int = 2) -> bytes:
     """A file of version 4 with extension records behind its header."""
     data = pack_blocks(SpzHeader(4, 3, 0, 7), blocks_of(0, 4))
@@ -114,12 +96,6 @@ def extended(*records: tuple[int, bytes], flags: int = 2) -> bytes:
 
 
 AXES = 0xADBE0003
-
-
-@pytest.mark.parametrize("axes", [0, 4])
-def test_axes_that_are_the_formats_own_or_unspecified_are_read(axes: int) -> None:
-    for records in ([(AXES, bytes([axes]))], [(7, b"12345"), (AXES, struct.pack("<I", axes))], []):
-        assert read_blocks(io.BytesIO(extended(*records)), LARGE)[0].count == 3
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3, 5, 8])

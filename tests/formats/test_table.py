@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,32 +10,10 @@ import pytest
 from scenes import make_free_gaussians, make_smooth_gaussians
 
 from tinysplat_runtime.errors import InputError, InputWarning
-from tinysplat_runtime.formats import check, table
-from tinysplat_runtime.formats.check import Loss, file_loss
-from tinysplat_runtime.formats.table import endings, find_format, load_gaussians, save_gaussians, save_points
+from tinysplat_runtime.formats.table import find_format, load_gaussians, save_gaussians, save_points
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.notes import Notes
 from tinysplat_runtime.gaussian.sh import C0
-
-
-@pytest.mark.parametrize(
-    ("name", "form"),
-    [
-        ("a.npz", "npz"), ("A.PLY", "PLY (3DGS)"), ("a.compressed.ply", "compressed PLY"), ("a.b.glb", "glTF"),
-        ("x/meta.json", "SOG"), ("a.USDZ", "USD"), ("a.spz", "SPZ"), ("a.safetensors", "safetensors"),
-    ],
-)  # fmt: skip
-def test_the_longest_ending_tells_the_format(name: str, form: str) -> None:
-    assert find_format(name, written=True).name == find_format(name, written=False).name == form
-
-
-def test_formats_are_read_or_written_or_both() -> None:
-    read, written = endings(written=False), endings(written=True)
-    assert {".splat", ".ksplat"} <= {*read} - {*written} and {".npz", ".ply", ".usda", ".sog"} <= {*read} & {*written}
-    for name, is_written, accepted in (("a.splat", True, written), ("a.xyz", False, read), ("ply", True, written)):
-        with pytest.raises(InputError) as error:
-            find_format(name, written=is_written)
-        assert str(error.value) == f"{name}: suffix '{Path(name).suffix}', expected {', '.join(accepted)}"
 
 
 def test_folders_are_refused_as_such(tmp_path: Path) -> None:
@@ -74,25 +51,6 @@ def test_an_empty_file_and_numbers_that_are_none(tmp_path: Path) -> None:
         assert load_gaussians(tmp_path / "b.npz").count == 3
 
 
-@pytest.mark.parametrize(
-    ("name", "package", "form"), [("a.safetensors", "safetensors", "safetensors"), ("a.ply", "plyfile", "PLY (3DGS)")]
-)
-def test_a_package_that_is_missing_is_named_by_its_extra(
-    tmp_path: Path, monkeypatch, name: str, package: str, form: str
-) -> None:
-    g = make_free_gaussians(5, 0, np.random.default_rng(0))
-    save_gaussians(tmp_path / name, g)
-    for module in [module for module in sys.modules if module.split(".")[0] == package]:
-        monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setitem(sys.modules, package, None)
-    said = f'{tmp_path / name}: {form} needs a package that is not installed: pip install "tinysplat[io]"'
-    calls = [lambda: load_gaussians(tmp_path / name), lambda: save_gaussians(tmp_path / name, g)]
-    for call in [*calls, *([lambda: save_points(tmp_path / name, g)] if package == "plyfile" else [])]:
-        with pytest.raises(InputError) as error:
-            call()
-        assert str(error.value) == said
-
-
 def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:
     import plyfile
 
@@ -123,50 +81,3 @@ def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="4 within glTF, expected at most 3"):
         save_gaussians(tmp_path / "a.glb", g, spz_version=4, gltf_spz=True)
     assert save_gaussians(tmp_path / "a.glb", g, spz_version=4) == []
-
-
-# ---- losses ---------------------------------------------------------------------------------------------------------
-
-
-def test_a_loss_in_words() -> None:
-    assert str(Loss(12_345, 40.126, 3)) == "12.3 KB, 40.13 dB beside its source, mean of 3 views"
-    assert str(Loss(1000, 150.0, 6)) == "1.0 KB, equal to its source, mean of 6 views"
-
-
-@pytest.mark.parametrize(
-    ("views", "chosen"), [(1, [0]), (6, [0, 1, 2, 3, 4, 5]), (7, [0, 1, 2, 4, 5, 6]), (11, [0, 2, 4, 6, 8, 10])]
-)
-def test_of_many_views_six_are_looked_at(views: int, chosen: list[int]) -> None:
-    g = make_smooth_gaussians(views, 2, 3, degree=0)
-    assert check._views(g) == [g.cameras[n] for n in chosen]
-
-
-def test_gaussians_of_no_views_are_seen_from_about_them(tmp_path: Path) -> None:
-    g = make_free_gaussians(40, 0, np.random.default_rng(0))
-    views = check._views(g)
-    middle = np.median(g.means, axis=0)
-    assert len(views) == 4 and len({tuple(np.round(view.centre, 6)) for view in views}) == 4
-    for view in views:
-        along = (middle - view.centre) @ view.c2w[:3, 2]
-        assert 0.5 < along / np.linalg.norm(middle - view.centre) <= 1
-    save_gaussians(tmp_path / "a.npz", g)
-    assert file_loss(tmp_path / "a.npz", g).psnr == 150
-
-
-def test_writers_are_given_the_options_that_they_know(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-    module = __import__("tinysplat_runtime.formats.spz", fromlist=["spz"])
-    encode = module.encode_spz
-
-    def recording(*words: Any, **options: Any) -> Any:
-        asked.append((words[2:], options))
-        return encode(*words, **options)
-
-    monkeypatch.setattr(module, "encode_spz", recording)
-    g = make_free_gaussians(5, 1, np.random.default_rng(0))
-    save_gaussians(tmp_path / "a.spz", g, (8, 7), 2)
-    save_gaussians(tmp_path / "a.glb", g, (6, 5), gltf_spz=True)
-    save_gaussians(tmp_path / "a.spz", g)
-    plain = {"antialiased": False}
-    assert asked == [(((8, 7), 2), plain), (((6, 5), 3), plain), (((5, 4), 3), plain)]
-    assert {form.name for form in table.FORMATS if form.room == ("antialiased",)} == {"SPZ", "SOG"}

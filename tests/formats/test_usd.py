@@ -11,6 +11,7 @@ from scenes import make_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.notes import Notes
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
 
@@ -75,13 +76,15 @@ def test_files_that_refer_to_others_or_hold_nothing_are_refused(tmp_path: Path) 
         load_gaussians(tmp_path / "bad.usdc")
 
 
-def test_a_stage_with_z_up_is_turned_to_y_up_whatever_its_node_says() -> None:
-    from tinysplat_runtime.formats.usd_worker import _placed
-
-    given = {"means": np.array([[1.0, 2, 3], [0, 0, 0]]), "quats": np.eye(4)[:2], "scales": np.ones((2, 3)),
-             "opacities": np.ones(2), "sh": np.ones((2, 1, 3))}  # fmt: skip
-    shifted = np.eye(4)
-    shifted[:3, 3] = 10, 20, 30
-    for matrix, wanted in ((np.eye(4), [[1, 3, -2], [0, 0, 0]]), (shifted, [[11, 33, -22], [10, 30, -20]])):
-        np.testing.assert_allclose(_placed(given, matrix, True)["means"], wanted, atol=1e-12)
-    np.testing.assert_allclose(_placed(given, shifted, False)["means"], given["means"] + [10, 20, 30])
+def test_a_usd_prim_reaches_three_deviations_beyond_its_means(tmp_path: Path) -> None:
+    means, scales = np.array([[1.0, 2, 3], [-4, 5, 6]]), np.array([[0.1, 0.5, 0.2], [1, 0.25, 0.125]])
+    quats = np.tile([1.0, 0, 0, 0], (2, 1))
+    g = Gaussians(means, quats, scales, np.array([0.5, 1]), np.zeros((2, 1, 3)), origin=np.array([1e6, 2e6, 0]))
+    save_gaussians(tmp_path / "a.usda", g)
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    prim = UsdVol.ParticleField3DGaussianSplat(stage.GetPrimAtPath("/Scene/Gaussians"))
+    np.testing.assert_allclose(prim.GetExtentAttr().Get(), [[-7, -8, -9], [2.5, -0.5, -1.5]], rtol=1e-6)
+    np.testing.assert_allclose(prim.GetScalesAttr().Get(), scales, rtol=1e-6)
+    place = UsdGeom.Xformable(prim).GetLocalTransformation()
+    np.testing.assert_allclose(np.array(place)[3, :3], [1e6, -2e6, 0])
+    assert stage.GetRootLayer().comment == "tinysplat" and stage.GetDefaultPrim().GetPath() == "/Scene"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from pxr import Gf, Usd, UsdGeom, UsdVol, Vt
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats import usd, usd_worker
-from tinysplat_runtime.formats.usd_worker import main, stage_arrays, stage_notes
+from tinysplat_runtime.formats.usd_worker import stage_arrays, stage_notes
 
 
 def stage_of(path: Path, degrees: tuple[int, ...] = (0,), count: int = 2, **changes: Any) -> str:
@@ -85,32 +85,11 @@ def test_arrays_take_no_more_than_allowed(tmp_path: Path) -> None:
     assert len(stage_arrays(file, 64)["means"]) == 2
 
 
-def test_what_is_read_is_written_and_what_fails_is_a_line(tmp_path: Path, monkeypatch, capsys) -> None:
-    bounds: list[tuple[int, int]] = []
-    monkeypatch.setattr(usd_worker, "bound_process", lambda memory, seconds: bounds.append((memory, seconds)))
-    file, out = stage_of(tmp_path / "a.usda"), str(tmp_path / "o.npz")
-    assert main(file, out, 1 << 20) == 0
-    size = Path(file).stat().st_size
-    assert bounds == [((3 << 28) + 40 * size, 240)]
-    with np.load(out) as arrays:
-        assert {*arrays} == {"means", "quats", "scales", "opacities", "sh", "notes"}
-        assert json.loads(arrays["notes"].tobytes()) == {"unit": "unit 0"}
-    assert main(file, out, 0) == 0
-    with np.load(out) as arrays:
-        assert {*arrays} == {"notes"}
-    assert main(file, out, 10) == 1
-    assert capsys.readouterr().err == "positions: 2 values, more than 10 bytes can hold\n"
-    monkeypatch.setattr(usd_worker, "stage_notes", lambda path: (_ for _ in ()).throw(MemoryError()))
-    assert main(file, out, 0) == 1 and capsys.readouterr().err == "MemoryError\n"
-    monkeypatch.setattr(usd_worker, "stage_notes", lambda path: (_ for _ in ()).throw(ValueError("a \n" * 200)))
-    assert main(file, out, 0) == 1 and capsys.readouterr().err == ("a " * 100) + "\n"
-
-
-def test_what_a_reader_does_not_survive_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_reader_does_not_survive_is_one_line(tmp_path: Path, processes: Callable) -> None:
     ended = [(1, "a\nlast\n", "last"), (-9, "", "its reader ended"), (0, " \n", "its reader ended")]
     for status, said, words in (*ended, (1, "y" * 200, "y" * 160)):
         done = subprocess.CompletedProcess([], status, "", said)
-        monkeypatch.setattr(subprocess, "run", lambda *_, done=done, **__: done)
+        processes(lambda *_, done=done, **__: done)
         with pytest.raises(InputError) as error:
             usd.read_usd(tmp_path / "a.usd", 100)
         assert str(error.value) == f"damaged or foreign USD file ({words})"
@@ -118,7 +97,7 @@ def test_what_a_reader_does_not_survive_is_one_line(tmp_path: Path, monkeypatch:
     def waits(*_: object, **options: Any) -> None:
         raise subprocess.TimeoutExpired("usd", options["timeout"])
 
-    monkeypatch.setattr(subprocess, "run", waits)
+    processes(waits)
     with pytest.raises(InputError, match=r"^not read within 300 seconds$"):
         usd.read_usd(tmp_path / "a.usd", 100)
 
@@ -126,13 +105,3 @@ def test_what_a_reader_does_not_survive_is_one_line(tmp_path: Path, monkeypatch:
 def test_the_module_is_a_program(tmp_path: Path) -> None:
     command = [sys.executable, "-m", usd_worker.__name__, stage_of(tmp_path / "a.usda"), str(tmp_path / "o.npz"), "0"]
     assert subprocess.run(command, check=False).returncode == 0 and (tmp_path / "o.npz").is_file()
-
-
-@pytest.mark.parametrize(
-    ("unit", "is_said"), [("", False), ("metre", False), ("meter", False), ("m", False), ("inch", True)]
-)
-def test_other_units_than_metres_are_said(unit: str, is_said: bool) -> None:
-    from types import SimpleNamespace
-
-    said = [f"lengths are in {unit}, written as if they were metres"] * is_said
-    assert usd._losses(SimpleNamespace(notes=SimpleNamespace(unit=unit))) == said  # type: ignore[arg-type]

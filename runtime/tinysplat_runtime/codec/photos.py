@@ -57,7 +57,7 @@ def encode_photos(images: NDArray, qp: float, settings: EncoderSettings, threads
     picture_qp = photo_qp(qp)
 
     def encode(image: NDArray) -> tuple[bytes, bytes]:
-        coded = encode_picture(_planes(image), _PIXEL_FORMAT, picture_qp, replace(settings, block_qps=False))
+        coded = encode_picture(picture_planes(image), _PIXEL_FORMAT, picture_qp, replace(settings, block_qps=False))
         return coded.parameter_sets, coded.payload
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
@@ -81,7 +81,7 @@ def decode_photos(photos: PhotoHeader, parameter_sets: bytes, threads: int) -> N
             planes = PictureDecoder(parameter_sets, height, width, _PIXEL_FORMAT).decode(payload)
         except FormatError as error:
             raise FormatError(error.message, where=f"photo {view}") from None
-        return _image(planes, photos.height, photos.width)
+        return planes_picture(planes, photos.height, photos.width)
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
         return np.stack(list(pool.map(decode, range(len(photos.streams)))))
@@ -93,7 +93,7 @@ def coded_photo_size(height: int, width: int) -> tuple[int, int]:
     return -(-height // multiple) * multiple, -(-width // multiple) * multiple
 
 
-def _planes(image: NDArray) -> list[NDArray]:
+def picture_planes(image: NDArray) -> list[NDArray]:
     """Y, Cb, Cr uint16 of an (H, W, 3) image, padded by repeating its border; chroma is the mean of four samples."""
     height, width = coded_photo_size(*image.shape[:2])
     grow = ((0, height - image.shape[0]), (0, width - image.shape[1]), (0, 0))
@@ -103,7 +103,7 @@ def _planes(image: NDArray) -> list[NDArray]:
     return [np.clip(np.rint(plane * _WHITE), 0, _WHITE).astype(np.uint16) for plane in planes]
 
 
-def _image(planes: Sequence[NDArray], height: int, width: int) -> NDArray:
+def planes_picture(planes: Sequence[NDArray], height: int, width: int) -> NDArray:
     """(H, W, 3) float32 of decoded planes."""
     luma, blue, red = planes
     ycc = np.stack([luma.astype(np.float32), *(_doubled(_doubled(p - np.float32(_GREY), 0), 1) for p in (blue, red))])
