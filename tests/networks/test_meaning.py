@@ -5,19 +5,14 @@ Parity tests compare a graph with the module that it was exported from: what bot
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
-from torch.nn import functional
 from two_planes import FAR, NEAR, SQUARE_Z, TracedScene, trace
 
-from tinysplat.networks.edge import Edge
 from tinysplat.networks.edge_analysis import photo_difference
 from tinysplat.networks.geometry import pixel_intrinsics, pixel_rays
-from tinysplat.networks.narrowing import NarrowingSettings, narrowed
 from tinysplat.networks.pairs import ViewPairs
 from tinysplat.networks.sweep import (
     AlignmentSettings,
@@ -60,28 +55,6 @@ def _terms(scene: TracedScene, pairs: ViewPairs) -> tuple[Tensor, Tensor]:
     images, K, _ = _tensors(scene)
     size = images.shape[2:]
     return pairs.sweep_terms(pixel_rays(pixel_intrinsics(K, *size), *size), K)
-
-
-def _silence(parameters: Iterable[Tensor]) -> None:
-    for parameter in parameters:
-        parameter.zero_()
-
-
-def test_a_head_that_wants_all_it_can_moves_depth_by_one_candidate(scene: TracedScene) -> None:
-    """`depth_reach` is in candidates, of which neighbours lie 1 / (D − 1) of the range apart."""
-    images, K, c2w = _tensors(scene)
-    inputs = images, K, c2w, torch.full((2,), NEAR), torch.full((2,), FAR)
-    network = Edge()
-    with torch.no_grad():
-        before = network.predict(*inputs)
-        _silence(network.head[-1].parameters())
-        network.head[-1].bias[0] = 30.0  # its tanh is 1
-        after = network.predict(*inputs)
-    reach = network.settings.depth_reach / (network.settings.analysis.candidates - 1)
-    free = before.level < 1 - reach
-    assert float(free.float().mean()) > 0.9
-    moved = (after.level - before.level)[free]
-    torch.testing.assert_close(moved, torch.full_like(moved, reach), atol=1e-6, rtol=0)
 
 
 def test_the_photo_difference_is_what_the_source_shows_less_the_pixel_itself(scene: TracedScene) -> None:
@@ -153,21 +126,3 @@ def test_a_change_of_exposure_between_photos_does_not_move_depth(scene: TracedSc
     assert error(any_exposure=True) < 0.1
     if brighter:
         assert error(any_exposure=False) > 0.2
-
-
-def test_cells_that_no_view_agrees_with_hardly_widen_the_range() -> None:
-    """A quarter of either photo is noise of its own: depths are chance there, and count a fraction of the others'."""
-    scene = trace(2, 128, 192)
-    images, K, c2w = _tensors(scene)
-    whole, pairs = _range(near=NEAR / 4, far=20 * FAR), ViewPairs.nearest(c2w)
-
-    def mean_span(least_weight: float) -> float:
-        settings, spans = NarrowingSettings(finest=0.2, least_weight=least_weight), []
-        for seed in range(6):
-            noise = torch.rand(2, 3, 16, 6, generator=torch.Generator().manual_seed(seed))
-            images[..., 144:] = functional.interpolate(noise, size=(128, 48))
-            found = narrowed(images, K, pairs, whole, settings, SweepSettings(candidates=COUNT))
-            spans.append(float(found.span[0]))
-        return float(np.mean(spans))
-
-    assert mean_span(0.01) < 0.9 * mean_span(0.3) < 0.8 * mean_span(1.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
-from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, row_of_cameras, trace
+from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
 
 from tinysplat.networks.geometry import (
     pixel_rays,
@@ -24,8 +24,6 @@ from tinysplat.networks.geometry import (
 from tinysplat.networks.surfels import MAX_SLOPE, CoarseSettings, surface_slopes
 from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep, SweepSettings
 from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
-
-LAYERS = ("", "layer1_")
 
 
 def run_sweep(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> dict[str, Tensor]:
@@ -55,18 +53,6 @@ def own_depth(outputs: Mapping[str, Tensor], prefix: str, cameras) -> np.ndarray
     return np.stack([((m - c.centre) @ c.rotation.T)[..., 2] for m, c in zip(means, cameras, strict=True)])
 
 
-def assert_usable(outputs: Mapping[str, Tensor], cameras) -> None:
-    for name, values in outputs.items():
-        assert torch.isfinite(values).all(), name
-    for prefix in LAYERS:
-        assert own_depth(outputs, prefix, cameras).min() > 0
-        assert (outputs[f"{prefix}scales"] > 0).all()
-        opacities = outputs[f"{prefix}opacities"]
-        assert float(opacities.min()) >= 0 and float(opacities.max()) <= 1
-        lengths = outputs[f"{prefix}quats"].norm(dim=-1)
-        torch.testing.assert_close(lengths, torch.ones_like(lengths), atol=1e-5, rtol=0)
-
-
 @pytest.mark.parametrize("views", [2, 3])
 def test_depth_of_two_textured_planes_is_within_three_percent_for_nine_pixels_in_ten(views):
     scene, outputs = run_traced(views, 96, 128)
@@ -84,37 +70,6 @@ def test_pixels_that_views_agree_on_are_more_opaque_than_the_rest():
     error = np.abs(outputs["depth"].numpy() / scene.depth - 1)
     opacities = outputs["opacities"].numpy()
     assert opacities[error < 0.01].mean() > opacities[error > 0.1].mean() + 0.1
-
-
-@pytest.mark.parametrize("kind", ["black", "white", "noise"])
-def test_images_without_information_give_finite_gaussians(kind):
-    cameras = row_of_cameras(2, 32, 48)
-    shape = (2, 32, 48, 3)
-    noise = np.random.default_rng(0).random(shape)
-    images = {"black": np.zeros(shape), "white": np.ones(shape), "noise": noise}[kind]
-    assert_usable(run_sweep(images, cameras), cameras)
-
-
-@pytest.mark.parametrize("degrees", [10.0, 180.0])
-def test_views_that_only_turn_give_finite_gaussians(degrees):
-    scene = trace(2, 32, 48)
-    first = scene.cameras[0]
-    angle = np.radians(degrees)
-    turn = np.eye(4)
-    turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-    cameras = (first, type(first)(first.K, first.c2w @ turn, first.width, first.height))
-    assert_usable(run_sweep(scene.images, cameras), cameras)
-
-
-@pytest.mark.parametrize(("near", "far"), [(1e-3, 1e4), (1.0, 1.0001), (1e3, 1e6), (1e-6, 1e-5)])
-def test_extreme_depth_ranges_give_finite_gaussians(near, far):
-    scene = trace(2, 32, 48)
-    assert_usable(run_sweep(scene.images, scene.cameras, near, far), scene.cameras)
-
-
-def test_depth_stays_between_near_and_far():
-    depth = run_traced(2, 64, 96)[1]["depth"]
-    assert float(depth.min()) >= NEAR * (1 - 1e-5) and float(depth.max()) <= FAR * (1 + 1e-5)
 
 
 def test_means_of_the_first_layer_project_to_their_pixels_centres():

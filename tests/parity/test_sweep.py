@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from two_planes import FAR, NEAR, network_inputs, trace
+from two_planes import network_inputs, trace
 
 from tinysplat.networks.sweep import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OUTPUT_NAMES, STRIDE, Sweep
 from tinysplat_runtime.graphs.inference import GraphStore
@@ -33,15 +33,6 @@ def assert_same(inputs: dict[str, np.ndarray]) -> None:
 def test_onnx_matches_torch_for_every_number_of_views_and_size(size):
     scene = trace(*size)
     assert_same(network_inputs(scene.images, scene.cameras))
-
-
-@pytest.mark.parametrize("value", [0.0, 1.0])
-def test_onnx_keeps_depth_in_range_on_blank_images(value):
-    # Every candidate costs the same there, so which one rounding takes may differ from torch; its range may not.
-    scene = trace(2, 32, 48)
-    outputs = STORE.network("sweep").run(network_inputs(np.full_like(scene.images, value), scene.cameras))
-    assert all(np.isfinite(array).all() for array in outputs.values())
-    assert outputs["depth"].min() >= NEAR * (1 - 1e-5) and outputs["depth"].max() <= FAR * (1 + 1e-5)
 
 
 def test_metadata_states_the_limits_of_the_module():

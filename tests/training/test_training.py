@@ -16,10 +16,10 @@ from tinysplat.networks.edge import Edge
 from tinysplat.training.__main__ import main
 from tinysplat.training.config import Config, DataSettings, OptimiserSettings, RunSettings, load_config
 from tinysplat.training.data import SampleStream
-from tinysplat.training.loop import CHECKPOINT, CURVES, learning_rate, train
+from tinysplat.training.loop import CHECKPOINT, CURVES, train
 from tinysplat.training.losses import LossWeights, candidate_entropy, losses, photometric, rate
 from tinysplat.training.pack import main as pack_main
-from tinysplat.training.photos import PhotoSet, _transposed, scene_folders
+from tinysplat.training.photos import PhotoSet, scene_folders
 from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.samples import Sample, psnr, render_outputs
 from tinysplat.training.state import TrainingState, read_checkpoint
@@ -83,19 +83,6 @@ def test_further_pictures_become_textures_and_unreadable_ones_are_passed_over(tm
 def test_a_folder_without_pictures_is_one_clear_line(photos: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no picture that can be read, expected"):
         SampleStream(dataclasses.replace(TINY, photos=str(photos), pictures=str(tmp_path)))
-
-
-def test_a_world_swapped_at_the_diagonal_is_seen_the_same_way(photos: Path) -> None:
-    scene = PhotoSet.load(photos).scenes[0]
-    point = np.array([0.3, -0.2, 4.0])
-    for image, K, c2w in zip(scene.images, scene.K, scene.c2w, strict=True):
-        square = image[:40, :40]
-        turned, turned_K, turned_c2w = _transposed(square, K, c2w)
-        x, y, z = K @ c2w[:3, :3].T @ (point - c2w[:3, 3])
-        there = turned_K @ turned_c2w[:3, :3].T @ (point[[1, 0, 2]] - turned_c2w[:3, 3])
-        np.testing.assert_allclose(there, [y, x, z])
-        assert np.linalg.det(turned_c2w[:3, :3]) == pytest.approx(1)
-        np.testing.assert_array_equal(turned[7, 11], square[11, 7])
 
 
 def test_exact_depth_carries_pixels_to_where_another_view_shows_the_same(textures: np.ndarray) -> None:
@@ -261,14 +248,6 @@ def test_a_network_in_training_draws_the_scene_it_was_given(photos: Path) -> Non
     assert psnr(render_outputs(prediction.outputs, target.camera()), target.image) > 12
 
 
-def test_the_rate_of_learning_rises_stays_and_falls() -> None:
-    settings = OptimiserSettings(rate=1.0, steps=100, warmup=10, cooldown=40)
-    assert learning_rate(0, settings) == pytest.approx(0.1)
-    assert learning_rate(30, settings) == 1
-    assert learning_rate(80, settings) == pytest.approx(0.51)
-    assert learning_rate(100, settings) == pytest.approx(0.02)
-
-
 def test_a_single_scene_is_taken_as_it_is(photos: Path, tmp_path: Path) -> None:
     (only,) = scene_folders(photos)[:1]
     assert [scene.name for scene in PhotoSet.load(only).scenes] == [PhotoSet.load(photos).scenes[0].name]
@@ -398,12 +377,6 @@ def test_heads_alone_are_trained_from_the_weights_of_another_run(photos: Path, t
     second = train(config, tmp_path / "second", start=tmp_path / "first" / CHECKPOINT, say=lambda line: None)
     changed = {n.split(".")[0] for n, v in second.network.state_dict().items() if not torch.equal(v, first.average[n])}
     assert changed == {"fine", "head", "coarse"}
-
-
-def test_without_photos_scenes_are_made(tmp_path: Path) -> None:
-    lines: list[str] = []
-    state = train(tiny_config(Path()), tmp_path / "run", say=lines.append)
-    assert state.step == 4 and any("minutes left" in line and "loss" in line for line in lines)
 
 
 def test_whatever_a_step_makes_lies_on_its_device() -> None:

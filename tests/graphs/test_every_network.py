@@ -1,4 +1,5 @@
-"""The network `sweep` as users run it, at the edges of what photos and poses can be."""
+"""One contract for all networks that ship, as users run them: depth where it is known, and finite Gaussians within
+their bounds at the edges of what photos, poses and depth ranges can be."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scenes import make_photo
+from two_planes import FAR, NEAR, network_inputs, trace
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import InputError, NumericError
@@ -62,10 +64,34 @@ POSES = {
 }
 
 
+every_network = pytest.mark.parametrize("model", ["sweep", "edge"])
+
+
+@every_network
+@pytest.mark.parametrize("size", [(2, 96, 128), (3, 128, 64), (4, 64, 96)])
+def test_depth_of_textured_planes_is_found(model: str, size: tuple[int, int, int]) -> None:
+    scene = trace(*size)
+    outputs = STORE.network(model).run(network_inputs(scene.images, scene.cameras))
+    assert np.median(np.abs(outputs["depth"] / scene.depth - 1)) < 0.02
+    assert outputs["depth"].min() >= NEAR * (1 - 1e-4) and outputs["depth"].max() <= FAR * (1 + 1e-4)
+
+
+@every_network
+def test_swapped_photos_give_swapped_gaussians(model: str) -> None:
+    scene = trace(2, 64, 96)
+    graph = STORE.network(model)
+    one = predict(scene.images, scene.cameras, NEAR, FAR, graph)
+    other = predict(scene.images[::-1], scene.cameras[::-1], NEAR, FAR, graph)
+    for name in FIELDS:
+        error = np.abs(getattr(one, name) - getattr(other, name)[::-1])
+        assert np.quantile(error / np.abs(getattr(one, name)).max(), 0.98) < 1e-3, name
+
+
+@every_network
 @pytest.mark.parametrize("name", POSES)
-def test_any_two_different_poses_give_finite_gaussians(name: str) -> None:
+def test_any_two_different_poses_give_finite_gaussians(model: str, name: str) -> None:
     cameras = POSES[name]
-    _assert_usable(predict(_photos(), cameras, 1.0, 8.0, STORE.network("sweep")), cameras)
+    _assert_usable(predict(_photos(), cameras, 1.0, 8.0, STORE.network(model)), cameras)
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e-7])
@@ -75,27 +101,30 @@ def test_views_of_one_pose_are_refused_by_number(offset: float) -> None:
         predict(_photos(3), cameras, 1.0, 8.0, STORE.network("sweep"))
 
 
+@every_network
 @pytest.mark.parametrize(("near", "far"), [(1e-4, 1e4), (1.0, 1.0001), (1e-6, 1.0), (1.0, 1e8), (1e5, 1e6)])
-def test_any_depth_range_gives_finite_gaussians_or_names_the_cause(near: float, far: float) -> None:
+def test_any_depth_range_gives_finite_gaussians_or_names_the_cause(model: str, near: float, far: float) -> None:
     cameras = POSES["side by side"]
     try:
-        found = predict(_photos(), cameras, near, far, STORE.network("sweep"))
+        found = predict(_photos(), cameras, near, far, STORE.network(model))
     except NumericError as error:
         assert "not finite" in str(error) and error.where
     else:
         _assert_usable(found, cameras)
 
 
-@pytest.mark.parametrize("kind", ["black", "white", "noise", "one pixel", "stripes"])
-def test_photos_without_information_give_finite_gaussians(kind: str) -> None:
+@every_network
+@pytest.mark.parametrize("kind", ["black", "white", "one black", "noise", "one pixel", "stripes"])
+def test_photos_without_information_give_finite_gaussians(model: str, kind: str) -> None:
     shape = (2, HEIGHT, WIDTH, 3)
     images = {
         "black": np.zeros(shape), "white": np.ones(shape), "noise": np.random.default_rng(0).random(shape),
         "one pixel": np.zeros(shape), "stripes": np.zeros(shape),
+        "one black": np.stack([_photos()[0], np.zeros(shape[1:])]),
     }[kind].astype(np.float32)  # fmt: skip
     if kind == "one pixel":
         images[:, 16, 24] = 1
     if kind == "stripes":
         images[:, :, ::2] = 1
     cameras = POSES["side by side"]
-    _assert_usable(predict(images, cameras, 1.0, 8.0, STORE.network("sweep")), cameras)
+    _assert_usable(predict(images, cameras, 1.0, 8.0, STORE.network(model)), cameras)
