@@ -20,7 +20,7 @@ import pytest
 from console import tinysplat
 from numpy.typing import NDArray
 from PIL import Image
-from scenes import make_cameras, make_gaussians, make_photo, make_smooth_gaussians, write_scene
+from scenes import make_cameras, make_gaussians, make_photo, write_scene
 from web.node import node
 
 import tinysplat_runtime as ts
@@ -223,15 +223,3 @@ def test_photos_of_another_place_are_refused(encoded: dict[str, Path], tmp_path:
     path.write_text(json.dumps(document))
     done = tinysplat("view", encoded["tsplat"], "--html", tmp_path / "v.html", "--photos", other)
     assert done.returncode == 2 and "no photo was taken from any of the file's views" in done.stderr
-
-
-# ---- notebooks ---------------------------------------------------------------------------------------------------
-
-
-def test_a_notebook_shows_a_picture_and_figures() -> None:
-    gaussians = make_smooth_gaussians(2, 500, 30, degree=1)
-    picture = gaussians._repr_png_()
-    assert picture is not None and Image.open(io.BytesIO(picture)).size == (23, 384)
-    text = gaussians._repr_html_()
-    assert "30,000" in text and "2x500x30" in text and "data:image/png;base64," in text
-    assert gaussians.flat()._repr_png_() is None and "<img" not in gaussians.flat()._repr_html_()

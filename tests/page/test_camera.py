@@ -134,28 +134,3 @@ def test_shifts_go_along_the_camera_s_own_axes_and_approaches_to_a_point() -> No
     close(found[0], shifted)
     close(found[1], 0.75 * shifted + 0.25 * np.array([1, 2, 3]))
     close(found[2:], [3, 1e-3])
-
-
-def test_a_camera_shares_nothing_with_its_view() -> None:
-    found = run(
-        """
-        camera.rotation[0][0] = camera.position[1] = 9;
-        const own = [VIEW.rotation[0][0], VIEW.position[1], camera.width, camera.height, camera.K];
-        camera.set({ ...VIEW, K: [1, 2, 3, 4, 5] }, 7);
-        return [...own, camera.zoom, camera.reach, camera.K, camera.rotation];
-        """
-    )
-    assert found == [ROWS[0, 0], -1.2, 640, 470, VIEW["K"], 1, 7, [1, 2, 3, 4, 5], ROWS.tolist()]
-
-
-def test_pictures_fill_windows_of_much_their_shape() -> None:
-    cases = [
-        (640, 470, 1),
-        (800, 470, 1.25),
-        (640, 587.5, 1.25),
-        (6400, 470, 10**0.5),
-        (640, 752, 1.3),
-        (1280, 1175, 1.25),
-    ]
-    found = run("return windows.map(([w, h]) => fillingZoom(VIEW, w, h))", windows=[case[:2] for case in cases])
-    close(found, [zoom for *_, zoom in cases])

@@ -10,18 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from page.scripts import close, run
 from scenes import make_gaussians
-from scipy.spatial.transform import Rotation
 from web.node import node
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.sh import C0
 
 PAGE = Path(ts.__file__).parent / "page"
-SIDE = 8
-"""Rows and columns of colours behind the picture."""
 
 CODE = """
 import { half, lengthCode, makeCloud, pixelIn } from "./cloud.js";
@@ -100,19 +95,6 @@ def test_places_and_shapes_are_those_of_the_gaussians(gaussians: Gaussians, clou
     assert np.abs(codes / steps - lowest - np.log2(lengths)).max() < 0.51 / steps
 
 
-def test_opacity_view_and_fading_stand_in_one_word(gaussians: Gaussians, cloud: dict[str, Any]) -> None:
-    flat, word = gaussians.flat(), words_of(cloud)[:, 3]
-    assert np.abs((word & 255) - 255 * flat.opacities.astype(np.float64)).max() <= 0.5
-    x, y, _, view = pixels(gaussians)
-    np.testing.assert_array_equal((word >> 8) & 0xFFFF, view + 1)
-    out = np.maximum.reduce([-x, x - 40, -y, y - 24]) / 24
-    front = np.arange(len(x)) < gaussians.opacities.size
-    t = np.clip(np.where(front, -out / 0.05, 1 - out / 0.16), 0, 1)
-    fade = (t * t * (3 - 2 * t)) ** 2
-    assert 0 < np.median(fade[front]) <= 1 and np.abs((word >> 24) - 255 * fade).max() < 0.51
-    assert cloud["viewCount"] == 2
-
-
 def test_colours_are_half_floats_of_the_coefficients(gaussians: Gaussians, cloud: dict[str, Any]) -> None:
     words = np.array(cloud["colours"], np.uint32).reshape(-1, 2)
     codes = np.stack([words[:, 0], words[:, 0] >> 16, words[:, 1]], axis=1).astype(np.uint16)
@@ -146,68 +128,3 @@ def test_without_surfaces_depths_are_of_all_before_the_page_s_camera() -> None:
     assert found["depth"] == pytest.approx(1 / np.mean(1 / z[z > 0]), rel=1e-5) and found["behind"] is None
     word = words_of(found)[:, 3]
     assert (word >> 24 == 255).all() and ((word >> 8) & 0xFFFF == 0).all() and (words_of(found)[:, 7] >> 16 == 0).all()
-
-
-@pytest.mark.parametrize(("rows", "columns"), [(24, 40), (6, 8)])
-def test_behind_the_picture_are_mean_colours_of_the_first_view_from_below(rows: int, columns: int) -> None:
-    gaussians = make_gaussians(2, rows, columns, degree=1, layers=2)
-    x, y, _, _ = pixels(gaussians)
-    sums = np.zeros((SIDE, SIDE, 4))
-    for i in range(0, gaussians.opacities[0].size, 3):
-        if gaussians.flat().opacities[i] >= 0.5:
-            at = (SIDE * x[i] / columns, SIDE - SIDE * y[i] / rows)
-            column, row = (int(np.clip(np.floor(v), 0, SIDE - 1)) for v in at)
-            sums[row, column] += [*np.clip(0.5 + C0 * gaussians.flat().sh[i, 0], 0, 1), 1]
-    overall = sums[..., :3].sum((0, 1)) / sums[..., 3].sum()
-    colours = np.where(sums[..., 3:] > 0, sums[..., :3] / np.maximum(sums[..., 3:], 1), overall)
-    for _ in range(2):
-        padded = np.pad(colours, ((1, 1), (1, 1), (0, 0)), mode="edge")
-        colours = sum(padded[r : r + SIDE, c : c + SIDE] for r in range(3) for c in range(3)) / 9
-    np.testing.assert_allclose(np.reshape(cloud_of(gaussians)["behind"], (SIDE, SIDE, 3)), colours, atol=1e-6)
-
-
-def test_points_lie_at_pixels_of_their_view_and_fade_at_its_edges() -> None:
-    rotation = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
-    fx, skew, fy, cx, cy = K = [500, 7, 480, 310, 250]
-    places = [
-        [20, 12],
-        [0.6, 12],
-        [39.4, 12],
-        [20, 0.6],
-        [20, 23.4],
-        [-1.92, 12],
-        [41.92, 12],
-        [20, -1.92],
-        [20, 25.92],
-        [44, 12],
-    ]
-    found, front, back = run(
-        """
-        const fades = (isFront) => places.map(([x, y]) => fadeAt({ width: 40, height: 24 }, isFront, x, y));
-        return [pixelIn({ K, rotation, position: [0.4, -1.2, 2.5] }, [1, 0.3, 6]), fades(true), fades(false)];
-        """,
-        'import { fadeAt, pixelIn } from "./cloud.js";', K=K, rotation=rotation.tolist(), places=places,
-    )  # fmt: skip
-    x, y, z = rotation @ np.subtract([1, 0.3, 6], [0.4, -1.2, 2.5])
-    close(found, [fx * x / z + skew * y / z + cx, fy * y / z + cy, z])
-    close(front, [1] + [0.25] * 4 + [0] * 5)
-    close(back, [1] * 5 + [0.25] * 4 + [0])
-
-
-def test_few_points_and_faint_ones_still_have_a_range() -> None:
-    one = {
-        "means": np.array([[0, 0, 0.25]]),
-        "quats": np.array([[2.0, 0, 0, 0]]),
-        "scales": np.full((1, 3), 0.1),
-        "sh": np.zeros((1, 1, 3)),
-    }
-    made = {name: array.astype(np.float32) for name, array in one.items()}
-    seen, faint, behind = (
-        cloud_of(Gaussians(**{**made, "means": made["means"] * sign}, opacities=np.array([opacity], np.float32)))
-        for sign, opacity in ((1, 0.2), (1, 0.05), (-1, 0.9))
-    )
-    names = ("depth", "spread", "nearest", "farthest")
-    assert [seen[name] for name in names] == [0.25, 0, 0.25, 0.2525]
-    assert [faint[name] for name in names] == [0.25, 0, 1, 1.01]
-    assert [behind[name] for name in names] == [1, 0, 1, 1.01]
-    assert words_of(seen)[0, 4] == 32767 and words_of(seen)[0, 5] == 0

@@ -124,26 +124,6 @@ def test_what_cannot_show_is_left_out_and_whole_parts_with_it() -> None:
     np.testing.assert_allclose(scene["quats"], made["quats"][:8], rtol=1e-6)
 
 
-def test_a_sharper_scene_keeps_the_frame_of_the_first() -> None:
-    scene = run("return sceneOf(decodedOf(made), [], { scale: 3, centre: [1, 2, 3] })", made=decoded(8, 2))
-    assert scene["frame"] == {"scale": 3, "centre": [1, 2, 3]} and scene["nearPlane"] == pytest.approx(0.03)
-    close(scene["views"][1]["position"], 3 * (np.reshape(camera(1)["c2w"], (4, 4))[:3, 3] - [1, 2, 3]))
-
-
-def test_given_cameras_are_those_of_files_without() -> None:
-    made = decoded(10, 0)
-    made["layers"][0]["views"] = 0
-    given, both = run(
-        """
-        const own = decodedOf({ ...made, cameras: [cameras[0]] });
-        return [sceneOf(decodedOf(made), cameras), sceneOf(own, cameras)];
-        """,
-        made=made, cameras=[camera(1), camera(0)],
-    )  # fmt: skip
-    assert given["hasCameras"] and len(given["views"]) == 2 and len(both["views"]) == 1
-    assert given["parts"] == [{"view": -1, "isFront": False, "from": 0, "to": given["count"]}]
-
-
 @pytest.mark.parametrize("count", [1, 101])
 def test_files_without_cameras_are_seen_from_in_front_of_their_bulk(count: int) -> None:
     made = decoded(count, 0, degree=0)
@@ -165,16 +145,3 @@ def test_files_without_cameras_are_seen_from_in_front_of_their_bulk(count: int) 
     close(view.pop("position"), [0, 0, 0])
     assert view == {"width": 800, "height": 600, "K": [600, 0, 600, 400, 300], "rotation": np.eye(3).tolist()}
     assert (scene["hasCameras"], scene["up"]) == (False, [0, -1, 0])
-
-
-def test_scenes_that_nothing_is_seen_of_keep_their_scale_and_rolls_may_cancel() -> None:
-    made = decoded(6, 2)
-    made["opacities"] = [0.09] * 6
-    behind = dict(decoded(6, 2), means=[-3.0] * 18)
-    turned = np.reshape(camera(0)["c2w"], (4, 4)) @ np.diag([-1, -1, 1, 1])
-    rolled = dict(decoded(6, 2), cameras=[camera(0), dict(camera(0), c2w=turned.ravel().tolist())])
-    faint, back, roll = run(
-        "return [faint, behind, rolled].map((one) => sceneOf(decodedOf(one)))", faint=made, behind=behind, rolled=rolled
-    )
-    assert faint["frame"]["scale"] == back["frame"]["scale"] == 1
-    close(roll["up"], -np.array(roll["views"][0]["rotation"][1]))

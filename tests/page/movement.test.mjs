@@ -1,0 +1,134 @@
+// Where the page's camera may go: near the views, by whatever a hand does.
+import assert from "node:assert/strict";
+import test from "node:test";
+import { Bound, elastic, lightAt, poseBetween, walk } from "../../runtime/tinysplat_runtime/page/bound.js";
+import { Camera, fillingZoom } from "../../runtime/tinysplat_runtime/page/camera.js";
+import { fadeAt } from "../../runtime/tinysplat_runtime/page/cloud.js";
+import { BoundMover, FreeMover } from "../../runtime/tinysplat_runtime/page/movers.js";
+import { add, dot, length, turned } from "../../runtime/tinysplat_runtime/page/vectors.js";
+import { ROWS, UP, close, randoms, view } from "./made.mjs";
+
+const WINDOW = [800, 600], random = randoms();
+
+function start(views, spread = 0.25) {
+  const camera = new Camera(views[0], 4), bound = new Bound(views, 4, spread);
+  camera.zoom = fillingZoom(camera, ...WINDOW);
+  return { camera, bound, mover: new BoundMover(camera, bound, UP, () => WINDOW) };
+}
+
+function settle(mover) {
+  for (let i = 0; i < 300 && mover.spring(0.016); i++);
+}
+
+for (const [name, views] of Object.entries({
+  "one view": [view(0)], "two views": [view(0), view(0.4, 0.05)], "a walk": [0, 1, 2, 3, 4, 5, 6].map((v) => view(v, v / 4)),
+})) {
+  test(`no drag, slide or key leaves the bound of ${name}`, () => {
+    for (let n = 0; n < 60; n++) {
+      const { camera, bound, mover } = start(views), x = 400 * (random() - 0.5), y = 400 * (random() - 0.5);
+      const ways = [() => mover.turn(x, y), () => mover.slide(x, y), () => mover.keys([0, 1, 1, 1, 1], 0.1, true)];
+      for (let i = 0; i < 30; i++) ways[n % 3]();
+      assert.ok(bound.strain(camera) < 1.37);
+      settle(mover);
+      assert.ok(bound.strain(camera) < 1.02);
+      assert.ok(Math.abs(dot(camera.rotation[0], UP)) < 1e-6, "the horizon tilts");
+      assert.ok(Math.hypot(...bound.stray(camera, ...WINDOW)) < 0.01, "the window leaves the picture");
+    }
+  });
+}
+
+test("an untouched camera stays and a small drag is kept", () => {
+  const { camera, bound, mover } = start([view(0), view(0.4)]);
+  assert.ok(!mover.spring(0.1));
+  mover.turn(20, 0);
+  const after = [...camera.position], strain = bound.strain(camera);
+  assert.ok(strain > 0.1 && strain < 1);
+  settle(mover);
+  close(camera.position, after);
+});
+
+test("the hull is the ways between neighbours", () => {
+  const { bound } = start([view(0), view(0.4, 0.1)]), on = poseBetween(view(0), view(0.4, 0.1), 0.3);
+  const off = (axis) => bound.strain({ ...on, position: add(on.position, on.rotation[axis], bound.side) });
+  close([bound.strain(on), off(1)], [0, 1], 1e-3);
+  assert.ok(off(2) < 0.9, "ahead there is more room than aside");
+  // In the middle of a ring of views that look inwards nothing is known of what one sees from there.
+  const ring = [...Array(12).keys()].map((n) => ({ ...view(0, n * Math.PI / 6), position: turned([0, 0, -4], UP, n * Math.PI / 6) }));
+  assert.ok(new Bound(ring, 4, 0.25).strain({ position: [0, 0, 0], rotation: ROWS }) > 3);
+});
+
+test("poses between views are between their places and share their lenses", () => {
+  const [a, b] = [view(0), { ...view(1, 0.4), K: [600, 2, 500, 330, 240] }], half = poseBetween(a, b, 0.5);
+  close(half.position, [0.5, 0, 0]);
+  close(half.rotation, view(0, 0.2).rotation);
+  close(half.K, [550, 1, 500, 325, 240]);
+  close(poseBetween(a, { ...b, width: 700 }, 0.3).K, a.K);
+});
+
+test("deep scenes bind closer", () => {
+  const [flat, deep, deepest] = [0.1, 0.5, 50].map((spread) => new Bound([view(0)], 4, spread).side);
+  assert.ok(flat > deep && deep > deepest && deepest > 0);
+});
+
+test("the wheel goes to the pointer and stops before the surface", () => {
+  const { camera, bound, mover } = start([view(0), view(0.4)]), far = [0.5, 0.3, 3], near = [0.1, 0, 0.3];
+  const onScreen = () => {
+    const { projection: P, principal } = camera.fitted(...WINDOW), ray = add(far, camera.position, -1), z = dot(P.slice(6), ray);
+    return [dot(P.slice(0, 3), ray) / z + principal[0], dot(P.slice(3, 6), ray) / z + principal[1]];
+  };
+  const [x, y] = onScreen();
+  mover.near(1.1, x, y, far);
+  assert.ok(length(add([x, y, 0], [...onScreen(), 0], -1)) < 1);
+  for (let i = 0; i < 100; i++) mover.near(1.3, 400, 300, near);
+  settle(mover);
+  assert.ok(length(add(near, camera.position, -1)) > 0.12 && bound.strain(camera) < 1.02);
+  assert.ok(camera.zoom > 3 && camera.zoom < 6);
+  for (let i = 0; i < 100; i++) mover.near(1 / 1.3, 400, 300, near);
+  settle(mover);
+  assert.equal(camera.zoom, 1);
+});
+
+test("free movement comes near and goes not too far", () => {
+  const { camera } = start([view(0)]), free = new FreeMover(camera, UP, () => WINDOW, 4), point = [0, 0, 4];
+  for (let i = 0; i < 50; i++) free.near(1.2, 400, 300, point);
+  assert.ok(length(add(point, camera.position, -1)) < 0.01 && camera.position[2] < 4);
+  for (let i = 0; i < 200; i++) free.near(1 / 1.2, 400, 300, point);
+  const far = length(add(point, camera.position, -1));
+  assert.ok(far > 30 && far < 45);
+  assert.equal(free.spring(1), false, "nothing pulls it back");
+});
+
+test("a free drag orbits, or looks around while it flies", () => {
+  for (const flies of [false, true]) {
+    const { camera } = start([view(0)]), free = new FreeMover(camera, UP, () => WINDOW, 4), { target } = camera;
+    free.flies = flies;
+    free.turn(60, -35);
+    close(flies ? camera.position : camera.target, flies ? [0, 0, 0] : target);
+  }
+});
+
+test("windows are filled where little is lost", () => {
+  const [whole, wide, tall] = [[640, 480], [800, 500], [390, 844]].map(([w, h]) => fillingZoom(view(0), w, h));
+  assert.equal(whole, 1);
+  close(wide, 1.2);
+  assert.ok(tall > 1 && tall < 844 / 480 * 640 / 390);
+});
+
+test("what lies beyond a picture fades", () => {
+  const at = (isFront, x) => fadeAt(view(0), isFront, x, 240);
+  assert.deepEqual([at(true, 320), at(false, 320), at(false, 720)], [1, 1, 0]);
+  assert.ok(at(true, 639) < 0.05 && at(false, 660) > 0.3 && at(false, 660) < 1);
+});
+
+test("the border gives, less and less, and dims", () => {
+  assert.equal(elastic(0, 0.7), 0.7);
+  const [over, again] = [elastic(0, 9), elastic(1.3, 1.4)], lights = [0.5, 1, 1.2, 1.35].map(lightAt);
+  assert.ok(over > 1.3 && over < 1.35 && again > 1.3 && again < 1.32);
+  assert.deepEqual(lights.slice(0, 2), [1, 1]);
+  assert.ok(lights[2] < 1 && lights[3] < lights[2] && lights[3] > 0);
+});
+
+test("a walk goes on to the nearest, and turns of the head are ways too", () => {
+  assert.deepEqual(walk([view(0), view(3), view(1), view(2)], 4), [0, 2, 3, 1]);
+  assert.deepEqual(walk([view(0), view(0, 1.6), view(2.5)], 40), [0, 2, 1]);
+});

@@ -1,0 +1,183 @@
+// One scene in a canvas: what is drawn when, where the camera stands, what shows at a pixel. The clock is made up.
+import assert from "node:assert/strict";
+import test from "node:test";
+import { fillingZoom } from "../../runtime/tinysplat_runtime/page/camera.js";
+import { add, length } from "../../runtime/tinysplat_runtime/page/vectors.js";
+import { Viewer } from "../../runtime/tinysplat_runtime/page/viewer.js";
+import { UP, close, view } from "./made.mjs";
+
+const told = [], listeners = {}, tell = (name) => (...given) => { told.push([name, ...given]); };
+let frame, resized, clock = 1000;
+Object.assign(globalThis, {
+  document: { body: { dataset: {} } }, devicePixelRatio: 1.5, requestAnimationFrame: (next) => { frame = next; },
+  ResizeObserver: class { constructor(react) { resized = react; } observe() {} },
+});
+const canvas = { clientWidth: 400, clientHeight: 250, setPointerCapture() {}, addEventListener: (name, react) => { listeners[name] = react; } };
+const VIEWS = [view(0, 0), view(0.5, 0.1), view(1.5, 0.3)], HOME = fillingZoom(VIEWS[0], 400, 250);
+const sceneOf = (views, hasCameras = true) => ({ views, up: UP, reach: 4, hasCameras, nearPlane: 0.02 });
+const cloudOf = (count = 0, more = {}) => ({
+  means: new Float32Array(3 * count), opacities: new Float32Array(count).fill(1), parts: [{ view: 0, from: 0, to: count }],
+  depth: 4, spread: 0.25, functions: 9, viewCount: 3, behind: null, ...more,
+});
+const screen = { load: tell("load"), setBehind: tell("behind"), sort: tell("sort"), draw: tell("draw") };
+
+function made(views = VIEWS, { isBare = false, isStill = true, cloud = cloudOf(), hasCameras = true } = {}) {
+  const viewer = new Viewer(canvas, { drawn: tell("drawn"), moved: tell("moved"), touched: tell("touched") }, { isBare, isStill });
+  Object.assign(screen, { isSorted: true, sortedCount: 5 });
+  viewer.splats = screen;
+  viewer.show(sceneOf(views, hasCameras), cloud);
+  told.splice(0);
+  return viewer;
+}
+
+function pass(ms) { told.splice(0); frame(clock += ms); return told.map(([name]) => name); } // a frame, and what it told
+const press = (type) => listeners[type]({ pointerId: 1, clientX: 0, clientY: 0, timeStamp: 0 });
+
+test("a canvas has the screen's pixels, up to two, and keeps its zoom", () => {
+  const viewer = made();
+  viewer.camera.zoom *= 2;
+  for (const [ratio, width, height, wanted] of [[1, 401, 250, [401, 250]], [3, 400, 250, [800, 500]], [1.5, 300, 250, [450, 375]]]) {
+    Object.assign(globalThis, { devicePixelRatio: ratio });
+    Object.assign(canvas, { clientWidth: width, clientHeight: height });
+    resized();
+    assert.deepEqual([canvas.width, canvas.height], wanted);
+    close(viewer.camera.zoom, 2 * fillingZoom(VIEWS[0], width, height));
+  }
+  Object.assign(canvas, { clientWidth: 400 });
+});
+
+test("a scene begins at its first view and keeps the camera as it gets sharper", () => {
+  const viewer = made();
+  close([viewer.camera.position, viewer.camera.rotation, viewer.camera.zoom], [VIEWS[0].position, VIEWS[0].rotation, HOME]);
+  viewer.camera.shift(1, 2, 3);
+  viewer.show(sceneOf(VIEWS), cloudOf(), true);
+  close(viewer.camera.position, [1, 2, 3]);
+  viewer.show(sceneOf([VIEWS[1]], false), cloudOf());
+  close(viewer.camera.position, VIEWS[1].position);
+  assert.equal(viewer.mover, viewer.free, "without cameras nothing holds one back");
+});
+
+test("nothing is drawn while nothing changes, and one order is asked for at a time", () => {
+  const viewer = made();
+  viewer.isDirty = true;
+  assert.deepEqual(pass(20), ["draw", "drawn"]);
+  assert.deepEqual(pass(20), []);
+  screen.isSorted = false;
+  viewer.move();
+  assert.ok(!pass(10).includes("sort"));
+  screen.isSorted = true;
+  assert.ok(pass(10).includes("sort"));
+});
+
+test("nearer views have larger shares, unless all are alike", () => {
+  const viewer = made(), { front, all } = viewer.shares();
+  assert.ok(front[0] > front[1] && front[1] >= front[2] && all.length === 3);
+  viewer.settings.nearFirst = false;
+  assert.deepEqual([...viewer.shares().all], [1, 1, 1]);
+});
+
+test("a view is flown to, or reached at once by who wants stillness", () => {
+  for (const isStill of [false, true]) {
+    const viewer = made(VIEWS, { isStill });
+    pass(100);
+    viewer.select(1);
+    if (!isStill) {
+      const places = [...Array(20)].map(() => { pass(100); return viewer.camera.position[0]; });
+      assert.ok(places.every((x, n) => x >= (places[n - 1] ?? 0)) && places[1] < 0.4, "it goes there bit by bit");
+    }
+    close([viewer.camera.position, viewer.camera.rotation, viewer.camera.zoom], [VIEWS[1].position, VIEWS[1].rotation, HOME]);
+  }
+});
+
+test("a page moves by itself along its views until it is touched", () => {
+  const viewer = made(VIEWS, { isStill: false }), places = [];
+  for (let n = 0; n < 100; n++) { pass(200); places.push(viewer.camera.position[0]); }
+  assert.ok(Math.max(...places) > 1.4 && Math.min(...places) < 0.1 && Math.max(...places) <= 1.5 && Math.min(...places) >= 0);
+  listeners.keydown({ code: "KeyW", preventDefault() {} });
+  listeners.keyup({ code: "KeyW" });
+  assert.ok(!viewer.isSwinging && told.some(([name]) => name === "touched"));
+  const single = made([VIEWS[1]], { isStill: false });
+  for (let n = 0; n < 40; n++) pass(200);
+  const away = length(add(single.camera.position, VIEWS[1].position, -1));
+  assert.ok(away > 0 && away < 2 * single.bound.side, "one view is looked at from close by");
+});
+
+test("pictures get coarser only while they move and are slow", () => {
+  const viewer = made(), shares = [];
+  const next = (ms) => { pass(ms); shares.push(...told.filter(([name]) => name === "draw").map(([, , , share]) => share)); };
+  viewer.isDirty = true;
+  next(20);
+  listeners.keydown({ code: "KeyW", preventDefault() {} });
+  for (let n = 0; n < 8; n++) next(90);
+  assert.ok(shares[0] === 1 && shares.at(-1) < 1);
+  listeners.keyup({ code: "KeyW" });
+  for (let n = 0; n < 200; n++) next(90);
+  assert.equal(shares.at(-1), 1);
+});
+
+test("a page says when its picture is whole", () => {
+  const viewer = made(), { dataset } = document.body;
+  const ready = (change) => { Object.assign(screen, change); viewer.isDirty = true; pass(20); return "ready" in dataset; };
+  assert.deepEqual([ready({}), ready({ isSorted: false }), ready({ isSorted: true, sortedCount: -1 }), ready({ sortedCount: 0 })], [true, false, false, true]);
+});
+
+test("what a hand drew away springs back when it lets go, and what it did not stays", () => {
+  const viewer = made();
+  viewer.camera.shift(2, 0, 0);
+  pass(20);
+  assert.equal(viewer.camera.position[0], 2);
+  press("pointerdown");
+  pass(20);
+  assert.equal(viewer.camera.position[0], 2);
+  press("pointerup");
+  for (let n = 0; n < 200; n++) pass(20);
+  assert.ok(viewer.bound.strain(viewer.camera) < 1.01);
+});
+
+test("going anywhere frees the camera until it is called back", () => {
+  const viewer = made();
+  viewer.setFree(true);
+  assert.equal(viewer.mover, viewer.free);
+  viewer.camera.shift(5, 5, 5);
+  viewer.setFree(false);
+  assert.equal(viewer.mover, viewer.near);
+  close(viewer.camera.position, [0, 0, 0]);
+  viewer.camera.shift(1, 0, 0);
+  listeners.keydown({ code: "Home" });
+  close(viewer.camera.position, [0, 0, 0]);
+});
+
+test("a point is on the nearest of what shows there", () => {
+  const depths = [5, 3, 0.01, -3, 2], cloud = cloudOf(5), viewer = made(VIEWS, { cloud }), { camera } = viewer;
+  depths.forEach((depth, i) => cloud.means.set(add(camera.position, camera.ray(211, 97, 400, 250), depth), 3 * i));
+  cloud.opacities[4] = 0.1; // hardly shows
+  const far = (x, y) => add(viewer.pointAt(x, y), camera.position, -1)[2] / camera.ray(x, y, 400, 250)[2];
+  close([far(211, 97), far(20, 30)], [3, 4], 1e-5);
+});
+
+test("a double click turns to what shows there, or returns", () => {
+  const viewer = made(), point = [0.7, 0.4, 5];
+  viewer.camera.shift(1, 0, 0);
+  listeners.dblclick({});
+  close(viewer.camera.position, [0, 0, 0]);
+  viewer.setFree(true);
+  viewer.pointAt = () => point;
+  listeners.dblclick({ offsetX: 250, offsetY: 180 });
+  close([viewer.camera.target, viewer.camera.rotation[0][1]], [point, 0], 0.02);
+});
+
+test("frames say what is to be drawn", () => {
+  const viewer = made();
+  Object.assign(viewer.settings, { degree: 1, leastOpacity: 0.4, ownPixels: false, lines: true });
+  const { degree, leastOpacity, ownPixels, lines, light } = viewer.drawing();
+  assert.deepEqual([degree, leastOpacity, ownPixels, light], [1, 0.4, false, 1]);
+  assert.equal(lines.length, 3 * 16 * 3, "eight lines for each of three cameras");
+  viewer.camera.shift(0, 0, -1.2 * viewer.bound.side);
+  viewer.touched = true;
+  assert.ok(viewer.drawing().light < 1, "what lies beyond the bound is dimmed");
+  viewer.settings.depth = true;
+  assert.equal(viewer.drawing().depth, true);
+  const bare = made(VIEWS, { isBare: true });
+  bare.settings.lines = true;
+  assert.ok(!bare.drawing().lines && !bare.drawing().fades);
+});
