@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,10 +14,10 @@ from sections import file_of, sections_of
 
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.body import Container
-from tinysplat_runtime.container.bounds import MAX_DECODED, _largest, decoding_bytes
+from tinysplat_runtime.container.bounds import MAX_DECODED, decoding_bytes
 from tinysplat_runtime.container.layers import CodedChannel, CodedLayer
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import ChannelRecord, Limits, StreamRef
+from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.container.sections import NewSection
 from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError
@@ -95,16 +94,6 @@ def test_rotations_whose_squares_leave_float32_are_refused():
     assert _read(records=[(PlaneClass.ROTATION, 3, -0.9e15)])
     with pytest.raises(FormatError, match="rotation"):
         _read(records=[(PlaneClass.ROTATION, 3, -1.1e15)])
-
-
-def test_the_memory_of_decoding_by_hand():
-    """Of 6 Gaussians of degree 2: 11 + 27 numbers and the 11 of geometry twice in 4 bytes, codes in 2 and in 4."""
-    layer = _read().body.layers[0]
-    picture = ChannelRecord(PlaneClass.DEPTH, 0, 4, 1.0, 0.0, (StreamRef(0, 1, 0),))
-    constant = ChannelRecord(PlaneClass.OPACITY, 0, 4, 1.0, 0.0)
-    for channels, codes in (((), 2), ((picture, constant), 3), ((picture, constant, picture), 4)):
-        found = decoding_bytes(replace(layer, degree=2, channels=channels))
-        assert found == 6 * (4 * (11 + 27 + 22) + 6 * codes)
 
 
 def test_limits_are_the_most_that_is_accepted():
@@ -344,11 +333,3 @@ def test_channels_stand_by_rising_class_and_each_once():
         read_container(_with_records(records, [0, 1, 1, 2, 3]))
     with pytest.raises(FormatError, match="twice"):
         read_container(_with_records(records, [0, 1, 2, 3, 2]))
-
-
-def test_the_largest_value_of_a_target_is_the_sum_of_its_records_alone():
-    layer = _read(records=[(PlaneClass.OFFSET, 0, -0.25), (PlaneClass.OFFSET, 1, 0.5)]).body.layers[0]
-    coded = ChannelRecord(PlaneClass.OFFSET, 1, 4, -2.0, 1.5, (StreamRef(0, 1, 0),))
-    layer = replace(layer, channels=(*layer.channels, coded))
-    assert _largest(layer, PlaneClass.OFFSET) == {0: 0.25, 1: 0.5 + 1.5 + 4095 * 2.0}
-    assert _largest(layer, PlaneClass.SCALE) == {}

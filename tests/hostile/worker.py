@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from tinysplat_runtime.formats import usd, usd_worker
-from tinysplat_runtime.scene.intake import colmap, colmap_worker
+from tinysplat_runtime.formats import usd_worker
+from tinysplat_runtime.scene.intake import colmap_worker
 
 MOST_MEMORY_KB = 1 << 20
 MOST_CPU_S = 2.0
@@ -31,7 +31,7 @@ def forked_worker() -> Iterator[None]:
     def run(command: Sequence[str], **_: Any) -> subprocess.CompletedProcess[bytes]:
         return _forked(command, lambda: colmap_worker.main(command[-1]))
 
-    with mock.patch.object(colmap.subprocess, "run", run):
+    with mock.patch.object(subprocess, "run", run):
         yield
 
 
@@ -45,7 +45,7 @@ def forked_usd_worker() -> Iterator[None]:
         texts = (data.decode(errors="replace") for data in (done.stdout, done.stderr))
         return subprocess.CompletedProcess(command, done.returncode, *texts)
 
-    with mock.patch.object(usd.subprocess, "run", run):
+    with mock.patch.object(subprocess, "run", run):
         yield
 
 

@@ -11,19 +11,7 @@ import numpy as np
 import pytest
 from scenes import write_scene
 
-from tinysplat_runtime.system import blas
-from tinysplat_runtime.system.blas import _thread_count, product, single_thread, symmetric_eigen
-
-
-def test_the_number_of_blas_threads_is_one_inside_and_restored_behind():
-    functions = _thread_count()
-    assert functions is not None, "numpy's wheel carries OpenBLAS"
-    get, _ = functions
-    before = get()
-    with single_thread():
-        assert get() == 1
-        np.linalg.eigh(np.eye(75))
-    assert get() == before
+from tinysplat_runtime.system.blas import product, symmetric_eigen
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e20])
@@ -43,36 +31,6 @@ def test_degenerate_matrices_have_eigenvectors_too():
         values, vectors = symmetric_eigen(matrix)
         assert (np.diff(values) >= 0).all()
         np.testing.assert_allclose(matrix @ vectors, vectors * values, atol=1e-14)
-
-
-def test_small_eigenvectors_need_no_lapack(monkeypatch):
-    """LAPACK's differ in their last bits, and those of up to 4 × 4 decide the signs of whole views."""
-    matrix = np.random.default_rng(0).standard_normal((4, 4))
-
-    def lapack(matrix):
-        raise AssertionError("LAPACK was asked")
-
-    monkeypatch.setattr(np.linalg, "eigh", lapack)
-    for side in (1, 2, 3, 4):
-        symmetric_eigen(matrix[:side, :side] @ matrix[:side, :side].T)
-    with pytest.raises(AssertionError, match="asked"):
-        symmetric_eigen(np.eye(5))
-
-
-def test_rotations_are_exact_by_hand():
-    """[[2, 1], [1, 2]] turns by 45°; [[1, 2], [2, -2]] has the vectors (1, -2) and (2, 1)."""
-    values, vectors = symmetric_eigen(np.array([[2.0, 1], [1, 2]]))
-    np.testing.assert_allclose(values, [1, 3], atol=1e-15)
-    np.testing.assert_allclose(np.abs(vectors), np.sqrt(0.5), atol=1e-15)
-    values, vectors = symmetric_eigen(np.array([[1, 2], [2, -2]], np.int64))
-    np.testing.assert_allclose(values, [-3, 2], atol=1e-15)
-    np.testing.assert_allclose(vectors * np.sign(vectors[0]), np.array([[1, 2], [-2, 1]]) / np.sqrt(5), atol=1e-15)
-
-
-def test_one_thread_where_blas_is_another(monkeypatch):
-    monkeypatch.setattr(blas, "_thread_count", lambda: None)
-    with single_thread():
-        assert np.allclose(np.linalg.eigh(np.eye(5))[0], 1)
 
 
 def test_matrices_that_are_not_finite_are_left_to_lapack():

@@ -63,17 +63,3 @@ def test_cores_are_those_that_this_process_may_use(monkeypatch):
     for count, expected in ((5, 5), (None, 1)):
         monkeypatch.setattr(os, "cpu_count", lambda count=count: count)
         assert available_cores() == expected
-
-
-@pytest.mark.parametrize(
-    ("threads", "items", "helpers"), [(4, 3, 2), (3, 9, 2), (2, 5, 1), (3, 2, 1), (2, 1, 0), (1, 5, 0)]
-)
-def test_no_more_helpers_are_woken_than_there_is_work_for(threads, items, helpers):
-    crew, woken = Crew(threads), []
-    if crew._pool is not None:
-        submit = crew._pool.submit
-        crew._pool.submit = lambda job: woken.append(job) or submit(job)
-    assert crew.map(str, range(items)) == [str(n) for n in range(items)]
-    assert len(woken) == helpers
-    assert (crew._pool is None) == (threads == 1)
-    assert crew._pool is None or crew._pool._max_workers == threads - 1
