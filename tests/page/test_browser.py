@@ -89,6 +89,44 @@ def test_a_visitor_stays_near_the_views_and_comes_back(browser: Browser, tmp_pat
     tab.close()
 
 
+def test_a_visitor_goes_from_place_to_place(browser: Browser, tmp_path: Path) -> None:
+    gaussians = ts.decompress(coded(8))
+    (tmp_path / "page.html").write_text(scene_page(coded(8), title="walk", first=5))
+    tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240)
+    tab.ready()
+    at = "[page.current, place.value, placeOf.textContent, before.disabled, after.disabled]"
+    order = tab.evaluate("page.order")
+    assert sorted(order) == list(range(len(gaussians.cameras)))
+    assert tab.evaluate(at)[0] == 5
+    tab.evaluate("place.value = 1, place.oninput(), 0")
+    tab.wait("!page.flight")
+    assert tab.evaluate(at) == [order[0], "1", "1 / 8", True, False]
+    for place in order[1:]:
+        tab.evaluate("after.click()")
+        tab.wait("!page.flight")
+        assert tab.evaluate("page.current") == place
+    assert tab.evaluate(at)[3:] == [False, True]
+    tab.evaluate("back.click()")
+    tab.wait("!page.flight && page.current === 5")
+    for _ in range(12):  # drags on and on reach other places
+        tab.drag(160, 120, 150, 0)
+        tab.wait("!page.flight && !page.mover.spring(0)")
+    assert tab.evaluate("page.current") != 5
+    tab.close()
+
+
+def test_a_poster_is_shown_before_the_scene(browser: Browser, tmp_path: Path) -> None:
+    page = scene_page(coded(2), title="scene", poster=np.full((48, 64, 3), (0.9, 0.1, 0.1)))
+    (tmp_path / "page.html").write_text(page)
+    tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240)
+    tab.wait("document.getElementById('poster')?.naturalWidth === 64")
+    tab.ready()
+    assert tab.evaluate("getComputedStyle(cover).visibility") == "hidden" or tab.wait(
+        "cover.classList.contains('done')"
+    )
+    tab.close()
+
+
 def test_switches_change_the_picture(browser: Browser, tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text(scene_page(coded(2), title="scene"))
     tab = browser.open((tmp_path / "page.html").as_uri(), 160, 120)
@@ -163,6 +201,15 @@ def test_the_player_opens_what_is_dropped_and_refuses_what_is_none(browser: Brow
     tab.evaluate(f"({drop})([1, 2, 3, 4])")
     assert "cannot be shown" in tab.wait("document.getElementById('fault').textContent")
     assert not tab.evaluate("document.getElementById('fault').hidden")
+    assert tab.evaluate("document.getElementById('panel').hidden") and picture(tab).max() == 0
+    for foreign, word in (([0x1F, 0x8B, 8, 0], "gzip"), (list(b"<!DOCTYPE html>"), "web page")):
+        tab.evaluate(f"({drop})({foreign})")
+        tab.wait(f"document.getElementById('fault').textContent.includes('{word}')")
+    data = coded(2)
+    tab.evaluate(f"({drop})({list(data[: len(data) // 2])})")
+    tab.wait("document.getElementById('fault').textContent.includes('cut short')")
+    tab.ready()
+    assert picture(tab).std() > 0.02
     browser.messages[:] = [
         message for message in browser.messages if "tsplat" not in message and "Error" not in message
     ]

@@ -26,7 +26,7 @@ for (const name of ["means", "quats", "scales", "opacities", "sh"]) scene[name] 
 const cloud = makeCloud(scene), floats = new Float32Array(cloud.geometry.buffer);
 console.log(JSON.stringify({
   words: [...cloud.geometry], places: [...floats].filter((_, i) => i % 8 < 3), colours: [...cloud.colours],
-  behind: cloud.behind && [...cloud.behind], depth: cloud.depth, spread: cloud.spread, nearest: cloud.nearest,
+  depth: cloud.depth, spread: cloud.spread, nearest: cloud.nearest,
   farthest: cloud.farthest, viewCount: cloud.viewCount, logSteps: cloud.logSteps,
   halves: (scene.halves ?? []).map(half), lengths: (scene.lengths ?? []).map(lengthCode),
 }));
@@ -125,6 +125,6 @@ def test_without_surfaces_depths_are_of_all_before_the_page_s_camera() -> None:
         means=flat.means * np.float32(0.3), quats=flat.quats, scales=flat.scales, opacities=flat.opacities, sh=flat.sh
     )
     found, z = cloud_of(points), points.means[:, 2].astype(np.float64)
-    assert found["depth"] == pytest.approx(1 / np.mean(1 / z[z > 0]), rel=1e-5) and found["behind"] is None
+    assert found["depth"] == pytest.approx(1 / np.mean(1 / z[z > 0]), rel=1e-5)
     word = words_of(found)[:, 3]
     assert (word >> 24 == 255).all() and ((word >> 8) & 0xFFFF == 0).all() and (words_of(found)[:, 7] >> 16 == 0).all()

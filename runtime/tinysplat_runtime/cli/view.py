@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.server
+import io
 import threading
 import webbrowser
 from argparse import Namespace
@@ -13,11 +14,14 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..api import compress, decompress
+from ..api import open as open_file
 from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
 from ..page.build import player_page, scene_page
+from ..page.front import front_view
+from ..render import Renderer
 from ..scene.cameras import Camera
 from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.matching import reach_of, taken_as
@@ -27,6 +31,9 @@ from .player import write_player
 
 FINE_QP = -6.0
 """Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
+
+POSTER_SIDE = 400
+"""Pixels of the longer side of the picture that is shown until the scene is drawn."""
 
 NETWORK_MODES = ("photos", "hybrid")
 
@@ -63,7 +70,17 @@ def make_page(file: str, cameras_file: str | None, photos_of: str | None) -> str
     data, views = _file(file)
     cameras = load_cameras(cameras_file) if cameras_file and not views else []
     photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
-    return scene_page(data, title=Path(file).stem, cameras=cameras, photos=photos)
+    first = front_view(views)
+    poster = _poster(data, views[first]) if views else None
+    return scene_page(data, title=Path(file).stem, cameras=cameras, photos=photos, first=first, poster=poster)
+
+
+def _poster(data: bytes, camera: Camera) -> NDArray:
+    """The picture (H, W, 3) from one of a file's cameras; of a capture, the views next to it alone are decoded."""
+    scale = min(1.0, POSTER_SIDE / max(camera.height, camera.width))
+    small = camera.resized(round(scale * camera.height), round(scale * camera.width))
+    with open_file(io.BytesIO(data)) as file:
+        return Renderer(file.near(camera)).render(small)
 
 
 def serve(page: str, port_number: int, *, quiet: bool, browser: bool) -> None:
@@ -100,9 +117,7 @@ def _file(file: str) -> tuple[bytes, Sequence[Camera]]:
             return compress(gaussians, qp=FINE_QP), gaussians.cameras
         data = read_limited(file, MAX_FILE_BYTES)
         container = read_container(data)
-        if container.mode in NETWORK_MODES:
-            data = compress(decompress(data))
-        return data, container.cameras
+        return (compress(decompress(data)) if container.mode in NETWORK_MODES else data), container.cameras
     except TinySplatError as error:
         raise error.within(file) from None
 

@@ -8,7 +8,10 @@ const AHEAD = 2.5; // times as far: coming closer uncovers little
 const LOOK = 0.08; // of a picture's half, that the middle of the window may leave what the picture shows
 const ELASTIC = 0.35; // of a bound, that a hand may pull beyond it
 const NEIGHBOURS = 3, ALL_JOINED = 4; // of many views, each is joined to its nearest; of few, all to all
+const FARTHEST = 0.3; // in depths: between views farther apart surfaces fray, so that one flies there and does not stay
 const TURN = 0.5; // of directions beside places (in depths), where neighbours are looked for
+const ALONG = 0.3; // cosine to a pull, from which a view lies that way
+const LEAST_STEP = 0.005; // in depths: views that are no nearer to the foot
 const TIE = 0.02; // and where the nearest part of the hull is: they decide between equals
 
 // Views in the order of a walk: always on to the nearest that is left.
@@ -27,10 +30,25 @@ function joined(views, depth) {
   if (views.length === 1) return [[0, 0]];
   const edges = [];
   views.forEach((view, i) => {
-    const others = views.map((other, j) => [apart(view, other, depth), j]).filter(([, j]) => j !== i).sort((a, b) => a[0] - b[0]);
-    for (const [, j] of others.slice(0, views.length > ALL_JOINED ? NEIGHBOURS : ALL_JOINED)) if (i < j || views.length > ALL_JOINED) edges.push([i, j]);
+    const others = views.map((other, j) => [apart(view, other, depth), j]).filter(([, j]) => j !== i).sort((a, b) => a[0] - b[0]), isMany = views.length > ALL_JOINED;
+    const near = isMany ? others.slice(0, NEIGHBOURS).filter(([far]) => far <= FARTHEST) : others;
+    for (const [, j] of near) if (i < j || isMany) edges.push([i, j]);
+    if (!near.length) edges.push([i, i]);
   });
   return edges;
+}
+
+// The view that lies where a camera has been pulled to from its foot on the hull, the nearest of those that do; -1 where none does.
+export function onward(views, depth, camera, foot) {
+  const from = scaled(add(camera.position, foot.position, -1), 1 / depth), turned = scaled(add(camera.rotation[2], foot.rotation[2], -1), TURN);
+  const wanted = [...from, ...turned], size = Math.hypot(...wanted);
+  let least = Infinity, found = -1;
+  views.forEach((view, v) => {
+    const way = [...scaled(add(view.position, foot.position, -1), 1 / depth), ...scaled(add(view.rotation[2], foot.rotation[2], -1), TURN)], far = Math.hypot(...way);
+    const along = way.reduce((sum, value, k) => sum + value * wanted[k], 0);
+    if (along > ALONG * far * size && far > LEAST_STEP && (far * far) / along < least) [least, found] = [(far * far) / along, v];
+  });
+  return found;
 }
 
 // A way between two views, a share t along it.

@@ -26,13 +26,16 @@ _POLICY = (
     "worker-src blob:{beside}; style-src {style}; img-src data: blob:; connect-src {sources}"
 )
 
+JPEG_QUANTISER = 5
+
 _MARKUP = bytes.maketrans(b"<>&$`", b",./:[")
 """What stands for characters of RFC 1924's base 85 that mean something in HTML or in a template."""
 
 
 def scene_page(
-    data: bytes, *, title: str, cameras: Sequence[Camera] = (), photos: Mapping[int, NDArray] | None = None
-) -> str:
+    data: bytes, *, title: str, cameras: Sequence[Camera] = (), photos: Mapping[int, NDArray] | None = None,
+    first: int = 0, poster: NDArray | None = None,
+) -> str:  # fmt: skip
     """The page of one file, which loads nothing from anywhere.
 
     Args:
@@ -40,9 +43,14 @@ def scene_page(
         title: heading, plain text.
         cameras: views to choose from, of a file that has none.
         photos: (H, W, 3) in [0, 1] or uint8, by index of the file's views or `cameras`.
+        first: the view that the page begins at.
+        poster: (H, W, 3) in [0, 1] or uint8, that view's picture, shown until the scene is drawn.
     """
-    shown = {i: "data:image/jpeg;base64," + _base64(jpeg_bytes(photo)) for i, photo in (photos or {}).items()}
-    scene = {"cameras": [_camera(camera) for camera in cameras], "photos": shown, "isPlayer": False}
+    scene = {
+        "cameras": [_camera(camera) for camera in cameras], "isPlayer": False, "first": first,
+        "photos": {i: _picture(photo) for i, photo in (photos or {}).items()},
+        "poster": None if poster is None else _picture(poster),
+    }  # fmt: skip
     return _page(title, scene, _base85(data), sources="blob:")
 
 
@@ -70,6 +78,10 @@ def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, h
         scene=json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element
         code=_base85(gzip.compress(code, 9, mtime=0)),
     )  # fmt: skip
+
+
+def _picture(image: NDArray) -> str:
+    return "data:image/jpeg;base64," + _base64(jpeg_bytes(image, JPEG_QUANTISER))
 
 
 def _camera(camera: Camera) -> dict[str, object]:

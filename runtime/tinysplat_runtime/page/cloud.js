@@ -1,10 +1,10 @@
 // Gaussians as what splats.js draws: textures' words, and what the page asks of them.
-import { BEHIND } from "./splats.js";
-import { add, clamp, dot } from "./vectors.js";
+import { add, clamp, dot, scaled } from "./vectors.js";
 
 const LOG_STEPS = 1024, LOG_LOWEST = 32; // of a length's code: steps to a doubling, and what is added to its logarithm
-const INNER = 0.05, OUTER = 0.16; // of a picture's shorter side: over which its surface fades towards its edges, and what lies beyond
+const INNER = 0.05, OUTER = 0.1; // of a picture's shorter side: over which its surface fades towards its edges, and what lies beyond
 const SOLID = 0.5; // opacity from which a Gaussian counts as a surface
+const GROUND = 0.3; // of the scene's mean colour, where nothing is known
 
 const HALF_BITS = new Uint32Array(1), HALF_VALUE = new Float32Array(HALF_BITS.buffer);
 
@@ -52,7 +52,7 @@ export function makeCloud(scene) {
   const solid = parts.filter(({ isFront }) => isFront);
   return {
     count, means, opacities, parts, functions: scene.functions, viewCount: views.length, logSteps: [LOG_STEPS, LOG_LOWEST],
-    geometry: words, colours: colourWords(scene), ...depthsOf(scene, solid), behind: behindOf(scene, solid),
+    geometry: words, colours: colourWords(scene), ...depthsOf(scene, solid), ground: groundOf(scene, solid),
   };
 }
 
@@ -96,33 +96,16 @@ function depthsOf({ means, opacities, views, parts }, solid) {
   };
 }
 
-// Mean colours of the first view's picture, BEHIND rows and columns of them from below; null without views.
-function behindOf({ means, opacities, sh, functions, views }, solid) {
-  const first = solid.find(({ view }) => view === 0);
-  if (!first) return null;
-  const sums = new Float64Array(4 * BEHIND * BEHIND), { width, height } = views[0];
-  for (let i = first.from; i < first.to; i += 3) {
-    if (opacities[i] < SOLID) continue;
-    const [x, y] = pixelIn(views[0], means.subarray(3 * i, 3 * i + 3));
-    const column = clamp(Math.floor((BEHIND * x) / width), 0, BEHIND - 1), row = clamp(Math.floor(BEHIND - (BEHIND * y) / height), 0, BEHIND - 1);
-    const at = 4 * (row * BEHIND + column);
-    for (let k = 0; k < 3; k++) sums[at + k] += clamp(0.5 + 0.28209479177387814 * sh[3 * functions * i + k], 0, 1);
-    sums[at + 3] += 1;
+// The colour where nothing is known: the scene's own, dark.
+function groundOf({ count, opacities, sh, functions }, solid) {
+  const sum = [0, 0, 0];
+  let seen = 0;
+  for (const { from, to } of solid.length ? solid : [{ from: 0, to: count }]) {
+    for (let i = from; i < to; i += 17) {
+      if (opacities[i] < SOLID) continue;
+      for (let k = 0; k < 3; k++) sum[k] += clamp(0.5 + 0.28209479177387814 * sh[3 * functions * i + k], 0, 1);
+      seen++;
+    }
   }
-  const all = [0, 1, 2].map((k) => sums.filter((_, i) => i % 4 === k).reduce((a, b) => a + b, 0)), n = sums.filter((_, i) => i % 4 === 3).reduce((a, b) => a + b, 0) || 1;
-  return softened(softened(Float32Array.from({ length: 3 * BEHIND * BEHIND }, (_, i) => {
-    const at = 4 * Math.floor(i / 3), k = i % 3;
-    return sums[at + 3] ? sums[at + k] / sums[at + 3] : all[k] / n;
-  })));
-}
-
-// Each colour with those around it, so that no bars are seen.
-function softened(colours) {
-  const inside = (i) => clamp(i, 0, BEHIND - 1);
-  return colours.map((_, i) => {
-    const k = i % 3, column = ((i - k) / 3) % BEHIND, row = Math.floor(i / 3 / BEHIND);
-    let sum = 0;
-    for (let y = -1; y <= 1; y++) for (let x = -1; x <= 1; x++) sum += colours[3 * (inside(row + y) * BEHIND + inside(column + x)) + k];
-    return sum / 9;
-  });
+  return scaled(sum, GROUND / Math.max(seen, 1));
 }

@@ -12,9 +12,9 @@ const TAP_PX = 24, TAP_MS = 350; // between two taps that are one
 
 export class Controls {
   // mover(): who moves now. point(x, y): what shows at a pixel. moved() after each change, back() when asked to return,
-  // picked(x, y) on a double click, touched() before the first movement.
-  constructor(canvas, { mover, point, moved, back, picked, touched }) {
-    Object.assign(this, { canvas, mover, point, moved, back, picked, touched, fingers: new Map(), held: new Set(), anchor: null, tap: null });
+  // picked(x, y) on a double click, touched() before the first movement, released() when a finger is lifted.
+  constructor(canvas, { mover, point, moved, back, picked, touched, released }) {
+    Object.assign(this, { canvas, mover, point, moved, back, picked, touched, released, fingers: new Map(), held: new Set(), anchor: null, tap: null });
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.#up(event));
@@ -25,6 +25,8 @@ export class Controls {
     canvas.addEventListener("keyup", (event) => this.held.delete(event.code));
     canvas.addEventListener("blur", () => this.held.clear());
   }
+
+  get holdsKeys() { return this.held.size > 0; }
 
   get isMoving() { return this.held.size > 0 || this.fingers.size > 0; }
 
@@ -41,6 +43,7 @@ export class Controls {
     this.anchor = null;
     if (event.pointerType === "touch" && event.type === "pointerup") this.#tapped(event);
     this.moved(); // the spring
+    if (!this.fingers.size) this.released();
   }
 
   #tapped({ clientX, clientY, timeStamp, offsetX, offsetY }) { // browsers do not tell of double taps where panning is off

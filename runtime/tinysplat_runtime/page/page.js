@@ -1,4 +1,5 @@
 // Puts the page together: its scene, its panel and its words.
+import { fillingZoom } from "./camera.js";
 import { makeCloud } from "./cloud.js";
 import { bytesByUse, fetched, inKilobytes, paced } from "./files.js";
 import { networkRunner } from "./network.js";
@@ -6,7 +7,7 @@ import { sceneOf } from "./scene.js";
 import { Viewer } from "./viewer.js";
 
 const find = (id) => document.getElementById(id);
-const MANY_VIEWS = 12; // from which a slider chooses among them
+const GZIP = [0x1f, 0x8b], MAGIC_BYTES = 4;
 const HINT_MS = 9000;
 const THREADS = globalThis.origin === "null" ? 0 : undefined; // pages from disk may not start workers that are modules
 const FIRST = "first picture"; // a mark of the browser's clock, for measurements
@@ -42,26 +43,18 @@ class Panel {
 
   // A scene, and what tsplat.js says of its file.
   show(scene, cloud, about) {
-    const { views, hasCameras } = scene, isMany = views.length > MANY_VIEWS, { attribution, licence } = about.notes;
-    Object.assign(this, { scene, isMany });
+    const { views, hasCameras } = scene, { attribution, licence } = about.notes;
+    this.scene = scene;
     find("summary").textContent = [
       `${scene.count.toLocaleString("en")} Gaussians, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
       [attribution, licence].filter(Boolean).join(", "),
     ].filter(Boolean).join("; ");
     fillUses(bytesByUse(about));
     find("panel").hidden = false;
-    find("views").hidden = !hasCameras || isMany || views.length < 2;
-    find("placeRow").hidden = !hasCameras || !isMany;
+    find("way").hidden = !hasCameras || views.length < 2;
     find("linesRow").hidden = find("freeRow").hidden = find("nearRow").hidden = find("ownRow").hidden = !hasCameras;
     find("fliesRow").hidden = hasCameras;
-    this.buttons = isMany ? [] : views.map((_, i) => {
-      const button = element("button", `photo ${i + 1}`);
-      button.type = "button";
-      button.onclick = () => this.select(i);
-      return button;
-    });
-    find("views").replaceChildren(...this.buttons);
-    find("place").max = views.length - 1;
+    find("place").max = views.length;
     find("degree").max = find("degree").value = Math.sqrt(cloud.functions) - 1;
     find("degreeRow").hidden = cloud.functions === 1;
     this.shown();
@@ -75,7 +68,9 @@ class Panel {
 
   #listen() {
     const { viewer } = this, { settings } = viewer;
-    find("place").oninput = () => this.select(Number(find("place").value));
+    find("place").oninput = () => this.select(viewer.order[find("place").value - 1]);
+    find("before").onclick = () => viewer.step(-1);
+    find("after").onclick = () => viewer.step(1);
     for (const [id, name, value] of [["depth", "depth", "checked"], ["lines", "lines", "checked"], ["own", "ownPixels", "checked"], ["near", "nearFirst", "checked"], ["degree", "degree", "value"], ["opacity", "leastOpacity", "value"]]) {
       find(id).oninput = () => {
         settings[name] = value === "value" ? Number(find(id).value) : find(id).checked;
@@ -104,14 +99,16 @@ class Panel {
     if (!scene) return;
     const { current } = viewer, photo = this.photos[current], place = find("photoPlace").value;
     for (const id of ["degree", "opacity"]) find(id).parentElement.querySelector("output").textContent = find(id).value;
-    find("place").parentElement.querySelector("output").textContent = current + 1;
-    this.buttons.forEach((button, n) => button.setAttribute("aria-pressed", String(n === current && !viewer.isAway)));
+    const at = viewer.order.indexOf(current) + 1, { length } = viewer.order;
+    find("place").value = at;
+    find("placeOf").textContent = `${at} / ${length}`;
+    [find("before").disabled, find("after").disabled] = [at === 1, at === length];
     find("swing").checked = viewer.isSwinging;
     find("photoRow").hidden = !photo;
     find("photo").hidden = !photo || place === "off" || (place === "over" && (viewer.isAway || viewer.isSwinging));
     find("photo").className = place;
     if (photo) find("photo").src = photo;
-    find("back").hidden = !viewer.isAway;
+    find("back").hidden = !viewer.isAway && current === viewer.start;
   }
 }
 
@@ -122,13 +119,37 @@ function hint(isTouch) {
   setTimeout(() => words.classList.add("done"), HINT_MS);
 }
 
+// What a browser or a server gave in place of a scene, by its first bytes.
+function refuseForeign(chunk) {
+  const start = String.fromCharCode(...chunk.subarray(0, MAGIC_BYTES));
+  const found = GZIP.every((byte, i) => chunk[i] === byte) ? "compressed with gzip; unpack it first" : start.startsWith("PK") ? "a zip archive; unpack it first" : /^\s*</.test(start) ? "a web page, not a scene" : "";
+  if (found) throw Object.assign(new Error(found), { name: "TsplatError" });
+}
+
+function isCut(decoder, bytes) {
+  try {
+    return decoder.inspect(bytes).bytes > bytes.length;
+  } catch {
+    return false; // not even its description is there
+  }
+}
+
+const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => sum + bytes.length, 0) || 1;
+
+// Where the scene's first picture will be, so that nothing jumps when it comes.
+function framed(poster) {
+  const { naturalWidth: width, naturalHeight: height } = poster, { clientWidth, clientHeight } = find("view");
+  const scale = Math.min(clientWidth / width, clientHeight / height) * fillingZoom({ width, height }, clientWidth, clientHeight);
+  Object.assign(poster.style, { width: `${scale * width}px`, height: `${scale * height}px` });
+}
+
 const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
 
 class Page {
   constructor(decoder, given, options) {
     const isBare = options.has("bare"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
     document.body.classList.toggle("bare", isBare);
-    Object.assign(this, { decoder, given, isBare, first: Number(options.get("camera") ?? 0) });
+    Object.assign(this, { decoder, given, isBare, first: Number(options.get("camera") ?? given.first ?? 0) });
     this.viewer = new Viewer(find("view"), {
       drawn: () => this.#drawn(), moved: () => this.panel.shown(), touched: () => { find("hint").classList.add("done"); this.panel.shown(); },
     }, { isBare, isStill });
@@ -146,46 +167,74 @@ class Page {
 
   fail(error) {
     if (error.name === "AbortError") return;
-    find("fault").textContent = `This scene cannot be shown: ${error.message ?? error}`;
-    find("fault").hidden = false;
+    this.viewer.clear();
+    for (const id of ["panel", "way", "back", "hint", "photo"]) find(id).hidden = true;
+    this.#say(`This scene cannot be shown: ${error.message ?? error}`);
     find("cover").classList.add("done");
     if (error.name !== "TsplatError") console.error(error); // a file's fault is said, ours is to be found
+  }
+
+  #say(text) {
+    find("fault").textContent = text;
+    find("fault").hidden = false;
   }
 
   // Shows a file of which there are chunks, better and better.
   async open(name, chunks, whole) {
     this.opening?.abort();
-    const { signal } = (this.opening = new AbortController());
-    let frame = null, about = null;
+    const { signal } = (this.opening = new AbortController()), parts = [];
+    let frame = null, about = null, received = 0;
     find("open").hidden = find("fault").hidden = true;
     find("cover").classList.remove("done");
     find("status").textContent = "Loading …";
     if (name) document.title = find("name").textContent = name;
-    const parts = [];
     const kept = async function* () {
-      for await (const chunk of chunks(signal)) { if (!about) parts.push(chunk); yield chunk; }
+      for await (const chunk of chunks(signal)) {
+        if (!parts.length) refuseForeign(chunk);
+        parts.push(chunk);
+        yield chunk;
+      }
     };
-    for await (const decoded of this.decoder.decodeStream(kept(), { signal, threads: THREADS, network: this.given.networks ? networkRunner(this.given.networks) : undefined })) {
-      about ??= this.decoder.inspect(await new Blob(parts).arrayBuffer());
-      const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene);
+    const held = async () => new Uint8Array(await new Blob(parts).arrayBuffer());
+    const show = (decoded) => {
       if (signal.aborted) return;
-      this.viewer.show(scene, cloud, frame !== null);
-      if (!frame && this.first && scene.views[this.first]) this.viewer.select(this.first, true);
+      const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene);
+      this.viewer.show(scene, cloud, frame !== null, scene.views[this.first] ? this.first : 0);
       frame = scene.frame;
       this.panel.show(scene, cloud, about);
-      this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received, whole || about.bytes);
+      this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received ?? received, whole || about.bytes);
+    };
+    const options = {
+      signal, threads: THREADS, network: this.given.networks ? networkRunner(this.given.networks) : undefined,
+      onPicture: () => { if (about) find("status").textContent = `Loading … ${Math.min(99, Math.floor((100 * ++this.pictures) / picturesOf(about)))} %`; },
+    };
+    this.pictures = 0;
+    try {
+      if (whole) about = this.given.file;
+      for await (const decoded of this.decoder.decodeStream(kept(), options)) {
+        about ??= this.decoder.inspect(await held());
+        show(decoded);
+      }
+    } catch (error) {
+      const bytes = await held();
+      received = bytes.length;
+      if (error.name !== "TsplatError" || !isCut(this.decoder, bytes)) throw error;
+      about ??= this.decoder.inspect(bytes);
+      show(await this.decoder.decode(bytes, { ...options, maxBytes: received }));
+      this.#say(`This file is cut short: ${inKilobytes(received)} of ${inKilobytes(about.bytes)}. This is what they show.`);
     }
     document.body.dataset.whole = "";
     if (!this.isBare) hint(matchMedia("(pointer: coarse)").matches);
   }
 
   openOwn(bytes) {
-    const { steps } = this.decoder.inspect(bytes);
-    return this.open("", () => paced(bytes, this.isBare ? [] : steps, () => this.#whenDrawn()), bytes.length);
+    const { steps } = (this.given.file = this.decoder.inspect(bytes));
+    return this.open("", () => paced(bytes, this.isBare || this.given.poster ? [] : steps, () => this.#whenDrawn()), bytes.length);
   }
 
   openChosen(file) {
     this.panel.photos = [];
+    this.first = 0;
     return this.open(file.name.replace(/\.tsplat$/, ""), () => file.stream(), file.size);
   }
 
@@ -215,7 +264,10 @@ class Page {
 export async function start(decoder, own) {
   const given = JSON.parse(find("scene").textContent), options = new URLSearchParams(location.search.slice(1) || location.hash.slice(1));
   const page = new Page(decoder, given, options);
-  if (given.photos[0]) Object.assign(find("poster"), { src: given.photos[0], hidden: false });
+  if (given.poster) {
+    const poster = Object.assign(find("poster"), { src: given.poster, hidden: false });
+    await poster.decode().then(() => framed(poster), () => undefined);
+  }
   page.panel.photos = given.photos;
   if (given.isPlayer) page.listen();
   try {

@@ -8,7 +8,6 @@ import { sorting } from "./near.js";
 
 const TEXTURE_WIDTH = 4096;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's part of its alphas
-export const BEHIND = 8; // rows and columns of colours behind the picture
 const FEW_VIEWS = 6, DRAWN_VIEWS = 4; // so many are drawn at once of more than so many (near.js)
 const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
 
@@ -149,19 +148,15 @@ void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 -
 
 const SHOW = `#version 300 es
 precision highp float;
-uniform sampler2D picture, behind; // behind: a few texels of colour that shine through where nothing is known
-uniform vec2 share; // of the picture's texels to those of the canvas
-uniform vec2 dim;   // what is left of the picture's light, and of that behind it
+uniform sampler2D picture;
+uniform vec2 share;  // of the picture's texels to those of the canvas
+uniform float light; // what is left of the picture's
+uniform vec3 ground; // shines through where nothing is known
 out vec4 result;
 void main() {
   vec2 place = gl_FragCoord.xy * share;
   vec4 seen = texture(picture, place);
-  vec3 soft = vec3(0.0);
-  if (dim.y > 0.0) { // smooth between texels too
-    vec2 at = place * ${BEHIND}.0 - 0.5, whole = floor(at), part = at - whole;
-    soft = dim.y * texture(behind, (whole + part * part * (3.0 - 2.0 * part) + 0.5) / ${BEHIND}.0).rgb;
-  }
-  result = vec4(mix(soft, clamp(seen.rgb, 0.0, 1.0) + seen.a * soft, dim.x), 1.0);
+  result = vec4(mix(ground, clamp(seen.rgb, 0.0, 1.0) + seen.a * ground, light), 1.0);
 }`;
 
 const LINES = `#version 300 es
@@ -274,7 +269,6 @@ export class Splats {
     this.recordFrame = gl.createFramebuffer();
     this.target = { texture: gl.createTexture(), frame: gl.createFramebuffer(), width: 0, height: 0 };
     this.closed = { depth: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
-    this.behind = null;
     this.sortedCount = -1; // none yet
     this.asked = this.answered = 0;
   }
@@ -298,6 +292,16 @@ export class Splats {
     gl.drawBuffers(places);
     this.lineArray = null;
     this.#startSorter();
+  }
+
+  // Draws nothing from now on.
+  clear() {
+    const { gl } = this;
+    this.#release();
+    this.textures = this.records = this.shares = null;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.clearColor(0, 0, 0, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
   }
 
   #release() {
@@ -355,9 +359,10 @@ export class Splats {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.useProgram(this.show.made);
-    bindTextures(gl, this.show.uniforms, { picture: this.target.texture, behind: this.behind });
+    bindTextures(gl, this.show.uniforms, { picture: this.target.texture });
     gl.uniform2f(this.show.uniforms.share, 1 / canvas.width, 1 / canvas.height);
-    gl.uniform2f(this.show.uniforms.dim, options.light ?? 1, this.behind ? options.lightBehind ?? 0 : 0);
+    gl.uniform1f(this.show.uniforms.light, options.light ?? 1);
+    gl.uniform3fv(this.show.uniforms.ground, options.ground ?? [0, 0, 0]);
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (options.lines) this.#drawLines(camera, options.lines);
@@ -421,17 +426,6 @@ export class Splats {
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.shares);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, front.length + 1, 1, gl.RG, gl.FLOAT, both);
-  }
-
-  // Colours (BEHIND, BEHIND, RGB in [0, 1]; rows upwards) that shine through where nothing is known.
-  setBehind(colours) {
-    const { gl } = this, texels = new Uint8Array(4 * BEHIND * BEHIND).map((_, i) => (i % 4 < 3 ? 255 * colours[3 * (i >> 2) + (i % 4)] : 255));
-    this.behind ??= gl.createTexture();
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.behind);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, BEHIND, BEHIND, 0, gl.RGBA, gl.UNSIGNED_BYTE, texels);
-    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
   }
 
   #resize(width, height) {

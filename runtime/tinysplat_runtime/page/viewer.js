@@ -1,5 +1,5 @@
 // One scene in a canvas: its camera, what moves it, and a frame whenever something changed.
-import { Bound, lightAt, poseBetween, walk } from "./bound.js";
+import { Bound, lightAt, onward, poseBetween, walk } from "./bound.js";
 import { Camera, fillingZoom } from "./camera.js";
 import { Controls } from "./controls.js";
 import { BoundMover, FreeMover } from "./movers.js";
@@ -11,7 +11,8 @@ const SLOW_MS = 45; // a frame that takes longer is drawn with fewer pixels whil
 const COARSEST = 0.25;
 const STEP_SECONDS = 4; // from view to view, untouched
 const FLIGHT_SECONDS = 0.7; // to a view that was asked for
-const BEHIND_LIGHT = 0.6; // of the colours behind what is known
+const STALLED_MS = 200; // a coarsest frame that takes longer ends what moves by itself
+const CARRY = 1.05; // strain from which a pull goes on to the next view
 const PICK_PX = 8;
 
 export class Viewer {
@@ -22,36 +23,51 @@ export class Viewer {
     this.settings = { degree: 4, leastOpacity: 0, depth: false, lines: false, ownPixels: true, nearFirst: true };
     this.controls = new Controls(canvas, {
       mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
-      back: () => this.back(), picked: (x, y) => this.#picked(x, y),
+      back: () => this.back(), picked: (x, y) => this.#picked(x, y), released: () => this.#carryOn(),
     });
     this.isSwinging = !isBare && !isStill;
     new ResizeObserver(() => this.fit()).observe(canvas);
     requestAnimationFrame((now) => this.#frame(now));
   }
 
-  // scene: scene.js, cloud: cloud.js; keeps the camera where a sharper cloud of the same scene comes.
-  show(scene, cloud, isSame = false) {
+  // scene: scene.js, cloud: cloud.js; keeps the camera where a sharper cloud of the same scene comes, and stands at the
+  // view `first` otherwise.
+  show(scene, cloud, isSame = false, first = 0) {
     this.splats ??= new Splats(this.canvas, () => { this.isDirty = true; });
     this.splats.load(cloud);
     Object.assign(this, { scene, cloud });
-    if (cloud.behind && !this.isBare) this.splats.setBehind(cloud.behind);
-    if (!isSame) this.#stand();
-    else if (this.bound) this.bound = this.near.bound = new Bound(scene.views, cloud.depth, cloud.spread);
+    this.#survey();
+    if (!isSame || (first !== this.start && !this.touched)) this.#stand(first);
     this.move();
   }
 
-  #stand() {
+  #stand(first) {
     const { views, up, reach, hasCameras } = this.scene, window = () => [this.canvas.clientWidth, this.canvas.clientHeight];
     this.lines = hasCameras ? frusta(views, 0.04 * reach) : null;
-    this.camera = new Camera(views[0], reach);
+    this.camera = new Camera(views[first], reach);
     this.free = new FreeMover(this.camera, up, window, reach);
-    this.bound = hasCameras ? new Bound(views, this.cloud.depth, this.cloud.spread) : null;
     this.near = this.bound && new BoundMover(this.camera, this.bound, up, window);
-    this.counted = counted(views);
-    this.path = walk(views, this.cloud.depth).map((v) => views[v]);
-    this.current = 0;
+    this.current = this.start = first;
+    this.time = STEP_SECONDS * this.order.indexOf(first);
+    this.hasShown = false;
     this.fit();
-    this.#set(views[0]);
+    this.#set(views[first]);
+  }
+
+  // Ways between the views that there are by now.
+  #survey() {
+    const { views, hasCameras } = this.scene;
+    this.bound = hasCameras ? new Bound(views, this.cloud.depth, this.cloud.spread) : null;
+    if (this.near) this.near.bound = this.bound;
+    this.counted = counted(views);
+    this.order = walk(views, this.cloud.depth);
+    this.path = this.order.map((v) => views[v]);
+  }
+
+  // Nothing is shown any more.
+  clear() {
+    this.splats?.clear();
+    this.hasShown = false;
   }
 
   // Whether a frame has to be drawn.
@@ -87,14 +103,29 @@ export class Viewer {
     this.isSwinging = false;
     this.current = i;
     const isFar = length(add(pose.position, from.position, -1)) > this.cloud.depth;
+    this.isAway = this.touched = false;
     if (isAtOnce || isFar) this.#set(pose);
     else this.flight = { from, pose, done: 0 };
   }
 
   back() {
-    this.touched = false;
-    this.isAway = false;
-    this.select(this.current);
+    this.select(this.start);
+    this.told.moved();
+  }
+
+  // To the view before or after in the order of a walk.
+  step(by) {
+    const { order } = this, at = order.indexOf(this.current) + by;
+    if (!this.flight && order[at] !== undefined) this.select(order[at]);
+    this.told.moved();
+  }
+
+  // Pulled beyond the bound: on to the view that lies there.
+  #carryOn() {
+    if (!this.bound || this.isFree || this.flight || this.bound.strain(this.camera) < CARRY) return;
+    const next = onward(this.scene.views, this.cloud.depth, this.camera, this.bound.foot(this.camera));
+    if (next < 0) return;
+    this.select(next);
     this.told.moved();
   }
 
@@ -109,7 +140,7 @@ export class Viewer {
     this.flight = null;
     this.isSwinging = isAsked;
     this.isAway = !isAsked;
-    this.time = 0;
+    this.time = STEP_SECONDS * this.order.indexOf(this.current);
     this.told.moved();
   }
 
@@ -173,7 +204,7 @@ export class Viewer {
     return {
       nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels, degree: Math.min(settings.degree, Math.sqrt(this.cloud.functions) - 1),
       leastOpacity: settings.leastOpacity, depth: settings.depth, lines: settings.lines && !isBare ? this.lines : null,
-      fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), lightBehind: isBare || settings.depth ? 0 : BEHIND_LIGHT,
+      fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), ground: isBare || settings.depth ? [0, 0, 0] : this.cloud.ground,
     };
   }
 
@@ -199,9 +230,12 @@ export class Viewer {
 
   // Whether anything moves in this frame.
   #step(seconds) {
-    this.controls.step(seconds);
+    if (!this.flight) {
+      this.controls.step(seconds);
+      if (this.controls.holdsKeys) this.#carryOn();
+    }
     if (this.flight) this.#fly(seconds);
-    else if (this.isSwinging) this.#swing(seconds);
+    else if (this.isSwinging && this.hasShown) this.#swing(seconds);
     else if (!this.controls.isMoving && this.touched && this.mover.spring(seconds)) this.move();
     else return this.controls.isMoving;
     return true;
@@ -223,11 +257,13 @@ export class Viewer {
 
   #draw(moves, elapsed) {
     if (!moves || this.isBare) this.share = 1;
+    else if (elapsed > STALLED_MS && this.wasMoving && this.isSwinging && this.share === COARSEST) this.swing(false);
     else if (elapsed > SLOW_MS && this.wasMoving) this.share = Math.max(this.share / 2, COARSEST);
     this.isDirty = false;
     this.splats.draw(this.camera, this.drawing(), this.share);
+    this.told.drawn(); // in an order that is at most a few frames old
     if (!this.splats.isSorted || this.waits) return;
-    this.told.drawn();
+    if (!moves) this.hasShown = true;
     if (this.share === 1 && !moves) document.body.dataset.ready = this.settings.leastOpacity;
   }
 }
