@@ -9,7 +9,7 @@ function made() {
   const canvas = { addEventListener: (name, react, options) => { listeners[name] = [react, options]; }, setPointerCapture() {} };
   const mover = Object.fromEntries(["turn", "slide", "near", "keys"].map((name) => [name, tell(name)]));
   const controls = new Controls(canvas, {
-    mover: () => mover, moved() {}, touched() {}, back: tell("back"), picked: tell("picked"), point: (x, y) => [x, y, 7],
+    mover: () => mover, moved() {}, touched() {}, released() {}, back: tell("back"), picked: tell("picked"), point: (x, y) => [x, y, 7],
   });
   // An event, and what was told because of it.
   const send = (type, more = {}) => {

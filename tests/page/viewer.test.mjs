@@ -17,9 +17,9 @@ const VIEWS = [view(0, 0), view(0.5, 0.1), view(1.5, 0.3)], HOME = fillingZoom(V
 const sceneOf = (views, hasCameras = true) => ({ views, up: UP, reach: 4, hasCameras, nearPlane: 0.02 });
 const cloudOf = (count = 0, more = {}) => ({
   means: new Float32Array(3 * count), opacities: new Float32Array(count).fill(1), parts: [{ view: 0, from: 0, to: count }],
-  depth: 4, spread: 0.25, functions: 9, viewCount: 3, behind: null, ...more,
+  depth: 4, spread: 0.25, functions: 9, viewCount: 3, ground: [0, 0, 0], ...more,
 });
-const screen = { load: tell("load"), setBehind: tell("behind"), sort: tell("sort"), draw: tell("draw") };
+const screen = { load: tell("load"), clear: tell("clear"), sort: tell("sort"), draw: tell("draw") };
 
 function made(views = VIEWS, { isBare = false, isStill = true, cloud = cloudOf(), hasCameras = true } = {}) {
   const viewer = new Viewer(canvas, { drawn: tell("drawn"), moved: tell("moved"), touched: tell("touched") }, { isBare, isStill });
@@ -132,6 +132,28 @@ test("what a hand drew away springs back when it lets go, and what it did not st
   press("pointerup");
   for (let n = 0; n < 200; n++) pass(20);
   assert.ok(viewer.bound.strain(viewer.camera) < 1.01);
+});
+
+test("a drag beyond the bound goes on to the view that lies there", () => {
+  const views = [0, 2, 4, 6, 8, 10].map((x) => view(x)), viewer = made(views); // too far apart to stay between them
+  for (const [way, wanted] of [[1, 1], [1, 2], [-1, 1], [0, 1]]) {
+    press("pointerdown");
+    viewer.camera.shift(1.3 * way * viewer.bound.side, 0, 0);
+    press("pointerup");
+    for (let n = 0; n < 60; n++) pass(50);
+    assert.equal(viewer.current, wanted);
+    close(viewer.camera.position, views[wanted].position);
+  }
+});
+
+test("slow devices show their first picture, and stop what moves by itself", () => {
+  const viewer = made(VIEWS, { isStill: false });
+  screen.isSorted = false; // orders come late
+  viewer.isDirty = true;
+  assert.ok(pass(400).includes("drawn"));
+  screen.isSorted = true;
+  for (let n = 0; n < 20 && viewer.isSwinging; n++) { viewer.isDirty = true; pass(400); }
+  assert.ok(!viewer.isSwinging);
 });
 
 test("going anywhere frees the camera until it is called back", () => {
