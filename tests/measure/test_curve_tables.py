@@ -111,16 +111,6 @@ def test_curves_cover_profiles_modes_and_peers_and_go_on(inputs, tmp_path):
     assert (tmp_path / "rows.jsonl").stat().st_size == size
 
 
-def test_seconds_stand_beside_decibels(inputs, tmp_path):
-    rows = rows_of("seconds", tiny_run(tmp_path, inputs[1], profiles=("paper", "fast"), qps=(0.0,), rounds=1))
-    stages = [(stage, way) for stage in ("seconds encode", "seconds decode") for way in ("paper", "fast")]
-    assert [(row.study, row.way) for row in rows] == stages
-    assert all(row.costs["low"] <= row.costs["seconds"] <= row.costs["high"] for row in rows)
-    study = find_study("seconds")
-    for name in ("seconds encode", "seconds decode"):
-        assert "| paper " in study.tables[name](rows) and study.plots[name](tmp_path / "p.png", rows)
-
-
 def test_bad_input_costs_a_line(inputs, tmp_path):
     with pytest.raises(InputError, match="needs scene folders or Gaussian files"):
         rows_of("curves", tiny_run(tmp_path))

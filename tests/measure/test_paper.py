@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 from chunks import make_chunk_scene, write_chunks
 from evaluation_scenes import NEAR_WINDOW, write_eval_scene
 from scenes import make_smooth_gaussians
 from tiny_runs import rows_of, tiny_run
 
-from tinysplat.measure.studies import find_study
-from tinysplat.measure.studies.figures import (
-    paper_variant,
-    vpt_channels,
-    without_vabr,
-    without_vpt,
-)
 from tinysplat.measure.studies.paper import (
     BITS,
     bits_table,
@@ -26,32 +18,10 @@ from tinysplat.measure.studies.paper import (
     time_table,
     views_table,
 )
-from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
-from tinysplat_runtime.gaussian.difference import attribute_errors
-
-FINE = -30.0
-
-
-@pytest.fixture(scope="module")
-def runtime() -> Runtime:
-    return Runtime(threads=1)
-
-
-@pytest.fixture(scope="module")
-def gaussians():
-    return make_smooth_gaussians(height=24, width=32, degree=2, layers=2)
-
 
 # ---- ablations ---------------------------------------------------------------------------------------------------
-
-
-def test_the_paper_variant_is_the_real_codec(gaussians, runtime):
-    variant = paper_variant(gaussians, 3, runtime)
-    data = runtime.compress(gaussians, "paper", 3)
-    assert variant.bytes == len(data)
-    np.testing.assert_array_equal(variant.gaussians.sh, runtime.decompress(data).sh)
 
 
 def test_more_components_cost_more_and_lose_less(tmp_path):
@@ -65,27 +35,6 @@ def test_more_components_cost_more_and_lose_less(tmp_path):
     bits = [row.figures["bits"] for row in rows if row.study == "component bits"]
     assert len(bits) == 12 and bits[0] > bits[11] > 0
     assert [line for line in run.left_out if "SH degree 0 has no components" in line] == run.left_out
-
-
-def test_ablations_return_the_gaussians_at_fine_steps(gaussians, runtime):
-    world = attribute_errors(gaussians, without_vpt(gaussians, FINE, runtime).gaussians)
-    # Codes have 12 bits: the planes span about 4 scene units, 1e-3 a code, and QP 0 steps over ten of them.
-    assert world["means"]["rmse"] < 5e-3 and world["quats"]["rmse"] < 0.5 and world["scales"]["rmse"] < 1e-4
-    assert attribute_errors(gaussians, without_vabr(gaussians, FINE, runtime).gaussians)["sh"]["rmse"] < 5e-3
-
-
-def test_the_first_raw_coefficients_leave_the_others_zero(gaussians, runtime):
-    sh = without_vabr(gaussians, 0, runtime, k=6).gaussians.sh
-    flat = sh.reshape(*sh.shape[:3], -1)
-    assert flat[..., :6].any() and not flat[..., 6:].any()
-
-
-def test_vpt_channels_are_the_positions_and_scales_on_either_side(gaussians, runtime):
-    groups = vpt_channels(gaussians, runtime.store)
-    np.testing.assert_array_equal(groups["position before"]["z"], gaussians.means[..., 2])
-    depth = groups["position after"]["depth"]
-    focal = np.array([camera.focal for camera in gaussians.cameras])[:, None, None]
-    np.testing.assert_allclose(groups["scale after"]["ŝ1"], focal * gaussians.scales[..., 0] / depth, rtol=1e-4)
 
 
 # ---- printed figures ---------------------------------------------------------------------------------------------
@@ -143,14 +92,6 @@ def test_a_data_set_has_its_own_column_and_networks(tmp_path):
     run = tiny_run(tmp_path, data=data, near=2.0, far=8.0, profiles=("fast",), views=(2,), models=models)
     found = lines(main_table(rows_of("paper", run)))
     assert found["sweep", "fast", "here"][0] == "–" and "/" in found["sweep", "fast", "here"][1]
-
-
-def test_figures_leave_pictures_and_the_numbers_behind_them(measured, tmp_path):
-    run = tiny_run(tmp_path, measured[1] / "made.npz")
-    rows, study = rows_of("figures", run), find_study("figures")
-    assert all("| " in table(rows) for table in study.tables.values())
-    for name, plot in study.plots.items():
-        assert plot(tmp_path / f"{name}.png", rows) and (tmp_path / f"{name}.png").stat().st_size > 5000
 
 
 def test_nothing_to_measure_is_said_in_a_line(tmp_path):

@@ -10,8 +10,7 @@ import pytest
 from evaluation_scenes import NEAR_WINDOW, write_eval_scene
 from scenes import make_smooth_gaussians
 
-from tinysplat.measure.subjects.cases import Window, contract_inputs
-from tinysplat.measure.subjects.room import Room
+from tinysplat.measure.subjects.cases import Window
 from tinysplat.measure.subjects.sources import FileSource, find_sources
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
@@ -86,18 +85,3 @@ def test_a_file_without_cameras_has_no_targets(tmp_path: Path) -> None:
 
 def camera(x: float, width: int = 60) -> Camera:
     return Camera([[40, 0, width / 2], [0, 40, 10], [0, 0, 1]], np.eye(4) + x * np.eye(4, k=3), width, 20)
-
-
-def test_a_network_is_fed_planar_photos_unit_intrinsics_and_poses_about_their_mean() -> None:
-    shots = Room(3).shots(Window("room", (0,), (1,)), (16, 24))
-    found = contract_inputs(shots)
-    assert {name: array.shape for name, array in found.items()} == {
-        "images": (3, 3, 16, 24), "K": (3, 3, 3), "c2w": (3, 4, 4), "near": (3,), "far": (3,)
-    }  # fmt: skip
-    assert {array.dtype for array in found.values()} == {np.dtype(np.float32)}
-    np.testing.assert_array_equal(found["images"][1, 2], shots.context.images[1, :, :, 2])
-    np.testing.assert_allclose(found["c2w"][:, :3, 3].mean(axis=0), 0, atol=1e-7)
-    steps = np.diff([one.centre for one in shots.context.cameras], axis=0)
-    np.testing.assert_allclose(np.diff(found["c2w"][:, :3, 3], axis=0), steps, atol=1e-6)
-    np.testing.assert_allclose(found["K"][0], [[0.9, 0, 0.5], [0, 1.35, 0.5], [0, 0, 1]], rtol=1e-6)
-    assert (found["near"] == np.float32(1.8)).all() and (found["far"] == 9).all()

@@ -15,7 +15,6 @@ from tinysplat.measure.clock import measure_peak
 from tinysplat.measure.pictures import Drawing, Pictures, rescaled
 from tinysplat.measure.rows import RowFile
 from tinysplat.measure.studies.rate import compare_ways
-from tinysplat.measure.studies.speed import graph_operators
 from tinysplat.measure.study import Run
 from tinysplat.measure.subjects.cases import Window, truncated
 from tinysplat.measure.subjects.made import blur, made_case, made_gaussians
@@ -75,12 +74,6 @@ def test_recorded_planes_are_those_of_the_file_and_can_be_coded_alone() -> None:
     assert len(streams) == len(recorder.planes) > 0
     for threads in (1, 2):
         decode_alone(streams, threads)()
-
-
-def test_the_synthesis_graph_is_profiled_by_operator() -> None:
-    data = Runtime(threads=1).compress(make_smooth_gaussians(1, 16, 24, 1))
-    (operators,) = graph_operators(data, rounds=1)
-    assert {"SH product", "Transpose", "other operators"} <= set(operators)
 
 
 def peer(name: str) -> Way:

@@ -25,7 +25,6 @@ from golden.official.networks import FOLDER, deterministic_network, network_name
 from numpy.typing import NDArray
 from scenes import make_cameras, write_scene
 from shallow_networks import shallow_network
-from tiny_runs import rows_of, tiny_run
 
 from tinysplat.measure.subjects.cases import Photos, Shots, contract_inputs
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
@@ -225,11 +224,3 @@ def test_artifact_of_the_command_matches_torch_and_the_official_implementation(m
         assert_close(exported.graph.run(inputs), run_torch(exported.module, inputs), PARITY_RTOL)
     if GOLDEN[model]:
         assert_golden(exported, GOLDEN[model])
-
-
-@pytest.mark.slow
-def test_the_study_of_official_networks_times_a_checkpoint_beside_float64(tmp_path: Path) -> None:
-    write_checkpoint("mvsplat_re10k", tmp_path / "mvsplat.ckpt")
-    (row,) = rows_of("official", tiny_run(tmp_path, checkpoint=tmp_path / "mvsplat.ckpt", rounds=1, size=(64, 64)))
-    assert row.way == "torch" and row.costs["peak_bytes"] > 100e6
-    assert 0 < row.figures["max_means"] < PARITY_RTOL

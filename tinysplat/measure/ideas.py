@@ -148,11 +148,6 @@ def encode_changed(gaussians: Gaussians, qp: float, runtime: Runtime, change: Ch
     return encoder.code(_changed(encoder, qp, runtime.store, change), qp)
 
 
-def changed_plans(gaussians: Gaussians, qp: float, runtime: Runtime, change: Change) -> list[LayerPlan]:
-    """The plans behind such a file."""
-    return _changed(_encoder(gaussians, runtime), qp, runtime.store, change)
-
-
 def idea_ways(settings: Sequence[float], runtime: Runtime) -> list[Way]:
     """The profile and other settings of it over Q_g, then without each of its other ideas at the middle one."""
     middle = sorted(settings)[len(settings) // 2 :][:1]

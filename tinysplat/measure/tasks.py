@@ -17,11 +17,10 @@ from threading import Lock, local
 from typing import Any
 
 import av
-import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime import Gaussians, Runtime, load_gaussians, load_scene
-from tinysplat_runtime.codec.hevc import CodedPlane, PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.hevc import CodedPlane, encode_plane
 from tinysplat_runtime.codec.profiles import EncoderSettings
 from tinysplat_runtime.container.planes import Planes
 from tinysplat_runtime.container.reader import read_container
@@ -109,16 +108,6 @@ def encode_alone(planes: Sequence[tuple[Any, ...]], threads: int) -> Callable[[]
             list(pool.map(lambda arguments: encode_plane(*arguments), planes))
 
     return run
-
-
-def through_hevc(codes: NDArray, qp: int, encoder: EncoderSettings) -> tuple[NDArray, int]:
-    """Codes (V, H, W) uint16 coded and decoded plane by plane, and the bytes of all pictures."""
-    decoded, size = np.empty_like(codes), 0
-    for view, plane in enumerate(codes):
-        coded = encode_plane(plane, qp, encoder)
-        PlaneDecoder(coded.parameter_sets, *plane.shape).decode_into(coded.payload, decoded[view])
-        size += len(coded.payload)
-    return decoded, size
 
 
 @dataclass(frozen=True)

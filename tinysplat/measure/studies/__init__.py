@@ -13,9 +13,8 @@ if TYPE_CHECKING:
 
 STUDIES: dict[str, tuple[str, str]] = {
     "chain": ("graphs.CHAIN", "photos to a picture, all in one call"),
-    "network": ("graphs.NETWORKS", "networks by the size they work at"),
     "transforms": ("graphs.TRANSFORMS", "the codec's graphs against float64"),
-    "codec": ("coding.CODEC", "profiles, presets, Q_g, decoding, cold start"),
+    "codec": ("coding.CODEC", "profiles, Q_g, decoding, cold start"),
     "rasteriser": ("drawing.DRAWING", "frames by size and number of Gaussians, and approximations"),
     "reduction": ("coding.REDUCTION", "colour planes (k) and SH bands"),
     "peers": ("rate.PEERS", "other formats"),
@@ -26,13 +25,8 @@ STUDIES: dict[str, tuple[str, str]] = {
     "waits": ("waiting.WAITING", "what users wait for, and commands beside those of another checkout (--beside)"),
     "curves": ("rate.CURVES", "rate–distortion of profiles, modes and formats"),
     "ideas": ("rate.IDEAS", "what each idea of the codec gains and costs"),
-    "seconds": ("rate.SECONDS", "seconds of every profile beside dB"),
-    "targets": ("targets.TARGETS", "how near target sizes and dB are met"),
-    "prefixes": ("targets.PREFIXES", "what a part of a file shows"),
     "paper": ("paper.PAPER", "the paper's tables, ours beside"),
-    "figures": ("figures.FIGURES", "the paper's figures: VPT, rate, ablations, k"),
     "numerics": ("conditioning.NUMERICS", "conditioning of the transforms against 50 digits"),
-    "refine": ("refining.REFINE", "held-out dB and bytes by the seconds that refinement is given"),
     "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
     "paces": (
         "pacing.PACES",
@@ -43,7 +37,7 @@ STUDIES: dict[str, tuple[str, str]] = {
 }
 """By name: where it stands in this package, and a line about it."""
 
-ORDINARY = ("chain", "network", "transforms", "codec", "rasteriser", "reduction", "peers", "growth")
+ORDINARY = ("chain", "transforms", "codec", "rasteriser", "reduction", "peers", "growth")
 """What is measured where no study is named."""
 
 

@@ -1,4 +1,4 @@
-"""What does coding cost? Seconds, bytes and dB of profiles, presets, Q_g, k and SH bands, each held against the video
+"""What does coding cost? Seconds, bytes and dB of profiles, Q_g, k and SH bands, each held against the video
 library alone on the same planes.
 """
 
@@ -17,7 +17,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes
 from tinysplat_runtime.codec.basis import mean_magnitude_weighting, reduce_basis, view_directions, weighted_spectrum
 from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PAPER, PROFILES, EncoderSettings, Profile, find_profile
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, PAPER, PROFILES, Profile, find_profile
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -52,23 +52,11 @@ KS, QUICK_KS = (1, 2, 3, 4, 6, 8, 12, 24, 75), (1, 6, 24)
 
 SHOWN_COMPONENTS = 12
 
-PRESETS: dict[str, tuple[str, ...]] = {
-    "ultrafast": (),
-    "ultrafast, min-cu-size=8": ("min-cu-size=8",),
-    "superfast": (),
-    "superfast, rdoq-level=2": ("rdoq-level=2",),
-    "medium, rdoq-level=2": ("rdoq-level=2",),
-    "veryslow, rdoq-level=2": ("rdoq-level=2",),
-}
-"""Presets of libx265 that the default profile's planes are coded with, the further parameters of each."""
-
-QUICK_PRESETS = ("ultrafast, min-cu-size=8", "superfast, rdoq-level=2")
-
-# ---- encode, preset, decode, cold start ---------------------------------------------------------------------------
+# ---- encode, decode, cold start -----------------------------------------------------------------------------------
 
 
 def codec_rows(run: Run) -> Iterator[Row]:
-    """Encoding, presets, decoding."""
+    """Encoding, decoding, cold start."""
     qps = run.options.qps or (QUICK_QPS if run.quick else QPS)
     for case in run.cases:
         pictures, files = Pictures(case, run.drawing), {}
@@ -81,7 +69,6 @@ def codec_rows(run: Run) -> Iterator[Row]:
         yield from measure("encode", case.name, variants, run.effort)
         yield from _decode_rows(run, case, files)
     yield from _cold_start_rows(run, run.cases[0])
-    yield from _preset_rows(run, run.cases[0])
 
 
 def _decode_rows(run: Run, case: Case, files: dict[str, bytes]) -> Iterator[Row]:
@@ -119,18 +106,6 @@ def _cold_start_rows(run: Run, case: Case) -> Iterator[Row]:
         start = start_task(str(source), str(target))
         variant = Variant("tinysplat decode", start, lambda _: sizes, threads=run.threads)
         yield from measure("cold start", case.name, [variant], run.effort)
-
-
-def _preset_rows(run: Run, case: Case) -> Iterator[Row]:
-    """The default profile's planes by several presets of libx265."""
-    profile, pictures = find_profile(DEFAULT_PROFILE), Pictures(case, run.drawing)
-    kept = tuple(p for p in profile.encoder.params if not p.startswith(("rdoq-level", "min-cu-size")))
-    variants = []
-    for name in QUICK_PRESETS if run.quick else PRESETS:
-        coder = replace(profile, encoder=EncoderSettings(name.partition(",")[0], (*PRESETS[name], *kept)))
-        for qp in (0.0,) if run.quick else (0.0, 6.0):
-            variants.append(_coding(f"{name}; qp {qp:g}", case, coder, qp, pictures, run.runtime)[0])
-    yield from measure("preset", case.name, variants, run.effort)
 
 
 def _coding(
@@ -184,13 +159,6 @@ CODEC = Study.of(
         "Cold start",
         "`tinysplat decode F.tsplat -o G.npz` as a process: interpreter, imports, graphs, decoding, writing.",
         (BYTES, Column("planes", "planes", whole)),
-    ),
-    View(
-        "preset",
-        "Presets of libx265",
-        "The default profile's planes by other presets.",
-        (BYTES, TO_RAW),
-        costs=("bytes",), gains=("psnr_decoded_raw",), y="bytes", y_label="bytes",
     ),
 )  # fmt: skip
 

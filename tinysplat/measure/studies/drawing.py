@@ -1,23 +1,19 @@
 """What does a picture cost? Seconds and errors against float64 by picture size, number of Gaussians and threads; what a
-user can choose beside it; and gsplat's definition as a second opinion.
+user can choose beside it.
 
 The error is taken at a random 1 % of the pixels. The exact rasteriser draws what 3DGS defines; beside it stand dilation
-in own pixels and near views first, which are on unless turned off, and what less work would give. gsplat's own blending
-exists as a CUDA kernel alone, so its alphas are blended by plain torch here: every Gaussian at every pixel, sorted by
-depth, with 3DGS's thresholds.
+in own pixels and near views first, which are on unless turned off, and what less work would give.
 """
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat.reference.pixels import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, choose_pixels, render_pixels
+from tinysplat.reference.pixels import choose_pixels, render_pixels
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
@@ -38,8 +34,6 @@ DEFAULT = "both, the default"
 BY_DEFAULT: dict[str, Any] = {"dilation": "own", "order": "near"}
 DEGREE = 3
 PIXEL_SHARE, LEAST_PIXELS = 0.01, 500
-GSPLAT = "gsplat's projection and SH, dense blending"
-_CHUNK = 512
 
 
 def count_side(count: int) -> int:
@@ -48,7 +42,7 @@ def count_side(count: int) -> int:
 
 
 def drawing_rows(run: Run) -> Iterator[Row]:
-    """Pictures of several sizes, of several numbers of Gaussians, with less work, and by gsplat."""
+    """Pictures of several sizes, of several numbers of Gaussians, and with less work."""
     count = QUICK_COUNT if run.quick else COUNT
     sizes, counts = (QUICK_SIZES, QUICK_COUNTS) if run.quick else (SIZES, COUNTS)
     for size, n in dict.fromkeys([*((size, count) for size in sizes), *((256, n) for n in counts)]):
@@ -59,7 +53,6 @@ def drawing_rows(run: Run) -> Iterator[Row]:
     subject = f"{gaussians.count:,} Gaussians at {run.side}×{run.side}, SH degree 4"
     variants = approximations(gaussians, run.side, run.threads)
     yield from measure("rasteriser approximations", subject, variants, run.effort)
-    yield from gsplat_rows(made_gaussians(2, 64, 64, DEGREE), 64, run)
 
 
 def exact_variants(gaussians: Gaussians, size: int, threads: Sequence[int]) -> list[Variant]:
@@ -105,67 +98,6 @@ def approximations(gaussians: Gaussians, size: int, threads: int) -> list[Varian
     return variants
 
 
-def gsplat_rows(gaussians: Gaussians, size: int, run: Run) -> list[Row]:
-    """Ours and gsplat's at one size, both against float64; a row that says so where gsplat is missing."""
-    camera = gaussians.cameras[0].resized(size, size)
-    subject, figures = f"{gaussians.count:,} Gaussians at {size}×{size}", _against_float64(gaussians, camera)
-    variants = [Variant("ours, exact", _frame(gaussians, camera, run.threads), figures, threads=run.threads)]
-    missing = []
-    try:
-        theirs = gsplat_frame(gaussians, camera, run.threads)
-        variants.append(Variant(GSPLAT, theirs, figures, threads=run.threads))
-    except ImportError as error:
-        missing = [Row("torch rasteriser", subject, GSPLAT, note=f"no {error.name}: pip install gsplat")]
-    return [*measure("torch rasteriser", subject, variants, run.effort), *missing]
-
-
-def gsplat_frame(gaussians: Gaussians, camera: Camera, threads: int) -> Callable[[], NDArray]:
-    """A call that renders a frame (H, W, 3) float32 with gsplat's torch functions; ImportError if not installed."""
-    import torch
-
-    impl: Any = importlib.import_module("gsplat.cuda._torch_impl")
-    flat = gaussians.flat()
-    means, quats, scales, opacities, sh = (
-        torch.from_numpy(np.ascontiguousarray(array))
-        for array in (flat.means + np.float32(flat.origin), flat.quats, flat.scales, flat.opacities, flat.sh)
-    )
-    view = torch.from_numpy(camera.w2c.astype(np.float32))[None]
-    K = torch.from_numpy(camera.K.astype(np.float32))[None]
-    centre = torch.from_numpy(camera.centre.astype(np.float32))
-
-    def frame() -> NDArray:
-        torch.set_num_threads(threads)
-        with torch.inference_mode():
-            covariances, _ = impl._quat_scale_to_covar_preci(quats, scales, True, False)
-            radii, centres, depths, conics, _ = impl._fully_fused_projection(
-                means, covariances, view, K, camera.width, camera.height
-            )
-            colours = (impl._spherical_harmonics(flat.degree, means - centre, sh) + 0.5).clamp_min(0)
-            order = torch.argsort(torch.where(radii[0].amin(dim=-1) > 0, depths[0], torch.inf), stable=True)
-            order = order[radii[0].amin(dim=-1)[order] > 0]
-            picture = _blend(centres[0, order], conics[0, order], opacities[order], colours[order], camera)
-        return picture.clamp(0, 1).numpy()
-
-    return frame
-
-
-def _blend(centres: Any, conics: Any, opacities: Any, colours: Any, camera: Camera) -> Any:
-    """(H, W, 3) of Gaussians in depth order, every one at every pixel."""
-    import torch
-
-    x, y = torch.meshgrid(torch.arange(camera.width) + 0.5, torch.arange(camera.height) + 0.5, indexing="xy")
-    rows = []
-    for part in torch.stack([x, y], dim=-1).reshape(-1, 2).split(_CHUNK):
-        d = part[:, None] - centres[None]  # (P, N, 2)
-        power = 0.5 * (conics[:, 0] * d[..., 0] ** 2 + conics[:, 2] * d[..., 1] ** 2) + conics[:, 1] * d.prod(dim=-1)
-        alpha = (opacities * torch.exp(-power)).clamp_max(ALPHA_MAX)
-        alpha = torch.where((power >= 0) & (alpha >= ALPHA_MIN), alpha, 0.0)
-        left = torch.cumprod(1 - alpha, dim=1)
-        before = torch.cat([torch.ones_like(left[:, :1]), left[:, :-1]], dim=1)
-        rows.append(torch.where(left >= TRANSMITTANCE_MIN, alpha * before, 0.0) @ colours)
-    return torch.cat(rows).reshape(camera.height, camera.width, 3)
-
-
 def _frame(
     gaussians: Gaussians, camera: Camera, threads: int, compiled: bool = False, **drawing: str
 ) -> Callable[[], NDArray]:
@@ -205,12 +137,5 @@ DRAWING = Study.of(
         " of half the size scaled up (bicubic), fewer SH bands; dB against the exact picture.",
         (Column("psnr_exact", "dB to exact", decibels), Column("max_error", "largest error", small)),
         gains=("psnr_exact",), y="max_error", y_label="largest error of a pixel", is_log=True,
-    ),
-    View(
-        "torch rasteriser",
-        "Rasteriser: peer",
-        "gsplat's torch functions for projection and SH, its alphas blended densely in torch: another implementation of"
-        " the same definition, for correctness first. Errors as above.",
-        _FLOAT64,
     ),
 )  # fmt: skip

@@ -1,10 +1,9 @@
-"""What do the graphs cost, and how exact are they? The whole chain and networks by the size they work at, and the
-codec's transforms against float64.
+"""What do the graphs cost, and how exact are they? The whole chain by the size that networks work at, and the codec's
+transforms against float64.
 
-Whatever size a network works at, its Gaussians are rendered at one size and held against the photos of that size. Where
-the true depth is known, the error of the Gaussians' own z counts too. Where a network has a torch twin, its depth in
-float32 is held against the twin's in float64. Errors of transforms are relative to the largest magnitude of an output
-(one per attribute; the figure is the worst attribute's), so that planes and Gaussians of any unit compare.
+Whatever size a network works at, its Gaussians are rendered at one size and held against the photos of that size.
+Errors of transforms are relative to the largest magnitude of an output (one per attribute; the figure is the worst
+attribute's), so that planes and Gaussians of any unit compare.
 """
 
 from __future__ import annotations
@@ -27,8 +26,7 @@ from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.system.blas import single_thread
 
 from ..clock import Figures, Variant, measure, plural
-from ..metrics import depth_errors
-from ..pictures import Drawing, photo_psnr
+from ..pictures import photo_psnr
 from ..rows import Row
 from ..show.tables import (
     BYTES,
@@ -37,26 +35,19 @@ from ..show.tables import (
     Column,
     Listing,
     View,
-    decibels,
     duration,
     mean,
-    percent,
     said,
     small,
 )
 from ..study import Run, Study
-from ..subjects.cases import Photos, Shots, Source, Window, contract_inputs
+from ..subjects.cases import Photos, Shots
 from ..subjects.made import made_gaussians
 
 Tensors = dict[str, NDArray]
-
-NETWORK_SIDES, QUICK_NETWORK_SIDES = (64, 128, 192, 256, 384), (64, 128)
 CHAIN_SIDES, QUICK_CHAIN_SIDES = (128, 256), (128,)
 CODINGS = (("fast", 0.0), ("balanced", 0.0), ("balanced", 6.0), ("max", 0.0), ("paper", 0.0))
 QUICK_CODINGS = (("fast", 0.0), ("balanced", 0.0))
-
-TWINS = ("sweep",)
-"""Networks of the manifest whose torch module needs no checkpoint."""
 
 # ---- chain and networks -------------------------------------------------------------------------------------------
 
@@ -98,68 +89,10 @@ def _file_figures(data: bytes, judged: Photos, run: Run) -> Figures:
     return {"bytes": len(data), "psnr": psnr}
 
 
-def network_rows(run: Run) -> Iterator[Row]:
-    """Photos to Gaussians, by network, size and threads; a row with the reason for each that could not run."""
-    for source, window in run.photos:
-        at_one_size = source.shots(window, (run.side, run.side))
-        variants = []
-        for model in run.models:
-            for side in QUICK_NETWORK_SIDES if run.quick else NETWORK_SIDES:
-                for count in run.thread_counts:
-                    label = f"{model} at {side}×{side}, {plural(count)}"
-                    variants.append(_network(label, source, window, model, side, count, at_one_size))
-        yield from measure("network", source.name, variants, run.effort)
-
-
-def _network(label: str, source: Source, window: Window, model: str, side: int, threads: int, judged: Shots) -> Variant:
-    shots = source.shots(window, (side, side))
-    graph, drawing = Runtime(threads=threads).store.network(model), Drawing.as_defined(threads)
-    run = partial(predict, shots.context.images, shots.context.cameras, shots.near, shots.far, graph)
-
-    def figures(gaussians: Gaussians) -> Figures:
-        inputs, targets = judged.context, judged.targets
-        found = {"psnr_inputs": photo_psnr(gaussians, inputs.cameras, inputs.images, drawing)}
-        if targets.cameras:
-            found["psnr"] = photo_psnr(gaussians, targets.cameras, targets.images, drawing)
-        known = [(z, truth) for z, truth in zip(depths(gaussians), shots.context.depths, strict=False)
-                 if truth is not None and truth.any()]  # fmt: skip
-        if known:
-            z, truth = (np.stack(arrays) for arrays in zip(*known, strict=True))
-            found["depth_abs_rel"] = depth_errors(z, truth)["abs_rel"]
-        return found | float64_figures(model, shots, gaussians)
-
-    setting = {"model": model, "side": side, "views": len(shots.context.cameras)}
-    return Variant(label, run, figures, setting, threads)
-
-
 def depths(gaussians: Gaussians) -> NDArray:
     """(V, H, W) float32 z of layer 0 in the own camera's frame."""
     pairs = zip(gaussians.means, gaussians.cameras, strict=True)
     return np.stack([(m + (gaussians.origin - c.centre)) @ c.rotation[2] for m, c in pairs]).astype(np.float32)
-
-
-def float64_figures(model: str, shots: Shots, gaussians: Gaussians) -> Figures:
-    """Errors of depth against the torch twin in float64; no figures for a network without twin.
-
-    A rounding that decides which candidate wins moves a depth by far more than a rounding, so quantiles are given.
-    """
-    if model not in TWINS:
-        return {}
-    import torch
-
-    from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep
-
-    inputs = [array.astype(np.float64) for array in contract_inputs(shots).values()]
-    default = torch.get_default_dtype()
-    torch.set_default_dtype(torch.float64)
-    try:
-        with torch.inference_mode():
-            outputs = Sweep()(*(torch.from_numpy(array) for array in inputs))
-    finally:
-        torch.set_default_dtype(default)
-    truth = outputs[OUTPUT_NAMES.index("depth")].numpy()
-    error = np.abs(depths(gaussians) - truth) / truth
-    return {"depth_error_median": float(np.median(error)), "depth_error_99": float(np.quantile(error, 0.99))}
 
 
 CHAIN = Study.of(
@@ -172,27 +105,6 @@ CHAIN = Study.of(
         " not see where there are any, else against its input photos; all judged at one size.",
         (BYTES, TO_PHOTO),
         costs=("bytes",), gains=("psnr",), y="psnr", y_label="dB to photo", group="profile",
-    ),
-)  # fmt: skip
-
-NETWORKS = Study.of(
-    "Networks",
-    network_rows,
-    View(
-        "network",
-        "Networks",
-        "Photos to Gaussians. Whatever size a network works at, its Gaussians are judged by pictures of one size."
-        " Depth: mean |z − true z| / true z. The last columns hold depth against the torch twin in float64, where there"
-        " is one; a rounding that decides between two candidates shows in the 99 % quantile.",
-        (
-            Column("psnr", "dB at targets", decibels),
-            Column("psnr_inputs", "dB at inputs", decibels),
-            Column("depth_abs_rel", "depth error", percent),
-            Column("depth_error_median", "float64: median", small),
-            Column("depth_error_99", "float64: 99 %", small),
-        ),
-        costs=("depth_abs_rel",), gains=("psnr", "psnr_inputs"),
-        y="psnr_inputs", y_label="dB at input views", group="model",
     ),
 )  # fmt: skip
 

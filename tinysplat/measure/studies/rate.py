@@ -1,5 +1,5 @@
 """What does quality cost in bytes? Rate–distortion of ways to store the same Gaussians, what each idea of the codec
-gains and costs, seconds beside dB, and other people's formats.
+gains and costs, and other people's formats.
 
 A point is a file's bytes and the PSNR of pictures of the decoded Gaussians, at cameras that the Gaussians were not made
 from where there are some: against pictures of the raw ones, and against photos where these are at hand.
@@ -37,9 +37,7 @@ CURVE_QPS: Mapping[str, tuple[float, ...]] = {
 }
 """Q_g by what it belongs to: each steps around 40 dB, or down to sizes where photos still serve."""
 
-SECONDS_QPS: Mapping[str, tuple[float, ...]] = {"paper": (8, 16)}
-OTHER_SECONDS_QPS, QUICK_QPS = (0.0, 6.0), (0.0, 8.0)
-
+QUICK_QPS = (0.0, 8.0)
 IDEA_QPS = (-4.0, 0.0, 4.0)
 """Of the profile with all its ideas; without one, the middle."""
 
@@ -128,12 +126,6 @@ def idea_rows(run: Run) -> Iterator[Row]:
     yield from _point_rows(run, "ideas", ideas.idea_ways(qps, run.runtime))
     if run.options.rounds:
         yield from _timed(run, "ideas", ideas.idea_ways((0.0,), run.runtime), Effort(run.options.rounds))
-
-
-def seconds_rows(run: Run) -> Iterator[Row]:
-    """Every way and setting on every window, in turns."""
-    effort = Effort(run.options.rounds or (3 if run.quick else 7))
-    yield from _timed(run, "seconds", _ways(run, SECONDS_QPS, OTHER_SECONDS_QPS), effort)
 
 
 def _timed(run: Run, study: str, ways: Sequence[Way], effort: Effort) -> Iterator[Row]:
@@ -225,14 +217,6 @@ IDEAS = Study(
     idea_rows,
     {"ideas": gain_table, **{view.study: view for view in _stages("ideas", "Without one idea each, in turns.")}},
 )
-SECONDS = Study.of(
-    "Seconds beside dB",
-    seconds_rows,
-    *_stages("seconds", "Ways to store the Gaussians of a window, in turns; dB to raw: against their pictures."),
-    *(Chart(f"seconds {stage}", f"Error against run time of {stage[:-1]}ing, means over windows",
-            Axis("seconds", "seconds, median", "costs"), Axis(TO_RAW, "dB to raw"), "group", "coding")
-      for stage in ("encode", "decode")),
-)  # fmt: skip
 PEERS = Study.of(
     "Peers",
     peer_rows,

@@ -38,8 +38,6 @@ PHOTOS, DECODE, FIRST, FURTHER = (
     "further pictures",
 )
 
-PROCESS_TIMEOUT_S = 120
-
 MAIN = "import sys; sys.path.insert(0, sys.argv.pop(1)); from {} import main; sys.exit(main())"
 """A command of a checkout's runtime, whose folder is the first word."""
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.graphs.inference import as_input
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
@@ -203,17 +202,6 @@ def truncated(gaussians: Gaussians, degree: int) -> Gaussians:
         sh=np.ascontiguousarray(gaussians.sh[..., : (degree + 1) ** 2, :]),
         extra_layers=tuple(truncated(layer, degree) for layer in gaussians.extra_layers),
     )
-
-
-def contract_inputs(shots: Shots) -> dict[str, NDArray]:
-    """Photos and cameras, (V, …) float32, under the contract of the role `network`: what `predict` feeds a graph."""
-    photos = shots.context
-    poses = np.stack([camera.c2w for camera in photos.cameras])
-    poses[:, :3, 3] -= poses[:, :3, 3].mean(axis=0)
-    near, far = (np.full(len(poses), limit) for limit in (shots.near, shots.far))
-    K = np.stack([camera.K_unit for camera in photos.cameras])
-    arrays = {"images": photos.images.transpose(0, 3, 1, 2), "K": K, "c2w": poses, "near": near, "far": far}
-    return {name: as_input(array) for name, array in arrays.items()}
 
 
 def covered_pixels(target: Camera, context: Sequence[Camera], near: float, far: float) -> NDArray:
