@@ -28,11 +28,23 @@ _CONVERGING = 0.01  # least spread of viewing directions, as sin², whose common
 
 _WINDOW = 2  # pixels to each side that are averaged
 
-REACH = (1.2, 150.0)
-"""Depths looked for where none are known, in distances between the cameras."""
+REACH = (1.4, 150.0)
+"""Depths looked for where none are known, in distances between the two cameras that are compared."""
 
-_MARGINS = (1.4, 2.0)  # near is divided by the first and far multiplied by the second: too wide costs less
-_PERCENTILES = (3, 90)
+PARTNERS, AMONG = 3, 8
+"""Photos that each is compared with for its depths, of so many nearest ones."""
+
+ALONGSIDE = 0.8
+"""Cosine between the directions in which two photos look that are compared for their depths."""
+
+DISTANT = 40.0
+"""Depths beyond so many distances between two cameras are found from others, which stand farther apart, ..."""
+
+_FARTHER = 4.0  # ... by this factor
+
+_MARGINS = (1.3, 1.6)  # near is divided by the first and far multiplied by the second: too wide costs less
+_PERCENTILES = (2, 95)
+_TWICE = 0.001  # of the extent of all cameras: nearer ones stand at one place
 _SAME = 1.5  # planes between two photos' depths of one place
 _CLEAR = 0.45  # the best depth's cost over the mean cost of all depths, below which a pixel tells its depth
 
@@ -82,10 +94,7 @@ def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[Lo
 
 def nearest(cameras: Sequence[Camera]) -> list[int]:
     """Index of the camera that stands nearest to each of two or more."""
-    centres = np.stack([camera.centre for camera in cameras])
-    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return [int(other) for other in apart.argmin(axis=1)]
+    return [int(other) for other in _apart(cameras).argmin(axis=1)]
 
 
 def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> Look:
@@ -102,19 +111,15 @@ def agreed(found: Look, camera: Camera, other: Look, its: Camera) -> float:
         found, camera: of the photo.
         other, its: of the other, looked at over the same depths.
     """
-    inverse = 1 / found.depths
-    best = found.depths[found.costs.argmin(axis=0)]
-    (point,) = _points(camera, its, best.shape, best[None, :, :, None])
-    row, column, inside = _places(point, its)
-    step = abs(inverse[-1] - inverse[0]) / (len(inverse) - 1)
-    there = inverse[other.costs.argmin(axis=0)][row, column]
-    with np.errstate(divide="ignore"):
-        same = inside & (np.abs(1 / point[..., 2] - there) <= _SAME * step)
+    inside, same = _agreement(found, camera, other, its)
     return float(same.sum() / max(inside.sum(), 1))
 
 
 def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float]:
     """(near, far) that photos agree about, scene units, for scenes that state none.
+
+    Each photo is compared with some that stand near it, but not so near that they show no depth, and look the same way.
+    Depths are sought in units of the distance of the two: what the whole capture spans says nothing about them.
 
     Args:
         images, cameras: as for `look`.
@@ -122,20 +127,72 @@ def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float
     Raises:
         InputError: the cameras stand at one place, or the photos agree about no depth.
     """
-    centres = np.stack([camera.centre for camera in cameras])
-    apart = float(np.linalg.norm(centres[:, None] - centres, axis=-1).max())
-    if not apart > 0:
+    apart = _apart(cameras)
+    extent = float(apart[np.isfinite(apart)].max(initial=0))
+    if not extent > 0:
         raise InputError("all cameras stand at one place, which shows no depth; give --near and --far")
-    nearest, farthest = (apart * reach for reach in REACH)
-    depths = 1 / np.linspace(1 / nearest, 1 / farthest, 2 * PLANES)
-    found = []
-    for seen in look(images, cameras, depths):
-        found.append(depths[seen.costs.argmin(axis=0)[seen.clear]])
-    agreed = np.concatenate(found)
-    if agreed.size < 0.02 * sum(image.shape[0] * image.shape[1] for image in images):
+    least = float(np.median(np.where(apart > _TWICE * extent, apart, np.inf).min(axis=1))) / 2
+    while True:
+        pairs = _pairs(cameras, least)
+        depths = [_depths_agreed(images, cameras, pair, apart[pair]) for pair in pairs]
+        agreed = np.concatenate([of_one for both in depths for of_one in both])
+        reach = DISTANT * float(np.median([apart[pair] for pair in pairs]))
+        least *= _FARTHER
+        if not agreed.size or np.median(agreed) < reach or least > extent:
+            break
+    if agreed.size < 0.02 * 2 * len(pairs) * images.shape[1] * images.shape[2]:
         raise InputError("the photos agree about no depth; give --near and --far (and look at the poses)")
     low, high = np.percentile(agreed, _PERCENTILES)
     return float(low / _MARGINS[0]), float(high * _MARGINS[1])
+
+
+def _apart(cameras: Sequence[Camera]) -> NDArray:
+    """(V, V) distances between cameras, infinite from each to itself."""
+    centres = np.stack([camera.centre for camera in cameras])
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return apart
+
+
+def _pairs(cameras: Sequence[Camera], least: float) -> list[tuple[int, int]]:
+    """Pairs to find depths by, at least so far apart; where none look the same way, those that do most."""
+    apart, axes = _apart(cameras), np.stack([camera.rotation[2] for camera in cameras])
+    alike = axes @ axes.T
+    pairs = set()
+    for v in range(len(cameras)):
+        others = [u for u in np.argsort(apart[v], kind="stable").tolist() if least <= apart[v, u] < np.inf]
+        beside = [u for u in others[:AMONG] if alike[v, u] > ALONGSIDE] or sorted(others, key=lambda u: -alike[v, u])[
+            :1
+        ]
+        pairs |= {(min(u, v), max(u, v)) for u in beside[:PARTNERS]}
+    return sorted(pairs)
+
+
+def _depths_agreed(
+    images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], apart: float
+) -> tuple[NDArray, NDArray]:
+    """Depths of the pixels of each of two photos that tell it and that the other has at about the same depth."""
+    inverse = np.linspace(1 / (apart * REACH[0]), 1 / (apart * REACH[1]), 2 * PLANES)
+    here, there = pair
+    looks = [look_at(images[v], cameras[v], images[u], cameras[u], 1 / inverse) for v, u in (pair, pair[::-1])]
+
+    def told(one: Look, other: Look, v: int, u: int) -> NDArray:
+        is_told = one.clear & _agreement(one, cameras[v], other, cameras[u])[1]
+        return one.depths[one.costs.argmin(axis=0)[is_told]]
+
+    return told(*looks, here, there), told(*looks[::-1], there, here)
+
+
+def _agreement(found: Look, camera: Camera, other: Look, its: Camera) -> tuple[NDArray, NDArray]:
+    """Which pixels (H, W) lie in another photo's frame, and at which of these it finds the same depth; see `agreed`."""
+    inverse = 1 / found.depths
+    best = found.depths[found.costs.argmin(axis=0)]
+    (point,) = _points(camera, its, best.shape, best[None, :, :, None])
+    row, column, inside = _places(point, its)
+    step = abs(inverse[-1] - inverse[0]) / (len(inverse) - 1)
+    there = inverse[other.costs.argmin(axis=0)][row, column]
+    with np.errstate(divide="ignore"):
+        return inside, inside & (np.abs(1 / point[..., 2] - there) <= _SAME * step)
 
 
 def range_guessed(cameras: Sequence[Camera]) -> tuple[float, float]:
