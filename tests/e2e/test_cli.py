@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from console import fail, succeed, tinysplat
 from PIL import Image
-from scenes import make_gaussians, make_smooth_gaussians, write_scene
+from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.cli import main
 from tinysplat_runtime.scene.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
@@ -404,32 +403,3 @@ def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(
         16 / 9, rel=0.01
     )
     assert fitting_size(ts.load_scene(folder).resized(256, 384)) is None
-
-
-@pytest.mark.parametrize(
-    ("words", "found"),
-    [
-        ((), "command: none given, accepted are batch, bench"),
-        (("encode", "{photos}", "-o", "x.tsplat"), "only photos; `tinysplat poses"),
-        (("encode", "{scene}", "-o", "x.ply"), "x.ply: '.ply', expected .tsplat; other formats: `tinysplat decode`"),
-        (("encode", "https://example.invalid/scene", "-o", "x.tsplat"), "example.invalid/scene: a URL, expected"),
-        (("encode", "{scene}", "-o", "x.tsplat", "--views", "0"), "--views: 1 photo, expected two or more"),
-        (("compress", "{points}", "-o", "x.tsplat", "--lossless"), "g.ply: gaussians: belong to no pixels; expected"),
-        (("view", "{scene}", "--html", "x.html"), "a folder, expected a file; `tinysplat encode` makes one of a scene"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else None,
-)  # fmt: skip
-def test_what_a_newcomer_tries_is_told_what_to_do(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    words: tuple[str, ...],
-    found: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    scene = write_scene(tmp_path / "scene", views=2, height=16, width=24)
-    ts.save_gaussians(tmp_path / "g.ply", make_gaussians(degree=0))
-    places = {"scene": scene, "photos": scene / "images", "points": tmp_path / "g.ply"}
-    assert main([word.format(**places) for word in words]) == 2
-    said = capsys.readouterr()
-    assert found in said.err and said.err.count("\n") == 1 and said.out == "" and not list(tmp_path.glob("x.*"))

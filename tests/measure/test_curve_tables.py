@@ -15,7 +15,6 @@ from tinysplat.measure.show.curve_tables import (
     gain_table,
     photo_table,
     rate_table,
-    single_table,
 )
 from tinysplat.measure.studies import find_study
 from tinysplat_runtime.errors import InputError
@@ -50,23 +49,6 @@ def test_shares_are_means_over_windows_in_proportion():
     rows = [*_rows("paper", 1), *_rows("x", 0.5), *_rows("paper", 2, "trex"), *_rows("x", 4, "trex")]
     found = cells(rate_table(rows))["x"]
     assert found[-1] == "+0.0% (-50% to +100%)" and "(100%)" in found[1]
-
-
-def test_curves_that_do_not_meet_say_so():
-    rows = [*_rows("paper", 1), *_rows("x", 0.5, decibels=(44.0, 46.0)), *_rows("SPZ", 9, decibels=(41.0,))]
-    found = cells(rate_table(rows))
-    assert found["x"][1:] == ["–"] * 4 + ["curves share 0.00 dB"] * 2
-    assert found["SPZ"][-1] == "a curve of one point"
-    assert cells(single_table(rows))["SPZ"] == ["509.1", "41.00", "9.00 ×"]
-    beyond = single_table([*_rows("paper", 1), *_rows("SPZ", 9, decibels=(60.0,))])
-    assert "beyond its curve: 4608.00 × its 42.0 dB" in beyond
-    assert single_table(_rows("paper", 1)) == "" and photo_table(_rows("paper", 1, photo=None)) == ""
-
-
-def test_windows_that_lack_a_size_are_counted():
-    rows = [*_rows("paper", 1), *_rows("x", 0.5), *_rows("paper", 1, "trex"), *_rows("x", 1, "trex", (44.0, 46.0))]
-    found = cells(rate_table(rows))["x"]
-    assert found[1] == "10.0 (50%), 1 of 2" and found[-1] == "-50.0%, 1 of 2"
 
 
 def test_what_an_idea_gains_is_what_the_codec_without_it_costs():

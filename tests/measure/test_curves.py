@@ -33,12 +33,6 @@ def test_outside_its_points_a_curve_says_nothing_but_that_more_bytes_are_enough(
     assert bytes_at(line()[:2], 31) == pytest.approx(1000 * math.sqrt(2))
 
 
-def test_of_two_files_of_one_size_the_better_counts_and_of_one_db_the_smaller() -> None:
-    points = [*line(), (1000.0, 29.0), (2000.0, 31.5), (2500.0, 32.0)]
-    assert bytes_at(points, 30) == pytest.approx(1000) and bytes_at(points, 29.5) is None
-    assert bytes_at(points, 32) == pytest.approx(2000)
-
-
 @pytest.mark.parametrize("share", [0.5, 1.0, 3.0])
 @pytest.mark.parametrize("limits", [None, (31.0, 33.0), (0.0, 99.0)])
 def test_bd_rate_is_the_share_of_bytes_wherever_it_is_taken(share: float, limits) -> None:
@@ -88,24 +82,3 @@ def test_growth_is_proportional_from_where_all_further_steps_are_nearly_one(step
     assert fit.linear_from == linear_from
     assert [x for x, _ in fit.steps] == X[1 : len(steps) + 1]
     assert [step for _, step in fit.steps] == pytest.approx(steps)
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "axis", "said"),
-    [
-        ([1, 2, 4], [2, 4, 8], "views", "in proportion over the whole range (0.0 s + 2.0 s for every view)"),
-        ([1000, 2000], [2, 4], "pixels", "in proportion over the whole range (0.0 s + 2.0 s for every 1,000 pixels)"),
-        ([1, 2, 4, 8, 16, 32, 64], [11, 12, 14, 18, 26, 42, 74], "views",
-         "slower than in proportion up to 64 views, slope 0.82 there (fixed costs are 91% of the smallest point's; "
-         "10.0 s + 1.0 s for every view)"),
-        ([1000, 2000, 4000], [2, 3, 6], "pixels",
-         "in proportion from 2,000 pixels on (fixed costs are 35% of the smallest point's; "
-         "0.7 s + 1.3 s for every 1,000 pixels)"),
-        ([1, 2], [1, 4], "views",
-         "faster than in proportion up to 2 views, slope 2.00 there (fixed costs are 0% of the smallest point's; "
-         "0.0 s + 1.2 s for every view)"),
-    ],
-)  # fmt: skip
-def test_growth_is_told_in_a_sentence(x, y, axis: str, said: str) -> None:
-    fit = Fit.of([float(value) for value in x], [float(value) for value in y])
-    assert fit.sentence(axis, lambda value: f"{abs(value):.1f} s", x[0]) == said

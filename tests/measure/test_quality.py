@@ -31,15 +31,14 @@ from tinysplat.measure.quality import (
     Quality,
     document,
     groups_of,
-    mean_of,
     mean_of_rows,
     mean_of_scenes,
     record,
 )
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
-from tinysplat.measure.show.sheets import picture_sheet, result_sheets, write_sheet
-from tinysplat.measure.studies.quality import refined_line, refined_summary, refined_table, results_text, summary_table
+from tinysplat.measure.show.sheets import result_sheets, write_sheet
+from tinysplat.measure.studies.quality import summary_table
 from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources, read_depth
 from tinysplat_runtime.api import Runtime
@@ -115,18 +114,6 @@ def test_paths_that_lead_to_no_source_are_named(tmp_path):
     assert [Path(entry.where) for entry in left_out] == paths
     for entry, said in zip(left_out, ("no such folder", "neither", "'.txt'", "--index"), strict=True):
         assert said in entry.why
-
-
-def test_kinds_views_and_limit_choose_windows_and_say_when_none_are_left(tmp_path):
-    more = {"kind": "multi", "context": [0, 1, 2], "target": [3]}
-    write_eval_scene(tmp_path / "a", [NEAR_WINDOW, WIDE_WINDOW, more])
-    write_eval_scene(tmp_path / "b", [WIDE_WINDOW])
-    kinds = [job.window.kind for job in list_jobs(plan_of(tmp_path / "a", views=(2,)))[0]]
-    assert kinds == ["near", "wide"]
-    assert len(list_jobs(plan_of(tmp_path / "a", limit=1))[0]) == 1
-    jobs, left_out, notes = list_jobs(plan_of(tmp_path, kinds=("near",)))
-    assert len(jobs) == 1 and not left_out
-    assert notes == ["b: no window of the wanted kind and number of views; it has wide with 2 views"]
 
 
 def test_the_depth_range_is_the_options_then_the_indexs_then_the_cameras(tmp_path):
@@ -307,12 +294,6 @@ def test_zoomed_pictures_and_enlarged_ones_meet_the_same_pixels_of_the_photo(mea
 # ---- condensing --------------------------------------------------------------------------------------------------
 
 
-def test_means_skip_what_is_absent_and_go_key_by_key():
-    assert mean_of([1, None, 3]) == 2
-    assert mean_of([None]) is None
-    assert mean_of([{"a": 1, "b": 2}, {"a": 3}, None]) == {"a": 2, "b": 2}
-
-
 def changed(row: Row, scene: str, psnr: float) -> Row:
     return replace(row, setting={**row.setting, "scene": scene}, figures={**row.figures, "psnr": psnr})
 
@@ -326,28 +307,6 @@ def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
     assert mean_of_scenes(members)["psnr"] == 22.5
     line = summary_table(rows).splitlines()[2]
     assert [cell.strip() for cell in line.split("|")[3:5]] == ["2", "3"] and "22.50" in line
-
-
-def test_what_refinement_gained_is_told_by_scene_and_with_its_worst_window(measured):
-    _, _, outcome = measured
-    gains = (("a", 20.0, 22.0), ("b", 30.0, 29.9), ("b", 30.0, 30.5))
-    rows = [
-        replace(
-            row := changed(outcome.rows[0], scene, 21.0),
-            figures={**row.figures, "psnr_raw": after, "bytes": 1000, "refined": {"psnr_before": before}},
-        )
-        for scene, before, after in gains
-    ]
-    by_scene = [[cell.strip() for cell in line.split("|")[1:8]] for line in refined_table(rows).splitlines()[2:5]]
-    assert by_scene[0] == ["a", "1", "20.00", "22.00", "+2.00", "21.00", "1.0"]
-    assert by_scene[2][:5] == ["mean of scenes", "3", "25.00", "26.10", "+1.10"]
-    assert [cell.strip() for cell in refined_summary(rows).splitlines()[2].split("|")[2:7]] == [
-        "3", "25.00", "26.10", "+1.10", "-0.10"
-    ]  # fmt: skip
-    assert not refined_table(outcome.rows) and not refined_summary(outcome.rows) and not refined_line(rows)
-    three = [replace(row, setting={**row.setting, "views": 3}) for row in rows]
-    assert refined_line([*rows, *three]) == "mean of 2 scenes: 3 photos 25.00 → 26.10 dB"
-    assert refined_table(rows) in results_text(rows, has_lpips=False)
 
 
 def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):
@@ -394,10 +353,3 @@ def test_folders_without_pictures_or_common_windows_are_refused(measured, tmp_pa
         result_sheets(results, tmp_path / "other")
     with pytest.raises(InputError, match=r"results\.json: no such file"):
         result_sheets(results, tmp_path)
-
-
-def test_pictures_of_two_sizes_are_refused(tmp_path):
-    write_png(tmp_path / "a.png", plane_photo(0))
-    write_png(tmp_path / "b.png", plane_photo(0)[:-1])
-    with pytest.raises(InputError, match=r"64x47 pixels, but .*a\.png has 64x48"):
-        picture_sheet(tmp_path / "a.png", tmp_path / "b.png")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -132,32 +131,3 @@ def test_the_line_that_is_no_row_is_named(tmp_path, text):
     (tmp_path / "rows.jsonl").write_text('{"study": "s", "subject": "a", "way": "w"}\n' + text + "\n")
     with pytest.raises(InputError, match=r"rows.jsonl: line 2: not a row of measurements \(.{1,80}\)$"):
         read_rows(tmp_path)
-
-
-def test_rows_are_grouped_by_attributes_and_settings_in_order_of_appearance():
-    made = [Row("s", subject, "w", {"views": views}) for subject, views in (("b", [1, 2]), ("a", None), ("b", [1, 2]))]
-    assert rows.grouped(made, "subject", "views") == {("b", (1, 2)): [made[0], made[2]], ("a", None): [made[1]]}
-    assert rows.grouped(made, "study", "way", "qp") == {("s", "w", None): made}
-    assert rows.of_study([*made, Row("t", "a", "w")], "s") == made
-
-
-@pytest.mark.parametrize(("changed", "plus"), [("", ""), (" M runtime/a.py", "+")])
-def test_the_commit_is_that_of_this_checkout_with_a_plus_where_files_differ(monkeypatch, changed, plus):
-    folder = Path(rows.__file__).resolve().parents[2]
-    told = {"rev-parse --show-toplevel": str(folder), "rev-parse --short=12 HEAD": "abcdef123456"}
-
-    def run(command: list[str], **options: object) -> subprocess.CompletedProcess:
-        assert command[:3] == ["git", "-C", str(folder)]
-        words = " ".join(command[3:])
-        return subprocess.CompletedProcess(command, 0, told.get(words, changed) + "\n", "")
-
-    monkeypatch.setattr(rows.subprocess, "run", run)
-    assert rows.commit() == f"abcdef123456{plus}"
-    told["rev-parse --show-toplevel"] = "/elsewhere"
-    assert rows.commit() is None
-
-    def missing(*_: object, **__: object) -> None:
-        raise FileNotFoundError("git")
-
-    monkeypatch.setattr(rows.subprocess, "run", missing)
-    assert rows.commit() is None

@@ -52,11 +52,6 @@ def test_a_baseline_runs_beside_its_variant_and_gives_the_ratio():
     assert 1.5 < found.costs["cpu_ratio"] < 2.5 and found.costs["ratio"] > 0
 
 
-def test_the_budget_ends_the_rounds_but_not_before_the_least():
-    (found,) = measure("s", "c", [Variant("v", lambda: spin(0.01))], Effort(rounds=50, budget_s=0, least=2))
-    assert found.costs["rounds"] == 2
-
-
 # ---- curves ------------------------------------------------------------------------------------------------------
 
 

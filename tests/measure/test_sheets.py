@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import make_cameras, make_smooth_gaussians
 
-from tinysplat.measure.show.sheets import gaussian_sheet, matching, read_results
+from tinysplat.measure.show.sheets import gaussian_sheet, read_results
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render import Renderer
 
@@ -32,25 +32,6 @@ def record(**changes: Any) -> dict[str, Any]:
         "scene": "fox", "kind": "near", "context": [0, 4], "targets": [1], "height": 12, "width": 16, "model": "edge",
         "profile": "paper", "qp": 0.0, "bytes": 4321, "views": 2, "pictures": "p", **changes,
     }  # fmt: skip
-
-
-def test_windows_are_paired_by_how_they_were_coded_or_as_the_only_one() -> None:
-    a, b = record(), record(profile="fast", qp=3.0)
-    assert list(matching([a], [b])) == [(a, b)]
-    assert list(matching([a, b], [b])) == [(b, b)]
-    assert list(matching([a], [b, a])) == [(a, a)]
-    assert list(matching([a, b], [b, a])) == [(a, a), (b, b)]
-    for name, value in (
-        ("scene", "x"),
-        ("kind", "far"),
-        ("context", [0, 5]),
-        ("targets", [2]),
-        ("height", 9),
-        ("width", 9),
-    ):
-        assert list(matching([a], [record(**{name: value})])) == []
-    for name, value in (("model", "x"), ("profile", "max"), ("qp", 1.0)):
-        assert list(matching([a, record(**{name: value})], [b, a])) == [(a, a)]
 
 
 def test_results_are_entries_with_bytes(tmp_path: Path) -> None:

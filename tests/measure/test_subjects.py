@@ -16,8 +16,8 @@ from tinysplat.measure.pictures import Drawing, Pictures, rescaled
 from tinysplat.measure.rows import RowFile
 from tinysplat.measure.studies.rate import compare_ways
 from tinysplat.measure.study import Run
-from tinysplat.measure.subjects.cases import Window, truncated
-from tinysplat.measure.subjects.made import blur, made_case, made_gaussians
+from tinysplat.measure.subjects.cases import Window
+from tinysplat.measure.subjects.made import made_case
 from tinysplat.measure.subjects.room import Room, photograph, room_cameras
 from tinysplat.measure.tasks import PlaneRecorder, decode_alone, encode_alone, file_streams
 from tinysplat.measure.ways import MissingToolError, Way, peer_ways
@@ -48,12 +48,6 @@ def test_network_like_gaussians_show_their_photos() -> None:
     assert figures["psnr_decoded_raw"] == 150
     assert figures["db_lost"] == 0
     assert figures["psnr_raw"] > 20
-
-
-def test_blur_keeps_constants_and_the_interior_of_a_ramp() -> None:
-    ramp = np.arange(40.0)[:, None] * np.ones((1, 30))
-    assert np.allclose(blur(np.full((20, 30), 3.0), 2.5), 3)
-    assert np.allclose(blur(ramp, 2.0)[10:30], ramp[10:30])
 
 
 def test_rescaling_keeps_a_ramp() -> None:
@@ -118,14 +112,6 @@ def test_peak_memory_grows_with_the_input_and_not_with_the_parent() -> None:
 def test_a_child_that_fails_says_why(tmp_path) -> None:
     with pytest.raises(TinySplatError, match=r"missing\.npz"):
         measure_peak("tinysplat.measure.tasks.encode", tmp_path / "missing.npz", "balanced", 1)
-
-
-def test_truncation_cuts_bands_and_nothing_else() -> None:
-    gaussians = made_gaussians(1, 16, 16, 2)
-    cut = truncated(gaussians, 1)
-    assert cut.degree == 1
-    assert (cut.sh == gaussians.sh[..., :4, :]).all()
-    assert cut.means is gaussians.means
 
 
 def test_the_room_written_as_a_scene_is_the_room(tmp_path: Path) -> None:

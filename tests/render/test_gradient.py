@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from reference.rasteriser import render_reference, shares
-from scenes import make_cameras, make_gaussians, make_smooth_gaussians
+from scenes import make_cameras, make_gaussians
 
 from tinysplat.rasteriser import PinholeCamera
 from tinysplat.rasteriser import render as render_torch
@@ -300,34 +300,3 @@ def test_pixels_that_are_left_open_count_as_unknown_ones() -> None:
     field.measure(Target(camera, photo), shares=field.shares(camera), shown=shown)
     drawn = Renderer(gaussians, 1, compiled=True).render(camera)
     np.testing.assert_allclose(shown[..., :3], drawn, atol=1e-6)
-
-
-def test_tiles_of_which_the_photo_knows_nothing_are_passed_over() -> None:
-    gaussians = make_smooth_gaussians(2, 64, 136, degree=0)
-    field, camera = MovableGaussians(gaussians, Crew(1).map), gaussians.cameras[0]
-    photo = np.random.default_rng(2).uniform(size=(64, 136, 3)).astype(np.float32)
-    parts = [photo.copy(), photo.copy()]
-    parts[0][32:] = parts[1][:32] = np.nan
-    sums, found = [], np.zeros((3, *field.values.shape), np.float32)
-    for known, gradient in zip((photo, *parts), found, strict=True):
-        shown = np.full((64, 136, 4), 7, np.float32)
-        sums.append(field.measure(Target(camera, known), gradient=gradient, shown=shown))
-        assert ((shown == 7).all(axis=-1) == np.isnan(known[..., 0])).all()
-    for name in ("absolute", "squared", "by_gain", "by_offset", "known"):
-        whole, above, below = (getattr(error, name) for error in sums)
-        assert whole == pytest.approx(above + below, rel=1e-9) and 0 < abs(above) < abs(whole) * 2
-    np.testing.assert_allclose(found[1] + found[2], found[0], rtol=1e-4, atol=1e-4 * np.abs(found[0]).max())
-
-
-def test_gaussians_behind_others_are_left_out_and_no_more_than_those() -> None:
-    gaussians, camera = scene(opacity=0.6, size=2), side_camera()
-    field = MovableGaussians(gaussians, Crew(1).map)
-    photo = np.random.default_rng(2).uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
-    exact, found, none = np.zeros((3, *field.values.shape), np.float32)
-    errors = [field.measure(Target(camera, photo), gradient=gradient, hidden=hidden)
-              for gradient, hidden in ((exact, 0.0), (found, 0.1), (none, 1.1))]  # fmt: skip
-    assert errors[0] == errors[1] == errors[2] and not none.any()
-    seen, left_out = (exact != 0).any(axis=0), (found == 0).all(axis=0)
-    share = np.count_nonzero(seen & left_out) / np.count_nonzero(seen)
-    weight = np.abs(exact[SH_RED:, left_out]).sum() / np.abs(exact[SH_RED:]).sum()
-    assert share > 0.5 and weight < 0.2

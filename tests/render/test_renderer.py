@@ -26,15 +26,6 @@ def test_what_is_asked_for_comes_and_nothing_else() -> None:
     assert drawn.render(CAMERA, near_plane=0).shape == (8, 12, 3)
 
 
-@pytest.mark.parametrize("background", [(0, 0, 1), (0.5, 0, 0), np.float64([0, 0.25, 0])])
-def test_a_background_of_one_colour_shows_where_nothing_covers_it(background) -> None:
-    drawn = Renderer(SCENE, 1, compiled=False)
-    both = drawn.render(CAMERA, outputs=("rgb", "alpha"))
-    found = drawn.render(CAMERA, background=background)
-    wanted = both["rgb"].astype(np.float64) + (1 - both["alpha"])[..., None] * np.float64(background)
-    np.testing.assert_allclose(found, wanted.clip(0, 1), atol=2e-6)
-
-
 def test_ways_to_draw_are_chosen_by_name() -> None:
     usual = render(SCENE, CAMERA, threads=1)
     np.testing.assert_array_equal(usual, render(SCENE, CAMERA, dilation="own", order="near"))

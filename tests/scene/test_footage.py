@@ -177,20 +177,3 @@ def test_chosen_frames_come_in_one_pass_and_all_of_them_as_small_grey_ones(clip:
         assert all(luma.shape == shape and luma.dtype == np.uint8 for _, luma in small)
         means = np.array([luma.mean() for _, luma in small])
         assert (np.diff(means) > 0).all()
-
-
-def test_photos_made_free_of_distortion_name_the_frames_that_they_were(clip: Path, tmp_path: Path) -> None:
-    """A camera whose photo was undistorted: the video's frame is, too, and of the size that the camera states."""
-    from tinysplat_runtime.scene.intake.cameras_json import lens_entry
-    from tinysplat_runtime.scene.lenses import Lens
-
-    lens = Lens("SIMPLE_RADIAL", (40.0, 24.0, 16.0, -0.1), WIDTH, HEIGHT)
-    undistorted = lens.camera(CAMERAS[3].c2w)
-    folder = write_cameras(tmp_path, {"f_3.png": undistorted.resized(20, 30)}, taken_with=lens_entry(lens))
-    (frame,) = video_scene(clip, folder).frames
-    assert (frame.index, frame.lens, frame.camera.height, frame.camera.width) == (3, lens, 20, 30)
-    np.testing.assert_allclose(frame.camera.K, undistorted.resized(20, 30).K)
-    assert frame.image().shape == (20, 30, 3)
-    for wrong in ({"model": "OPENCV"}, 5, {**lens_entry(lens), "params": "abc"}):
-        write_cameras(tmp_path, {"f_3.png": CAMERAS[3]}, taken_with=wrong)
-        assert "frames[0].taken_with: expected model, params, width and height" in refusal(lambda: load_scene(folder))

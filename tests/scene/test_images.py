@@ -333,17 +333,6 @@ def test_constant_images_stay_constant_at_any_size() -> None:
         np.testing.assert_allclose(resize_cover(np.full((19, 23, 3), 51, np.uint8), *size), 0.2, atol=1e-6)
 
 
-def test_the_largest_side_is_65536(tmp_path: Path) -> None:
-    for side, is_read in ((1 << 16, True), ((1 << 16) + 1, False)):
-        for size in ((side, 1), (1, side)):
-            (tmp_path / "a.png").write_bytes(png_of_rows(*size, 8, 2, []))
-            if is_read:
-                assert image_size(tmp_path / "a.png") == size[::-1]
-            else:
-                with pytest.raises(InputError, match=f"{size[0]}x{size[1]} pixels, expected sides of 1 to 65536"):
-                    image_size(tmp_path / "a.png")
-
-
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_headers_tell_the_size_as_shown_and_whether_it_is_turned(tmp_path: Path, orientation: int) -> None:
     exif = Image.Exif()

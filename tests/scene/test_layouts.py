@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import colmap_texts, make_cameras, transforms_document, write_scene
 
-from tinysplat_runtime.errors import InputError, InputWarning
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
 CAMERAS = make_cameras(5, 24, 32)
@@ -61,19 +61,6 @@ def write_transforms(folder: Path, change: Any = None) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("gone", "words"),
-    [((1,), r"1 of 5 photos are not there and left out \(0001\.png\)"),
-     ((0, 1, 4), r"3 of 5 photos are not there and left out \(0000\.png, 0001\.png, 0004\.png\)"),
-     ((0, 1, 2, 4), r"4 of 5 photos are not there and left out \(0000\.png, 0001\.png, 0002\.png, …\)")],
-)  # fmt: skip
-def test_the_first_three_missing_photos_are_named(folder: Path, gone: tuple[int, ...], words: str) -> None:
-    for n in gone:
-        (folder / f"images/{n:04}.png").unlink()
-    with pytest.warns(InputWarning, match=words):
-        assert len(load_scene(write_transforms(folder)).frames) == 5 - len(gone)
-
-
-@pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"fl_x": 1e9}, "fl_x: 1000000000.0 (number), expected a number"),
@@ -86,19 +73,6 @@ def test_the_first_three_missing_photos_are_named(folder: Path, gone: tuple[int,
 )
 def test_numbers_out_of_range_are_named(folder: Path, change: dict[str, Any], words: str) -> None:
     assert words in refusal(write_transforms(folder, lambda document: document.update(change)))
-
-
-def test_one_focal_length_stands_for_the_other(folder: Path) -> None:
-    for length, other in (("fl_x", "fl_y"), ("fl_y", "fl_x")):
-        scene = load_scene(write_transforms(folder, lambda d, at=length, gone=other: d.update({at: 50}) or d.pop(gone)))
-        assert (scene.cameras[0].K[0, 0], scene.cameras[0].K[1, 1]) == (50, 50)
-
-
-def test_a_point_cloud_that_is_not_there_says_nothing(folder: Path) -> None:
-    def change(document: dict[str, Any]) -> None:
-        document.update(ply_file_path="gone.ply", near=None, far=None)
-
-    assert "lacks near and far" in refusal(write_transforms(folder, change))
 
 
 # ---- LLFF --------------------------------------------------------------------------------------------------------

@@ -8,10 +8,8 @@ from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import (
-    GROUP,
     Neighbours,
     grouped,
-    nearest_views,
     view_places,
 )
 
@@ -107,19 +105,3 @@ def test_photos_from_one_place_are_no_partners() -> None:
         assert distance.min() >= 0.002
     only_turned = found([camera_at(0.0, turn=0.05 * i) for i in range(8)])
     assert not any(only_turned.partners) and grouped(only_turned) == []
-
-
-def test_too_small_a_group_is_none() -> None:
-    neighbours = found([camera_at(0), camera_at(0.2), camera_at(500), camera_at(500.2), camera_at(500.4)])
-    assert [group.views for group in grouped(neighbours, GROUP, 3)] == [(2, 3, 4)]
-    assert [group.views for group in grouped(neighbours)] == [(0, 1), (2, 3, 4)]
-
-
-def test_the_views_nearest_to_a_camera_are_named_in_their_order() -> None:
-    cameras = [camera_at(x, turn=turn) for x, turn in ((0, 0), (3, 0), (1, 0), (0.5, 1.0), (-0.9, 0), (0.2, 0))]
-    assert nearest_views(cameras, camera_at(0.1), 1.0, 3) == [0, 2, 5]
-    assert nearest_views(cameras, camera_at(0.1), 1.0, 4) == [0, 2, 4, 5]
-    assert nearest_views(cameras, camera_at(0.1), 10.0, 4) == [0, 2, 4, 5]
-    assert nearest_views(cameras, camera_at(0.1), 10.0, 5) == [0, 1, 2, 4, 5]
-    assert nearest_views(cameras, camera_at(0.1), 0.1, 9) == [0, 1, 2, 3, 4, 5]
-    assert nearest_views([camera_at(1), camera_at(-1)], camera_at(0), 1.0, 1) == [0]
