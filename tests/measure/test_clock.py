@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,33 +15,27 @@ from tinysplat.measure.clock import (
     Variant,
     high_water_mark,
     measure,
+    measure_peak,
     timed,
 )
 from tinysplat_runtime.errors import InputError
 
-CHILD = """
-import sys, types
+HOG = """
 import numpy as np
 def load(megabytes):
     first = np.ones(int(megabytes) << 20, np.uint8)  # touched, and let go before the work begins
     del first
     return lambda: np.ones(20 << 20, np.uint8)
-sys.modules["hog"] = types.SimpleNamespace(load=load)
-from tinysplat.measure.clock import _child
-_child("hog.load", sys.argv[1])
 """
 
 
-def peak(megabytes: int) -> dict[str, int]:
-    command = [sys.executable, "-c", CHILD, str(megabytes)]
-    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-
-
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the mark can be set back on Linux alone")
-def test_what_was_let_go_before_the_work_is_not_in_its_peak():
-    small, large = peak(1), peak(300)
-    assert abs(large["total"] - small["total"]) < 30e6
-    assert large["total"] - large["before"] > 15e6
+def test_what_was_let_go_before_the_work_is_not_in_its_peak(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "hog.py").write_text(HOG)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    small, large = (measure_peak("hog.load", megabytes) for megabytes in (1, 300))
+    assert abs(large.total - small.total) < 30e6
+    assert large.total - large.before > 15e6
 
 
 def test_cpu_seconds_count_children():
