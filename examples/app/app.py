@@ -19,7 +19,11 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-import gradio as gr
+try:
+    import gradio as gr
+except ImportError:
+    print('tinysplat: app: needs gradio; pip install "tinysplat[app]" brings it', file=sys.stderr)
+    sys.exit(2)
 
 PHOTOS, VIDEOS = (".jpg", ".jpeg", ".png"), (".mp4", ".mov", ".mkv", ".webm")
 MOST_PHOTOS, MOST_BYTES = 100, 300_000_000

@@ -51,6 +51,7 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
         ("torch", (*CLI, "eval", "g.npz", "--lpips", "vgg", "--lpips-backbone", "b.pth", "--lpips-linear", "l.pth")),
     ],
     "completion": [("shtab", (*CLI, "completion", "bash"))],
+    "app": [("gradio", ("script", "examples/app/app.py"))],
     "cluster": [
         ("ray", (*CLI, "batch", "manifest.txt", "-o", "out", "--engine", "ray")),
         ("fsspec", (*CLI, "batch", "memory://m.txt", "-o", "out")),

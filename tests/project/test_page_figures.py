@@ -25,6 +25,7 @@ DEFINITIONS = {
     "MEASURING.md": {"150 dB", "15 minutes", "30 ms"},
     "MODELS.md": {"96 %", "15 MiB", "60 MB", "1.9 GB"},
     "MODES.md": {"2 s", "40 dB"},
+    "PLAYER.md": {"200 ms"},
     "WEB.md": {"36 dB"},
 }
 """Limits, defaults and conventions: numbers that hold by decision."""
