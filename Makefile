@@ -62,7 +62,7 @@ docs/assets/iframe-worker-shim.js:  # MIT, by npm: search in pages opened from d
 	cd $(@D) && npm pack --silent iframe-worker@1.0.4 && tar -xzf iframe-worker-1.0.4.tgz package/shim/index.js
 	mv $(@D)/package/shim/index.js $@ && rm -r $(@D)/package $(@D)/iframe-worker-1.0.4.tgz
 
-golden: $(VENV)/.installed  ## rewrite the golden files; a reviewed decision, with its reason in the changelog
+golden: $(VENV)/.installed  ## rewrite golden files, messages and contracts, and print what changed; a reviewed decision, with its reason in the changelog
 	$(VENV)/bin/python tests/golden/regenerate.py
 
 release: $(VENV)/.installed  ## dist/: wheel and sdist, equal in two builds, bill of materials, checksums

@@ -1,17 +1,21 @@
-"""The golden cases: integer planes for the encoder, tiny scenes for whole files; test and regenerator read them."""
+"""What is pinned on purpose: planes, whole files, messages and contracts of graphs; test and regenerator read them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from console import tinysplat
 from numpy.typing import NDArray
-from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians
+from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians, write_scene
 
 from tinysplat_runtime import compress
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.artifacts import load_manifest
+from tinysplat_runtime.graphs.inference import GraphStore
 
 DATA = Path(__file__).parent / "golden" / "data"
 
@@ -62,3 +66,38 @@ def golden_planes() -> dict[str, tuple[NDArray, int]]:
         "steps": (steps.astype(np.uint16), 20),
         "noise": (hashed.astype(np.uint16), 24),
     }
+
+
+def golden_messages() -> str:
+    """What commands say of faults that users meet: each command, then its line."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        whole = (DATA / "tiny_paper.tsplat").read_bytes()
+        (folder / "whole.tsplat").write_bytes(whole)
+        (folder / "cut.tsplat").write_bytes(whole[:-9])
+        (folder / "damaged.tsplat").write_bytes(whole[:-3] + b"!!!")
+        (folder / "photo.tsplat").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(99))
+        write_scene(folder / "scene", views=2)
+        (folder / "scene" / "images" / "0001.png").unlink()
+        commands = (
+            "info nowhere.tsplat", "info cut.tsplat", "decode damaged.tsplat -o a.npz", "info photo.tsplat",
+            "decode whole.tsplat -o a.obj", "decode whole.tsplat -o whole.tsplat", "render whole.tsplat -o a.bmp",
+            "encode scene -o a.tsplat", "encode scene -o a.tsplat --qp 99",
+            "compress whole.tsplat -o a.tsplat --target-size 9", "decode whole.tsplat -o no/such/folder.npz",
+        )  # fmt: skip
+        said = []
+        for command in commands:
+            words = [str(folder / word) if "." in word or word == "scene" else word for word in command.split()]
+            said.append(f"$ tinysplat {command}\n{tinysplat(*words).stderr.strip()}")
+        return ("\n".join(said) + "\n").replace(f"{folder}/", "")
+
+
+def golden_contracts() -> str:
+    """Names, types and ranks of what goes into and comes out of every graph that ships."""
+    store, lines = GraphStore(threads=1), []
+    for name, artifact in sorted(load_manifest().items()):
+        session = (store.network(name) if artifact.role == "network" else store.transform(name)).session
+        lines.append(f"{name} ({artifact.role})")
+        for way, ports in (("in", session.get_inputs()), ("out", session.get_outputs())):
+            lines += [f"  {way:3} {port.name}: {port.type}, rank {len(port.shape)}" for port in ports]
+    return "\n".join(lines) + "\n"

@@ -1,10 +1,11 @@
-"""Golden files: the plane encoder's bytes, and what whole files decode to."""
+"""What is pinned on purpose, and rewritten by `make golden`: the plane encoder's bytes, what whole files decode to,
+what commands say of faults that users meet, and the contracts of graphs."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from golden_cases import DATA, FILES, golden_planes
+from golden_cases import DATA, FILES, golden_contracts, golden_messages, golden_planes
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
@@ -50,6 +51,11 @@ def test_golden_files_are_still_what_the_encoder_writes_up_to_rounding(case):
     assert len(found) == pytest.approx(len(wanted), rel=0.02)
     assert [p["name"] for p in described["planes"]] == [p["name"] for p in golden["planes"]]
     _assert_alike(ts.decompress(found), ts.decompress(wanted))
+
+
+@pytest.mark.parametrize(("name", "found"), [("messages", golden_messages), ("contracts", golden_contracts)])
+def test_messages_and_contracts_are_those_that_were_reviewed(name, found):
+    assert found() == (DATA / f"{name}.txt").read_text(encoding="utf-8")
 
 
 def _assert_alike(found: ts.Gaussians, wanted: ts.Gaussians) -> None:
