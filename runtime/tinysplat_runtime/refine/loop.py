@@ -4,7 +4,7 @@ good the whole is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
 from . import kernels
 from .price import PlanePrice
-from .schedule import Turn, order, turn
+from .schedule import Turn, held_back, order, turn
 from .settings import LIMITS, Settings
 
 NEIGHBOURS = 2
@@ -39,10 +39,12 @@ class Loop:
 
     Attributes:
         field: as they stand.
-        exposures: (V, 2) float64, gain and offset of every photo against the scene; their mean stays 1 and 0.
+        exposures: (V, 2) float64, gain and offset of every photo against the scene; the mean of those that correct
+            stays 1 and 0, and what is held back has these.
         errors: what the last step saw of every photo, each as Gaussians stood when its turn came.
         settings: see there.
-        judged: which photos a state is judged by.
+        held: photos that judge and correct nothing.
+        judged: which photos a state is judged by: these, or where there are none a few of all.
     """
 
     def __init__(
@@ -67,18 +69,21 @@ class Loop:
         self._count, self._corrections = 0, np.zeros(len(sizes[0]), int)  # of every view's Gaussians
         self._edges = {(grid.layer, grid.view): self._edge_weights(grid) for grid in field.grids}
         views = len(sizes[0])
-        self.judged = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
+        spread = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
+        self.held = held_back(views, settings.held_back)
+        self.judged = self.held or spread
         self._covered: dict[int, Target] = {}
         self._fronts = [self._seen_between(view) for view in range(views)]
         self._drawn = float(np.mean([np.count_nonzero(shares.whole) for fronts in self._fronts for shares in fronts]))
 
-    def step(self) -> None:
-        """Draw every photo once, at one size and in one way, and after each, or a few, correct what it sees.
+    def step(self, views: Collection[int] | None = None) -> None:
+        """Draw every photo once, or some, at one size and in one way, and after each, or a few, correct what it sees.
 
         Gaussians are wrong in the same way in most photos that see them: corrected after each, they are right several
-        times as soon as corrected by the sum of all.
+        times as soon as corrected by the sum of all. Without `views`, those that are held back correct nothing.
         """
         now, turns = turn(self._count, len(self._sizes)), order(self._count, len(self._sizes[0]))
+        turns = [view for view in turns if (view not in self.held if views is None else view in views)]
         together, errors = self.settings.together, dict[int, PhotoError]()
         for first in range(0, len(turns), together):
             errors |= self._learn(turns[first : first + together], now)
@@ -128,14 +133,12 @@ class Loop:
         errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
         return float(np.mean([error.psnr for error in errors]))
 
-    def check(self) -> float:
-        """dB of the photos that are judged, each drawn from the others' Gaussians where those showed something first.
-
-        The mean; 0 where they showed nothing of any.
+    def check(self) -> list[float]:
+        """dB of the photos that are judged, each drawn from the others' Gaussians where those showed something first;
+        without those of which they showed nothing.
         """
         errors = [self._checked(view) for view in self.judged]
-        known = [error.psnr for error in errors if error.known]
-        return float(np.mean(known)) if known else 0.0
+        return [error.psnr for error in errors if error.known]
 
     def _checked(self, view: int) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, where they showed something at first."""
@@ -165,6 +168,8 @@ class Loop:
 
     def _shares(self, view: int, place: int | None) -> Shares:
         """What of each view a photo is drawn with; see `schedule.Turn.place`."""
+        if place is None and self.settings.leaves_own_out:
+            return self.field.shares(self._sizes[0][view].camera, (view,))
         if place is None:
             return Shares.by_depth(self.field.shares(self._sizes[0][view].camera).whole)
         return self._fronts[view][place % len(self._fronts[view])]
@@ -197,7 +202,8 @@ class Loop:
             mean += (1 - beta) * (power - mean)
         first, second = (mean / (1 - beta ** (self._count + 1)) for mean, beta in zip(means, betas, strict=True))
         self.exposures[view] -= settings.exposure * first / (np.sqrt(second) + 1e-3)
-        self.exposures -= self.exposures.mean(axis=0) - (1, 0)
+        others = [view for view in range(len(self.exposures)) if view not in self.held]
+        self.exposures[others] -= self.exposures[others].mean(axis=0) - (1, 0)
 
     def _edge_weights(self, grid: Grid) -> tuple[NDArray, NDArray]:
         """(H, W) float32 each: how much a change of depth has to be that of the right and of the lower neighbour."""

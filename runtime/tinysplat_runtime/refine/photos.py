@@ -51,12 +51,13 @@ def _frame(view: int, camera: Camera, scene: Scene, reach: float) -> int:
     return best
 
 
-def sizes_of(gaussians: Gaussians, scene: Scene) -> list[list[Target]]:
+def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[list[Target]]:
     """The photos at the size of the views, and at `CLOSER` times that size where they are that large.
 
     Args:
         gaussians: whose cameras the targets of the first size get.
         scene: of `matched`.
+        closer: whether that second size is wanted.
 
     Raises:
         InputError: a photo that cannot be read.
@@ -66,7 +67,7 @@ def sizes_of(gaussians: Gaussians, scene: Scene) -> list[list[Target]]:
     if not np.isfinite(images).all():
         raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
     sizes = [[Target(camera, image) for camera, image in zip(gaussians.cameras, images, strict=True)]]
-    if all(_is_as_large(frame, CLOSER * height, CLOSER * width) for frame in scene.frames):
+    if closer and all(_is_as_large(frame, CLOSER * height, CLOSER * width) for frame in scene.frames):
         closer = scene.resized(CLOSER * height, CLOSER * width)
         targets = zip(closer.cameras, closer.images(), strict=True)
         sizes.append([Target(camera, image) for camera, image in targets])

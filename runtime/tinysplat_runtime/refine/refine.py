@@ -21,7 +21,7 @@ from .loop import Loop
 from .photos import matched, sizes_of
 from .price import plane_prices
 from .schedule import steps_below
-from .settings import STEPS, settings_for
+from .settings import settings_for
 from .stats import RefineStats
 
 MAX_STEPS = 10_000
@@ -52,12 +52,14 @@ def refine(
     offset a photo) and moves the Gaussians of every layer that it sees along their pixels' rays, in size, opacity and
     colour. Now and then every photo is drawn from the Gaussians of the others: the result is the step at which that was
     best, and the very Gaussians that were given if none was better than the start. Of three photos or more, the first
-    steps are taken on smaller copies (`coarse.py`).
+    steps are taken on smaller copies (`coarse.py`). Of a capture, more than six photos, those that judge correct nothing
+    before the best step is known.
 
     Args:
         gaussians: per pixel, with cameras, of two views or more.
         scene: the photos, found by their cameras' poses; those of twice the size are used where they are at hand.
-        steps: how many to take at most; the same number gives the same result on any number of threads.
+        steps: how many to take at most, without `seconds` as many as are usual: 8 for a capture, else 12; the same
+            number gives the same result on any number of threads.
         seconds: for how long, in place of `steps`; no step begins that would end later, as far as can be told.
         profile, qp: what the result will be coded with: what bits of its planes are worth is counted in its steps.
         run_jobs: maps a function over a list, on any number of threads.
@@ -71,7 +73,7 @@ def refine(
     Raises:
         InputError: photos that do not fit the Gaussians, or a budget out of range.
     """
-    limit = _limit(steps, seconds)
+    limit = _limit(steps, seconds, len(gaussians.cameras))
     deadline = math.inf if seconds is None else time.perf_counter() + seconds
     refining = Refining(gaussians, scene, profile, qp, run_jobs, stats)
     taken = refining.advance(limit, deadline)
@@ -98,7 +100,7 @@ class Refining:
         self._settings = settings_for(len(gaussians.cameras))
         self._smaller: _Smaller | None = None
         self._is_new, self._seconds = True, dict[str, float]()
-        self._sizes = sizes_of(gaussians, matched(gaussians, scene))
+        self._sizes = sizes_of(gaussians, matched(gaussians, scene), self._settings.closer)
         moving = MovableGaussians(gaussians, run_jobs)
         begun = time.perf_counter()
         shown, errors, self._halved = np.empty((*self._sizes[0][0].photo.shape[:2], 4), np.float32), [], []
@@ -123,7 +125,7 @@ class Refining:
         if loop is None:
             return
         limit = min(limit, settings.most_steps)
-        below = steps_below(self._start.opacities[0].size, len(self._start.cameras), limit) if self._is_new else 0
+        below = steps_below(self._start.opacities[0].size, settings.steps_below, limit) if self._is_new else 0
         self._is_new = False
         while stats.steps < below and self._has_time("small step", deadline):
             small = self._smaller or self._timed("copy", self._go_down)
@@ -131,6 +133,8 @@ class Refining:
             stats.steps += 1
             yield stats.steps
         self._go_up()
+        if loop.held and stats.steps > stats.looks[-1][0]:
+            self._look()
         taken = 0
         while stats.steps < limit and self._worse < settings.patience and self._has_time("step", deadline):
             self._timed("step", loop.step)
@@ -171,22 +175,34 @@ class Refining:
             return start
         present = loop.field.values.copy()
         loop.put(self._best)
+        for _ in range(self._settings.given_back):
+            loop.step(loop.held)
         stats.after = loop.photo_psnr()
         refined = loop.field.gaussians(start)
         loop.put(present)
-        if stats.after <= stats.before:
+        if not loop.held and stats.after <= stats.before:
             stats.kept, stats.reason = 0, "no step made the photos themselves look better"
             return start
         text = f"{stats.kept} steps on {len(start.cameras)} photos: {stats.before:.1f} to {stats.after:.1f} dB"
         return refined.with_notes(replace(start.notes, refined=text))
 
     def _look(self) -> None:
-        """See whether the present state is the best."""
+        """See whether the present state is the best: by the mean of the photos that judge, and photos that lose count
+        once more.
+        """
         assert self._loop is not None
-        check = self._timed("look", self._loop.check)
+        found = np.array(self._timed("look", self._loop.check))
+        check = float(found.mean()) if found.size else 0.0
         self.stats.looks.append((self.stats.steps, check))
-        if check >= self._score + self._settings.least_gain:
-            self._score, self._best, self._worse = check, self._loop.field.values.copy(), 0
+        if len(self.stats.looks) == 1:
+            self._first = found
+        elif self._loop.held and found.size:
+            check += min(float((found - self._first).min()), 0.0)
+        least = self._score + self._settings.least_gain
+        if self._loop.held and self.stats.kept:
+            least = max(self._score - self._settings.slack, self.stats.looks[0][1] + self._settings.least_gain)
+        if check >= least:
+            self._score, self._best, self._worse = max(check, self._score), self._loop.field.values.copy(), 0
             self.stats.kept = self.stats.steps
         else:
             self._worse += 1
@@ -197,7 +213,8 @@ class Refining:
         gaussians = halved(self._start)
         moving = MovableGaussians(gaussians, run_jobs)
         targets = [lacking_alike(target, moving, found) for target, found in zip(targets, self._halved, strict=True)]
-        loop = Loop(moving, [targets], self._prices(gaussians, moving), self._settings, run_jobs)
+        settings = settings_for(len(gaussians.cameras), below=True)
+        loop = Loop(moving, [targets], self._prices(gaussians, moving), settings, run_jobs)
         self._smaller = _Smaller(loop, moving.values.copy())
         return self._smaller
 
@@ -243,14 +260,14 @@ def _other(errors: Sequence[PhotoError], targets: Sequence[Target]) -> int | Non
     return None
 
 
-def _limit(steps: int | None, seconds: float | None) -> int:
+def _limit(steps: int | None, seconds: float | None, views: int) -> int:
     if steps is not None and seconds is not None:
         raise InputError("given with steps, which contradicts it; expected one of them", where="seconds")
     if seconds is not None:
         if not 0 < seconds < 86_400:
             raise InputError(f"{seconds:g} s, expected more than 0 and less than a day", where="seconds")
         return MAX_STEPS
-    steps = STEPS if steps is None else steps
+    steps = settings_for(views).usual_steps if steps is None else steps
     if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or not 1 <= steps <= MAX_STEPS:
         raise InputError(f"{steps!r}, expected a whole number from 1 to {MAX_STEPS}", where="steps")
     return int(steps)

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 HALVED_FROM = 96 * 96
 """Pixels of a view from which steps are taken at half of the size first."""
 
-STEPS_BELOW = 3
-"""Steps at half of the size, or less where few steps are asked for."""
-
 SHARE_BELOW = 2 / 3
 """Most of all steps that are taken at it."""
 
@@ -25,7 +22,7 @@ class Turn:
     Attributes:
         size: which of the sizes that there are of a photo.
         place: from which of the places between a photo's and its neighbours' it is drawn as if, by number, which goes
-            round; None where all that shows is drawn by depth.
+            round; None where it is drawn in the other way that there is (`settings.Settings.leaves_own_out`).
     """
 
     size: int
@@ -33,12 +30,13 @@ class Turn:
 
 
 def turn(step: int, sizes: int) -> Turn:
-    """The turn of a step, counted from 0: one size after the other, then by turns as if from between and by depth.
+    """The turn of a step, counted from 0: one size after the other, then by turns as if from between and the other
+    way.
 
     From its own place a photo's own surfaces would hide what is wrong with all others.
     """
-    place, is_by_depth = divmod(step // sizes, 2)
-    return Turn(step % sizes, None if is_by_depth else place)
+    place, is_other = divmod(step // sizes, 2)
+    return Turn(step % sizes, None if is_other else place)
 
 
 def order(step: int, photos: int) -> list[int]:
@@ -51,12 +49,20 @@ def order(step: int, photos: int) -> list[int]:
     return [(step + stride * turn) % photos for turn in range(photos)]
 
 
-def steps_below(pixels: int, views: int, limit: int) -> int:
+def steps_below(pixels: int, most: int, limit: int) -> int:
     """Steps to take at half of the size before those at full size.
 
     Args:
         pixels: of a view.
-        views: how many; two get none.
+        most: how many at most.
         limit: most steps of both sizes together.
     """
-    return min(STEPS_BELOW, int(SHARE_BELOW * limit)) if views > 2 and pixels >= HALVED_FROM else 0
+    return min(most, int(SHARE_BELOW * limit)) if pixels >= HALVED_FROM else 0
+
+
+def held_back(photos: int, one_of: int) -> list[int]:
+    """Which photos judge and do not correct: one of so many, two at least, spread over all but the first and last; 0
+    for none.
+    """
+    count = max(round(photos / one_of), 2) if one_of else 0
+    return [round((photos - 1) * (number + 1) / (count + 1)) for number in range(count)]

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
-
-STEPS = 12
-"""Taken where neither steps nor seconds are asked for."""
+from ..render.near import FEW
 
 
 @dataclass(frozen=True)
@@ -31,8 +29,18 @@ class Settings:
         look_every: steps from one look at the check to the next.
         least_gain: dB by which a look has to be better than the best one, so that steps that gain next to nothing,
             and cost bytes, are not taken.
+        slack: dB by which a look may be worse than the best one where photos are held back: they are few, and those
+            that a visitor sees lie nearer to the others than they do.
         patience: looks that may be no better before the loop ends.
         most_steps: after which it ends in any case.
+        usual_steps: taken where neither steps nor seconds are asked for.
+        steps_below: of these on smaller copies, at most.
+        held_back: one of so many photos, at least two, judges and corrects nothing before the end; 0 for none, where
+            photos judge from the Gaussians of the others that they corrected themselves.
+        given_back: steps at the end on photos that were held back.
+        leaves_own_out: draws a photo every other time as a new view is drawn of a capture, from the Gaussians of the
+            others alone, in place of by depth.
+        closer: whether photos of twice the size are looked at too, where they are at hand.
     """
 
     log_depth: float = 2e-3
@@ -51,8 +59,15 @@ class Settings:
     hidden: float = 0.03
     look_every: int = 2
     least_gain: float = 0.03
+    slack: float = 0.1
     patience: int = 3
     most_steps: int = 10_000
+    usual_steps: int = 12
+    steps_below: int = 3
+    held_back: int = 0
+    given_back: int = 0
+    leaves_own_out: bool = False
+    closer: bool = True
 
     def step_sizes(self, count: int) -> tuple[float, ...]:
         """(6,) by kind of value, after `count` steps."""
@@ -70,11 +85,22 @@ colours from −0.6 to 2.8. Values that begin outside stay where they are or mov
 
 FOR_TWO = Settings(
     log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, hidden=0.0, half_after=math.inf, look_every=2,
-    least_gain=0.015, patience=1, most_steps=4,
+    least_gain=0.015, patience=1, most_steps=4, steps_below=0,
 )  # fmt: skip
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
+OF_CAPTURE = Settings(
+    log_depth=6e-4, log_size=0.04, logit=0.08, sh=8.4e-3, price=0.01, least_gain=0.05, patience=2, usual_steps=8,
+    steps_below=5, held_back=8, given_back=2, leaves_own_out=True, closer=False,
+)  # fmt: skip
+"""Most is mended on smaller copies, smoothly, which costs few bytes; pixels of their own then go no far way."""
 
-def settings_for(views: int) -> Settings:
-    """What fits that many photos."""
+BELOW_CAPTURE = replace(OF_CAPTURE, log_depth=4e-3, log_size=0.1, logit=0.2, sh=1.4e-2)
+"""The same on smaller copies."""
+
+
+def settings_for(views: int, below: bool = False) -> Settings:
+    """What fits that many photos; `below`, smaller copies."""
+    if views > FEW:
+        return BELOW_CAPTURE if below else OF_CAPTURE
     return FOR_TWO if views == 2 else Settings()

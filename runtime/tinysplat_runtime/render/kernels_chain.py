@@ -89,6 +89,8 @@ def add_up(
                 for number in range(PAIR):
                     total[number] += pairs[pair, number]
                 ends[tile - tiles.first] += 1
+        if not total.any():
+            continue  # hidden, or where the photo knows nothing
         record = records[seen.ids[entry]]
         row = seen.ids[entry] - block.first
         chunk, lane = block.geometry[row // CHUNK], row % CHUNK

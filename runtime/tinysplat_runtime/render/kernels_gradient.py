@@ -81,6 +81,7 @@ ABSOLUTE, SQUARED, BY_GAIN, BY_OFFSET, KNOWN = range(SUMS)
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
 _RED, _GREEN, _BLUE, _BEHIND = (_I(plane * _STRIDE) for plane in range(1, PLANES))
+_FRONT = _I(PLANES * _STRIDE)
 _ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
 _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 
@@ -161,22 +162,21 @@ def measure_tile(
                 pairs[key & _I(0xFFFFFFFF)] = 0
         return
     keys, count = blend_tile(records, rows, listed, extent, work, has_front)
-    _compare(state, sought, extent, sums)
+    _compare(state, sought, extent, has_front, sums)
     if not pairs.size:
         return
     for key in keys:
         pairs[key & _I(0xFFFFFFFF)] = 0
-    for is_whole in range(1 - has_front, 2):
-        for start in range(0, count, AHEAD):
-            end = min(start + AHEAD, count)
-            bring_near(records, rows, keys[start:end], near)
-            for entry in range(end - start):
-                share = _ONE if is_whole else near[entry, LAST]
-                if share > _ZERO and not _is_hidden(near[entry], extent, state, sought.hidden):
-                    pair = keys[start + entry] & _I(0xFFFFFFFF)
-                    _walk(near[entry], share, extent, state, pairs[pair])
-        if not is_whole:
-            _go_behind(state, extent)
+    for start in range(0, count, AHEAD):
+        end = min(start + AHEAD, count)
+        bring_near(records, rows, keys[start:end], near)
+        for entry in range(end - start):
+            splat = near[entry]
+            at = _middle(splat, extent)
+            is_behind = max(state[at], _ZERO) < sought.hidden
+            in_front = has_front and splat[LAST] > _ZERO and max(state[at + int(_FRONT)], _ZERO) >= sought.hidden
+            if in_front or not is_behind:
+                _walk(splat, in_front, not is_behind, extent, state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
 
 
 @compiled
@@ -190,68 +190,71 @@ def _is_known(photo: NDArray, extent: Extent) -> bool:
 
 
 @compiled
-def _is_hidden(splat: NDArray, extent: Extent, state: NDArray, hidden: Number) -> bool:
-    """Whether what lies before a splat leaves less than that at its middle, or at what is nearest to it of the tile."""
+def _middle(splat: NDArray, extent: Extent) -> int:
+    """Where the state of a splat's middle is, or of what is nearest to it of the tile."""
     column = min(max(int(splat[X]) - extent.column, 0), extent.columns - 1)
     row = min(max(int(splat[Y]) - extent.row, 0), extent.rows - 1)
-    return max(state[row * ROW + column], _ZERO) < hidden
+    return row * ROW + column
 
 
 @compiled
-def _go_behind(state: NDArray, extent: Extent) -> None:
-    """From the picture in front to that of everything, of which the first lets a part through."""
-    for line in range(extent.rows):
-        for lane in range(extent.columns):
-            at = _I(line * ROW + lane)
-            through = abs(state[at])
-            state[at] = _ONE
-            for plane in (_RED, _GREEN, _BLUE):
-                state[at + plane] *= through
-
-
-@compiled
-def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> None:
+def _compare(state: NDArray, sought: Sought, extent: Extent, has_front: bool, sums: NDArray) -> None:
     """Sum a tile's errors, and turn its state into that of the second walk: full transmittance, the error's gradient by
-    colour, and what lies behind the first splat.
+    colour, and what lies behind the first splat; of the picture in front, too, where there is one.
     """
     row, column, photo, shown = extent.row, extent.column, sought.photo, sought.shown
     gain, offset, weight = sought.exposure
-    sums[:] = 0
+    front = int(_FRONT)
+    absolute = squared = by_gain = by_offset = 0.0
+    known = 0
     for line in range(extent.rows):
         for lane in range(extent.columns):
             at = line * ROW + lane
-            is_known, behind = not np.isnan(photo[row + line, column + lane, 0]), _ZERO
+            is_known, behind, behind_front = not np.isnan(photo[row + line, column + lane, 0]), _ZERO, _ZERO
             if shown.size:
                 shown[row + line, column + lane, 3] = abs(state[at])
                 for channel in range(3):
                     shown[row + line, column + lane, channel] = state[at + (1 + channel) * _STRIDE]
                 is_known &= abs(state[at]) <= sought.most_left
+            through = abs(state[at + front]) if has_front else _ONE
             for channel in range(3):
                 plane = at + (1 + channel) * _STRIDE
                 found, wanted = state[plane], photo[row + line, column + lane, channel]
                 if not is_known:
-                    state[plane] = _ZERO
+                    state[plane] = state[plane + front] = _ZERO
                     continue
                 seen = gain * found + offset
                 error = np.float64(seen - wanted)
                 clipped = np.float64(min(max(seen, _ZERO), _ONE) - wanted)
                 sign = 1.0 if error > 0 else (-1.0 if error < 0 else 0.0)
-                sums[ABSOLUTE] += abs(error)
-                sums[SQUARED] += clipped * clipped
-                sums[BY_GAIN] += sign * found
-                sums[BY_OFFSET] += sign
-                state[plane] = _F(sign) * gain * weight
-                behind += state[plane] * found
-            sums[KNOWN] += is_known
+                absolute += abs(error)
+                squared += clipped * clipped
+                by_gain += sign * found
+                by_offset += sign
+                slope = _F(sign) * gain * weight
+                if has_front:
+                    behind_front += slope * found
+                    found -= state[plane + front]
+                    state[plane + front] = slope
+                state[plane] = slope * through
+                behind += slope * found
+            known += is_known
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
+            if has_front:
+                state[at + front], state[at + front + 4 * _STRIDE] = _ONE, behind_front
+    sums[ABSOLUTE], sums[SQUARED], sums[BY_GAIN], sums[BY_OFFSET], sums[KNOWN] = (
+        absolute, squared, by_gain, by_offset, known
+    )  # fmt: skip
 
 
 @summing
-def _walk(splat: NDArray, share: Number, extent: Extent, state: NDArray, out: NDArray) -> None:
-    """Add the sums of a splat's share over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
+def _walk(splat: NDArray, in_front: bool, is_whole: bool, extent: Extent, state: NDArray, out: NDArray) -> None:
+    """Write the sums of a splat over a tile, of its share in front, of all of it behind that, or of both; visits the
+    pixels that `kernels_blend.blend_splat` visits.
+    """
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
-    red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
+    colour = splat[RED], splat[GREEN], splat[BLUE]
     tau = log_opacity - _LOG_ALPHA_MIN
     left, right, top, bottom = box(splat, extent)
     pull = pull_u = pull_w = pull_uu = pull_uw = pull_ww = g_red = g_green = g_blue = _ZERO
@@ -266,32 +269,14 @@ def _walk(splat: NDArray, share: Number, extent: Extent, state: NDArray, out: ND
         start = _I((row - extent.row) * ROW)
         for column in range(left, right + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
-            exponent = log_opacity - fall
-            s_0 = s_u = s_uu = s_red = s_green = s_blue = _ZERO
-            for lane in range(LANES):
-                at = start + _I(column) + _I(lane)
-                u = across + alpha_x * _F(lane)
-                full = quick_exp(max(exponent - u * u, _F(-80)))
-                alpha = share * min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
-                before = state[at]
-                opened = max(before, _ZERO)
-                weight = alpha * opened
-                after = before - weight
-                stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
-                weight = _ZERO if stops else weight
-                state[at] = -before if stops else after
-                d_red, d_green, d_blue = state[at + _RED], state[at + _GREEN], state[at + _BLUE]
-                along = red * d_red + green * d_green + blue * d_blue
-                behind = state[at + _BEHIND] - weight * along
-                state[at + _BEHIND] = behind
-                pulled = alpha * (opened * along - behind / (_ONE - alpha))
-                pulled = pulled if (weight > _ZERO) & (full <= _ALPHA_MAX) else _ZERO
-                s_0 += pulled
-                s_u += pulled * u
-                s_uu += pulled * u * u
-                s_red += weight * d_red
-                s_green += weight * d_green
-                s_blue += weight * d_blue
+            at, exponent = start + _I(column), log_opacity - fall
+            if in_front and is_whole:
+                sums = _lanes_twice(state, at, across, alpha_x, exponent, splat[LAST], colour)
+            elif is_whole:
+                sums = _lanes(state, at, across, alpha_x, exponent, _ONE, colour)
+            else:
+                sums = _lanes(state, at + _FRONT, across, alpha_x, exponent, splat[LAST], colour)
+            s_0, s_u, s_uu, s_red, s_green, s_blue = sums
             pull += s_0
             pull_u += s_u
             pull_w += s_0 * w
@@ -301,12 +286,77 @@ def _walk(splat: NDArray, share: Number, extent: Extent, state: NDArray, out: ND
             g_red += s_red
             g_green += s_green
             g_blue += s_blue
-    out[PULL] += pull
-    out[PULL_U] += pull_u
-    out[PULL_W] += pull_w
-    out[PULL_UU] += pull_uu
-    out[PULL_UW] += pull_uw
-    out[PULL_WW] += pull_ww
-    out[BY_RED] += g_red
-    out[BY_GREEN] += g_green
-    out[BY_BLUE] += g_blue
+    out[PULL], out[PULL_U], out[PULL_W] = pull, pull_u, pull_w
+    out[PULL_UU], out[PULL_UW], out[PULL_WW] = pull_uu, pull_uw, pull_ww
+    out[BY_RED], out[BY_GREEN], out[BY_BLUE] = g_red, g_green, g_blue
+
+
+Colour = tuple[Number, Number, Number]
+Six = tuple[Number, Number, Number, Number, Number, Number]
+
+
+@summing
+def _lanes(
+    state: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, share: Number, colour: Colour
+) -> Six:
+    """Pass a splat's share by eight pixels; the sums of its pull, by u and u² too, and of weight by colour's gradient.
+
+    Free of branches, so that it vectorises.
+    """
+    s_0 = s_u = s_uu = s_red = s_green = s_blue = _ZERO
+    for lane in range(LANES):
+        at = start + _I(lane)
+        u = across + alpha_x * _F(lane)
+        full = quick_exp(max(exponent - u * u, _F(-80)))
+        alpha = share * min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
+        pulled, red, green, blue = _pass_by(state, at, alpha, colour)
+        pulled = pulled if full <= _ALPHA_MAX else _ZERO
+        s_0 += pulled
+        s_u += pulled * u
+        s_uu += pulled * u * u
+        s_red += red
+        s_green += green
+        s_blue += blue
+    return s_0, s_u, s_uu, s_red, s_green, s_blue
+
+
+@summing
+def _lanes_twice(
+    state: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, share: Number, colour: Colour
+) -> Six:
+    """As `_lanes`, of the share in front and of all of it behind that."""
+    s_0 = s_u = s_uu = s_red = s_green = s_blue = _ZERO
+    for lane in range(LANES):
+        at = start + _I(lane)
+        u = across + alpha_x * _F(lane)
+        full = quick_exp(max(exponent - u * u, _F(-80)))
+        alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
+        pulled, red, green, blue = _pass_by(state, at, alpha, colour)
+        pulled_front, red_front, green_front, blue_front = _pass_by(state, at + _FRONT, share * alpha, colour)
+        pulled = pulled + pulled_front if full <= _ALPHA_MAX else _ZERO
+        s_0 += pulled
+        s_u += pulled * u
+        s_uu += pulled * u * u
+        s_red += red + red_front
+        s_green += green + green_front
+        s_blue += blue + blue_front
+    return s_0, s_u, s_uu, s_red, s_green, s_blue
+
+
+@summing
+def _pass_by(state: NDArray, at: Number, alpha: Number, colour: Colour) -> tuple[Number, Number, Number, Number]:
+    """Take an alpha from what a pixel lets through: the gradient by its exponent, and weight by colour's gradient."""
+    red, green, blue = colour
+    before = state[at]
+    opened = max(before, _ZERO)
+    weight = alpha * opened
+    after = before - weight
+    stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
+    weight = _ZERO if stops else weight
+    state[at] = -before if stops else after
+    d_red, d_green, d_blue = state[at + _RED], state[at + _GREEN], state[at + _BLUE]
+    along = red * d_red + green * d_green + blue * d_blue
+    behind = state[at + _BEHIND] - weight * along
+    state[at + _BEHIND] = behind
+    pulled = alpha * (opened * along - behind / (_ONE - alpha))
+    return pulled if weight > _ZERO else _ZERO, weight * d_red, weight * d_green, weight * d_blue
