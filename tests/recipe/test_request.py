@@ -69,12 +69,13 @@ def test_options_in_words_and_as_values_are_the_same_request() -> None:
     assert [str(Refinement(steps=7)), str(Refinement(seconds=2.5)), str(Refinement())] == ["7", "2.5s", "auto"]
 
 
-def test_refinement_on_its_own_takes_seconds_by_the_photos_size():
-    asked = words.refinement("auto")
-    assert asked == Refinement() and asked.steps is None
-    worth = [asked.seconds_worth(pixels) for pixels in (100, 10**6, 10**8)]
-    assert 0 < worth[0] < worth[1] < worth[2] < 600
-    assert Refinement(seconds=2.5).seconds_worth(10**8) == 2.5 and Refinement(steps=3).seconds_worth(10**8) is None
+def test_refinement_may_be_taken_back_in_words_and_as_a_value() -> None:
+    assert EncodeRequest.of("d", refine="no") == EncodeRequest.of("d", refine=False) != EncodeRequest.of("d")
+    assert EncodeRequest.of("d", refine=True) == EncodeRequest.of("d", refine="auto")
+    assert not words.refinement("no") and words.refinement(str(words.refinement("no"))) == words.refinement("no")
+
+
+def test_numbers_of_numpy_and_paths_are_taken() -> None:
     assert EncodeRequest.of("d", qp=np.float64(2)).coding == Coding(qp=np.int64(2))
     assert EncodeRequest.of(Path("d"), poses=Path("p")).poses == Path("p")
 

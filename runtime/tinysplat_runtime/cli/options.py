@@ -41,13 +41,17 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--refine", type=budget, nargs="?", const="auto", metavar="STEPS|10s",
-        help="correct the Gaussians to show their photos better, for this many steps or seconds; without a number, for"
-        " a time that follows the photos' size (needs numba)",
+        help="correct the Gaussians to show their photos better, for this many steps or seconds; without a number, in"
+        " as many steps as are usual (needs numba)",
     )  # fmt: skip
 
 
 def add_photos(parser: argparse.ArgumentParser) -> None:
     """Which photos, how large, and what a network and a file make of them."""
+    parser.add_argument(
+        "--no-refine", dest="refine", action="store_const", const="no",
+        help="leave Gaussians as the network made them; default: captures of more than six photos are refined",
+    )  # fmt: skip
     parser.add_argument(
         "--views", type=views, metavar="I,J-K:S|auto[:N]|all",
         help="frames to use: a list, N of them, as many as the capture needs (auto), or all; default: all of up to 6,"

@@ -1,16 +1,17 @@
 """The task, photos to a file: what is asked for as values, and what comes of it. The command line, `batch` and the
 functions of `api` fill in the same request and hand it to the same function.
 
-    request.py   `EncodeRequest` and `Coding`: every option of `encode`, its type, range and default
-    types.py     types of what was given
-    words.py     values as people write them: `0,4`, `auto:3`, `256x384`, `100KB`, `10s`
-    prepare.py   which photos, how large, between what depths
-    memory.py    whether they fit
-    doubts.py    what is likely wrong with them
-    stages.py    network, refinement, coding: a step each
-    encode.py    all of it, in order
-    own.py       how like its own photos the result looks
-    report.py    what there is to say of it
+    request.py     `EncodeRequest` and `Coding`: every option of `encode`, its type, range and default
+    types.py       types of what was given
+    words.py       values as people write them: `0,4`, `auto:3`, `256x384`, `100KB`, `10s`
+    prepare.py     which photos, how large, between what depths
+    memory.py      whether they fit
+    refinement.py  whether they correct what comes of them, where nobody said
+    doubts.py      what is likely wrong with them
+    stages.py      network, refinement, coding: a step each
+    encode.py      all of it, in order
+    own.py         how like its own photos the result looks
+    report.py      what there is to say of it
 
 Importing `request` and `words` loads no library, so that a command line is parsed at once.
 """

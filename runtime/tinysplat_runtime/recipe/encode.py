@@ -92,14 +92,14 @@ def encode(
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
     from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
-    from .memory import check_memory
     from .prepare import prepared
+    from .refinement import chosen
 
     listener, stats, refined, coding = listener or Listener(), stats or EncodeStats(), RefineStats(), request.coding
     coding = replace(coding, like=coding.example())
     scene, model, whole = prepared(request, listener.notice), request.model, coding.mode != DEFAULT_MODE
     enlarger = enlarger_of(scene, model, tools, whole=whole)
-    check_memory(scene, enlarger, mode=coding.mode, refined=request.refinement is not None)
+    refinement = chosen(request, scene, enlarger, listener.notice)
     found = []
     if listener.doubt is not None:
         found = doubts(scene)
@@ -110,17 +110,15 @@ def encode(
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes.given()))
     if listener.predicted:
         listener.predicted(gaussians)
-    if request.refinement:
+    if refinement:
         with stats.watch.stage("refine"):
-            gaussians = refine(
-                gaussians, scene, request.refinement, coding, tools, stats=refined, show=listener.refining
-            )
+            gaussians = refine(gaussians, scene, refinement, coding, tools, stats=refined, show=listener.refining)
         if listener.refined:
             listener.refined(refined)
     with listener.working("coding"):
         photos = PhotoScene.of(scene, model, tools.store) if whole else None
         data = code(gaussians, coding, tools, photos=photos, stats=stats)
-    kept, done = gaussians if keep else None, refined if request.refinement else None
+    kept, done = gaussians if keep else None, refined if refinement else None
     return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, tuple(found))
 
 

@@ -131,7 +131,7 @@ class EncodeRequest:
         poses: of a video's frames: a RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model.
         first_number: what `poses` count from in names such as frame_00012.png: 0 or 1.
         coding: how the network's Gaussians become bytes.
-        refinement: for how long they are corrected before; None not at all.
+        refinement: for how long they are corrected before; None as `refinement.chosen` has it, of 0 steps not at all.
         notes: what the file says of itself.
 
     Raises:
@@ -176,10 +176,13 @@ class EncodeRequest:
         """
         given = _read(EncodeOptions, dict(options))
         refine = given.pop("refine", None)
-        if isinstance(refine, Integral) and not isinstance(refine, bool):
+        if isinstance(refine, bool):
+            refine = Refinement(steps=None if refine else 0)
+        elif isinstance(refine, Integral):
             refine = Refinement(steps=int(refine))
         if refine is not None and not isinstance(refine, Refinement):
-            raise InputError(f"{shown(refine)}, expected steps such as 20 or seconds such as 10s", where="refine")
+            accepted = "steps such as 20, seconds such as 10s, auto or no"
+            raise InputError(f"{shown(refine)}, expected {accepted}", where="refine")
         notes = Notes(**{name: text for name in OPTIONS if (text := given.pop(name, None)) is not None})
         coding = Coding(**{one.name: given.pop(one.name) for one in fields(Coding) if one.name in given})
         return cls(scene, coding=coding, refinement=refine, notes=notes, **given)
@@ -240,7 +243,7 @@ class SceneOptions(CodingOptions, total=False):
     baseline: float | None
     poses: StrPath | None
     first_number: int
-    refine: Refinement | int | str | None
+    refine: Refinement | bool | int | str | None
     unit: str | None
     attribution: str | None
     licence: str | None

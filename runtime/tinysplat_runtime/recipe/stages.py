@@ -97,15 +97,14 @@ def refine(
     gaussians: Gaussians, scene: Scene, refinement: Refinement | None, coding: Coding, tools: Tools,
     *, stats: RefineStats | None = None, show: Show | None = None,
 ) -> Gaussians:  # fmt: skip
-    """Gaussians that show their photos better; see `Runtime.refine`, whose default for None this has."""
+    """Gaussians that show their photos better; see `Runtime.refine`, whose default None stands for."""
     try:
         from ..refine.refine import refine as run
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
-    pixels = sum(camera.width * camera.height for camera in scene.cameras)
-    steps, seconds = (refinement.steps, refinement.seconds_worth(pixels)) if refinement else (None, None)
+    budget = refinement or Refinement()
     return run(
-        gaussians, scene, steps=steps, seconds=seconds, profile=coding.planes, qp=coding.step_qp,
+        gaussians, scene, steps=budget.steps, seconds=budget.seconds, profile=coding.planes, qp=coding.step_qp,
         run_jobs=Crew(tools.threads).map, stats=stats, show=show,
     )  # fmt: skip
 

@@ -16,11 +16,8 @@ _BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, 
 ALL = "all"
 """Every view, however many there are."""
 
-AUTO = "auto"
-"""Of refinement: for as long as photos of their size are worth."""
-
-SECONDS_PER_PIXEL, LEAST_SECONDS, MOST_SECONDS = 3e-5, 5.0, 180.0
-"""What refinement takes on its own account: about ten steps on two cores; four photos of 256×256 get 8 seconds."""
+AUTO, NO = "auto", "no"
+"""Of refinement: in as many steps as are usual for so many photos, and not at all."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +38,8 @@ class AutoViews:
 
 @dataclass(frozen=True)
 class Refinement:
-    """For how many steps, or for how many seconds, Gaussians are corrected; with neither, for as long as photos of
-    their size are worth (`seconds_worth`).
+    """For how many steps, or for how many seconds, Gaussians are corrected; with neither, for as many steps as are
+    usual for so many photos; with 0 steps, not at all.
     """
 
     steps: int | None = None
@@ -54,13 +51,12 @@ class Refinement:
             raise InputError("expected steps or seconds, and one of them", where="refine")
 
     def __str__(self) -> str:
-        return AUTO if self == Refinement() else f"{self.seconds:g}s" if self.steps is None else str(self.steps)
+        if self == Refinement():
+            return AUTO
+        return f"{self.seconds:g}s" if self.steps is None else str(self.steps or NO)
 
-    def seconds_worth(self, pixels: int) -> float | None:
-        """The seconds to take at most, of photos that have so many pixels in all; None where steps count."""
-        if self != Refinement():
-            return self.seconds
-        return min(max(pixels * SECONDS_PER_PIXEL, LEAST_SECONDS), MOST_SECONDS)
+    def __bool__(self) -> bool:
+        return self.steps != 0
 
 
 def indices(text: str) -> tuple[int, ...]:
@@ -117,9 +113,9 @@ def byte_count(text: str) -> int:
 
 
 def refinement(text: str) -> Refinement:
-    """`20` to steps, `10s` to seconds, `auto` to neither."""
-    if text == AUTO:
-        return Refinement()
+    """`20` to steps, `10s` to seconds, `auto` to neither, `no` to 0 steps."""
+    if text in (AUTO, NO):
+        return Refinement(steps=0 if text == NO else None)
     if text.isdecimal() and int(text) > 0:
         return Refinement(steps=int(text))
     try:
@@ -127,5 +123,5 @@ def refinement(text: str) -> Refinement:
     except ValueError:
         seconds = 0.0
     if not 0 < seconds < float("inf"):
-        raise InputError(f"'{text}', expected steps such as 20 or seconds such as 10s")
+        raise InputError(f"'{text}', expected steps such as 20, seconds such as 10s, auto or no")
     return Refinement(seconds=seconds)

@@ -52,8 +52,8 @@ def refine(
     offset a photo) and moves the Gaussians of every layer that it sees along their pixels' rays, in size, opacity and
     colour. Now and then every photo is drawn from the Gaussians of the others: the result is the step at which that was
     best, and the very Gaussians that were given if none was better than the start. Of three photos or more, the first
-    steps are taken on smaller copies (`coarse.py`). Of a capture, more than six photos, those that judge correct nothing
-    before the best step is known.
+    steps are taken on smaller copies (`coarse.py`). Of a capture, which has more than six photos, those that judge
+    correct nothing before the best step is known.
 
     Args:
         gaussians: per pixel, with cameras, of two views or more.

@@ -1,0 +1,53 @@
+"""Whether photos refine what a network made of them, where nobody said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+
+from ..codec.modes import DEFAULT_MODE
+from ..errors import InputError
+from ..graphs.enlarge import Enlarger
+from ..render.near import FEW
+from ..scene.scenes import Scene
+from ..system.threads import available_cores
+from .memory import check_memory
+from .request import EncodeRequest
+from .words import Refinement
+
+CPU_SECONDS = 18e-6
+"""Seconds of one core per pixel of a capture's photos, in as many steps as are usual; as measured on 24 of 256×256."""
+
+
+def chosen(
+    request: EncodeRequest, scene: Scene, enlarger: Enlarger | None, notice: Callable[[str], object]
+) -> Refinement | None:
+    """What was asked for; else the usual steps for a capture, if there are numba and memory for it.
+
+    Args:
+        request: what was asked for.
+        scene: the photos as the network will have them.
+        enlarger: of large photos.
+        notice: gets a line that says what was chosen, or what it would take.
+
+    Raises:
+        InputError: photos that take more memory than is free, with what was asked for.
+    """
+    asked, mode = request.refinement, request.coding.mode
+    is_usual = asked is None and len(scene.frames) > FEW and mode == DEFAULT_MODE and request.coding.like is None
+    if not is_usual:
+        check_memory(scene, enlarger, mode=mode, refined=bool(asked))
+        return asked or None
+    if find_spec("numba") is None:
+        notice(f'{scene.path}: not refined by its photos, worth about 1 dB: pip install "tinysplat[fast]" brings it')
+        check_memory(scene, enlarger)
+        return None
+    try:
+        check_memory(scene, enlarger, refined=True)
+    except InputError as error:
+        check_memory(scene, enlarger)
+        notice(f"{scene.path}: not refined by its photos: {error.message}")
+        return None
+    seconds = sum(camera.width * camera.height for camera in scene.cameras) * CPU_SECONDS / available_cores()
+    notice(f"{scene.path}: then refined by its photos, about {max(seconds, 1):.0f} s more; --no-refine leaves that out")
+    return Refinement()
