@@ -271,7 +271,6 @@ def test_wide_splats_that_moved_are_drawn_as_they_are_now(kind: int) -> None:
     gaussians, camera = scene(stretch=(600, 0.5, 0.5), opacity=0.3), side_camera()
     field = MovableGaussians(gaussians, Crew(1).map)
     field.values[kind] -= 0.4
-    field.place()
     photo = np.full((camera.height, camera.width, 3), 0.4, np.float32)
     wanted = MovableGaussians(field.gaussians(gaussians), Crew(1).map).measure(Target(camera, photo))
     assert field.measure(Target(camera, photo)).absolute == pytest.approx(wanted.absolute, rel=1e-4)

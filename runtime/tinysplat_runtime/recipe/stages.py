@@ -102,7 +102,7 @@ def refine(
         from ..refine.refine import refine as run
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
-    budget = refinement or Refinement()
+    budget = Refinement() if refinement is None else refinement
     return run(
         gaussians, scene, steps=budget.steps, seconds=budget.seconds, profile=coding.planes, qp=coding.step_qp,
         run_jobs=Crew(tools.threads).map, stats=stats, show=show,

@@ -76,7 +76,6 @@ def bring_up(field: MovableGaussians, smaller: MovableGaussians, start: NDArray)
         for kind, (least, greatest) in enumerate(LIMITS):
             low, high = np.minimum(values[kind], least), np.maximum(values[kind], greatest)
             values[kind] = (values[kind] + change[kind].ravel()).clip(low, high)
-    field.place()
 
 
 def _pooled(array: NDArray, shape: tuple[int, int]) -> NDArray:

@@ -101,13 +101,11 @@ class Loop:
         for grid in wrong:
             self._gradient[:, grid.rows] = 0
         errors = {view: self._draw(view, now, shares[view], len(views)) for view in views}
-        seen = {grid.view for grid in wrong}
-        self._corrections[list(seen)] += 1
+        self._corrections[list({grid.view for grid in wrong})] += 1
         self._run(self._regularise, wrong)
         self._run(self._correct, wrong)
         for view, error in errors.items():
             self._expose(view, error)
-        self.field.place(seen)
         return errors
 
     def _draw(self, view: int, now: Turn, shares: Shares, together: int) -> PhotoError:
@@ -125,7 +123,6 @@ class Loop:
     def put(self, values: NDArray) -> None:
         """Give the Gaussians these values, (6, rows) float32."""
         self.field.values[:] = values
-        self.field.place()
 
     def photo_psnr(self) -> float:
         """dB of the photos that are judged, as they are, drawn from all Gaussians, near views first; the mean."""

@@ -2,7 +2,7 @@
 
     field = MovableGaussians(gaussians, Crew(threads).map)
     error = field.measure(Target(camera, photo), gradient=gradient)     # adds to `gradient`, (6, rows)
-    field.values[…] -= …; field.place()
+    field.values[…] -= …
 
 A Gaussian moves along the ray of its own pixel alone, and may grow, fade and change its colour of SH degree 0
 (`kernels_gradient.VALUES`). Needs numba (`tinysplat[fast]`).
@@ -10,9 +10,11 @@ A Gaussian moves along the ray of its own pixel alone, and may grow, fade and ch
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +104,6 @@ class _Piece:
         start: its first row.
         base: (chunks, 13, 128) float32, see `kernels_gradient`.
         centre: (3,) float64, of the own camera, relative to the Gaussians' origin.
-        geometry: (chunks, 14, 128) float32, as `kernels_project.project` takes it.
         sh: (chunks, 3 S·128) float32.
         quats, scales: (n, 4) and (n, 3) float32 as they began, for what float32 is too narrow for.
     """
@@ -111,7 +112,6 @@ class _Piece:
     start: int
     base: NDArray
     centre: NDArray
-    geometry: NDArray
     sh: NDArray
     quats: NDArray
     scales: NDArray
@@ -119,6 +119,21 @@ class _Piece:
     @property
     def rows(self) -> slice:
         return slice(self.start, self.start + CHUNK * len(self.base))
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """A piece that is drawn.
+
+    Attributes:
+        piece: which.
+        start: its first row among those that are drawn.
+        geometry: (chunks, 14, 128) float32, as `kernels_project.project` takes it.
+    """
+
+    piece: _Piece
+    start: int
+    geometry: NDArray
 
 
 class MovableGaussians:
@@ -144,10 +159,9 @@ class MovableGaussians:
             for grid in self.grids
             for piece in self._cut(gaussians.layers[grid.layer], grid, gaussians.cameras[grid.view])
         ]
-        rows = self.values.shape[1]
-        self._buffers, self._run = SplatBuffers(rows, run_jobs), run_jobs
-        self._pairs = np.empty((0, PAIR), np.float32)
-        self.place()
+        self._run = run_jobs
+        self._geometry = np.empty((0, GEOMETRY, CHUNK), np.float32)
+        self._buffers, self._pairs = SplatBuffers(0, run_jobs), np.empty((0, PAIR), np.float32)
 
     def _cut(self, layer: Gaussians, grid: Grid, photo: Camera) -> Iterator[_Piece]:
         """The pieces of a grid, whose values are filled in."""
@@ -169,42 +183,35 @@ class MovableGaussians:
             base = np.concatenate(
                 [(means[part] - centre).T, principal_axes(quats[part], scales[part]).reshape(9, -1), pixels[None, part]]
             ).astype(np.float32)
-            geometry = np.zeros((-(-base.shape[1] // CHUNK), GEOMETRY, CHUNK), np.float32)
+            planes = _by_chunk(base)
             yield _Piece(
-                grid, grid.rows.start + first, _by_chunk(base), centre, geometry,
-                np.ascontiguousarray(_by_chunk(sh[part].T)).reshape(len(geometry), -1), quats[part], scales[part],
+                grid, grid.rows.start + first, planes, centre,
+                np.ascontiguousarray(_by_chunk(sh[part].T)).reshape(len(planes), -1), quats[part], scales[part],
             )  # fmt: skip
-
-    def place(self, views: Collection[int] | None = None) -> None:
-        """Bring what is drawn up to date with `values`, of some views or of all."""
-        self._run(
-            lambda piece: kernels_gradient.place(
-                piece.base, piece.centre, self.values[:, piece.rows], piece.geometry, piece.sh
-            ),
-            [piece for piece in self._pieces if views is None or piece.grid.view in views],
-        )
 
     def gaussians(self, start: Gaussians) -> Gaussians:
         """`start`, which these were made of, as the values have it; what can show nowhere has opacity 0."""
         layers = []
         for number, layer in enumerate(start.layers):
-            grids = [grid for grid in self.grids if grid.layer == number]
-            values = np.stack([self.values[:, grid.rows].reshape(VALUES, grid.height, grid.width) for grid in grids], 1)
-            centres = np.stack([camera.centre for camera in layer.cameras])[:, None, None] - start.origin
-            away = np.exp(values[LOG_DEPTH].astype(np.float64))[..., None]
-            grown = away * np.exp(values[LOG_SIZE].astype(np.float64))[..., None]
-            opacities = 1 / (1 + np.exp(-values[LOGIT].astype(np.float64)))
-            sh = layer.sh.copy()
-            sh[..., 0, :] = np.moveaxis(values[SH_RED:], 0, -1)
-            fields = {
-                "means": centres + away * (layer.means - centres),
-                "quats": layer.quats,
-                "scales": grown * layer.scales,
-                "opacities": np.where(opacities < ALPHA_MIN, 0, opacities),
-                "sh": sh,
-            }
+            fields: dict[str, Any] = {"sh": layer.sh.copy()}
+            fields |= {name: np.empty_like(getattr(layer, name)) for name in ("means", "scales", "opacities")}
+            for grid in self.grids:
+                if grid.layer == number:
+                    self._fill(fields, layer, grid)
             layers.append(replace(layer, **fields, extra_layers=()))
         return replace(layers[0], extra_layers=tuple(layers[1:]), notes=start.notes)
+
+    def _fill(self, fields: dict[str, NDArray], layer: Gaussians, grid: Grid) -> None:
+        """Write a grid's part of a layer's arrays."""
+        view, values = grid.view, self.values[:, grid.rows].reshape(VALUES, grid.height, grid.width)
+        centre = layer.cameras[view].centre - layer.origin
+        away = np.exp(values[LOG_DEPTH].astype(np.float64))[..., None]
+        grown = away * np.exp(values[LOG_SIZE].astype(np.float64))[..., None]
+        opacities = 1 / (1 + np.exp(-values[LOGIT].astype(np.float64)))
+        fields["means"][view] = centre + away * (layer.means[view] - centre)
+        fields["scales"][view] = grown * layer.scales[view]
+        fields["opacities"][view] = np.where(opacities < ALPHA_MIN, 0, opacities)
+        fields["sh"][view][..., 0, :] = np.moveaxis(values[SH_RED:], 0, -1)
 
     def measure(
         self, target: Target, *, shares: Shares | None = None, gradient: NDArray | None = None, weight: float = 1.0,
@@ -223,9 +230,10 @@ class MovableGaussians:
             hidden: Gaussians whose middle lies behind others that leave less transmittance than this have no gradient
                 there.
         """
-        view, buffers = View.of(target.camera, self.origin, NEAR_PLANE), self._buffers
-        pieces = [piece for piece in self._pieces if shares is None or shares.whole[piece.grid.view] > 0]
-        visible = self._run(lambda piece: self._project(piece, view, shares), pieces)
+        view = View.of(target.camera, self.origin, NEAR_PLANE)
+        pieces = self._placed([one for one in self._pieces if shares is None or shares.whole[one.grid.view] > 0])
+        buffers = self._buffers
+        visible = self._run(lambda placed: self._project(placed, view, shares), pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
         room = np.empty((0, 0, 0), np.float32) if shown is None else shown
         sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden))
@@ -254,29 +262,44 @@ class MovableGaussians:
             self._pairs = np.empty((int(pairs * 1.1), PAIR), np.float32)
         return self._pairs
 
-    def _project(self, piece: _Piece, view: View, shares: Shares | None) -> Visible:
+    def _placed(self, pieces: Sequence[_Piece]) -> list[_Placed]:
+        """Places for what is drawn: few views of a capture are, and what drawing takes is as large as all they hold."""
+        chunks = [0, *np.cumsum([len(piece.base) for piece in pieces]).tolist()]
+        if len(self._geometry) < chunks[-1]:
+            self._geometry = np.empty((chunks[-1], GEOMETRY, CHUNK), np.float32)
+            self._buffers = SplatBuffers(CHUNK * chunks[-1], self._run)
+        starts = itertools.pairwise(chunks)
+        return [
+            _Placed(piece, CHUNK * first, self._geometry[first:stop])
+            for piece, (first, stop) in zip(pieces, starts, strict=True)
+        ]
+
+    def _project(self, placed: _Placed, view: View, shares: Shares | None) -> Visible:
+        piece, geometry = placed.piece, placed.geometry
+        kernels_gradient.place(piece.base, piece.centre, self.values[:, piece.rows], geometry, piece.sh)
         share, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
-        chunks = Chunks(piece.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))
+        chunks = Chunks(placed.start, geometry.ravel(), piece.sh, lambda: self._block(placed))
         return self._buffers.project(chunks, view, share, front)
 
-    def _block(self, piece: _Piece) -> Block:
+    def _block(self, placed: _Placed) -> Block:
         """A piece as it stands, for the code that works in float64."""
-        planes = piece.geometry.swapaxes(0, 1).reshape(GEOMETRY, -1)[:, : len(piece.quats)]
+        piece = placed.piece
+        planes = placed.geometry.swapaxes(0, 1).reshape(GEOMETRY, -1)[:, : len(piece.quats)]
         log_depth, log_size = self.values[: LOG_SIZE + 1, piece.rows][:, : len(piece.quats)]
         nothing = np.zeros((0, 3, 0), np.float32)
         scales = piece.scales * np.exp(log_depth + log_size)[:, None]
         return Block(planes[MEAN : MEAN + 3], nothing, planes[OPACITY], nothing, piece.quats, scales, planes[OWN_PIXEL])
 
     def _add_up(
-        self, pieces: list[_Piece], visible: list[Visible], lists: TileLists, view: View, gradient: NDArray
+        self, pieces: list[_Placed], visible: list[Visible], lists: TileLists, view: View, gradient: NDArray
     ) -> None:
         numbers = view_numbers(view)
 
         def add(number: int) -> None:
-            piece = pieces[number]
+            placed, piece = pieces[number], pieces[number].piece
             kernels_chain.add_up(
                 self._buffers.records, visible[number], lists.tiles, lists.starts[number], self._pairs,
-                Moved(piece.start, piece.geometry, piece.centre, self.values[:, piece.rows]), numbers,
+                Moved(placed.start, placed.geometry, piece.centre, self.values[:, piece.rows]), numbers,
                 gradient[:, piece.rows],
             )  # fmt: skip
 
