@@ -187,21 +187,17 @@ def others(monkeypatch):
 def test_commands_of_other_packages_run(others, capsys) -> None:
     assert main(["good", "--x", "3", "-q"]) == 0 and main(["good", "-q"]) == 0
     assert others == [3, 7]
-    for words, line in (
-        (["lame"], "lame: needs the package 'torch'; pip install \"tinysplat[lame]\" brings it"),
-        (["bare"], "bare: needs the package 'no_such_package'; pip install \"tinysplat[bare]\" brings it"),
-        (["needy", "-q"], "needy: needs the package 'plotter'; pip install \"tinysplat[needy]\" brings it"),
+    for words, named in (
+        (["lame"], ("torch", "tinysplat[lame]")),
+        (["bare"], ("no_such_package", "tinysplat[bare]")),
+        (["needy", "-q"], ("plotter", "tinysplat[needy]")),
     ):
         assert main(words) == 2
-        assert capsys.readouterr().err == f"tinysplat: {line}\n"
-    assert main(["nosuch"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("tinysplat: command: 'nosuch', accepted are bare, ") and "good, info, lame" in said
-    assert main([]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("tinysplat: command: none given, ") and said.endswith(
-        "; `tinysplat --help` says what they do\n"
-    )
+        said = capsys.readouterr().err
+        assert all(name in said for name in (words[0], *named)) and said.count("\n") == 1
+    for words in (["nosuch"], []):
+        assert main(words) == 2
+        assert "bare, " in (said := capsys.readouterr().err) and "good, info, lame" in said
 
 
 def test_help_lists_commands_even_those_that_cannot_run(others, capsys) -> None:

@@ -17,7 +17,6 @@ import pytest
 from scenes import make_free_gaussians, make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli import view
 from tinysplat_runtime.cli.player import write_player
 from tinysplat_runtime.cli.view import serve
 from tinysplat_runtime.errors import InputError
@@ -36,15 +35,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (path / "f.tsplat").write_bytes(ts.compress(make_smooth_gaussians(2, 24, 32, degree=0)))
     ts.save_gaussians(path / "free.ply", make_free_gaussians(40, 0, np.random.default_rng(1)))
     return path
-
-
-@pytest.fixture
-def pages(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bytes, dict]]:
-    """What pages are made of."""
-    made: list[tuple[bytes, dict]] = []
-    monkeypatch.setattr(view, "scene_page", lambda data, **parts: made.append((data, parts)) or "<p>ä" + "x" * 1496)
-    monkeypatch.setattr(view, "player_page", lambda: "player")
-    return made
 
 
 @pytest.mark.parametrize("browser", [True, False])

@@ -45,14 +45,13 @@ def test_bd_rate_is_taken_over_what_curves_share_and_refused_below_half_a_decibe
     for other, shared in ((line(decibels=(35.51, 38)), "0.49"), (line(decibels=(40, 42)), "0.00")):
         with pytest.raises(InputError) as caught:
             bd_rate(line(), other)
-        assert str(caught.value) == f"curves: curves share {shared} dB, BD-rate needs 0.5"
+        assert f"share {shared} dB" in str(caught.value)
     assert bd_rate(line(), line(2, decibels=(35.9, 38)), least_overlap=0.09) == pytest.approx(1)
     with pytest.raises(InputError, match=r"curves share 0.20 dB, BD-rate needs 0.5"):
         bd_rate(line(), line(), (31.0, 31.2))
     for pair in ((line()[:1], line()), (line(), line()[:1])):
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(InputError, match="one point"):
             bd_rate(*pair)
-        assert str(caught.value) == "curves: a curve of one point, BD-rate needs two"
     assert bd_rate(line()[:2], line(2)[:2]) == pytest.approx(1)
 
 

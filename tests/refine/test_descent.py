@@ -7,17 +7,12 @@ from dataclasses import replace
 import numpy as np
 from scenes import make_free_gaussians
 
-from tinysplat_runtime.refine.descent import Descent, Pace, units
+from tinysplat_runtime.refine.descent import units
 from tinysplat_runtime.refine.free import FreeGaussians
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
 
 RUN = Crew(1).map
-
-
-def descent(count: int = 5, pace: Pace | None = None, **options) -> Descent:
-    made = make_free_gaussians(count, 1, np.random.default_rng(0))
-    return Descent(FreeGaussians(made, np.ones(count), RUN), pace or Pace(), RUN, **options)
 
 
 def test_a_unit_is_the_pixel_of_the_view_that_shows_largest() -> None:

@@ -15,7 +15,6 @@ from tinysplat_runtime.scene.neighbours import (
 
 NEAR, FAR = 2.0, 6.0
 DEPTH = 3.0  # their harmonic mean
-K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
 
 
 def found(cameras: list[Camera]) -> Neighbours:
