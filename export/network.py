@@ -219,7 +219,7 @@ def main() -> None:
     parser.add_argument("--scale-rule", choices=SCALE_RULES, help="of DepthSplat (default: by the checkpoint's hash)")
     parser.add_argument("--sh-degree", type=int, help="of MVSplat: 3, exact for images (default), or 4")
     parser.add_argument("--half-weights", action="store_true", help="store weights as float16, compute in float32")
-    parser.add_argument("--static", type=parse_size, metavar="VxHxW", help="for photos of this size alone (NPUs)")
+    parser.add_argument("--static", type=parse_size, metavar="VxWxH", help="for photos of this size alone (NPUs)")
     options = parser.parse_args()
     try:
         export(options)

@@ -34,11 +34,11 @@ TOLERANCE, QUANTILE = 1e-3, 0.99
 
 
 def parse_size(text: str) -> Size:
-    """`2x256x384` to (views, height, width)."""
+    """`2x384x256`, the width before the height, to (views, height, width)."""
     parts = text.split("x")
     if len(parts) != 3 or not all(part.isdecimal() and int(part) for part in parts):
-        raise argparse.ArgumentTypeError(f"'{text}', expected VIEWSxHEIGHTxWIDTH such as 2x256x256")
-    return int(parts[0]), int(parts[1]), int(parts[2])
+        raise argparse.ArgumentTypeError(f"'{text}', expected VIEWSxWIDTHxHEIGHT such as 2x256x256")
+    return int(parts[0]), int(parts[2]), int(parts[1])
 
 
 def fix_size(source: Path, target: Path, fixed: Size) -> None:
@@ -78,7 +78,7 @@ def _checked(source: Path, fixed: Size) -> Graph:
         raise InputError(f"{views} views, {source.stem} takes {limits.min_views} to {limits.max_views}", where="size")
     if any(side % limits.stride or side < limits.min_side for side in sides):
         wanted = f"multiples of {limits.stride} from {limits.min_side} on"
-        raise InputError(f"{sides[0]}x{sides[1]}, {source.stem} takes {wanted}", where="size")
+        raise InputError(f"{sides[1]}x{sides[0]}, {source.stem} takes {wanted}", where="size")
     return graph
 
 
@@ -128,7 +128,7 @@ def main() -> None:
     """Write the artifact and say what is in it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("network", type=Path, help="an artifact that export/network.py wrote")
-    parser.add_argument("size", type=parse_size, metavar="VxHxW", help="of photos, such as 2x256x256")
+    parser.add_argument("size", type=parse_size, metavar="VxWxH", help="of photos, such as 2x256x256")
     parser.add_argument("-o", "--output", type=Path, required=True)
     options = parser.parse_args()
     try:

@@ -12,7 +12,7 @@ from tinysplat_runtime.cli.parser import build_parser
     [
         ("view --networks --player -o d", {"networks": "node_modules/onnxruntime-web", "player": True}),
         ("view f --no-browser --port 80", {"no_browser": True, "port": 80}),
-        ("render f -o o.png --depth --size 6x8 -q", {"depth": True, "size": (6, 8), "quiet": True}),
+        ("render f -o o.png --depth --size 8x6 -q", {"depth": True, "size": (6, 8), "quiet": True}),
         ("render f -o o.png --depth-values --depth-scale 10", {"depth_values": True, "depth_scale": 10}),
         ("decode f -o g --dilate", {"dilate": 0.16}),
         ("decode f -o g --sh-bits 8,8 --spz-version 4 --fuse 2", {"sh_bits": (8, 8), "spz_version": 4, "fuse": 2}),

@@ -75,7 +75,7 @@ def test_the_camera_is_one_of_the_file_or_of_another(folder: Path, tmp_path: Pat
 
 
 def test_gaussians_of_no_views_are_seen_from_outside(folder: Path, tmp_path: Path) -> None:
-    console.succeed("render", folder / "free.ply", "-o", tmp_path / "o.png", "--size", "60x80")
+    console.succeed("render", folder / "free.ply", "-o", tmp_path / "o.png", "--size", "80x60")
     free = ts.load_gaussians(folder / "free.ply")
     wanted = ts.render(free, outside(free), (60, 80))
     assert np.abs(read_image(tmp_path / "o.png") / 255 - wanted).max() < 0.51 / 255 + 1e-5 and wanted.max() > 0.3

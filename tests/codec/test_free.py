@@ -328,7 +328,7 @@ def test_the_command_line_takes_a_trained_scene(tmp_path: Path, capsys: pytest.C
     said = run("info", file)
     assert "mode free" in said and "900 Gaussians of SH degree 3" in said and "position" in said
     assert run("decode", file, "-o", tmp_path / "back.ply") and ts.load_gaussians(tmp_path / "back.ply").count == 900
-    run("render", file, "-o", tmp_path / "p.png", "--size", "60x80")
+    run("render", file, "-o", tmp_path / "p.png", "--size", "80x60")
     run("view", file, "--html", tmp_path / "p.html")
     run("convert", file, "-o", tmp_path / "again.tsplat", "--scale", "2")
     assert ts.inspect((tmp_path / "again.tsplat").read_bytes())["mode"] == "free"

@@ -156,7 +156,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_batch_measures_what_eval_measures_and_resumes(measured: Path, tmp_path: Path) -> None:
-    common = ("--model", "sweep", "--size", "48x64")
+    common = ("--model", "sweep", "--size", "64x48")
     command = ("batch", measured / "manifest.txt", "-o", tmp_path / "out", "--evaluate", "--workers", 1, *common)
     done = tinysplat(*command)
     assert done.returncode == 0, done.stderr
@@ -180,7 +180,7 @@ def test_a_batch_measures_what_eval_measures_and_resumes(measured: Path, tmp_pat
 def test_a_scene_without_windows_fails_alone(measured: Path, scenes: Path, tmp_path: Path) -> None:
     (tmp_path / "m.txt").write_text(f"{scenes}/s0\n{measured}/one\n")
     done = tinysplat("batch", tmp_path / "m.txt", "-o", tmp_path / "out", "--evaluate", "--model", "sweep", "--size",
-                     "48x64", "--workers", 1)  # fmt: skip
+                     "64x48", "--workers", 1)  # fmt: skip
     assert done.returncode == 2 and "1 scenes failed, the first: " in done.stderr and "eval_index.json" in done.stderr
     assert (tmp_path / "out/one.json").exists()
 
@@ -281,10 +281,10 @@ def test_lines_failures_and_another_try(tmp_path: Path) -> None:
 
 def test_a_scene_is_coded_as_encode_codes_it(tmp_path: Path) -> None:
     scene = write_scene(tmp_path / "desk", views=3, height=40, width=56)
-    words = ("--views", "0,2", "--qp", "4", "--licence", "CC0-1.0", "--size", "32x48")
+    words = ("--views", "0,2", "--qp", "4", "--licence", "CC0-1.0", "--size", "48x32")
     assert tinysplat("encode", scene, "-o", tmp_path / "desk.tsplat", *words).returncode == 0
     data = (tmp_path / "desk.tsplat").read_bytes()
-    entry = {"scene": "desk", "views": "0,2", "size": "32x48", "licence": "CC0-1.0", "qp": 4, "report": True}
+    entry = {"scene": "desk", "views": "0,2", "size": "48x32", "licence": "CC0-1.0", "qp": 4, "report": True}
     like = {"scene": "desk", "name": "again", "views": [0, 2], "size": [32, 48], "like": "desk.tsplat",
             "save_gaussians": True}  # fmt: skip
     (tmp_path / "list.txt").write_text(f"{json.dumps(entry)}\n{json.dumps(like)}\n")

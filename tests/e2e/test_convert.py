@@ -50,7 +50,7 @@ def test_gaussians_go_out_widened_and_are_drawn_as_one_likes(files: dict[str, Pa
     assert "no photos" in fail("convert", tmp_path / "g.ply", "-o", tmp_path / "wide.ply", "--dilate", "0.2")
     pictures = []
     for options in ((), ("--dilation", "screen"), ("--order", "depth"), ("--dilation", "screen", "--order", "depth")):
-        succeed("render", files["npz"], "-o", tmp_path / "x.png", "--size", "40x48", "--force", *options)
+        succeed("render", files["npz"], "-o", tmp_path / "x.png", "--size", "48x40", "--force", *options)
         pictures.append(np.array(Image.open(tmp_path / "x.png"), int))
     assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
     plain = ts.render(ts.load_gaussians(files["npz"]).flat(), ts.load_gaussians(files["npz"]).cameras[0], (40, 48))

@@ -18,7 +18,7 @@ from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.scene.images import read_image, write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
-OPTIONS = ("--size", "48x64", "--lpips", "none", "--threads", "1")
+OPTIONS = ("--size", "64x48", "--lpips", "none", "--threads", "1")
 
 
 def command(name: str, *arguments: object) -> list[str]:
@@ -57,9 +57,9 @@ def finished(scenes, tmp_path_factory) -> Path:
 def test_a_run_prints_tables_and_writes_what_was_asked_for(scenes, tmp_path):
     done = run(
         "eval", scenes / "one", "-o", tmp_path / "r", "--kind", "near", "--json", tmp_path / "r.json", "--csv",
-        tmp_path / "r.csv", "--size", "48x64", "--lpips-linear", scenes / "one" / "0.png",
+        tmp_path / "r.csv", "--size", "64x48", "--lpips-linear", scenes / "one" / "0.png",
     )  # fmt: skip
-    assert f"near, 2 views, {DEFAULT_MODEL}, balanced at Q_g 0, 48x64" in done.stdout and "no weights" in done.stdout
+    assert f"near, 2 views, {DEFAULT_MODEL}, balanced at Q_g 0, 64x48" in done.stdout and "no weights" in done.stdout
     assert "1 window measured" in done.stdout and "no backbone weights of LPIPS-vgg" in done.stdout
     (entry,) = json.loads((tmp_path / "r.json").read_text())["scenes"]
     assert entry["scene"] == "one" and entry["lpips"] is None and entry["psnr"] > entry["psnr_photo"]
@@ -69,7 +69,7 @@ def test_a_run_prints_tables_and_writes_what_was_asked_for(scenes, tmp_path):
 def test_closer_and_with_more_photos_are_measured_where_asked_for(tmp_path):
     window = {"kind": "multi", "context": [0, 1, 3, 4], "target": [2]}
     scene = write_eval_scene(tmp_path / "plane", [window], frames=5)
-    done = run("eval", scene, "-o", tmp_path, "--zoom", "0.5,1,2", "--nested", "--lpips", "none", "--size", "48x64")
+    done = run("eval", scene, "-o", tmp_path, "--zoom", "0.5,1,2", "--nested", "--lpips", "none", "--size", "64x48")
     (entry,) = json.loads((tmp_path / "results.json").read_text())["scenes"]
     assert entry["zoom"]["1"]["psnr"] == pytest.approx(entry["psnr"], abs=1e-6)
     assert entry["zoom"]["1"]["psnr_enlarged"] == pytest.approx(entry["psnr"], abs=1e-4)

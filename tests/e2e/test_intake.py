@@ -40,7 +40,7 @@ def test_a_stereo_pair_is_encoded_with_focal_length_and_baseline(scene: Path, tm
     np.testing.assert_allclose(cameras[1]["c2w"][0][3], 0.2, rtol=1e-5)
     assert "expected one scene, or two photos" in fail("encode", *pair, "-o", tmp_path / "t.tsplat", "--focal", "70")
     done = tinysplat("encode", *pair, *options[:6], "--force")
-    assert done.returncode == 0 and "from what the photos agree about" in done.stderr
+    assert done.returncode == 0 and "estimated from the photos" in done.stderr
 
 
 # ---- photos without cameras --------------------------------------------------------------------------------------

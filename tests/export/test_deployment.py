@@ -68,8 +68,8 @@ def config(folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def static_sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    target = tmp_path_factory.mktemp("static") / "sweep-2x64x96.onnx"
-    done = export("static.py", MODELS / "sweep.onnx", "2x64x96", "-o", target)
+    target = tmp_path_factory.mktemp("static") / "sweep-2x96x64.onnx"
+    done = export("static.py", MODELS / "sweep.onnx", "2x96x64", "-o", target)
     assert done.returncode == 0, done.stderr
     return target
 
@@ -94,12 +94,12 @@ def test_a_static_network_finds_the_same_and_keeps_its_papers(static_sweep: Path
     for name in FIELDS:
         assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-5, atol=1e-6), name
     scene = trace(2, 64, 64)
-    with pytest.raises(InputError, match=r"64x64 \(HxW\), this network was exported for 64x96 alone"):
+    with pytest.raises(InputError, match=r"64x64, this network was exported for 96x64 alone"):
         predict(scene.images, scene.cameras, NEAR, FAR, static)
 
 
 def test_sizes_that_a_network_does_not_take_are_refused(tmp_path: Path) -> None:
     target = tmp_path / "static.onnx"
-    done = export("static.py", MODELS / "sweep.onnx", "2x62x96", "-o", target)
-    assert done.returncode == 2 and "62x96, sweep takes multiples of 4 from 32 on" in done.stderr
+    done = export("static.py", MODELS / "sweep.onnx", "2x96x62", "-o", target)
+    assert done.returncode == 2 and "96x62, sweep takes multiples of 4 from 32 on" in done.stderr
     assert done.stderr.count("\n") == 1 and not target.exists()

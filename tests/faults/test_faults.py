@@ -141,7 +141,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[object]]:
     (folder / "manifest.txt").write_text("".join(f'{{"scene": "s{n}", "views": [0, 2]}}\n' for n in range(2)))
     return {
         "batch": ["batch", folder / "manifest.txt", "--workers", 2, "--model", "sweep"],
-        "eval": ["eval", folder, "--jobs", 2, "--model", "sweep", "--size", "48x64", "--lpips", "none"],
+        "eval": ["eval", folder, "--jobs", 2, "--model", "sweep", "--size", "64x48", "--lpips", "none"],
     }
 
 

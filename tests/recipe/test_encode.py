@@ -39,7 +39,7 @@ def test_python_gives_the_very_bytes_of_the_command(
     words = ("--views", "auto:2", "--model", "sweep", "--profile", "fast", "--licence", "CC0-1.0")
     data = commanded(many, tmp_path / "a.tsplat", *words)
     said = capsys.readouterr().err
-    assert "scaled to" in said and "from what the photos agree about" in said
+    assert "scaled to" in said and "estimated from the photos" in said
     options = {"views": "auto:2", "model": "sweep", "profile": "fast", "licence": "CC0-1.0"}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -54,12 +54,12 @@ def test_python_gives_the_very_bytes_of_the_command(
 @pytest.mark.parametrize(
     ("words", "options"),
     [
-        (("--views", "0,3", "--size", "48x64", "--near", "2", "--far", "9"),
+        (("--views", "0,3", "--size", "64x48", "--near", "2", "--far", "9"),
          {"views": [0, 3], "size": (48, 64), "near": 2, "far": 9.0}),
-        (("--views", "auto:3", "--size", "48x64", "--target-size", "9KB"),
-         {"views": "auto:3", "size": "48x64", "target_size": "9KB"}),
-        (("--size", "48x64", "--mode", "photos", "--qp", "3"), {"size": [48, 64], "mode": "photos", "qp": 3}),
-        (("--size", "48x64", "--lossless", "--unit", "metre"), {"size": [48, 64], "lossless": True, "unit": "metre"}),
+        (("--views", "auto:3", "--size", "64x48", "--target-size", "9KB"),
+         {"views": "auto:3", "size": "64x48", "target_size": "9KB"}),
+        (("--size", "64x48", "--mode", "photos", "--qp", "3"), {"size": [48, 64], "mode": "photos", "qp": 3}),
+        (("--size", "64x48", "--lossless", "--unit", "metre"), {"size": [48, 64], "lossless": True, "unit": "metre"}),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )  # fmt: skip

@@ -57,7 +57,7 @@ def test_the_size_that_is_told_fits(count: int, free_memory: Says) -> None:
         check_memory(scene)
     found = re.search(r"--size (\d+)x(\d+)", str(caught.value))
     assert found
-    height, width = int(found[1]), int(found[2])
+    width, height = int(found[1]), int(found[2])
     assert width / height == pytest.approx(1.5, abs=0.05) and height > 300
     check_memory(capture(count, height, width))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,7 +43,7 @@ def names(*indices: int) -> list[str]:
 def test_a_capture_gets_all_photos_that_it_needs_and_a_line(capture: Path) -> None:
     found, said = chosen(capture)
     assert found == names(*range(VIEWS))
-    assert sum("from what the photos agree about" in line for line in said) == 1
+    assert sum("estimated from the photos" in line for line in said) == 1
     assert f"{VIEWS} of {VIEWS} photos, no other lies farther" in said[-1] and said[-1].count("\n") == 0
     assert "about 1 s and 40 KB; " in said[-1]
     assert chosen(capture, qp=3)[1][-1].endswith("s; --views auto:N takes so many")  # of which bytes are not known
@@ -168,3 +169,34 @@ def test_a_scene_at_hand_takes_the_depths_that_are_given() -> None:
     for options, depths in (({}, (1, 9)), ({"near": 2.0}, (2, 9)), ({"far": 5.0}, (1, 5))):
         found = prepare.named_scene(EncodeRequest.of(scene, **options))
         assert (found.near, found.far) == depths
+
+
+@pytest.mark.parametrize(
+    ("photo", "size", "lost"),
+    [
+        ((500, 741), "256x256", 0.33),
+        ((100, 200), "100x90", 0.44),
+        ((256, 455), "455x200", 0.22),
+        ((60, 80), "40x30", 0),
+    ],
+)
+def test_what_a_crop_cuts_off_is_said_with_sizes_that_keep_it(photo: tuple[int, int], size: str, lost: float) -> None:
+    """A third of a photo and more is cut off a square alone: otherwise width and height may have been exchanged."""
+    lines: list[str] = []
+    request = EncodeRequest.of(photos_of(2, *photo, near=1.0, far=2.0), size=size)
+    if lost > 1 / 3:
+        with pytest.raises(ts.InputError, match=f"cuts off {lost:.0%}") as caught:
+            prepared(request, lines.append)
+        lines.append(str(caught.value))
+    else:
+        prepared(request, lines.append)
+    if not lost:
+        assert not lines
+        return
+    (line,) = lines
+    assert f"{lost:.0%}" in line and f"{photo[1]}x{photo[0]}" in line
+    for width, height in re.findall(r"(\d+)x(\d+)", line)[2:]:
+        assert int(width) / int(height) == pytest.approx(photo[1] / photo[0], rel=0.02)
+        again = EncodeRequest.of(photos_of(2, *photo, near=1.0, far=2.0), size=f"{width}x{height}")
+        prepared(again, lines.append)
+    assert len(lines) == 1

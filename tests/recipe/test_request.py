@@ -61,7 +61,7 @@ def test_what_cannot_be_used_is_named_with_what_can(options, said: str) -> None:
 
 
 def test_options_in_words_and_as_values_are_the_same_request() -> None:
-    words = EncodeRequest.of("d", views="0,4", size="32x48", target_size="1.5KB", refine="20")
+    words = EncodeRequest.of("d", views="0,4", size="48x32", target_size="1.5KB", refine="20")
     assert words == EncodeRequest.of("d", views=np.array([0, 4]).tolist(), size=[32, 48], target_size=1500, refine=20)
     assert EncodeRequest.of("d", views="auto", refine="2.5s", size="full") == EncodeRequest(
         "d", views=AutoViews(), refinement=Refinement(seconds=2.5), size="full"

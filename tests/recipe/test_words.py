@@ -54,7 +54,7 @@ def test_fewer_than_two_views_cannot_be_chosen(text: str) -> None:
     assert f"{text!r}, expected" in str(caught.value)
 
 
-@pytest.mark.parametrize(("text", "size"), [("256x384", (256, 384)), ("1X1", (1, 1)), ("20x3", (20, 3))])
+@pytest.mark.parametrize(("text", "size"), [("384x256", (256, 384)), ("1X1", (1, 1)), ("20x3", (3, 20))])
 def test_a_size_is_height_by_width(text: str, size: tuple[int, int]) -> None:
     assert words.size(text) == words.size_or_full(text) == size
     assert words.size_or_full("full") == "full"

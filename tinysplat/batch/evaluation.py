@@ -45,7 +45,7 @@ def evaluate(job: BatchJob, threads: int = 1) -> dict[str, Any]:
         raise InputError(f"needs the package '{error.name}'; {install}", where="--evaluate") from None
     request = job.request
     if isinstance(request.size, str):
-        raise InputError(f"'{request.size}', expected HEIGHTxWIDTH to measure at", where="--size")
+        raise InputError(f"'{request.size}', expected WIDTHxHEIGHT to measure at", where="--size")
     with local_folder(job.scene) as folder, tempfile.TemporaryDirectory(prefix="tinysplat-") as results:
         sources, left_out = find_sources([folder], near=request.near, far=request.far)
         plan = Plan(sources, (request.model,), request.size or DEFAULT_SIZE)

@@ -38,7 +38,7 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("b", metavar="B", help="the same kind of thing as A")
     parser.add_argument("-o", "--output", default="comparison", metavar="FOLDER", help="default comparison")
     parser.add_argument("--cameras", metavar="cameras.json", help="where to look from; default: the views of A, or B")
-    parser.add_argument("--size", type=size, metavar="HxW", help="size of rendered pictures; default: the cameras'")
+    parser.add_argument("--size", type=size, metavar="WxH", help="size of rendered pictures; default: the cameras'")
 
 
 def run(args: Namespace) -> None:

@@ -62,7 +62,7 @@ def configure(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--limit", type=int, metavar="N", help="windows per scene; default all")
     parser.add_argument(
-        "--size", type=size, metavar="HxW",
+        "--size", type=size, metavar="WxH",
         help="photos are scaled to cover this and cropped; default 256x256, or the data set's",
     )  # fmt: skip
     parser.add_argument("--near", type=float, metavar="Z", help="nearest depth, over the index's")

@@ -209,7 +209,7 @@ class Run:
             for model in self.models[:1]:
                 case = source.case(window, model, size, self.runtime)
                 views = len(case.gaussians.cameras)
-                found.append(renamed(case, f"{model} on {case.name}, {views}×{size[0]}×{size[1]}"))
+                found.append(renamed(case, f"{model} on {case.name}, {views}×{size[1]}×{size[0]}"))
         return [*made, *(case.with_inputs() for case in found)]
 
     def _windows(self, source: Source) -> list[Window]:

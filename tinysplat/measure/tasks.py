@@ -70,14 +70,17 @@ def start(file: str, target: str) -> Call:
 
 @lru_cache(maxsize=4)
 def _gaussians(words: str) -> Gaussians:
-    """A file's, or made: `network-like:VIEWSxHEIGHTxWIDTH`, `surface:VIEWSxHEIGHTxWIDTH`, of SH degree 3."""
+    """A file's, or made: `network-like:VIEWSxWIDTHxHEIGHT`, `surface:VIEWSxWIDTHxHEIGHT`, of SH degree 3."""
     kind, _, size = words.partition(":")
     makers: dict[str, Callable[..., Gaussians]] = {"network-like": made_gaussians, "surface": rolling_surface}
-    return makers[kind](*map(int, size.split("x")), 3) if kind in makers else load_gaussians(words)
+    if kind not in makers:
+        return load_gaussians(words)
+    views, width, height = map(int, size.split("x"))
+    return makers[kind](views, height, width, 3)
 
 
 def _size(text: str) -> tuple[int, int]:
-    height, _, width = text.partition("x")
+    width, _, height = text.partition("x")
     return int(height), int(width)
 
 

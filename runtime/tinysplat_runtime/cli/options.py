@@ -71,7 +71,7 @@ def add_photos(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--near", type=float, metavar="Z", help="nearest depth in scene units, not the scene's own")
     parser.add_argument("--far", type=float, metavar="Z", help="farthest depth in scene units, not the scene's own")
     parser.add_argument(
-        "--size", type=size_or_full, metavar="HxW|full",
+        "--size", type=size_or_full, metavar="WxH|full",
         help="scale photos to cover this and crop their centre; default: full, but at most about 640x480 pixels",
     )  # fmt: skip
     parser.add_argument(

@@ -230,7 +230,7 @@ def _render(commands: Commands) -> None:
     parser.add_argument(
         "--frames", type=count, metavar="N", help="frames of a video; default 60, for a capture 8 from view to view"
     )
-    parser.add_argument("--size", type=size, metavar="HxW", help="picture size; default: the camera's")
+    parser.add_argument("--size", type=size, metavar="WxH", help="picture size; default: the camera's")
     parser.add_argument("--depth", action="store_true", help="depth as a picture, near in red, far in blue")
     parser.add_argument("--depth-values", action="store_true", help="depth as numbers (z, 16-bit PNG)")
     parser.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",

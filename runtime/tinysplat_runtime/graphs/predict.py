@@ -143,8 +143,8 @@ def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: NetworkL
     if len(cameras) != views:
         raise InputError(f"{len(cameras)} cameras for {views} images, expected one each", where="cameras")
     if limits.size and images.shape[1:3] != limits.size:
-        found, wanted = (f"{height}x{width}" for height, width in (images.shape[1:3], limits.size))
-        raise InputError(f"{found} (HxW), this network was exported for {wanted} alone", where="images")
+        found, wanted = (f"{width}x{height}" for height, width in (images.shape[1:3], limits.size))
+        raise InputError(f"{found}, this network was exported for {wanted} alone", where="images")
     for v, camera in enumerate(cameras):
         if (camera.height, camera.width) != images.shape[1:3]:
             raise InputError(

@@ -3,7 +3,7 @@ functions of `api` fill in the same request and hand it to the same function.
 
     request.py     `EncodeRequest` and `Coding`: every option of `encode`, its type, range and default
     types.py       types of what was given
-    words.py       values as people write them: `0,4`, `auto:3`, `256x384`, `100KB`, `10s`
+    words.py       values as people write them: `0,4`, `auto:3`, `384x256`, `100KB`, `10s`
     prepare.py     which photos, how large, between what depths
     memory.py      whether they fit
     refinement.py  whether they correct what comes of them, where nobody said

@@ -55,13 +55,17 @@ UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
 @dataclass(frozen=True, eq=False)
 class _Thumbnails:
-    """A scene in small: photos (V, H, W, 3), their cameras and names, depths (P,), and how photos agree about them."""
+    """A scene in small: photos (V, H, W, 3), their cameras and names, depths (P,), and how photos agree about them.
+
+    An estimated range is in units of the poses and as wide as photos agree about, so nothing is said against it.
+    """
 
     images: NDArray
     cameras: Sequence[Camera]
     names: tuple[str, ...]
     depths: NDArray
     looks: list[Look]
+    is_estimated: bool
 
     @classmethod
     def of(cls, scene: Scene) -> _Thumbnails:
@@ -70,7 +74,7 @@ class _Thumbnails:
         depths = 1 / np.linspace(1 / near, 1 / far, PLANES)
         images, cameras = small.images(), small.cameras
         names = tuple(f"photo {v + 1} ({frame.path.name})" for v, frame in enumerate(scene.frames))
-        return cls(images, cameras, names, depths, look(images, cameras, depths))
+        return cls(images, cameras, names, depths, look(images, cameras, depths), scene.is_estimated)
 
 
 def doubts(scene: Scene) -> list[str]:
@@ -133,7 +137,7 @@ def _readings(seen: _Thumbnails) -> Iterator[_Reading]:
     yield _Reading("c2w holds world-to-camera matrices (w2c): with their inverses", images, [*map(_inverse, cameras)])
     axes = "c2w has OpenGL axes (y up, z backward) where OpenCV's are expected: with y and z turned"
     yield _Reading(axes, images, [*map(_flipped, cameras)])
-    for unit in UNITS:
+    for unit in () if seen.is_estimated else UNITS:
         text = f"translations are in other units than near and far: times {unit:g}"
         yield _Reading(text, images, [_scaled(camera, unit) for camera in cameras])
     for factor in FOCAL_FACTORS:
@@ -216,7 +220,10 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
         looks = look(_even(seen.images), seen.cameras, seen.depths)
     if not _match(seen, looks):
         who = " and ".join(seen.names) if len(seen.names) == 2 else "photos"
-        return [f"{who} hardly match anywhere from near {near:g} to far {far:g}: these, poses or photos are wrong"]
+        wrong = "poses or photos" if seen.is_estimated else "these, poses or photos"
+        return [f"{who} hardly match anywhere from near {near:g} to far {far:g}: {wrong} are wrong"]
+    if seen.is_estimated:
+        return []
     low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))
     shown = seen.depths[round(low)], seen.depths[round(high)]
     if low < EMPTY[0] * (PLANES - 1) or shown[0] < EMPTY[1] * near:

@@ -72,7 +72,7 @@ def check_memory(
     if free is None or needed(pixels) <= MEMORY_SHARE * free:
         return
     share = (_largest(needed, pixels, MEMORY_SHARE * free) / pixels) ** 0.5
-    size = f"{int(camera.height * share)}x{int(camera.width * share)}"
+    size = f"{int(camera.width * share)}x{int(camera.height * share)}"
     found = f"{views} photos of {camera.width}x{camera.height} take about {needed(pixels) / 1e9:.1f} GB"
     advice = f"--size {size} would fit" if share * min(camera.height, camera.width) >= 64 else "free some first"
     raise InputError(f"{found}, {free / 1e9:.1f} GB are free; {advice}", where=str(scene.path))

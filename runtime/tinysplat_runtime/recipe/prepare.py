@@ -28,6 +28,10 @@ ALL_VIEWS = range(2, 7)
 RANGE_VIEWS = 24
 """Photos of a capture that are looked at for its depth range."""
 
+SAID_CROP, MOST_CROP = 0.01, 1 / 3
+"""Of a photo: a crop of more than the first is said, and one of more than the second refused, as width and height may
+have been exchanged; a square of it is always meant."""
+
 CPU_SECONDS, PHOTO_BYTES, BYTES_EXPONENT = 17e-6, 33_000, 0.69
 """What a capture takes: seconds of one core per pixel of photos up to LARGE_PIXELS, for network and coding; bytes of a
 photo of 256×256 by default, and how they grow with its pixels. As measured on captures of 24 photos."""
@@ -111,7 +115,7 @@ def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], Non
         return _with_range(scene.views(seen), say), "as asked"
     if scene.near is None or scene.far is None:  # which a few photos tell, spread as well as can be without it
         some = _with_range(scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS)), say)
-        scene = replace(scene, near=some.near, far=some.far)
+        scene = replace(scene, near=some.near, far=some.far, is_estimated=True)
     scene = _matching(scene, say)
     near, far = scene.depth_range()
     chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
@@ -158,8 +162,8 @@ def _with_range(scene: Scene, say: Callable[[str], None]) -> Scene:
         raise InputError(
             f"photos agree about depths from {near:g} to {far:g}; give --near and --far", where=str(scene.path)
         )
-    say(f"near {near:.4g} and far {far:.4g}, from what the photos agree about; --near and --far say otherwise")
-    return replace(scene, near=near, far=far)
+    say(f"near {near:.4g} and far {far:.4g}, estimated from the photos; --near and --far say otherwise")
+    return replace(scene, near=near, far=far, is_estimated=True)
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:
@@ -176,8 +180,25 @@ def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> 
     size = request.size or fitting_size(scene)
     if size is None:
         return scene
-    if not request.size:
-        camera = scene.frames[0].camera
+    camera = scene.frames[0].camera
+    if request.size:
+        _say_crop((camera.height, camera.width), request.size, say)
+    else:
         found = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
         say(f"{found}, the largest size that {request.model} handles well; --size full keeps all pixels")
     return scene.resized(*size)
+
+
+def _say_crop(photo: tuple[int, int], size: tuple[int, int], say: Callable[[str], None]) -> None:
+    """Say what photos, (height, width), lose that are cut to a size; too much of them is likely not meant."""
+    scale = max(wanted / side for wanted, side in zip(size, photo, strict=True))
+    lost = 1 - size[0] * size[1] / (photo[0] * photo[1] * scale**2)
+    if lost < SAID_CROP:
+        return
+    side = "width" if photo[1] * scale > size[1] + 0.5 else "height"
+    found = f"{size[1]}x{size[0]} cuts off {lost:.0%} of the {side} of photos of {photo[1]}x{photo[0]}"
+    fitting = [(round(photo[0] * share), round(photo[1] * share)) for share in (scale, scale * (1 - lost))]
+    whole = " and ".join(f"{width}x{height}" for height, width in fitting)
+    if lost > MOST_CROP and size[0] != size[1]:
+        raise InputError(f"{found}; {whole} keep them whole", where="--size")
+    say(f"{found}; {whole} keep them whole")

@@ -87,15 +87,15 @@ def views(text: str) -> tuple[int, ...] | AutoViews | str:
 
 
 def size(text: str) -> tuple[int, int]:
-    """`256x384` to (height, width)."""
+    """`384x256`, the width first, to (height, width)."""
     parts = text.lower().split("x")
     if len(parts) != 2 or not all(part.isdecimal() and int(part) > 0 for part in parts):
-        raise InputError(f"'{text}', expected HEIGHTxWIDTH such as 256x384")
-    return int(parts[0]), int(parts[1])
+        raise InputError(f"'{text}', expected WIDTHxHEIGHT such as 384x256")
+    return int(parts[1]), int(parts[0])
 
 
 def size_or_full(text: str) -> tuple[int, int] | str:
-    """`256x384` to (height, width), or the word `full`."""
+    """`384x256`, the width first, to (height, width), or the word `full`."""
     return text if text == "full" else size(text)
 
 

@@ -173,14 +173,15 @@ def _depths_agreed(
 ) -> tuple[NDArray, NDArray]:
     """Depths of the pixels of each of two photos that tell it and that the other has at about the same depth."""
     inverse = np.linspace(1 / (apart * REACH[0]), 1 / (apart * REACH[1]), 2 * PLANES)
-    here, there = pair
-    looks = [look_at(images[v], cameras[v], images[u], cameras[u], 1 / inverse) for v, u in (pair, pair[::-1])]
+    v, u = pair
+    here = look_at(images[v], cameras[v], images[u], cameras[u], 1 / inverse)
+    there = look_at(images[u], cameras[u], images[v], cameras[v], 1 / inverse)
 
-    def told(one: Look, other: Look, v: int, u: int) -> NDArray:
-        is_told = one.clear & _agreement(one, cameras[v], other, cameras[u])[1]
+    def told(one: Look, camera: Camera, other: Look, its: Camera) -> NDArray:
+        is_told = one.clear & _agreement(one, camera, other, its)[1]
         return one.depths[one.costs.argmin(axis=0)[is_told]]
 
-    return told(*looks, here, there), told(*looks[::-1], there, here)
+    return told(here, cameras[v], there, cameras[u]), told(there, cameras[u], here, cameras[v])
 
 
 def _agreement(found: Look, camera: Camera, other: Look, its: Camera) -> tuple[NDArray, NDArray]:

@@ -94,6 +94,7 @@ class Scene:
         frames: photos and cameras, in capture order.
         near: smallest depth z of interest, scene units, or None when unknown.
         far: largest depth z of interest, scene units, or None when unknown.
+        is_estimated: whether near or far was found from the photos, where nobody stated it.
 
     Raises:
         InputError: there are no frames, or not 0 < near < far < MAX_DEPTH.
@@ -103,6 +104,7 @@ class Scene:
     frames: tuple[Frame, ...]
     near: float | None = None
     far: float | None = None
+    is_estimated: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", Path(self.path))
@@ -186,7 +188,7 @@ class Scene:
             width, height = frame.camera.width, frame.camera.height
             if (width, height) != (first.width, first.height):
                 found = f"{width}x{height} pixels, but {self.frames[0].path} has {first.width}x{first.height}"
-                raise InputError(f"{found}; choose one size with --size HxW", where=str(frame.path))
+                raise InputError(f"{found}; choose one size with --size WxH", where=str(frame.path))
 
     def depth_range(self) -> tuple[float, float]:
         """(near, far), or InputError naming the options when the scene does not state them."""

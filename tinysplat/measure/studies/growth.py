@@ -71,7 +71,7 @@ class Point:
     @property
     def size(self) -> str:
         """For tasks and reports."""
-        return f"{self.views}x{self.height}x{self.width}"
+        return f"{self.views}x{self.width}x{self.height}"
 
 
 SIDES: tuple[Size, ...] = ((64, 64), (128, 128), (256, 256), (512, 512), (540, 960))
@@ -142,7 +142,7 @@ def _axis_rows(
 ) -> Iterator[Row]:
     works = [make(point) for point in members]
     variants = [
-        Variant(f"{point.size} at {point.picture[0]}×{point.picture[1]}, × {point.factor:g}", work,
+        Variant(f"{point.size} at {point.picture[1]}×{point.picture[0]}, × {point.factor:g}", work,
                 setting={"x": point.x}, threads=run.threads)
         for point, (work, _) in zip(members, works, strict=True)
     ]  # fmt: skip
@@ -168,11 +168,11 @@ def _photo_rows(run: Run) -> Iterator[Row]:
             try:
                 _write_pair(folder, (height, width))
             except TinySplatError as error:  # scikit-image is not installed
-                yield Row("growth photos", "pixels of a photo", f"2x{height}x{width}", note=str(error))
+                yield Row("growth photos", "pixels of a photo", f"2x{width}x{height}", note=str(error))
                 return
             setting = {"x": height * width, "threads": run.threads}
             for task in ("encode", "render"):
-                row = Row(f"growth photos, {task}", "pixels of a photo", f"2x{height}x{width}", setting)
+                row = Row(f"growth photos, {task}", "pixels of a photo", f"2x{width}x{height}", setting)
                 try:
                     peak = measure_peak(f"{__name__}.{task}_photos", folder, run.threads).total
                 except (TinySplatError, subprocess.TimeoutExpired) as error:
@@ -197,7 +197,7 @@ def _cloud_rows(run: Run) -> Iterator[Row]:
         for axis, x, count, (height, width) in drawn:
             with tempfile.TemporaryDirectory() as folder:
                 row = Row(
-                    f"growth clouds, {way}", axis, f"{count} at {height}×{width}", {"x": x, "threads": run.threads}
+                    f"growth clouds, {way}", axis, f"{count} at {width}×{height}", {"x": x, "threads": run.threads}
                 )
                 try:
                     peak = measure_peak(f"{__name__}.draw_cloud", folder, count, height, width, way, run.threads)
@@ -347,7 +347,7 @@ def _render(point: Point, run: Run, way: str) -> Work:
 
     def peak(folder: Path) -> int:
         save_gaussians(folder / "g.npz", gaussians)
-        size = f"{point.picture[0]}x{point.picture[1]}"
+        size = f"{point.picture[1]}x{point.picture[0]}"
         return measure_peak(f"{_TASKS}.render_once", folder / "g.npz", size, "numpy", run.threads).total
 
     return partial(renderer.render, camera), peak
@@ -400,7 +400,7 @@ def photo_line(rows: Sequence[Row]) -> str:
             last = max(found, key=lambda row: row.setting["x"])
             costs = f"{duration(last.seconds)} and {megabytes(last.costs['peak_bytes'])}"
             parts.append(f"{made} {costs}")
-            _, height, width = last.way.split("x")
+            _, width, height = last.way.split("x")
     return f"Two photos of {width}×{height}, all pixels kept: {', '.join(parts)}." if parts else ""
 
 

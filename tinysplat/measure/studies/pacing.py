@@ -53,7 +53,7 @@ def _window_rows(job: WindowJob, roots: dict[str, Path], run: Run) -> Iterator[R
     if case.shots is None or case.shots.scene is None:
         return
     steps, drawing = QUICK_STEPS if run.quick else STEPS, Drawing(run.threads)
-    setting = {"views": len(case.gaussians.cameras), "size": "{}x{}".format(*job.size), "model": job.model}
+    setting = {"views": len(case.gaussians.cameras), "size": "{1}x{0}".format(*job.size), "model": job.model}
     with tempfile.TemporaryDirectory() as top, ExitStack() as stack:
         steppers = {}
         for name, root in roots.items():

@@ -141,7 +141,7 @@ def refined_line(rows: Sequence[Row]) -> str:
 
 def title(identity: Mapping[str, Any]) -> str:
     """What the rows of a group have in common, in words."""
-    size = f"{identity['height']}x{identity['width']}"
+    size = f"{identity['width']}x{identity['height']}"
     coded = f"{identity['profile']} at Q_g {identity['qp']:g}"
     return f"{identity['kind']}, {identity['views']} views, {identity['model']}, {coded}, {size}"
 
@@ -183,7 +183,7 @@ def summary_table(rows: Sequence[Row]) -> str:
     for identity, members in groups_of([row for row in rows if row.study == STUDY]):
         mean, scenes = mean_of_scenes(members), len(grouped(members, "scene"))
         name = f"{identity['kind']}, {identity['views']} views"
-        how = f"{identity['model']}, {identity['profile']} {identity['qp']:g}, {identity['height']}×{identity['width']}"
+        how = f"{identity['model']}, {identity['profile']} {identity['qp']:g}, {identity['width']}×{identity['height']}"
         cells = (decibels(mean[key]) for key in ("psnr_photo", "psnr_raw", "psnr", "psnr_covered"))
         counts = str(scenes), str(len(members))
         lines.append([name, how, *counts, *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
@@ -198,7 +198,7 @@ def zoom_summary(rows: Sequence[Row]) -> str:
         for factor, found in (mean_of_scenes(members).get("zoom") or {}).items():
             dB = (decibels(found[key]) for key in ("psnr_raw", "psnr", "psnr_enlarged"))
             gain = f"{found['psnr'] - found['psnr_enlarged']:+.2f}"
-            size = f"{identity['height']}×{identity['width']}, {factor} ×"
+            size = f"{identity['width']}×{identity['height']}, {factor} ×"
             lines.append([f"{identity['kind']}, {identity['views']} views, {identity['model']}", size, *dB, gain])
     return format_table(["", "coded at, drawn at", "raw dB", "coded dB", "enlarged dB", "gain"], lines) if lines else ""
 

@@ -120,7 +120,7 @@ def blur(image: NDArray, sigma: float) -> NDArray:
 def made_case(views: int, height: int, width: int, degree: int) -> Case:
     """Network-like Gaussians of the room, seen from their own views and between the middle pair."""
     room = Room(views)
-    name = f"network-like, room, {views}×{height}×{width}, SH degree {degree}"
+    name = f"network-like, room, {views}×{width}×{height}, SH degree {degree}"
     shots = room.shots(room.windows()[0][0], (height, width))
     targets, nothing = shots.targets, (None,) * len(shots.targets.cameras)
     gaussians = made_gaussians(views, height, width, degree)
