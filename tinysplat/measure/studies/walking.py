@@ -1,6 +1,7 @@
 """What is a whole capture worth? Every fourth photo is left out and drawn from the others: a few of them, or many.
 
-Ways: `walk`, so many of the others spread over the capture in one scene; `six spread`, six of 24 of them; `own pair`,
+Ways: `walk`, so many of the others spread over the capture in one scene; `refined walk`, the same corrected by these
+photos in as many steps as are usual, where numba is installed; `six spread`, six of 24 of them; `own pair`,
 for every picture a scene of the two taken nearest to it; `nearest photo`, that one itself, shown in its place. A walk
 is coded, and its pictures are drawn from the file too. Of 24 photos a path is drawn through their cameras: flicker is
 the largest change between frames, in medians of the changes about it.
@@ -10,14 +11,19 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import between
+from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.neighbours import view_places
@@ -31,9 +37,12 @@ from ..study import Run, Study
 from ..subjects.sources import FolderSource
 
 STUDY = "walk"
+REFINED = "refined walk"
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
+
+T = TypeVar("T")
 
 TARGETS = 8
 PATH_FRAMES_A_VIEW, ABOUT = 6, 4
@@ -93,23 +102,29 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     def drawn(gaussians: Gaussians) -> list[float]:
         return capture.psnr(list(map(drawing.renderer(gaussians), capture.cameras)))
 
-    known: dict[int, Row] = {}
+    def walked(way: str, photos: int, asked: str, gaussians: Gaussians, spent: NDArray) -> Row:
+        """A way with its file, and what both cost: what was spent on the Gaussians, and coding."""
+        data, coding = _timed(partial(runtime.compress, gaussians, drop_invalid=True))
+        seconds, cpu = (spent + coding).tolist()
+        coded = drawn(runtime.decompress(data))
+        more = {"bytes": len(data), "coded": statistics.fmean(coded), "coded_worst": min(coded)}
+        found = row(way, photos, asked, drawn(gaussians))
+        return replace(found, figures={**found.figures, **more}, costs={"seconds": seconds, "cpu": cpu})
+
+    known: dict[int, list[tuple[Row, Gaussians]]] = {}
     counts = {str(count): count for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS)}
     for asked, count in (counts if run.options.views else {**counts, "all": len(capture.others)}).items():
         given = capture.given(count)
         photos = len(given.frames)
         if photos not in known:
-            start, cpu = time.perf_counter(), time.process_time()
-            gaussians = runtime.predict(given, model)
-            data = runtime.compress(gaussians, drop_invalid=True)
-            costs = {"seconds": time.perf_counter() - start, "cpu": time.process_time() - cpu}
-            coded = drawn(runtime.decompress(data))
-            more = {"bytes": len(data), "coded": statistics.fmean(coded), "coded_worst": min(coded)}
-            walked = row("walk", photos, asked, drawn(gaussians))
-            known[photos] = replace(walked, figures={**walked.figures, **more}, costs=costs)
-        found = known[photos]
-        swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
-        yield replace(found, setting={**found.setting, "asked": asked}, figures={**found.figures, **swing})
+            gaussians, made = _timed(partial(runtime.predict, given, model))
+            known[photos] = [(walked(STUDY, photos, asked, gaussians, made), gaussians)]
+            if photos > FEW and find_spec("numba") is not None:
+                better, corrected = _timed(partial(runtime.refine, gaussians, given))
+                known[photos].append((walked(REFINED, photos, asked, better, made + corrected), better))
+        for found, gaussians in known[photos]:
+            swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
+            yield replace(found, setting={**found.setting, "asked": asked}, figures={**found.figures, **swing})
     given, compared = capture.given(COMPARED), str(COMPARED)
     six = Capture(given, (), tuple(range(len(given.frames)))).given(6)
     yield row("six spread", 6, compared, drawn(runtime.predict(six, model)))
@@ -120,6 +135,13 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     ]
     yield row("own pair", 2, compared, capture.psnr(pairs))
     yield row("nearest photo", 1, compared, capture.psnr([given.frames[pair[0]].image() for pair in nearest]))
+
+
+def _timed(work: Callable[[], T]) -> tuple[T, NDArray]:
+    """What comes of it; seconds, and those of processors."""
+    start = np.array([time.perf_counter(), time.process_time()])
+    found = work()
+    return found, np.array([time.perf_counter(), time.process_time()]) - start
 
 
 def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
@@ -145,7 +167,7 @@ def flicker(gaussians: Gaussians, drawing: Drawing) -> float:
 def _named(rows: Sequence[Row]) -> str:
     """The way, and of a walk how many photos were asked for."""
     row = rows[0]
-    return f"{row.way}, {row.setting['asked']}" if row.way == STUDY else row.way
+    return f"{row.way}, {row.setting['asked']}" if row.way in (STUDY, REFINED) else row.way
 
 
 def _photos(rows: Sequence[Row]) -> str:
