@@ -37,15 +37,13 @@ from tinysplat.measure.quality import (
 )
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
-from tinysplat.measure.show.sheets import result_sheets, write_sheet
+from tinysplat.measure.show.sheets import result_sheets
 from tinysplat.measure.studies.quality import summary_table
 from tinysplat.measure.subjects.cases import Window, covered_pixels
-from tinysplat.measure.subjects.sources import FileSource, FolderSource, find_sources, read_depth
+from tinysplat.measure.subjects.sources import FolderSource, find_sources, read_depth
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.errors import InputError, ModelError
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
-from tinysplat_runtime.scene.images import write_png
-from tinysplat_runtime.system.decibels import CEILING
 
 SIZE = (HEIGHT, WIDTH)
 CODINGS = (Coding("paper", 0.0), Coding("balanced", 6.0))
@@ -139,20 +137,6 @@ def test_depth_maps_are_cropped_as_photos_are_and_keep_their_samples(tmp_path):
         read_depth(tmp_path / "depth.png", 10.0, 30, 30)
 
 
-def test_gaussian_files_are_looked_at_from_their_targets_or_between_their_views(tmp_path):
-    gaussians = make_smooth_gaussians(views=3)
-    save_gaussians(tmp_path / "g.npz", gaussians)
-    case = FileSource(tmp_path / "g.npz").case(Window("file", (0, 1, 2), (0, 1)), "", SIZE, Runtime(threads=1))
-    centres = np.stack([camera.centre for camera in gaussians.cameras])
-    np.testing.assert_allclose([c.centre for c in case.cameras], (centres[1:] + centres[:-1]) / 2)
-    assert case.photos == (None, None)
-    with np.load(tmp_path / "g.npz") as file:
-        arrays = dict(file)
-    np.savez(tmp_path / "g.npz", **arrays, target_K=arrays["K"][:1], target_c2w=arrays["c2w"][2:])
-    targets = FileSource(tmp_path / "g.npz").windows()[0][0].targets
-    assert targets == (0,)
-
-
 # ---- measuring ---------------------------------------------------------------------------------------------------
 
 
@@ -203,12 +187,6 @@ def test_a_row_says_what_coding_cost(measured):
     assert fine["depth"]["decoded"]["rmse"] < PLANE_Z / 5
 
 
-def test_a_second_run_measures_nothing_and_says_the_same(measured):
-    scene, results, outcome = measured
-    again = evaluate(plan_of(scene), results, pictures=True)
-    assert again.resumed == 4 and again.rows == outcome.rows
-
-
 def test_a_run_cut_short_or_torn_goes_on_to_the_same_figures(measured, tmp_path):
     scene, _, outcome = measured
     first = evaluate(plan_of(scene, limit=1), tmp_path, CODINGS[:1])
@@ -237,24 +215,6 @@ def test_rows_of_other_photos_cameras_or_options_are_not_taken_for_these(tmp_pat
     assert is_new()
     write_index(scene, [{**NEAR_WINDOW, "target": [1, 3]}])
     assert is_new()
-
-
-def test_what_fails_while_measuring_is_left_out_with_its_reason(tmp_path):
-    for name in "abc":
-        write_eval_scene(tmp_path / name)
-    write_png(tmp_path / "a" / "1.png", plane_photo(0)[:, :-4])
-    (tmp_path / "b" / "2.png").unlink()
-    outcome = evaluate(plan_of(tmp_path), tmp_path / "results", CODINGS[1:])
-    assert [row.setting["scene"] for row in outcome.rows] == ["c"]
-    assert [entry.where for entry in outcome.left_out] == ["a near 0,2, sweep", "b near 0,2, sweep"]
-    assert "60x48 pixels, but its camera states 64x48" in outcome.left_out[0].why
-    assert "2.png: no such file" in outcome.left_out[1].why
-
-
-def test_a_model_that_is_none_is_one_error(tmp_path):
-    sources, _ = find_sources([write_eval_scene(tmp_path / "a")])
-    with pytest.raises(ModelError, match="unknown network 'nerf'"):
-        evaluate(Plan(sources, ("nerf",)), tmp_path / "results")
 
 
 def test_gaussian_files_are_measured_against_their_own_render(tmp_path):
@@ -325,19 +285,6 @@ def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):
 def write_results(folder: Path, outcome: Outcome) -> None:
     folder.mkdir(exist_ok=True)
     (folder / "results.json").write_text(json.dumps(document(outcome, "", 1, 1)))
-
-
-def test_sheets_show_photo_both_results_and_both_errors(measured, tmp_path):
-    scene, results, outcome = measured
-    write_results(results, outcome)
-    write_results(tmp_path / "b", evaluate(plan_of(scene), tmp_path / "b", CODINGS[1:], pictures=True))
-    sheets = result_sheets(results, tmp_path / "b")
-    assert [len(sheet.rows) for sheet in sheets] == [1, 2]
-    scores = sheets[0].rows[0].scores()
-    assert scores["psnr_b_to_a"] == CEILING and scores["psnr_a_to_photo"] == scores["psnr_b_to_photo"]
-    (path,) = write_sheet(tmp_path, sheets[1])
-    with Image.open(path) as image:
-        assert image.width > 5 * WIDTH and image.height > 2 * HEIGHT
 
 
 def test_folders_without_pictures_or_common_windows_are_refused(measured, tmp_path):
