@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from tinysplat_runtime.codec import parts
-from tinysplat_runtime.codec.encoder import map_channel
-from tinysplat_runtime.codec.hevc import PictureDecoder, PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.paper import paper_plan
-from tinysplat_runtime.codec.profiles import PAPER, EncoderSettings
-from tinysplat_runtime.errors import FormatError, NumericError
-from tinysplat_runtime.gaussian.planes import CODING_ORDER, Channel, PlaneClass
+from tinysplat_runtime.codec.profiles import PAPER
+from tinysplat_runtime.gaussian.planes import CODING_ORDER, PlaneClass
 
 
 def planes_of(counts: dict[PlaneClass, int]) -> dict[PlaneClass, np.ndarray]:
@@ -51,48 +48,6 @@ def test_paper_s_steps_are_sigma_over_alpha_at_the_class_s_qp(is_reduced: bool) 
     depth = planes[PlaneClass.DEPTH]
     assert plan.depth_limits == (float(depth.min()), float(depth.max())) and plan.degree == 2
     assert plan.reduction == ("maps" if is_reduced else None)
-
-
-# ---- the encoder ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("values", [[-2e15, 0], [0, 2e15], [0, np.inf]])
-def test_values_beyond_1e15_are_refused_by_their_channel_s_name(values: list[float]) -> None:
-    planes = np.array(values, np.float32).reshape(1, 1, 2)
-    with pytest.raises(NumericError, match=r"^scale2: values from .* to .*, at most 1e\+15 can be coded"):
-        map_channel(Channel(PlaneClass.SCALE, 2, planes, 1.0, (min(values), max(values))))
-
-
-# ---- pictures -------------------------------------------------------------------------------------------------------
-
-
-CODES = np.full((16, 24), 2000, np.uint16)
-
-
-@pytest.mark.parametrize(
-    ("payload", "words"),
-    [(b"\x28\x01", "not a single HEVC intra slice"), (b"\x02\x01\x00", "not a single HEVC intra slice"),
-     (b"\x28\x01\x00\x00\x01", "not a single HEVC intra slice")],
-)  # fmt: skip
-def test_what_is_no_slice_is_said(payload: bytes, words: str) -> None:
-    decoder = PictureDecoder(encode_plane(CODES, 20, EncoderSettings("ultrafast")).parameter_sets, 16, 24, "gray12le")
-    with pytest.raises(FormatError) as error:
-        decoder.decode(payload)
-    assert str(error.value) == f"plane: {words}"
-
-
-def test_pictures_of_another_size_or_format_are_said() -> None:
-    coded = encode_plane(CODES, 20, EncoderSettings("ultrafast"))
-    for expected, words in (
-        ((24, 16, "gray12le"), "24x16 gray12le, expected 16x24 gray12le"),
-        ((16, 24, "gray10le"), "24x16 gray12le, expected 24x16 gray10le"),
-    ):
-        with pytest.raises(FormatError) as error:
-            PictureDecoder(coded.parameter_sets, *expected).decode(coded.payload)
-        assert str(error.value) == f"plane: picture is {words}"
-    out = np.zeros((16, 24), np.uint16)
-    PlaneDecoder(coded.parameter_sets, 16, 24).decode_into(coded.payload, out)
-    assert np.abs(out.astype(int) - 2000).max() <= 16 * 2 ** ((20 - 4) / 6) / 2  # half a step
 
 
 # ---- files in parts -------------------------------------------------------------------------------------------------

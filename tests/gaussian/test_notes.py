@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import struct
 from dataclasses import replace
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 import plyfile
 import pytest
 import safetensors
-from golden_cases import DATA
 from scenes import make_smooth_gaussians
+from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.notes import note_sections
 from tinysplat_runtime.gaussian.editing import merge, similarity
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 NOTES = ts.Notes("metre", 'Jörg "J" Müller, cropped \\ here', "CC-BY-4.0")
-
-
-ADDED_BYTES = sum(L.TABLE_ROW.size + len(section.data) for section in note_sections(NOTES))
 
 
 @pytest.fixture(scope="module")
@@ -47,33 +41,6 @@ def test_a_file_carries_notes_in_every_mode(gaussians: ts.Gaussians, options: di
     assert len(data) <= options.get("target_size", len(data))
 
 
-def test_notes_change_nothing_else(gaussians: ts.Gaussians, coded: bytes) -> None:
-    plain = ts.compress(gaussians.with_notes(ts.Notes()), "fast")
-    assert len(coded) == len(plain) + ADDED_BYTES
-    described, before = ts.inspect(coded), ts.inspect(plain)
-    assert (before["version"], described["version"]) == ("1.0", "1.1")
-    assert described["planes"] == before["planes"] and described["bytes_by_class"] == before["bytes_by_class"]
-    for prefix in described["prefixes"]:
-        np.testing.assert_array_equal(
-            ts.decompress(coded, max_bytes=prefix["bytes"]).means,
-            ts.decompress(plain, max_bytes=prefix["bytes"] - ADDED_BYTES).means,
-        )
-
-
-def test_golden_files_have_none_and_stay_as_they_are() -> None:
-    data = (DATA / "tiny_paper.tsplat").read_bytes()
-    assert not ts.decompress(data).notes and note_sections(ts.Notes()) == []
-
-
-@pytest.mark.parametrize("suffix", [".npz", ".safetensors", ".ply"])
-def test_formats_with_room_keep_notes(gaussians: ts.Gaussians, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"g{suffix}"
-    assert ts.save_gaussians(path, gaussians) == []
-    assert ts.load_gaussians(path).notes == NOTES
-    ts.save_gaussians(path, gaussians.with_notes(ts.Notes()))
-    assert not ts.load_gaussians(path).notes
-
-
 def test_notes_stand_where_other_programs_look(gaussians: ts.Gaussians, tmp_path: Path) -> None:
     for suffix in (".npz", ".safetensors", ".ply"):
         ts.save_gaussians(tmp_path / f"g{suffix}", gaussians)
@@ -82,11 +49,6 @@ def test_notes_stand_where_other_programs_look(gaussians: ts.Gaussians, tmp_path
     with safetensors.safe_open(tmp_path / "g.safetensors", framework="numpy") as file:
         assert file.metadata()["attribution"] == NOTES.attribution
     assert json.loads(np.load(tmp_path / "g.npz")["notes"].tobytes())["unit"] == "metre"
-
-
-def test_formats_without_room_say_what_they_leave_out(gaussians: ts.Gaussians, tmp_path: Path) -> None:
-    notes = ts.save_gaussians(tmp_path / "g.spz", gaussians)
-    assert "unit and attribution and licence left out, .spz has no room for text" in notes
 
 
 def test_movements_keep_notes_and_a_change_of_scale_drops_the_unit(gaussians: ts.Gaussians) -> None:
@@ -127,20 +89,9 @@ def test_text_that_could_steer_a_terminal_is_refused(text: str) -> None:
         ts.Notes(attribution=text)
 
 
-def rewritten(coded: bytes, section: bytes) -> bytes:
-    """The file with another NOTE section and right checksums."""
-    count = L.HEADER.unpack_from(coded)[3]
-    start = L.HEADER.size
-    rows = [list(L.TABLE_ROW.unpack_from(coded, start + i * L.TABLE_ROW.size)) for i in range(count)]
-    at = start + count * L.TABLE_ROW.size
-    bodies = []
-    for row in rows:
-        bodies.append(section if row[0] == b"NOTE" else coded[at : at + row[3]])
-        at += row[3]
-        row[3:] = [len(bodies[-1]), crc32(bodies[-1]) if row[0] == b"NOTE" else row[4]]
-    table = b"".join(L.TABLE_ROW.pack(*row) for row in rows)
-    head = coded[: start - 4]
-    return head + crc32(head + table).to_bytes(4, "little") + table + b"".join(bodies)
+def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:
+    """A file with other bytes in a section, all lengths and checksums right."""
+    return file_of([[*section[:3], text if section[0] == kind else section[3]] for section in sections_of(data)])
 
 
 @pytest.mark.parametrize(
@@ -157,7 +108,7 @@ def rewritten(coded: bytes, section: bytes) -> bytes:
 )
 def test_hostile_sections_are_refused(coded: bytes, section: bytes, words: str) -> None:
     with pytest.raises(ts.FormatError, match=f"section NOTE.*{words}"):
-        ts.decompress(rewritten(coded, section))
+        ts.decompress(with_section(coded, b"NOTE", section))
 
 
 def test_hostile_notes_of_other_formats_are_refused(gaussians: ts.Gaussians, tmp_path: Path) -> None:
@@ -194,47 +145,6 @@ def test_a_refinement_that_is_no_short_line_is_refused(gaussians: ts.Gaussians, 
         ts.inspect(with_section(data, b"REFI", text))
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["g.npz", "g.safetensors", "g.ply", "g.compressed.ply", "g.spz", "g.sog", "meta.json", "g.glb", "g.gltf", "g.usda"],
-)
-def test_every_format_keeps_the_mark_of_antialiased_gaussians(
-    gaussians: ts.Gaussians, tmp_path: Path, name: str
-) -> None:
-    for mark in ("yes", ""):
-        assert not any("antialiased" in line for line in ts.save_gaussians(
-            tmp_path / name, gaussians.with_notes(ts.Notes(antialiased=mark))))  # fmt: skip
-        assert ts.load_gaussians(tmp_path / name).notes == ts.Notes(antialiased=mark)
-
-
-@pytest.mark.parametrize("version", [2, 3, 4])
-def test_the_mark_is_the_flag_of_spz(gaussians: ts.Gaussians, tmp_path: Path, version: int) -> None:
-    marked, plain = tmp_path / "marked.spz", tmp_path / "plain.spz"
-    ts.save_gaussians(marked, gaussians.with_notes(ts.Notes(antialiased="yes")), spz_version=version)
-    ts.save_gaussians(plain, gaussians.with_notes(ts.Notes()), spz_version=version)
-    one, other = (gzip.decompress(p.read_bytes()) if version < 4 else p.read_bytes() for p in (marked, plain))
-    assert [(at, a, b) for at, (a, b) in enumerate(zip(one, other, strict=True)) if a != b] == [(14, 1, 0)]
-    assert ts.load_gaussians(marked).notes.antialiased == "yes" and not ts.load_gaussians(plain).notes
-
-
-@pytest.mark.parametrize(
-    ("comments", "mark"),
-    [
-        (["SplatRenderMode: mip"], "yes"), (["antialiased 1"], "yes"), (["SplatRenderMode: default"], ""),
-        (["antialiased 1", "SplatRenderMode: default"], ""), (["not antialiased 1"], ""), ([], ""),
-    ],
-)  # fmt: skip
-def test_marks_of_other_programs_are_read(
-    gaussians: ts.Gaussians, tmp_path: Path, comments: list[str], mark: str
-) -> None:
-    """As PlayCanvas' splat-transform reads them: Brush's word and Postshot's, the last one holds."""
-    ts.save_gaussians(tmp_path / "g.ply", gaussians.with_notes(ts.Notes()))
-    data = plyfile.PlyData.read(tmp_path / "g.ply")
-    data.comments = comments
-    data.write(tmp_path / "other.ply")
-    assert ts.load_gaussians(tmp_path / "other.ply").notes.antialiased == mark
-
-
 def test_a_coded_file_keeps_the_mark_in_a_section_of_its_own(gaussians: ts.Gaussians, coded: bytes) -> None:
     marked = ts.compress(gaussians.with_notes(replace(NOTES, antialiased="yes")), "fast")
     assert ts.decompress(marked).notes == replace(NOTES, antialiased="yes")
@@ -244,54 +154,3 @@ def test_a_coded_file_keeps_the_mark_in_a_section_of_its_own(gaussians: ts.Gauss
     for text in (b"", b"no", b"YES", b"yess", b"\xff"):
         with pytest.raises(ts.FormatError, match="ANTI"):
             ts.inspect(with_section(marked, b"ANTI", text))
-
-
-def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:
-    """A file with other bytes in a section, all lengths and checksums right."""
-    header = L.HEADER.unpack_from(data)
-    end, rows, bodies = L.HEADER.size + header[3] * L.TABLE_ROW.size, [], []
-    at = end
-    for row in range(header[3]):
-        found, flags, index, length, crc = L.TABLE_ROW.unpack_from(data, L.HEADER.size + row * L.TABLE_ROW.size)
-        body = text if found == kind else data[at : at + length]
-        at += length
-        rows.append(L.TABLE_ROW.pack(found, flags, index, len(body), crc32(body) if found == kind else crc))
-        bodies.append(body)
-    head = L.HEADER.pack(*header[:-1], 0)[:-4]
-    table = b"".join(rows)
-    return b"".join([head, struct.pack("<I", crc32(head + table)), table, *bodies])
-
-
-@pytest.mark.parametrize(
-    ("field", "most"), [("unit", 32), ("attribution", 1024), ("licence", 128), ("refined", 128), ("thinned", 128)]
-)
-def test_text_is_as_long_as_its_field_may_be_in_utf_8(field: str, most: int) -> None:
-    assert len(getattr(ts.Notes(**{field: "é" * (most // 2)}), field)) == most // 2
-    with pytest.raises(ts.InputError, match=f"{most + 1} bytes of UTF-8, expected at most {most}") as caught:
-        ts.Notes(**{field: "é" * (most // 2) + "x"})
-    assert caught.value.where == field
-
-
-def test_marks_and_types_of_notes_are_checked() -> None:
-    assert ts.Notes(antialiased="yes") and not ts.Notes(antialiased="")
-    for wrong, words in (
-        ("no", "'no', expected 'yes' or nothing"),
-        ("yess", "4 bytes"),
-        (None, "a NoneType, expected text"),
-    ):
-        with pytest.raises(ts.InputError, match=words) as caught:
-            ts.Notes(antialiased=wrong)  # type: ignore[arg-type]
-        assert caught.value.where == "antialiased"
-
-
-def test_licences_of_several_are_all_to_be_kept() -> None:
-    parts = [
-        ts.Notes("m", "A", "MIT OR Apache-2.0", "r", "yes"),
-        ts.Notes("m", "", "CC0-1.0", "r"),
-        ts.Notes("m", "A", "CC0-1.0"),
-    ]
-    found = ts.Notes.joined(parts)
-    assert found == ts.Notes("m", "A", "(MIT OR Apache-2.0) AND CC0-1.0")
-    assert ts.Notes.joined(parts[:1]) == parts[0]
-    assert ts.Notes.joined([parts[1], ts.Notes("cm", "B")]) == ts.Notes("", "B", "CC0-1.0")
-    assert found.given() == {"unit": "m", "attribution": "A", "licence": found.licence}

@@ -99,7 +99,7 @@ def test_a_cloud_comes_back_whole_in_its_place(g, qp):
 
 
 @given(g=captures(), data=st.data())
-@settings(max_examples=15)
+@settings(max_examples=8)
 def test_lossless_files_are_settled_and_some_views_are_those_of_the_whole(g, data):
     for options in ({"lossless": True}, {"profile": "fast"}):
         file = ts.compress(g, **options)
@@ -112,6 +112,7 @@ def test_lossless_files_are_settled_and_some_views_are_those_of_the_whole(g, dat
 
 
 @given(g=st.one_of(captures(), clouds()), data=st.data())
+@settings(max_examples=20)
 def test_files_are_as_large_as_they_say_and_no_damage_passes(g, data):
     g = replace(g, opacities=np.maximum(g.opacities, np.float32(0.02)))
     file = ts.Runtime(threads=1).compress(g, "fast", keep_all=True)
