@@ -69,13 +69,6 @@ def test_predictions_enter_synthesis_to_float_precision():
     assert (np.abs(found - planes) / span).max() < 1e-7
 
 
-def test_info_names_network_and_photos(files):
-    for mode in ("photos", "hybrid"):
-        described = ts.inspect(files[mode])
-        assert described["network"]["name"] == DEFAULT_MODEL and len(described["network"]["sha256"]) == 64
-        assert described["photos"]["bytes"] == described["bytes_by_class"]["photos"] > 0
-
-
 def test_a_hybrid_prefix_falls_back_to_the_photos(files, raw):
     described = ts.inspect(files["hybrid"])
     start = described["bytes"] - sum(plane["bytes"] for plane in described["planes"])

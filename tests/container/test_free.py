@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from sections import file_of, sections_of
 
-from tinysplat_runtime.container.free import decoding_bytes, free_sections, order_of
+from tinysplat_runtime.container.free import decoding_bytes, free_sections
 from tinysplat_runtime.container.layout import PLANES
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import FreeScene, Limits
@@ -286,12 +286,3 @@ def test_limits_are_the_most_that_is_accepted() -> None:
         else:
             with pytest.raises(FormatError, match=f"the file's bytes stand for {256 * bytes_of} at most"):
                 read(file)
-
-
-@pytest.mark.parametrize(
-    ("place", "order"),
-    [((P.COLOR, 0), 2), ((P.OPACITY, 0), 0), ((P.SCALE, 0), 1), ((P.SCALE, 1), 2), ((P.SCALE, 2), 2),
-     ((P.ROTATION, 0), 3), ((P.ROTATION, 2), 3)],
-)  # fmt: skip
-def test_channels_follow_the_determinants_before_them(place: tuple[P, int], order: int) -> None:
-    assert order_of(*place) == order

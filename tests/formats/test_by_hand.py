@@ -11,24 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
-from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.notes import Notes
+from tinysplat_runtime.formats.table import load_gaussians
 
 C0 = 0.28209479177387814
-ROOT = np.sqrt(0.5)
-
-
-def points(count: int, degree: int = 0, seed: int = 0) -> Gaussians:
-    rng = np.random.default_rng(seed)
-    return Gaussians(
-        rng.normal(size=(count, 3)), rng.normal(size=(count, 4)), rng.uniform(0.01, 0.2, (count, 3)),
-        rng.uniform(0, 1, count), 0.5 * rng.normal(size=(count, (degree + 1) ** 2, 3)),
-    )  # fmt: skip
 
 
 def webp(rows: list[list[int]], width: int) -> bytes:
@@ -157,80 +145,6 @@ def test_a_meta_json_is_an_object(tmp_path: Path, data: bytes, words: str) -> No
         load_gaussians(tmp_path / "a.sog")
 
 
-def test_pictures_hold_little_more_than_their_gaussians(tmp_path: Path) -> None:
-    def of(width: int, height: int) -> Any:
-        return picture("s.webp", [[0, 0, 0, 255]] * (width * height), width)
-
-    for width, height, is_fine in ((50, 82, True), (4100, 1, True), (51, 82, False), (4101, 1, False)):
-        sog_by_hand(tmp_path / f"{width}", of(width, height))
-        if is_fine:  # 2 · 2 + 4096 pixels
-            assert load_gaussians(tmp_path / f"{width}").count == 2
-        else:
-            with pytest.raises(InputError, match=rf"s\.webp: {width}x{height} pixels, expected about 2"):
-                load_gaussians(tmp_path / f"{width}")
-
-
-def taken_apart(path: Path) -> tuple[dict[str, Any], dict[str, NDArray]]:
-    """A written file's meta.json and pictures (h, w, 4)."""
-    with zipfile.ZipFile(path) as archive:
-        assert {info.compress_type for info in archive.infolist()} == {zipfile.ZIP_STORED}
-        names = archive.namelist()
-        assert names[-1] == "meta.json"
-        pictures = {name: np.asarray(Image.open(io.BytesIO(archive.read(name))).convert("RGBA")) for name in names[:-1]}
-        return json.loads(archive.read("meta.json")), pictures
-
-
-def test_every_value_that_is_written_to_a_sog_file(tmp_path: Path) -> None:
-    """Three Gaussians, in the order of a Morton curve; values of up to 256 kinds are kept as they are."""
-    means = np.array([[-3, 0.5, 2], [0, 0.5, 2.5], [4, 0.5, 9]])
-    quats = np.array([[1, 0, 0, 0], [-0.5, 0.5, 0.5, -0.6], [0, 0.6, 0, -0.8]])
-    sh = np.arange(36).reshape(3, 4, 3) / 30.0
-    g = Gaussians(means, quats, np.arange(1, 10).reshape(3, 3) / 10, np.array([0, 0.5, 1]), sh)
-    save_gaussians(tmp_path / "a.sog", g)
-    meta, pictures = taken_apart(tmp_path / "a.sog")
-    assert all(
-        found.shape == ((4, 4, 4) if name != "shN_centroids.webp" else (1, 192, 4)) for name, found in pictures.items()
-    )
-    assert (meta["version"], meta["asset"], meta["count"], "model" in meta) == (2, {"generator": "tinysplat"}, 3, False)
-    rows = {name.removesuffix(".webp"): found.reshape(-1, 4) for name, found in pictures.items()}
-    assert all((found[3:] == [0, 0, 0, 255]).all() for name, found in rows.items() if name != "shN_centroids")
-    logs = np.sign(means) * np.log1p(np.abs(means))
-    np.testing.assert_allclose(meta["means"]["mins"], logs.min(axis=0), rtol=1e-6)
-    np.testing.assert_allclose(meta["means"]["maxs"], logs.max(axis=0), rtol=1e-6)
-    span = np.ptp(logs, axis=0)
-    codes = np.rint((logs - logs.min(axis=0)) / np.where(span > 0, span, 1) * 65535)
-    found = rows["means_l"][:3, :3] + 256.0 * rows["means_u"][:3, :3]
-    order = [int(np.flatnonzero((np.abs(codes - row) <= 1).all(axis=1))[0]) for row in found]
-    assert sorted(order) == [0, 1, 2] and not found[:, 1].any()
-    book = np.array(meta["scales"]["codebook"])
-    np.testing.assert_allclose(np.exp(book[rows["scales"][:3, :3]]), g.scales[order], rtol=1e-6)
-    book = np.array(meta["sh0"]["codebook"])
-    np.testing.assert_allclose(book[rows["sh0"][:3, :3]], sh[order, 0], atol=1e-7)
-    assert rows["sh0"][:3, 3].tolist() == [[0, 128, 255][n] for n in order]
-    three = [(0, [0, 0, 0]), (3, [0.5, -0.5, -0.5]), (3, [0, -0.6, 0])]  # the rest, with the largest made positive
-    norms = np.linalg.norm(quats, axis=1)
-    wanted = [
-        [*np.rint((np.array(rest) / norm * ROOT + 0.5) * 255), 252 + n]
-        for (n, rest), norm in zip(three, norms, strict=True)
-    ]
-    assert np.abs(rows["quats"][:3] - np.array(wanted)[order]).max() <= 1  # a half may go either way
-    assert rows["quats"][:3, 3].tolist() == [wanted[n][3] for n in order]
-    higher = meta["shN"]
-    assert (higher["bands"], higher["count"]) == (1, 3) and higher["files"] == ["shN_centroids.webp", "shN_labels.webp"]
-    vectors = np.array(higher["codebook"])[rows["shN_centroids"].reshape(64, 3, 4)[..., :3]]
-    labels = rows["shN_labels"][:3, 0] + 256 * rows["shN_labels"][:3, 1].astype(int)
-    np.testing.assert_allclose(vectors[labels], sh[order, 1:], atol=1e-6)
-    assert (rows["shN_centroids"][:, 3] == 255).all() and not rows["shN_labels"][:3, 2].any()
-
-
-def test_antialiased_gaussians_are_said_to_be_so(tmp_path: Path) -> None:
-    g = points(5)
-    for given, model in ((g, None), (g.with_notes(Notes(antialiased="yes")), "antialiased")):
-        save_gaussians(tmp_path / "a.sog", given)
-        assert taken_apart(tmp_path / "a.sog")[0].get("model") == model
-        assert bool(load_gaussians(tmp_path / "a.sog").notes.antialiased) == bool(model)
-
-
 # ---- compressed .ply ------------------------------------------------------------------------------------------------
 
 
@@ -272,19 +186,6 @@ def test_every_value_of_a_compressed_ply_is_where_the_format_has_it(tmp_path: Pa
         np.testing.assert_allclose(found / np.linalg.norm(found), whole / np.linalg.norm(whole), atol=1e-6)
 
 
-def test_chunks_without_colours_have_those_of_0_to_1(tmp_path: Path) -> None:
-    compressed_ply(tmp_path / "a.ply", colours=False, sh=None)
-    g = load_gaussians(tmp_path / "a.ply")
-    assert g.degree == 0
-    np.testing.assert_allclose(g.sh[:, 0], (np.array([[1, 0, 0], [0.0, 0.2, 0.4]]) - 0.5) / C0, atol=1e-6)
-
-
-def test_sh_of_other_numbers_than_degrees_have(tmp_path: Path) -> None:
-    compressed_ply(tmp_path / "a.ply", sh=8)
-    with pytest.raises(InputError, match="2 rows of 8 SH values for 2 Gaussians"):
-        load_gaussians(tmp_path / "a.ply")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -301,41 +202,3 @@ def test_compressed_ply_that_lacks_something(tmp_path: Path, old: bytes, new: by
     (tmp_path / "a.ply").write_bytes(data.replace(old, new))
     with pytest.raises(InputError, match=words):
         load_gaussians(tmp_path / "a.ply")
-
-
-def test_every_value_that_is_written_to_a_compressed_ply(tmp_path: Path) -> None:
-    """257 Gaussians are two chunks, the last with one; ends of ranges are kept exactly."""
-    g = points(257, 1)
-    save_gaussians(tmp_path / "a.compressed.ply", g)
-    import plyfile
-
-    file = plyfile.PlyData.read(str(tmp_path / "a.compressed.ply"))
-    chunk, vertex, sh = (file[name].data for name in ("chunk", "vertex", "sh"))
-    assert (len(chunk), len(vertex), len(sh)) == (2, 257, 257)
-    last = load_gaussians(tmp_path / "a.compressed.ply").means[-1]
-    row = int(np.abs(g.means - last).sum(axis=1).argmin())
-    for n, axis in enumerate("xyz"):
-        assert chunk[f"min_{axis}"][1] == chunk[f"max_{axis}"][1] == g.means[row, n]
-        assert chunk[f"min_scale_{axis}"][1] == pytest.approx(np.log(g.scales[row, n]), rel=1e-6)
-        rest = np.delete(g.means[:, n], row)
-        assert (chunk[f"min_{axis}"][0], chunk[f"max_{axis}"][0]) == (rest.min(), rest.max())
-    for n, channel in enumerate("rgb"):
-        rest = np.delete(0.5 + C0 * g.sh[:, 0, n], row)
-        np.testing.assert_allclose(
-            (chunk[f"min_{channel}"][0], chunk[f"max_{channel}"][0]), (rest.min(), rest.max()), rtol=1e-5
-        )
-    word = int(vertex["packed_position"][0])
-    first = int(np.abs(g.means - load_gaussians(tmp_path / "a.compressed.ply").means[0]).sum(axis=1).argmin())
-    low, high = (np.array([chunk[f"{end}_{axis}"][0] for axis in "xyz"], float) for end in ("min", "max"))
-    share = (g.means[first] - low) / (high - low)
-    assert [word >> 21, word >> 11 & 1023, word & 2047] == np.rint(share * [2047, 1023, 2047]).tolist()
-    assert int(vertex["packed_color"][0]) & 255 == round(float(g.opacities[first]) * 255)
-    assert int(vertex["packed_position"][-1]) == int(vertex["packed_scale"][-1]) == 0
-    quat = g.quats[first] / np.linalg.norm(g.quats[first])
-    largest = int(np.abs(quat).argmax())
-    three = np.delete(quat, largest) * np.sign(quat[largest])
-    word = int(vertex["packed_rotation"][0])
-    assert word >> 30 == largest
-    assert [word >> 20 & 1023, word >> 10 & 1023, word & 1023] == np.rint((three * ROOT + 0.5) * 1023).tolist()
-    codes = np.floor((g.sh[first, 1:].T.ravel() / 8 + 0.5) * 256).clip(0, 255)
-    assert [sh[f"f_rest_{n}"][0] for n in range(9)] == codes.tolist()

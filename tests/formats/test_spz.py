@@ -235,13 +235,3 @@ def test_damaged_files_of_version_4_are_refused_without_memory(tmp_path: Path) -
         path.write_bytes(data[:end])
         with pytest.raises(InputError):
             load_gaussians(path)
-
-
-@pytest.mark.parametrize(("size", "is_said"), [(2.02, False), (1.98, True)])
-def test_rounding_is_said_from_a_quarter_of_the_typical_size(tmp_path: Path, size: float, is_said: bool) -> None:
-    """At a reach of 1000 units, 13 bits are left behind the point: half a step of 2^-13, a quarter of the size."""
-    g = some(0)
-    means = g.means / np.abs(g.means).max() * 1000
-    made = Gaussians(means, g.quats, np.full_like(g.scales, size * 2.0**-13), g.opacities, g.sh)
-    notes = save_gaussians(tmp_path / "g.spz", made)
-    assert notes == (["positions rounded to 0.000122 units, as the scene reaches 1e+03 from its origin"] * is_said)

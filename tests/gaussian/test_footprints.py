@@ -30,11 +30,6 @@ def test_every_covariance_grows_by_its_photos_pixel_in_all_layers():
         np.testing.assert_array_equal(after.opacities, before.opacities)
 
 
-def test_no_variance_widens_nothing():
-    scene = make_gaussians(2, 4, 5)
-    np.testing.assert_allclose(widened(scene, 0).scales, scene.scales, rtol=1e-7)
-
-
 def test_gaussians_of_no_photos_and_variances_that_are_none_are_refused():
     scene = make_gaussians(2, 4, 5)
     with pytest.raises(InputError, match="no photos"):

@@ -10,7 +10,6 @@ from scenes import make_cameras, make_smooth_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.gaussian.notes import Notes
 
 
 def _changed(g, field, index, value):
@@ -125,35 +124,3 @@ def test_leading_shapes_are_of_a_list_or_of_views(lead):
     shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (1, 3)}
     with pytest.raises(InputError, match=r"expected \(N,\) or \(V, H, W\), none of them 0"):
         Gaussians(**{name: np.ones((*lead, *shape)) for name, shape in shapes.items()})
-
-
-def test_layers_are_told_by_number():
-    g = make_smooth_gaussians(2, 8, 9, layers=3)
-    one, two = g.extra_layers
-    for layer in (replace(two, cameras=()), replace(two, extra_layers=(one,)), free()):
-        with pytest.raises(InputError) as caught:
-            replace(g, extra_layers=(one, layer))
-        assert caught.value.where == "layer2"
-    with pytest.raises(InputError) as caught:
-        replace(g, extra_layers=(replace(one, origin=np.array([0, 0, 1.0])),))
-    assert caught.value.where == "layer1_origin"
-    single = make_smooth_gaussians(1, 8, 9)
-    with pytest.raises(InputError) as caught:
-        replace(g, extra_layers=(single,))
-    assert caught.value.where == "layer1"
-
-
-def test_gaussians_tell_of_themselves():
-    g = make_smooth_gaussians(2, 8, 9, degree=3, layers=3)
-    count = sum(int(np.prod(layer.means.shape[:3])) for layer in (g, *g.extra_layers))
-    assert (g.degree, g.count, g.is_per_pixel) == (3, count, True)
-    assert repr(g) == f"Gaussians(2x8x9, SH degree 3, 3 layers of {count} in all)"
-    assert repr(free()) == "Gaussians(3, SH degree 0)" and not free().is_per_pixel
-    noted = g.with_notes(Notes(unit="metre"))
-    assert noted.notes.unit == "metre" and noted.means is g.means and not g.notes
-    assert noted.flat().notes.unit == "metre" and noted.with_cameras(g.cameras[::-1]).cameras == g.cameras[::-1]
-    bare = Gaussians.unchecked(**{name: getattr(g.flat(), name) for name in FIELDS})
-    assert bare.cameras == bare.extra_layers == () and bare.origin.tolist() == [0, 0, 0] and not bare.notes
-    for name in ("means", "quats", "scales", "opacities"):  # every layer's rows, one after another
-        parts = [getattr(layer, name).reshape(layer.opacities.size, -1) for layer in g.layers]
-        np.testing.assert_array_equal(getattr(g.flat(), name).reshape(count, -1), np.concatenate(parts))
