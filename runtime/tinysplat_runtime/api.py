@@ -124,7 +124,7 @@ class Runtime:
         Args:
             gaussians: per pixel, with cameras, of two views or more; of any network.
             scene: with the photos, which are found by the poses of their cameras.
-            steps: how many to take at most, 12 unless `seconds` are given.
+            steps: how many to take at most; unless `seconds` are given, 8 for more than six photos, else 12.
             seconds: for how long at most, in place of `steps`.
             profile, qp: what the result will be coded with, in whose steps its bytes are counted.
             stats: filled with what was done.
@@ -132,7 +132,7 @@ class Runtime:
 
         Returns:
             Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
-            look better from the Gaussians of the other photos.
+            look better from the Gaussians of the other photos; of more than six, some judge that correct nothing before.
 
         Raises:
             InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.

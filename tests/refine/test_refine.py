@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluation_scenes import write_eval_scene
 from scenes import make_cameras, make_smooth_gaussians
 
 import tinysplat_runtime as ts
@@ -16,6 +17,7 @@ from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
+from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 SIZE = 40, 48
@@ -77,6 +79,37 @@ def test_photos_that_it_never_saw_come_nearer(case: tuple[ts.Gaussians, Scene, S
     assert stats.kept > 0 and checks[stats.kept] > checks[0] + 0.05
     assert checks[stats.kept] >= max(checks.values()) - 0.05
     assert refined.notes.refined == f"{stats.kept} steps on 3 photos: {stats.before:.1f} to {stats.after:.1f} dB"
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> tuple[ts.Gaussians, Scene, Scene]:
+    """What a network makes of ten photos of a plane, the photos, and others from between."""
+    whole = load_scene(write_eval_scene(tmp_path_factory.mktemp("capture") / "plane", frames=19))
+    photos, between = whole.views(range(0, 19, 2)), whole.views(range(3, 19, 4))
+    return ts.Runtime(threads=1).predict(photos, "sweep"), photos, between
+
+
+def test_a_capture_comes_nearer_to_photos_that_it_never_saw(capture: tuple[ts.Gaussians, Scene, Scene]) -> None:
+    found, photos, between = capture
+    start, stats = worn(found), RefineStats()
+    refined = ts.refine(start, photos, stats=stats)
+    assert psnr(refined, between) > psnr(start, between) + 1
+    assert stats.kept > 0 and dict(stats.looks)[stats.kept] > dict(stats.looks)[0] + 0.5
+
+
+def test_a_capture_whose_photos_agree_about_nothing_more_is_left_as_it_is(
+    capture: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path
+) -> None:
+    """Every photo has noise of its own, which one may fit without showing any other better."""
+    found, photos, _ = capture
+    renderer, rng, frames, stats = Renderer(found), np.random.default_rng(2), [], RefineStats()
+    for number, frame in enumerate(photos.frames):
+        picture = renderer.render(frame.camera)
+        noise = rng.normal(size=(picture.shape[0] // 4, picture.shape[1] // 4, 3)).repeat(4, axis=0).repeat(4, axis=1)
+        write_png(tmp_path / f"{number}.png", (picture + 0.2 * noise).clip(0, 1))
+        frames.append(replace(frame, path=tmp_path / f"{number}.png"))
+    assert ts.refine(found, replace(photos, frames=tuple(frames)), stats=stats) is found
+    assert stats.steps > 0 and stats.kept == 0 and stats.reason
 
 
 def test_results_are_the_same_on_any_number_of_threads(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
@@ -194,6 +227,18 @@ def test_the_commands_refine_report_and_say_so(
         with pytest.raises(SystemExit) if "--refine" in words and words[-1] != "3" else _nothing():
             assert main(["compress", raw, "-o", str(tmp_path / "x.tsplat"), *words]) == 2
     assert not (tmp_path / "x.tsplat").exists()
+
+
+def test_captures_are_refined_unless_that_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import json
+
+    scene, out, report = write_eval_scene(tmp_path / "plane", frames=8), tmp_path / "a.tsplat", tmp_path / "r.json"
+    command = ["encode", str(scene), "-o", str(out), "--views", "all", "--model", "sweep", "--report", str(report)]
+    assert main([*command, "--threads", "1"]) == 0
+    assert capsys.readouterr().err.count("--no-refine") == 1 and json.loads(report.read_text())["refine"]["steps"] > 0
+    assert main([*command, "--no-refine", "--force"]) == 0
+    assert "--no-refine" not in capsys.readouterr().err and "refine" not in json.loads(report.read_text())
+    assert out.read_bytes() == ts.Runtime(threads=1).encode(scene, "sweep", views="all", refine=False)
 
 
 def _nothing():

@@ -132,10 +132,14 @@ class Loop:
 
     def check(self) -> list[float]:
         """dB of the photos that are judged, each drawn from the others' Gaussians where those showed something first;
-        without those of which they showed nothing.
+        without those of which they showed nothing. Of those held back, which others leave far from all, the mean of
+        this and of what all Gaussians show: a new view lies between the two.
         """
+        targets = [self._exposed(view, self._sizes[0][view]) for view in self.held]
+        whole = [self.field.measure(target, shares=self.field.shares(target.camera)).psnr for target in targets]
         errors = [self._checked(view) for view in self.judged]
-        return [error.psnr for error in errors if error.known]
+        pairs = zip(errors, whole or [error.psnr for error in errors], strict=True)
+        return [(error.psnr + all_of_it) / 2 for error, all_of_it in pairs if error.known]
 
     def _checked(self, view: int) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, where they showed something at first."""

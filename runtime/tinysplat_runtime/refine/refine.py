@@ -97,7 +97,8 @@ class Refining:
         self.stats = stats if stats is not None else RefineStats()
         self._start, self._worse, self._score = gaussians, 0, -math.inf
         self._told = profile, qp, run_jobs
-        self._settings = settings_for(len(gaussians.cameras))
+        is_small = steps_below(gaussians.opacities[0].size, 1, MAX_STEPS) == 0
+        self._settings = settings_for(len(gaussians.cameras), below=is_small)
         self._smaller: _Smaller | None = None
         self._is_new, self._seconds = True, dict[str, float]()
         self._sizes = sizes_of(gaussians, matched(gaussians, scene), self._settings.closer)

@@ -100,7 +100,7 @@ BELOW_CAPTURE = replace(OF_CAPTURE, log_depth=4e-3, log_size=0.1, logit=0.2, sh=
 
 
 def settings_for(views: int, below: bool = False) -> Settings:
-    """What fits that many photos; `below`, smaller copies."""
+    """What fits that many photos; `below`, smaller copies, and what is too small to have any."""
     if views > FEW:
         return BELOW_CAPTURE if below else OF_CAPTURE
     return FOR_TWO if views == 2 else Settings()
