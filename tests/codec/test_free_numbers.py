@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tinysplat_runtime.codec.free.attributes import Columns, companded, contracted, expanded, from_columns, to_columns
+from tinysplat_runtime.codec.free.attributes import Columns, from_columns, to_columns
 from tinysplat_runtime.codec.free.octree import CodedPoints, cells_of, decode_points, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import plane_shape, to_plane
 from tinysplat_runtime.errors import FormatError
@@ -129,11 +129,3 @@ def test_gaussians_of_channels_by_hand() -> None:
     assert (sphere.sizes[0], sphere.lengths[0], sphere.thins[0]) == pytest.approx((0.8, 0, 0))
     whole = np.log(from_columns(columns(sizes=1.0, lengths=0.6, thins=0.3))["scales"]).sum()
     assert 3 * sphere.sizes[0] == pytest.approx(whole, rel=1e-5)  # the same volume
-
-
-def test_maps_of_sizes_and_places_by_hand() -> None:
-    knee = 2 * math.log(8)
-    given = np.array([0, knee, knee + 1, -knee, -knee - 8, 2.0])
-    np.testing.assert_allclose(companded(given + 3, 3.0), [2, 16, 24, 0.25, -0.75, 2 * math.e], rtol=1e-12)
-    np.testing.assert_allclose(expanded(np.array([2, 16, 24, 0.25, -0.75]), 3.0), given[:5] + 3, rtol=1e-12)
-    np.testing.assert_allclose(contracted(np.array([0.5, 1, math.e, -(math.e**2)])), [0.5, 1, 2, -3], rtol=1e-12)
