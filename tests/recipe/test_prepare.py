@@ -101,17 +101,43 @@ def test_two_places_are_told_and_both_taken(capture: Path) -> None:
     assert any("2 places that have nothing in common, of 6, 4 photos" in line for line in said)
 
 
-def test_cameras_at_one_place_are_refused_in_a_line(capture: Path) -> None:
-    scene = ts.load_scene(capture, near=2.0, far=12.0)
+@pytest.mark.parametrize("views", [None, "0-3", "auto:2"])
+@pytest.mark.parametrize("depths", [{}, {"near": 2.0, "far": 12.0}])
+def test_cameras_that_only_turn_are_refused_in_a_line(capture: Path, views: object, depths: dict[str, float]) -> None:
+    scene = ts.load_scene(capture, **depths)
     frames = []
     for v, frame in enumerate(scene.frames):
         turn = np.eye(4)
         turn[:2, :2] = [[np.cos(v / 50), -np.sin(v / 50)], [np.sin(v / 50), np.cos(v / 50)]]
         frames.append(replace(frame, camera=Camera(frame.camera.K, turn, WIDTH, HEIGHT)))
-    with pytest.raises(ts.InputError, match=r"stand at one place|from different ones"):
-        chosen(replace(scene, frames=tuple(frames)))
-    with pytest.raises(ts.InputError, match="stand at one place"):
-        chosen(replace(scene, frames=tuple(frames)), views="all")
+    with pytest.raises(ts.InputError, match="one place"):
+        chosen(replace(scene, frames=tuple(frames)), views=views)
+
+
+@pytest.mark.parametrize("depths", [{}, {"near": 2.0, "far": 12.0}])
+@pytest.mark.parametrize("count", [2, 5, VIEWS])
+def test_photos_taken_twice_are_left_out_and_named(capture: Path, count: int, depths: dict[str, float]) -> None:
+    scene = ts.load_scene(capture, **depths).views(range(count))
+    twice = [frame for frame in scene.frames for _ in range(2)]
+    for i in range(1, len(twice), 2):
+        twice[i] = replace(twice[i], path=twice[i].path.with_name("again.png"))
+    for views in (None, "all"):
+        found, said = chosen(replace(scene, frames=tuple(twice)), views=views)
+        assert found == names(*range(count)) and sum("again.png" in line for line in said) == 1
+
+
+@pytest.mark.parametrize("count", [2, 4, VIEWS])
+def test_depths_are_found_about_what_photos_show(tmp_path: Path, count: int) -> None:
+    """However long the row is: what a margin adds is less than the depths span."""
+    traced = trace(count, 96, 128, spacing=0.25, subpixels=1)
+    low, high = np.percentile(traced.depth, (2, 95))
+    (found,) = {(s.near, s.far) for s in [prepared(EncodeRequest.of(write_traced(tmp_path, traced)), str)]}
+    assert low / 2 < found[0] < low and high < found[1] < 2.5 * high
+
+
+def test_depths_that_are_stated_far_too_wide_are_said(capture: Path) -> None:
+    found, said = chosen(ts.load_scene(capture, near=0.01, far=100.0))
+    assert found == names(*range(VIEWS)) and any("1:10000" in line for line in said)
 
 
 # ---- what is said ------------------------------------------------------------------------------------------------

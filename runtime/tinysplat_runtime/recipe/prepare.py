@@ -7,14 +7,16 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ..container.layout import MAX_VIEWS
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS
 from ..scene.intake.layouts import load_scene
 from ..scene.intake.stereo import stereo_scene
 from ..scene.intake.video import video_scene
-from ..scene.look import range_guessed, range_seen, thumbnail_size
-from ..scene.neighbours import Neighbours
+from ..scene.look import LOOK_WIDTH, range_guessed, range_seen, thumbnail_size
+from ..scene.neighbours import LEAST_BASELINE, Neighbours
 from ..scene.scenes import Scene
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
 from ..system.threads import available_cores
@@ -27,6 +29,15 @@ ALL_VIEWS = range(2, 7)
 
 RANGE_VIEWS = 24
 """Photos of a capture that are looked at for its depth range."""
+
+RANGE_SIDE = 64
+"""Longer side of their thumbnails, pixels: larger ones find the same in several times the seconds."""
+
+SAME_PLACE = 1e-9
+"""Of the largest coordinate: what cameras at one place differ by."""
+
+WIDE = 200.0
+"""Times near that far is, from which on a stated range is held against what photos agree about."""
 
 SAID_CROP, MOST_CROP = 0.01, 1 / 3
 """Of a photo: a crop of more than the first is said, and one of more than the second refused, as width and height may
@@ -53,6 +64,7 @@ def prepared(request: EncodeRequest, notice: Callable[[str], object]) -> Scene:
         notice(f"{scene.path}: {text}")
 
     chosen, why = _chosen_views(request, scene, say)
+    _say_wide(chosen, say)
     sized = _sized(request, chosen, say)
     if len(sized.frames) in ALL_VIEWS:
         return sized
@@ -104,15 +116,17 @@ def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], Non
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))
     if isinstance(asked, tuple):
-        return _matching(_with_range(scene.views(asked), say), say), "as asked"
+        return _matching(_with_range(_moving(scene.views(asked)), say), say), "as asked"
+    _moving(scene)
     if asked == ALL or (asked is None and count in ALL_VIEWS):
-        return _matching(_with_range(scene, say), say), "all there are"
+        return _matching(_with_range(_once(scene, say), say), say), "all there are"
     wanted = asked.count if isinstance(asked, AutoViews) else None
     if wanted is not None and (wanted in ALL_VIEWS or wanted > count):
         near, far = _range_or_guess(scene)
         seen = choose_views(scene.cameras, near, far, wanted)
         say(f"views {','.join(map(str, seen))} of {count}, which see most; --views chooses others")
         return _with_range(scene.views(seen), say), "as asked"
+    scene = _once(scene, say)
     if scene.near is None or scene.far is None:  # which a few photos tell, spread as well as can be without it
         some = _with_range(scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS)), say)
         scene = replace(scene, near=some.near, far=some.far, is_estimated=True)
@@ -121,6 +135,37 @@ def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], Non
     chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
     why = f"no other lies farther from them than {SPACING:.0%} of the depth or {math.degrees(SPACING):.0f} degrees"
     return _matching(scene.views(chosen), str), "as asked" if wanted else why
+
+
+def _moving(scene: Scene) -> Scene:
+    """The scene, whose cameras stand at more than one place.
+
+    Raises:
+        InputError: they do not.
+    """
+    centres = np.stack([camera.centre for camera in scene.cameras])
+    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    depth = 2 / (1 / scene.near + 1 / scene.far) if scene.near and scene.far else 0.0
+    if extent > max(LEAST_BASELINE * depth, SAME_PLACE * float(np.abs(centres).max())):
+        return scene
+    found = "the cameras only turn: photos from one place show no depth"
+    raise InputError(f"{found}; take some from places beside each other", where=str(scene.path))
+
+
+def _once(scene: Scene, say: Callable[[str], object]) -> Scene:
+    """A scene without photos taken as an earlier one, by the same camera from the same place; says so."""
+    first: dict[bytes, int] = {}
+    for v, camera in enumerate(scene.cameras):
+        first.setdefault(camera.c2w.tobytes() + camera.K.tobytes(), v)
+    kept = sorted(first.values())
+    if len(kept) < len(scene.frames):
+        again = [frame.path.name for v, frame in enumerate(scene.frames) if v not in set(kept)]
+        say(f"left out {_listed(again)}: taken from the same place as another")
+    return scene.views(kept)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def _matching(scene: Scene, say: Callable[[str], object]) -> Scene:
@@ -134,8 +179,7 @@ def _matching(scene: Scene, say: Callable[[str], object]) -> Scene:
         found = "no photo shows from another place what one does: cameras that stand at one place show no depth"
         raise InputError(f"{found}, nor those that have nothing in common", where=str(scene.path))
     if alone:
-        more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
-        say(f"left out {', '.join(alone[:3])}{more}: nothing in common with other photos from other places")
+        say(f"left out {_listed(alone)}: nothing in common with other photos from other places")
         scene = scene.views(kept)
     parts = sorted((len(part) for part in neighbours.parts() if len(part) > 1), reverse=True)
     if len(parts) > 1:
@@ -152,11 +196,7 @@ def _with_range(scene: Scene, say: Callable[[str], None]) -> Scene:
     """The scene between the depths that its photos agree about, where it states none."""
     if scene.near is not None and scene.far is not None:
         return scene
-    small = scene.resized(*thumbnail_size(scene.cameras[0]))
-    try:
-        near, far = range_seen(small.images(), small.cameras)
-    except InputError as error:
-        raise error.within(str(scene.path)) from None
+    near, far = _range_seen(scene)
     near, far = scene.near or near, scene.far or far
     if not near < far:
         raise InputError(
@@ -164,6 +204,29 @@ def _with_range(scene: Scene, say: Callable[[str], None]) -> Scene:
         )
     say(f"near {near:.4g} and far {far:.4g}, estimated from the photos; --near and --far say otherwise")
     return replace(scene, near=near, far=far, is_estimated=True)
+
+
+def _range_seen(scene: Scene) -> tuple[float, float]:
+    """(near, far) by thumbnails of its photos."""
+    side = LOOK_WIDTH if len(scene.frames) in ALL_VIEWS else RANGE_SIDE
+    small = scene.resized(*thumbnail_size(scene.cameras[0], side))
+    try:
+        return range_seen(small.images(), small.cameras)
+    except InputError as error:
+        raise error.within(str(scene.path)) from None
+
+
+def _say_wide(scene: Scene, say: Callable[[str], None]) -> None:
+    """Say what photos agree about, where a range is stated in which hardly any depth that is tried can fit."""
+    near, far = scene.depth_range()
+    if scene.is_estimated or far < WIDE * near:
+        return
+    spread = np.linspace(0, len(scene.frames) - 1, min(RANGE_VIEWS, len(scene.frames))).astype(int)
+    try:
+        found = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene.views(spread)))
+    except InputError:
+        found = "about none"
+    say(f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {found}")
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:

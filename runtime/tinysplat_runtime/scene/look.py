@@ -40,6 +40,9 @@ ALONGSIDE = 0.8
 DISTANT = 40.0
 """Depths beyond so many distances between two cameras are found from others, which stand farther apart, ..."""
 
+BARELY = 90.0
+"""Where most depths lie beyond so many distances between the cameras, however far apart, they are no depths."""
+
 _FARTHER = 4.0  # ... by this factor
 
 _MARGINS = (1.3, 1.6)  # near is divided by the first and far multiplied by the second: too wide costs less
@@ -72,9 +75,9 @@ class Look:
         return self.costs.min(axis=0) < _CLEAR * self.costs.mean(axis=0)
 
 
-def thumbnail_size(camera: Camera) -> tuple[int, int]:
-    """(height, width) of a thumbnail of a camera's photo."""
-    scale = min(1.0, LOOK_WIDTH / max(camera.width, camera.height))
+def thumbnail_size(camera: Camera, side: int = LOOK_WIDTH) -> tuple[int, int]:
+    """(height, width) of a thumbnail of a camera's photo, the longer one at most `side`."""
+    scale = min(1.0, side / max(camera.width, camera.height))
     return max(8, round(camera.height * scale)), max(8, round(camera.width * scale))
 
 
@@ -119,29 +122,32 @@ def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float
     """(near, far) that photos agree about, scene units, for scenes that state none.
 
     Each photo is compared with some that stand near it, but not so near that they show no depth, and look the same way.
-    Depths are sought in units of the distance of the two: what the whole capture spans says nothing about them.
+    Depths are sought in units of the distance of the two: what the whole capture spans says nothing about them. There
+    are as many as a thumbnail has pixels along its longer side.
 
     Args:
         images, cameras: as for `look`.
 
     Raises:
-        InputError: the cameras stand at one place, or the photos agree about no depth.
+        InputError: the cameras stand at one place or only turn, or the photos agree about no depth.
     """
     apart = _apart(cameras)
     extent = float(apart[np.isfinite(apart)].max(initial=0))
     if not extent > 0:
-        raise InputError("all cameras stand at one place, which shows no depth; give --near and --far")
+        raise InputError("all cameras stand at one place, which shows no depth")
     least = float(np.median(np.where(apart > _TWICE * extent, apart, np.inf).min(axis=1))) / 2
     while True:
         pairs = _pairs(cameras, least)
         depths = [_depths_agreed(images, cameras, pair, apart[pair]) for pair in pairs]
         agreed = np.concatenate([of_one for both in depths for of_one in both])
-        reach = DISTANT * float(np.median([apart[pair] for pair in pairs]))
+        apart_most = float(np.median([apart[pair] for pair in pairs]))
         least *= _FARTHER
-        if not agreed.size or np.median(agreed) < reach or least > extent:
+        if not agreed.size or np.median(agreed) < DISTANT * apart_most or least > extent:
             break
     if agreed.size < 0.02 * 2 * len(pairs) * images.shape[1] * images.shape[2]:
         raise InputError("the photos agree about no depth; give --near and --far (and look at the poses)")
+    if np.median(agreed) > BARELY * apart_most:
+        raise InputError("the photos show no depth: the cameras only turn, or hardly move for what they look at")
     low, high = np.percentile(agreed, _PERCENTILES)
     return float(low / _MARGINS[0]), float(high * _MARGINS[1])
 
@@ -172,7 +178,7 @@ def _depths_agreed(
     images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], apart: float
 ) -> tuple[NDArray, NDArray]:
     """Depths of the pixels of each of two photos that tell it and that the other has at about the same depth."""
-    inverse = np.linspace(1 / (apart * REACH[0]), 1 / (apart * REACH[1]), 2 * PLANES)
+    inverse = np.linspace(1 / (apart * REACH[0]), 1 / (apart * REACH[1]), max(images.shape[1:3]))
     v, u = pair
     here = look_at(images[v], cameras[v], images[u], cameras[u], 1 / inverse)
     there = look_at(images[u], cameras[u], images[v], cameras[v], 1 / inverse)

@@ -71,7 +71,7 @@ def needed_views(
     nearest = np.zeros(len(useful), np.int64)  # which one that is
     while len(taken) < min(count or len(useful), len(useful)):
         farthest = int(apart.argmax())
-        if count is None and apart[farthest] < SPACING and len(taken) >= FEWEST:
+        if not apart[farthest] > 0 or (count is None and apart[farthest] < SPACING and len(taken) >= FEWEST):
             break
         distance = np.linalg.norm(places - places[farthest], axis=1)
         nearest[distance < apart] = len(taken)
