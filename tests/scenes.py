@@ -1,4 +1,5 @@
-"""Tiny synthetic scenes that tests share: cameras in a row, Gaussians in front of them, photos on disk.
+"""Tiny synthetic scenes that tests share: cameras in a row, Gaussians in front of them, photos on disk; and what tests
+ask of results: decibels, refusals in one line, fast paths that agree with plain ones.
 
     from scenes import make_cameras, make_gaussians, write_scene
 
@@ -8,18 +9,24 @@ Everything is a function of its arguments: the same call gives the same arrays.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.free.encoder import FreeEncoder
 from tinysplat_runtime.codec.free.levels import Level, Tiers
 from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import write_png
 
@@ -229,3 +236,37 @@ def write_scene(folder: Path, views: int = 3, height: int = 24, width: int = 32)
         write_png(folder / "images" / f"{i:04}.png", make_photo(height, width, seed=i))
     (folder / "cameras.json").write_text(json.dumps(scene_document(cameras)))
     return folder
+
+
+def psnr(found: NDArray, wanted: NDArray) -> float:
+    """Decibels of pictures whose white is 1."""
+    return float(-10 * np.log10(np.mean((found.astype(np.float64) - wanted) ** 2)))
+
+
+def drawn_psnr(found: Gaussians, wanted: Gaussians) -> float:
+    """Decibels of all pictures in the views of `wanted`, drawn as defined."""
+    drawn = [[render(g, camera, **DEFINITION) for camera in wanted.cameras] for g in (found, wanted)]
+    return psnr(*(np.concatenate([picture.ravel() for picture in pictures]) for pictures in drawn))
+
+
+def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) -> str:
+    """What a reader says of a file that it must refuse: one short line, which begins with the file's name."""
+    with pytest.raises(InputError) as caught:
+        call(path, *rest, **options)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 500
+    return message
+
+
+def agree(
+    fast: Callable[[Any], Any], plain: Callable[[Any], Any], made: st.SearchStrategy[Any], *, rtol: float = 0.0,
+    atol: float = 0.0, examples: int = 60,
+) -> None:  # fmt: skip
+    """Fail on what a generator makes that a fast path answers otherwise than the plain one, up to rounding."""
+
+    @settings(max_examples=examples)
+    @given(made)
+    def check(one: Any) -> None:
+        np.testing.assert_allclose(fast(one), plain(one), rtol=rtol, atol=atol)
+
+    check()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import write_scene
+from scenes import drawn_psnr, write_scene
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
@@ -38,26 +38,21 @@ def files(scene, raw) -> dict[str, bytes]:
     return {mode: RUNTIME.encode(scene, mode=mode, gaussians=raw) for mode in ("gaussians", "photos", "hybrid")}
 
 
-def _psnr(a: ts.Gaussians, b: ts.Gaussians) -> float:
-    pairs = [(RUNTIME.render(a, camera), RUNTIME.render(b, camera)) for camera in a.cameras]
-    return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
-
-
 def test_photo_files_are_small_and_decode_to_what_the_network_makes_of_them(files, raw):
     decoded = RUNTIME.decompress(files["photos"])
     assert len(files["photos"]) < 0.5 * len(files["gaussians"])
     assert [layer.opacities.shape for layer in decoded.layers] == [layer.opacities.shape for layer in raw.layers]
-    assert _psnr(raw, decoded) > 26  # colours are sharpened, and with them what coding did to the photos
+    assert drawn_psnr(raw, decoded) > 26  # colours are sharpened, and with them what coding did to the photos
 
 
 def test_hybrid_files_are_nearer_to_the_raw_gaussians_than_photos(files, raw):
-    photos, hybrid = (_psnr(raw, RUNTIME.decompress(files[mode])) for mode in ("photos", "hybrid"))
+    photos, hybrid = (drawn_psnr(raw, RUNTIME.decompress(files[mode])) for mode in ("photos", "hybrid"))
     assert hybrid > photos + 5
 
 
 def test_a_hybrid_file_of_coarse_photos_still_reaches_the_planes_fidelity(scene, raw, files):
     fine = RUNTIME.decompress(RUNTIME.encode(scene, mode="hybrid", gaussians=raw, qp=-12))
-    assert _psnr(raw, fine) > _psnr(raw, RUNTIME.decompress(files["hybrid"])) + 3
+    assert drawn_psnr(raw, fine) > drawn_psnr(raw, RUNTIME.decompress(files["hybrid"])) + 3
 
 
 def test_predictions_enter_synthesis_to_float_precision():
@@ -73,7 +68,7 @@ def test_a_hybrid_prefix_falls_back_to_the_photos(files, raw):
     described = ts.inspect(files["hybrid"])
     start = described["bytes"] - sum(plane["bytes"] for plane in described["planes"])
     least = RUNTIME.decompress(files["hybrid"], max_bytes=start)
-    assert abs(_psnr(raw, least) - _psnr(raw, RUNTIME.decompress(files["photos"]))) < 6
+    assert abs(drawn_psnr(raw, least) - drawn_psnr(raw, RUNTIME.decompress(files["photos"]))) < 6
     with pytest.raises(FormatError, match="no picture"):
         RUNTIME.decompress(files["hybrid"], max_bytes=start - 1)
 

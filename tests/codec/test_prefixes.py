@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians
+from scenes import drawn_psnr, make_smooth_gaussians
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError
-from tinysplat_runtime.render import DEFINITION
 
 
 @pytest.fixture(scope="module")
@@ -28,11 +27,6 @@ def _ends(data: bytes) -> list[int]:
     return [prefix["bytes"] for prefix in ts.inspect(data)["prefixes"]]
 
 
-def _psnr(a, b) -> float:
-    pairs = [(ts.render(a, camera, **DEFINITION), ts.render(b, camera, **DEFINITION)) for camera in a.cameras]
-    return float(np.mean([-10 * np.log10(np.mean((x - y) ** 2)) for x, y in pairs]))
-
-
 def test_prefixes_end_with_the_file_and_add_every_coded_plane_once(data):
     described = ts.inspect(data)
     added = [(p["layer"], name) for p in described["prefixes"] for name in p["adds"]]
@@ -42,7 +36,7 @@ def test_prefixes_end_with_the_file_and_add_every_coded_plane_once(data):
 
 def test_every_listed_prefix_is_nearer_to_the_whole_than_the_one_before(data):
     whole = ts.decompress(data)
-    shown = [_psnr(whole, ts.decompress(data, max_bytes=end)) for end in _ends(data)[:-1]]
+    shown = [drawn_psnr(whole, ts.decompress(data, max_bytes=end)) for end in _ends(data)[:-1]]
     assert len(shown) >= 4 and shown[0] > 11 and shown[-1] > 30
     assert (np.diff(shown) > -0.1).all(), shown  # noise in place of a scene: its second layer shows nothing
 

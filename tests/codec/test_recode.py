@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hostile.containers import Seed, join
-from scenes import make_smooth_gaussians
+from scenes import drawn_psnr, make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.encoder import EncodeStats
@@ -16,14 +16,8 @@ from tinysplat_runtime.container.layout import PARAMETER_SETS, SCENE
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.render import DEFINITION, render
 
 PROFILES = ("paper", "fast", "balanced", "max")
-
-
-def psnr(decoded: Gaussians, raw: Gaussians) -> float:
-    errors = [np.mean((render(decoded, c, **DEFINITION) - render(raw, c, **DEFINITION)) ** 2) for c in raw.cameras]
-    return float(-10 * np.log10(np.mean(errors)))
 
 
 def payloads(container: Container) -> dict[tuple[str, int], bytes]:
@@ -48,7 +42,7 @@ def test_a_scene_that_went_through_another_format_loses_nothing_that_shows(profi
     data = ts.compress(g, profile)
     ts.save_gaussians(tmp_path / "g.ply", ts.decompress(data))
     again = ts.compress(ts.load_gaussians(tmp_path / "g.ply", (2, 40, 56), g.cameras), like=data)
-    assert psnr(ts.decompress(data), g) - psnr(ts.decompress(again), g) <= 0.02
+    assert drawn_psnr(ts.decompress(data), g) - drawn_psnr(ts.decompress(again), g) <= 0.02
 
 
 def test_an_edit_changes_the_pictures_of_its_views_and_classes_alone() -> None:
@@ -108,7 +102,7 @@ def test_another_scene_is_coded_with_the_steps_and_maps_of_the_file() -> None:
     steps = [[(c.name, c.qp, c.scale) for c in layer.channels] for layer in (a, b)]
     assert steps[0] == steps[1]
     np.testing.assert_array_equal(a.basis, b.basis)
-    assert psnr(ts.decompress(like), other) > 33
+    assert drawn_psnr(ts.decompress(like), other) > 33
     assert set(stats.clipped) <= {"depth", "color", "opacity", "scale", "rotation", "offset"}
 
 
@@ -122,7 +116,7 @@ def test_pictures_of_another_x265_are_all_coded_anew() -> None:
     decoded.opacities[0, 0] = 0
     again = ts.compress(decoded, like=renamed)
     assert [p.data for p in Seed.of(again).parts if p.kind == PARAMETER_SETS] == [other]
-    assert psnr(ts.decompress(again), decoded) > 48.5
+    assert drawn_psnr(ts.decompress(again), decoded) > 48.5
 
 
 def test_what_does_not_fit_is_told() -> None:

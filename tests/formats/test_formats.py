@@ -7,6 +7,7 @@ import json
 import tracemalloc
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from safetensors.numpy import save_file
-from scenes import make_cameras, make_gaussians
+from scenes import make_cameras, make_gaussians, refused
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
+refusal = partial(refused, load_gaussians)
 BOTH = pytest.mark.parametrize("suffix", [".npz", ".safetensors"])
 
 
@@ -37,14 +39,6 @@ def write(path: Path, arrays: dict[str, Any]) -> Path:
     else:
         save_file({name: np.ascontiguousarray(array) for name, array in arrays.items()}, path)
     return path
-
-
-def refusal(path: Path, **options: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        load_gaussians(path, **options)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 500
-    return message
 
 
 def assert_identical(a: Gaussians, b: Gaussians) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import plyfile
 import pytest
 from numpy.typing import NDArray
-from scenes import make_gaussians
+from scenes import make_gaussians, refused
 
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
@@ -20,14 +21,7 @@ from tinysplat_runtime.gaussian.quaternions import normalize_quats
 
 NAMES = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{i}" for i in range(45)), "opacity"]
 NAMES += ["scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-
-
-def refusal(path: Path, **options: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        load_gaussians(path, **options)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 400
-    return message
+refusal = partial(refused, load_gaussians)
 
 
 def vertices(count: int, degree: int, seed: int = 0, **changes: str | None) -> NDArray:

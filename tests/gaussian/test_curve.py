@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scenes import agree
 
 from tinysplat_runtime.gaussian.curve import gathered, morton_order, spread
 
 BITS = 21
+CELLS = arrays(np.uint64, st.integers(1, 40), elements=st.integers(0, 2**BITS - 1))
+POINTS = arrays(np.float64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.sampled_from([-3.0, 0, 1e-9, 1, 5]))
 
 
 def interleaved(cells: np.ndarray) -> list[int]:
@@ -17,25 +22,24 @@ def interleaved(cells: np.ndarray) -> list[int]:
     return keys
 
 
+def by_keys(points: np.ndarray) -> list[int]:
+    """Rows in the order of their cells' keys; equal ones keep their order."""
+    low, span = points.min(axis=0), np.ptp(points, axis=0)
+    keys = interleaved((points - low) / np.where(span > 0, span, 1) * (2**BITS - 1))
+    return sorted(range(len(points)), key=keys.__getitem__)
+
+
 def test_bits_are_spread_to_every_third_place_and_gathered_again() -> None:
-    values = np.concatenate([1 << np.arange(BITS), [0, 2**BITS - 1], np.random.default_rng(0).integers(0, 2**BITS, 99)])
-    found = spread(values.astype(np.uint64))
-    zero = np.zeros_like(values)
-    assert found.tolist() == interleaved(np.stack([values, zero, zero], axis=1))
-    others = np.uint64(2**63 - 1) & ~spread(np.array([2**BITS - 1], np.uint64))
-    np.testing.assert_array_equal(gathered(found), values)
-    np.testing.assert_array_equal(gathered(found | others), values)  # what lies between says nothing
+    def wanted(cells: np.ndarray) -> list[int]:
+        return interleaved(np.stack([cells, 0 * cells, 0 * cells], axis=1))
+
+    agree(lambda cells: spread(cells).astype(float), lambda cells: np.array(wanted(cells), float), CELLS)
+    others = np.uint64(2**63 - 1) & ~spread(np.array([2**BITS - 1], np.uint64))  # what lies between says nothing
+    agree(lambda cells: gathered(spread(cells) | others), lambda cells: cells, CELLS)
 
 
 def test_points_are_ordered_by_the_cells_of_their_box() -> None:
+    agree(morton_order, by_keys, POINTS)
     rng = np.random.default_rng(1)
     points = rng.uniform(-3, 5, (400, 3)) * [1, 100, 0.01] + [7, 0, -2]
-    low, high = points.min(axis=0), points.max(axis=0)
-    keys = interleaved((points - low) / (high - low) * (2**BITS - 1))
-    np.testing.assert_array_equal(morton_order(points), sorted(range(400), key=keys.__getitem__))
-
-
-def test_a_flat_box_and_equal_points_keep_their_order() -> None:
-    points = np.array([[1.0, 5, 2], [0, 5, 2], [1, 5, 2], [0, 5, 0], [1, 5, 0]])
-    assert morton_order(points).tolist() == [3, 4, 1, 0, 2]  # z before x, as its bits lie higher
-    assert morton_order(np.zeros((3, 3))).tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(morton_order(points), by_keys(points))

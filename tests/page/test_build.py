@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from console import tinysplat
-from numpy.typing import NDArray
 from PIL import Image
-from scenes import make_cameras, make_gaussians, make_photo, write_scene
+from scenes import make_cameras, make_gaussians, make_photo, psnr, write_scene
 from web.node import node
 
 import tinysplat_runtime as ts
@@ -52,10 +51,6 @@ class Elements(HTMLParser):
     def handle_data(self, data: str) -> None:
         if self._inside:
             self.texts[self._inside] = self.texts.get(self._inside, "") + data
-
-
-def psnr(a: NDArray, b: NDArray) -> float:
-    return float(-10 * np.log10(np.mean((a.astype(float) - b) ** 2)))
 
 
 def file_of(elements: Elements) -> bytes:

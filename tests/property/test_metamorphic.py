@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scenes import make_smooth_gaussians
+from scenes import drawn_psnr, make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.quaternions import multiply_quats, normalize_quats, quats_to_matrices
 from tinysplat_runtime.graphs.inference import GraphStore
-from tinysplat_runtime.render import DEFINITION, render
+from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore(threads=1)
@@ -103,15 +103,10 @@ def test_cropping_gives_the_crop_of_planes_and_pictures(top, left, height, width
 # ---- quality --------------------------------------------------------------------------------------------------------
 
 
-def _psnr(decoded: Gaussians, raw: Gaussians) -> float:
-    errors = [np.mean((render(decoded, c, **DEFINITION) - render(raw, c, **DEFINITION)) ** 2) for c in raw.cameras]
-    return float(-10 * np.log10(np.mean(errors)))
-
-
 @pytest.mark.parametrize("profile", ["paper", "fast", "balanced", "max"])
 def test_quality_falls_with_every_three_steps_of_qp(profile) -> None:
     g = make_smooth_gaussians(2, 40, 56, 1)
-    quality = [_psnr(ts.decompress(ts.compress(g, profile, qp)), g) for qp in range(-9, 22, 3)]
+    quality = [drawn_psnr(ts.decompress(ts.compress(g, profile, qp)), g) for qp in range(-9, 22, 3)]
     assert (np.diff(quality) <= 0.05).all(), quality  # the paper's k = 6 caps it: finer steps gain nothing there
     assert quality[0] - quality[-1] > 5
 
@@ -142,4 +137,4 @@ def test_generations_edited_in_between_lose_little_beside_the_edits(profile) -> 
         raw, uncoded = _fainter(raw, rows), _fainter(uncoded, rows)
         data = ts.compress(_fainter(ts.decompress(data), rows), like=data)
         # Pictures of one class and view are coded anew each time, which is no fixed point: docs/NUMERICS.md.
-        assert _psnr(uncoded, raw) - _psnr(ts.decompress(data), raw) <= 0.35 * (n + 1)
+        assert drawn_psnr(uncoded, raw) - drawn_psnr(ts.decompress(data), raw) <= 0.35 * (n + 1)
