@@ -71,6 +71,8 @@ def test_bad_input_of_poses_is_one_line(tmp_path: Path) -> None:
     write_png(photos / "a.png", np.zeros((40, 40, 3), np.uint8))
     assert "1 photos" in fail("poses", photos, "-o", tmp_path / "s")
     write_png(photos / "b.png", np.zeros((40, 40, 3), np.uint8))
+    assert "copies" in fail("poses", photos, "-o", tmp_path / "s")
+    write_png(photos / "b.png", np.ones((40, 40, 3), np.uint8))
     assert "no photos could be placed" in fail("poses", photos, "-o", tmp_path / "s")
     assert not (tmp_path / "s").exists()
     assert "not an empty folder" in fail("poses", photos, "-o", photos)

@@ -1,43 +1,69 @@
-"""Photos are compared with their neighbours where there are many, and each with each where that leads nowhere."""
+"""Photos are placed where they were taken, alike in every run, and what contradicts its place is named."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
 import pytest
+from numpy.typing import NDArray
 from walls import write_photos_of_walls
 
-from tinysplat.poses import placing
+from tinysplat.poses.placing import Placement, coloured_points, contradicted, copies, pairs_of_many, place
+from tinysplat_runtime.scene.images import write_png
 
 
-@pytest.fixture
-def matched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Ways of matching, in the order in which they are called."""
-    called = []
-    for name in ("match_sequential", "match_exhaustive"):
-        original = getattr(pycolmap, name)
-
-        def wrapped(*args: Any, name: str = name, original: Any = original, **options: Any) -> Any:
-            called.append(name)
-            return original(*args, **options)
-
-        monkeypatch.setattr(pycolmap, name, wrapped)
-    monkeypatch.setattr(placing, "ALL_PAIRS", 4)
-    return called
+@pytest.fixture(scope="module")
+def placed(tmp_path_factory: pytest.TempPathFactory) -> tuple[NDArray, list[Placement], Path]:
+    """True centres (5, 3), what two runs on different numbers of threads found, and the folder of the first."""
+    folder = tmp_path_factory.mktemp("placing")
+    truth = np.stack([camera.centre for camera in write_photos_of_walls(folder / "photos", 5)])
+    found = []
+    for threads in (1, 2):
+        (work := folder / str(threads)).mkdir()
+        found.append(place(folder / "photos", [f"{i}.png" for i in range(5)], work, threads, quiet=True))
+    return truth, found, folder / "1"
 
 
-def test_many_photos_are_matched_with_their_neighbours(tmp_path: Path, matched: list[str]) -> None:
-    truth = np.stack([camera.centre for camera in write_photos_of_walls(tmp_path / "photos", 5)])
-    (tmp_path / "work").mkdir()
-    names = [f"{i}.png" for i in range(5)]
-    model = placing.place(tmp_path / "photos", names, tmp_path / "work", -1, in_order=False, quiet=True)
-    assert matched == ["match_sequential"] and model.num_reg_images() == 5
-    images = {image.name: image for image in model.images.values()}
-    found = np.stack([images[name].projection_center() for name in names])
+def centres(placement: Placement) -> NDArray:
+    images = {image.name: image for image in placement.model.images.values()}
+    return np.stack([images[f"{i}.png"].projection_center() for i in range(5)])
+
+
+def test_photos_lie_where_they_were_taken(placed: tuple[NDArray, list[Placement], Path]) -> None:
+    truth, (placement, again), _ = placed
+    found = centres(placement)
     unit = np.linalg.norm(truth[4] - truth[0]) / np.linalg.norm(found[4] - found[0])
-    np.testing.assert_allclose(unit * np.linalg.norm(np.diff(found, axis=0), axis=1), 0.35, rtol=0.05)
-    points, colours, errors = placing.coloured_points(model)
+    steps = np.linalg.norm(np.diff(truth, axis=0), axis=1)
+    np.testing.assert_allclose(unit * np.linalg.norm(np.diff(found, axis=0), axis=1), steps, rtol=0.05)
+    np.testing.assert_array_equal(found, centres(again))
+    assert placement.wrong == frozenset() and placement.others == () and placement.parallax > 1
+    points, colours, errors = coloured_points(placement.model)
     assert len(points) == len(colours) == len(errors) > 50 and errors.max() < 8
+
+
+def test_a_photo_whose_matches_contradict_its_place_is_named(placed: tuple[NDArray, list[Placement], Path]) -> None:
+    _, (placement, _), work = placed
+    model = pycolmap.Reconstruction(placement.model)
+    image = next(image for image in model.images.values() if image.name == "3.png")
+    pose = image.cam_from_world()
+    image.frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + [0.0, 1.5, 0.0])
+    assert contradicted(model, work / "database.db") == {"3.png"}
+
+
+def test_copies_are_found_by_their_bytes(tmp_path: Path) -> None:
+    for name, value in (("a.png", 1), ("b.png", 2), ("c.png", 1)):
+        write_png(tmp_path / name, np.full((8, 8, 3), value, np.uint8))
+    assert copies(tmp_path, ["a.png", "b.png", "c.png"]) == {"c.png": "a.png"}
+
+
+def test_of_many_photos_neighbours_and_those_that_look_alike_are_paired(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    kinds = [rng.integers(0, 255, (40, 60, 3), np.uint8) for _ in range(60)]
+    names = [f"{i:03}.png" for i in range(120)]
+    for i, name in enumerate(names):  # the second half comes back to where the first was
+        write_png(tmp_path / name, kinds[i % 60])
+    pairs = set(pairs_of_many(tmp_path, names))
+    assert all((i, i + 1) in pairs for i in range(119)) and all((i, i + 60) in pairs for i in range(60))
+    assert all(i < j for i, j in pairs) and len(pairs) < 120 * 30

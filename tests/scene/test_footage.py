@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,22 @@ def test_any_frame_is_decoded_by_its_number(clip: Path) -> None:
     video = open_video(clip)
     assert (len(video.stamps), video.height, video.width) == (COUNT, HEIGHT, WIDTH)
     assert [number_of(video.frame(i) / 255) for i in (0, 1, 7, 30, COUNT - 1, 2)] == [0, 1, 7, 30, COUNT - 1, 2]
+
+
+def test_clips_of_one_key_frame_are_read(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "short.mov"), "w") as container:
+        stream: Any = container.add_stream("libx264", rate=FPS)
+        stream.height, stream.width, stream.pix_fmt = HEIGHT, WIDTH, "yuv420p"
+        stream.options = {"x264-params": "keyint=1000:scenecut=0"}
+        for i in range(COUNT):
+            shown = av.VideoFrame.from_ndarray((255 * picture(i)).astype(np.uint8)).reformat(format="yuv420p")
+            shown.pts, shown.time_base = 90 * i + i % 3, Fraction(1, 90 * FPS)  # of a varying rate
+            container.mux(stream.encode(shown))
+        container.mux(stream.encode(None))
+    video = open_video(tmp_path / "short.mov")
+    assert (len(video.stamps), video.height, video.width) == (COUNT, HEIGHT, WIDTH)
+    for i in (0, COUNT - 1, 17):
+        assert abs(number_of(video.frame(i) / 255) - i) <= 1
 
 
 def test_realestate_poses_choose_frames_by_their_time(clip: Path, tmp_path: Path) -> None:

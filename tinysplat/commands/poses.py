@@ -12,7 +12,7 @@ import numpy as np
 
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import choose_frames
-from tinysplat.poses.placing import coloured_points, encoded, place, upright_copies
+from tinysplat.poses.placing import LEAST_PARALLAX, coloured_points, copies, encoded, place, upright_copies
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
@@ -62,23 +62,52 @@ def run(args: Namespace) -> None:
         photos.mkdir()
         if is_video:
             names = _frames(source, photos, args.frames, quiet=args.quiet)
-        elif turned := upright_copies(source, names, photos):
-            _say(args.quiet, f"{source}: {len(turned)} of {len(names)} photos turned as their Exif orientation says")
+        else:
+            if twins := copies(source, names):
+                if len(twins) + 1 == len(names):
+                    found = f"{len(names)} copies of one photo, expected 2 photos or more"
+                    raise InputError(found, where=str(source))
+                twin, first = next(iter(twins.items()))
+                more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
+                print(f"{source}: {twin} is the very file {first} and is left out{more}", file=sys.stderr)
+                names = [name for name in names if name not in twins]
+            if turned := upright_copies(source, names, photos):
+                _say(
+                    args.quiet, f"{source}: {len(turned)} of {len(names)} photos turned as their Exif orientation says"
+                )
         try:
-            model = place(photos, names, Path(work), args.threads or -1, in_order=is_video, quiet=args.quiet)
+            placement = place(photos, names, Path(work), args.threads or -1, quiet=args.quiet)
         except InputError as error:
             raise InputError(error.message, where=str(source)) from None
+        model = placement.model
         arrays = model_arrays(model)
         entries = json.loads(arrays["entries"].tobytes())
+        kept = np.array([entry["name"] not in placement.wrong for entry in entries])
+        if kept.sum() < 2:
+            found = "the places that were found contradict the photos' own matches"
+            raise InputError(f"{found}: take photos that overlap more, from places farther apart", where=str(source))
         views, points = arrays["observations"].T
+        views, points = views[kept[views]], points[kept[views]]
         w2c = np.array([entry["w2c"] for entry in entries])  # (V, 3, 4)
         near, far = depth_range((w2c[views, 2, :3] * arrays["points"][points]).sum(axis=1) + w2c[views, 2, 3])
-        placed = write_folder(output, photos, entries, (near, far), coloured_points(model), quiet=args.quiet)
+        right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
+        placed = write_folder(output, photos, right, (near, far), coloured_points(model), quiet=args.quiet)
     missing = sorted(set(names) - set(placed))
     if missing:
         what = "frames" if is_video else "photos"
         print(f"{source}: {len(missing)} of {len(names)} {what} could not be placed: {', '.join(missing)}",
               file=sys.stderr)  # fmt: skip
+    if placement.wrong:
+        found = f"{len(placement.wrong)} of them lie elsewhere than their matches say, and are left out"
+        print(f"{source}: {found}", file=sys.stderr)
+    if placement.others:
+        sizes = ", ".join(map(str, placement.others[:4])) + (", …" if len(placement.others) > 4 else "")
+        print(
+            f"{source}: {len(placement.others)} further groups, of {sizes} photos, do not join these", file=sys.stderr
+        )
+    if placement.parallax < LEAST_PARALLAX:
+        found = f"the camera hardly moved ({placement.parallax:.1f} degrees between the rays of a point)"
+        print(f"{source}: {found}: cameras are uncertain; step aside between photos", file=sys.stderr)
     if not args.quiet:
         depths = "" if near is None or far is None else f", near {near:.4g}, far {far:.4g}"
         print(f"{output}: {len(placed)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")

@@ -1,15 +1,20 @@
 """Photos placed in space by COLMAP's incremental mapper, through the package pycolmap (extra `poses`).
 
-Up to `ALL_PAIRS` photos are compared each with each. More of them are taken to be in the order in which they were taken
-and compared with those shortly before, and at distances of 2, 4, 8 …; where that leaves many out and no video says so,
-the order meant nothing, and each is compared with each after all.
+Up to `ALL_PAIRS` photos are compared each with each: a walk that comes back to where it was closes only by pairs that
+no order tells of, and without them halves of a scene hang together by one pair and lie apart. More photos are compared
+with those taken shortly before, at distances of 2, 4, 8 …, and with those whose thumbnails look alike.
+
+Matches then judge what was found: a photo most of whose strong matches contradict its place (`contradicted`) was placed
+wrongly, and is left out.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,20 +24,55 @@ from numpy.typing import NDArray
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import image_size, is_turned, jpeg_bytes, png_bytes, read_image
 from tinysplat_runtime.scene.lenses import load_pycolmap
-from tinysplat_runtime.system.progress import working
+from tinysplat_runtime.system.progress import progress, working
 
-ALL_PAIRS = 30
-"""Photos that are compared each with each at once."""
+ALL_PAIRS = 100
+"""Photos that are compared each with each."""
 
-MOST_FOR_ALL_PAIRS = 150
-"""Photos that are compared each with each where their order led nowhere."""
-
-PLACED = 0.6
-"""Least share of photos that are placed where their order is that of the camera's way."""
+SMALL_SIDE = 800
+"""Photos of at most so many pixels across have their features found in a picture twice as large."""
 
 _SEED = 0  # of RANSAC: the same photos give the same poses
-_OVERLAP = 6  # photos before each that it is compared with
-_MANY_FEATURES, _MANY_PIXELS = 2048, 1600  # of each of many photos, which see every point often
+_OVERLAP, _FARTHEST = 6, 64  # photos before each that it is compared with: so many, and 2, 4, 8 … up to so far
+_ALIKE, _THUMBNAIL = 10, 16  # and so many that look like it, by thumbnails of so many pixels to each side
+_SMALL_FEATURES, _FEATURES, _PIXELS = 4096, 2048, 1600  # of a photo; larger photos are shrunk to so many pixels first
+
+STRONG, _CHECKED = 30, 200
+"""Matches of a pair that say something about its places; the most that are looked at."""
+
+_ON_LINE = 0.01  # of the picture's longer side: matches that lie so far from where places put them contradict these
+_AGREE = 0.5  # of a pair's matches, that agree with its places where these are right
+
+LEAST_PARALLAX = 1.0
+"""Degrees between the rays of a point, the median over the points: with less, the camera hardly moved."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What was found of photos' places.
+
+    Attributes:
+        model: the pycolmap.Reconstruction of most photos.
+        others: numbers of photos of further models, which do not join it.
+        wrong: names of photos in the model whose matches contradict their places.
+        parallax: degrees between the rays of a point, the median.
+    """
+
+    model: Any
+    others: tuple[int, ...]
+    wrong: frozenset[str]
+    parallax: float
+
+
+def copies(photos: Path, names: Sequence[str]) -> dict[str, str]:
+    """Photos that are byte for byte others, by name, and which they are."""
+    first: dict[bytes, str] = {}
+    found = {}
+    for name in names:
+        seen = first.setdefault(hashlib.sha256((photos / name).read_bytes()).digest(), name)
+        if seen != name:
+            found[name] = seen
+    return found
 
 
 def upright_copies(photos: Path, names: Sequence[str], folder: Path) -> list[str]:
@@ -58,50 +98,84 @@ def encoded(image: NDArray, name: str) -> bytes:
     return png_bytes(image) if Path(name).suffix.lower() == ".png" else jpeg_bytes(image, quantiser=2)
 
 
-def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, in_order: bool, quiet: bool) -> Any:
-    """The pycolmap.Reconstruction that places most of the photos.
+def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet: bool) -> Placement:
+    """Find where photos were taken.
 
     Args:
         photos: their folder; they are as stored, whatever their Exif orientation.
         names: in the order in which they were taken, where that is known.
         work: an empty folder for what is found on the way.
-        threads: of COLMAP; -1 for all cores.
-        in_order: whether the photos are known to be in order, as frames of a video are.
+        threads: of COLMAP, for features and matches; -1 for all cores. Places do not depend on them.
         quiet: whether to show no progress.
 
     Raises:
         InputError: none could be placed.
     """
     pycolmap = load_pycolmap()
-    many = len(names) > ALL_PAIRS
     sizes = {image_size(photos / name) for name in names}
     mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.AUTO
     database = work / "database.db"
     pycolmap.set_random_seed(_SEED)
     extraction = pycolmap.FeatureExtractionOptions(num_threads=threads, use_gpu=False)
-    if many:
-        extraction.max_image_size, extraction.sift.max_num_features = _MANY_PIXELS, _MANY_FEATURES
-        extraction.sift.first_octave = 0
+    is_small = max(max(size) for size in sizes) <= SMALL_SIDE
+    extraction.max_image_size = SMALL_SIDE if is_small else _PIXELS
+    extraction.sift.max_num_features = _SMALL_FEATURES if is_small else _FEATURES
+    extraction.sift.first_octave = -1 if is_small else 0
     with working(f"features of {len(names)} photos", quiet=quiet):
+        pycolmap.Database.open(database).close()
+        # All photos first: they get numbers in their order, not in that in which threads are done with them.
+        pycolmap.import_images(database, photos, mode, image_names=list(names))
         pycolmap.extract_features(database, photos, list(names), mode, extraction_options=extraction)
     matching = pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False)
-    if many:
-        pairing = pycolmap.SequentialPairingOptions(overlap=_OVERLAP, quadratic_overlap=True)
-        with working("matching neighbours", quiet=quiet):
-            pycolmap.match_sequential(database, matching_options=matching, pairing_options=pairing)
-        found = _mapped(photos, database, work / "by_order", threads, quiet=quiet)
-        if in_order or len(names) > MOST_FOR_ALL_PAIRS or _placed(found) >= PLACED * len(names):
-            return _checked(found, photos)
-    with working("matching all pairs", quiet=quiet):
-        pycolmap.match_exhaustive(database, matching_options=matching)
-    return _checked(_mapped(photos, database, work / "of_all", threads, quiet=quiet), photos)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = _SEED
+    options = {"matching_options": matching, "verification_options": verification}
+    if len(names) <= ALL_PAIRS:
+        with working("matching all pairs", quiet=quiet):
+            pycolmap.match_exhaustive(database, **options)
+    else:
+        pairs = pairs_of_many(photos, names, quiet=quiet)
+        (work / "pairs.txt").write_text("".join(f"{names[i]} {names[j]}\n" for i, j in pairs), "utf-8")
+        pairing = pycolmap.ImportedPairingOptions(match_list_path=work / "pairs.txt")
+        with working(f"matching {len(pairs)} pairs", quiet=quiet):
+            pycolmap.match_image_pairs(database, pairing_options=pairing, **options)
+    models = sorted(_mapped(photos, database, work / "models", quiet=quiet), key=lambda one: -one.num_reg_images())
+    if not models:
+        raise InputError(
+            "no photos could be placed: they need texture, overlap, and to be taken from different places",
+            where=os.fspath(photos),
+        )
+    model = models[0]
+    return Placement(
+        model, tuple(one.num_reg_images() for one in models[1:]), contradicted(model, database), _parallax(model)
+    )
 
 
-def _mapped(photos: Path, database: Path, folder: Path, threads: int, *, quiet: bool) -> Any | None:
-    """The largest model that matches give."""
+def pairs_of_many(photos: Path, names: Sequence[str], *, quiet: bool = True) -> list[tuple[int, int]]:
+    """Pairs of photos, lower index first, that may show the same: near in order, or alike as thumbnails."""
+    small = []
+    for name in progress(names, len(names), "comparing thumbnails", quiet=quiet):
+        image = read_image(photos / name).astype(np.float32).mean(axis=-1)
+        rows, columns = (np.linspace(0, side, _THUMBNAIL + 1).astype(int)[:-1] for side in image.shape)
+        cells = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
+        cells /= np.outer(np.diff([*rows, image.shape[0]]), np.diff([*columns, image.shape[1]]))
+        small.append((cells - cells.mean()).ravel() / max(float(cells.std()), 1e-6))
+    thumbnails = np.stack(small)
+    alike = thumbnails @ thumbnails.T
+    np.fill_diagonal(alike, -np.inf)
+    steps = {*range(1, _OVERLAP + 1), *(1 << n for n in range(1, _FARTHEST.bit_length()))}
+    pairs = {(i, i + step) for i in range(len(names)) for step in steps if i + step < len(names)}
+    for i, row in enumerate(alike):
+        pairs |= {(min(i, int(j)), max(i, int(j))) for j in np.argsort(-row, kind="stable")[:_ALIKE]}
+    return sorted(pairs)
+
+
+def _mapped(photos: Path, database: Path, folder: Path, *, quiet: bool) -> list[Any]:
+    """The models that matches give."""
     pycolmap = load_pycolmap()
     folder.mkdir()
-    options = pycolmap.IncrementalPipelineOptions(num_threads=threads, random_seed=_SEED, min_model_size=2)
+    # One thread: with more, sums are added up in another order in every run, and photos are placed or not by that.
+    options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=_SEED, min_model_size=2)
     done = 0
 
     def count() -> None:
@@ -112,20 +186,63 @@ def _mapped(photos: Path, database: Path, folder: Path, threads: int, *, quiet: 
         models = pycolmap.incremental_mapping(
             database, photos, folder, options, initial_image_pair_callback=count, next_image_callback=count
         )
-    return max(models.values(), key=_placed) if models else None
+    return list(models.values())
 
 
-def _placed(model: Any | None) -> int:
-    return 0 if model is None else int(model.num_reg_images())
+def contradicted(model: Any, database: Path) -> frozenset[str]:
+    """Names of placed photos of whose strong pairs (`STRONG` matches or more) most contradict their places.
+
+    A match agrees with two places if it lies near the epipolar line that they give (Hartley and Zisserman 2004, 9.2).
+    The worst photo is left out first, since it also speaks against those that it was matched with.
+    """
+    pycolmap = load_pycolmap()
+    placed = {i: image for i, image in model.images.items() if image.has_pose}
+    verdicts: dict[int, dict[int, bool]] = {i: {} for i in placed}
+    with pycolmap.Database.open(database) as opened:
+        keys, geometries = opened.read_two_view_geometries()
+        keypoints = {i: np.asarray(opened.read_keypoints(i))[:, :2].astype(np.float64) for i in placed}
+    for key, geometry in zip(keys, geometries, strict=True):
+        one, other = pycolmap.pair_id_to_image_pair(key)
+        matches = np.asarray(geometry.inlier_matches)
+        if one in placed and other in placed and len(matches) >= STRONG:
+            some = matches[:: -(-len(matches) // _CHECKED)]
+            points = keypoints[one][some[:, 0]], keypoints[other][some[:, 1]]
+            verdicts[one][other] = verdicts[other][one] = _agrees(model, placed[one], placed[other], points)
+    wrong: set[int] = set()
+    while True:
+        left = {i: [ok for j, ok in of.items() if j not in wrong] for i, of in verdicts.items() if i not in wrong}
+        share = {i: 1 - sum(of) / len(of) for i, of in left.items() if of}
+        worst = max(share, key=lambda i: (share[i], i), default=None)
+        if worst is None or share[worst] <= 0.5:
+            return frozenset(placed[i].name for i in wrong)
+        wrong.add(worst)
 
 
-def _checked(model: Any | None, photos: Path) -> Any:
-    if model is None:
-        raise InputError(
-            "no photos could be placed: they need texture, overlap, and to be taken from different places",
-            where=os.fspath(photos),
-        )
-    return model
+def _agrees(model: Any, one: Any, other: Any, points: tuple[NDArray, NDArray]) -> bool:
+    """Whether most matches (M, 2) and (M, 2), pixels, of two placed photos lie near their epipolar lines."""
+    cameras = [model.cameras[image.camera_id] for image in (one, other)]
+    first, second = (
+        np.column_stack([camera.cam_from_img(seen), np.ones(len(seen))])
+        for camera, seen in zip(cameras, points, strict=True)
+    )
+    (R1, t1), (R2, t2) = (np.split(image.cam_from_world().matrix(), [3], axis=1) for image in (one, other))
+    R, t = R2 @ R1.T, (t2 - R2 @ R1.T @ t1)[:, 0]
+    lines = np.cross(t / max(float(np.linalg.norm(t)), 1e-12), first @ R.T)  # (M, 3), in the other's picture
+    away = np.abs((second * lines).sum(axis=1)) / np.hypot(lines[:, 0], lines[:, 1]).clip(1e-12)
+    side = max(cameras[1].width, cameras[1].height) / cameras[1].mean_focal_length()
+    return bool((away < _ON_LINE * side).mean() >= _AGREE)
+
+
+def _parallax(model: Any) -> float:
+    """Degrees between the two farthest apart of a point's first rays, the median over some points."""
+    centres = {i: image.projection_center() for i, image in model.images.items() if image.has_pose}
+    angles = []
+    for point in list(model.points3D.values())[:: max(1, len(model.points3D) // 2000)]:
+        seen = [centres[element.image_id] for element in point.track.elements if element.image_id in centres]
+        rays = np.stack(seen[:16]) - point.xyz
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        angles.append(float(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1)))))
+    return float(np.median(angles)) if angles else 0.0
 
 
 def coloured_points(model: Any) -> tuple[NDArray, NDArray, NDArray]:

@@ -80,13 +80,15 @@ class Video:
             InputError: there is no such frame, or it cannot be decoded.
         """
         wanted = int(self.stamps[self.check_index(index)])
-        with _opened(self.path) as (container, stream):
-            container.seek(wanted, stream=stream)
-            for picture in container.decode(stream):
-                if picture.pts is not None and picture.pts >= wanted:
-                    if picture.pts == wanted:
-                        return _upright(picture)
-                    break
+        for seeks in (True, False):  # some files find no key frame before a time, and are decoded from the first on
+            with _opened(self.path) as (container, stream):
+                if seeks:
+                    container.seek(wanted, stream=stream)
+                for picture in container.decode(stream):
+                    if picture.pts is not None and picture.pts >= wanted:
+                        if picture.pts == wanted:
+                            return _upright(picture)
+                        break
         raise InputError(f"frame {index} cannot be decoded", where=str(self.path))
 
     def frames(self, chosen: Collection[int]) -> Iterator[tuple[int, NDArray]]:
@@ -127,10 +129,13 @@ def open_video(path: StrPath) -> Video:
                 stamps.add(packet.pts)
         if not stamps:
             raise InputError("a video without frames")
-        first = min(stamps)
-        container.seek(first, stream=stream)
-        height, width = _upright(next(container.decode(stream))).shape[:2]
-        return Video(Path(path), np.array(sorted(stamps), np.int64), float(stream.time_base), height, width)
+        unit = float(stream.time_base)
+    with _opened(Path(path)) as (container, stream):  # anew: at the end of a file with one key frame nothing seeks back
+        first = next(container.decode(stream), None)
+        if first is None:
+            raise InputError("a video none of whose frames can be decoded")
+        height, width = _upright(first).shape[:2]
+        return Video(Path(path), np.array(sorted(stamps), np.int64), unit, height, width)
 
 
 @contextmanager
