@@ -48,7 +48,7 @@ def test_a_photo_whose_matches_contradict_its_place_is_named(placed: tuple[NDArr
     model = pycolmap.Reconstruction(placement.model)
     image = next(image for image in model.images.values() if image.name == "3.png")
     pose = image.cam_from_world()
-    image.frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + [0.0, 1.5, 0.0])
+    image.frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + np.array([0.0, 1.5, 0.0]))
     assert contradicted(model, work / "database.db") == {"3.png"}
 
 
