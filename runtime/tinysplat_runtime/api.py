@@ -132,7 +132,7 @@ class Runtime:
 
         Returns:
             Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
-            look better from the Gaussians of the other photos; of more than six, some judge that correct nothing before.
+            look better from the Gaussians of the other photos. Of more than six, some judge and correct nothing before.
 
         Raises:
             InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.

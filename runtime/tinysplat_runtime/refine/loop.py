@@ -30,6 +30,9 @@ JUDGED = 8
 JUDGED_PIXELS = 256 * 256
 """Of a photo, about, by which a state is judged: tiles spread over larger ones."""
 
+OWN = 0.25
+"""What a photo that is held back, drawn from all Gaussians, counts of a judgement."""
+
 COVERED = 0.4
 """A pixel is covered where no more than this transmittance is left."""
 
@@ -132,14 +135,14 @@ class Loop:
 
     def check(self) -> list[float]:
         """dB of the photos that are judged, each drawn from the others' Gaussians where those showed something first;
-        without those of which they showed nothing. Of those held back, which others leave far from all, the mean of
-        this and of what all Gaussians show: a new view lies between the two.
+        without those of which they showed nothing. Of those held back, what all Gaussians show counts a quarter: a new
+        view is nearer to all photos than one is to the others.
         """
         targets = [self._exposed(view, self._sizes[0][view]) for view in self.held]
         whole = [self.field.measure(target, shares=self.field.shares(target.camera)).psnr for target in targets]
         errors = [self._checked(view) for view in self.judged]
         pairs = zip(errors, whole or [error.psnr for error in errors], strict=True)
-        return [(error.psnr + all_of_it) / 2 for error, all_of_it in pairs if error.known]
+        return [(1 - OWN) * error.psnr + OWN * from_all for error, from_all in pairs if error.known]
 
     def _checked(self, view: int) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, where they showed something at first."""

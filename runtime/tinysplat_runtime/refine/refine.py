@@ -34,6 +34,10 @@ SAME_PICTURE = 0.25
 0.6 to 0.99 for photos they were made of, about 0 for photos of another scene."""
 
 
+WORST = 0.5
+"""What a dB that a photo which is held back loses counts of a mean that gains."""
+
+
 def refine(
     gaussians: Gaussians,
     scene: Scene,
@@ -117,6 +121,9 @@ class Refining:
         self._seconds["judging"] = each * len(self._loop.judged)
         self.stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
         self._look()
+        if self._loop.held:
+            self.stats.held = len(self._loop.held)
+            self.stats.before = self.stats.looks[0][1]
 
     def advance(self, limit: int, deadline: float) -> Iterator[int]:
         """Take steps, up to a number of them in all, or as long as what is then to be done ends before a
@@ -176,20 +183,24 @@ class Refining:
             return start
         present = loop.field.values.copy()
         loop.put(self._best)
-        for _ in range(self._settings.given_back):
-            loop.step(loop.held)
-        stats.after = loop.photo_psnr()
+        if loop.held:
+            stats.after = dict(stats.looks)[stats.kept]
+            for _ in range(self._settings.given_back):
+                loop.step(loop.held)
+        else:
+            stats.after = loop.photo_psnr()
         refined = loop.field.gaussians(start)
         loop.put(present)
         if not loop.held and stats.after <= stats.before:
             stats.kept, stats.reason = 0, "no step made the photos themselves look better"
             return start
-        text = f"{stats.kept} steps on {len(start.cameras)} photos: {stats.before:.1f} to {stats.after:.1f} dB"
+        judged = f", {stats.held} held back" if stats.held else ""
+        text = f"{stats.kept} steps on {len(start.cameras)} photos{judged}: {stats.before:.1f} to {stats.after:.1f} dB"
         return refined.with_notes(replace(start.notes, refined=text))
 
     def _look(self) -> None:
-        """See whether the present state is the best: by the mean of the photos that judge, and photos that lose count
-        once more.
+        """See whether the present state is the best: by the mean of the photos that judge, of which the one that loses
+        most counts once more.
         """
         assert self._loop is not None
         found = np.array(self._timed("look", self._loop.check))
@@ -198,7 +209,7 @@ class Refining:
         if len(self.stats.looks) == 1:
             self._first = found
         elif self._loop.held and found.size:
-            check += min(float((found - self._first).min()), 0.0)
+            check += WORST * min(float((found - self._first).min()), 0.0)
         least = self._score + self._settings.least_gain
         if self._loop.held and self.stats.kept:
             least = max(self._score - self._settings.slack, self.stats.looks[0][1] + self._settings.least_gain)
