@@ -150,6 +150,7 @@ class Runtime:
         profile: str | None = None,
         qp: float | None = None,
         *,
+        cameras: Sequence[Camera] | StrPath | None = None,
         stats: EncodeStats | None = None,
         **options: Unpack[CompressOptions],
     ) -> bytes:
@@ -159,9 +160,12 @@ class Runtime:
             gaussians: per pixel, with cameras; or belonging to no pixels, as of a trained or an edited scene, which
                 mode `free` codes: as one list, in an order of its own, without those that pictures hardly need
                 (`keep_all` keeps them; so does a Python without numba, with a warning) and those of opacity
-                under 1/255. The file carries their notes.
+                under 1/255. The file carries their notes and viewpoints.
             profile: see `recipe.request.Coding`.
             qp: see there.
+            cameras: of Gaussians of no pixels, those of the photos that they were made from, or what `load_cameras`
+                reads; in place of their viewpoints. What these cameras show stays. Without any an object is looked at
+                from outside, and of a place, which was seen from within, all is kept, with a warning.
             stats: filled with what coding measured.
             **options: `target_size`, `target_psnr`, `lossless`, `like`, `drop_invalid`, `keep_all`; see there.
 
@@ -175,6 +179,10 @@ class Runtime:
         from .recipe.stages import code
 
         _check_are_gaussians(gaussians)
+        if cameras is not None:
+            from .formats.viewpoints import seen_from
+
+            gaussians = seen_from(gaussians, cameras)
         return code(gaussians, coding_of(profile=profile, qp=qp, **options), self, stats=stats)
 
     def encode(

@@ -202,6 +202,14 @@ def other_modes() -> Iterator[Case]:
     ends = [entry["bytes"] for entry in ts.inspect(tiers)["prefixes"]]
     yield Case("tiers_one", "the first tier, larger as others are absent", tiers, {"maxBytes": ends[3] - 1}, scale=1.0)
     yield Case("tiers_spheres", "a second tier without rotations", tiers, {"maxBytes": ends[3]}, scale=1.0)
+    few = replace(
+        make_free_gaussians(60, 0, np.random.default_rng(17)), viewpoints=tuple(make_skewed_cameras(3, 12, 16))
+    )
+    yield Case(
+        "minor7_viewpoints",
+        "format 1.7: cameras of the photos that Gaussians were made from",
+        compress(few, keep_all=True),
+    )
     exact = lossless(make_smooth_gaussians(2, 6, 9, 1, layers=2))
     yield Case("lossless", "exact planes, two layers", exact)
     with TemporaryDirectory() as folder:

@@ -106,29 +106,6 @@ def test_compress_leaves_out_says_so_and_keeps_all_where_asked(ball):
     assert psnr(thin, ball) > psnr(ts.decompress(whole), ball) - 4.5
 
 
-@pytest.fixture(scope="module")
-def place() -> Gaussians:
-    """What was photographed from its middle: the farther away, the larger."""
-    rng = np.random.default_rng(4)
-    some = make_free_gaussians(3000, 0, rng)
-    away = np.exp(rng.uniform(-1.5, 2.5, 3000))[:, None]
-    towards = some.means / np.linalg.norm(some.means, axis=1, keepdims=True) * [1, 0.4, 1]
-    return replace(some, means=away * towards, scales=0.4 * away * some.scales)
-
-
-def test_a_place_without_cameras_keeps_all_and_says_so(place):
-    with pytest.warns(ts.InputWarning, match="place"):
-        data = ts.compress(place)
-    assert ts.decompress(data).count == 3000
-
-
-def test_an_object_is_told_from_a_place_wherever_and_however_large(ball, place):
-    for size, moved in ((1e-3, 0.0), (1.0, 50.0), (1e3, -20.0)):
-        for gaussians, expected in ((ball, False), (place, True)):
-            scaled = replace(gaussians, means=size * gaussians.means + moved, scales=size * gaussians.scales)
-            assert views.is_place(scaled) == expected, (size, moved, expected)
-
-
 def test_finer_steps_leave_out_less():
     cloud = make_free_gaussians(900, 1, np.random.default_rng(6))
     counts = [ts.decompress(ts.compress(cloud, qp=qp)).count for qp in (-18.0, 0.0, 12.0)]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, TinySplatError
 from ..formats.check import file_loss
+from ..formats.viewpoints import seen_from
 from ..gaussian.editing import crop, merge, similarity
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.stopwatch import Stopwatch
@@ -35,6 +36,8 @@ def convert(args: Namespace) -> None:
     gaussians = parts[0] if len(parts) == 1 else merge(parts)
     if args.crop:
         gaussians = crop(gaussians, args.crop[:3], args.crop[3:])
+    if args.cameras:
+        gaussians = seen_from(gaussians, args.cameras)
     gaussians = similarity(gaussians, _rotation(args.rotate or "x,0"), args.scale, args.translate)
     gaussians = pruned(noted(gaussians, notes_of(args)), args.prune, reading, voice_of(args))
     writing_of(args).write(args.output, gaussians)

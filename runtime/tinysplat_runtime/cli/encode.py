@@ -11,6 +11,7 @@ from ..api import Runtime
 from ..codec.encoder import EncodeStats
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians, save_gaussians
+from ..formats.viewpoints import seen_from
 from ..gaussian.gaussians import Gaussians
 from ..graphs.providers import providers_of
 from ..recipe import stages
@@ -79,10 +80,11 @@ def compress(args: Namespace) -> None:
         raise InputError(f"needs {missing} too", where=one)
     grid = grid_option(args.grid)
     cameras = _load_cameras(args.cameras) if args.cameras else None
-    if grid or cameras:
+    gaussians = None if grid else reading_of(args).load(args.gaussians, Stopwatch())
+    if gaussians is None or (cameras and gaussians.count == sum(camera.width * camera.height for camera in cameras)):
         gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
-    else:
-        gaussians = reading_of(args).load(args.gaussians, Stopwatch())
+    elif cameras:
+        gaussians = seen_from(gaussians, cameras)
     gaussians = noted(gaussians, notes_of(args))
     runtime, stats, refinement = reading_of(args).runtime(), EncodeStats(), RefineStats()
     listener = _listener(quiet=args.quiet, save_to=None)

@@ -69,6 +69,7 @@ def writing_of(args: Namespace) -> Writing:
         turned=bool(getattr(args, "rotate", None)),
         keeps_pixels=args.views is None and getattr(args, "scale", 1) == 1,
         keep_all=args.keep_all or args.prune is not None,
+        with_cameras=args.fuse is not None,
     )
 
 

@@ -203,7 +203,11 @@ def _compress(commands: Commands) -> None:
         "--keep-all", action="store_true",
         help="keep Gaussians of no pixels that pictures hardly need, which are left out otherwise (with numba)",
     )  # fmt: skip
-    parser.add_argument("--cameras", metavar="cameras.json", help="cameras of a .ply's views")
+    parser.add_argument(
+        "--cameras", metavar="SCENE",
+        help="cameras of the photos that Gaussians were made from, which decide what pictures need: cameras.json,"
+        " transforms.json or a folder with COLMAP's sparse/; of as many Gaussians as pixels, the cameras of these",
+    )  # fmt: skip
 
 
 def _decode(commands: Commands) -> None:
@@ -254,6 +258,11 @@ def _convert(commands: Commands) -> None:
     parser.add_argument("--rotate", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
     parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
+    parser.add_argument(
+        "--cameras",
+        metavar="SCENE",
+        help="cameras of the photos that Gaussians were made from, for --prune",
+    )
     parser.add_argument("--check", action="store_true", help="read the file back and print its bytes and loss in dB")
 
 

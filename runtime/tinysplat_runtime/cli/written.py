@@ -12,6 +12,7 @@ from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.reader import read_container
 from ..errors import InputError
 from ..formats.table import save_gaussians, save_points
+from ..formats.viewpoints import save_beside
 from ..gaussian.editing import cut_degree, drop_transparent, trim_border
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
@@ -121,6 +122,7 @@ class Writing:
         turned: whether the Gaussians were turned since it was read.
         keeps_pixels: whether they are all that it holds, at its scale.
         keep_all: of Gaussians of no pixels, even those that pictures hardly need, in a .tsplat file.
+        with_cameras: cameras of their photos go into a file beside those that have no room for them.
     """
 
     reading: Reading
@@ -132,6 +134,7 @@ class Writing:
     turned: bool = False
     keeps_pixels: bool = True
     keep_all: bool = False
+    with_cameras: bool = False
 
     def write(self, path: str, gaussians: Gaussians) -> None:
         """Write a file, or to standard output; what the format cannot keep goes to standard error."""
@@ -145,6 +148,8 @@ class Writing:
             bits = _sh_bits(self.sh_bits)
             for loss in save_gaussians(path, gaussians, bits, self.spz_version, gltf_spz=self.gltf_spz):
                 print(f"{path}: {loss}", file=sys.stderr)
+            if self.with_cameras and gaussians.viewpoints and is_drawn_whole(path):
+                save_beside(Path(path), gaussians)
 
     def _coded(self, gaussians: Gaussians) -> bytes:
         """A .tsplat file's bytes.

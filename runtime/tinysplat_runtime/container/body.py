@@ -121,6 +121,7 @@ class Description:
     left_out: tuple[dict[str, Any], ...] = ()
     pieces: tuple[Piece, ...] = ()
     tiers: tuple[int, ...] = ()
+    viewpoints: tuple[Camera, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

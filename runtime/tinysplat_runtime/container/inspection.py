@@ -22,7 +22,8 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
     Returns:
         A JSON-ready object: version, mode, network, photos, notes, refined, antialiased, thinned, profile, qp, views,
         height, width, gaussians, sh_degree, k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras,
-        layers, planes, prefixes, left_out, tiers (Gaussians of each, in mode free; their `layer` elsewhere).
+        layers, planes, prefixes, left_out, tiers (Gaussians of each, in mode free; their `layer` elsewhere),
+        viewpoints (cameras of photos, in mode free).
         In mode photos, what only the network knows (gaussians, sh_degree, k) is None; without photos, network and
         photos are; in mode free, height and width.
 
@@ -63,6 +64,9 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "prefixes": container.pictures.prefixes(),
         "left_out": list(own.left_out),
         "tiers": list(own.tiers),
+        "viewpoints": [
+            {"K": c.K.tolist(), "c2w": c.c2w.tolist(), "width": c.width, "height": c.height} for c in own.viewpoints
+        ],
     }
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ..scene.cameras import Camera
 from . import layout as L
 from .body import Body, Description, Opened, Piece
 from .free import FREE, FREE_POINTS, FREE_TIER, read_free
 from .planes import PLANE_KINDS, read_pictures
 from .records import FreeScene, Pictures
 from .sections import Section, require
+from .viewpoints import VIEWPOINTS, read_viewpoints
 
 
 @dataclass(frozen=True)
@@ -31,18 +33,21 @@ class TierPictures(Pictures):
 
 @dataclass(frozen=True, kw_only=True)
 class Points(Body):
-    """One scene without cameras; the pictures of its tiers lie as those of layers do."""
+    """One scene without cameras of pixels; the pictures of its tiers lie as those of layers do."""
 
     mode: ClassVar[str] = "free"
-    kinds: ClassVar[frozenset[bytes]] = frozenset({FREE, FREE_TIER, FREE_POINTS, L.PARAMETER_SETS}) | PLANE_KINDS
+    kinds: ClassVar[frozenset[bytes]] = (
+        frozenset({FREE, FREE_TIER, FREE_POINTS, VIEWPOINTS, L.PARAMETER_SETS}) | PLANE_KINDS
+    )
     signs: ClassVar[frozenset[bytes]] = frozenset({FREE})
 
     scene: FreeScene
     points: tuple[Section, ...]
+    viewpoints: tuple[Camera, ...] = ()
 
     @classmethod
     def read(cls, file: Opened) -> Points:
-        """Parse and check the sections FREE, TIER and FREP."""
+        """Parse and check the sections FREE, TIER, FREP and SEEN."""
         counts = f"{file.views} views and {file.layer_count} layers of Gaussians without pixels"
         require(file.views == file.layer_count == 0, file.scene, counts)
         scene = read_free(file.sections, file.limits)
@@ -52,7 +57,9 @@ class Points(Body):
                 file.only(L.PARAMETER_SETS, number)
         points = tuple(section for section in file.sections if section.kind == FREE_POINTS)
         found = read_pictures(file.sections, channels)
-        return cls(pictures=TierPictures(found.channels, found.data, found.sections), scene=scene, points=points)
+        pictures = TierPictures(found.channels, found.data, found.sections)
+        seen = read_viewpoints(file.sections, file.origin)
+        return cls(pictures=pictures, scene=scene, points=points, viewpoints=seen)
 
     def describe(self) -> Description:
         """Gaussians, and bytes of their positions."""
@@ -61,7 +68,12 @@ class Points(Body):
         pieces = tuple(Piece("position", None, length) for length in lengths)
         tiers = tuple(tier.count for tier in scene.tiers)
         return Description(
-            gaussians=scene.count, sh_degree=scene.degree, k=scene.basis.shape[1], pieces=pieces, tiers=tiers
+            gaussians=scene.count,
+            sh_degree=scene.degree,
+            k=scene.basis.shape[1],
+            pieces=pieces,
+            tiers=tiers,
+            viewpoints=self.viewpoints,
         )
 
     def picture_name(self, layer: int, channel: int, view: int) -> str:

@@ -3,7 +3,8 @@
 Arrays `means quats scales opacities sh` of one leading shape, (V, H, W) or (N,), and `K` (V, 3, 3) in pixels and `c2w`
 (V, 4, 4) where there is one Gaussian per pixel; `origin` (3,) where means are relative to one. Layer n > 0 has the
 arrays `layer{n}_means` and so on with its own `layer{n}_K`; it shares the views' `c2w` unless there is a
-`layer{n}_c2w`. Numbers of any real type are taken; other arrays are ignored.
+`layer{n}_c2w`. Of a list, `viewpoint_K`, `viewpoint_c2w` and `viewpoint_size` (P, 2), width and height, are the cameras
+of its photos, where they are known. Numbers of any real type are taken; other arrays are ignored.
 
 Trust boundary: shapes, types and total size come from headers and are checked before memory is taken; nothing is
 unpickled.
@@ -32,7 +33,9 @@ MAX_EXPANSION = 100
 
 MIN_BUDGET = 256 << 20
 
-_ARRAY_NAME = re.compile(r"(?:(?:layer[1-9]\d{0,3}_)?(?:means|quats|scales|opacities|sh|K|c2w)|origin)")
+_ARRAY_NAME = re.compile(
+    r"(?:layer[1-9]\d{0,3}_)?(?:means|quats|scales|opacities|sh|K|c2w)|origin|viewpoint_(?:K|c2w|size)"
+)
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,11 @@ def _arrays(gaussians: Gaussians) -> dict[str, NDArray]:
             arrays[f"{prefix}K"] = np.stack([camera.K for camera in layer.cameras])
             if not n or (c2w != arrays["c2w"]).any():
                 arrays[f"{prefix}c2w"] = c2w
+    if gaussians.viewpoints:
+        arrays["viewpoint_K"] = np.stack([camera.K for camera in gaussians.viewpoints])
+        arrays["viewpoint_c2w"] = np.stack([camera.c2w for camera in gaussians.viewpoints])
+        sizes = [(camera.width, camera.height) for camera in gaussians.viewpoints]
+        arrays["viewpoint_size"] = np.array(sizes, np.float64)
     arrays["origin"] = gaussians.origin
     return arrays
 

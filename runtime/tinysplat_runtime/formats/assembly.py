@@ -108,7 +108,10 @@ def assemble(
     def build(n: int, extra_layers: tuple[Gaussians, ...] = ()) -> Gaussians:
         fields: dict[str, Any] = {**layers[n], "means": means[n]}
         try:
-            return Gaussians(**fields, cameras=views[n], origin=origin, extra_layers=extra_layers)
+            viewpoints = () if n or views[n] else _viewpoints(arrays)
+            return Gaussians(
+                **fields, cameras=views[n], origin=origin, extra_layers=extra_layers, viewpoints=viewpoints
+            )
         except InputError as error:
             where = f"{prefixes[n]}{error.where}" if error.where else prefixes[n].rstrip("_") or None
             raise InputError(error.message, where=where) from None
@@ -149,6 +152,27 @@ def _layer_cameras(arrays: Mapping[str, NDArray], prefix: str, lead: tuple[int, 
         if array.shape != shape:
             raise InputError(f"shape {array.shape}, expected {shape}", where=name)
     return tuple(_camera(prefix, v, K[v], c2w[v], lead) for v in range(lead[0]))
+
+
+def _viewpoints(arrays: Mapping[str, NDArray]) -> tuple[Camera, ...]:
+    """Cameras of a list's photos; () where the file holds none."""
+    names = "viewpoint_K", "viewpoint_c2w", "viewpoint_size"
+    found = [arrays[name] for name in names if name in arrays]
+    if not found:
+        return ()
+    count = len(found[0]) if found[0].ndim else 0
+    if [array.shape for array in found] != [(count, 3, 3), (count, 4, 4), (count, 2)]:
+        raise InputError(f"shapes {[array.shape for array in found]}, expected (P, 3, 3), (P, 4, 4) and (P, 2)",
+                         where=", ".join(names))  # fmt: skip
+    K, c2w, sizes = found
+    cameras = []
+    for number in range(count):
+        try:
+            width, height = (int(side) if float(side).is_integer() else -1 for side in sizes[number])
+            cameras.append(Camera(K[number], c2w[number], width, height))
+        except InputError as error:
+            raise InputError(error.message, where=f"viewpoint_{error.where}[{number}]") from None
+    return tuple(cameras)
 
 
 def _camera(prefix: str, v: int, K: NDArray, c2w: NDArray, lead: tuple[int, ...]) -> Camera:

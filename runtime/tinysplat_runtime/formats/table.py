@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from ..gaussian.sh import C0
 from ..scene.cameras import Camera
 from ..system.files import StrPath, atomic_path, check_readable
 from . import SH_BITS, SPZ_VERSION
+from .viewpoints import cameras_beside
 
 MAX_BYTES = 8 << 30
 """Most memory that the arrays of one file may take: 24 million Gaussians of SH degree 4."""
@@ -221,6 +222,8 @@ def load_gaussians(
         if grid is None:
             arrays_read, invalid = without_invalid(arrays_read)
         gaussians = assemble(arrays_read, grid, cameras)
+        if not gaussians.is_per_pixel and not gaussians.viewpoints:
+            gaussians = replace(gaussians, viewpoints=cameras_beside(path))
         if invalid:
             warn(f"{path}: {invalid} of {invalid + gaussians.count} Gaussians hold NaN or infinity and are left out")
         return gaussians.with_notes(NO_NOTES if form.notes is None else Notes(**form.notes(Path(path))))

@@ -88,7 +88,7 @@ def crop(gaussians: Gaussians, low: ArrayLike, high: ArrayLike) -> Gaussians:
 
 
 def merge(parts: Sequence[Gaussians]) -> Gaussians:
-    """All layers of several sets as one list (N,), relative to the first one's origin; notes joined."""
+    """All layers of several sets as one list (N,), relative to the first one's origin; notes and viewpoints joined."""
     flats = [part.flat() for part in parts]
     origin = flats[0].origin
     functions = max(flat.sh.shape[1] for flat in flats)
@@ -100,6 +100,7 @@ def merge(parts: Sequence[Gaussians]) -> Gaussians:
         sh=np.concatenate([np.pad(f.sh, ((0, 0), (0, functions - f.sh.shape[1]), (0, 0))) for f in flats]),
         origin=origin,
         notes=Notes.joined([part.notes for part in parts]),
+        viewpoints=tuple(camera for flat in flats for camera in flat.viewpoints),
     )
 
 
@@ -152,6 +153,7 @@ def similarity(
             sh=layer.sh if turn is None else rotate_sh(layer.sh, R),
             cameras=tuple(_moved_camera(camera, R, scale, t) for camera in layer.cameras),
             origin=moved_origin,
+            viewpoints=tuple(_moved_camera(camera, R, scale, t) for camera in layer.viewpoints),
         )
 
     # a unit no longer fits what was enlarged

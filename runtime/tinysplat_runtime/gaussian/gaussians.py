@@ -33,6 +33,7 @@ class Gaussians:
         origin: (3,) float64, world position that `means` are relative to.
         extra_layers: coarser grids behind this one, each a per-pixel Gaussians of its own cameras and no layers.
         notes: what their maker says about them; `with_notes` sets it.
+        viewpoints: of a list, cameras of the photos that it was made from, as far as they are known.
 
     Raises:
         InputError: names the field, the first index at fault and what is accepted.
@@ -47,6 +48,7 @@ class Gaussians:
     origin: NDArray = field(default_factory=lambda: np.zeros(3))
     extra_layers: tuple[Gaussians, ...] = ()
     notes: Notes = NO_NOTES
+    viewpoints: tuple[Camera, ...] = ()
 
     def __post_init__(self) -> None:
         lead = np.shape(self.opacities)
@@ -65,6 +67,7 @@ class Gaussians:
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "cameras", tuple(self.cameras or ()))
         object.__setattr__(self, "extra_layers", tuple(self.extra_layers))
+        object.__setattr__(self, "viewpoints", tuple(self.viewpoints or ()))
         self._check_grid()
         self._check_values()
 
@@ -78,6 +81,8 @@ class Gaussians:
                 raise InputError(
                     f"{len(sizes)} of sizes {sizes[:3]}…, expected one per view of {lead}", where="cameras"
                 )
+        if self.cameras and self.viewpoints:
+            raise InputError(f"{len(self.viewpoints)} beside the cameras of pixels, expected none", where="viewpoints")
         for n, layer in enumerate(self.extra_layers, start=1):
             if not layer.is_per_pixel or layer.extra_layers or len(layer.cameras) != len(self.cameras):
                 raise InputError("expected per-pixel Gaussians of as many views, without layers", where=f"layer{n}")
@@ -101,7 +106,7 @@ class Gaussians:
     def unchecked(cls, **fields: object) -> Gaussians:
         """Build without validation, for arrays whose making already proves them right (the decoder's)."""
         self = object.__new__(cls)
-        defaults = {"cameras": (), "origin": np.zeros(3), "extra_layers": (), "notes": NO_NOTES}
+        defaults = {"cameras": (), "origin": np.zeros(3), "extra_layers": (), "notes": NO_NOTES, "viewpoints": ()}
         for name, value in {**defaults, **fields}.items():
             object.__setattr__(self, name, value)
         return self
@@ -127,7 +132,9 @@ class Gaussians:
         return sum(layer.opacities.size for layer in self.layers)
 
     def flat(self) -> Gaussians:
-        """All layers as one (N,) set without cameras; lower SH degrees are padded with zeros to the highest."""
+        """All layers as one (N,) set, whose viewpoints the cameras are; lower SH degrees are padded with zeros to the
+        highest.
+        """
         functions = max(layer.sh.shape[-2] for layer in self.layers)
 
         def rows(layer: Gaussians, name: str) -> NDArray:
@@ -139,7 +146,8 @@ class Gaussians:
             return array
 
         arrays = {name: np.concatenate([rows(layer, name) for layer in self.layers]) for name in FIELDS}
-        return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes)
+        viewpoints = self.cameras or self.viewpoints
+        return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes, viewpoints=viewpoints)
 
     def __repr__(self) -> str:
         shape = "x".join(map(str, self.opacities.shape))

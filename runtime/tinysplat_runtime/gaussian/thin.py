@@ -73,7 +73,7 @@ def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) 
     if not keep.any():
         return flat
     fields = {name: getattr(flat, name)[keep] for name in FIELDS} | {"opacities": opacities[keep]}
-    return Gaussians.unchecked(**fields, origin=flat.origin, notes=flat.notes)
+    return Gaussians.unchecked(**fields, origin=flat.origin, notes=flat.notes, viewpoints=flat.viewpoints)
 
 
 def _opacities(

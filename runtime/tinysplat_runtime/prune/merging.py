@@ -66,7 +66,9 @@ def merged(gaussians: Gaussians, kept: NDArray, gone: NDArray) -> Gaussians:
     for name, values in fields.items():
         own = getattr(gaussians, name)[kept]
         fields[name] = np.where(is_more.reshape(-1, *[1] * (own.ndim - 1)), values, own).astype(np.float32)
-    return Gaussians.unchecked(**fields, origin=gaussians.origin, notes=gaussians.notes)
+    return Gaussians.unchecked(
+        **fields, origin=gaussians.origin, notes=gaussians.notes, viewpoints=gaussians.viewpoints
+    )
 
 
 def _neighbours(means: NDArray, kept: NDArray, gone: NDArray) -> Iterator[NDArray]:

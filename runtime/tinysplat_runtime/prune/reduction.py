@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 from ..codec.free.encoder import visible
+from ..errors import warn
 from ..gaussian.gaussians import Gaussians
-from ..render.paths import between
-from ..scene.cameras import Camera
 from ..system.threads import Crew
 from .amount import Amount
 from .removal import Remover, Thinned
-from .thinning import VIEWS
-from .views import SIDE, views_about
+from .views import views_of
 
 TOLERANCE_DB = 0.3
 """More dB than were asked for that end the search."""
@@ -27,14 +24,17 @@ _DB_PER_DOUBLING = 3.0
 def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
     """The Gaussians that pictures need most, as one list.
 
-    Pictures are those that its own cameras would take on a path through all of them; without cameras, views about it.
+    Pictures are those of the places that its photos were taken from, where these are known, and beside them; else views
+    about it.
 
     Raises:
         InputError: no Gaussian shows.
     """
     shown = visible(gaussians)
-    cameras = _on_the_way(gaussians.cameras) if gaussians.cameras else views_about(shown, VIEWS)
-    remover = Remover(shown, cameras, Crew(threads).map)
+    views, doubt = views_of(shown)
+    if doubt:
+        warn(f"Gaussians left out by views from outside: {doubt}")
+    remover = Remover(shown, views.deciding, Crew(threads).map, views.judging)
     if amount.psnr is not None:
         found = _to_psnr(remover, amount.psnr)
     else:
@@ -63,11 +63,3 @@ def _to_psnr(remover: Remover, target: float) -> Thinned:
         else:
             worth += above / _DB_PER_DOUBLING
     return best
-
-
-def _on_the_way(cameras: Sequence[Camera]) -> list[Camera]:
-    """Views on the path through cameras, no larger than those about a scene."""
-    path = between(cameras, max(VIEWS, len(cameras)))
-    factor = min(SIDE / max(path[0].width, path[0].height), 1)
-    size = max(round(path[0].height * factor), 1), max(round(path[0].width * factor), 1)
-    return [camera.resized(*size) for camera in path]

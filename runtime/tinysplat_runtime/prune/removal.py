@@ -46,7 +46,7 @@ class Thinned:
         gaussians: (n,).
         rows: (n,) which they are of those given.
         left_out: how many are not there.
-        psnr: dB of their pictures against those of all, from the views that decided.
+        psnr: dB of their pictures against those of all, from views that judge.
     """
 
     gaussians: Gaussians
@@ -84,10 +84,22 @@ class Remover:
     search ranks once.
     """
 
-    def __init__(self, gaussians: Gaussians, cameras: Sequence[Camera], run_jobs: Callable) -> None:
-        """Take (N,) Gaussians of opacity 1/255 or more; `run_jobs` maps a function over a list, on any threads."""
+    def __init__(
+        self, gaussians: Gaussians, cameras: Sequence[Camera], run_jobs: Callable, judging: Sequence[Camera] = ()
+    ) -> None:
+        """Take (N,) Gaussians.
+
+        Args:
+            gaussians: each of opacity 1/255 or more.
+            cameras: of the views that decide.
+            run_jobs: maps a function over a list, on any threads.
+            judging: cameras of other views, which say what a result is worth; without any, those that decide.
+        """
         self._all, self._run = gaussians, run_jobs
         self._pictures = Pictures(cameras, run_jobs)
+        self._judges = Pictures(judging, run_jobs) if judging else self._pictures
+        for _ in self._judges.measure(gaussians, range(len(judging))):
+            pass  # what is wanted of them is kept
         every = range(len(cameras))
         self._halves = (every[0::2], every[1::2] or every)
         self._costs = np.stack([self._look(gaussians, half).costs for half in self._halves], axis=1)
@@ -98,11 +110,15 @@ class Remover:
     @property
     def whole(self) -> Thinned:
         """All Gaussians."""
-        return Thinned(self._all, np.arange(self._prices.size), 0, self.psnr(0.0))
+        return Thinned(self._all, np.arange(self._prices.size), 0, 150.0)
 
     def error_of(self, gaussians: Gaussians) -> float:
-        """Σ of squared errors of pictures, over views, pixels and colours."""
+        """Σ of squared errors of the pictures that decide, over views, pixels and colours."""
         return sum(self._pictures.errors(gaussians))
+
+    def judged(self, gaussians: Gaussians) -> float:
+        """dB of the pictures that judge; 150 where none differs."""
+        return -10 * math.log10(max(sum(self._judges.errors(gaussians)) / self._judges.values, 1e-15))
 
     def dearest(self, rows: NDArray, count: int) -> NDArray:
         """Which of some rows (n,) integer, as numbers (count,) in their order, pictures need most."""
@@ -116,10 +132,6 @@ class Remover:
             sh = self._recoloured(gaussians, self._look(gaussians, half), half, penalties)
             gaussians = replace(gaussians, sh=sh)
         return gaussians
-
-    def psnr(self, error: float) -> float:
-        """dB of such a sum; 150 of none."""
-        return -10 * math.log10(max(error / self._pictures.values, 1e-15))
 
     def worth_at(self, psnr: float) -> float:
         """About the worth up to which Gaussians can be left out for so many dB: their costs' sum is the error."""
@@ -170,13 +182,13 @@ class Remover:
         left = taken(replace(self._all, sh=self._sh), rows)
         if shown.size:
             both = [self.recoloured(one, penalties) for one in (left, merged(self._all, rows, np.sort(shown)))]
-            left = min(both, key=self.error_of)
+            left = max(both, key=self.judged)
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
-        error = self.error_of(left)
-        if shown.size and (found := self.error_of(nearer := self._corrected(left))) < error:
-            left, error = nearer, found
-        return Thinned(left, rows, self._prices.size - rows.size, self.psnr(error))
+        psnr = self.judged(left)
+        if shown.size and (found := self.judged(nearer := self._corrected(left))) > psnr:
+            left, psnr = nearer, found
+        return Thinned(left, rows, self._prices.size - rows.size, psnr)
 
     def _corrected(self, gaussians: Gaussians) -> Gaussians:
         cameras = self._pictures.cameras
@@ -219,4 +231,6 @@ class Remover:
 def taken(gaussians: Gaussians, rows: NDArray) -> Gaussians:
     """Gaussians (N,) at rows (n,) integer or bool, in this order."""
     arrays = {name: getattr(gaussians, name)[rows] for name in FIELDS}
-    return Gaussians.unchecked(**arrays, origin=gaussians.origin, notes=gaussians.notes)
+    return Gaussians.unchecked(
+        **arrays, origin=gaussians.origin, notes=gaussians.notes, viewpoints=gaussians.viewpoints
+    )

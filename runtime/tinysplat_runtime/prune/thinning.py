@@ -21,9 +21,7 @@ from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
 from .removal import Remover, Thinned
 from .tiers import tiers_of
-from .views import views_about
-
-VIEWS = 20
+from .views import Views
 
 SLOPE = 6.0
 """Worth of a Gaussian over the mean error by Gaussian that `FreeEncoder.rounded` estimates: at equal bytes 6 shows as
@@ -50,14 +48,15 @@ class ThinningEncoder:
         profile: how planes are coded.
     """
 
-    def __init__(self, gaussians: Gaussians, profile: Profile, *, threads: int, stats: EncodeStats) -> None:
-        """Arguments and errors as those of `FreeEncoder`."""
+    def __init__(
+        self, gaussians: Gaussians, views: Views, profile: Profile, *, threads: int, stats: EncodeStats
+    ) -> None:
+        """`views` are where it is looked at from; other arguments and errors as those of `FreeEncoder`."""
         self.profile, self._threads, self._stats = profile, threads, stats
         self._whole = FreeEncoder(gaussians, profile, threads=threads, stats=stats)
         self._notes = gaussians.notes
         with stats.watch.stage("rank"):
-            shown = visible(gaussians)
-            self._remover = Remover(shown, views_about(shown, VIEWS), Crew(threads).map)
+            self._remover = Remover(visible(gaussians), views.deciding, Crew(threads).map, views.judging)
 
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `FreeEncoder.code`."""

@@ -1,20 +1,28 @@
-"""Views that Gaussians of no pixels are looked at from: from all sides, far and near, and from within rooms."""
+"""Views that Gaussians of no pixels are looked at from: where their photos were taken if that is known, else from all
+sides, far and near, and from within rooms.
+
+Some views decide what is left out; others, beside them, say what that costs.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.free.octree import morton_keys
+from ..codec.free.evenness import is_uneven, sizes_about
 from ..gaussian.gaussians import Gaussians
 from ..render import DEFINITION, Renderer
-from ..render.paths import looking_along
+from ..render.paths import between, looking_along, orbit
+from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
+from ..scene.neighbours import spread, view_places
 
 SIDE = 384
-"""Pixels of a view's sides."""
+"""Pixels of a view's sides; views of photos have as many pixels at most."""
 
 FAR, NEAR = 1.2, 2.0
 """Distances of the outer views: far ones from the middle of the bulk, in its diagonals; near ones from the median, in
@@ -30,37 +38,120 @@ OPEN, CLOSED = 0.2, 0.75
 """A scene is a room where, from its middle, so far (in diagonals) nothing stands in most directions, and something
 beyond in this share of them."""
 
-UNEVEN = 3.0
-"""Octaves between the sizes of Gaussians in the finest and the coarsest parts of a scene: of a place, at least so many."""
+COUNT, JUDGES = 20, 8
+"""Views about a scene that decide, and views that judge."""
 
-ALIKE = 64
-"""Gaussians in a row along a curve through space whose median size is that of a part."""
+MOST, MOST_DECIDING = 32, 48
+"""Photos' cameras that decide, of more as many that lie far from one another; and with views halfway between them."""
+
+PARTNERS = 2
+"""Nearest cameras of each, on the way to which further views lie."""
+
+LEAST_SEEN = 0.5
+"""Share of the Gaussians that lie before cameras: of fewer, these are not the scene's, or too few of them."""
+
+LEAST_COVERED, LEAST_DEPTH = 0.05, 0.1
+"""Cameras whose picture is covered less, or by what is nearer than this share of the depth of what lies before them,
+stand outside the scene, or in its walls."""
 
 _GOLDEN = math.pi * (3 - math.sqrt(5))
-_BITS = 20
+_SAMPLE, _TRIED = 4096, 6
 _DOWN = np.array([0.0, 1.0, 0.0])
 
 
-def is_place(gaussians: Gaussians) -> bool:
-    """Whether (N,) Gaussians show what was seen from within, and views from outside would show too little of.
+@dataclass(frozen=True)
+class Views:
+    """Where a scene is looked at from.
 
-    Gaussians are about as large as pixels of the photos that they were made from. About an object cameras are equally
-    far from all of it; in a place they are near some of it and far from the rest, and sizes differ by as much.
+    Attributes:
+        deciding: cameras whose pictures are to stay as they are.
+        judging: others, by which nothing is chosen.
     """
-    means = gaussians.means.astype(np.float64)
-    low, high = np.percentile(means, (1, 99), axis=0)
-    unit = (1 << _BITS) / (2 * float((high - low).max()) or 1.0)
-    cells = ((means - low) * unit + (1 << (_BITS - 2))).clip(0, (1 << _BITS) - 1)
-    order = np.argsort(morton_keys(cells.astype(np.int64)), kind="stable")
-    widths = np.sort(gaussians.scales, axis=1)[order, 1:].astype(np.float64)
-    sizes = np.log2(np.maximum(widths, 1e-15)).mean(axis=1)
-    parts = max(len(sizes) // ALIKE, 1)
-    finest, coarsest = np.percentile([np.median(part) for part in np.array_split(sizes, parts)], (5, 95))
-    return bool(coarsest - finest >= UNEVEN)
+
+    deciding: list[Camera]
+    judging: list[Camera]
 
 
-def views_about(gaussians: Gaussians, count: int) -> list[Camera]:
-    """Cameras that see (N,) Gaussians as those would who walk about them.
+def views_of(gaussians: Gaussians) -> tuple[Views, str]:
+    """Views of (N,) Gaussians: those of their viewpoints, or about an object; and why they may show too little of them.
+
+    That is so of a place whose viewpoints are not known or do not show it; else the reason is empty.
+    """
+    reason = ""
+    if gaussians.viewpoints:
+        found = _views_through(gaussians)
+        if found is not None:
+            return found, ""
+        reason = f"{len(gaussians.viewpoints)} cameras show too little of them; are they those of this scene?"
+    elif is_uneven(sizes_about(gaussians)):
+        reason = "they show a place, and which of them pictures need follows from where people stand"
+        reason += "; --cameras makes the file smaller"
+    return Views(views_about(gaussians, COUNT), views_about(gaussians, JUDGES, turned=1.0)), reason
+
+
+def _views_through(gaussians: Gaussians) -> Views | None:
+    """Views of the photos that Gaussians were made from, and on the way between them."""
+    cameras = [_shrunk(camera) for camera in spread(gaussians.viewpoints, MOST)]
+    depth = _depth(gaussians, cameras)
+    if depth is None:
+        return None
+    pairs = _pairs(cameras, depth)
+    halfway = [between(pair, 3)[1] for pair in pairs]
+    beside = [between(pair, 4)[1] for pair in pairs]
+    if not pairs:
+        around = orbit(cameras[:1], 2 * JUDGES, depth)
+        halfway, beside = around[0::2], around[1::2]
+    return Views([*cameras, *_some(halfway, MOST_DECIDING - len(cameras))], _some(beside, JUDGES))
+
+
+def _some(cameras: Sequence[Camera], count: int) -> list[Camera]:
+    """At most so many, evenly."""
+    return [cameras[n] for n in np.linspace(0, len(cameras) - 1, min(count, len(cameras))).round().astype(int)]
+
+
+def _shrunk(camera: Camera) -> Camera:
+    """A camera of no more pixels than a view has."""
+    factor = min(SIDE / math.sqrt(camera.width * camera.height), 1)
+    return camera.resized(max(round(camera.height * factor), 1), max(round(camera.width * factor), 1))
+
+
+def _depth(gaussians: Gaussians, cameras: Sequence[Camera]) -> float | None:
+    """The depth in which cameras see (N,) Gaussians, scene units; None where they do not show them."""
+    points = gaussians.means[:: -(-gaussians.count // _SAMPLE)].astype(np.float64) + gaussians.origin
+    seen, depths = np.zeros(len(points), bool), []
+    for camera in cameras:
+        local = (points - camera.centre) @ camera.rotation.T
+        pixels = local @ camera.K.T
+        inside = local[:, 2] > NEAR_PLANE
+        inside &= ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:] * (camera.width, camera.height))).all(axis=1)
+        seen |= inside
+        depths.append(float(np.median(local[inside, 2])) if inside.any() else math.inf)
+    if seen.mean() < LEAST_SEEN:
+        return None
+    renderer, shows = Renderer(gaussians, **DEFINITION), []
+    for number in np.unique(np.linspace(0, len(cameras) - 1, _TRIED).round().astype(int)):
+        drawn = renderer.render(cameras[number].resized(32, 32), outputs=("depth", "alpha"))
+        covered = drawn["alpha"] > 0.5
+        before = float(np.median(drawn["depth"][covered])) if covered.any() else 0.0
+        shows.append(covered.mean() >= LEAST_COVERED and before >= LEAST_DEPTH * depths[number])
+    return float(np.median(depths)) if np.mean(shows) >= 0.5 else None
+
+
+def _pairs(cameras: Sequence[Camera], depth: float) -> list[tuple[Camera, Camera]]:
+    """Each camera with the nearest ones whose pictures are as large."""
+    places, found = view_places(cameras, depth, depth), set()
+    for number, camera in enumerate(cameras):
+        sizes = [(other.width, other.height) == (camera.width, camera.height) for other in cameras]
+        distances = np.where(sizes, np.square(places - places[number]).sum(axis=1), np.inf)
+        distances[number] = np.inf
+        for other in np.argsort(distances, kind="stable")[:PARTNERS].tolist():
+            if np.isfinite(distances[other]):
+                found.add((min(number, other), max(number, other)))
+    return [(cameras[first], cameras[second]) for first, second in sorted(found)]
+
+
+def views_about(gaussians: Gaussians, count: int, turned: float = 0.0) -> list[Camera]:
+    """Cameras that see (N,) Gaussians as those would who walk about them; `turned` by so many radians, others.
 
     They stand outside, some of them near, evenly on the sphere but for its poles; of a room, a third of all
     stand in its middle and look outwards.
@@ -74,17 +165,17 @@ def views_about(gaussians: Gaussians, count: int) -> list[Camera]:
     outer = count - inner
     cameras = []
     for number in range(outer):
-        towards = _on_the_sphere(number, outer, STEEPEST)
+        towards = _on_the_sphere(number, outer, STEEPEST, turned)
         is_near = number % NEAR_EVERY == 2
         place = centre + close * towards if is_near else middle + FAR * diagonal * towards
         cameras.append(_camera(place, -towards, SIDE, SIDE))
-    return cameras + [_camera(middle, _on_the_sphere(n, inner, 0.5), SIDE / 2, SIDE) for n in range(inner)]
+    return cameras + [_camera(middle, _on_the_sphere(n, inner, 0.5, turned), SIDE / 2, SIDE) for n in range(inner)]
 
 
-def _on_the_sphere(number: int, count: int, steepest: float) -> NDArray:
+def _on_the_sphere(number: int, count: int, steepest: float, turned: float = 0.0) -> NDArray:
     """Unit vector of a Fibonacci spiral about the y axis."""
     height = steepest * (1 - (2 * number + 1) / count)
-    turn, flat = number * _GOLDEN + 0.1, math.sqrt(1 - height * height)
+    turn, flat = number * _GOLDEN + 0.1 + turned, math.sqrt(1 - height * height)
     return np.array([math.sin(turn) * flat, height, math.cos(turn) * flat])
 
 

@@ -6,6 +6,7 @@ Each is given `Tools`, which a `Runtime` is.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -28,6 +29,7 @@ from ..graphs.predict import predict as run_network
 from ..graphs.walk import capture_groups, predict_groups
 from ..render import Renderer
 from ..render.paths import ring
+from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
 from ..system.progress import Show, plain
@@ -37,7 +39,7 @@ from .request import Coding
 from .words import Refinement
 
 if TYPE_CHECKING:
-    from ..prune.thinning import ThinningEncoder
+    from ..codec.free.search import Coder
     from ..refine.stats import RefineStats
 
 FREE_VIEWS, MOST_JUDGED = 4, 16
@@ -164,10 +166,10 @@ def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeSta
 
 def _free(job: Job, coding: Coding, tools: Tools) -> bytes:
     """Gaussians of no pixels, without those that pictures hardly need."""
-    from ..codec.free.search import Coder, code_to_psnr, code_to_size
+    from ..codec.free.search import code_to_psnr, code_to_size
     from ..codec.modes.free import encoder
 
-    coder: Coder = encoder(job) if coding.keep_all else _thinning(job) or encoder(job)
+    coder: Coder = encoder(job) if coding.keep_all else _thinning(job)
     if coding.target_size is not None:
         return code_to_size(coder, coding.target_size)
     if coding.target_psnr is not None:
@@ -175,20 +177,35 @@ def _free(job: Job, coding: Coding, tools: Tools) -> bytes:
     return coder.code(job.qp)
 
 
-def _thinning(job: Job) -> ThinningEncoder | None:
-    """What leaves Gaussians out; without numba or of a place None, and a warning that says so."""
+def _thinning(job: Job) -> Coder:
+    """What leaves Gaussians out; without numba, or where nobody knows what people see of them, what keeps all and a
+    warning that says so.
+    """
+    from ..codec.modes.free import encoder
+
     try:
         from ..codec.free.encoder import visible
         from ..prune.thinning import ThinningEncoder
-        from ..prune.views import is_place
+        from ..prune.views import views_of
     except ImportError as error:
         found = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
         warn(found)
-        return None
-    if is_place(visible(job.gaussians)):
-        warn("all Gaussians are kept: they show a place, of which pictures need others from within than from outside")
-        return None
-    return ThinningEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
+        return encoder(job)
+    views, doubt = views_of(visible(job.gaussians))
+    if doubt:
+        warn(f"all Gaussians are kept: {doubt}")
+        return encoder(replace(job, gaussians=replace(job.gaussians.flat(), viewpoints=())))
+    return ThinningEncoder(job.gaussians, views, job.profile, threads=job.threads, stats=job.stats)
+
+
+def _views_of_list(gaussians: Gaussians) -> list[Camera]:
+    """Views of Gaussians of no pixels: beside those of their photos, or from all sides."""
+    if not gaussians.viewpoints:
+        return ring(gaussians, FREE_VIEWS)
+    from ..codec.free.encoder import visible
+    from ..prune.views import views_of
+
+    return views_of(visible(gaussians))[0].judging[:FREE_VIEWS]
 
 
 def _fidelity(gaussians: Gaussians, tools: Tools) -> Callable[[bytes], float]:
@@ -199,7 +216,7 @@ def _fidelity(gaussians: Gaussians, tools: Tools) -> Callable[[bytes], float]:
     renderer = Renderer(gaussians, threads=tools.threads, compiled=False)
     own = gaussians.cameras
     chosen = np.linspace(0, len(own) - 1, min(MOST_JUDGED, len(own))).round().astype(int)
-    cameras = [own[index] for index in chosen] or ring(gaussians, FREE_VIEWS)
+    cameras = [own[index] for index in chosen] or _views_of_list(gaussians)
     raw = [renderer.render(camera) for camera in cameras]
 
     def measure(data: bytes) -> float:

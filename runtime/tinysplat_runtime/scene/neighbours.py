@@ -140,6 +140,27 @@ def nearest_views(cameras: Sequence[Camera], camera: Camera, depth: float, count
     return sorted(np.argsort(distances, kind="stable")[:count].tolist())
 
 
+def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:
+    """Of cameras, in their order, at most as many as are asked for that lie far from one another, each place once.
+
+    Taken one after another, the farthest from all before it, as distances between their places, in units of how far
+    these lie apart, and between directions are.
+    """
+    if not cameras:
+        return []
+    centres = np.stack([camera.centre for camera in cameras])
+    reach = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()) or 1.0
+    places = view_places(cameras, reach, reach)
+    found = [int(np.argmin(np.square(places - places.mean(axis=0)).sum(axis=1)))]
+    away = np.full(len(places), np.inf)
+    while len(found) < count:
+        away = np.minimum(away, np.square(places - places[found[-1]]).sum(axis=1))
+        if not away.max() > 1e-12:
+            break
+        found.append(int(np.argmax(away)))
+    return [cameras[number] for number in sorted(found)]
+
+
 def grouped(neighbours: Neighbours, size: int = GROUP, least: int = 2) -> list[Group]:
     """Groups in which every photo is kept once, but those that have too few partners; by the first that they keep.
 

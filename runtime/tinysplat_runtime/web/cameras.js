@@ -2,9 +2,9 @@
 
 /** @typedef {import("./cursor.js").Cursor} Cursor */
 
-const MAX_POSITION = 1e15;
-const MIN_FOCAL = 1e-6;
-const MAX_INTRINSIC = 1e9;
+export const MAX_POSITION = 1e15;
+export const MIN_FOCAL = 1e-6;
+export const MAX_INTRINSIC = 1e9;
 const ROTATION_TOLERANCE = 1e-3;
 const POLAR_STEPS = 5;
 

@@ -6,7 +6,7 @@ import { TsplatError, require } from "./errors.js";
 import { readExactLayers, readNetwork, readPhotos } from "./extras.js";
 import { readLayer } from "./layers.js";
 import { readNotes } from "./notes.js";
-import { readFree } from "./points.js";
+import { readFree, readViewpoints } from "./points.js";
 import { PLANES, cursor, label, only, readTable } from "./sections.js";
 import { readUnits } from "./units.js";
 
@@ -45,7 +45,7 @@ const SECTIONS = {
   photos: OF_PHOTOS,
   hybrid: [...OF_PLANES, ...OF_PHOTOS],
   lossless: ["CAMS", "EXAC", "EXAP"],
-  free: ["FREE", "TIER", "FREP", "HEVC", ...PLANES],
+  free: ["FREE", "TIER", "FREP", "SEEN", "HEVC", ...PLANES],
 };
 
 /**
@@ -62,6 +62,7 @@ const SECTIONS = {
  * @property {Layer[]} layers of these views
  * @property {import("./extras.js").ExactLayer[]} exact
  * @property {import("./points.js").FreeScene | undefined} free
+ * @property {Camera[]} viewpoints cameras of the photos that Gaussians without pixels were made from
  * @property {import("./extras.js").Network | undefined} network
  * @property {import("./extras.js").Photos | undefined} photos
  * @property {Map<number, Uint8Array>} sets parameter sets by index
@@ -106,13 +107,14 @@ export function readContainer(bytes, reading) {
   /** @type {Container} */
   const file = {
     version, total, profile, qp, origin, mode, viewCount, views: [], cameras: [], layers: [], exact: [],
-    free: undefined, network: undefined, photos: undefined, sets: new Map(), notes: readNotes(sections), sections,
+    free: undefined, viewpoints: [], network: undefined, photos: undefined, sets: new Map(), notes: readNotes(sections), sections,
     lost: [],
   };
   for (const section of sections) if (section.type === "HEVC") file.sets.set(section.index, section.data);
   if (mode === "free") {
     scene.require(viewCount === 0 && count === 0, "views or layers of Gaussians without pixels");
     file.free = readFree(sections, limits);
+    file.viewpoints = readViewpoints(sections, origin);
     joinStreams(file, file.free.tiers.map((tier) => tier.channels));
     file.free.tiers.forEach(({ channels }, number) => {
       if (channels.some((channel) => channel.isCoded)) only(sections, "HEVC", number);

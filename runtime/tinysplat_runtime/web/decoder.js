@@ -34,7 +34,7 @@ const PHOTO_BITS = 10;
 
 /** @typedef {{ views: number, height: number, width: number, count: number, offset: number, degree: number, cameras: Camera[] }} LayerShape */
 
-/** @typedef {Arrays & { origin: ArrayLike<number>, cameras: Camera[], layers: LayerShape[], missing: string[] }} Decoded */
+/** @typedef {Arrays & { origin: ArrayLike<number>, cameras: Camera[], viewpoints?: Camera[], layers: LayerShape[], missing: string[] }} Decoded */
 
 /** Decodes a container's pictures, each once. */
 export class Pictures {
@@ -182,7 +182,7 @@ async function decodePoints(pictures) {
   const shapes = free.tiers.map((tier) => listShape(tier.count));
   await decodeFree(free, tiers, (tier, index) => pictures.plane(tier, index, 0, shapes[tier], tier), out);
   const layer = { views: 0, height: 0, width: 0, count, offset: 0, degree, cameras: [] };
-  return { ...out, origin: file.origin, cameras: [], layers: [layer], missing: pictures.missing };
+  return { ...out, origin: file.origin, cameras: [], viewpoints: file.viewpoints, layers: [layer], missing: pictures.missing };
 }
 
 /**

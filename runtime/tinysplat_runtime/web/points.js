@@ -1,5 +1,6 @@
-/** Metadata of mode free, checked: docs/FORMAT.md, FREE and TIER. */
+/** Metadata of mode free, checked: docs/FORMAT.md, FREE, TIER and SEEN. */
 import { MAX_CODE, MAX_DECODED, MAX_ROTATION, requireBound } from "./bounds.js";
+import { MAX_INTRINSIC, MAX_POSITION, MIN_FOCAL } from "./cameras.js";
 import { crc32 } from "./cursor.js";
 import { COLOR, OPACITY, ROTATION, SCALE, channelName, readRecord, readStream } from "./layers.js";
 import { cursor, label, only } from "./sections.js";
@@ -112,6 +113,48 @@ export function readFree(sections, limits) {
   const scene = { count, degree, centre, radius, low, middle, thresholds, orders, mean, basis, k, tiers };
   checkFreeRanges(fields, scene);
   return scene;
+}
+
+const VIEWPOINT_BYTES = 52;
+const MAX_VIEWPOINTS = 4096;
+const MAX_SIDE = 2 ** 16;
+
+/**
+ * Cameras of the photos that a scene was made from, as far as the file has them.
+ *
+ * @param {Section[]} sections
+ * @param {ArrayLike<number>} origin
+ * @returns {import("./cameras.js").Camera[]}
+ */
+export function readViewpoints(sections, origin) {
+  if (!sections.some(({ type }) => type === "SEEN")) return [];
+  const fields = cursor(only(sections, "SEEN"));
+  const count = only(sections, "SEEN").data.length / VIEWPOINT_BYTES;
+  const isWhole = Number.isInteger(count) && count >= 1 && count <= MAX_VIEWPOINTS;
+  fields.require(isWhole, `${count} cameras, accepted are 1 to ${MAX_VIEWPOINTS}`);
+  const cameras = Array.from({ length: count }, () => {
+    const place = fields.numbers("f32", 3).map((x, axis) => x + origin[axis]);
+    const turn = fields.numbers("f32", 4);
+    const [fx, fy, cx, cy] = fields.numbers("f32", 4);
+    const [width, height] = [fields.u32(), fields.u32()];
+    const size = Math.hypot(...turn);
+    fields.require(Math.abs(size - 1) <= 1e-3, `a quaternion of length ${size}, expected 1`);
+    fields.require(place.every((x) => Math.abs(x) <= MAX_POSITION), `a camera at ${place}`);
+    fields.require(fx >= MIN_FOCAL && fy >= MIN_FOCAL, `focal lengths ${fx} and ${fy}`);
+    fields.require([fx, fy, cx, cy].every((x) => Math.abs(x) <= MAX_INTRINSIC), "an intrinsic number out of range");
+    const isSized = width >= 1 && height >= 1 && Math.max(width, height) <= MAX_SIDE;
+    fields.require(isSized, `a picture of ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
+    const [w, x, y, z] = turn.map((component) => component / size);
+    const c2w = Float64Array.of(
+      1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), place[0],
+      2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), place[1],
+      2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), place[2],
+      0, 0, 0, 1,
+    );
+    return { width, height, fx, fy, cx, cy, skew: 0, c2w };
+  });
+  fields.finish();
+  return cameras;
 }
 
 /**

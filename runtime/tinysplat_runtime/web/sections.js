@@ -13,7 +13,7 @@ export const PLANES = ["DEPT", "COLO", "OPAC", "SCAL", "ROTA", "OFFS"];
 
 const KNOWN = new Set([
   "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "THIN", "NETW", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "TIER",
-  "FREP", "UNIT", "VIEW", ...PLANES,
+  "FREP", "SEEN", "UNIT", "VIEW", ...PLANES,
 ]);
 
 /** Sections of pictures and positions, which have CRCs of their own and which a prefix may lack. */

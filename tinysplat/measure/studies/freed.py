@@ -24,6 +24,7 @@ from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.prune.removal import taken
 from tinysplat_runtime.prune.thinning import ThinningEncoder
+from tinysplat_runtime.prune.views import views_of
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_scene
@@ -79,7 +80,8 @@ def _own(run: Run, pictures: Pictures) -> Iterator[Row]:
         return replace(_point(way, qp, pictures, data, run.runtime.decompress(data)), costs=costs)
 
     begin = time.process_time()
-    thinning = ThinningEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats())
+    views, _ = views_of(visible(gaussians))
+    thinning = ThinningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
     for number, qp in enumerate(run.options.qps or (QUICK_QPS if run.quick else QPS)):
         ranked = point(OURS, qp, thinning.code, begin)
         yield ranked if not number else replace(ranked, costs={})

@@ -24,7 +24,7 @@ LEAST_SCALE = 2e-30
 MAX_RATIO = 14.0
 """Largest logarithm of a ratio of scales that is coded: beyond a million to one nothing thinner shows."""
 
-_KNEE = 2 * math.log(8)
+KNEE = 2 * math.log(8)
 """Distance from the middle size, in logarithms, between which steps follow the square root of a size."""
 
 _HALF_TURNS = np.eye(4)
@@ -113,8 +113,8 @@ def companded(sizes: NDArray, middle: float) -> NDArray:
     Steps are those of the logarithm at `middle`, and up to 8 times finer or coarser.
     """
     x = sizes - middle
-    near = 2 * np.exp(np.clip(x, -_KNEE, _KNEE) / 2)
-    return near + np.minimum(x + _KNEE, 0) / 8 + np.maximum(x - _KNEE, 0) * 8
+    near = 2 * np.exp(np.clip(x, -KNEE, KNEE) / 2)
+    return near + np.minimum(x + KNEE, 0) / 8 + np.maximum(x - KNEE, 0) * 8
 
 
 def expanded(values: NDArray, middle: float) -> NDArray:

@@ -20,17 +20,20 @@ from numpy.typing import NDArray
 
 from ...container.free import DETERMINING, MAX_LEVELS, MAX_PER_BYTE, free_sections, order_of, range_fault
 from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier, PointGrid, WeightClasses
+from ...container.viewpoints import viewpoint_sections
 from ...container.writer import write_container
 from ...errors import InputError
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...gaussian.planes import PlaneClass
+from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
 from ..encoder import EncodeStats, check_qp
 from ..hevc import PlaneDecoder, encode_plane
 from ..profiles import EncoderSettings, Profile
 from ..quantise import choose_code_map, without_outliers
-from .attributes import Columns, companded, contracted, from_columns, to_columns
+from .attributes import KNEE, MAX_LOG, Columns, companded, contracted, from_columns, to_columns
 from .decoder import columns_of, means_of
+from .evenness import is_uneven, sizes_about
 from .levels import WHOLE, Level, Tiers
 from .octree import encode_points, morton_keys
 from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
@@ -57,6 +60,24 @@ which varies little: a step that rounds it away tints whole surfaces, and neighb
 SPACING = 0.5
 """Cell at Q_g = 0 times √N, in units of the scene's radius: the more Gaussians, the less each may be off."""
 
+CELL_BY_SIZE = 0.48
+"""Cell of a place at Q_g = 0, in sizes of Gaussians: about what `SPACING` comes to in objects."""
+
+IN_PLACES: Mapping[PlaneClass, float] = {
+    PlaneClass.OPACITY: 0.5,
+    PlaneClass.SCALE: 1.1,
+    PlaneClass.ROTATION: 1.75,
+    PlaneClass.COLOR: 0.42,
+}
+"""Steps of places over those of objects. Whoever is within sees Gaussians as large as pixels, whose errors of colour do
+not cancel; how they are turned shows less."""
+
+SIZES_IN_PLACES = 5.6
+"""The same of sizes, whose steps are an eighth of what is said here: `_far_below`."""
+
+FINEST, RADII = 5, 9
+"""One of so many Gaussians of a place is of its finest part; and radii of its grid that are tried, in octaves."""
+
 MAX_CELL = 0.25
 
 MAX_VALUE = 1e30
@@ -77,6 +98,9 @@ BULK = (5, 95)
 
 DEAD_ZONE = 1 / 3
 """What is added before a number of steps is cut to a whole one where x265's choice is only estimated."""
+
+MOST_VIEWPOINTS = 64
+"""Cameras of photos that a file keeps; of more, those that lie far from one another."""
 
 _SAMPLE = 1 << 17
 _ROWS = 1 << 16
@@ -142,6 +166,8 @@ class FreeEncoder:
         self._gaussians = _selected(flat, rows)
         self._tiers = tiers.of(rows) if tiers else Tiers.whole(len(rows))
         self._recolour = recolour
+        sizes = sizes_about(self._gaussians)
+        self._sizes = sizes if is_uneven(sizes) else None
         self.notes = gaussians.notes
         self.profile, self._threads, self._stats = profile, threads, stats
         # Order by weight leaves no blocks that have QPs of their own.
@@ -171,6 +197,7 @@ class FreeEncoder:
         with self._stats.watch.stage("write"):
             sections = free_sections(scene, payloads, sets)
             origin = self._gaussians.origin
+            sections = [*viewpoint_sections(spread(self._gaussians.viewpoints, MOST_VIEWPOINTS), origin), *sections]
             data = write_container([], (), origin, self.profile.name, qp, sections, notes=self.notes)
         if scene.count > MAX_PER_BYTE * len(data):
             found = f"{scene.count} Gaussians come to {len(data)} bytes, which stand for {MAX_PER_BYTE} each at most"
@@ -183,7 +210,7 @@ class FreeEncoder:
         Without x265 and the octree's bytes, which take most of the time.
         """
         factor = steps * 2 ** (qp / 6)
-        grid, space = _grid_of(self._gaussians.means.astype(np.float64), factor)
+        grid, space = _grid_of(self._gaussians.means.astype(np.float64), self._sizes, factor)
         placed = _Placed(WHOLE[0], grid, _cells(grid, space), to_columns(self._gaussians))
         scene, (coded,) = self._coded([placed], factor, None)
         return _decoded(placed, coded, scene, self._gaussians.origin)
@@ -191,7 +218,7 @@ class FreeEncoder:
     def _placed(self, factor: float) -> list[_Placed]:
         """Tiers with their positions coded, each along the curve."""
         means = self._gaussians.means.astype(np.float64)
-        whole, space = _grid_of(means, factor)
+        whole, space = _grid_of(means, self._sizes, factor)
         placed = []
         for number, level in enumerate(self._tiers.levels):
             rows = np.flatnonzero(self._tiers.numbers == number)
@@ -210,9 +237,11 @@ class FreeEncoder:
         self, placed: Sequence[_Placed], factor: float, settings: EncoderSettings | None
     ) -> tuple[FreeScene, list[list[_Coded]]]:
         """The scene, and the channels of each tier in the order of records; without settings rounded alone."""
-        code = _ChannelCoder(factor, settings, self._threads)
-        middle = _middle(np.concatenate([tier.columns.sizes for tier in placed]))
-        thresholds, weights, shapes = _code_shapes([(tier.columns, tier.level.steps) for tier in placed], middle, code)
+        code = _ChannelCoder(factor, settings, self._threads, self._sizes is None)
+        sizes = np.concatenate([tier.columns.sizes for tier in placed])
+        middle = _middle(sizes) if self._sizes is None else _far_below(sizes)
+        shapes_of = [(tier.columns, tier.level.steps) for tier in placed]
+        thresholds, weights, shapes = _code_shapes(shapes_of, middle, code)
         sh = np.concatenate([tier.columns.sh for tier in placed])
         none = np.zeros(3, np.float32), np.zeros((3, 0), np.float16)
         if self._recolour and settings is not None:
@@ -222,7 +251,9 @@ class FreeEncoder:
             whole = Gaussians.unchecked(**arrays, sh=sh.reshape(len(sh), -1, 3), origin=self._gaussians.origin)
             sh = self._recolour(whole).reshape(len(sh), -1)
         gains = np.concatenate([shape.orders[2].gains for shape in shapes])
-        mean, basis, components = _colours(sh, gains, factor)
+        mean, basis, components = _colours(
+            sh, gains, factor if self._sizes is None else factor * IN_PLACES[PlaneClass.COLOR]
+        )
         ends = np.cumsum([len(tier.cells) for tier in placed])
         tiers, coded = [], []
         for number, (tier, shape) in enumerate(zip(placed, shapes, strict=True)):
@@ -255,21 +286,45 @@ def _selected(gaussians: Gaussians, rows: NDArray) -> Gaussians:
     if not len(rows):
         raise InputError(f"none of at least {LEAST_OPACITY:.4f}: there is nothing to show", where="opacities")
     arrays = {name: getattr(gaussians, name)[rows] for name in FIELDS}
-    return Gaussians.unchecked(**arrays, origin=gaussians.origin)
+    return Gaussians.unchecked(**arrays, origin=gaussians.origin, viewpoints=gaussians.viewpoints)
 
 
-def _grid_of(means: NDArray, factor: float) -> tuple[PointGrid, NDArray]:
-    """The grid for (N, 3) positions, and (N, 3) how far they lie from its lowest corner."""
+def _grid_of(means: NDArray, sizes: NDArray | None, factor: float) -> tuple[PointGrid, NDArray]:
+    """The grid for (N, 3) positions, and (N, 3) how far they lie from its lowest corner.
+
+    `sizes` (N,) are those about Gaussians of a place, whose finest part is the middle of its grid, so that cells grow
+    from there as Gaussians do.
+    """
     low, high = np.percentile(means, BULK, axis=0)
     centre = (low + high) / 2
     reach = float(np.abs(means - centre).max())
     # A bulk in one point must not make the rest infinitely far.
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6 * reach) or 1.0
+    cell = SPACING / math.sqrt(len(means))
+    if sizes is not None:
+        centre, radius, cell = _about_the_finest(means, sizes, centre, radius)
     space = contracted((means - centre) / radius)
     lowest = space.min(axis=0)
     grid = PointGrid(centre, radius, 0.0, lowest, (), 0, 0, ())
-    grid = _with_cell(grid, SPACING * factor / math.sqrt(len(means)), space - lowest)
+    grid = _with_cell(grid, cell * factor, space - lowest)
     return grid, space - lowest
+
+
+def _about_the_finest(means: NDArray, sizes: NDArray, middle: NDArray, radius: float) -> tuple[NDArray, float, float]:
+    """Centre, radius and cell at Q_g = 0 of the grid that takes the fewest bits.
+
+    A cell's side, in sizes of Gaussians, has the same mean square in all of them.
+    """
+    finest = np.median(means[np.argsort(sizes, kind="stable")[: max(len(means) // FINEST, 1)]], axis=0)
+    found: list[tuple[float, NDArray, float, float]] = []
+    for centre in (middle, finest):
+        away = np.abs(means - centre)
+        for octave in range(RADII):
+            inner = radius * 2.0**-octave
+            sides = np.maximum(inner, away)
+            each = math.sqrt(np.square(sides / sizes[:, None]).mean())
+            found.append((math.log(each) - float(np.log(sides).mean()), centre, inner, CELL_BY_SIZE / each))
+    return min(found, key=lambda one: one[0])[1:]
 
 
 def _with_cell(grid: PointGrid, cell: float, space: NDArray) -> PointGrid:
@@ -303,15 +358,18 @@ def _decoded(placed: _Placed, coded: Sequence[_Coded], scene: FreeScene, origin:
 
 @dataclass(frozen=True)
 class _ChannelCoder:
-    """Codes channels at 2^(Q_g/6) of their steps; without settings they are rounded alone."""
+    """Codes channels at 2^(Q_g/6) of the steps of an object or a place; without settings they are rounded alone."""
 
     factor: float
     settings: EncoderSettings | None
     threads: int
+    is_even: bool
 
     def one(self, plane_class: PlaneClass, target: int, values: NDArray, order: Order, steps: float) -> _Coded:
         """One channel; `steps` over those that Q_g says."""
         step = STEPS[plane_class, target] if plane_class != PlaneClass.COLOR else _colour_step(target)
+        if not self.is_even:
+            step *= SIZES_IN_PLACES if (plane_class, target) == (PlaneClass.SCALE, 0) else IN_PLACES[plane_class]
         return _code_channel(plane_class, target, values, step * self.factor * steps, order, self.settings)
 
     def all(
@@ -326,9 +384,13 @@ class _ChannelCoder:
 def _code_shapes(
     tiers: Sequence[tuple[Columns, float]], middle: float, code: _ChannelCoder
 ) -> tuple[tuple[NDArray, ...], tuple[WeightClasses, ...], list[_Shape]]:
-    """Thresholds and orders of all tiers, and each one's channels in the order in which each one's order is known."""
+    """Thresholds and orders of all tiers, and each one's channels in the order in which each one's order is known.
+
+    Where a scene is not even, larger Gaussians are farther from whoever looks, and weigh no more than smaller ones.
+    """
     sizes = np.concatenate([columns.sizes for columns, _ in tiers])
-    thresholds = (_root_thresholds(), _size_thresholds(sizes, middle), _length_thresholds())
+    by_size = _size_thresholds(sizes, middle) if code.is_even else np.zeros(0, np.float32)
+    thresholds = (_root_thresholds(), by_size, _length_thresholds())
     shapes = [_Shape([], [along_the_curve(len(columns.roots))]) for columns, _ in tiers]
     weights: list[WeightClasses] = []
     logs = np.zeros(len(sizes))
@@ -337,7 +399,8 @@ def _code_shapes(
             source = (columns.roots, companded(columns.sizes, middle), columns.lengths)[number]
             shape.coded.append(code.one(plane_class, target, source, shape.orders[number], steps))
         counts = [reached([c.values for c in shape.coded], thresholds[: number + 1]) for shape in shapes]
-        logs += np.concatenate([_log_weight(columns, number) for columns, _ in tiers])
+        if code.is_even or (plane_class, target) != (PlaneClass.SCALE, 0):
+            logs += np.concatenate([_log_weight(columns, number) for columns, _ in tiers])
         weights.append(choose_classes(np.concatenate(counts), logs))
         for shape, own in zip(shapes, counts, strict=True):
             shape.orders.append(order_by(own, weights[number]))
@@ -358,6 +421,11 @@ def _log_weight(columns: Columns, determinant: int) -> NDArray:
 def _middle(sizes: NDArray) -> float:
     """The size whose steps are those of the logarithm."""
     return float(np.float32(2 * np.log(np.exp(sizes / 2 - sizes.max() / 2).mean()) + sizes.max()))
+
+
+def _far_below(sizes: NDArray) -> float:
+    """The same such that steps of all sizes are the same share of them, an eighth of what `STEPS` say."""
+    return float(np.float32(max(float(np.percentile(sizes, 0.5)) - KNEE, -MAX_LOG)))
 
 
 def _code_channel(

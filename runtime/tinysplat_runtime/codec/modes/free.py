@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ...container.points import Points
@@ -29,7 +30,8 @@ def encoder(job: Job) -> FreeEncoder:
 def decode(file: OpenFile, body: Points) -> Gaussians:
     """The file's Gaussians, as one list; FormatError where what sorts them is not at hand."""
     with file.watch.stage("libavcodec"):
-        return decode_free(file.container, body.scene, file.missing, file.threads)
+        found = decode_free(file.container, body.scene, file.missing, file.threads)
+    return replace(found, viewpoints=body.viewpoints)
 
 
 FREE = Mode("free", encode, decode)

@@ -92,7 +92,9 @@ def foreign_reader(path: Path) -> Reader | None:
 
 def _cameras_file(path: Path) -> Path:
     if path.is_dir() and not (path / CAMERAS_FILE).exists():
-        tool = next((f"cameras of {tool} are not read; " for sign, tool in NOT_READ.items() if any(path.glob(sign))), "")
+        tool = next(
+            (f"cameras of {tool} are not read; " for sign, tool in NOT_READ.items() if any(path.glob(sign))), ""
+        )
         photos, folder = max(((_photos_in(folder), folder) for folder in _folders(path)), key=lambda found: found[0])
         only = ", only photos" if photos and folder == path else ""
         advice = f"{only}; `tinysplat poses {folder} -o SCENE` finds the photos' cameras" if photos else ""

@@ -1,0 +1,154 @@
+"""Places, which were seen from within: what is left out of them with cameras of their photos, and without."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import make_free_gaussians
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.cli import main
+from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.free.evenness import is_uneven, sizes_about
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.render import DEFINITION, Renderer
+from tinysplat_runtime.render.paths import looking_along
+from tinysplat_runtime.scene.cameras import Camera
+
+pytest.importorskip("numba")
+
+COUNT = 3000
+
+
+@pytest.fixture(scope="module")
+def place() -> Gaussians:
+    """What was photographed from about its middle: the farther away, the larger."""
+    rng = np.random.default_rng(4)
+    some = make_free_gaussians(COUNT, 0, rng)
+    away = np.exp(rng.uniform(-0.5, 2.5, COUNT))[:, None]
+    towards = some.means / np.linalg.norm(some.means, axis=1, keepdims=True) * [1, 0.4, 1]
+    return replace(some, means=away * towards, scales=0.4 * away * some.scales)
+
+
+def cameras_within(count: int, start: float = 0.0, moved: float = 0.0, focal: float = 90) -> list[Camera]:
+    """Cameras near the middle that look about; `start` turns all of them."""
+    cameras = []
+    for turn in start + 2 * np.pi * np.arange(count) / count:
+        c2w = np.eye(4)
+        c2w[:3, :3] = looking_along(np.array([np.sin(turn), 0, np.cos(turn)]), down=np.array([0.0, 1.0, 0.0]))
+        c2w[:3, 3] = [0.1 * np.sin(2 * turn) + moved, 0, 0.1 * np.cos(turn)]
+        cameras.append(Camera(np.array([[focal, 0, 48], [0, focal, 36], [0, 0, 1.0]]), c2w, 96, 72))
+    return cameras
+
+
+def psnr(gaussians: Gaussians, reference: Gaussians, cameras: Sequence[Camera]) -> float:
+    drawn = [[Renderer(one, 1, **DEFINITION).render(camera).clip(0, 1) for camera in cameras]
+             for one in (gaussians, reference)]  # fmt: skip
+    return float(-10 * np.log10(np.mean(np.square(np.subtract(*drawn)))))
+
+
+def test_a_place_without_cameras_keeps_all_and_says_how_to_have_it_smaller(place):
+    with pytest.warns(ts.InputWarning, match="place.*--cameras"):
+        data = ts.compress(place)
+    assert ts.decompress(data).count == COUNT
+
+
+@pytest.mark.parametrize(("size", "moved"), [(1e-3, 0.0), (1.0, 50.0), (1e3, -20.0)])
+def test_a_place_is_told_from_an_object_wherever_and_however_large(place, size, moved):
+    ball = make_free_gaussians(COUNT, 0, np.random.default_rng(4))
+    for gaussians, expected in ((ball, False), (place, True)):
+        scaled = replace(gaussians, means=size * gaussians.means + moved, scales=size * gaussians.scales)
+        assert is_uneven(sizes_about(scaled)) == expected
+
+
+def test_cameras_leave_out_what_nobody_sees_from_where_they_stand(place):
+    """Many of the Gaussians lie behind all cameras."""
+    stats, cameras = EncodeStats(), [camera for camera in cameras_within(24, focal=40) if camera.rotation[2, 2] > 0.2]
+    data = ts.compress(place, cameras=cameras, stats=stats)
+    found = ts.decompress(data)
+    between = [camera for camera in cameras_within(24, start=0.06, focal=40) if camera.rotation[2, 2] > 0.3]
+    behind = [(one.means[:, 2] < -np.abs(one.means[:, 0])).sum() for one in (found, place)]
+    assert found.count < 0.7 * COUNT and behind[0] < 0.1 * behind[1]
+    seen = psnr(found, place, between)
+    assert seen > 32 and stats.left_out_psnr > 38
+
+
+def test_files_keep_cameras_and_are_coded_again_by_them(place):
+    cameras = cameras_within(12)
+    again = ts.decompress(ts.compress(place, cameras=cameras))
+    assert len(again.viewpoints) == 12
+    for found, given in zip(again.viewpoints, cameras, strict=True):
+        np.testing.assert_allclose(found.c2w, given.c2w, atol=1e-6)
+        np.testing.assert_allclose(found.K, given.K, atol=1e-4)
+        assert (found.width, found.height) == (given.width, given.height)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert ts.decompress(ts.compress(again)).count <= again.count
+
+
+@pytest.mark.parametrize("strange", ["of another scene", "in a wall", "one"])
+def test_cameras_that_do_not_show_a_place_leave_nothing_out(place, strange):
+    cameras = {
+        "of another scene": cameras_within(8, moved=1e4),
+        "in a wall": cameras_within(8),
+        "one": cameras_within(1),
+    }[strange]
+    if strange == "in a wall":
+        wall = Gaussians(**{name: getattr(place, name)[:500] for name in FIELDS})
+        wall = replace(wall, means=0.3 * wall.means / np.linalg.norm(wall.means, axis=1, keepdims=True),
+                       scales=np.full((500, 3), 0.06), opacities=np.ones(500))  # fmt: skip
+        place = replace(
+            place, **{name: np.concatenate([getattr(one, name) for one in (place, wall)]) for name in FIELDS}
+        )
+    with pytest.warns(ts.InputWarning, match="cameras show too little"):
+        data = ts.compress(place, cameras=cameras)
+    found = ts.decompress(data)
+    assert found.count == place.count and not found.viewpoints
+
+
+def test_of_ten_thousand_cameras_a_spread_is_taken(place):
+    many = [camera for _ in range(833) for camera in cameras_within(12)] + cameras_within(4, start=0.1)
+    found = ts.decompress(ts.compress(place, cameras=many))
+    assert 16 <= len(found.viewpoints) <= 100 and psnr(found, place, cameras_within(12, start=0.25)) > 30
+    directions = {tuple(camera.rotation[2].round(1) + 0.0) for camera in found.viewpoints}
+    assert len(directions) >= 12
+
+
+def inria(camera: Camera, number: int) -> dict[str, object]:
+    return {"id": number, "img_name": f"{number:05d}", "width": camera.width, "height": camera.height,
+            "position": camera.centre.tolist(), "rotation": camera.c2w[:3, :3].tolist(),
+            "fx": camera.K[0, 0], "fy": camera.K[1, 1]}  # fmt: skip
+
+
+def test_a_list_in_the_folders_of_3dgs_finds_its_cameras(place, tmp_path: Path, capsys):
+    folder = tmp_path / "model" / "point_cloud" / "iteration_30000"
+    folder.mkdir(parents=True)
+    ts.save_gaussians(folder / "point_cloud.ply", place)
+    entries = [inria(camera, number) for number, camera in enumerate(cameras_within(12))]
+    (tmp_path / "model" / "cameras.json").write_text(json.dumps(entries))
+    out = tmp_path / "place.tsplat"
+    assert main(["compress", str(folder / "point_cloud.ply"), "-o", str(out)]) == 0
+    assert "left out" in capsys.readouterr().out and len(ts.load_gaussians(out).viewpoints) == 12
+    other = tmp_path / "other.tsplat"
+    (tmp_path / "here.ply").write_bytes((folder / "point_cloud.ply").read_bytes())
+    command = ["compress", str(tmp_path / "here.ply"), "-o", str(other)]
+    assert main([*command, "--cameras", str(tmp_path / "model" / "cameras.json")]) == 0
+    assert other.read_bytes() == out.read_bytes()
+    (tmp_path / "model" / "cameras.json").write_text("[{}]")
+    with pytest.warns(ts.InputWarning, match=r"cameras\.json.*not used"):
+        assert not ts.load_gaussians(folder / "point_cloud.ply").viewpoints
+
+
+def test_cameras_move_along_and_other_formats_of_ours_keep_them(place, tmp_path: Path):
+    path = tmp_path / "place.npz"
+    ts.save_gaussians(path, replace(place, viewpoints=cameras_within(3)))
+    assert main(["convert", str(path), "--translate", "1,2,3", "-o", str(tmp_path / "moved.npz")]) == 0
+    for found, given in zip(ts.load_gaussians(tmp_path / "moved.npz").viewpoints, cameras_within(3), strict=True):
+        np.testing.assert_allclose(found.centre, np.add(given.centre, (1, 2, 3)))
+        assert (found.K == given.K).all() and (found.width, found.height) == (96, 72)
