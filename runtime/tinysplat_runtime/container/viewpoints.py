@@ -25,7 +25,7 @@ UNIT_TOLERANCE = 1e-3
 
 
 def viewpoint_sections(cameras: Sequence[Camera], origin: NDArray) -> list[NewSection]:
-    """The section, where there are cameras."""
+    """The section, where there are cameras; `origin` is (3,) float64."""
     rows = []
     for camera in cameras[:MAX_VIEWS]:
         quat = matrices_to_quats(camera.rotation.T)
@@ -36,7 +36,7 @@ def viewpoint_sections(cameras: Sequence[Camera], origin: NDArray) -> list[NewSe
 
 
 def read_viewpoints(sections: Sequence[Section], origin: NDArray) -> tuple[Camera, ...]:
-    """Parse and check the section, which need not be there; FormatError where it is damaged."""
+    """Parse and check the section, which need not be there; FormatError where it is damaged. `origin` is (3,) float64."""
     if not any(section.kind == VIEWPOINTS for section in sections):
         return ()
     cursor = Cursor(only(sections, VIEWPOINTS))

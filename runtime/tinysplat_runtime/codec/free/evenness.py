@@ -38,6 +38,6 @@ def sizes_about(gaussians: Gaussians) -> NDArray:
 
 
 def is_uneven(sizes: NDArray) -> bool:
-    """Whether sizes about Gaussians (N,) are those of a place."""
+    """Whether sizes about Gaussians, (N,) float64, are those of a place."""
     finest, coarsest = np.percentile(sizes, (5, 95))
     return bool(np.log2(coarsest / finest) >= UNEVEN)
