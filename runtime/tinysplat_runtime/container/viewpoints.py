@@ -36,7 +36,7 @@ def viewpoint_sections(cameras: Sequence[Camera], origin: NDArray) -> list[NewSe
 
 
 def read_viewpoints(sections: Sequence[Section], origin: NDArray) -> tuple[Camera, ...]:
-    """Parse and check the section, which need not be there; FormatError where it is damaged. `origin` is (3,) float64."""
+    """Parse and check the section, if it is there; FormatError where it is damaged. `origin` is (3,) float64."""
     if not any(section.kind == VIEWPOINTS for section in sections):
         return ()
     cursor = Cursor(only(sections, VIEWPOINTS))
