@@ -127,10 +127,7 @@ def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], Non
         say(f"views {','.join(map(str, seen))} of {count}, which see most; --views chooses others")
         return _with_range(scene.views(seen), say), "as asked"
     scene = _once(scene, say)
-    if scene.near is None or scene.far is None:  # which a few photos tell, spread as well as can be without it
-        some = _with_range(scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS)), say)
-        scene = replace(scene, near=some.near, far=some.far, is_estimated=True)
-    scene = _matching(scene, say)
+    scene = _matching(_with_range(scene, say), say)
     near, far = scene.depth_range()
     chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
     why = f"no other lies farther from them than {SPACING:.0%} of the depth or {math.degrees(SPACING):.0f} degrees"
@@ -207,7 +204,9 @@ def _with_range(scene: Scene, say: Callable[[str], None]) -> Scene:
 
 
 def _range_seen(scene: Scene) -> tuple[float, float]:
-    """(near, far) by thumbnails of its photos."""
+    """(near, far) by thumbnails of its photos, of many by a few that are spread as well as can be without it."""
+    if len(scene.frames) > RANGE_VIEWS:
+        scene = scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS))
     side = LOOK_WIDTH if len(scene.frames) in ALL_VIEWS else RANGE_SIDE
     small = scene.resized(*thumbnail_size(scene.cameras[0], side))
     try:
@@ -221,9 +220,8 @@ def _say_wide(scene: Scene, say: Callable[[str], None]) -> None:
     near, far = scene.depth_range()
     if scene.is_estimated or far < WIDE * near:
         return
-    spread = np.linspace(0, len(scene.frames) - 1, min(RANGE_VIEWS, len(scene.frames))).astype(int)
     try:
-        found = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene.views(spread)))
+        found = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene))
     except InputError:
         found = "about none"
     say(f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {found}")

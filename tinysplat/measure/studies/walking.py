@@ -1,6 +1,7 @@
 """What is a whole capture worth? Every fourth photo is left out and drawn from the others: a few of them, or many.
 
-Ways: `walk`, so many of the others spread over the capture in one scene; `refined walk`, the same corrected by these
+Ways: `walk`, so many of the others spread over the capture in one scene, near and far as found from them; `walk, range
+stated`, the same between the depths that the layout states; `refined walk`, the same corrected by these
 photos in as many steps as are usual, where numba is installed; `six spread`, six of 24 of them; `own pair`,
 for every picture a scene of the two taken nearest to it; `nearest photo`, that one itself, shown in its place. A walk
 is coded, and its pictures are drawn from the file too. Of 24 photos a path is drawn through their cameras: flicker is
@@ -22,6 +23,9 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.recipe.prepare import prepared
+from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.recipe.words import ALL
 from tinysplat_runtime.render import between
 from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
@@ -37,7 +41,7 @@ from ..study import Run, Study
 from ..subjects.sources import FolderSource
 
 STUDY = "walk"
-REFINED = "refined walk"
+REFINED, STATED = "refined walk", "walk, range stated"
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
@@ -114,7 +118,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     known: dict[int, list[tuple[Row, Gaussians]]] = {}
     counts = {str(count): count for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS)}
     for asked, count in (counts if run.options.views else {**counts, "all": len(capture.others)}).items():
-        given = capture.given(count)
+        given = found_for(capture.given(count))
         photos = len(given.frames)
         if photos not in known:
             gaussians, made = _timed(partial(runtime.predict, given, model))
@@ -122,10 +126,13 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             if photos > FEW and find_spec("numba") is not None:
                 better, corrected = _timed(partial(runtime.refine, gaussians, given))
                 known[photos].append((walked(REFINED, photos, asked, better, made + corrected), better))
+            if count == COMPARED and capture.scene.near and capture.scene.far:
+                stated, made = _timed(partial(runtime.predict, capture.given(count), model))
+                known[photos].append((walked(STATED, photos, asked, stated, made), stated))
         for found, gaussians in known[photos]:
             swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
             yield replace(found, setting={**found.setting, "asked": asked}, figures={**found.figures, **swing})
-    given, compared = capture.given(COMPARED), str(COMPARED)
+    given, compared = found_for(capture.given(COMPARED)), str(COMPARED)
     six = Capture(given, (), tuple(range(len(given.frames)))).given(6)
     yield row("six spread", 6, compared, drawn(runtime.predict(six, model)))
     nearest = [_nearest(given, camera, 2) for camera in capture.cameras]
@@ -135,6 +142,11 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     ]
     yield row("own pair", 2, compared, capture.psnr(pairs))
     yield row("nearest photo", 1, compared, capture.psnr([given.frames[pair[0]].image() for pair in nearest]))
+
+
+def found_for(scene: Scene) -> Scene:
+    """A scene between the depths that `encode` finds where its layout states none, as those of most tools do."""
+    return prepared(EncodeRequest.of(replace(scene, near=None, far=None), views=ALL, size="full"), str)
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, NDArray]:
@@ -167,7 +179,7 @@ def flicker(gaussians: Gaussians, drawing: Drawing) -> float:
 def _named(rows: Sequence[Row]) -> str:
     """The way, and of a walk how many photos were asked for."""
     row = rows[0]
-    return f"{row.way}, {row.setting['asked']}" if row.way in (STUDY, REFINED) else row.way
+    return f"{row.way}, {row.setting['asked']}" if row.way in (STUDY, REFINED, STATED) else row.way
 
 
 def _photos(rows: Sequence[Row]) -> str:
