@@ -94,11 +94,13 @@ def test_what_a_network_takes_at_once_is_one_group() -> None:
     assert predict_groups(scene.cameras, NEAR, [group], lambda views: made) is made
 
 
-@pytest.mark.parametrize("limits", [NetworkLimits(), NetworkLimits(2, 2), NetworkLimits(3, 3)])
+@pytest.mark.parametrize("limits", [NetworkLimits(), NetworkLimits(2, 2), NetworkLimits(3, 3), NetworkLimits(5, 6)])
 def test_more_are_groups_of_what_it_takes(limits: NetworkLimits) -> None:
     groups = capture_groups(scene_of(9).cameras, NEAR, FAR, limits)
     assert sorted(v for group in groups for v in group.kept) == list(range(9))
-    assert all(limits.min_views <= len(group.views) <= min(limits.max_views, 4) for group in groups)
+    assert all(
+        limits.min_views <= len(group.views) <= max(min(limits.max_views, 4), limits.min_views) for group in groups
+    )
 
 
 def test_a_photo_without_partners_is_named() -> None:

@@ -50,6 +50,17 @@ def test_what_is_taken_grows_with_pixels_and_photos_and_with_what_is_done(free_m
 
 
 @pytest.mark.parametrize("count", [2, 6, 100])
+def test_nothing_is_taken_on_that_needs_more_than_is_free(count: int, free_memory: Says) -> None:
+    scene = capture(count, 1000, 1500)
+    enough = needed(scene, free_memory)
+    free_memory(int(0.98 * enough * 1e9))
+    with pytest.raises(ts.InputError) as caught:
+        check_memory(scene)
+    said = re.search(r"take about ([\d.]+) GB", str(caught.value))
+    assert said and float(said[1]) <= enough
+
+
+@pytest.mark.parametrize("count", [2, 6, 100])
 def test_the_size_that_is_told_fits(count: int, free_memory: Says) -> None:
     scene = capture(count, 1000, 1500)
     free_memory(int(needed(scene, free_memory) * 0.5e9))
