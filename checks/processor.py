@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "runtime"), str(ROOT / "tests")]
 os.environ.setdefault("TINYSPLAT_MODELS", str(ROOT / "models"))
 
-from golden_cases import DATA, FILES, golden_planes  # noqa: E402
+from golden.cases import DATA, FILES, golden_planes  # noqa: E402
 
 import tinysplat_runtime as ts  # noqa: E402
 from tinysplat_runtime.codec.hevc import encode_plane  # noqa: E402

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from golden_cases import DATA
+from golden.cases import DATA
 
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.exact import EXACT_FIXED

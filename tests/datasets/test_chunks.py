@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from chunks import camera_row, encoded, make_chunk_scene, write_chunks
+from datasets.chunks import camera_row, encoded, make_chunk_scene, write_chunks
 from PIL import Image
 from scenes import make_cameras, make_photo
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from walls import write_photos_of_walls
+from poses.walls import write_photos_of_walls
 
 import tinysplat_runtime as ts
 

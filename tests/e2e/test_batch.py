@@ -13,9 +13,9 @@ from typing import Any
 
 import fsspec
 import pytest
-from batch_work import note
 from console import tinysplat
-from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, write_eval_scene
+from e2e.batch_work import note
+from measure.evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, write_eval_scene
 from scenes import write_scene
 
 import tinysplat_runtime as ts

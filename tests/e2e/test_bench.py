@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from console import fail
-from tiny_runs import rows_of, tiny_run
+from measure.tiny_runs import rows_of, tiny_run
 
 from tinysplat.commands.bench import measure_studies, split_words
 from tinysplat.measure.rows import Row, read_rows

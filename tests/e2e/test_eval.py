@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
-from chunks import make_chunk_scene, write_chunks
 from console import tinysplat
-from evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, write_eval_scene
+from datasets.chunks import make_chunk_scene, write_chunks
+from measure.evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, write_eval_scene
 
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.scene.images import read_image, write_png

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from console import fail, tinysplat
+from poses.walls import HEIGHT, WIDTH, write_photos_of_walls
 from scenes import write_scene
-from walls import HEIGHT, WIDTH, write_photos_of_walls
 
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.layouts import load_scene

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from networks.two_planes import FAR, NEAR, trace
 from scenes import make_smooth_gaussians
-from two_planes import FAR, NEAR, trace
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import InputError

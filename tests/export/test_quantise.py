@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation_scenes import write_eval_scene
-from two_planes import FAR, NEAR, trace
+from measure.evaluation_scenes import write_eval_scene
+from networks.two_planes import FAR, NEAR, trace
 
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact

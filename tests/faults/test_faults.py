@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evaluation_scenes import write_eval_scene
+from measure.evaluation_scenes import write_eval_scene
 from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign import foreign_arrays, foreign_bytes, on_order_of
+from formats.foreign import foreign_arrays, foreign_bytes, on_order_of
 from scenes import make_gaussians
 
 from tinysplat_runtime.errors import InputError

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from foreign import on_order_of
+from formats.foreign import on_order_of
 from scenes import make_gaussians
 
 from tinysplat_runtime.errors import InputError

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign import foreign_model
+from formats.foreign import foreign_model
 from numpy.typing import NDArray
 from scenes import make_gaussians
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign import foreign_arrays, foreign_bytes, on_order_of
+from formats.foreign import foreign_arrays, foreign_bytes, on_order_of
 from PIL import Image
 from scenes import make_gaussians
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign import foreign_bytes, foreign_model
+from formats.foreign import foreign_bytes, foreign_model
 from numpy.typing import NDArray
 from scenes import make_gaussians
 

@@ -16,7 +16,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "runtime"), str(ROOT / "tests")]
 
-from golden_cases import DATA, FILES, FileCase, golden_contracts, golden_messages, golden_planes  # noqa: E402
+from golden.cases import DATA, FILES, FileCase, golden_contracts, golden_messages, golden_planes  # noqa: E402
 
 import tinysplat_runtime as ts  # noqa: E402
 from tinysplat_runtime.codec.hevc import encode_plane  # noqa: E402

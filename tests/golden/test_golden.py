@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from golden_cases import DATA, FILES, golden_contracts, golden_messages, golden_planes
+from golden.cases import DATA, FILES, golden_contracts, golden_messages, golden_planes
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane

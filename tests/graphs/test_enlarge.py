@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
+from networks.two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
 
 from tinysplat_runtime.errors import ModelError
 from tinysplat_runtime.gaussian.gaussians import Gaussians

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from networks.two_planes import FAR, NEAR, network_inputs, trace
 from numpy.typing import NDArray
 from scenes import make_photo
-from two_planes import FAR, NEAR, network_inputs, trace
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import InputError, NumericError

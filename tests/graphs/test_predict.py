@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from two_planes import FAR, NEAR, row_of_cameras, trace
+from networks.two_planes import FAR, NEAR, row_of_cameras, trace
 
 from tinysplat_runtime.errors import InputError, ModelError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians

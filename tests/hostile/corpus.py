@@ -12,7 +12,7 @@ from pathlib import Path
 
 import av
 import numpy as np
-from foreign import foreign_bytes
+from formats.foreign import foreign_bytes
 from scenes import (
     colmap_texts,
     free_in_tiers,

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from evaluation_scenes import NEAR_WINDOW, write_eval_scene
+from measure.evaluation_scenes import NEAR_WINDOW, write_eval_scene
+from measure.tiny_runs import cells, rows_of, tiny_run
 from scenes import make_smooth_gaussians
-from tiny_runs import cells, rows_of, tiny_run
 
 from tinysplat.measure.rows import Row
 from tinysplat.measure.show.curve_tables import (

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from measure.tiny_runs import tiny_run
 from scenes import make_free_gaussians
-from tiny_runs import tiny_run
 
 import tinysplat_runtime as ts
 from tinysplat.commands.bench import TAKE_PATHS

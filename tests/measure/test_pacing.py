@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from evaluation_scenes import write_eval_scene
-from tiny_runs import cells, rows_of, tiny_run
+from measure.evaluation_scenes import write_eval_scene
+from measure.tiny_runs import cells, rows_of, tiny_run
 
 from tinysplat.measure.rows import Row
 from tinysplat.measure.studies import pacing

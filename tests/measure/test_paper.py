@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from chunks import make_chunk_scene, write_chunks
-from evaluation_scenes import NEAR_WINDOW, write_eval_scene
+from datasets.chunks import make_chunk_scene, write_chunks
+from measure.evaluation_scenes import NEAR_WINDOW, write_eval_scene
+from measure.tiny_runs import rows_of, tiny_run
 from scenes import make_smooth_gaussians
-from tiny_runs import rows_of, tiny_run
 
 from tinysplat.measure.studies.paper import (
     BITS,

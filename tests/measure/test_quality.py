@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chunks import make_chunk_scene, write_chunks
-from evaluation_scenes import (
+from datasets.chunks import make_chunk_scene, write_chunks
+from measure.evaluation_scenes import (
     HEIGHT,
     NEAR_WINDOW,
     PLANE_Z,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tiny_runs import cells
+from measure.tiny_runs import cells
 
 from tinysplat.measure.rows import Row
 from tinysplat.measure.studies.refining import CURVES, curve_plot, curve_table

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation_scenes import NEAR_WINDOW, write_eval_scene
+from measure.evaluation_scenes import NEAR_WINDOW, write_eval_scene
 from scenes import make_smooth_gaussians
 
 from tinysplat.measure.subjects.cases import Window

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation_scenes import write_eval_scene
+from measure.evaluation_scenes import write_eval_scene
+from measure.tiny_runs import cells, rows_of, tiny_run
 from scenes import make_gaussians
-from tiny_runs import cells, rows_of, tiny_run
 
 from tinysplat.measure.pictures import Drawing
 from tinysplat.measure.studies import find_study, walking

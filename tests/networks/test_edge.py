@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import torch
+from networks.two_planes import FAR, NEAR, trace
 from torch import Tensor, nn
 from torch.nn import functional
-from two_planes import FAR, NEAR, trace
 
 from tinysplat.networks.edge import OPACITY_CAP, OUTPUT_NAMES, Edge
 from tinysplat.networks.edge_analysis import expected_level

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from networks.two_planes import FAR, NEAR, network_inputs, row_of_cameras, trace
 from torch import Tensor
-from two_planes import FAR, NEAR, network_inputs, row_of_cameras, trace
 
 from tinysplat.networks.edge import EdgeSettings
 from tinysplat.networks.exposure import ExposureSettings, one_exposure

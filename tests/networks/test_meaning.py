@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from networks.two_planes import FAR, NEAR, SQUARE_Z, TracedScene, trace
 from torch import Tensor
-from two_planes import FAR, NEAR, SQUARE_Z, TracedScene, trace
 
 from tinysplat.networks.edge_analysis import photo_difference
 from tinysplat.networks.geometry import pixel_intrinsics, pixel_rays

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from networks.two_planes import FAR, NEAR, trace
 from torch import Tensor
-from two_planes import FAR, NEAR, trace
 
 from tinysplat.networks.narrowing import NarrowingSettings, narrowed, quantile
 from tinysplat.networks.pairs import ViewPairs

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from networks.shallow import shallow_network
 from scenes import make_cameras
-from shallow_networks import shallow_network
 from torch import Tensor
 from torch.nn import functional
 

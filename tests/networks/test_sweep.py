@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import torch
+from networks.two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
 from torch import Tensor
-from two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
 
 from tinysplat.networks.geometry import (
     pixel_rays,

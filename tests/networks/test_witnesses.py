@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from networks.two_planes import FAR, NEAR, TracedScene, trace
 from torch import Tensor
-from two_planes import FAR, NEAR, TracedScene, trace
 
 from tinysplat.networks.pairs import ViewPairs
 from tinysplat.networks.sweep import InverseDepths

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from two_planes import FAR, NEAR, network_inputs, trace
+from networks.two_planes import FAR, NEAR, network_inputs, trace
 
 from tinysplat.networks.edge import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OPACITY_CAP, OUTPUT_NAMES, STRIDE
 from tinysplat.training.state import shipped_network

@@ -22,11 +22,10 @@ import torch
 from golden.official.check_golden import compare, load_fixture
 from golden.official.checkpoint import write_checkpoint
 from golden.official.networks import FOLDER, deterministic_network, network_name, outputs_as_official
+from networks.shallow import shallow_network
 from numpy.typing import NDArray
 from scenes import make_cameras, write_scene
-from shallow_networks import shallow_network
 
-from tinysplat.measure.subjects.cases import Photos, Shots, contract_inputs
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
 from tinysplat.networks.outputs import PixelGaussians
 from tinysplat_runtime.api import Runtime
@@ -67,7 +66,7 @@ def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     model = request.param
     path = tmp_path_factory.mktemp("official") / f"{model}.onnx"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT, ROOT / "runtime", ROOT / "tests")))}
-    command = [sys.executable, "-m", "shallow_networks", model, str(path)]
+    command = [sys.executable, "-m", "networks.shallow", model, str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     return Exported(path, open_graph(Artifact(model, path), "network"), SceneNetwork(shallow_network(model)))
@@ -190,8 +189,14 @@ def test_each_photo_gets_its_own_gaussians(exported: Exported, tmp_path: Path) -
     scene = load_scene(tmp_path).views([2, 0, 3])
     found = Runtime().predict(scene, str(exported.path))
     middle = np.mean([camera.centre for camera in scene.cameras], axis=0)
-    photos = Photos(scene.images(), tuple(scene.cameras))
-    wanted = run_torch(exported.module, contract_inputs(Shots(photos, photos, *scene.depth_range())))
+    poses = np.stack([camera.c2w for camera in scene.cameras])
+    poses[:, :3, 3] -= middle
+    near, far = (np.full(3, limit) for limit in scene.depth_range())
+    inputs = {
+        "images": scene.images().transpose(0, 3, 1, 2), "K": np.stack([camera.K_unit for camera in scene.cameras]),
+        "c2w": poses, "near": near, "far": far,
+    }  # fmt: skip
+    wanted = run_torch(exported.module, {name: array.astype(np.float32) for name, array in inputs.items()})
     wanted["means"] = wanted["means"] + middle
     for name in ("means", "scales", "opacities", "sh"):
         error = np.abs(getattr(found, name) - wanted[name]).max() / np.abs(wanted[name]).max()

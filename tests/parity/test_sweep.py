@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from two_planes import network_inputs, trace
+from networks.two_planes import network_inputs, trace
 
 from tinysplat.networks.sweep import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OUTPUT_NAMES, STRIDE, Sweep
 from tinysplat_runtime.graphs.inference import GraphStore

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 from numpy.typing import NDArray
-from walls import write_photos_of_walls
+from poses.walls import write_photos_of_walls
 
 from tinysplat.poses.placing import Placement, coloured_points, contradicted, copies, pairs_of_many, place
 from tinysplat_runtime.scene.images import write_png

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import imports as imports_of_project
 import pytest
+from project import imports as imports_of_project
 
 ROOT = Path(__file__).parents[2]
 RUNTIME = ROOT / "runtime" / "tinysplat_runtime"

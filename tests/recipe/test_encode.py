@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from networks.two_planes import trace, write_traced
 from scenes import make_smooth_gaussians, write_scene
-from two_planes import trace, write_traced
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main

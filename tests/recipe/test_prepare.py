@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from two_planes import trace, write_traced
+from networks.two_planes import trace, write_traced
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe import prepare

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation_scenes import write_eval_scene
+from measure.evaluation_scenes import write_eval_scene
 from scenes import make_cameras, make_smooth_gaussians
 
 import tinysplat_runtime as ts

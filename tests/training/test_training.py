@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from networks.two_planes import FAR, NEAR, trace
 from torch import Tensor
-from two_planes import FAR, NEAR, trace
 
 from tinysplat.networks.edge import Edge
 from tinysplat.training.__main__ import main

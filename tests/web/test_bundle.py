@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from golden_cases import DATA
+from golden.cases import DATA
 from web.node import node
 
 import tinysplat_runtime

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from golden_cases import DATA
+from golden.cases import DATA
 from hostile import corpus
 from numpy.typing import NDArray
 from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians

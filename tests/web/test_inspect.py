@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from golden_cases import DATA
+from golden.cases import DATA
 from hostile import corpus
 from web.node import node
 

@@ -7,7 +7,7 @@ import re
 import subprocess
 from pathlib import Path
 
-from golden_cases import DATA
+from golden.cases import DATA
 from web.node import node
 
 import tinysplat_runtime as ts

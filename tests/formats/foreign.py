@@ -1,6 +1,6 @@
 """Gaussian files read and written by gaussforge, which is built on the formats' own libraries.
 
-from foreign import foreign_arrays, foreign_bytes, on_order_of
+from formats.foreign import foreign_arrays, foreign_bytes, on_order_of
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.artifacts import load_manifest
 from tinysplat_runtime.graphs.inference import GraphStore
 
-DATA = Path(__file__).parent / "golden" / "data"
+DATA = Path(__file__).parent / "data"
 
 
 def _all(gaussians: Gaussians, profile: str, qp: float) -> bytes:

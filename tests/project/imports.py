@@ -1,5 +1,5 @@
-"""The import graph of the project's own modules, read off the code: `python tests/imports.py` prints its circles, what
-lies in the rooms of the runtime, and which room leans on which.
+"""The import graph of the project's own modules, read off the code: `python tests/project/imports.py` prints its
+circles, what lies in the rooms of the runtime, and which room leans on which.
 
 Every import counts: inside functions, and for types alone. A circle is a set of modules that all reach each other.
 """
@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "tinysplat_runtime": ROOT / "runtime" / "tinysplat_runtime",
     "tinysplat": ROOT / "tinysplat",

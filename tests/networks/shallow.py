@@ -1,6 +1,6 @@
 """Official networks whose repeated parts are fewer, and their artifacts: every kind of part in a smaller graph.
 
-    PYTHONPATH=.:runtime:tests python -m shallow_networks mvsplat_re10k FILE.onnx
+    PYTHONPATH=.:runtime:tests python -m networks.shallow mvsplat_re10k FILE.onnx
 
 A process of its own, because pytest's log capture makes torch write out everything that it traces.
 """
@@ -15,7 +15,7 @@ from golden.official.networks import deterministic_network
 
 from tinysplat.networks import DepthSplat, MVSplat
 
-EXPORT = Path(__file__).resolve().parents[1] / "export"
+EXPORT = Path(__file__).resolve().parents[2] / "export"
 
 
 def shallow_network(model: str) -> MVSplat | DepthSplat:
