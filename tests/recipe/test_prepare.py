@@ -45,8 +45,6 @@ def test_a_capture_gets_all_photos_that_it_needs_and_a_line(capture: Path) -> No
     assert found == names(*range(VIEWS))
     assert sum("estimated from the photos" in line for line in said) == 1
     assert f"{VIEWS} of {VIEWS} photos, no other lies farther" in said[-1] and said[-1].count("\n") == 0
-    assert "about 1 s and 40 KB; " in said[-1]
-    assert chosen(capture, qp=3)[1][-1].endswith("s; --views auto:N takes so many")  # of which bytes are not known
 
 
 @pytest.mark.parametrize(

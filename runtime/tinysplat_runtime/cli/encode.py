@@ -36,7 +36,7 @@ def encode(args: Namespace) -> None:
     if not args.quiet:
         from ..recipe.own import looked_at, own_psnr
 
-        with working("render at the photos' views", quiet=False):
+        with working("comparing", quiet=False):
             decoded = runtime.decompress(coded.data, model=args.model)
             views = looked_at(len(coded.photos.frames))
             psnr = own_psnr(decoded, coded.photos.views(views).images(), args.threads, views)
@@ -67,7 +67,7 @@ def _listener(*, quiet: bool, save_to: str | None) -> Listener:
 
     if quiet:
         return Listener(working=at_work, predicted=save)
-    return Listener(notice, doubt, at_work, show("photos"), save, show("refine"), refined)
+    return Listener(notice, doubt, at_work, show("photos"), save, show("refine"), refined, show)
 
 
 def compress(args: Namespace) -> None:

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..scene.cameras import Camera
 from ..scene.look import PLANES, UNSEEN, Look, agreed, look, look_at, nearest, thumbnail_size
 from ..scene.scenes import Scene
+from ..system.progress import Show, plain
 
 SUSPICIOUS = 0.08
 """Cost of a look from which on other readings of the cameras are tried; real scenes lie at 0.03 to 0.13."""
@@ -68,18 +69,23 @@ class _Thumbnails:
     is_estimated: bool
 
     @classmethod
-    def of(cls, scene: Scene) -> _Thumbnails:
+    def of(cls, scene: Scene, show: Show) -> _Thumbnails:
         small = scene.resized(*thumbnail_size(scene.cameras[0]))
         near, far = scene.depth_range()
         depths = 1 / np.linspace(1 / near, 1 / far, PLANES)
-        images, cameras = small.images(), small.cameras
+        images, cameras = small.images(show=show), small.cameras
         names = tuple(f"photo {v + 1} ({frame.path.name})" for v, frame in enumerate(scene.frames))
         return cls(images, cameras, names, depths, look(images, cameras, depths), scene.is_estimated)
 
 
-def doubts(scene: Scene) -> list[str]:
-    """What is likely wrong with a scene, a line each: its cameras, a photo, its depth range; the likeliest first."""
-    seen = _Thumbnails.of(scene)
+def doubts(scene: Scene, show: Show = plain) -> list[str]:
+    """What is likely wrong with a scene, a line each: its cameras, a photo, its depth range; the likeliest first.
+
+    Args:
+        scene: the photos as the network will have them.
+        show: is given a photo at a time.
+    """
+    seen = _Thumbnails.of(scene, show)
     return _useless(seen) or _camera_fault(seen) or _odd(seen) or _range_doubts(seen)
 
 

@@ -13,7 +13,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..refine.stats import RefineStats
 from ..scene.scenes import Scene
 from ..system.progress import Show, plain
-from .request import EncodeRequest
+from .request import Coding, EncodeRequest
 from .stages import Tools, code, enlarger_of, predict, refine
 
 
@@ -29,6 +29,7 @@ class Listener:
         predicting: passes on photos that are given to the network in groups.
         refining: passes on the steps of refinement.
         refined: gets what refinement did.
+        counting: gives what passes on the photos of a step by its name: reading, depths, checking.
     """
 
     notice: Callable[[str], object] = str
@@ -38,6 +39,7 @@ class Listener:
     predicted: Callable[[Gaussians], object] | None = None
     refining: Show | None = None
     refined: Callable[[RefineStats], object] | None = None
+    counting: Callable[[str], Show] = lambda _: plain
 
 
 @dataclass(frozen=True)
@@ -92,17 +94,22 @@ def encode(
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
     from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
+    from .plan import is_worth_saying, planned
     from .prepare import prepared
     from .refinement import chosen
 
     listener, stats, refined, coding = listener or Listener(), stats or EncodeStats(), RefineStats(), request.coding
     coding = replace(coding, like=coding.example())
-    scene, model, whole = prepared(request, listener.notice), request.model, coding.mode != DEFAULT_MODE
+    scene = prepared(request, listener.notice, listener.counting)
+    model, whole = request.model, coding.mode != DEFAULT_MODE
     enlarger = enlarger_of(scene, model, tools, whole=whole)
     refinement = chosen(request, scene, enlarger, listener.notice)
+    plan = planned(scene, is_refined=bool(refinement), is_usual=request.coding == Coding())
+    if is_worth_saying(plan, len(scene.frames)):
+        listener.notice(f"{scene.path}: {plan}")
     found = []
     if listener.doubt is not None:
-        found = doubts(scene)
+        found = doubts(scene, listener.counting("checking"))
         for text in found:
             listener.doubt(scene, text)
     with listener.working("network"):

@@ -19,8 +19,8 @@ from ..scene.look import LOOK_WIDTH, range_guessed, range_seen, thumbnail_size
 from ..scene.neighbours import LEAST_BASELINE, Neighbours
 from ..scene.scenes import Scene
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
-from ..system.threads import available_cores
-from .request import Coding, EncodeRequest
+from ..system.progress import Show, plain
+from .request import EncodeRequest
 from .types import shown
 from .words import ALL, AutoViews
 
@@ -43,17 +43,16 @@ SAID_CROP, MOST_CROP = 0.01, 1 / 3
 """Of a photo: a crop of more than the first is said, and one of more than the second refused, as width and height may
 have been exchanged; a square of it is always meant."""
 
-CPU_SECONDS, PHOTO_BYTES, BYTES_EXPONENT = 17e-6, 33_000, 0.69
-"""What a capture takes: seconds of one core per pixel of photos up to LARGE_PIXELS, for network and coding; bytes of a
-photo of 256×256 by default, and how they grow with its pixels. As measured on captures of 24 photos."""
 
-
-def prepared(request: EncodeRequest, notice: Callable[[str], object]) -> Scene:
+def prepared(
+    request: EncodeRequest, notice: Callable[[str], object], counting: Callable[[str], Show] = lambda _: plain
+) -> Scene:
     """The scene with the views, size and depth range that the network is to have, whether given or found.
 
     Args:
         request: what is asked for.
         notice: gets a line for each thing that was found rather than given.
+        counting: gives what passes on the items of a step by its name.
 
     Raises:
         InputError: no scene, too few photos, views that there are not, photos that agree about no depths.
@@ -63,21 +62,17 @@ def prepared(request: EncodeRequest, notice: Callable[[str], object]) -> Scene:
     def say(text: str) -> None:
         notice(f"{scene.path}: {text}")
 
-    chosen, why = _chosen_views(request, scene, say)
-    _say_wide(chosen, say)
+    chosen, why = _chosen_views(request, scene, say, counting)
+    _say_wide(chosen, say, counting)
     sized = _sized(request, chosen, say)
     if len(sized.frames) in ALL_VIEWS:
         return sized
-    camera, photos = sized.frames[0].camera, len(sized.frames)
+    photos = len(sized.frames)
     if photos > MAX_VIEWS:
         found = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
         raise InputError(found, where=str(scene.path))
-    pixels = camera.width * camera.height
-    seconds = photos * min(pixels, LARGE_PIXELS) * CPU_SECONDS / available_cores()
-    is_usual = request.coding == Coding()
-    size = f" and {photos * PHOTO_BYTES * (pixels / 256**2) ** BYTES_EXPONENT / 1000:.0f} KB" if is_usual else ""
     others = "--views all takes every one" if photos < len(scene.frames) else "--views auto:N takes so many"
-    say(f"{photos} of {len(scene.frames)} photos, {why}: about {max(seconds, 1):.0f} s{size}; {others}")
+    say(f"{photos} of {len(scene.frames)} photos, {why}; {others}")
     return sized
 
 
@@ -108,7 +103,9 @@ def named_scene(request: EncodeRequest) -> Scene:
     return stereo_scene(left, right, request.focal, request.baseline, near=near, far=far)
 
 
-def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> tuple[Scene, str]:
+def _chosen_views(
+    request: EncodeRequest, scene: Scene, say: Callable[[str], None], counting: Callable[[str], Show]
+) -> tuple[Scene, str]:
     """The views that are asked for or needed, with their depth range, and in words how they were chosen."""
     count, asked = len(scene.frames), request.views
     if isinstance(asked, tuple) and len(asked) < 2:
@@ -116,18 +113,18 @@ def _chosen_views(request: EncodeRequest, scene: Scene, say: Callable[[str], Non
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))
     if isinstance(asked, tuple):
-        return _matching(_with_range(_moving(scene.views(asked)), say), say), "as asked"
+        return _matching(_with_range(_moving(scene.views(asked)), say, counting), say), "as asked"
     _moving(scene)
     if asked == ALL or (asked is None and count in ALL_VIEWS):
-        return _matching(_with_range(_once(scene, say), say), say), "all there are"
+        return _matching(_with_range(_once(scene, say), say, counting), say), "all there are"
     wanted = asked.count if isinstance(asked, AutoViews) else None
     if wanted is not None and (wanted in ALL_VIEWS or wanted > count):
         near, far = _range_or_guess(scene)
         seen = choose_views(scene.cameras, near, far, wanted)
         say(f"views {','.join(map(str, seen))} of {count}, which see most; --views chooses others")
-        return _with_range(scene.views(seen), say), "as asked"
+        return _with_range(scene.views(seen), say, counting), "as asked"
     scene = _once(scene, say)
-    scene = _matching(_with_range(scene, say), say)
+    scene = _matching(_with_range(scene, say, counting), say)
     near, far = scene.depth_range()
     chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
     why = f"no other lies farther from them than {SPACING:.0%} of the depth or {math.degrees(SPACING):.0f} degrees"
@@ -189,11 +186,11 @@ def _range_or_guess(scene: Scene) -> tuple[float, float]:
     return (scene.near, scene.far) if scene.near and scene.far else range_guessed(scene.cameras)
 
 
-def _with_range(scene: Scene, say: Callable[[str], None]) -> Scene:
+def _with_range(scene: Scene, say: Callable[[str], None], counting: Callable[[str], Show]) -> Scene:
     """The scene between the depths that its photos agree about, where it states none."""
     if scene.near is not None and scene.far is not None:
         return scene
-    near, far = _range_seen(scene)
+    near, far = _range_seen(scene, counting)
     near, far = scene.near or near, scene.far or far
     if not near < far:
         raise InputError(
@@ -203,25 +200,25 @@ def _with_range(scene: Scene, say: Callable[[str], None]) -> Scene:
     return replace(scene, near=near, far=far, is_estimated=True)
 
 
-def _range_seen(scene: Scene) -> tuple[float, float]:
+def _range_seen(scene: Scene, counting: Callable[[str], Show]) -> tuple[float, float]:
     """(near, far) by thumbnails of its photos, of many by a few that are spread as well as can be without it."""
     if len(scene.frames) > RANGE_VIEWS:
         scene = scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS))
     side = LOOK_WIDTH if len(scene.frames) in ALL_VIEWS else RANGE_SIDE
     small = scene.resized(*thumbnail_size(scene.cameras[0], side))
     try:
-        return range_seen(small.images(), small.cameras)
+        return range_seen(small.images(show=counting("reading")), small.cameras, counting("depths"))
     except InputError as error:
         raise error.within(str(scene.path)) from None
 
 
-def _say_wide(scene: Scene, say: Callable[[str], None]) -> None:
+def _say_wide(scene: Scene, say: Callable[[str], None], counting: Callable[[str], Show]) -> None:
     """Say what photos agree about, where a range is stated in which hardly any depth that is tried can fit."""
     near, far = scene.depth_range()
     if scene.is_estimated or far < WIDE * near:
         return
     try:
-        found = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene))
+        found = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene, counting))
     except InputError:
         found = "about none"
     say(f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {found}")

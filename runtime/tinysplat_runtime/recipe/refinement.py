@@ -10,7 +10,6 @@ from ..errors import InputError
 from ..graphs.enlarge import Enlarger
 from ..render.near import FEW
 from ..scene.scenes import Scene
-from ..system.threads import available_cores
 from .memory import check_memory
 from .request import EncodeRequest
 from .words import Refinement
@@ -48,6 +47,5 @@ def chosen(
         check_memory(scene, enlarger)
         notice(f"{scene.path}: not refined by its photos: {error.message}")
         return None
-    seconds = sum(camera.width * camera.height for camera in scene.cameras) * CPU_SECONDS / available_cores()
-    notice(f"{scene.path}: then refined by its photos, about {max(seconds, 1):.0f} s more; --no-refine leaves that out")
+    notice(f"{scene.path}: then refined by its photos, worth about 1 dB; --no-refine leaves that out")
     return Refinement()

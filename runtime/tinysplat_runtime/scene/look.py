@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..system.progress import Show, plain
 from .cameras import Camera
 
 LOOK_WIDTH = 96
@@ -118,7 +119,7 @@ def agreed(found: Look, camera: Camera, other: Look, its: Camera) -> float:
     return float(same.sum() / max(inside.sum(), 1))
 
 
-def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float]:
+def range_seen(images: NDArray, cameras: Sequence[Camera], show: Show = plain) -> tuple[float, float]:
     """(near, far) that photos agree about, scene units, for scenes that state none.
 
     Each photo is compared with some that stand near it, but not so near that they show no depth, and look the same way.
@@ -127,6 +128,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float
 
     Args:
         images, cameras: as for `look`.
+        show: is given a pair of photos at a time.
 
     Raises:
         InputError: the cameras stand at one place or only turn, or the photos agree about no depth.
@@ -138,7 +140,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera]) -> tuple[float, float
     least = float(np.median(np.where(apart > _TWICE * extent, apart, np.inf).min(axis=1))) / 2
     while True:
         pairs = _pairs(cameras, least)
-        depths = [_depths_agreed(images, cameras, pair, apart[pair]) for pair in pairs]
+        depths = [_depths_agreed(images, cameras, pair, float(apart[pair])) for pair in show(pairs, len(pairs), str)]
         agreed = np.concatenate([of_one for both in depths for of_one in both])
         apart_most = float(np.median([apart[pair] for pair in pairs]))
         least *= _FARTHER

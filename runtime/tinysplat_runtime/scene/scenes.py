@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, warn
 from ..system.jsonfields import MAX_DEPTH
+from ..system.progress import Show, plain
 from .cameras import Camera, check_is_in_pixels
 from .footage import Video
 from .images import read_image, resize_cover
@@ -164,11 +165,12 @@ class Scene:
         """Every photo scaled to cover height × width, then cropped around its centre; cameras adjusted."""
         return replace(self, frames=tuple(frame.resized(height, width) for frame in self.frames))
 
-    def images(self, size: tuple[int, int] | None = None) -> NDArray:
+    def images(self, size: tuple[int, int] | None = None, show: Show = plain) -> NDArray:
         """Read the photos.
 
         Args:
             size: (height, width) to resize to, as `resized` does, or None for the frames' own size.
+            show: is given a photo at a time.
 
         Returns:
             (V, H, W, 3) float32 in [0, 1].
@@ -177,9 +179,9 @@ class Scene:
             InputError: names the photo that cannot be read or has another size than its camera or the first frame.
         """
         if size is not None:
-            return self.resized(*size).images()
+            return self.resized(*size).images(show=show)
         self.check_one_size()
-        return np.stack([frame.image() for frame in self.frames])
+        return np.stack([frame.image() for frame in show(self.frames, len(self.frames), str)])
 
     def check_one_size(self) -> None:
         """InputError that names a photo whose camera is of another size than the first one's."""

@@ -1,0 +1,71 @@
+"""What `encode` says that photos will take: every step that follows, and how they grow."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from two_planes import row_of_cameras, trace, write_traced
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.recipe.encode import Listener, encode
+from tinysplat_runtime.recipe.plan import Plan, planned
+from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.scene.scenes import Frame, Scene
+
+STEPS = ["checking", "network", "refining", "coding", "comparing"]
+
+
+def photos(count: int, height: int, width: int) -> Scene:
+    """Photos that are never opened."""
+    frames = [Frame(camera, Path(f"{i}.png")) for i, camera in enumerate(row_of_cameras(count, height, width))]
+    return Scene(Path("made"), tuple(frames), 1.0, 2.0)
+
+
+def plan(scene: Scene, *, is_refined: bool = True, is_usual: bool = True, cores: int = 2) -> Plan:
+    return planned(scene, is_refined=is_refined, is_usual=is_usual, cores=cores)
+
+
+def test_a_plan_names_every_step_in_the_order_of_work() -> None:
+    scene = photos(24, 256, 256)
+    whole = plan(scene)
+    assert list(whole.seconds) == STEPS and min(whole.seconds.values()) > 0
+    assert whole.total == pytest.approx(sum(whole.seconds.values()))
+    assert re.findall(r"(\w+) \d+(?=,|$)", str(whole)) == [name for name in STEPS if whole.seconds[name] >= 1]
+    assert plan(scene, is_refined=False).seconds["refining"] == 0
+    assert " KB" in str(whole) and " KB" not in str(plan(scene, is_usual=False))
+
+
+def test_more_photos_larger_ones_and_fewer_cores_take_longer() -> None:
+    for series in (
+        [plan(photos(count, 256, 256)) for count in (7, 24, 100)],
+        [plan(photos(24, side, side)) for side in (64, 256, 640, 2000)],
+        [plan(photos(24, 256, 256), cores=cores) for cores in (8, 2, 1)],
+    ):
+        assert all(less.total < more.total for less, more in pairwise(series))
+
+
+def test_reading_files_larger_than_what_the_network_gets_is_in_the_plan() -> None:
+    small, scaled = photos(24, 256, 256), photos(24, 3000, 3000).resized(256, 256)
+    assert plan(scaled).seconds["checking"] > 2 * plan(small).seconds["checking"]
+
+
+def test_what_runs_before_the_network_is_counted(tmp_path: Path) -> None:
+    seen: dict[str, int] = {}
+
+    def counting(step: str):
+        def show(items, total, note):
+            seen[step] = seen.get(step, 0) + total
+            return iter(items)
+
+        return show
+
+    said: list[str] = []
+    scene = ts.load_scene(write_traced(tmp_path, trace(7, 32, 32, spacing=0.25, subpixels=1)))
+    listener = Listener(notice=said.append, doubt=lambda *_: None, counting=counting)
+    encode(EncodeRequest.of(scene, model="sweep", mode="photos"), Runtime(threads=1), listener)
+    assert seen["reading"] == seen["checking"] == 7 and seen["depths"] >= 7
+    assert sum("checking" in line or "about 1 s" in line for line in said) == 1
