@@ -31,8 +31,11 @@ def test_views_are_chosen_from_many_photos(scene: Path, tmp_path: Path) -> None:
     assert "9 of 8 photos" in fail("encode", scene, "-o", tmp_path / "c.tsplat", "--views", "auto:9")
 
 
-def test_a_stereo_pair_is_encoded_with_focal_length_and_baseline(scene: Path, tmp_path: Path) -> None:
-    pair = (scene / "images/0000.png", scene / "images/0001.png")
+def test_a_stereo_pair_is_encoded_with_focal_length_and_baseline(tmp_path: Path) -> None:
+    wall = np.random.default_rng(0).integers(256, size=(12, 17, 3), dtype=np.uint8).repeat(4, 0).repeat(4, 1)
+    pair = (tmp_path / "left.png", tmp_path / "right.png")
+    write_png(pair[0], wall[:, :64])
+    write_png(pair[1], wall[:, 4:])
     options = ("-o", tmp_path / "s.tsplat", "--focal", "70", "--baseline", "0.2", "--near", "1.5", "--far", "8")
     done = tinysplat("encode", *pair, *options)
     assert done.returncode == 0, done.stderr

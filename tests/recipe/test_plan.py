@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from two_planes import row_of_cameras, trace, write_traced
+from networks.two_planes import row_of_cameras, trace, write_traced
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import Runtime

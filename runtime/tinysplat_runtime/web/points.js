@@ -2,7 +2,7 @@
 import { MAX_CODE, MAX_DECODED, MAX_ROTATION, requireBound } from "./bounds.js";
 import { MAX_INTRINSIC, MAX_POSITION, MIN_FOCAL } from "./cameras.js";
 import { crc32 } from "./cursor.js";
-import { COLOR, OPACITY, ROTATION, SCALE, channelName, readRecord, readStream } from "./layers.js";
+import { COLOR, MAX_SIDE, OPACITY, ROTATION, SCALE, channelName, readRecord, readStream } from "./layers.js";
 import { cursor, label, only } from "./sections.js";
 
 /** @typedef {import("./cursor.js").Cursor} Cursor */
@@ -117,7 +117,6 @@ export function readFree(sections, limits) {
 
 const VIEWPOINT_BYTES = 52;
 const MAX_VIEWPOINTS = 4096;
-const MAX_SIDE = 2 ** 16;
 
 /**
  * Cameras of the photos that a scene was made from, as far as the file has them.
