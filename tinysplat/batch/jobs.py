@@ -8,10 +8,10 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from tinysplat_runtime.api import Runtime
@@ -28,6 +28,7 @@ from tinysplat_runtime.recipe.request import RATE, EncodeOptions, EncodeRequest,
 from tinysplat_runtime.recipe.types import check_types
 from tinysplat_runtime.recipe.words import AutoViews
 from tinysplat_runtime.scene.scenes import Scene
+from tinysplat_runtime.system.files import is_plain_name
 
 from .storage import join, local_folder, read, write
 
@@ -37,6 +38,9 @@ SUFFIXES = {"encode": ".tsplat", "evaluate": ".json"}
 
 OPTIONS = {*EncodeOptions.__annotations__, "auto", "provider", "report", "save_gaussians"} - {"focal", "baseline"}
 """What a manifest's entry may say of its scene; `auto` is how many views to choose."""
+
+CODE = ("model", "provider")
+"""Options that name what runs: a network's graph, a provider's library. A manifest's entry needs leave for them."""
 
 TAKEN_BACK = ("like", "poses", "refine")
 """Options that an empty text takes back."""
@@ -189,13 +193,18 @@ def is_done(job: BatchJob, record: dict[str, Any] | None) -> bool:
 
 
 def read_manifest(
-    text: str, folder: str, defaults: Mapping[str, Any], base: str = "", task: str = "encode"
+    text: str,
+    folder: str,
+    defaults: Mapping[str, Any],
+    base: str = "",
+    task: str = "encode",
+    allowed: Collection[str] = (),
 ) -> list[BatchJob]:
     """Jobs of a manifest: a scene per line, or per line a JSON object.
 
     An object has `scene`, optionally `name`, and any of the options: those of `encode` but for a stereo pair's, and
-    those of `Keep`, which replace `defaults`. Empty lines and lines that start with # are ignored. Relative paths count
-    from `base`.
+    those of `Keep`, which replace `defaults`; of those in `CODE` only what is `allowed`. Empty lines and lines that
+    start with # are ignored. Relative paths count from `base`.
 
     Raises:
         InputError: names the line at fault.
@@ -206,20 +215,22 @@ def read_manifest(
         if not line.strip() or line.startswith("#"):
             continue
         try:
-            job = _job(line.strip(), folder, defaults, base, task)
+            job = _job(line.strip(), folder, defaults, base, task, allowed)
         except InputError as error:
             raise error.within(f"line {number}") from None
-        if job.name in names:
-            raise InputError(f"the name '{job.name}' again, first in line {names[job.name]}; give one with \"name\"",
+        first = names.setdefault(job.name.casefold(), number)  # some file systems do not tell a from A
+        if first != number:
+            raise InputError(f"the name '{job.name}' again, first in line {first}; give one with \"name\"",
                              where=f"line {number}")  # fmt: skip
-        names[job.name] = number
         jobs.append(job)
     if not jobs:
         raise InputError("no scenes, expected one per line")
     return jobs
 
 
-def _job(line: str, folder: str, defaults: Mapping[str, Any], base: str, task: str) -> BatchJob:
+def _job(
+    line: str, folder: str, defaults: Mapping[str, Any], base: str, task: str, allowed: Collection[str]
+) -> BatchJob:
     entry: Any = {"scene": line}
     if line.startswith("{"):
         try:
@@ -229,12 +240,14 @@ def _job(line: str, folder: str, defaults: Mapping[str, Any], base: str, task: s
     if not isinstance(entry, dict) or not isinstance(entry.get("scene"), str):
         raise InputError('expected a scene\'s path or an object with "scene"')
     scene = entry.pop("scene")
-    name = entry.pop("name", PurePosixPath(scene.rstrip("/")).name)
-    if not isinstance(name, str) or not name or PurePosixPath(name).name != name or name.startswith("."):
+    name = entry.pop("name", PureWindowsPath(scene).name)  # which knows both separators
+    if not isinstance(name, str) or not is_plain_name(name):
         raise InputError(f"'{str(name)[:60]}', expected a plain file name", where="name")
     unknown = sorted(set(entry) - OPTIONS)
     if unknown:
         raise InputError(f"unknown {', '.join(unknown)[:80]}, expected options of `tinysplat batch`")
+    for option in (name for name in CODE if name in entry and name not in allowed):
+        raise InputError(f"loads code, so a manifest may only give it with --allow {option}", where=option)
     return _asked(name, _placed(scene, base), {**entry, **_places(entry, base)}, defaults, folder, task)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import Work, run_processes, run_ray
 from tinysplat.batch.evaluation import evaluate
-from tinysplat.batch.jobs import OPTIONS, encode, read_manifest
+from tinysplat.batch.jobs import CODE, OPTIONS, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.cli.arguments import byte_count, count, positive
@@ -47,6 +47,8 @@ def configure(parser: ArgumentParser) -> None:
     add_photos(parser)
     add_notes(parser)
     add_provider(parser)
+    parser.add_argument("--allow", action="append", choices=CODE, default=[],
+                        help="let MANIFEST say which code or graph is loaded; may be given twice")  # fmt: skip
     parser.add_argument("--report", action="store_true", help="also write DIR/NAME.json, as encode --report does")
     parser.add_argument("--save-gaussians", action="store_true", help="also write DIR/NAME.npz of the network")
 
@@ -62,7 +64,8 @@ def run(args: Namespace) -> int:
     base = args.manifest.rpartition("/")[0] or "."
     try:
         task = "evaluate" if args.evaluate else "encode"
-        jobs = read_manifest(_manifest(args.manifest), args.output, given(args, OPTIONS), base, task)
+        options = given(args, OPTIONS)
+        jobs = read_manifest(_manifest(args.manifest), args.output, options, base, task, args.allow)
     except InputError as error:
         raise error.within(args.manifest) from None
     work: Work = partial(evaluate if args.evaluate else encode, threads=args.threads or 1)

@@ -8,12 +8,25 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import InputError
 
 StrPath = str | os.PathLike[str]
+
+_NEVER_IN_A_NAME = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"/\\|?*\ud800-\udfff]')
+_DEVICES = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9\u00b9\u00b2\u00b3])\s*(\..*)?", re.IGNORECASE)
+_MAX_NAME_BYTES = 200
+"""Of a plain name: what is appended to it stays below the 255 of usual file systems."""
+
+
+def is_plain_name(name: str) -> bool:
+    """Whether `name` is one of a file in its folder on every system: no path, drive, stream, device or hidden file."""
+    if not name or name.startswith(".") or name[-1] in ". " or _NEVER_IN_A_NAME.search(name):
+        return False
+    return not _DEVICES.fullmatch(name) and len(name.encode()) <= _MAX_NAME_BYTES
 
 
 def read_limited(path: StrPath, max_bytes: int) -> bytes:
