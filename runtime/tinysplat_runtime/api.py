@@ -286,7 +286,8 @@ class Runtime:
             FormatError: damaged, foreign, or beyond the limits.
             InputError: `source` cannot be read, or holds Gaussians of no pixels.
         """
-        from .codec.parts import CACHE_BYTES, SceneFile, ranges_of
+        from .codec.parts import CACHE_BYTES, SceneFile
+        from .codec.ranges import ranges_of
 
         ranges, kept = ranges_of(source), CACHE_BYTES if cache_bytes is None else cache_bytes
         options: dict[str, Any] = {"threads": self.threads, "limits": self.limits, "model": model}

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tinysplat_runtime.codec import parts
 from tinysplat_runtime.codec.paper import paper_plan
 from tinysplat_runtime.codec.profiles import PAPER
+from tinysplat_runtime.codec.ranges import ranges_of
 from tinysplat_runtime.gaussian.planes import CODING_ORDER, PlaneClass
 
 
@@ -55,12 +55,12 @@ def test_paper_s_steps_are_sigma_over_alpha_at_the_class_s_qp(is_reduced: bool) 
 
 def test_files_that_were_opened_are_closed_and_those_given_are_not(tmp_path) -> None:
     (tmp_path / "f").write_bytes(bytes(range(10)))
-    own = parts.ranges_of(tmp_path / "f")
+    own = ranges_of(tmp_path / "f")
     assert own.read([(2, 3), (8, 5)]) == [b"\2\3\4", b"\x08\x09"]
     own.close()
     with pytest.raises(ValueError):
         own.read([(0, 1)])
     with (tmp_path / "f").open("rb") as file:
-        given = parts.ranges_of(file)
+        given = ranges_of(file)
         given.close()
         assert given.read([(9, 1)]) == [b"\x09"]

@@ -31,7 +31,7 @@ EXTRAS_INSIDE_FUNCTIONS = {
     "scene/lenses.py": {"pycolmap"},  # tinysplat[poses]
     "scene/intake/nerfstudio.py": {"plyfile"},  # tinysplat[io]
     "formats/ply.py": {"plyfile"},  # tinysplat[io]
-    "codec/parts.py": {"fsspec"},  # tinysplat[cluster]
+    "codec/ranges.py": {"fsspec"},  # tinysplat[cluster]
     "system/progress.py": {"tqdm"},  # a nicer bar, where it happens to be installed
 }
 """Packages that an extra brings, by the one module whose functions may import them."""

@@ -7,12 +7,10 @@ was used last within a bound; other files are read as a whole. Bytes come from a
 
 from __future__ import annotations
 
-import os
 from collections import OrderedDict
 from collections.abc import Sequence
-from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +24,8 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
-from ..system.files import StrPath, check_readable
 from .decoder import decode_gaussians
+from .ranges import Ranges
 
 FIRST_BYTES = 1 << 16
 """Read at first: metadata of up to some 400 views in one request."""
@@ -37,76 +35,6 @@ MAX_AT_ONCE = 1 << 31
 
 CACHE_BYTES = 1 << 30
 """Decoded views that are kept: some 40 of 256×256 pixels in two layers of SH degree 4."""
-
-
-class Ranges(Protocol):
-    """Where a file's bytes come from."""
-
-    def read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
-        """The bytes of each (first byte, length), fewer where the file ends before."""
-
-    def close(self) -> None:
-        """Let go of what is open."""
-
-
-class _FromFile:
-    """A binary file that can seek; closed with its reader only if that opened it."""
-
-    def __init__(self, file: IO[bytes], *, is_own: bool) -> None:
-        self._file, self._is_own = file, is_own
-
-    def read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
-        found = []
-        for start, length in ranges:
-            self._file.seek(start)
-            found.append(self._file.read(length))
-        return found
-
-    def close(self) -> None:
-        if self._is_own:
-            self._file.close()
-
-
-class _FromUrl:
-    """A file that fsspec reaches: http, s3, gs and others."""
-
-    def __init__(self, url: str) -> None:
-        try:
-            import fsspec
-        except ImportError:
-            raise InputError("fsspec reads addresses; pip install fsspec brings it", where=url) from None
-        self._url = url
-        try:
-            self._files, self._path = fsspec.core.url_to_fs(url)
-        except (ImportError, ValueError) as error:
-            raise InputError(str(error).splitlines()[0], where=url) from None
-
-    def read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
-        starts, ends = [start for start, _ in ranges], [start + length for start, length in ranges]
-        try:
-            paths = [self._path] * len(ranges)
-            return [bytes(part) for part in self._files.cat_ranges(paths, starts, ends, on_error="raise")]
-        except Exception as error:  # of as many kinds as there are ways to reach a file
-            raise InputError(f"{type(error).__name__}: {error}".splitlines()[0], where=self._url) from None
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-def ranges_of(source: StrPath | IO[bytes]) -> Ranges:
-    """Where to read bytes of a path, an address with `://`, or an open binary file.
-
-    Raises:
-        InputError: there is no such file, it cannot be read, or fsspec is missing for an address.
-    """
-    if isinstance(source, (str, os.PathLike)):
-        if "://" in os.fspath(source):
-            return _FromUrl(os.fspath(source))
-        check_readable(source)
-        return _FromFile(Path(source).open("rb"), is_own=True)
-    if not (callable(getattr(source, "seek", None)) and callable(getattr(source, "read", None))):
-        raise InputError(f"{type(source).__name__}, expected a path, an address or an open binary file", where="source")
-    return _FromFile(source, is_own=False)
 
 
 class SceneFile:
