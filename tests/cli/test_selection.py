@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scenes import make_cameras
 
+import tinysplat_runtime as ts
 from tinysplat_runtime.cli.run import main
 from tinysplat_runtime.cli.written import is_drawn_whole
-from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
+from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.gaussian.editing import select_views
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.thin import thinned
@@ -31,7 +32,7 @@ def capture(tmp_path):
 
 def converted(file: str, output: str, *options: str) -> Gaussians:
     assert main(["convert", file, "-o", output, "--force", *options]) == 0
-    return load_gaussians(output)
+    return ts.load_gaussians(output)
 
 
 def test_lists_of_points_get_each_surface_of_a_capture_once_and_it_is_said(capture, tmp_path, capsys):
@@ -52,12 +53,15 @@ def test_what_keeps_views_keeps_all_as_do_few_views_and_whoever_asks(capture, tm
     assert trimmed.count == 8 * 10 * 14
 
 
-def test_fuse_is_done_for_so_many_seconds_and_says_what_it_did(capture, tmp_path, capsys):
+@pytest.mark.parametrize("ending", [".ply", ".glb", ".tsplat"])
+def test_fuse_is_done_for_so_many_seconds_says_what_it_did_and_writes_cameras_along(capture, tmp_path, capsys, ending):
     pytest.importorskip("numba")
     wall, file = capture
-    found = converted(file, str(tmp_path / "g.ply"), "--fuse", "0.3", "--threads", "1")
+    found = converted(file, str(tmp_path / f"g{ending}"), "--fuse", "0.3", "--threads", "1")
     assert 0 < found.count <= thinned(wall).count
     assert "fused to" in capsys.readouterr().err
+    assert len(found.viewpoints) == 8
+    assert [path.name for path in tmp_path.glob("*.json")] == (["g.cameras.json"] if ending == ".ply" else [])
 
 
 def test_fuse_needs_views(capture, tmp_path, capsys):

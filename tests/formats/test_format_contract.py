@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from formats.foreign import on_order_of
-from scenes import make_gaussians
+from scenes import make_gaussians, make_skewed_cameras
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import FORMATS, load_gaussians, save_gaussians
@@ -43,6 +44,7 @@ KEPT = {
     "SOG": Kept(1e-3, 0.1, 0.003, 0.012, 0.02, 0.02),
     "USD": _FLOAT._replace(degree=4),
 }
+WITH_CAMERAS = {"npz", "safetensors", "glTF"}
 ENDINGS = [(form, ending) for form in FORMATS if form.read and form.write for ending in form.endings]
 EACH = pytest.mark.parametrize(("form", "ending"), ENDINGS, ids=[ending for _, ending in ENDINGS])
 
@@ -107,6 +109,17 @@ def test_notes_come_back_where_there_is_room(form, ending, tmp_path) -> None:
     read = load_gaussians(path).notes
     assert {name: text for name in NOTES if (text := getattr(read, name))} == {n: NOTES[n] for n in NOTES if n in room}
     assert all("cut" not in line for line in said)
+
+
+@EACH
+def test_cameras_of_photos_come_back_where_there_is_room(form, ending, tmp_path) -> None:
+    path, cameras = named(tmp_path, ending), make_skewed_cameras(3, 10, 12)
+    saved(path, replace(some(0), viewpoints=cameras), form.extra)
+    found = load_gaussians(path).viewpoints
+    assert len(found) == (3 if form.name in WITH_CAMERAS else 0)
+    for one, given in zip(found, cameras, strict=False):
+        np.testing.assert_allclose(one.c2w, given.c2w, atol=1e-12)
+        assert (one.K == given.K).all() and (one.width, one.height) == (given.width, given.height)
 
 
 @EACH

@@ -73,6 +73,21 @@ def test_quantised_strided_accessors_and_nodes_are_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.abs(read.quats), [[1, 0, 0, 0], [0, 1, 0, 0]], atol=1e-4)
 
 
+def test_photos_cameras_stand_where_their_nodes_put_them_and_other_cameras_are_not_taken(tmp_path: Path) -> None:
+    photo = {"K": [[9, 0, 6], [0, 9, 4], [0, 0, 1]], "width": 12, "height": 8}
+
+    def change(document: dict[str, Any]) -> None:
+        lens = {"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}
+        document["cameras"] = [{**lens, "extras": photo}, lens, {**lens, "extras": {**photo, "K": "wide"}}]
+        document["nodes"] += [{"camera": number, "translation": [1, 2, 3]} for number in range(3)]
+        document["nodes"][1]["children"] = [2, 3, 4]
+
+    by_hand(tmp_path / "a.gltf", change)
+    (camera,) = load_gaussians(tmp_path / "a.gltf").viewpoints
+    np.testing.assert_allclose(camera.c2w[:3], np.column_stack([np.eye(3), np.array([2, 4, 16]) * TURN]))
+    assert camera.K.tolist() == photo["K"] and (camera.width, camera.height) == (12, 8)
+
+
 @pytest.mark.parametrize("component", [5120, 5121, 5122, 5123, 5125, 5126])
 @pytest.mark.parametrize("normalised", [True, False])
 def test_every_type_of_number_is_read_as_the_specification_has_it(

@@ -148,7 +148,7 @@ class Writing:
             bits = _sh_bits(self.sh_bits)
             for loss in save_gaussians(path, gaussians, bits, self.spz_version, gltf_spz=self.gltf_spz):
                 print(f"{path}: {loss}", file=sys.stderr)
-            if self.with_cameras and gaussians.viewpoints and is_drawn_whole(path):
+            if self.with_cameras and gaussians.viewpoints and not path.lower().endswith(KEEPS_CAMERAS):
                 save_beside(Path(path), gaussians)
 
     def _coded(self, gaussians: Gaussians) -> bytes:
@@ -183,6 +183,9 @@ class Writing:
 
 KEEPS_VIEWS = (SUFFIX, ".npz", ".safetensors")
 """Endings of files that know of which view each Gaussian is."""
+
+KEEPS_CAMERAS = (*KEEPS_VIEWS, ".glb", ".gltf")
+"""Endings of files that have room for cameras of photos."""
 
 
 def is_drawn_whole(path: str) -> bool:

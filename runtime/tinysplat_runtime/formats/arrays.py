@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import FIELDS, Gaussians
+from ..scene.cameras import Camera
 from ..system.files import parsing
 from .file_notes import NPZ_ARRAY, npz_array
 
@@ -115,13 +116,20 @@ def _arrays(gaussians: Gaussians) -> dict[str, NDArray]:
             arrays[f"{prefix}K"] = np.stack([camera.K for camera in layer.cameras])
             if not n or (c2w != arrays["c2w"]).any():
                 arrays[f"{prefix}c2w"] = c2w
-    if gaussians.viewpoints:
-        arrays["viewpoint_K"] = np.stack([camera.K for camera in gaussians.viewpoints])
-        arrays["viewpoint_c2w"] = np.stack([camera.c2w for camera in gaussians.viewpoints])
-        sizes = [(camera.width, camera.height) for camera in gaussians.viewpoints]
-        arrays["viewpoint_size"] = np.array(sizes, np.float64)
-    arrays["origin"] = gaussians.origin
-    return arrays
+    return {**arrays, **viewpoint_arrays(gaussians.viewpoints), "origin": gaussians.origin}
+
+
+def viewpoint_arrays(cameras: Sequence[Camera]) -> dict[str, NDArray]:
+    """P cameras of a list's photos as float64 `viewpoint_K` (P, 3, 3), `viewpoint_c2w` (P, 4, 4) and `viewpoint_size`
+    (P, 2), width and height; nothing of none.
+    """
+    if not cameras:
+        return {}
+    return {
+        "viewpoint_K": np.stack([camera.K for camera in cameras]),
+        "viewpoint_c2w": np.stack([camera.c2w for camera in cameras]),
+        "viewpoint_size": np.array([(camera.width, camera.height) for camera in cameras], np.float64),
+    }
 
 
 def write_npz(path: Path, gaussians: Gaussians) -> list[str]:

@@ -41,7 +41,9 @@ MAX_GLTF_DEGREE = 3
 COLOUR_SPACE = "srgb_rec709_display"
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 
-_FRAME = np.diag([1.0, -1.0, -1.0, 1.0])  # the half turn of world and camera axes alike
+FRAME = np.diag([1.0, -1.0, -1.0, 1.0])
+"""The half turn of world and camera axes alike."""
+
 _FLOAT, _UNSIGNED_BYTE, _UNSIGNED_SHORT, _ARRAY_BUFFER = 5126, 5121, 5123, 34962
 _KERNEL = {
     "kernel": "ellipse",
@@ -88,7 +90,8 @@ def write_gltf(path: Path, gaussians: Gaussians, pack: Pack | None = None) -> li
     Raises:
         InputError: more than a .glb can hold, or than `pack` can.
     """
-    cameras, gaussians = gaussians.cameras, gaussians.flat()
+    gaussians = gaussians.flat()
+    cameras = gaussians.viewpoints
     body = _plain(gaussians) if pack is None else _packed(gaussians, pack)
     document = _document(gaussians, body, cameras)
     if path.suffix.lower() == ".gltf":
@@ -203,7 +206,7 @@ def _asset(notes: Notes) -> dict[str, Any]:
 
 def _camera_node(v: int, camera: Camera) -> dict[str, Any]:
     """glTF's cameras look along −z with y up, which is the half turn of OpenCV's, as the world's is."""
-    matrix = _FRAME @ camera.c2w @ _FRAME
+    matrix = FRAME @ camera.c2w @ FRAME
     return {"name": f"view {v}", "camera": v, "matrix": matrix.T.ravel().tolist()}  # column by column
 
 

@@ -27,9 +27,11 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.notes import NAMES
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..scene.cameras import Camera
 from ..system.files import parsing, read_limited
+from .arrays import viewpoint_arrays
 from .axes import half_turned
-from .gltf import BINARY_CHUNK, EXTENSION, GLB_MAGIC, JSON_CHUNK, SPZ_EXTENSION
+from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK, SPZ_EXTENSION
 from .placement import placed
 from .spz import decode_spz
 
@@ -46,7 +48,7 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
 
     Returns:
         means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear; means float64 where a node
-        moves them.
+        moves them; and of photos' cameras, as they are written, what `arrays` says.
 
     Raises:
         InputError: damaged, without Gaussians, compressed by another extension, turned by a node in a way that no
@@ -54,8 +56,13 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
     """
     file = _File(path, max_bytes)
     meshes: dict[int, list[dict[str, NDArray]]] = {}
-    parts, taken = [], 0
-    for index, matrix in _instances(file.document):
+    parts, taken, views = [], 0, []
+    for node, matrix in _nodes(file.document):
+        if "camera" in node:
+            views += _photo_cameras(file, node["camera"], matrix)
+        if "mesh" not in node:
+            continue
+        index = node["mesh"]
         mesh = file.entry("meshes", index)
         if index not in meshes:
             meshes[index] = list(_mesh_parts(file, mesh))
@@ -68,7 +75,8 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
     functions = max(part["sh"].shape[1] for part in parts)
     for part in parts:
         part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
-    return half_turned({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    arrays = half_turned({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    return {**arrays, **viewpoint_arrays(views)}
 
 
 def read_gltf_notes(path: Path) -> dict[str, Any]:
@@ -216,8 +224,22 @@ def _is_index(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 40
 
 
-def _instances(document: Mapping[str, Any]) -> Iterator[tuple[int, NDArray]]:
-    """Index of a mesh and where it stands in the world (4, 4), for every node of the scene that has one."""
+def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
+    """The camera of a photo at a node that stands so (4, 4) in the world; none where it is another kind of camera."""
+    photo = _object(file.entry("cameras", index).get("extras"))
+    if not {"K", "width", "height"} <= photo.keys():
+        return []
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    try:
+        with np.errstate(all="ignore"):  # no camera is made of what is not finite
+            c2w = FRAME @ (matrix / np.append(lengths, 1)) @ FRAME
+        return [Camera(np.array(photo["K"], np.float64), c2w, photo["width"], photo["height"])]
+    except (InputError, TypeError, ValueError):
+        return []
+
+
+def _nodes(document: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], NDArray]]:
+    """Every node of the scene, and where it stands in the world (4, 4)."""
     nodes, scenes = document.get("nodes"), document.get("scenes")
     if not isinstance(nodes, list) or not nodes:
         raise InputError("a glTF document without nodes, so that it shows nothing")
@@ -235,8 +257,7 @@ def _instances(document: Mapping[str, Any]) -> Iterator[tuple[int, NDArray]]:
                 raise InputError("its nodes have no end")
             matrix = parent @ _local_matrix(nodes[i])
             todo += [(int(child), matrix, depth + 1) for child in nodes[i].get("children", ())]
-            if "mesh" in nodes[i]:
-                yield nodes[i]["mesh"], matrix
+            yield nodes[i], matrix
 
 
 def _local_matrix(node: Mapping[str, Any]) -> NDArray:
