@@ -1,13 +1,12 @@
-"""Bytes at equal dB, BD-rate and growth: against straight lines, whose answers are known."""
+"""Bytes at equal dB and BD-rate: against straight lines, whose answers are known."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
-from tinysplat.measure.curves import Fit, bd_rate, bytes_at, decibels_at
+from tinysplat.measure.curves import bd_rate, bytes_at, decibels_at
 from tinysplat_runtime.errors import InputError
 
 
@@ -58,26 +57,3 @@ def test_bd_rate_is_taken_over_what_curves_share_and_refused_below_half_a_decibe
 def test_bd_rate_of_lines_of_two_slopes_is_the_mean_of_log_bytes() -> None:
     steep = [(1000 * 2 ** (db - 30), db) for db in (30, 32, 34)]  # at 30 + d: 2^(d/2) times as many
     assert bd_rate(line(), steep, (30, 34)) == pytest.approx(2 ** (4 / 2 / 2) - 1, rel=1e-9)
-
-
-X = [1.0, 2.0, 4.0, 8.0, 16.0]
-
-
-def growth(*steps: float) -> Fit:
-    """Of costs with these slopes from point to point."""
-    logs = np.concatenate([[0], np.cumsum(np.array(steps) * math.log(2))])
-    return Fit.of(X[: len(steps) + 1], np.exp(logs).tolist())
-
-
-@pytest.mark.parametrize(
-    ("steps", "linear_from"),
-    [
-        ((1, 1, 1, 1), 1), ((0.84, 0.86, 1.14), 2), ((0.86, 1.14), 1), ((1, 0.8, 1), 4), ((1, 1, 1.16), None),
-        ((1, 1, 0.84), None), ((2, 1), 2),
-    ],
-)  # fmt: skip
-def test_growth_is_proportional_from_where_all_further_steps_are_nearly_one(steps, linear_from) -> None:
-    fit = growth(*steps)
-    assert fit.linear_from == linear_from
-    assert [x for x, _ in fit.steps] == X[1 : len(steps) + 1]
-    assert [step for _, step in fit.steps] == pytest.approx(steps)

@@ -1,4 +1,4 @@
-"""The paper's tables and figures: printed figures beside measured ones, and ablations that change what they say."""
+"""The paper's tables: printed figures beside measured ones."""
 
 from __future__ import annotations
 
@@ -20,22 +20,6 @@ from tinysplat.measure.studies.paper import (
 )
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
-
-# ---- ablations ---------------------------------------------------------------------------------------------------
-
-
-def test_more_components_cost_more_and_lose_less(tmp_path):
-    save_gaussians(tmp_path / "made.npz", make_smooth_gaussians(height=24, width=32, degree=2))
-    save_gaussians(tmp_path / "flat.npz", make_smooth_gaussians(height=24, width=32, degree=0))
-    run = tiny_run(tmp_path, tmp_path / "made.npz", tmp_path / "flat.npz")
-    rows = rows_of("reduction", run)
-    few, _, many = (row.figures for row in rows if row.study == "k")
-    assert few["bytes"] < many["bytes"] and few["psnr_decoded_raw"] < many["psnr_decoded_raw"]
-    assert few["rmse_sh"] > many["rmse_sh"]
-    bits = [row.figures["bits"] for row in rows if row.study == "component bits"]
-    assert len(bits) == 12 and bits[0] > bits[11] > 0
-    assert [line for line in run.left_out if "SH degree 0 has no components" in line] == run.left_out
-
 
 # ---- printed figures ---------------------------------------------------------------------------------------------
 

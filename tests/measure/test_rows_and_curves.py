@@ -1,4 +1,4 @@
-"""Rows that survive a kill, interleaved timing, fits and BD-rate, what two runs have in common, and marked places."""
+"""Interleaved timing, what two runs have in common, and marked places."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 
 from tinysplat.measure.clock import Baseline, Effort, Variant, measure
 from tinysplat.measure.rows import ROWS, Row, RowFile
-from tinysplat.measure.show.pages import agreement, fill_pages, filled, goal_table, pages, size_at_equal_db
-from tinysplat.measure.show.tables import View, front
+from tinysplat.measure.show.pages import agreement, fill_pages, filled, pages
 from tinysplat.measure.studies import STUDIES, find_study
 from tinysplat_runtime.errors import InputError
 
@@ -21,10 +20,7 @@ ROOT = Path(__file__).parents[2]
 
 def row(way: str, seconds: float = 1.0, **figures: float) -> Row:
     costs = dict.fromkeys(("seconds", "low", "high", "cpu"), seconds)
-    return Row("encode", "2×256×256", way, {"profile": way.split()[0]}, figures, costs)
-
-
-# ---- rows --------------------------------------------------------------------------------------------------------
+    return Row("formats", "2×256×256", way, {"profile": way.split()[0]}, figures, costs)
 
 
 # ---- the clock ---------------------------------------------------------------------------------------------------
@@ -52,32 +48,7 @@ def test_a_baseline_runs_beside_its_variant_and_gives_the_ratio():
     assert 1.5 < found.costs["cpu_ratio"] < 2.5 and found.costs["ratio"] > 0
 
 
-# ---- curves ------------------------------------------------------------------------------------------------------
-
-
 # ---- shown -------------------------------------------------------------------------------------------------------
-
-
-def test_the_front_holds_what_nothing_beats_in_everything():
-    view = View("encode", "", "", costs=("bytes",), gains=("psnr",))
-    rows = [
-        row("fast", 1, bytes=100, psnr=40),
-        row("small", 2, bytes=80, psnr=40),
-        row("beaten", 2, bytes=100, psnr=39),
-        row("good", 3, bytes=90, psnr=45),
-    ]
-    assert front(view, rows) == {"fast", "small", "good"}
-
-
-def encoded(profile: str, psnr: float, size: float) -> Row:
-    return row(f"{profile} {psnr}", psnr_decoded_raw=psnr, bytes=float(size))
-
-
-def test_goals_hold_sizes_at_equal_db_and_leave_out_what_was_not_measured():
-    rows = [encoded("paper", db, 100_000 * 2 ** (db - 37)) for db in (37, 42)]
-    rows += [encoded("balanced", db, 40_000 * 2 ** (db - 37)) for db in (37, 39, 42)]
-    assert size_at_equal_db(rows) == pytest.approx(0.4)
-    assert goal_table([]) == "" and "met" in goal_table(rows) and "libavcodec" not in goal_table(rows)
 
 
 def test_runs_that_agree_differ_in_nothing_but_time_and_a_figure_that_moved_is_named():
@@ -104,13 +75,13 @@ def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
     file = RowFile(tmp_path / "benchmarks" / "reports" / "day" / ROWS)
     file.add(row("balanced 0", bytes=1000, psnr_decoded_raw=40.0))
     file.add(replace(row("balanced 0", bytes=9000), subject="other"))
-    mark = "<!-- measured day/rows.jsonl: encode where subject=2×256×256 -->"
+    mark = "<!-- measured day/rows.jsonl: formats where subject=2×256×256 -->"
     (tmp_path / "README.md").write_text(f"Before {mark}\nold\n<!-- end --> behind")
     assert fill_pages(tmp_path) == [tmp_path / "README.md"] and fill_pages(tmp_path) == []
     text = (tmp_path / "README.md").read_text()
-    assert text.startswith(f"Before {mark}\n### Encoding") and text.endswith("\n<!-- end --> behind")
+    assert text.startswith(f"Before {mark}\n**2×256×256**") and text.endswith("\n<!-- end --> behind")
     assert "40.00" in text and "9.0" not in text and "old" not in text
-    for words, fault in (("nonsense", "no study has a table"), ("decode", "has no rows for 'decode'")):
+    for words, fault in (("nonsense", "no study has a table"), ("free", "has no rows for 'free'")):
         with pytest.raises(InputError, match=fault):
             filled(f"<!-- measured day/rows.jsonl: {words} --><!-- end -->", tmp_path)
 
@@ -118,11 +89,11 @@ def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
 def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):
     (tmp_path / "docs").mkdir()
     page = tmp_path / "README.md"
-    page.write_text("Before\n<!-- plotted overview -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
+    page.write_text("Before\n<!-- plotted free -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
     assert fill_pages(tmp_path) == [] and not (tmp_path / "docs" / "o.png").exists()
     reports = tmp_path / "benchmarks" / "reports"
-    for day, study in (("2026-01-01", "encode"), ("2026-01-02", "encode"), ("2026-01-03", "decode")):
-        RowFile(reports / day / ROWS).add(replace(row("balanced", psnr_decoded_raw=40.0), study=study))
+    for day, study in (("2026-01-01", "free"), ("2026-01-02", "free"), ("2026-01-03", "waits")):
+        RowFile(reports / day / ROWS).add(replace(row("balanced", psnr_decoded_raw=40.0, bytes=1e3), study=study))
     assert fill_pages(tmp_path) == [page] and fill_pages(tmp_path) == []
     found = page.read_text()
     assert "![Error](docs/o.png)\n\n*From [2026-01-02](benchmarks/reports/2026-01-02/report.md).*\n" in found

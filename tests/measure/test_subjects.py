@@ -1,31 +1,20 @@
-"""Made-up scenes, the libraries alone, peers' formats and peak memory: what studies stand on."""
+"""Made-up scenes and peak memory: what studies stand on."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat.measure.clock import measure_peak
-from tinysplat.measure.pictures import Drawing, Pictures, rescaled
-from tinysplat.measure.rows import RowFile
-from tinysplat.measure.studies.rate import compare_ways
-from tinysplat.measure.study import Run
+from tinysplat.measure.pictures import Drawing, photo_psnr, rescaled
 from tinysplat.measure.subjects.cases import Window
-from tinysplat.measure.subjects.made import made_case
+from tinysplat.measure.subjects.made import made_gaussians
 from tinysplat.measure.subjects.room import Room, photograph, room_cameras
-from tinysplat.measure.tasks import PlaneRecorder, decode_alone, encode_alone, file_streams
-from tinysplat.measure.ways import MissingToolError, Way, peer_ways
-from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.encoder import encode_gaussians
-from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 
 def test_depths_of_the_room_agree_between_views() -> None:
@@ -43,11 +32,8 @@ def test_depths_of_the_room_agree_between_views() -> None:
 
 
 def test_network_like_gaussians_show_their_photos() -> None:
-    case = made_case(2, 64, 64, 1)
-    figures = Pictures(case, Drawing()).figures(case.gaussians)
-    assert figures["psnr_decoded_raw"] == 150
-    assert figures["db_lost"] == 0
-    assert figures["psnr_raw"] > 20
+    gaussians, photos = made_gaussians(2, 64, 64, 1), Room(2).shots(Window("any", (0,), (1,)), (64, 64)).context
+    assert photo_psnr(gaussians, gaussians.cameras, photos.images, Drawing()) > 20
 
 
 def test_rescaling_keeps_a_ramp() -> None:
@@ -57,61 +43,17 @@ def test_rescaling_keeps_a_ramp() -> None:
     assert np.allclose(double[4:-4, 0, 0], np.arange(3, 11) / 2 + 0.25, atol=1e-5)
 
 
-def test_recorded_planes_are_those_of_the_file_and_can_be_coded_alone() -> None:
-    gaussians, runtime, recorder = make_smooth_gaussians(2, 16, 16, 1), Runtime(threads=2), PlaneRecorder()
-    data = encode_gaussians(
-        gaussians, find_profile("balanced"), 0, runtime.store, threads=2, plane_coder=recorder
-    )  # fmt: skip
-    assert data == runtime.compress(gaussians)
-    encode_alone(recorder.planes, threads=2)()
-    streams = file_streams(data)
-    assert len(streams) == len(recorder.planes) > 0
-    for threads in (1, 2):
-        decode_alone(streams, threads)()
-
-
-def peer(name: str) -> Way:
-    return next(way for way in peer_ways(Runtime(threads=1), 5) if way.name.startswith(name))
-
-
-@pytest.mark.parametrize(("name", "tolerance"), [("PLY", 1e-5), ("float16", 2e-3)])
-@pytest.mark.parametrize("degree", [0, 3])
-def test_simple_peers_give_back_what_they_stored(name: str, tolerance: float, degree: int) -> None:
-    gaussians = make_smooth_gaussians(2, 8, 12, degree).flat()
-    unit = replace(gaussians, quats=gaussians.quats / np.linalg.norm(gaussians.quats, axis=-1, keepdims=True))
-    case = replace(made_case(1, 16, 16, 0), gaussians=unit)
-    decoded = peer(name).decode(case, peer(name).encode(case, 0.0))
-    for field in FIELDS:
-        assert np.abs(getattr(decoded, field) - getattr(unit, field)).max() < tolerance, field
-
-
-def test_a_tool_that_is_missing_costs_its_row_and_says_so(tmp_path) -> None:
-    def missing(*_: object) -> bytes:
-        raise MissingToolError("xyz is not installed: pip install xyz")
-
-    case = made_case(1, 16, 16, 0)
-    run = Run(True, Runtime(threads=1), RowFile(tmp_path / "rows.jsonl"), tmp_path)
-    ways = [Way("Xyz", (0.0,), missing, lambda *_: case.gaussians, tool="xyz"), peer("PLY")]
-    rows = compare_ways("peers", case, ways, run, run.effort)
-    assert [(row.study, row.way, row.seconds is None) for row in rows] == [
-        ("peers encode", "Xyz", True),
-        ("peers encode", "PLY", False),
-        ("peers decode", "PLY", False),
-    ]
-    assert rows[0].note == "xyz is not installed: pip install xyz"
-
-
-def test_peak_memory_grows_with_the_input_and_not_with_the_parent() -> None:
+def test_peak_memory_grows_with_the_input_and_not_with_the_parent(tmp_path: Path) -> None:
     ballast = np.ones(30_000_000)  # 240 MB that a child must not inherit
-    task = "tinysplat.measure.tasks.render_once"
-    small, large = (measure_peak(task, f"surface:2x{n}x{n}", "16x16", "numpy", 1) for n in (16, 160))
-    assert small.before < small.total < ballast.nbytes
+    task = "tinysplat.measure.studies.growth.draw_cloud"
+    small, large = (measure_peak(task, tmp_path, count, 16, 16, "numpy", 1) for count in (500, 300_000))
+    assert small.before <= small.total < ballast.nbytes
     assert large.total > small.total + 5_000_000
 
 
 def test_a_child_that_fails_says_why(tmp_path) -> None:
-    with pytest.raises(TinySplatError, match=r"missing\.npz"):
-        measure_peak("tinysplat.measure.tasks.encode", tmp_path / "missing.npz", "balanced", 1)
+    with pytest.raises(TinySplatError, match="missing"):
+        measure_peak("tinysplat.measure.studies.growth.encode_photos", tmp_path / "missing", 1)
 
 
 def test_the_room_written_as_a_scene_is_the_room(tmp_path: Path) -> None:

@@ -274,7 +274,7 @@ def test_pages_of_the_code_name_files_that_exist(page: str) -> None:
 # ---- the house of measuring --------------------------------------------------------------------------------------
 
 MEASURE = ROOT / "tinysplat" / "measure"
-GROUND = ("rows", "metrics", "lpips", "clock", "subjects", "tasks", "curves")
+GROUND = ("rows", "metrics", "lpips", "clock", "subjects", "curves")
 ON_GROUND = ("ways", "pictures", "show")
 ABOVE = ("runner", "ideas", "quality", "study")
 PAGES = ("show/pages.py",)

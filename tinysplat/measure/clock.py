@@ -144,11 +144,6 @@ def summarised(times: Sequence[Times]) -> dict[str, float]:
             "rounds": len(walls)}  # fmt: skip
 
 
-def plural(threads: int) -> str:
-    """`1 thread`, `2 threads`."""
-    return f"{threads} thread{'s' * (threads > 1)}"
-
-
 def _cpu_seconds() -> float:
     """CPU seconds of this process and of the children that it has waited for."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -175,8 +170,8 @@ def measure_peak(task: str, *arguments: object) -> Peak:
     """Peak memory of a piece of work in a fresh process.
 
     Args:
-        task: dotted name of a function of strings, such as `tinysplat.measure.tasks.decode`, that loads what is needed
-            and returns the work as a call.
+        task: dotted name of a function of strings, such as `tinysplat.measure.studies.growth.draw_cloud`, that loads
+            what is needed and returns the work as a call.
         arguments: the strings.
 
     Raises:

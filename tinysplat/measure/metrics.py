@@ -55,18 +55,6 @@ def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> flo
     return decibels(float(squared.mean(dtype=np.float64)))
 
 
-def pixel_errors(image: NDArray, truth: NDArray) -> dict[str, float]:
-    """Errors of pixels (H, W, 3) in [0, 1] against float64: the median, the 99.9 % quantile, the largest, and the share
-    that rounding of a threshold or of a depth order has moved by more than 1e-4."""
-    error = np.abs(image.astype(np.float64) - truth).max(axis=-1)
-    return {
-        "median_error": float(np.median(error)),
-        "error_999": float(np.quantile(error, 0.999)),
-        "max_error": float(error.max()),
-        "share_above_1e-4": float((error > 1e-4).mean()),
-    }
-
-
 def ssim(image: NDArray, reference: NDArray) -> float:
     """Structural similarity, −1 to 1; the module's text has the definition.
 

@@ -16,11 +16,9 @@ from .pictures import Drawing
 from .rows import Row, RowFile
 from .runner import Plan, WindowJob, list_jobs
 from .show.plots import Chart
-from .show.tables import Listing, View
+from .show.tables import Listing
 from .subjects.cases import Case, Source, Window
-from .subjects.made import made_case
 from .subjects.room import Motorcycle, Room
-from .subjects.sources import FileSource
 
 Table = Callable[[Sequence[Row]], str]
 """Rows of a run to Markdown; empty where none is its."""
@@ -46,12 +44,10 @@ class Study:
     plots: Mapping[str, Plot] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, title: str, measure: Callable[[Run], Iterator[Row]], *shown: View | Listing | Chart) -> Study:
+    def of(cls, title: str, measure: Callable[[Run], Iterator[Row]], *shown: Listing | Chart) -> Study:
         """A study whose tables and plots go by the names of its rows."""
-        tables = {one.study: one for one in shown if not isinstance(one, Chart)}
-        plots: dict[str, Plot] = {one.study: one for one in shown if isinstance(one, Chart)}
-        plots |= {one.study: one.chart for one in shown if isinstance(one, View) and one.y}
-        return cls(title, measure, tables, plots)
+        tables = {one.study: one for one in shown if isinstance(one, Listing)}
+        return cls(title, measure, tables, {one.study: one for one in shown if isinstance(one, Chart)})
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ class Options:
         data: data sets in chunks: (name, folder, index).
         lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
         jobs: windows at a time.
-        beside: another checkout, whose commands or refinement is timed in turns with this one's.
+        beside: another checkout, whose commands are timed in turns with this one's.
         near, far: over the inputs' own.
     """
 
@@ -125,11 +121,6 @@ class Run:
         return self.runtime.threads
 
     @property
-    def thread_counts(self) -> list[int]:
-        """One thread, and all of them."""
-        return sorted({1, self.threads})
-
-    @property
     def drawing(self) -> Drawing:
         """How pictures are drawn for judging."""
         return Drawing.as_defined(self.threads)
@@ -177,51 +168,21 @@ class Run:
                     yield replace(job, window=replace(job.window, context=job.window.context[:count]))
 
     @cached_property
-    def photos(self) -> list[tuple[Source, Window]]:
-        """The first window of each scene with photos: the user's, or the built-in ones."""
-        if self.sources and not any(source.needs_network for source in self.sources):
-            self.left_out.append("left out networks: Gaussian files have no photos")
-        return self._photos
-
-    @cached_property
-    def _photos(self) -> list[tuple[Source, Window]]:
-        own = [source for source in self.sources if source.needs_network]
-        if self.sources:
-            return [(source, windows[0]) for source in own if (windows := self._windows(source))]
-        try:
-            Motorcycle().shots(Window("motorcycle", (0,), (1,)), (16, 16))
-            built_in: list[Source] = [Room(), Motorcycle()]
-        except InputError as error:
-            self.left_out.append(f"left out {error}")
-            built_in = [Room()]
-        return [(source, source.windows()[0][0]) for source in built_in]
-
-    @cached_property
-    def cases(self) -> list[Case]:
-        """Gaussians to code: network-like ones of SH degree 4 and a network's, or those of the user's inputs."""
-        size = (self.side, self.side)
-        files = [source for source in self.sources if isinstance(source, FileSource)]
-        made = [] if self.sources else [made_case(2, *size, 4)]
-        found = [source.case(source.windows()[0][0], "", size, self.runtime) for source in files]
-        # Of the built-in scenes the real photos, which come last.
-        photos = self._photos if self.sources else self._photos[-1:]
-        for source, window in photos:
-            for model in self.models[:1]:
-                case = source.case(window, model, size, self.runtime)
-                views = len(case.gaussians.cameras)
-                found.append(renamed(case, f"{model} on {case.name}, {views}×{size[1]}×{size[0]}"))
-        return [*made, *(case.with_inputs() for case in found)]
-
-    def _windows(self, source: Source) -> list[Window]:
-        try:
-            windows, lost = source.windows()
-        except InputError as error:
-            self.left_out.append(f"left out {error}")
-            return []
-        self.left_out += map(str, lost)
-        return windows
+    def case(self) -> Case:
+        """What is waited for: the first scene with photos, else the first file; without inputs, real photos."""
+        sources = sorted(self.sources, key=lambda source: not source.needs_network) or [_built_in()]
+        source, size = sources[0], (self.side, self.side)
+        case = source.case(source.windows()[0][0], self.models[0], size, self.runtime).with_inputs()
+        if not source.needs_network:
+            return case
+        views = len(case.gaussians.cameras)
+        return replace(case, name=f"{self.models[0]} on {case.name}, {views}×{size[1]}×{size[0]}")
 
 
-def renamed(case: Case, name: str) -> Case:
-    """The same case under another name."""
-    return replace(case, name=name)
+def _built_in() -> Source:
+    """Real photos where they are at hand, else a room."""
+    try:
+        Motorcycle().shots(Window("motorcycle", (0,), (1,)), (16, 16))
+    except InputError:
+        return Room()
+    return Motorcycle()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,16 +34,12 @@ class Curve:
         points: finite, above 0 on a logarithmic axis.
         is_line: whether they are joined.
         labels: a word beside each point, or nothing.
-        slope_one: draw a dotted line of slope 1 through the last point.
-        marks: whether points are marked.
     """
 
     name: str
     points: Sequence[tuple[float, float]]
     is_line: bool = True
     labels: Sequence[str] = ()
-    slope_one: bool = False
-    marks: bool = True
 
 
 @dataclass(frozen=True)
@@ -155,30 +151,6 @@ def save_grid(path: Path, title: str, rows: Sequence[Sequence[Panel]]) -> None:
     _save(path, figure)
 
 
-def save_shares(path: Path, label: str, bars: Mapping[str, Mapping[str, float]], rest: str) -> None:
-    """A bar per name, its parts beside each other in percent; those of 4 % and more are named, with their value."""
-    from matplotlib import colormaps
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13, 0.9 * len(bars) + 0.6), layout="constrained")
-    axes = figure.subplots()
-    for row, parts in enumerate(bars.values()):
-        left, total = 0.0, sum(parts.values())
-        for i, (name, value) in enumerate(parts.items()):
-            share = 100 * value / total
-            colour = "lightgrey" if name == rest else colormaps["tab20"](i * 2 % 20 + i * 2 // 20)
-            axes.barh(row, share, left=left, color=colour, edgecolor="white")
-            if share >= 4:
-                words = name if share >= 0.9 * len(name) else name.replace(" ", "\n")
-                axes.text(left + share / 2, row, f"{words}\n{value:.3g}", ha="center", va="center", fontsize=7)
-            left += share
-    axes.set_yticks(range(len(bars)), [f"{name}\n{sum(parts.values()):.4g}" for name, parts in bars.items()])
-    axes.invert_yaxis()
-    axes.set_xlim(0, 100)
-    axes.set_xlabel(label)
-    _save(path, figure)
-
-
 def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Artist]:
     """What stands for each curve in a legend."""
     drawn: dict[str, Artist] = {}
@@ -192,12 +164,9 @@ def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Art
         x, y = zip(*points, strict=True)
         colour, marker = _COLOURS[n % len(_COLOURS)], _MARKERS[n % len(_MARKERS)]
         width = 1.2 if curve.is_line else 0
-        marker = marker if curve.marks else ""
         (drawn[curve.name],) = axes.plot(x, y, color=colour, marker=marker, markersize=4, lw=width)
         for at, label in zip(curve.points, curve.labels, strict=False):
             axes.annotate(label, at, xytext=(4, 4), textcoords="offset points", fontsize=6.5, alpha=0.85)
-        if curve.slope_one:
-            axes.plot(x, [y[-1] * value / x[-1] for value in x], color=colour, ls=":", lw=0.7)
     for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
         if name in panel.log:
             _logarithmic(axes, name, axis)

@@ -1,7 +1,6 @@
 """Rows as tables for people and for spreadsheets, and how numbers are written in them.
 
-A `Listing` has a line per group of rows; a `View` shows timed rows: seconds, what they are held against, and which of
-them nothing else beats.
+A `Listing` has a line per group of rows.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..rows import Row, grouped, of_study
-from .plots import Axis, Chart
 
 ABSENT = "–"
 
@@ -98,23 +96,6 @@ def megabytes(value: float) -> str:
     return f"{value / 1e6:.0f} MB"
 
 
-def small(value: float) -> str:
-    """An error, two significant digits: 0, 3.1e-08, 120, ∞."""
-    if not math.isfinite(value):
-        return "NaN" if math.isnan(value) else "∞"
-    return f"{value:.2g}"
-
-
-def percent(value: float) -> str:
-    """A share."""
-    return f"{100 * value:.2f} %"
-
-
-def whole(value: float) -> str:
-    """A count."""
-    return f"{value:,.0f}"
-
-
 def duration(value: float | None) -> str:
     """Seconds in the unit that suits them."""
     if value is None:
@@ -188,118 +169,3 @@ def mean(name: str, write: Callable[[Any], str], kind: str = "figures") -> Cell:
 def digits(count: int) -> Callable[[Any], str]:
     """Writes numbers with so many digits behind the point."""
     return lambda value: number(value, count)
-
-
-# ---- views --------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Column:
-    """A figure in a table: its key in `Row.figures`, its heading, and how it is written."""
-
-    key: str
-    heading: str
-    write: Callable[[float], str]
-
-
-@dataclass(frozen=True)
-class View:
-    """A place in the report.
-
-    Attributes:
-        study: whose rows.
-        title: of the section.
-        text: what is measured and what the columns mean.
-        columns: of the table, behind the seconds.
-        costs: figures that are better when lower, beside the seconds; they decide the Pareto front.
-        gains: figures that are better when higher.
-        y: figure on the plot's vertical axis, or an empty line for no plot.
-        y_label: its name.
-        is_log: whether that axis is logarithmic.
-        group: setting whose values are joined by a line, or None.
-    """
-
-    study: str
-    title: str
-    text: str
-    columns: Sequence[Column] = ()
-    costs: Sequence[str] = ()
-    gains: Sequence[str] = ()
-    y: str = ""
-    y_label: str = ""
-    is_log: bool = False
-    group: str | None = None
-
-    def __call__(self, rows: Sequence[Row]) -> str:
-        """Title, text and a table per subject; empty where there are no rows of the study."""
-        rows = of_study(rows, self.study)
-        if not rows:
-            return ""
-        tables = [f"**{subject}**\n\n{self.table(members)}" for (subject,), members in grouped(rows, "subject").items()]
-        return "\n\n".join([f"### {self.title}", self.text, *tables])
-
-    def table(self, rows: Sequence[Row]) -> str:
-        """Rows of one subject; ● marks those that no other beats in everything."""
-        best = front(self, rows)
-        columns = [column for column in self.columns if any(column.key in row.figures for row in rows)]
-        baseline = next((row.setting["baseline"] for row in rows if "baseline" in row.setting), None)
-        has_peaks = any("peak_bytes" in row.costs for row in rows)
-        has_notes = any(row.note for row in rows)
-        heads = ["", "", "seconds", "CPU s", "threads", *([f"× {baseline}"] if baseline else []),
-                 *(column.heading for column in columns), *(["peak"] if has_peaks else []),
-                 *([""] if has_notes else [])]  # fmt: skip
-        lines = []
-        for row in rows:
-            if row.seconds is None:
-                lines.append([row.way, "", ABSENT, *[""] * (len(heads) - 4), row.note])
-                continue
-            cells = [row.way, "●" if row.way in best else "", spread(row), duration(row.costs["cpu"]),
-                     str(row.setting.get("threads", ""))]  # fmt: skip
-            if baseline:
-                has_ratio = "ratio" in row.costs
-                cells.append(f"{row.costs['ratio']:.2f} ({row.costs['cpu_ratio']:.2f})" if has_ratio else ABSENT)
-            cells += [c.write(row.figures[c.key]) if c.key in row.figures else ABSENT for c in columns]
-            cells += [megabytes(row.costs["peak_bytes"]) if "peak_bytes" in row.costs else ABSENT] if has_peaks else []
-            lines.append([*cells, row.note] if has_notes else cells)
-        return format_table(heads, lines)
-
-    @property
-    def chart(self) -> Chart:
-        """The view's figure against seconds, a panel per subject."""
-        log = "xy" if self.is_log else "x"
-        return Chart(self.study, self.title, Axis("seconds", "seconds, median", "costs"), Axis(self.y, self.y_label),
-                      panel="subject", curve=self.group or "", point="way", log=log)  # fmt: skip
-
-
-def front(view: View, rows: Sequence[Row]) -> set[str]:
-    """Ways of one subject that no other beats in seconds and every figure that counts; none where nothing else counts
-    or there was no choice. Rows that lack a figure that counts are left aside.
-    """
-    keys = [key for key in (*view.costs, *view.gains) if any(key in row.figures for row in rows)]
-    vectors = {
-        row.way: (row.seconds, *(-row.figures[k] if k in view.gains else row.figures[k] for k in keys))
-        for row in rows
-        if row.seconds is not None and all(key in row.figures for key in keys)
-    }
-    if not keys or len(rows) < 2:
-        return set()
-    return {
-        name
-        for name, vector in vectors.items()
-        if not any(other != vector and all(o <= v for o, v in zip(other, vector, strict=True))
-                   for other in vectors.values())
-    }  # fmt: skip
-
-
-def spread(row: Row) -> str:
-    """Median seconds, with quartiles where there were rounds."""
-    costs = row.costs
-    if costs.get("rounds", 1) < 2:
-        return duration(costs["seconds"])
-    return f"{duration(costs['seconds'])} ({duration(costs['low'])}–{duration(costs['high'])})"
-
-
-BYTES = Column("bytes", "KB", kilobytes)
-TO_RAW = Column("psnr_decoded_raw", "dB to raw", decibels)
-LOST = Column("db_lost", "dB lost to photo", decibels)
-TO_PHOTO = Column("psnr", "dB to photo", decibels)

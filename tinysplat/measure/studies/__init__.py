@@ -12,32 +12,20 @@ if TYPE_CHECKING:
     from ..study import Study
 
 STUDIES: dict[str, tuple[str, str]] = {
-    "chain": ("graphs.CHAIN", "photos to a picture, all in one call"),
-    "transforms": ("graphs.TRANSFORMS", "the codec's graphs against float64"),
-    "codec": ("coding.CODEC", "profiles, Q_g, decoding, cold start"),
-    "rasteriser": ("drawing.DRAWING", "frames by size and number of Gaussians, and approximations"),
-    "reduction": ("coding.REDUCTION", "colour planes (k) and SH bands"),
-    "peers": ("rate.PEERS", "other formats"),
     "formats": ("interchange.INTERCHANGE", "bytes and dB of one scene in every format of Gaussian files"),
     "free": ("freed.FREE", "Gaussians of no pixels, a user's files or a made scene, in .tsplat and other formats"),
-    "growth": ("growth.GROWTH", "seconds and memory by views, pixels, Gaussians"),
-    "parts": ("speed.STAGES", "where the time goes"),
+    "growth": ("growth.GROWTH", "seconds and memory by pixels of photos, photos of captures, Gaussians of clouds"),
     "waits": ("waiting.WAITING", "what users wait for, and commands beside those of another checkout (--beside)"),
     "curves": ("rate.CURVES", "rate–distortion of profiles, modes and formats"),
     "ideas": ("rate.IDEAS", "what each idea of the codec gains and costs"),
     "paper": ("paper.PAPER", "the paper's tables, ours beside"),
-    "numerics": ("conditioning.NUMERICS", "conditioning of the transforms against 50 digits"),
     "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
-    "paces": (
-        "pacing.PACES",
-        "processor seconds to equal gains of refinement, in turns with another checkout (--beside)",
-    ),
     "walk": ("walking.WALK", "whole captures: photos left out, drawn from 12, 24, 48 and all others"),
     "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
 }
 """By name: where it stands in this package, and a line about it."""
 
-ORDINARY = ("chain", "transforms", "codec", "rasteriser", "reduction", "peers", "growth")
+ORDINARY = ("waits", "formats", "growth")
 """What is measured where no study is named."""
 
 

@@ -1,7 +1,6 @@
-"""How do seconds and memory grow with views, pixels and Gaussians, and where do they stop growing in proportion?
+"""How do seconds and memory grow with pixels of photos, photos of captures, and Gaussians of clouds?
 
-Times come from interleaved rounds in this process, peaks from a process per point. Lines are fitted to both
-(`curves.Fit`): a slope in log-log, 1 is proportional, and fixed + per-unit costs.
+Each point is done once, in a process of its own.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,63 +19,21 @@ import numpy as np
 
 from tinysplat_runtime import Runtime, load_scene
 from tinysplat_runtime.codec.encoder import EncodeStats
-from tinysplat_runtime.codec.hevc import encode_plane
-from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.formats.table import save_gaussians
-from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
-from ..clock import Variant, high_water_mark, measure, measure_peak, reset_high_water_mark
-from ..curves import Fit
+from ..clock import high_water_mark, measure_peak, reset_high_water_mark
 from ..rows import Row, grouped
-from ..show.plots import Curve, Panel, save_grid
 from ..show.tables import duration, format_table, megabytes
 from ..study import Run, Study
-from ..subjects.made import cloud, cloud_camera, made_gaussians, rolling_surface, view_between
+from ..subjects.made import cloud, cloud_camera
 from ..subjects.room import Motorcycle, Room
 
-DEGREE = 3
-PLANE_SIDES = (16, 32, 64, 128, 256)
-_TASKS = "tinysplat.measure.tasks"
 STAGES_FILE = "stages.json"
 
-
 Size = tuple[int, int]
-Work = tuple[Callable[[], Any], Callable[[Path], int]]
-"""What is timed, and the peak memory of the same in a process of its own, given a folder."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """One size on an axis: `views` × `height` × `width` per-pixel Gaussians, drawn at `picture`."""
-
-    axis: str
-    views: int
-    height: int
-    width: int
-    picture: Size
-    factor: float = 1.0
-
-    @property
-    def x(self) -> float:
-        """Where it lies on its axis."""
-        pixels = self.picture if self.axis == "pixels of the picture" else (self.height, self.width)
-        return {"views": self.views, "Gaussians": self.views * self.height * self.width,
-                "size of Gaussians": self.factor}.get(self.axis, pixels[0] * pixels[1])  # fmt: skip
-
-    @property
-    def size(self) -> str:
-        """For tasks and reports."""
-        return f"{self.views}x{self.width}x{self.height}"
-
-
-SIDES: tuple[Size, ...] = ((64, 64), (128, 128), (256, 256), (512, 512), (540, 960))
-PICTURES: tuple[Size, ...] = ((64, 64), (128, 128), (256, 256), (512, 512), (1080, 1920), (2160, 3840))
-COUNT_SIDES = (64, 128, 256, 512, 724)
-"""Of the two square views that hold an axis's Gaussians."""
 
 PHOTO_SIZES: tuple[Size, ...] = ((256, 256), (512, 512), (1024, 1024), (3024, 4032))
 """Of two photos that a command makes a file and a picture of; the last are a phone's."""
@@ -92,67 +48,12 @@ CLOUDS = (131_072, 1_000_000, 3_000_000, 7_000_000)
 CLOUD_PICTURES: tuple[Size, ...] = ((256, 256), (1080, 1920), (2160, 3840))
 """Clouds drawn at the middle size, and the second of them at all."""
 
-QUICK, QUICK_SIDE = 3, 64
-"""How many of an axis's points the short form has, and its views' side."""
-
-
-def points(task: str, quick: bool) -> Iterator[Point]:
-    """Points of a task, axis after axis."""
-    side, count = (QUICK_SIDE, QUICK) if quick else (256, None)
-    counts = [Point("Gaussians", 2, n, n, (256, 256)) for n in COUNT_SIDES[:count]]
-    if task == "frame":
-        yield from (Point("pixels of the picture", 2, 256, 256, picture) for picture in PICTURES[:count])
-        yield from counts
-        yield from (Point("size of Gaussians", 2, 256, 256, (256, 256), 2.0**n) for n in range(5)[:count])
-        return
-    views = (2, 3, 4, 5, 6) if task == "network" else (1, 2, 4, 8, 16)
-    yield from (Point("views", n, side, side, (side, side)) for n in views[:count])
-    yield from (Point("pixels", 2, *size, size) for size in SIDES[:count])
-    if task == "render":
-        yield from counts
-
 
 def growth_rows(run: Run) -> Iterator[Row]:
     """Rows of the studies `growth TASK`, the axis as the subject."""
-    rng, settings = np.random.default_rng(0), find_profile(DEFAULT_PROFILE).encoder
-    planes = []
-    for side in PLANE_SIDES:
-        codes = rng.integers(1800, 2200, (side, side)).astype(np.uint16)
-        planes.append(Variant(f"{side}×{side}", partial(encode_plane, codes, 24, settings), setting={"x": side**2}))
-    yield from measure("growth plane", "pixels", planes, run.effort)
     yield from _photo_rows(run)
     yield from _capture_rows(run)
     yield from _cloud_rows(run)
-    makers = {"network": _network, "encode": _encode, "decode": _decode, "render": _render, "frame": _frame}
-    for task, make in makers.items():
-        if task == "network" and not run.models:
-            continue
-        axes: dict[str, list[Point]] = {}
-        for point in points(task, run.quick):
-            axes.setdefault(point.axis, []).append(point)
-        for axis, members in axes.items():
-            is_compiled = task == "frame" and Renderer(rolling_surface(2, 8, 8)).is_compiled
-            for way in ("numpy", "compiled") if is_compiled else ("",):
-                yield from _axis_rows(run, f"growth {task}{f', {way}' if way else ''}", axis, members,
-                                      partial(make, run=run, way=way))  # fmt: skip
-
-
-def _axis_rows(
-    run: Run, study: str, axis: str, members: Sequence[Point], make: Callable[[Point], Work]
-) -> Iterator[Row]:
-    works = [make(point) for point in members]
-    variants = [
-        Variant(f"{point.size} at {point.picture[1]}×{point.picture[0]}, × {point.factor:g}", work,
-                setting={"x": point.x}, threads=run.threads)
-        for point, (work, _) in zip(members, works, strict=True)
-    ]  # fmt: skip
-    wants_peaks = study.split()[1] in ("network", "encode", "decode", "render") and (not run.quick or axis == "pixels")
-    for row, (_, peak) in zip(measure(study, axis, variants, run.effort), works, strict=True):
-        if not wants_peaks:
-            yield row
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            yield replace(row, costs={**row.costs, "peak_bytes": peak(Path(folder))})
 
 
 def _photo_rows(run: Run) -> Iterator[Row]:
@@ -192,7 +93,7 @@ def _cloud_rows(run: Run) -> Iterator[Row]:
     pictures = CLOUD_PICTURES[:QUICK_SIZES] if run.quick else CLOUD_PICTURES
     drawn = [("Gaussians", count, count, CLOUD_PICTURES[1]) for count in counts]
     drawn += [("pixels of the picture", size[0] * size[1], CLOUDS[1], size) for size in pictures]
-    is_compiled = Renderer(rolling_surface(2, 8, 8)).is_compiled
+    is_compiled = Renderer(cloud(100)).is_compiled
     for way in ("numpy", "compiled") if is_compiled else ("numpy",):
         for axis, x, count, (height, width) in drawn:
             with tempfile.TemporaryDirectory() as folder:
@@ -309,62 +210,7 @@ def render_photos(folder: str, threads: str) -> Callable[[], Any]:
     return run
 
 
-def _network(point: Point, run: Run, way: str) -> Work:
-    room, size = Room(point.views), (point.height, point.width)
-    shots, graph = room.shots(room.windows()[0][0], size), run.runtime.store.network(run.models[0])
-
-    def peak(folder: Path) -> int:
-        room.write(folder, size)
-        return measure_peak(f"{_TASKS}.predict", folder, run.models[0], run.threads).total
-
-    context = shots.context
-    return partial(predict, context.images, context.cameras, shots.near, shots.far, graph), peak
-
-
-def _encode(point: Point, run: Run, way: str) -> Work:
-    gaussians = made_gaussians(point.views, point.height, point.width, DEGREE)
-
-    def peak(folder: Path) -> int:
-        save_gaussians(folder / "g.npz", gaussians)
-        return measure_peak(f"{_TASKS}.encode", folder / "g.npz", DEFAULT_PROFILE, run.threads).total
-
-    return partial(run.runtime.compress, gaussians, DEFAULT_PROFILE), peak
-
-
-def _decode(point: Point, run: Run, way: str) -> Work:
-    data = run.runtime.compress(made_gaussians(point.views, point.height, point.width, DEGREE), DEFAULT_PROFILE)
-
-    def peak(folder: Path) -> int:
-        (folder / "f.tsplat").write_bytes(data)
-        return measure_peak(f"{_TASKS}.decode", folder / "f.tsplat", run.threads).total
-
-    return partial(run.runtime.decompress, data), peak
-
-
-def _render(point: Point, run: Run, way: str) -> Work:
-    gaussians = made_gaussians(point.views, point.height, point.width, DEGREE)
-    renderer, camera = Renderer(gaussians, run.threads), gaussians.cameras[0].resized(*point.picture)
-
-    def peak(folder: Path) -> int:
-        save_gaussians(folder / "g.npz", gaussians)
-        size = f"{point.picture[1]}x{point.picture[0]}"
-        return measure_peak(f"{_TASKS}.render_once", folder / "g.npz", size, "numpy", run.threads).total
-
-    return partial(renderer.render, camera), peak
-
-
-def _frame(point: Point, run: Run, way: str) -> Work:
-    gaussians = rolling_surface(point.views, point.height, point.width)
-    gaussians = replace(gaussians, scales=gaussians.scales * np.float32(point.factor))
-    renderer = Renderer(gaussians, run.threads, compiled=way == "compiled")
-    camera = view_between(gaussians)
-    return partial(renderer.render, camera, point.picture), lambda _: 0
-
-
 # ---- shown --------------------------------------------------------------------------------------------------------
-
-_COSTS = {"seconds": duration, "cpu": duration, "peak_bytes": megabytes}
-_NAMES = {"seconds": "seconds", "cpu": "CPU seconds", "peak_bytes": "peak memory"}
 
 
 def _growing(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
@@ -381,11 +227,9 @@ def point_table(rows: Sequence[Row]) -> str:
     if not lines:
         return ""
     text = (
-        "Network-like Gaussians of SH degree 3 and the default profile; frames are of a rolling surface. Two views"
-        " unless views grow. Photos are the motorcycle pair, scaled; to a file and to a picture once, and by stages."
-        " Peak memory is that of a process of its own while it works, input and libraries included. Clouds"
-        " are one picture each, of 7 million Gaussians 420 MB already."
-        " A dotted line on the plot is what proportion to the largest point would be."
+        "Photos are the motorcycle pair, scaled; to a file and to a picture, and by stages. Peak memory is that of a"
+        " process of its own while it works, input and libraries included. Clouds are one picture each, of 7 million"
+        " Gaussians 420 MB already."
     )
     return f"{text}\n\n{format_table(['', 'axis', 'points', 'seconds', 'peak memory'], lines)}"
 
@@ -404,41 +248,4 @@ def photo_line(rows: Sequence[Row]) -> str:
     return f"Two photos of {width}×{height}, all pixels kept: {', '.join(parts)}." if parts else ""
 
 
-def slope_table(rows: Sequence[Row]) -> str:
-    """Slopes in log-log, and where growth stops being in proportion."""
-    lines = []
-    for (study, axis), members in _growing(rows).items():
-        for cost, unit in _COSTS.items():
-            pairs = [(float(row.setting["x"]), row.costs[cost]) for row in members if cost in row.costs]
-            if len(pairs) > 1:
-                x, y = zip(*pairs, strict=True)
-                fit = Fit.of(x, y)
-                lines.append([study.removeprefix("growth "), axis, _NAMES[cost], f"{fit.slope:.2f}",
-                              fit.sentence(axis, unit, x[0])])  # fmt: skip
-    return format_table(["", "axis", "cost", "slope", "where it stops being linear"], lines) if lines else ""
-
-
-def plot_growth(path: Path, rows: Sequence[Row]) -> bool:
-    """Seconds (above) and peak memory (below) against each axis, log-log."""
-    growing = {key: members for key, members in _growing(rows).items() if key[0] != "growth plane"}
-    axes = list(dict.fromkeys(axis for _, axis in growing))
-    grid = []
-    for cost, label, unit in (("seconds", "seconds", 1.0), ("peak_bytes", "peak memory, MB", 1e-6)):
-        panels = []
-        for name in axes:
-            curves = []
-            for (study, axis), members in growing.items():
-                found = [(row.setting["x"], row.costs[cost] * unit) for row in members if row.costs.get(cost)]
-                if axis == name and found:
-                    curves.append(Curve(study.removeprefix("growth "), found, slope_one=cost == "seconds"))
-            panels.append(Panel(name, name, label, curves, log="xy" if curves else ""))
-        if any(panel.curves for panel in panels):
-            grid.append([panel for panel in panels if panel.curves])
-    if grid:
-        save_grid(path, "Growth", grid)
-    return bool(grid)
-
-
-_TABLES = {"growth": point_table, "growth slopes": slope_table, "growth photos": photo_line}
-
-GROWTH = Study("Growth", growth_rows, _TABLES, {"growth": plot_growth})
+GROWTH = Study("Growth", growth_rows, {"growth": point_table, "growth photos": photo_line})

@@ -1,5 +1,5 @@
-"""What does quality cost in bytes? Rate–distortion of ways to store the same Gaussians, what each idea of the codec
-gains and costs, and other people's formats.
+"""What does quality cost in bytes? Rate–distortion of ways to store the same Gaussians, and what each idea of the codec
+gains.
 
 A point is a file's bytes and the PSNR of pictures of the decoded Gaussians, at cameras that the Gaussians were not made
 from where there are some: against pictures of the raw ones, and against photos where these are at hand.
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +17,14 @@ from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import InputError
 
 from .. import ideas
-from ..clock import Effort, Variant, measure, summarised, timed
 from ..pictures import Drawing, Pictures
 from ..rows import Row, grouped
-from ..runner import Plan, WindowJob, list_jobs, run_jobs
+from ..runner import Plan, WindowJob, run_jobs
 from ..show.curve_tables import TO_PHOTO, TO_RAW, gain_table, group_tables, measured, overview_table
 from ..show.plots import Axis, Chart, save_grid
-from ..show.tables import BYTES, LOST, Column, View, decibels
 from ..study import Run, Study
-from ..subjects.cases import FILE, Case, truncated
-from ..ways import MAX_DEGREE, MissingToolError, Way, find_ways, peer_ways, tool_note
+from ..subjects.cases import FILE
+from ..ways import Way, find_ways
 
 CURVE_QPS: Mapping[str, tuple[float, ...]] = {
     "paper": (-6, 0, 6, 12, 18),
@@ -42,12 +39,6 @@ IDEA_QPS = (-4.0, 0.0, 4.0)
 """Of the profile with all its ideas; without one, the middle."""
 
 VIEWS, KINDS = (2, 4, 6), ("near", "multi")
-
-SOG_LIMIT_S, QUICK_SOG_LIMIT_S = 240.0, 5.0
-"""SOG is given up after this long: on a CPU its clustering of SH takes minutes."""
-
-EXACT_DB = 100
-"""Above it a format is exact but for float32's rounding; its dB would flatten all others on a plot."""
 
 # ---- measuring ----------------------------------------------------------------------------------------------------
 
@@ -121,62 +112,9 @@ def curve_rows(run: Run) -> Iterator[Row]:
 
 
 def idea_rows(run: Run) -> Iterator[Row]:
-    """The default profile without each of its ideas; with rounds, seconds of each on the first windows too."""
+    """The default profile without each of its ideas."""
     qps = run.options.qps or (QUICK_QPS if run.quick else IDEA_QPS)
     yield from _point_rows(run, "ideas", ideas.idea_ways(qps, run.runtime))
-    if run.options.rounds:
-        yield from _timed(run, "ideas", ideas.idea_ways((0.0,), run.runtime), Effort(run.options.rounds))
-
-
-def _timed(run: Run, study: str, ways: Sequence[Way], effort: Effort) -> Iterator[Row]:
-    for job in (job for plan in _plans(run) for job in list_jobs(plan)[0]):
-        case = replace(job.case(run.runtime).only(1 if run.quick else run.options.targets), name=str(job))
-        group = f"{_row('', job, '', 0.0).setting['network']}, {len(job.window.context)} views"
-        yield from compare_ways(study, case, ways, run, effort, {"group": group})
-
-
-def peer_rows(run: Run) -> Iterator[Row]:
-    """Other formats, side by side in one run: bytes, seconds, dB."""
-    ways = peer_ways(run.runtime, QUICK_SOG_LIMIT_S if run.quick else SOG_LIMIT_S)
-    for case in run.cases:
-        if case.gaussians.degree > MAX_DEGREE:
-            cut = truncated(case.gaussians, MAX_DEGREE)
-            case = replace(case, name=f"{case.name}, cut to {MAX_DEGREE}", gaussians=cut)
-        yield from compare_ways("peers", case, ways, run, run.effort)
-
-
-def compare_ways(
-    study: str, case: Case, ways: Sequence[Way], run: Run, effort: Effort, setting: Mapping[str, Any] | None = None
-) -> list[Row]:
-    """Rows of `STUDY encode` (with bytes and dB) and `STUDY decode`, one of each per way and setting."""
-    pictures, rows, variants = Pictures(case, run.drawing), [], []
-    for way, qp in [(one, qp) for one in ways for qp in one.settings]:
-        name = f"{way.name}, Q_g {qp:g}" if len(way.settings) > 1 else way.name
-        encode, results = partial(way.encode, case, qp), list[Any]()
-        chosen: dict[str, Any] = {**(setting or {}), "tool": way.tool, "coding": way.name, "qp": qp}
-        refused = way.refuses(case)
-        try:
-            if refused:
-                raise MissingToolError(refused)
-            times = [timed(lambda: results.append(encode()))]  # noqa: B023 - called at once
-            decode = partial(way.decode, case, results[0])
-            times.append(timed(lambda: results.append(decode())))  # noqa: B023
-        except (MissingToolError, InputError) as error:
-            rows.append(Row(f"{study} encode", case.name, name, chosen, note=str(error)))
-            continue
-        figures, note = {"bytes": len(results[0]), **pictures.figures(results[1])}, tool_note(way.tool)
-        if way.is_slow:
-            chosen |= {"threads": way.threads}
-            for stage, found, time in (("encode", figures, times[0]), ("decode", {}, times[1])):
-                rows.append(Row(f"{study} {stage}", case.name, name, chosen, found, summarised([time]), note))
-        else:
-            variants.append((Variant(name, encode, lambda _, f=figures: f, chosen, way.threads),  # type: ignore[misc]
-                             Variant(name, decode, lambda _, f=figures: f, chosen, way.threads)))  # type: ignore[misc] # fmt: skip
-    for i, stage in enumerate(("encode", "decode")):
-        timed_rows = measure(f"{study} {stage}", case.name, [pair[i] for pair in variants], effort)
-        rows += [replace(row, note=tool_note(row.setting["tool"])) for row in timed_rows]
-    order = [way.name for way in ways]
-    return sorted(rows, key=lambda row: (row.study != f"{study} encode", order.index(row.setting["coding"])))
 
 
 # ---- shown --------------------------------------------------------------------------------------------------------
@@ -198,29 +136,8 @@ def plot_curves(path: Path, rows: Sequence[Row]) -> bool:
 
 
 _KB = Axis("bytes", "KB", unit=1e-3)
-_CODED = (BYTES, Column(TO_RAW, "dB to raw", decibels), LOST)
-
-
-def _stages(study: str, text: str) -> list[View]:
-    better = {"costs": ("bytes",), "gains": (TO_RAW,)}
-    return [
-        View(f"{study} encode", "Encoding", text, _CODED, **better),  # type: ignore[arg-type]
-        View(f"{study} decode", "Decoding", "A file's bytes to Gaussians.", _CODED, **better),  # type: ignore[arg-type]
-    ]
-
 
 CURVES = Study(
     "Rate–distortion", curve_rows, {"curves": overview_table, "curves by views": group_tables}, {"curves": plot_curves}
 )
-IDEAS = Study(
-    "What each idea gains",
-    idea_rows,
-    {"ideas": gain_table, **{view.study: view for view in _stages("ideas", "Without one idea each, in turns.")}},
-)
-PEERS = Study.of(
-    "Peers",
-    peer_rows,
-    *_stages("peers", "The same Gaussians in other formats, in the same run; dB to raw: against pictures of them."),
-    Chart("peers encode", "The same Gaussians in several formats", _KB, Axis(TO_RAW, "dB to raw", most=EXACT_DB),
-          panel="subject", point="way"),
-)  # fmt: skip
+IDEAS = Study("What each idea gains", idea_rows, {"ideas": gain_table})

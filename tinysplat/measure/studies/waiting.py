@@ -50,7 +50,7 @@ PEAK = (
 
 def waiting_rows(run: Run) -> Iterator[Row]:
     """Rows of `waits` of the real photos, or what there is; then of `commands`."""
-    case = run.cases[-1]
+    case = run.case
     pictures = Pictures(case, run.drawing)
     variants: list[Variant] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -108,7 +108,7 @@ def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
         "compress": ["compress", source, "-o", coded],
         "compress --profile fast": ["compress", source, "-o", coded, "--profile", "fast"],
     }
-    shots = run.cases[-1].shots
+    shots = run.case.shots
     if shots is not None:
         photos = folder / "photos"
         photos.mkdir()

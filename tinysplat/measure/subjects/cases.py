@@ -195,15 +195,6 @@ def nearest_views(camera: Camera, among: Sequence[Camera], count: int) -> list[i
     return sorted(np.argsort(distances, kind="stable")[:count].tolist())
 
 
-def truncated(gaussians: Gaussians, degree: int) -> Gaussians:
-    """The same Gaussians with the bands above `degree` cut off, in all layers."""
-    return replace(
-        gaussians,
-        sh=np.ascontiguousarray(gaussians.sh[..., : (degree + 1) ** 2, :]),
-        extra_layers=tuple(truncated(layer, degree) for layer in gaussians.extra_layers),
-    )
-
-
 def covered_pixels(target: Camera, context: Sequence[Camera], near: float, far: float) -> NDArray:
     """Pixels whose ray runs inside the context views' frames: (H, W) bool.
 

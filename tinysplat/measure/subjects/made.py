@@ -1,5 +1,5 @@
 """Gaussians that are made: photos and depth dressed as a network's output, so that the codec meets realistic
-statistics without a checkpoint, and a rolling surface for the rasteriser.
+statistics without a checkpoint, and clouds for the rasteriser.
 
 All is made in float64 and rounded at the end: sines, exponentials and matrix products differ in their last bits with a
 processor's vector instructions, which the float32 that comes out does not show.
@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats
+from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats
 from tinysplat_runtime.gaussian.sh import C0, sh_basis
 from tinysplat_runtime.scene.cameras import Camera
 
-from .cases import Case
 from .room import Room
 
 
@@ -117,48 +116,12 @@ def blur(image: NDArray, sigma: float) -> NDArray:
     return gaussian_filter(np.asarray(image, np.float64), sigma, mode="mirror", axes=(0, 1))
 
 
-def made_case(views: int, height: int, width: int, degree: int) -> Case:
-    """Network-like Gaussians of the room, seen from their own views and between the middle pair."""
-    room = Room(views)
-    name = f"network-like, room, {views}×{width}×{height}, SH degree {degree}"
-    shots = room.shots(room.windows()[0][0], (height, width))
-    targets, nothing = shots.targets, (None,) * len(shots.targets.cameras)
-    gaussians = made_gaussians(views, height, width, degree)
-    return Case(name, name, gaussians, targets.cameras, tuple(targets.images), nothing, shots).with_inputs()
-
-
 @lru_cache(maxsize=4)
 def made_gaussians(views: int, height: int, width: int, degree: int) -> Gaussians:
     """Network-like Gaussians of the room; the same arguments give the same Gaussians."""
     room = Room(views)
     photos = room.shots(room.windows()[0][0], (height, width)).context
     return network_like(photos.images, np.stack([d for d in photos.depths if d is not None]), photos.cameras, degree)
-
-
-SPLAT_PX = 0.4
-"""Median standard deviation of a rolling surface's Gaussian in pixels of its own view; near what MVSplat puts out."""
-
-
-def rolling_surface(views: int, height: int, width: int, degree: int = 3) -> Gaussians:
-    """Per-pixel Gaussians of a rolling surface, 2 to 4 units deep, from cameras side by side."""
-    rng = np.random.default_rng(0)
-    K = np.array([[0.9 * width, 0, width / 2], [0, 0.9 * width, height / 2], [0, 0, 1]])
-    y, x = np.mgrid[0:height, 0:width] + 0.5
-    rays = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], np.ones_like(x)], axis=-1)
-    cameras, means = [], []
-    for view in range(views):
-        c2w = np.eye(4)
-        c2w[0, 3] = 0.2 * (view - (views - 1) / 2)
-        cameras.append(Camera(K, c2w, width, height))
-        waves = np.sin(9 * x / width + view) * np.cos(7 * y / height) + 0.02 * rng.normal(size=x.shape)
-        means.append(rays * (3 + waves)[..., None] + c2w[:3, 3])
-    lead = (views, height, width)
-    points = np.stack(means)
-    scales = SPLAT_PX / K[0, 0] * points[..., 2:] * np.exp(0.4 * rng.normal(size=(*lead, 3)))
-    sh = 0.15 * rng.normal(size=(*lead, (degree + 1) ** 2, 3))
-    sh[..., 0, :] *= 8
-    quats = normalize_quats(rng.normal(size=(*lead, 4)))
-    return Gaussians(points, quats, scales, rng.uniform(0.3, 0.95, lead), sh, tuple(cameras))
 
 
 def cloud(count: int) -> Gaussians:

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference.conditioning import pictures, projection, reduction
+from reference.conditioning.exact import holds
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat.measure.rows import Row
-from tinysplat.measure.studies.conditioning import pictures, projection, reduction
-from tinysplat.measure.studies.conditioning.exact import holds
 from tinysplat_runtime.codec.basis import (
     mean_magnitude_weighting,
     second_moment_weighting,
