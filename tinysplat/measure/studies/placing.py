@@ -1,0 +1,106 @@
+"""How many photos does `tinysplat poses` place, how many of them right, and how soon?
+
+The command gets the photos of a scene folder without their cameras. The places that it finds are laid over the known
+ones by the similarity that fits most of them; right is what then lies within 2 % of the known places' extent.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.scenes import Scene
+
+from ..clock import timed
+from ..rows import Row
+from ..show.tables import Listing, duration, mean, said
+from ..study import Run, Study
+from ..subjects.sources import FolderSource
+
+STUDY = "poses"
+TOLERANCE = 0.02
+ROUNDS = 20
+"""Of fitting without the places that lie farther off than half of them."""
+
+
+def placing_rows(run: Run) -> Iterator[Row]:
+    """A row per scene folder."""
+    for source in run.sources:
+        if isinstance(source, FolderSource):
+            try:
+                yield _scene_row(source.name, load_scene(source.path), run)
+            except TinySplatError as error:
+                run.left_out.append(f"left out {source.name}: {error}")
+
+
+def _scene_row(name: str, scene: Scene, run: Run) -> Row:
+    known = {frame.path.stem: frame.camera.centre for frame in scene.frames}
+    with tempfile.TemporaryDirectory() as top:
+        photos, output = Path(top) / "photos", Path(top) / "scene"
+        photos.mkdir()
+        for frame in scene.frames:
+            (photos / frame.path.name).symlink_to(frame.path.resolve())
+        command = [sys.executable, "-m", "tinysplat_runtime", "poses", photos, "-o", output, "-q"]
+        call = partial(subprocess.run, [*command, "--threads", str(run.threads)], capture_output=True, text=True)
+        done: list[subprocess.CompletedProcess[str]] = []
+        seconds, cpu = timed(lambda: done.append(call()))
+        costs = {"seconds": seconds, "cpu": cpu}
+        row = Row(STUDY, name, "poses", {"photos": len(known)}, {"placed": 0.0, "right": 0.0}, costs)
+        if done[0].returncode:
+            line = (done[0].stderr.strip().splitlines() or [f"exit status {done[0].returncode}"])[-1]
+            return Row(row.study, row.subject, row.way, row.setting, row.figures, costs, note=line)
+        found = {frame.path.stem: frame.camera.centre for frame in load_scene(output).frames}
+    places = np.array(list(known.values()))
+    extent = float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
+    off = misplaced(np.array([found[stem] for stem in found]), np.array([known[stem] for stem in found]))
+    right = float((off <= TOLERANCE * extent).sum())
+    return Row(STUDY, name, "poses", row.setting,
+               {"placed": len(found) / len(known), "right": right / len(known)}, costs)  # fmt: skip
+
+
+def misplaced(found: NDArray, known: NDArray) -> NDArray:
+    """How far places (N, 3) lie from the known ones (N, 3) under the similarity that fits the nearer half best."""
+    chosen = np.ones(len(found), bool)
+    for _ in range(ROUNDS):
+        off = np.linalg.norm(_fitted(found, known, chosen) - known, axis=1)
+        chosen = off <= np.median(off)
+    return off
+
+
+def _fitted(found: NDArray, known: NDArray, chosen: NDArray) -> NDArray:
+    """All places found, moved, turned and scaled as brings the chosen ones nearest (Umeyama 1991)."""
+    a, b = found[chosen], known[chosen]
+    u, spread, vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    scale = (spread * signs).sum() / max(float(((a - a.mean(axis=0)) ** 2).sum()), 1e-30)
+    return scale * (found - a.mean(axis=0)) @ (u * signs @ vt).T + b.mean(axis=0)
+
+
+def _share(value: float) -> str:
+    return f"{value:.0%}"
+
+
+PLACING = Study.of(
+    "Cameras from photos alone",
+    placing_rows,
+    Listing(
+        STUDY,
+        {
+            "scene": said("subject"),
+            "photos": said("photos"),
+            "placed": mean("placed", _share),
+            "right": mean("right", _share),
+            "seconds": mean("seconds", duration, "costs"),
+            "CPU s": mean("cpu", duration, "costs"),
+        },
+    ),
+)
