@@ -68,7 +68,7 @@ def _scene_row(name: str, scene: Scene, run: Run) -> Row:
 
 
 def misplaced(found: NDArray, known: NDArray) -> NDArray:
-    """How far places (N, 3) lie from the known ones (N, 3) under the similarity that fits the nearer half best."""
+    """How far places lie from the known ones, both (N, 3) float64, under the similarity that fits half of them best."""
     chosen = np.ones(len(found), bool)
     for _ in range(ROUNDS):
         off = np.linalg.norm(_fitted(found, known, chosen) - known, axis=1)
