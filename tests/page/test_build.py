@@ -1,4 +1,4 @@
-"""The viewer's page: whole, self-contained, and its data are the Gaussians. A browser opens it in checks/viewer.py."""
+"""The viewer's page: whole, self-contained, and its data are the Gaussians. A browser opens it in test_browser.py."""
 
 from __future__ import annotations
 

@@ -188,11 +188,15 @@ def _photos(rows: Sequence[Row]) -> str:
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
 
 
+_IN_SHORT = {REFINED: "as `encode` does it", STUDY: "with `--no-refine`", "nearest photo": "the nearest photo"}
+"""Ways that README shows, of as many photos as the others are compared with."""
+
 _COLUMNS = {
     "": _named, "photos": _photos, "dB at photos left out": mean("psnr", decibels),
     "worst picture": mean("worst", decibels), "from the file": mean("coded", decibels), "KB": mean("bytes", kilobytes),
     "flicker": mean("flicker", digits(1)),
 }  # fmt: skip
+_SHOWN = ("dB at photos left out", "worst picture", "KB")
 _SECONDS = {"seconds": mean("seconds", duration, "costs"), "CPU s": mean("cpu", duration, "costs")}
 
 WALK = Study(
@@ -201,5 +205,11 @@ WALK = Study(
     {
         STUDY: Listing(STUDY, {**_COLUMNS, **_SECONDS}, by=("way", "asked")),
         f"{STUDY} summary": Listing(STUDY, _COLUMNS, by=("way", "asked")),
+        f"{STUDY} in short": Listing(
+            STUDY,
+            {"": lambda rows: _IN_SHORT[rows[0].way], **{name: _COLUMNS[name] for name in _SHOWN}},
+            by=("way",),
+            wanted=lambda row: row.way in _IN_SHORT and row.setting["asked"] == str(COMPARED),
+        ),
     },
 )
