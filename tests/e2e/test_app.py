@@ -63,12 +63,12 @@ def made_of(address: str, *files: Path) -> object:
 
 
 def test_photos_become_a_page_and_a_file(address: str, tmp_path: Path) -> None:
-    write_photos_of_walls(tmp_path / "photos", 5)
+    write_photos_of_walls(tmp_path / "photos", 3)
     stages, frame, results = made_of(address, *sorted((tmp_path / "photos").glob("*.png")))
-    assert "5 photos" in stages and "<iframe" in frame
+    assert "3 photos" in stages and "<iframe" in frame
     page, file = (Path(result) for result in results)
     assert page.suffix == ".html" and page.read_text("utf-8").startswith("<!DOCTYPE html>")
-    assert ts.inspect(file.read_bytes())["views"] == 5
+    assert ts.inspect(file.read_bytes())["views"] == 3
 
 
 def test_what_cannot_be_used_is_said(address: str, tmp_path: Path) -> None:

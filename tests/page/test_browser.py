@@ -36,8 +36,8 @@ def picture(tab: Tab) -> NDArray:
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.float64) / 255
 
 
-def coded(views: int, degree: int = 1, layers: int = 2) -> bytes:
-    scene = make_smooth_gaussians(views, 48, 64, degree=degree, layers=layers, origin=np.array([1e5, -3e5, 0.0]))
+def coded(views: int, degree: int = 1, height: int = 48, width: int = 64) -> bytes:
+    scene = make_smooth_gaussians(views, height, width, degree=degree, layers=2, origin=np.array([1e5, -3e5, 0.0]))
     return ts.compress(scene, qp=-6)
 
 
@@ -46,7 +46,7 @@ def test_pictures_at_views_are_the_rasteriser_s(browser: Browser, tmp_path: Path
     data = coded(views)
     gaussians = ts.decompress(data)
     (tmp_path / "page.html").write_text(scene_page(data, title="a <b>"))
-    for view, times in ((0, 1), (1, 3)):
+    for view, times in ((0, 1), (1, 2)):
         camera = gaussians.cameras[view].resized(times * 48, times * 64)
         tab = browser.open(f"{(tmp_path / 'page.html').as_uri()}#bare&camera={view}", camera.width, camera.height)
         tab.ready()
@@ -86,13 +86,12 @@ def test_a_visitor_stays_near_the_views_and_comes_back(browser: Browser, tmp_pat
 
 
 def test_a_visitor_goes_from_place_to_place(browser: Browser, tmp_path: Path) -> None:
-    gaussians = ts.decompress(coded(8))
-    (tmp_path / "page.html").write_text(scene_page(coded(8), title="walk", first=5))
+    (tmp_path / "page.html").write_text(scene_page(coded(8, height=24, width=32), title="walk", first=5))
     tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240)
     tab.ready()
     at = "[page.current, place.value, placeOf.textContent, before.disabled, after.disabled]"
     order = tab.evaluate("page.order")
-    assert sorted(order) == list(range(len(gaussians.cameras)))
+    assert sorted(order) == list(range(8))
     assert tab.evaluate(at)[0] == 5
     tab.evaluate("place.value = 1, place.oninput(), 0")
     tab.wait("!page.flight")
@@ -104,9 +103,11 @@ def test_a_visitor_goes_from_place_to_place(browser: Browser, tmp_path: Path) ->
     assert tab.evaluate(at)[3:] == [False, True]
     tab.evaluate("back.click()")
     tab.wait("!page.flight && page.current === 5")
-    for _ in range(12):  # drags on and on reach other places
+    for _ in range(12):  # drags on and on reach another place
         tab.drag(160, 120, 150, 0)
         tab.wait("!page.flight && !page.mover.spring(0)")
+        if tab.evaluate("page.current") != 5:
+            break
     assert tab.evaluate("page.current") != 5
     tab.close()
 
