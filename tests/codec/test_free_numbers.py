@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tinysplat_runtime.codec.free.attributes import Columns, from_columns, to_columns
-from tinysplat_runtime.codec.free.octree import CodedPoints, cells_of, decode_points, encode_points, morton_keys
+from tinysplat_runtime.codec.free.attributes import Columns, from_columns
+from tinysplat_runtime.codec.free.octree import CodedPoints, cells_of, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import plane_shape, to_plane
-from tinysplat_runtime.errors import FormatError
-from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 FILTERS: list[dict[str, Any]] = [
     {"id": lzma.FILTER_LZMA2, "preset": 6, "lc": 0, "lp": 0, "pb": 0, "nice_len": 32, "dict_size": 1 << 16}
@@ -54,40 +52,6 @@ def test_an_octree_is_a_byte_a_cell_in_the_stream_of_its_parent_s_parts() -> Non
     assert list(points.streams) == [packed(stream) for stream in streams]
 
 
-def test_an_octree_is_read_back_or_says_where_it_is_wrong() -> None:
-    points, keys = tree()
-    streams, count = list(points.streams), len(keys)
-    assert (decode_points(streams, (1, 3), 8, 1, count) == keys).all()
-    for number, data, levels, leaves, escapes, points_, words in (
-        (0, b"\1", (1, 3), 8, 1, count, "5 cells, announced are 4"),
-        (2, b"\3\4", (1, 3), 8, 1, count, "3 cells, announced are 4"),
-        (2, b"\3\4\xe9\1", (1, 3), 8, 1, count, "5 cells, announced are 4"),
-        (2, b"\3\0\xe9", (1, 3), 8, 1, count, "an empty cell in level 1"),
-        (2, b"\3\4\xe8", (1, 3), 8, 1, count, "level 2 does not have the 8 cells announced"),
-        (3, b"\5", (1, 3), 8, 1, count, "level 1 does not have the 3 cells announced"),
-        (3, b"\x85", (1, 3), 9, 1, count, "level 2 does not have the 9 cells announced"),
-        (4, bytes(7), (1, 3), 8, 1, count, "points per cell are not those announced"),
-        (4, bytes(8), (1, 3), 8, 1, count, "points per cell are not those announced"),
-        (4, bytes(9), (1, 3), 8, 1, count, "a stream does not come to 8 bytes or less"),
-        (5, bytes(3), (1, 3), 8, 1, count, "points per cell are not those announced"),
-        (5, bytes(5), (1, 3), 8, 1, count, "a stream does not come to 4 bytes or less"),
-        (5, bytes([44, 1, 0, 0]), (1, 3), 8, 1, count, f"{count + 1} points, announced are {count}"),
-        (3, b"\x85", (1, 3), 8, 1, count - 1, f"{count} points, announced are {count - 1}"),
-        (3, b"\x85", (1, 3), 8, 0, count, "points per cell are not those announced|comes? to 0 bytes"),
-    ):
-        changed = [*streams]
-        changed[number] = packed(data)
-        with pytest.raises(FormatError, match=words) as error:
-            decode_points(changed, levels, leaves, escapes, points_)
-        assert error.value.where == "positions"
-    swapped = [streams[2], *streams[1:2], packed(b""), streams[3], *streams[4:]]
-    with pytest.raises(FormatError, match="stream 2 ends in level 1"):
-        decode_points(swapped, (1, 3), 8, 1, count)
-    for damage in (streams[2][:-1], streams[2] + b"\0", b"\xff" * 9):
-        with pytest.raises(FormatError, match=r"LZMA: |does not come to"):
-            decode_points([*streams[:2], damage, *streams[3:]], (1, 3), 8, 1, count)
-
-
 def test_lists_are_pictures_along_a_z() -> None:
     sizes = {1: (16, 16), 256: (16, 16), 257: (32, 32), 1025: (64, 64), 4096: (64, 64), 4097: (64, 128),
              8193: (128, 128), 16384: (128, 128), 16385: (128, 192), 24577: (192, 192)}  # fmt: skip
@@ -100,13 +64,6 @@ def test_lists_are_pictures_along_a_z() -> None:
 
 
 # ---- channels -------------------------------------------------------------------------------------------------------
-
-
-def one(scales: list[float], quat: list[float], opacity: float = 0.25) -> Columns:
-    g = Gaussians(
-        np.zeros((1, 3)), np.array([quat]), np.array([scales]), np.array([opacity]), np.arange(3.0).reshape(1, 1, 3)
-    )
-    return to_columns(g)
 
 
 def columns(**fields: Any) -> Columns:

@@ -13,6 +13,7 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec import parts
+from tinysplat_runtime.codec.ranges import ranges_of
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
@@ -191,3 +192,16 @@ def test_targets_are_met_over_all_views_and_files_like_others_keep_their_picture
         {(k, i): section for k, _, i, section in sections_of(one) if k == b"VIEW"} for one in (again, data)
     )
     assert found == before
+
+
+def test_files_that_were_opened_are_closed_and_those_given_are_not(tmp_path) -> None:
+    (tmp_path / "f").write_bytes(bytes(range(10)))
+    own = ranges_of(tmp_path / "f")
+    assert own.read([(2, 3), (8, 5)]) == [b"\2\3\4", b"\x08\x09"]
+    own.close()
+    with pytest.raises(ValueError):
+        own.read([(0, 1)])
+    with (tmp_path / "f").open("rb") as file:
+        given = ranges_of(file)
+        given.close()
+        assert given.read([(9, 1)]) == [b"\x09"]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scenes import make_photo
 
 from tinysplat_runtime.codec.photos import (
-    coded_photo_size,
     decode_photos,
     encode_photos,
     photo_qp,
@@ -19,22 +18,6 @@ from tinysplat_runtime.codec.photos import (
 )
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import FormatError
-
-
-@pytest.mark.parametrize(
-    ("qp", "of_photos"),
-    [(0, 20), (3, 23), (0.4, 20), (0.6, 21), (-20, 0), (-21, 0), (-60, 0), (31, 51), (32, 51), (60, 51), (-3.4, 17)],
-)
-def test_photos_have_qp_20_and_move_with_q_g(qp: float, of_photos: int) -> None:
-    assert photo_qp(qp) == of_photos
-
-
-@pytest.mark.parametrize(
-    ("size", "coded"),
-    [((16, 16), (16, 16)), ((17, 32), (32, 32)), ((1, 15), (16, 16)), ((33, 48), (48, 48)), ((480, 640), (480, 640))],
-)
-def test_sides_are_coded_in_sixteens(size: tuple[int, int], coded: tuple[int, int]) -> None:
-    assert coded_photo_size(*size) == coded
 
 
 def ycc(rgb: NDArray) -> NDArray:

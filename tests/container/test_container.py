@@ -11,7 +11,6 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.notes import note_sections
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.notes import Notes
 
@@ -71,39 +70,3 @@ def test_unknown_optional_sections_are_skipped_and_required_ones_refused(data):
     assert read_container(optional).total_bytes == len(optional)
     with pytest.raises(FormatError, match="required"):
         read_container(file_of([*sections, [b"NEXT", L.REQUIRED, 0, b""]]))
-
-
-@pytest.mark.parametrize(
-    ("fields", "match"),
-    [
-        ({0: 1 << 16}, "Gaussians|bytes"),
-        ({0: 0}, "grid"),
-        ({2: 5}, "degree"),
-        ({6: 60000}, "channels"),
-        ({7: 0}, "k = 0|basis"),
-        ({8: float("nan")}, "depth"),
-        ({8: -1.0}, "depth"),
-        ({10: float("inf")}, "range"),
-        ({4: 255}, "flags|remain"),
-    ],
-)
-def test_impossible_layer_headers_are_refused_before_memory_is_taken(fields, match, gaussians):
-    sections = sections_of(ts.compress(gaussians, profile="balanced"))
-    layer = next(s for s in sections if s[0] == L.LAYER)
-    values = list(L.LAYER_FIXED.unpack(layer[3][: L.LAYER_FIXED.size]))
-    for index, value in fields.items():
-        values[index] = value
-    if 0 in fields and fields[0] > 1:
-        values[1] = 1 << 16
-    layer[3] = L.LAYER_FIXED.pack(*values) + layer[3][L.LAYER_FIXED.size :]
-    with pytest.raises(FormatError, match=match):
-        read_container(file_of(sections))
-
-
-def test_limits_are_checked_against_the_header(data, gaussians):
-    with pytest.raises(FormatError, match="max-pixels"):
-        read_container(data, Limits(max_pixels=gaussians.count - 1))
-    with pytest.raises(FormatError, match="max-memory"):
-        read_container(data, Limits(max_memory_bytes=1000))
-    with pytest.raises(FormatError, match="views"):
-        read_container(data, Limits(max_views=1))

@@ -251,20 +251,6 @@ def test_every_number_of_a_tier_is_accepted_to_its_bound_and_no_further(accepted
         read(with_tier(**refused))
 
 
-def test_there_are_sixteen_tiers_at_most_and_positions_of_each() -> None:
-    def file(tiers: int, points: int) -> bytes:
-        more = [[b"TIER", 1, n, tier()] for n in range(1, tiers)]
-        return Free().file(*more, *([b"FREP", 1, n, b"".join(STREAMS)] for n in range(1, points)))
-
-    assert len(read(file(16, 16)).tiers) == 16
-    for tiers, points, words in (
-        (17, 17, r"TIER\[16\]: expected TIER\[16\], of at most 15"), (2, 1, r"FREP\[1\]: missing"),
-        (1, 2, r"FREP\[1\] holds positions of no tier"),
-    ):  # fmt: skip
-        with pytest.raises(FormatError, match=words):
-            read(file(tiers, points))
-
-
 def test_limits_are_the_most_that_is_accepted() -> None:
     data = with_tier()
     memory = 25 * (4 * 14 + 2 * 8 + 8 * 17 + 64)
@@ -278,11 +264,3 @@ def test_limits_are_the_most_that_is_accepted() -> None:
             read(data, **limits)
     with pytest.raises(FormatError, match="0 Gaussians, accepted are 1 to"):
         read(Free(count=0, leaves=0, escapes=0).file())
-    bytes_of = sum(len(section[3]) for section in sections_of(Free().file()))
-    for count, is_paid in ((256 * bytes_of, True), (256 * bytes_of + 1, False)):
-        file = Free(count=count).file()
-        if is_paid:
-            assert read(file).count == count
-        else:
-            with pytest.raises(FormatError, match=f"the file's bytes stand for {256 * bytes_of} at most"):
-                read(file)

@@ -171,29 +171,6 @@ def test_models_lists_networks_and_graphs():
     assert {"analysis", "synthesis"} <= {entry["role"] for entry in listed.values()}
 
 
-@pytest.mark.parametrize("profile", ["paper", "fast", "balanced", "max"])
-def test_gaussians_of_any_network_compress_and_the_bytes_do_not_depend_on_threads(tmp_path, profile):
-    ts.save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(3, 20, 26, degree=2))
-    for threads in (1, 4):
-        succeed(
-            "compress",
-            tmp_path / "g.npz",
-            "-o",
-            tmp_path / f"{threads}.tsplat",
-            "--profile",
-            profile,
-            "--threads",
-            threads,
-        )
-    assert (tmp_path / "1.tsplat").read_bytes() == (tmp_path / "4.tsplat").read_bytes()
-
-
-def test_the_bytes_of_encoded_photos_do_not_depend_on_threads(scene, tmp_path):
-    for threads in (1, 3):
-        succeed("encode", scene, "-o", tmp_path / f"{threads}.tsplat", "--threads", threads)
-    assert (tmp_path / "1.tsplat").read_bytes() == (tmp_path / "3.tsplat").read_bytes()
-
-
 def test_quiet_commands_print_nothing(encoded, tmp_path):
     assert succeed("decode", encoded["file"], "-o", tmp_path / "g.npz", "-q") == ""
 
@@ -207,16 +184,8 @@ def _cameras(scene: Path, change) -> str:
 BAD_SCENES = {
     "missing image": (lambda d: d["frames"][1].update(file="gone.png"), "gone.png"),
     "size unlike the photo": (lambda d: d["frames"][0].update(width=65), "0.png"),
-    "no rotation": (lambda d: d["frames"][1]["c2w"][0].__setitem__(0, 2.0), "frames[1].c2w"),
-    "negative focal length": (lambda d: d["frames"][0]["K"][0].__setitem__(0, -60), "frames[0].K"),
-    "singular K": (lambda d: d["frames"][0]["K"][1].__setitem__(1, 0), "frames[0].K"),
-    "near beyond far": (lambda d: d.update(near=9.0), "near"),
-    "near at zero": (lambda d: d.update(near=0.0), "near"),
-    "NaN": (lambda d: d["frames"][0]["K"][0].__setitem__(2, float("nan")), "frames[0].K"),
     "identical poses": (lambda d: d["frames"][1].update(c2w=np.eye(4).tolist()), "one place"),
     "one view": (lambda d: d["frames"].pop(), "one photo"),
-    "K divided by the size": (lambda d: d["frames"][1].update(K=[[1.3, 0, 0.5], [0, 1.3, 0.5], [0, 0, 1]]), "pixels"),
-    "no frames": (lambda d: d.pop("frames"), "frames"),
 }
 
 

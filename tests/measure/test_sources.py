@@ -14,7 +14,6 @@ from tinysplat.measure.subjects.cases import Window
 from tinysplat.measure.subjects.sources import FileSource, find_sources
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
-from tinysplat_runtime.scene.cameras import Camera
 
 
 @pytest.fixture
@@ -78,10 +77,3 @@ def test_a_file_without_cameras_has_no_targets(tmp_path: Path) -> None:
     save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 8, 12, 0).flat())
     with pytest.raises(InputError, match=r"no cameras, expected K and c2w per view"):
         FileSource(tmp_path / "g.npz").windows()
-
-
-# ---- cases -------------------------------------------------------------------------------------------------------
-
-
-def camera(x: float, width: int = 60) -> Camera:
-    return Camera([[40, 0, width / 2], [0, 40, 10], [0, 0, 1]], np.eye(4) + x * np.eye(4, k=3), width, 20)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -48,24 +47,6 @@ def check(found: dict[str, NDArray], wanted: ts.Gaussians, whole: ts.Gaussians |
 def runtime() -> ts.Runtime:
     """The runtime, on one thread."""
     return ts.Runtime(threads=1)
-
-
-MADE: dict[str, Callable[[ts.Runtime], bytes]] = {
-    "degree4": lambda run: run.compress(make_smooth_gaussians(1, 20, 28, 4), "paper"),
-    "own_k": lambda run: run.compress(make_smooth_gaussians(2, 32, 40, 2, layers=2), "fast"),
-    "max": lambda run: run.compress(make_smooth_gaussians(2, 40, 24, 1), "max", 6),
-    "free": lambda run: run.compress(make_free_gaussians(5000, 2, np.random.default_rng(1)), keep_all=True),
-    "tiers": lambda run: free_in_tiers(make_free_gaussians(2000, 1, np.random.default_rng(2))),
-    "lossless": lambda run: run.compress(make_smooth_gaussians(2, 9, 31, 3, layers=2), lossless=True),
-}
-
-
-@pytest.mark.parametrize("name", MADE)
-def test_files_of_every_mode_decode_as_in_python(decoder: Decoder, runtime: ts.Runtime, name: str) -> None:
-    data = MADE[name](runtime)
-    said, found = decoder(data)
-    assert "error" not in said
-    check(found, runtime.decompress(data))
 
 
 @pytest.mark.parametrize("path", sorted(DATA.glob("*.tsplat")), ids=lambda path: path.stem)

@@ -1,4 +1,4 @@
-"""Numbers that codes, steps and pictures of photos come to, by hand or by an independent computation."""
+"""Lossless planes are the bytes that docs/FORMAT.md has, sample by sample."""
 
 from __future__ import annotations
 
@@ -11,24 +11,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from scenes import agree
 
 from tinysplat_runtime.codec import exact
-from tinysplat_runtime.codec.base import as_codes
 from tinysplat_runtime.errors import FormatError
-
-# ---- codes ----------------------------------------------------------------------------------------------------------
-
-
-def test_planes_are_two_codes_of_16_bits_and_their_worth() -> None:
-    numbers = np.random.default_rng(0).normal(size=(2, 3, 4, 5)) * np.array([1, 100, 0])[:, None, None]
-    planes = numbers.astype(np.float32)
-    codes, mix = as_codes(planes)
-    assert codes.shape == (2, 6, 4, 5) and codes.dtype == np.uint16 and mix.shape == (3, 7)
-    back = np.einsum("pc,vchw->vphw", mix[:, :-1], codes.astype(np.float64)) + mix[:, -1][:, None, None]
-    span = np.ptp(planes, axis=(0, 2, 3))
-    assert (np.abs(back - planes).max(axis=(0, 2, 3)) <= span * 2.0**-32 + 1e-30).all()
-    assert codes[:, :2].max() == 65535 and (np.count_nonzero(mix[:, :-1], axis=1) == 2).all()
-
-
-# ---- lossless planes ------------------------------------------------------------------------------------------------
 
 
 def naive_prediction(ordered: np.ndarray) -> np.ndarray:
