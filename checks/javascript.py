@@ -35,7 +35,7 @@ from tinysplat_runtime.container.reader import read_container  # noqa: E402
 from tinysplat_runtime.gaussian.planes import padded_size  # noqa: E402
 
 WEB = Path(ts.__file__).parent / "web"
-MOST_BYTES = 32_000
+MOST_BYTES = 34_000
 NPX = ["npx", "--no-install"]
 
 

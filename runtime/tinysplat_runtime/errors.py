@@ -20,6 +20,8 @@ from __future__ import annotations
 import sys
 import warnings
 
+from .system.printable import printable
+
 
 class TinySplatError(Exception):
     """Base of all errors raised on purpose.
@@ -34,8 +36,7 @@ class TinySplatError(Exception):
         self.where = where
 
     def __str__(self) -> str:
-        text = f"{self.where}: {self.message}" if self.where else self.message
-        return " ".join(text.split())
+        return printable(f"{self.where}: {self.message}" if self.where else self.message)
 
     def within(self, where: str) -> TinySplatError:
         """The same error seen from one level further out, for instance from the file that held the field."""
@@ -73,4 +74,4 @@ def warn(text: str, category: type[InputWarning] = InputWarning) -> None:
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(__package__):
         frame, level = frame.f_back, level + 1
-    warnings.warn(" ".join(text.split()), category, stacklevel=level)
+    warnings.warn(printable(text), category, stacklevel=level)

@@ -24,7 +24,9 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.photos import GROUPS, PHOTOS, group_sections
 from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.scene.neighbours import Group
 
 from .parts import in_parts
 from .reference import arrays_of, decode
@@ -217,6 +219,16 @@ def other_modes() -> Iterator[Case]:
         for mode in ("photos", "hybrid"):
             made = ts.Runtime(threads=1).encode(photos, "sweep", "fast", mode=mode)
             yield Case(mode, f"mode {mode}, network sweep", made, needs=("network",))
+        yield Case("groups", "photos that the network is given in two groups", in_groups(folder), needs=("network",))
+
+
+def in_groups(folder: str) -> bytes:
+    """A file of three photos, of which the network is given two at a time."""
+    photos = ts.load_scene(write_scene(Path(folder) / "three", views=3, height=16, width=16))
+    (section,) = group_sections([Group((0, 1), (0, 1)), Group((1, 2), (2,))])
+    made = sections_of(ts.Runtime(threads=1).encode(photos, "sweep", "fast", mode="photos"))
+    at = next(i for i, (kind, *_) in enumerate(made) if kind == PHOTOS)
+    return with_minor(file_of([*made[:at], [GROUPS, 1, 0, section.data], *made[at:]]), 5)
 
 
 def refused() -> Iterator[Case]:
@@ -250,6 +262,15 @@ def refused() -> Iterator[Case]:
     larger = next(d for k, _, _, d in sections_of(compress(make_smooth_gaussians(1, 32, 8, 0), "fast")) if k == b"HEVC")
     yield made("size_of_pictures", "pictures of another size", file_of(replaced(sections, b"HEVC", larger)))
     yield made("note", "a note that turns text round", file_of([*sections, [b"REFI", 0, 0, b"\xe2\x80\xae"]]))
+    hidden = "\U00013439".encode()  # which Unicode 14 does not know
+    yield made(
+        "character", "a note with a character that does not print", file_of([*sections, [b"REFI", 0, 0, hidden]])
+    )
+    sets = next(d for k, _, _, d in sections if k == b"HEVC")
+    yield made("sets", "1025 bytes of parameter sets", file_of(replaced(sections, b"HEVC", sets.ljust(1025, b"\0"))))
+    with TemporaryDirectory() as folder:
+        keeps_none = changed(in_groups(folder), GROUPS, poked(3, struct.pack("<HH", 0, 1)))
+    yield made("groups", "a group that keeps no photo", keeps_none)
     yield made("free_levels", "an octree with two roots", changed(free, b"FREE", poked(92, struct.pack("<I", 2))))
     yield made("free_count", "more Gaussians than bytes pay for", changed(free, b"FREE", poked(0, b"\0\0\1\0")))
     yield made("free_points", "positions that are no LZMA2", changed(free, b"FREP", poked(0, b"\x7f")))

@@ -1,4 +1,4 @@
-"""The tests of the page that are written in JavaScript, beside this file: each passes in node."""
+"""The tests that are written in JavaScript: each passes in node."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from web.node import node
 
-FILES = sorted(Path(__file__).parent.glob("*.test.mjs"))
+FILES = sorted(Path(__file__).parents[1].glob("*/*.test.mjs"))
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)

@@ -56,16 +56,26 @@ function arraysOf({ count, degree, means, quats, scales, opacities, sh, origin, 
 }
 
 /**
- * A network that gives what FOLDER has: layers.json, and each layer's arrays. It leaves the photos that it is shown there.
+ * A network that gives what FOLDER has: layers.json, and each layer's arrays of all views. It leaves the photos that it is
+ * shown there. Of a view that it is shown again, all is 0.
  */
 function networkOf(folder) {
-  return async ({ photos, width, height, near, far, name }) => {
-    writeFileSync(`${folder}/photos.npz`, npz(Object.fromEntries(photos.map((photo, v) => [v, [photo, [height, width, 3]]]))));
-    writeFileSync(`${folder}/asked.json`, JSON.stringify({ near, far, name }));
+  const shown = {};
+  return async ({ photos, width, height, cameras, near, far, name }) => {
     const { layers, origin } = JSON.parse(readFileSync(`${folder}/layers.json`));
+    const views = cameras.map(({ c2w }) => layers[0].cameras.findIndex((camera) => camera.c2w.every((x, i) => x === c2w[i])));
+    const isNew = views.map((view) => !(view in shown));
+    photos.forEach((photo, i) => (shown[views[i]] = [photo, [height, width, 3]]));
+    writeFileSync(`${folder}/photos.npz`, npz(shown));
+    writeFileSync(`${folder}/asked.json`, JSON.stringify({ near, far, name }));
     const arrays = ["means", "quats", "scales", "opacities", "sh"];
     layers.forEach((layer, n) => {
-      for (const array of arrays) layer[array] = new Float32Array(new Uint8Array(readFileSync(`${folder}/${n}.${array}`)).buffer);
+      for (const array of arrays) {
+        const all = new Float32Array(new Uint8Array(readFileSync(`${folder}/${n}.${array}`)).buffer), size = all.length / layer.cameras.length;
+        layer[array] = new Float32Array(size * views.length);
+        views.forEach((view, i) => isNew[i] && layer[array].set(all.subarray(size * view, size * (view + 1)), size * i));
+      }
+      layer.cameras = views.map((view) => layer.cameras[view]);
     });
     return { layers, origin };
   };

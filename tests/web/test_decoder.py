@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conformance.run import CASES
 from golden.cases import DATA
 from hostile import corpus
 from numpy.typing import NDArray
@@ -127,7 +128,13 @@ def test_workers_give_what_one_thread_gives(decoder: Decoder, runtime: ts.Runtim
 def test_a_network_that_is_given_makes_photos_and_hybrid_files_gaussians(
     decoder: Decoder, runtime: ts.Runtime, tmp_path: Path
 ) -> None:
-    files = [seed.data for seed in corpus.photo_file_seeds()]
+    grouped = CASES / "groups" / "groups.tsplat"
+    for files in ([seed.data for seed in corpus.photo_file_seeds()], [grouped.read_bytes()]):
+        hold_to_network(files, decoder, runtime, tmp_path)
+
+
+def hold_to_network(files: list[bytes], decoder: Decoder, runtime: ts.Runtime, tmp_path: Path) -> None:
+    """Files of one set of photos, the first of mode photos, decoded with what the runtime's network makes of it."""
     predicted = runtime.decompress(files[0])
     layers = []
     for n, layer in enumerate(predicted.layers):

@@ -19,6 +19,7 @@ from tinysplat_runtime.cli.arguments import byte_count, count, positive
 from tinysplat_runtime.cli.given import given
 from tinysplat_runtime.cli.options import add_coding, add_notes, add_photos, add_provider
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
 
@@ -91,7 +92,9 @@ def run(args: Namespace) -> int:
         if "means" in document:
             print(", ".join(f"{name} {value:.4g}" for name, value in document["means"].items() if value is not None))
     if document["failed"]:
-        failures = [f"{name}: {r['error']}" for name, r in document["scenes"].items() if r["status"] == "failed"]
+        failures = [
+            printable(f"{name}: {r['error']}") for name, r in document["scenes"].items() if r["status"] == "failed"
+        ]
         print(f"tinysplat: {len(failures)} scenes failed, the first: {failures[0]}", *failures[1:], sep="\n  ",
               file=sys.stderr)  # fmt: skip
         return 2
@@ -116,7 +119,7 @@ def _say(said: deque[str], record: dict[str, Any], *, as_json: bool, quiet: bool
     """A scene that ended: a JSON object, a line of a log, or on a terminal the line that says what goes on."""
     what = record.get("error") or f"{record.get('bytes', 0)} bytes, {record.get('seconds', 0):.1f} s"
     warning = f"; warning: {record['warning']}" if "warning" in record else ""
-    said.append(f"{record['number']}/{record['of']} {record['name']}: {what}{warning}")
+    said.append(printable(f"{record['number']}/{record['of']} {record['name']}: {what}{warning}"))
     if as_json:
         print(json.dumps(record), flush=True)
     elif not quiet and (warning or not sys.stderr.isatty()):

@@ -19,6 +19,7 @@ from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import PHOTO_SUFFIXES
 from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
 from tinysplat_runtime.scene.intake.depths import depth_range
+from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import progress
 
 HELP = "camera poses of photos or a video, as a scene folder"
@@ -69,7 +70,7 @@ def run(args: Namespace) -> None:
                     raise InputError(found, where=str(source))
                 twin, first = next(iter(twins.items()))
                 more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
-                print(f"{source}: {twin} is the very file {first} and is left out{more}", file=sys.stderr)
+                print(printable(f"{source}: {twin} is the very file {first} and is left out{more}"), file=sys.stderr)
                 names = [name for name in names if name not in twins]
             if turned := upright_copies(source, names, photos):
                 _say(
@@ -95,8 +96,8 @@ def run(args: Namespace) -> None:
     missing = sorted(set(names) - set(placed))
     if missing:
         what = "frames" if is_video else "photos"
-        print(f"{source}: {len(missing)} of {len(names)} {what} could not be placed: {', '.join(missing)}",
-              file=sys.stderr)  # fmt: skip
+        found = f"{source}: {len(missing)} of {len(names)} {what} could not be placed: {', '.join(missing)}"
+        print(printable(found), file=sys.stderr)
     if placement.wrong:
         found = f"{len(placement.wrong)} of them lie elsewhere than their matches say, and are left out"
         print(f"{source}: {found}", file=sys.stderr)

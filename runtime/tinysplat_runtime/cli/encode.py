@@ -20,6 +20,7 @@ from ..recipe.encode import encode as encode_photos
 from ..refine.stats import RefineStats
 from ..scene.cameras import Camera
 from ..scene.scenes import Scene
+from ..system.printable import printable
 from ..system.progress import Show, progress, working
 from ..system.stopwatch import Stopwatch
 from .files import Voice, grid_option, noted, write_file
@@ -47,10 +48,10 @@ def _listener(*, quiet: bool, save_to: str | None) -> Listener:
     """What the command says while it is at work, and writes of it."""
 
     def notice(text: str) -> None:
-        print(text, file=sys.stderr)
+        print(printable(text), file=sys.stderr)
 
     def doubt(scene: Scene, text: str) -> None:
-        print(f"{scene.path}: warning: {text}", file=sys.stderr)
+        print(printable(f"{scene.path}: warning: {text}"), file=sys.stderr)
 
     def save(gaussians: Gaussians) -> None:
         for loss in save_gaussians(save_to, gaussians) if save_to else ():
@@ -145,4 +146,4 @@ def _report_own(say: Voice, coded: Encoded, count: int, psnr: float) -> None:
     if psnr < LOW_DB:
         known = "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
         cause = coded.doubts[0] if coded.doubts else known
-        print(f"{scene.path}: warning: {psnr:.1f} dB is low; likely cause: {cause}", file=sys.stderr)
+        print(printable(f"{scene.path}: warning: {psnr:.1f} dB is low; likely cause: {cause}"), file=sys.stderr)

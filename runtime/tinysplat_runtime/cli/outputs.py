@@ -19,6 +19,8 @@ INPUTS = ("file", "files", "scene", "gaussians", "photos", "poses", "cameras", "
 
 _URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
 
+PAGES = (".html", ".htm")
+
 CODED_BY = ("encode", "compress")
 """Commands that write .tsplat files alone."""
 
@@ -49,6 +51,8 @@ def check_outputs(args: Namespace) -> None:
         if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
             found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
             raise InputError(found, where=path)
+        if args.command == "view" and not args.networks and target.suffix.lower() not in PAGES and not target.is_dir():
+            raise InputError(f"'{target.suffix}', expected .html: {option} names a page", where=path)
         if target.is_dir() and not getattr(args, "networks", None):
             raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
         if not target.absolute().parent.is_dir():

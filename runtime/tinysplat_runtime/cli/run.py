@@ -22,6 +22,7 @@ from types import FrameType
 from typing import TextIO
 
 from ..errors import InputWarning, TinySplatError
+from ..system.printable import printable
 from ..system.progress import still_there
 from .parser import build_parser, join_commands, missing_extra
 
@@ -112,7 +113,7 @@ def _with_negatives(words: list[str]) -> list[str]:
 
 
 def _fail(message: str) -> int:
-    print(f"tinysplat: {message}", file=sys.stderr)
+    print(f"tinysplat: {printable(message)}", file=sys.stderr)
     return 2
 
 

@@ -8,8 +8,11 @@ import threading
 import webbrowser
 from argparse import Namespace
 from collections.abc import Sequence
+from http import HTTPStatus
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from numpy.typing import NDArray
 
@@ -27,6 +30,7 @@ from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.matching import reach_of, taken_as
 from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
+from ..system.printable import printable
 from .player import write_player
 
 FINE_QP = -6.0
@@ -34,6 +38,8 @@ FINE_QP = -6.0
 
 POSTER_SIDE = 400
 """Pixels of the longer side of the picture that is shown until the scene is drawn."""
+
+FOREIGN_HOST = "This page is for this machine: open it at http://127.0.0.1, or write it to a file with --html\n"
 
 NETWORK_MODES = ("photos", "hybrid")
 
@@ -44,6 +50,8 @@ def view(args: Namespace) -> None:
         if not (args.player and args.output):
             raise InputError("goes with --player -o FOLDER", where="--networks")
         written = write_player(args.output, args.networks)
+    elif args.player and args.file is not None:
+        raise InputError("goes without --player, whose page opens files that are dropped on it", where=args.file)
     elif args.player:
         written = _written(args.output or args.html, player_page())
     elif args.file is None:
@@ -72,7 +80,9 @@ def make_page(file: str, cameras_file: str | None, photos_of: str | None) -> str
     photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
     first = front_view(views)
     poster = _poster(data, views[first]) if views else None
-    return scene_page(data, title=Path(file).stem, cameras=cameras, photos=photos, first=first, poster=poster)
+    return scene_page(
+        data, title=printable(Path(file).stem), cameras=cameras, photos=photos, first=first, poster=poster
+    )
 
 
 def _poster(data: bytes, camera: Camera) -> NDArray:
@@ -90,12 +100,22 @@ def serve(page: str, port_number: int, *, quiet: bool, browser: bool) -> None:
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            kind, body = parts.get(self.path.partition("?")[0], ("text/plain", b""))
-            self.send_response(200 if body else 404)
+            if not is_this_machine(self.headers.get("Host", "")):
+                self._answer(HTTPStatus.FORBIDDEN, "text/plain", FOREIGN_HOST.encode())
+            elif (place := self.path.partition("?")[0]) in parts:
+                self._answer(HTTPStatus.OK, *parts[place])
+            else:
+                self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"")
+
+        do_HEAD = do_GET  # noqa: N815  as the library calls it
+
+        def _answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+            self.send_response(status)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.end_headers()
-            self.wfile.write(body)
+            if self.command != "HEAD":
+                self.wfile.write(body)
 
         def log_message(self, format: str, *args: Any) -> None:
             """Requests are nobody's concern."""
@@ -107,6 +127,16 @@ def serve(page: str, port_number: int, *, quiet: bool, browser: bool) -> None:
         if browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         server.serve_forever()
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether a request's `Host` is an address or localhost: not the name of a site that leads here for its scripts."""
+    name = urlsplit(f"//{host}").hostname or ""
+    try:
+        ip_address(name)
+    except ValueError:
+        return name in ("", "localhost") or name.endswith(".localhost")
+    return True
 
 
 def _file(file: str) -> tuple[bytes, Sequence[Camera]]:

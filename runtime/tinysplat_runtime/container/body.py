@@ -86,7 +86,12 @@ class Opened:
     @cached_property
     def parameter_sets(self) -> Mapping[int, bytes]:
         """HEVC parameter sets by index."""
-        return {s.index: bytes(s.data) for s in self.sections if s.kind == L.PARAMETER_SETS}
+        found = [section for section in self.sections if section.kind == L.PARAMETER_SETS]
+        for section in found:
+            if len(section.data) > L.MAX_PARAMETER_SET_BYTES:
+                size = f"{len(section.data)} bytes of parameter sets, expected at most {L.MAX_PARAMETER_SET_BYTES}"
+                raise FormatError(size, where=section.label)
+        return {section.index: bytes(section.data) for section in found}
 
     def require_parameter_set(self, number: int, where: str) -> None:
         """FormatError unless the parameter set is there."""

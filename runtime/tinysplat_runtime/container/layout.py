@@ -81,5 +81,8 @@ VIEW_HEAD = struct.Struct("<I")
 
 MAX_SECTIONS = 8192
 MAX_VIEWS = 4096
+MAX_PARAMETER_SET_BYTES = 1024
+"""Of an HEVC section, which says with some 80 bytes how large pictures are and how they are coded."""
+
 MAX_SIDE = 1 << 16
 MAX_CHANNELS = 256

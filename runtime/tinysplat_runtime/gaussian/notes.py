@@ -6,11 +6,11 @@ a terminal or change the order in which it reads.
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 
 from ..errors import InputError
+from ..system.printable import unprinted
 
 MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3, "thinned": 128}
 """Longest text of a field in UTF-8."""
@@ -19,8 +19,6 @@ OPTIONS = ("unit", "attribution", "licence")
 """Those that whoever makes a file says; the file carries them as they are."""
 
 YES = "yes"
-
-_REFUSED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control and formatting characters, surrogates, line and paragraph ends
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ class Notes:
         for name, text in asdict(self).items():
             if not isinstance(text, str):
                 raise InputError(f"a {type(text).__name__}, expected text", where=name)
-            bad = next((c for c in text if unicodedata.category(c) in _REFUSED), None)
+            bad = unprinted(text)
             if bad is not None:
                 raise InputError(f"holds U+{ord(bad):04X}, expected characters that print, in one line", where=name)
             size = len(text.encode())

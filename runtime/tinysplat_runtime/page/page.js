@@ -10,6 +10,7 @@ const find = (id) => document.getElementById(id);
 const GZIP = [0x1f, 0x8b], MAGIC_BYTES = 4;
 const HINT_MS = 9000;
 const THREADS = globalThis.origin === "null" ? 0 : undefined; // pages from disk may not start workers that are modules
+const MOST = { maxPixels: 2 ** 25, maxMemory: 2 ** 31, maxPerByte: 256 }; // of what strangers send: docs/PLAYER.md
 const FIRST = "first picture"; // a mark of the browser's clock, for measurements
 
 function element(tag, text) {
@@ -205,7 +206,7 @@ class Page {
       this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received ?? received, whole || about.bytes);
     };
     const options = {
-      signal, threads: THREADS, network: this.given.networks ? networkRunner(this.given.networks) : undefined,
+      signal, threads: THREADS, limits: MOST, network: this.given.networks ? networkRunner(this.given.networks) : undefined,
       onPicture: () => { if (about) find("status").textContent = `Loading … ${Math.min(99, Math.floor((100 * ++this.pictures) / picturesOf(about)))} %`; },
     };
     this.pictures = 0;

@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
+from .printable import printable
+
 T = TypeVar("T")
 
 Show = Callable[[Iterable[Any], int, Callable[[], str]], Iterator[Any]]
@@ -56,7 +58,7 @@ def progress(
             for item in items:
                 yield item
                 bar.update()
-                bar.set_postfix_str(note(), refresh=False)
+                bar.set_postfix_str(printable(note()), refresh=False)
         return
     done, of = 0, "" if total is None else f"/{total}"
     with working(label, quiet=quiet, note=lambda: f"{done}{of} {note()}"):
@@ -71,7 +73,7 @@ def working(label: str, *, quiet: bool, note: Callable[[], str] = str) -> Iterat
     terminal, start = sys.stderr.isatty(), time.monotonic()
 
     def speak() -> None:
-        text = " ".join(f"{time.monotonic() - start:.0f} s {note()}".split())
+        text = printable(f"{time.monotonic() - start:.0f} s {note()}")
         print(f"\r{label} {text}\033[K" if terminal else f"{label}: {text}\n", end="", file=sys.stderr, flush=True)
 
     if quiet:

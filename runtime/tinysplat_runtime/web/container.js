@@ -3,7 +3,7 @@ import { checkRanges, decodingBytes } from "./bounds.js";
 import { readIntrinsics, readPose, requirePosition } from "./cameras.js";
 import { crc32 } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
-import { readExactLayers, readNetwork, readPhotos } from "./extras.js";
+import { readExactLayers, readGroups, readNetwork, readPhotos } from "./extras.js";
 import { readLayer } from "./layers.js";
 import { readNotes } from "./notes.js";
 import { readFree, readViewpoints } from "./points.js";
@@ -18,6 +18,9 @@ import { readUnits } from "./units.js";
 
 const PART = 256;
 const MAX_VIEWS = 4096;
+const FEW_GAUSSIANS = 1 << 20;
+/** Of a picture's size and how it is coded: some 80 bytes say it. */
+const MAX_SET_BYTES = 1024;
 
 /**
  * What a reader accepts before it takes memory.
@@ -27,15 +30,16 @@ const MAX_VIEWS = 4096;
  * @property {number} maxMemory bytes that decoding takes
  * @property {number} maxViews that are decoded
  * @property {number} maxLayers
+ * @property {number} maxPerByte Gaussians that are decoded for each byte at hand, beyond the first million
  */
 
 /** @type {Limits} */
-export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: MAX_VIEWS, maxLayers: 16 };
+export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: MAX_VIEWS, maxLayers: 16, maxPerByte: Infinity };
 
 /** Sections that a file of a mode may have beside those of all. */
 const SHARED = ["SCEN", "NOTE", "REFI", "ANTI", "THIN"];
 const OF_PLANES = ["CAMS", "LAYR", "HEVC", "UNIT", "VIEW", ...PLANES];
-const OF_PHOTOS = ["CAMS", "HEVC", "NETW", "PHOT", "PICS"];
+const OF_PHOTOS = ["CAMS", "HEVC", "NETW", "GRPS", "PHOT", "PICS"];
 
 /** @typedef {"gaussians" | "photos" | "hybrid" | "lossless" | "free"} Mode */
 
@@ -64,6 +68,7 @@ const SECTIONS = {
  * @property {import("./points.js").FreeScene | undefined} free
  * @property {Camera[]} viewpoints cameras of the photos that Gaussians without pixels were made from
  * @property {import("./extras.js").Network | undefined} network
+ * @property {import("./extras.js").Group[]} groups in which the network is given the photos
  * @property {import("./extras.js").Photos | undefined} photos
  * @property {Map<number, Uint8Array>} sets parameter sets by index
  * @property {Record<string, string>} notes
@@ -107,10 +112,14 @@ export function readContainer(bytes, reading) {
   /** @type {Container} */
   const file = {
     version, total, profile, qp, origin, mode, viewCount, views: [], cameras: [], layers: [], exact: [],
-    free: undefined, viewpoints: [], network: undefined, photos: undefined, sets: new Map(), notes: readNotes(sections), sections,
+    free: undefined, viewpoints: [], network: undefined, groups: [], photos: undefined, sets: new Map(), notes: readNotes(sections), sections,
     lost: [],
   };
-  for (const section of sections) if (section.type === "HEVC") file.sets.set(section.index, section.data);
+  for (const section of sections) {
+    if (section.type !== "HEVC") continue;
+    require(section.length <= MAX_SET_BYTES, `${section.length} bytes, accepted are at most ${MAX_SET_BYTES}`, label(section));
+    file.sets.set(section.index, section.data);
+  }
   if (mode === "free") {
     scene.require(viewCount === 0 && count === 0, "views or layers of Gaussians without pixels");
     file.free = readFree(sections, limits);
@@ -125,7 +134,23 @@ export function readContainer(bytes, reading) {
   const fewest = mode === "photos" ? 0 : 1;
   scene.require(count >= fewest && count <= limits.maxLayers, `${count} layers, at most ${limits.maxLayers}`);
   readViews(file, count, reading);
+  let atHand = bytes.length;
+  reading.fetched?.forEach((part) => (atHand += part.length));
+  require(isWorth(file, atHand, limits), `more than ${limits.maxPerByte} Gaussians for each of its ${atHand} bytes`, "file");
   return file;
+}
+
+/**
+ * Whether so many bytes of a file are enough for what it makes of them: a few can announce a grid that fills memory.
+ *
+ * @param {Container} file
+ * @param {number} atHand bytes
+ * @param {Limits} limits
+ */
+export function isWorth({ layers, exact, photos, views }, atHand, limits) {
+  const grids = exact.length ? exact : layers.length ? layers : photos ? [photos] : [];
+  const count = grids.reduce((sum, { height, width }) => sum + views.length * height * width, 0);
+  return count <= FEW_GAUSSIANS || count <= limits.maxPerByte * atHand;
 }
 
 /** @param {Section[]} sections @param {number} count of layers @returns {Mode} */
@@ -133,7 +158,7 @@ function modeOf(sections, count) {
   const types = new Set(sections.map((section) => section.type));
   if (types.has("FREE")) return "free";
   if (types.has("EXAC") || types.has("EXAP")) return "lossless";
-  if (["NETW", "PHOT", "PICS"].some((type) => types.has(type))) return count ? "hybrid" : "photos";
+  if (["NETW", "GRPS", "PHOT", "PICS"].some((type) => types.has(type))) return count ? "hybrid" : "photos";
   return "gaussians";
 }
 
@@ -160,6 +185,8 @@ function readViews(file, count, reading) {
     file.exact = readExactLayers(sections, count, poses, requireLimits);
   } else if (mode !== "gaussians") {
     file.network = readNetwork(cursor(only(sections, "NETW")));
+    const groups = sections.some((section) => section.type === "GRPS") ? cursor(only(sections, "GRPS")) : undefined;
+    file.groups = readGroups(groups, file.viewCount);
     file.photos = readPhotos(cursor(only(sections, "PHOT")), file.viewCount, only(sections, "PICS").data);
     const { height, width, set } = file.photos;
     requireLimits(file.viewCount * height * width, 0, "PHOT[0]");

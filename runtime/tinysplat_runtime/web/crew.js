@@ -44,8 +44,21 @@ function nodeModule(name) {
   return isNode ? host.process.getBuiltinModule?.(`node:${name}`) : undefined;
 }
 
-/** Decoders by what they were made from: files have one or two. @type {Map<string, PictureDecoder>} */
-const decoders = new Map();
+/** Decoders with what they were made from: files have one or two. @type {{ made: Job, decoder: PictureDecoder }[]} */
+const decoders = [];
+
+/** A decoder for pictures like a job's. @param {Job} job */
+function decoderOf(job) {
+  const { sets, codedWidth, codedHeight, chroma, bits } = job;
+  const known = decoders.find(({ made }) =>
+    made.codedWidth === codedWidth && made.codedHeight === codedHeight && made.chroma === chroma && made.bits === bits &&
+    made.sets.length === sets.length && made.sets.every((byte, i) => byte === sets[i]));
+  if (known) return known.decoder;
+  if (decoders.length >= 4) decoders.length = 0;
+  const decoder = new PictureDecoder(sets, codedWidth, codedHeight, chroma, bits);
+  decoders.push({ made: { ...job, data: new Uint8Array() }, decoder });
+  return decoder;
+}
 
 /**
  * Decode a picture here and now.
@@ -54,15 +67,9 @@ const decoders = new Map();
  * @returns {Uint16Array[]}
  */
 export function decodePicture(job) {
-  const { sets, width, height, codedWidth, codedHeight, chroma, bits } = job;
-  const key = `${codedWidth} ${codedHeight} ${chroma} ${bits} ${sets.join()}`;
+  const { width, height, chroma } = job;
   try {
-    let decoder = decoders.get(key);
-    if (!decoder) {
-      if (decoders.size >= 4) decoders.clear();
-      decoder = new PictureDecoder(sets, codedWidth, codedHeight, chroma, bits);
-      decoders.set(key, decoder);
-    }
+    const decoder = decoderOf(job);
     const { left, top } = decoder.sps;
     const planes = decoder.decode(job.data);
     if (chroma) return planes.map((plane) => plane.samples.slice());

@@ -6,7 +6,7 @@ import { TsplatError, require } from "./errors.js";
 import { decodeExact } from "./exact.js";
 import { decodeFree, listShape, tiersShown } from "./free.js";
 import { channelName } from "./layers.js";
-import { checkPrediction, codedSide, photoPixels, predictedBase } from "./photos.js";
+import { checkPrediction, codedSide, joinGroups, photoPixels, predictedBase } from "./photos.js";
 import { Synthesis, hidingRecord, newArrays, standInCode } from "./synthesis.js";
 
 /** @typedef {import("./cameras.js").Camera} Camera */
@@ -270,12 +270,17 @@ async function predicted(pictures, network) {
   const { file } = pictures;
   if (!file.network || !file.photos) throw new TsplatError("no photos", "file");
   if (!network) throw new TsplatError(`needs the network ${file.network.name}, and none was given`, "NETW[0]");
-  const photos = await Promise.all(file.photos.streams.map((_, view) => pictures.photo(view)));
   const { height, width } = file.photos;
-  const prediction = await network({ photos, width, height, cameras: file.cameras, ...file.network });
-  pictures.signal.throwIfAborted();
-  checkPrediction(prediction, file.cameras.length);
-  return prediction;
+  const found = [];
+  for (const { views } of file.groups) {
+    const photos = await Promise.all(views.map((view) => pictures.photo(view)));
+    const cameras = views.map((view) => file.cameras[view]);
+    const prediction = await network({ photos, width, height, cameras, ...file.network });
+    pictures.signal.throwIfAborted();
+    checkPrediction(prediction, views.length);
+    found.push(prediction);
+  }
+  return joinGroups(found, file.groups, file.viewCount);
 }
 
 /** @param {Container} file @param {Prediction} prediction @returns {Decoded} */

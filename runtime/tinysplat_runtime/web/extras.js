@@ -1,4 +1,4 @@
-/** Sections of the modes with photos or exact planes, checked: docs/FORMAT.md, NETW, PHOT and EXAC. */
+/** Sections of the modes with photos or exact planes, checked: docs/FORMAT.md, NETW, GRPS, PHOT and EXAC. */
 import { readIntrinsics } from "./cameras.js";
 import { MAX_QP, MAX_SIDE, readStream } from "./layers.js";
 import { cursor, only } from "./sections.js";
@@ -9,9 +9,11 @@ import { cursor, only } from "./sections.js";
 /** @typedef {import("./sections.js").Section} Section */
 
 const MAX_DEPTH = 1e30;
+const KEPT = 0x8000;
 
 /** @typedef {{ name: string, sha256: string, near: number, far: number }} Network */
 /** @typedef {{ height: number, width: number, qp: number, set: number, streams: Stream[] }} Photos */
+/** Photos that a network is given together, and of which of them its Gaussians are taken. @typedef {{ views: number[], kept: number[] }} Group */
 
 /**
  * @typedef {object} ExactLayer
@@ -57,6 +59,34 @@ export function readNetwork(fields) {
   fields.finish();
   fields.require(1 / MAX_DEPTH < near && near < far && far < MAX_DEPTH, `near ${near} and far ${far}`);
   return { name, sha256, near, far };
+}
+
+/**
+ * In which groups a network is given the photos; all at once without the section.
+ *
+ * @param {Cursor | undefined} fields
+ * @param {number} count of views
+ * @returns {Group[]}
+ */
+export function readGroups(fields, count) {
+  const all = Array.from({ length: count }, (_, view) => view);
+  if (!fields) return [{ views: all, kept: all }];
+  /** @type {Set<number>} */
+  const keptOnce = new Set();
+  const groups = Array.from({ length: fields.u16() }, (_, number) => {
+    const words = Array.from({ length: fields.u8() }, () => fields.u16());
+    const views = words.map((word) => word & ~KEPT);
+    const kept = views.filter((_, i) => words[i] & KEPT);
+    const isRising = views.every((view, i) => view < count && (i === 0 || views[i - 1] < view));
+    fields.require(isRising, `group ${number} has views ${views.slice(0, 8)}, expected rising ones below ${count}`);
+    const isNew = kept.length > 0 && kept.every((view) => !keptOnce.has(view));
+    fields.require(isNew, `group ${number} keeps no view, or one that another does`);
+    for (const view of kept) keptOnce.add(view);
+    return { views, kept };
+  });
+  fields.finish();
+  fields.require(keptOnce.size === count, `${keptOnce.size} of ${count} views are kept in a group`);
+  return groups;
 }
 
 /** @param {Cursor} fields @param {number} views @param {Uint8Array} data @returns {Photos} */

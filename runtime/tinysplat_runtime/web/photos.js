@@ -107,6 +107,54 @@ export function checkPrediction(prediction, views) {
 }
 
 /**
+ * One prediction of all views from those of groups: of each the views that it keeps.
+ *
+ * @param {Prediction[]} found
+ * @param {import("./extras.js").Group[]} groups
+ * @param {number} count of views
+ * @returns {Prediction}
+ */
+export function joinGroups(found, groups, count) {
+  const [{ layers, origin }] = found;
+  if (found.length === 1) return found[0];
+  const joined = layers.map((layer) => ({ ...layer, cameras: Array(count), ...emptyArrays(layer, count) }));
+  found.forEach((prediction, g) => {
+    const isAlike = prediction.layers.length === layers.length && prediction.layers.every((layer, i) =>
+      layer.height === layers[i].height && layer.width === layers[i].width && layer.degree === layers[i].degree);
+    require(isAlike, "layers of another shape than of the group before", "network");
+    const shift = [0, 1, 2].map((axis) => prediction.origin[axis] - origin[axis]);
+    prediction.layers.forEach((layer, i) => {
+      for (const view of groups[g].kept) {
+        const at = groups[g].views.indexOf(view);
+        joined[i].cameras[view] = layer.cameras[at];
+        for (const [name, size] of fieldsOf(layer)) {
+          const values = layer[name].subarray(at * size, (at + 1) * size);
+          joined[i][name].set(values, view * size);
+          if (name === "means") for (let n = 0; n < size; n++) joined[i].means[view * size + n] = values[n] + shift[n % 3];
+        }
+      }
+    });
+  });
+  return { layers: joined, origin };
+}
+
+/**
+ * Arrays of a layer, and how many numbers each has of a view.
+ *
+ * @param {Predicted} layer
+ * @returns {["means" | "quats" | "scales" | "opacities" | "sh", number][]}
+ */
+function fieldsOf({ height, width, degree }) {
+  const pixels = height * width;
+  return [["means", 3 * pixels], ["quats", 4 * pixels], ["scales", 3 * pixels], ["opacities", pixels], ["sh", 3 * (degree + 1) ** 2 * pixels]];
+}
+
+/** @param {Predicted} layer @param {number} count of views @returns {Pick<Predicted, "means" | "quats" | "scales" | "opacities" | "sh">} */
+function emptyArrays(layer, count) {
+  return /** @type {any} */ (Object.fromEntries(fieldsOf(layer).map(([name, size]) => [name, new Float32Array(count * size)])));
+}
+
+/**
  * A view of a prediction as what a hybrid file's codes are added to: the inverse of steps 3 to 6.
  *
  * @param {Predicted} layer

@@ -12,7 +12,7 @@ const REQUIRED = 1;
 export const PLANES = ["DEPT", "COLO", "OPAC", "SCAL", "ROTA", "OFFS"];
 
 const KNOWN = new Set([
-  "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "THIN", "NETW", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "TIER",
+  "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "THIN", "NETW", "GRPS", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "TIER",
   "FREP", "SEEN", "UNIT", "VIEW", ...PLANES,
 ]);
 

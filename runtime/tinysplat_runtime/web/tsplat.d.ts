@@ -57,6 +57,8 @@ export interface Limits {
   maxMemory: number;
   maxViews: number;
   maxLayers: number;
+  /** Gaussians for each byte at hand, beyond the first million; Infinity by default. */
+  maxPerByte: number;
 }
 
 /** Photos that a network is to make Gaussians of. */
@@ -125,10 +127,10 @@ export function decodeStream(
 
 /**
  * Decode some views of a file that is elsewhere: of one whose views are units, only header, metadata and these views
- * are read.
+ * are read. `source` is an address, whose server is asked for ranges, or a function that gives bytes.
  */
 export function decodeViews(
-  read: (offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>,
+  source: string | URL | ((offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>),
   views: number[],
   options?: Options,
 ): Promise<Scene>;

@@ -5,11 +5,12 @@
  *
  * No dependency, no WebAssembly. Works in pages, workers, node and deno.
  */
-import { LIMITS, readContainer } from "./container.js";
+import { LIMITS, isWorth, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
 import { TsplatError, require } from "./errors.js";
 import { COLOR, channelName } from "./layers.js";
+import { anySignal, rangesOf } from "./ranges.js";
 import { HEADER_BYTES, label, metadataBytes, tableBytes } from "./sections.js";
 
 export { TsplatError };
@@ -91,12 +92,14 @@ async function decodeContainer(file, options, known) {
  * Decode some views of a file that is elsewhere, of which only header, metadata and these views are read (FORMAT.md,
  * "Views as units"); a file that is in one piece is read whole.
  *
- * @param {(offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>} read gives bytes of the file
+ * @param {string | URL | ((offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>)} source an address, or what
+ *   gives bytes of the file
  * @param {number[]} views
  * @param {Options} [options]
  * @returns {Promise<Scene>}
  */
-export async function decodeViews(read, views, options = {}) {
+export async function decodeViews(source, views, options = {}) {
+  const read = typeof source === "function" ? source : rangesOf(source, options.signal);
   /** @param {number} offset @param {number} length */
   const get = async (offset, length) => {
     require(length <= reading(options, true).limits.maxMemory, `${length} bytes of metadata or of a view`, "file", offset);
@@ -107,7 +110,8 @@ export async function decodeViews(read, views, options = {}) {
   };
   const table = await get(0, tableBytes(await get(0, HEADER_BYTES)));
   const metadata = await get(0, metadataBytes(table) ?? table.length);
-  const { sections } = readContainer(metadata, { ...reading(options, true), views: undefined });
+  const outline = reading({ ...options, limits: { ...options.limits, maxPerByte: Infinity } }, true);
+  const { sections } = readContainer(metadata, { ...outline, views: undefined });
   /** @type {Map<number, Uint8Array>} */
   const fetched = new Map();
   for (const { type, index, start, length } of sections) {
@@ -118,16 +122,6 @@ export async function decodeViews(read, views, options = {}) {
   const bytes = inParts ? metadata : await get(0, end);
   const file = readContainer(bytes, { ...reading(options, true), views, fetched });
   return decodeContainer(file, options, undefined);
-}
-
-/** @param {AbortSignal} outer @param {AbortSignal} inner */
-function anySignal(outer, inner) {
-  const both = new AbortController();
-  for (const signal of [outer, inner]) {
-    if (signal.aborted) both.abort(signal.reason);
-    signal.addEventListener("abort", () => both.abort(signal.reason), { once: true, signal: both.signal });
-  }
-  return both.signal;
 }
 
 /**
@@ -173,6 +167,8 @@ function firstColours(file) {
  */
 export async function* decodeStream(chunks, options = {}) {
   const start = reading(options, true);
+  const { maxPerByte } = start.limits;
+  start.limits.maxPerByte = Infinity; // of what is read before its bytes have come
   const arriving = new Arriving(chunks, start.limits.maxMemory);
   /** @type {Map<string, Uint16Array>} */
   const known = new Map();
@@ -194,7 +190,9 @@ export async function* decodeStream(chunks, options = {}) {
         const reached = steps.filter((step) => step <= bytes.length).at(-1) ?? 0;
         if (reached > shown && reached < steps[steps.length - 1]) {
           shown = reached;
-          const scene = await prefix(readContainer(bytes.subarray(0, reached), start), options, known);
+          const held = readContainer(bytes.subarray(0, reached), start);
+          const isShown = isWorth(held, reached, { ...start.limits, maxPerByte });
+          const scene = isShown ? await prefix(held, options, known) : undefined;
           if (scene) yield { ...scene, received: bytes.length };
           continue;
         }

@@ -1,0 +1,57 @@
+/** Ranges of a file on a web server, none of whose answers is believed: it says which bytes it sends, and sends no more. */
+import { TsplatError, require } from "./errors.js";
+
+const SILENT_MS = 20000;
+
+/**
+ * What reads ranges of the file at an address.
+ *
+ * @param {string | URL} url
+ * @param {AbortSignal} [signal]
+ * @param {number} [silentMs] how long the server may say nothing
+ * @returns {(offset: number, length: number) => Promise<Uint8Array>}
+ */
+export function rangesOf(url, signal, silentMs = SILENT_MS) {
+  const where = String(url);
+  return async (offset, length) => {
+    const gaveUp = new AbortController();
+    const both = signal ? anySignal(signal, gaveUp.signal) : gaveUp.signal;
+    const slow = new TsplatError(`the server says nothing for ${silentMs / 1000} s`, where);
+    let timer = setTimeout(() => gaveUp.abort(slow), silentMs);
+    try {
+      const asked = `bytes ${offset}-${offset + length - 1}`;
+      const response = await fetch(url, { headers: { Range: asked.replace(" ", "=") }, signal: both });
+      const { status, headers, body } = response;
+      const none = "the server gives no ranges of a file, which reading it in parts needs";
+      require(status === 206, status === 200 ? `${none}; download it and decode the whole` : `the server answers ${status}`, where);
+      const stated = headers.get("Content-Range"); // which servers of other origins may hide
+      require(!stated || stated.split("/")[0] === asked, `Content-Range '${stated?.slice(0, 60)}' where ${asked} were asked for`, where);
+      const parts = [];
+      let received = 0;
+      const reader = /** @type {ReadableStream<Uint8Array>} */ (body).getReader();
+      for (;;) {
+        const { done, value } = await reader.read();
+        if (done) break;
+        received += value.length;
+        require(received <= length, `the server sends more than the ${length} bytes that were asked for`, where);
+        parts.push(value);
+        clearTimeout(timer);
+        timer = setTimeout(() => gaveUp.abort(slow), silentMs);
+      }
+      return new Uint8Array(await new Blob(/** @type {any} */ (parts)).arrayBuffer());
+    } finally {
+      clearTimeout(timer);
+      gaveUp.abort(); // nothing more of the body is received
+    }
+  };
+}
+
+/** @param {AbortSignal} outer @param {AbortSignal} inner */
+export function anySignal(outer, inner) {
+  const both = new AbortController();
+  for (const signal of [outer, inner]) {
+    if (signal.aborted) both.abort(signal.reason);
+    signal.addEventListener("abort", () => both.abort(signal.reason), { once: true, signal: both.signal });
+  }
+  return both.signal;
+}
