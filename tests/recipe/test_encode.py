@@ -81,7 +81,7 @@ def test_a_file_to_be_like_may_be_a_path_or_bytes(many: Path, tmp_path: Path) ->
 
 def test_doubts_are_warnings_of_the_line_that_asked(tmp_path: Path) -> None:
     scene = ts.load_scene(write_scene(tmp_path / "noise", views=2, height=48, width=64))
-    with pytest.warns(ts.SceneWarning, match="hardly match anywhere") as caught:
+    with pytest.warns(ts.SceneWarning, match=r"photo 1 \(0000.png\)") as caught:
         ts.encode(scene, "sweep")
     assert caught[0].filename == __file__ and str(caught[0].message).startswith(f"{scene.path}: ")
     with warnings.catch_warnings():
