@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians, make_smooth_gaussians
+from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.encoder import SceneEncoder
@@ -89,11 +89,3 @@ def test_a_target_size_beyond_the_finest_steps_gives_the_finest_file():
 def test_contradictory_and_impossible_options_are_refused(gaussians, options, named):
     with pytest.raises(InputError, match=named):
         RUNTIME.compress(gaussians, **options)
-
-
-@pytest.mark.parametrize(("degree", "seed", "targets"), [(0, 3, (30, 36)), (3, 5, (33,))])
-def test_free_gaussians_meet_every_target_below_their_best(degree, seed, targets):
-    scene = make_free_gaussians(80, degree, np.random.default_rng(seed))
-    sizes = [len(RUNTIME.compress(scene, target_psnr=db)) for db in targets]
-    assert sorted(sizes) == sizes
-    assert len(RUNTIME.compress(scene, target_size=sizes[-1])) <= sizes[-1]
