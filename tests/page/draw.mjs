@@ -7,7 +7,7 @@ const [folder, input, output] = process.argv.slice(2);
 const module = (name) => import(pathToFileURL(`${folder}/${name}`));
 const { ARITHMETIC } = await module("arithmetic.js");
 const { Camera } = await module("camera.js");
-const { counted, distances, shares, sorting } = await module("near.js");
+const { EVERY, counted, distances, shares, sorting } = await module("near.js");
 const { dot, unit } = await module("vectors.js");
 
 const glsl = functionsOf(ARITHMETIC), { max, sqrt } = Math, vector = (x, y, z, w) => ({ x, y, z, w });
@@ -20,7 +20,7 @@ const camera = new Camera(scene.camera, 1), { projection, principal, focal } = c
 const rows = [0, 3, 6].map((at) => vector(...projection.slice(at, at + 3)));
 
 const isNear = scene.order === "near" && views.length > 1;
-const share = isNear ? shares(distances(views, depth, camera), counted(views)) : { front: views.map(() => 0), all: views.map(() => 1) };
+const share = isNear ? shares(distances(views, depth, camera), counted(views)) : { front: views.map(() => 0), all: views.map(() => 1), behind: [] };
 const z = camera.rotation[2], order = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
 const partOf = (i) => parts.find(({ from, to }) => from <= i && i < to);
 
@@ -32,22 +32,23 @@ function colour(i, d) {
 
 const [front, back] = [0, 1].map(() => ({ picture: new Float64Array(3 * width * height), left: new Float64Array(width * height).fill(1) }));
 for (const entry of order) {
-  const i = entry & 0x7fffffff, isCopy = entry > 0x7fffffff, { view } = partOf(i), { picture, left } = isCopy ? front : back;
+  const i = entry & 0x3fffffff, isCopy = entry > 0x7fffffff, isBehind = (entry & 0x40000000) !== 0, larger = isBehind ? EVERY : 1;
+  const { view } = partOf(i), { picture, left } = isCopy ? front : back;
   const at = [0, 1, 2].map((k) => means[3 * i + k] - camera.position[k]), ray = vector(...at);
   const point = rows.map((row) => glsl.dot3(row, ray)), u = point[0] / point[2], v = point[1] / point[2];
   const limit = (x, c, size) => max(-0.15 * size - c, Math.min(1.15 * size - c, x));
-  const q = vector(...quats.subarray(4 * i, 4 * i + 4)), s = vector(...scales.subarray(3 * i, 3 * i + 3));
+  const q = vector(...quats.subarray(4 * i, 4 * i + 4)), s = vector(...scales.subarray(3 * i, 3 * i + 3).map((one) => larger * one));
   const m1 = glsl.across(glsl.jacobian(rows[0], rows[2], limit(u, principal[0], width), point[2]), q, s);
   const m2 = glsl.across(glsl.jacobian(rows[1], rows[2], limit(v, principal[1], height), point[2]), q, s);
   const area = glsl.cross3(m1, m2), b = glsl.dot3(m1, m2), plain = glsl.dot3(area, area);
   let [a, c] = [glsl.dot3(m1, m1), glsl.dot3(m2, m2)], own = 0;
   if (view >= 0 && scene.dilation === "own") {
     const { K, rotation, position } = views[view], deep = dot(rotation[2], [0, 1, 2].map((k) => means[3 * i + k] - position[k]));
-    own = deep > 0 ? (deep / sqrt(K[0] * K[2])) * focal / point[2] : 0;
+    own = deep > 0 ? larger * (deep / sqrt(K[0] * K[2])) * focal / point[2] : 0;
   }
   const wider = glsl.widening(a, b, c, plain, own), det = plain + wider.x * (a + c + wider.x);
   [a, c] = [a + wider.x, c + wider.x];
-  const opacity = opacities[i] * wider.y * (view < 0 ? 1 : share.all[view]), part = isCopy ? share.front[view] / share.all[view] : 1, reach = Math.log(opacity / glsl.LEAST_ALPHA);
+  const opacity = opacities[i] * wider.y * (view < 0 ? 1 : isBehind ? share.behind[view] : share.all[view]), part = isCopy ? share.front[view] / share.all[view] : 1, reach = Math.log(opacity / glsl.LEAST_ALPHA);
   if (!(reach > 0)) continue;
   const axes = glsl.halfAxes(a, b, c, det), long = [axes.x, axes.y], size = Math.hypot(...long), rgb = colour(i, unit(at));
   const x0 = u + principal[0], y0 = v + principal[1], far = sqrt(reach) * size;

@@ -120,8 +120,17 @@ def test_what_cannot_show_is_left_out_and_whole_parts_with_it() -> None:
     made["opacities"] = [0.5, 1 / 255, 0.0039, 0.5, 0.5, 0.5] + [0.001] * 6
     made["means"][3 * 3], made["means"][3 * 4 + 1], made["means"][3 * 5 + 2] = None, None, None  # not a number
     scene = run("return sceneOf(decodedOf(made))", made=made)
-    assert scene["count"] == 2 and scene["parts"] == [{"view": 0, "isFront": True, "from": 0, "to": 2}]
+    assert scene["count"] == 2 and scene["parts"] == [{"view": 0, "isFront": True, "from": 0, "to": 2, "coarse": []}]
     np.testing.assert_allclose(scene["quats"], made["quats"][:8], rtol=1e-6)
+
+
+def test_a_coarse_surface_is_one_pixel_of_sixteen_that_can_show() -> None:
+    pixels = np.arange(48 * 64).reshape(48, 64)
+    made = decoded(4 * pixels.size, 2, degree=0, layers=2)
+    surface, further = run("return sceneOf(decodedOf(made)).parts", made=made)[::2]
+    kept = np.flatnonzero(np.array(made["opacities"][: pixels.size]) >= 1 / 255)
+    np.testing.assert_array_equal(kept[surface["coarse"]], np.intersect1d(pixels[2::4, 2::4], kept))
+    assert further["coarse"] == []
 
 
 @pytest.mark.parametrize("count", [1, 101])

@@ -146,6 +146,30 @@ def test_shares_of_a_capture_are_continuous(places, seed):
 
 
 @pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
+def test_where_near_views_show_nothing_the_others_do_and_nowhere_else(compiled):
+    """The four nearest of eight views see nothing on the left; the others' wall is red, and stands before theirs."""
+    scene = walls([3.0] * 4 + [2.0] * 4, [GREEN] * 4 + [RED] * 4)
+    holed = scene.opacities.copy()
+    holed[:4, :, :14] = 0
+    camera = scene.cameras[0]
+    image = Renderer(replace(scene, opacities=holed), 1, compiled=compiled).render(camera)
+    assert (image[6:-6, 3:7] @ RED > 0.6).all() and (image[6:-6, 3:7] @ GREEN < 0.01).all()
+    whole = Renderer(scene, 1, compiled=compiled).render(camera)
+    assert (whole[6:-6, 3:7] @ GREEN > 0.9).all() and (whole[6:-6, 3:7] @ RED < 0.05).all()
+
+
+def test_coarse_surfaces_are_those_of_the_views_around_and_change_with_the_camera_s_place():
+    distances = 0.1 * np.arange(1, 41)
+    views, camera = row(distances)
+    behind = views.shares(camera).behind
+    assert (behind[:5] == 1).all() and (np.diff(behind[4:25]) < 0).all() and not behind[24:].any()
+    few, camera = row(distances[:24])
+    assert (few.shares(camera).behind == 1).all()
+    six, camera = row(distances[:6])
+    assert not six.shares(camera).behind.any()
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
 @pytest.mark.parametrize("views", [2, 8])
 def test_gaussians_none_of_which_can_show_are_drawn_as_nothing(compiled, views):
     scene = make_gaussians(views, 6, 7)

@@ -4,10 +4,11 @@
 // Now and then pixels that nothing shines through any more are closed by depth, so that what lies behind costs nothing.
 // Nothing is instanced: hardware and software alike take far longer over many instances of a few vertices.
 import { ARITHMETIC } from "./arithmetic.js";
-import { sorting } from "./near.js";
+import { AROUND, EVERY, sorting } from "./near.js";
 
 const TEXTURE_WIDTH = 4096;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's part of its alphas
+const BEHIND = 0x40000000; // marks one of a coarse surface, which is drawn last
 const FEW_VIEWS = 6, DRAWN_VIEWS = 4; // so many are drawn at once of more than so many (near.js)
 const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
 
@@ -15,7 +16,7 @@ const PROJECT = `#version 300 es
 precision highp float; precision highp int; precision highp usampler2D;
 uniform usampler2D order;             // indices of Gaussians, nearest first
 uniform usampler2D geometry, colours; // two texels a Gaussian; one texel an SH function
-uniform sampler2D shares;             // by view: of opacity, that its surface is drawn first with, and that all is drawn with
+uniform sampler2D shares;             // by view: of opacity, that its surface is drawn first with, that all is drawn with, and its coarse surface
 uniform uint count;
 uniform mat3 projection;              // K R without the principal point
 uniform vec3 eye;                     // camera centre
@@ -67,8 +68,8 @@ void main() {
   uint place = uint(gl_FragCoord.y) * ${TEXTURE_WIDTH}u + uint(gl_FragCoord.x);
   if (place >= count) return;
   index = texel(order, place).x;
-  bool isCopy = (index & ${COPY}u) != 0u;
-  index &= ~${COPY}u;
+  bool isCopy = (index & ${COPY}u) != 0u, isBehind = (index & ${BEHIND}u) != 0u;
+  index &= ${BEHIND - 1}u;
   uvec4 first = texel(geometry, 2u * index), second = texel(geometry, 2u * index + 1u);
   float opacity = float(first.w & 0xffu) / 255.0;
   vec3 ray = uintBitsToFloat(first.xyz) - eye;
@@ -78,19 +79,20 @@ void main() {
   vec2 clamped = clamp(centred, -MARGIN * size - principal, (1.0 + MARGIN) * size - principal);
   mat3 rows = transpose(projection);
   vec4 q = vec4(unpackSnorm2x16(second.x), unpackSnorm2x16(second.y));
-  vec3 s = vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu));
+  float larger = isBehind ? ${EVERY}.0 : 1.0;
+  vec3 s = larger * vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu));
   vec3 m1 = across(jacobian(rows[0], rows[2], clamped.x, point.z), q, s);
   vec3 m2 = across(jacobian(rows[1], rows[2], clamped.y, point.z), q, s);
   vec3 area = cross3(m1, m2);
   float a = dot3(m1, m1), b = dot3(m1, m2), c = dot3(m2, m2), det = dot3(area, area);
-  vec2 wider = widening(a, b, c, det, focal * length16(second.w >> 16) / point.z);
+  vec2 wider = widening(a, b, c, det, focal * larger * length16(second.w >> 16) / point.z);
   det += wider.x * (a + c + wider.x);
   a += wider.x;
   c += wider.x;
   opacity *= wider.y;
   uint view = (first.w >> 8) & 0xffffu;
-  vec2 share = texelFetch(shares, ivec2(view, 0), 0).xy;
-  if (view > 0u) opacity *= share.y;
+  vec3 share = texelFetch(shares, ivec2(view, 0), 0).xyz;
+  if (view > 0u) opacity *= isBehind ? share.z : share.y;
   float part = isCopy ? share.x / share.y : 1.0; // of its alphas, that the picture in front has
   if (fades) opacity *= float(first.w >> 24) / 255.0;
   float reach = log(opacity / LEAST_ALPHA); // the exponent at which the footprint ends
@@ -228,20 +230,23 @@ function fill(gl, data, words, format) {
   if (rest.length) put(rows, rest.length / words, 1, rest);
 }
 
-function floatTexture(gl, width) { // two floats a texel, one row
+function floatTexture(gl, width) { // four floats a texel, one row
   const texture = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, texture);
   for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
-  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RG32F, width, 1);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, width, 1);
   return texture;
 }
 
-// How many places an order may need: copies and all; of a capture those of the views that are drawn at once.
+// How many places an order may need: copies and all; of a capture those of the views that are drawn at once, and coarse surfaces.
 function mostDrawn({ count, parts, viewCount }) {
   if (viewCount <= FEW_VIEWS) return 2 * count;
-  const sizes = new Float64Array(viewCount);
-  for (const { view, from, to } of parts) sizes[view] += to - from;
-  return 2 * sizes.sort().subarray(-DRAWN_VIEWS).reduce((sum, n) => sum + n, 0);
+  const [sizes, coarse] = [0, 1].map(() => new Float64Array(viewCount)), largest = (of, n) => of.sort().subarray(-n).reduce((sum, one) => sum + one, 0);
+  for (const { view, from, to, coarse: own } of parts) {
+    sizes[view] += to - from;
+    coarse[view] += own.length;
+  }
+  return 2 * largest(sizes, DRAWN_VIEWS) + largest(coarse, AROUND);
 }
 
 function bindTextures(gl, uniforms, textures) {
@@ -420,12 +425,12 @@ export class Splats {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  #fillShares({ front, all }) {
-    const { gl } = this, both = new Float32Array(2 * (front.length + 1));
-    front.forEach((share, v) => both.set([share, all[v]], 2 * v + 2));
+  #fillShares({ front, all, behind }) {
+    const { gl } = this, together = new Float32Array(4 * (front.length + 1));
+    front.forEach((share, v) => together.set([share, all[v], behind[v]], 4 * v + 4));
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.shares);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, front.length + 1, 1, gl.RG, gl.FLOAT, both);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, front.length + 1, 1, gl.RGBA, gl.FLOAT, together);
   }
 
   #resize(width, height) {

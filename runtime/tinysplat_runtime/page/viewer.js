@@ -166,7 +166,7 @@ export class Viewer {
 
   shares() {
     const { views, hasCameras } = this.scene;
-    if (!hasCameras || !this.cloud.viewCount) return { front: [], all: [] };
+    if (!hasCameras || !this.cloud.viewCount) return { front: [], all: [], behind: [] };
     const found = shares(distances(views, this.cloud.depth, this.camera), this.counted);
     if (!this.settings.nearFirst) found.front.fill(0);
     return found;

@@ -72,7 +72,7 @@ class Rasteriser:
         def project(number_and_chunks: tuple[int, Packed]) -> kernels_blend.Visible:
             number, chunks = number_and_chunks
             of = self._parts[number]
-            share, front = (0.0, 0.0) if shares is None else shares.of(of.view, of.is_surface)
+            share, front = (0.0, 0.0) if shares is None else shares.of(of.view, of.is_surface, of.is_coarse)
             return buffers.project(chunks(), view, share, front)
 
         def blend(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:

@@ -20,8 +20,14 @@ and direction, so that nothing pops along a path.
 - Of up to `FEW` views, R is 1.5 times the second least distance, and Gaussians of all views are drawn behind, as they
   are: where one of them sees nothing, any other may.
 - Of more, a capture, R is the fifth least distance, and what is drawn behind has its opacity times w_v: the four
-  nearest views alone are drawn, whose errors are small from here, and no other is even looked at. Of views at one place
-  that look one way, which no camera can tell apart, the first counts alone.
+  nearest views alone are drawn whole, whose errors are small from here. Of views at one place that look one way, which
+  no camera can tell apart, the first counts alone. What these four see nothing of would be a hole, so behind them all
+  come coarse copies of surfaces, of one Gaussian in `EVERY`² (`prepare.coarse_parts`), with their opacity times
+
+      b_v = clamp((B − d_v) / (B − R), 0, 1),
+
+  B the distance of the nearest view beyond `AROUND`; of fewer views, all have 1. They show where everything else left
+  transmittance, and nowhere else, so that their errors hide nothing.
 
 Surfaces are drawn in front with w_v² of what they are, as a surface of many Gaussians that overlap covers more than its
 share: with 0.2 each, six of them cover 0.7.
@@ -47,7 +53,13 @@ FEW = 6
 """Views of which all are drawn, from wherever."""
 
 DRAWN = 4
-"""Views of a capture that a picture is drawn from; fewer leave holes, more bring surfaces that are wrong from here."""
+"""Views of a capture that are drawn whole; fewer leave holes, more bring surfaces that are wrong from here."""
+
+AROUND = 24
+"""Views of a capture, at least, whose coarse surfaces are drawn behind these."""
+
+BEHIND = -1.0
+"""In place of a share that comes first: drawn behind everything that has none such."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,25 +69,33 @@ class Shares:
     Attributes:
         front: (V,) float64 in [0, 1], the share of its surface that comes before everything else; nowhere more than
         whole: (V,) float64 in [0, 1], the share of their opacity that all its Gaussians are drawn with.
+        behind: (V,) float64 in [0, 1], that of its coarse surface, which comes after everything else.
     """
 
     front: NDArray
     whole: NDArray
+    behind: NDArray
 
     @classmethod
     def by_depth(cls, whole: NDArray) -> Shares:
-        """No front: everything by depth; `whole` is (V,) float64."""
-        return cls(np.zeros(len(whole)), whole)
+        """Everything by depth, and nothing before or behind it; `whole` is (V,) float64."""
+        return cls(np.zeros(len(whole)), whole, np.zeros(len(whole)))
 
     @property
     def has_front(self) -> bool:
         """Whether anything is drawn before everything else."""
         return bool(self.front.any())
 
-    def of(self, view: int, is_surface: bool) -> tuple[float, float]:
+    def shows(self, view: int, is_coarse: bool) -> bool:
+        """Whether anything is drawn of a view, or of its coarse surface."""
+        return bool((self.behind if is_coarse else self.whole)[view] > 0)
+
+    def of(self, view: int, is_surface: bool, is_coarse: bool = False) -> tuple[float, float]:
         """For a view's Gaussians, of which something is drawn: the logarithm of that share of their opacity, and the
-        share of their alphas, as these are then, that comes first.
+        share of their alphas, as these are then, that comes first, or `BEHIND`.
         """
+        if is_coarse:
+            return math.log(self.behind[view]), BEHIND
         whole = float(self.whole[view])
         return math.log(whole), float(self.front[view]) / whole if is_surface else 0.0
 
@@ -110,34 +130,48 @@ class NearViews:
 
     @property
     def most(self) -> int:
-        """How many views a picture is drawn from at most."""
+        """How many views are drawn whole at most."""
         return min(len(self.centres), FEW)
+
+    @property
+    def around(self) -> int:
+        """Of how many views coarse surfaces are drawn at most."""
+        return min(len(self.centres), AROUND)
+
+    @cached_property
+    def is_capture(self) -> bool:
+        """Whether coarse surfaces are ever drawn."""
+        return int(self._poses.max()) >= FEW
 
     def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
         """What a camera's picture is drawn with, of all views but some; where one alone is left, all is by depth."""
         gone = set(without)  # numpy's functions of sets load all of `numpy.ma` (12 ms)
         left = np.array([view for view in range(len(self.centres)) if view not in gone], np.intp)
-        front, whole = np.zeros((2, len(self.centres)))
+        shares = np.zeros((3, len(self.centres)))
         if left.size < 2:
-            whole[left] = 1
+            shares[1, left] = 1
         else:
-            front[left], whole[left] = self._of_some(camera, left)
-        return Shares(front, whole)
+            shares[:, left] = self._of_some(camera, left)
+        return Shares(*shares)
 
-    def _of_some(self, camera: Camera, views: NDArray) -> tuple[NDArray, NDArray]:
-        """`Shares` of (n,) views alone."""
+    def _of_some(self, camera: Camera, views: NDArray) -> NDArray:
+        """(3, n) front, whole and behind, as `Shares` has them, of (n,) views alone."""
         places = np.square(self.centres[views] - camera.centre).sum(axis=1) / self.depth**2
         distances = np.sqrt(places + np.square(self.directions[views] - camera.rotation[2]).sum(axis=1))
-        front, whole = np.zeros((2, views.size))
+        front, whole, behind = shares = np.zeros((3, views.size))
         counted = np.arange(views.size) if views.size <= FEW else np.unique(self._poses[views], return_index=True)[1]
         near = counted[np.lexsort((counted, distances[counted]))]
         if near.size <= FEW:
             whole[near] = 1
             front[near] = np.square(_ramp(distances[near], REACH * distances[near[min(1, near.size - 1)]]))
         else:
-            whole[near[:DRAWN]] = _ramp(distances[near[:DRAWN]], distances[near[DRAWN]])
-            front = np.square(whole)
-        return front, whole
+            reach, around = distances[near[DRAWN]], near[:AROUND]
+            whole[near[:DRAWN]] = _ramp(distances[near[:DRAWN]], reach)
+            front[:] = np.square(whole)
+            behind[around] = 1
+            if near.size > AROUND:
+                behind[around] = _ramp(distances[around].clip(min=reach), distances[near[AROUND]])
+        return shares
 
     @cached_property
     def _poses(self) -> NDArray:

@@ -21,6 +21,9 @@ from ..scene.cameras import Camera
 
 BLOCK_SIZE = 16_384
 
+EVERY = 4
+"""Of a surface's coarse copy: one pixel of so many rows and columns, whose Gaussian is as many times as large."""
+
 ALPHA_MIN = 1 / 255
 """One 8-bit step: a Gaussian adds nothing to a pixel where its alpha is smaller, so its footprint ends there."""
 
@@ -40,6 +43,7 @@ class Block:
             view, scene units; 0 where it lies behind that view. None where they are of no known photo.
         view: the view that they are of; −1 where they are of none, or of several.
         is_surface: whether they are of layer 0.
+        is_coarse: whether they are of a surface's coarse copy.
     """
 
     means: NDArray
@@ -51,6 +55,7 @@ class Block:
     own_pixels: NDArray | None = None
     view: int = -1
     is_surface: bool = True
+    is_coarse: bool = False
 
     @property
     def size(self) -> int:
@@ -109,7 +114,7 @@ class Part:
     """Up to `BLOCK_SIZE` Gaussians as they were given, of which a block can be made when it is wanted.
 
     Attributes:
-        view, is_surface: as `Block` has them.
+        view, is_surface, is_coarse: as `Block` has them.
         rows: their arrays by name, (n, …).
         origin: (3,) float64, of the Gaussians.
         photo: the view whose pixels they stand for; None where they are of no known photo.
@@ -120,6 +125,7 @@ class Part:
     rows: Mapping[str, NDArray]
     origin: NDArray
     photo: Camera | None
+    is_coarse: bool = False
 
     @property
     def size(self) -> int:
@@ -172,6 +178,7 @@ class Part:
             own_pixels=replace(self, rows=rows).own_pixels(),
             view=self.view,
             is_surface=self.is_surface,
+            is_coarse=self.is_coarse,
         )
 
 
@@ -187,12 +194,36 @@ def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = Tru
         grids = enumerate(gaussians.cameras) if by_view else [(-1, None)]
         for view, photo in grids:
             arrays = {name: getattr(layer, name) if photo is None else getattr(layer, name)[view] for name in FIELDS}
-            count = arrays["opacities"].size
-            shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (layer.sh.shape[-2], 3)}
-            flat = {name: arrays[name].reshape(count, *shape) for name, shape in shapes.items()}
-            for start in range(0, count, BLOCK_SIZE):
-                rows = {name: array[start : start + BLOCK_SIZE] for name, array in flat.items()}
-                yield Part(view, layer is gaussians, rows, gaussians.origin, photo if own_pixels else None)
+            yield from _cut(view, layer is gaussians, arrays, gaussians.origin, photo if own_pixels else None)
+
+
+def coarse_parts(gaussians: Gaussians, *, own_pixels: bool = True) -> Iterator[Part]:
+    """Coarse copies of the surface of every view, in parts: every `EVERY`th pixel of every `EVERY`th row, from the
+    middle of the first such square on, with a Gaussian that is so many times as large and stands for so large a pixel.
+
+    Args:
+        gaussians: per pixel, with cameras.
+        own_pixels: say of what photo's pixels they are.
+    """
+    for view, camera in enumerate(gaussians.cameras):
+        arrays = {name: getattr(gaussians, name)[view, EVERY // 2 :: EVERY, EVERY // 2 :: EVERY] for name in FIELDS}
+        arrays["scales"] = EVERY * arrays["scales"]
+        K = camera.K / np.array([[EVERY], [EVERY], [1]])
+        photo = Camera(K, camera.c2w, -(-camera.width // EVERY), -(-camera.height // EVERY))
+        coarse = _cut(view, True, arrays, gaussians.origin, photo if own_pixels else None)
+        yield from (replace(part, is_coarse=True) for part in coarse)
+
+
+def _cut(
+    view: int, is_surface: bool, arrays: Mapping[str, NDArray], origin: NDArray, photo: Camera | None
+) -> Iterator[Part]:
+    """Cut a view of a layer, or all of them; arrays by name, with any shape before what a Gaussian has of each."""
+    count = arrays["opacities"].size
+    own = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": arrays["sh"].shape[-2:]}
+    flat = {name: arrays[name].reshape(count, *shape) for name, shape in own.items()}
+    for start in range(0, count, BLOCK_SIZE):
+        rows = {name: array[start : start + BLOCK_SIZE] for name, array in flat.items()}
+        yield Part(view, is_surface, rows, origin, photo)
 
 
 def prepare(gaussians: Gaussians, *, by_view: bool = False) -> Iterator[Block]:

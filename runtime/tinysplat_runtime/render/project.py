@@ -158,7 +158,7 @@ def project(
     keep, rows = seen.visible, slice(first, first + seen.visible.size)
     # turned over first, as numpy picks rows in half the time that it picks columns in
     np.ascontiguousarray(seen.planes.T).take(keep, axis=0, out=splats.records[rows], mode="wrap")
-    splats.log_opacities[rows], splats.fronts[rows] = seen.log_opacities.take(keep), front
+    splats.log_opacities[rows], splats.fronts[rows] = seen.log_opacities.take(keep), max(front, 0.0)
     splats.depths[rows] = seen.depths.take(keep)
     left, right, top, bottom = seen.bounds.take(keep, axis=1)
     splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -19,7 +20,7 @@ from ..system.stopwatch import part
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews
-from .prepare import BLOCK_SIZE, Block, Part, Shelf, parts
+from .prepare import BLOCK_SIZE, Block, Part, Shelf, coarse_parts, parts
 from .project import Splats, View, may_show, parts_show, project
 from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, Grid, bands, depth_order, find_pairs, runs
 
@@ -94,9 +95,13 @@ class Renderer:
         _check_choice("order", order, ORDERS)
         self._near = NearViews.of(gaussians) if order == "near" else None
         by_photo = bool(gaussians.cameras) and (self._near is not None or dilation == "own")
-        self._parts = cut = tuple(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
+        cut = list(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
         row_bytes = (180 if module else 56) + 4 * 3 * gaussians.sh.shape[-2]
         needed = len(cut) if self._near is None else self._near.most * len(cut) // len(gaussians.cameras)
+        if self._near is not None and self._near.is_capture:
+            coarse = list(coarse_parts(gaussians, own_pixels=dilation == "own"))
+            cut, needed = cut + coarse, needed + self._near.around * len(coarse) // len(gaussians.cameras)
+        self._parts = cut
         places = min(len(cut), max(needed, KEPT_BYTES // (row_bytes * BLOCK_SIZE)))
         self._compiled = module.Rasteriser(cut, places if keep else 0, self._run) if module else None
         keeps = keep and not module and sum(part.size for part in cut[:needed]) * row_bytes <= KEPT_BYTES
@@ -140,7 +145,7 @@ class Renderer:
 
     def _draw(self, view: View, with_depth: bool) -> Any:
         shares = None if self._near is None else self._near.shares(view.camera)
-        drawn = [n for n, cut in enumerate(self._parts) if shares is None or shares.whole[cut.view] > 0]
+        drawn = [n for n, cut in enumerate(self._parts) if shares is None or shares.shows(cut.view, cut.is_coarse)]
         if len(drawn) >= MANY_PARTS:
             shows = parts_show([self._parts[n] for n in drawn], view)
             drawn = [n for n, does in zip(drawn, shows, strict=True) if does] or drawn[:1]
@@ -163,14 +168,20 @@ class Renderer:
                 block = cut.compress(may_show(cut, view)) if may_show(cut, view, SAMPLE).mean() < 0.75 else cut
             front = 0.0
             if shares is not None:
-                whole, front = shares.of(block.view, block.is_surface)
+                whole, front = shares.of(block.view, block.is_surface, block.is_coarse)
                 block = block if whole == 0 else block.fainter(whole)
             return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
 
         with part("projection"):
             ids = self._run(project_part, list(zip(cuts, ends[1:].tolist(), strict=True)))
         with part("depth order"):
-            order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int32), *ids]))
+            nothing, is_coarse = np.zeros(0, np.int32), [cut.is_coarse for cut in cuts]
+            order = np.concatenate(
+                [
+                    depth_order(splats.depths, np.concatenate([nothing, *itertools.compress(ids, chosen)]))
+                    for chosen in (np.logical_not(is_coarse), is_coarse)
+                ]
+            )
             boxes = splats.boxes.take(order, axis=1)
             pairs = int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64))
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
