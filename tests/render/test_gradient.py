@@ -196,7 +196,7 @@ def test_gradients_are_those_of_the_torch_rasteriser(order: str) -> None:
     gaussians, camera = crowded()
     surface = np.zeros(gaussians.count)
     surface[gaussians.opacities[0].size : 2 * gaussians.opacities[0].size] = 1
-    near = Shares(np.array([0.0, 1, 0]), np.ones(3)) if order == "near" else None
+    near = Shares(np.array([0.0, 1, 0]), np.ones(3), np.zeros(3)) if order == "near" else None
     if order == "near":  # thin, as a pixel that ends in front has nothing of the second picture
         layers = [dressed(layer, size=0.5, opacity=0.3) for layer in gaussians.layers]
         gaussians = replace(layers[0], extra_layers=tuple(layers[1:]))

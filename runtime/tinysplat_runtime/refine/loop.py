@@ -16,6 +16,7 @@ from ..render.gradient import Grid, MovableGaussians, PhotoError, Target
 from ..render.kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
+from ..system.decibels import decibels
 from . import kernels
 from .price import PlanePrice
 from .schedule import Turn, held_back, order, turn
@@ -29,9 +30,6 @@ JUDGED = 8
 
 JUDGED_PIXELS = 256 * 256
 """Of a photo, about, by which a state is judged: tiles spread over larger ones."""
-
-OWN = 0.25
-"""What a photo that is held back, drawn from all Gaussians, counts of a judgement."""
 
 COVERED = 0.4
 """A pixel is covered where no more than this transmittance is left."""
@@ -133,16 +131,17 @@ class Loop:
         errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
         return float(np.mean([error.psnr for error in errors]))
 
-    def check(self) -> list[float]:
-        """dB of the photos that are judged, each drawn from the others' Gaussians where those showed something first;
-        without those of which they showed nothing. Of those held back, what all Gaussians show counts a quarter: a new
-        view is nearer to all photos than one is to the others.
+    def check(self) -> float:
+        """dB of the photos that judge. Of those held back, as all Gaussians show them, of their mean squared error; of
+        others the mean, each as the others' Gaussians show it where those showed something first, but for photos of
+        which they showed nothing.
         """
-        targets = [self._exposed(view, self._sizes[0][view]) for view in self.held]
-        whole = [self.field.measure(target, shares=self.field.shares(target.camera)).psnr for target in targets]
-        errors = [self._checked(view) for view in self.judged]
-        pairs = zip(errors, whole or [error.psnr for error in errors], strict=True)
-        return [(1 - OWN) * error.psnr + OWN * from_all for error, from_all in pairs if error.known]
+        if self.held:
+            targets = [self._exposed(view, self._sizes[0][view]) for view in self.held]
+            errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
+            return decibels(float(np.mean([error.squared / (3 * error.known) for error in errors])))
+        found = [error.psnr for error in map(self._checked, self.judged) if error.known]
+        return float(np.mean(found)) if found else 0.0
 
     def _checked(self, view: int) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, where they showed something at first."""

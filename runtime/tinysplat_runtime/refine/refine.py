@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
+from ..system.decibels import decibels
 from .coarse import bring_up, halved, halved_picture, halved_target, lacking_alike
 from .loop import Loop
 from .photos import matched, sizes_of
@@ -32,10 +33,6 @@ FIRST = {"step": 4.0, "small step": 1.5}
 SAME_PICTURE = 0.25
 """Least share of a photo's variance, after gain and offset, that the Gaussians' picture has to explain at the start:
 0.6 to 0.99 for photos they were made of, about 0 for photos of another scene."""
-
-
-WORST = 0.5
-"""What a dB that a photo which is held back loses counts of a mean that gains."""
 
 
 def refine(
@@ -56,8 +53,8 @@ def refine(
     offset a photo) and moves the Gaussians of every layer that it sees along their pixels' rays, in size, opacity and
     colour. Now and then every photo is drawn from the Gaussians of the others: the result is the step at which that was
     best, and the very Gaussians that were given if none was better than the start. Of three photos or more, the first
-    steps are taken on smaller copies (`coarse.py`). Of a capture, which has more than six photos, those that judge
-    correct nothing before the best step is known.
+    steps are taken on smaller copies (`coarse.py`). Of a capture, which has more than six photos, a few are held back
+    and correct nothing before the end: the result is the last step, and what was given if these contradict it.
 
     Args:
         gaussians: per pixel, with cameras, of two views or more.
@@ -99,7 +96,7 @@ class Refining:
     ) -> None:  # fmt: skip
         """Begin; see `refine` for arguments and errors."""
         self.stats = stats if stats is not None else RefineStats()
-        self._start, self._worse, self._score = gaussians, 0, -math.inf
+        self._start, self._worse, self._least = gaussians, 0, -math.inf
         self._told = profile, qp, run_jobs
         is_small = steps_below(gaussians.opacities[0].size, 1, MAX_STEPS) == 0
         self._settings = settings_for(len(gaussians.cameras), below=is_small)
@@ -180,6 +177,8 @@ class Refining:
             self._look()
         if stats.kept == 0:
             stats.reason = "no step made photos look better from the Gaussians of the others"
+            if loop.held:
+                stats.reason = f"photos contradict each other: {stats.held} held back lose by it"
             return start
         present = loop.field.values.copy()
         loop.put(self._best)
@@ -194,30 +193,29 @@ class Refining:
         if not loop.held and stats.after <= stats.before:
             stats.kept, stats.reason = 0, "no step made the photos themselves look better"
             return start
-        judged = f", {stats.held} held back" if stats.held else ""
-        text = f"{stats.kept} steps on {len(start.cameras)} photos{judged}: {stats.before:.1f} to {stats.after:.1f} dB"
+        figures = f", {stats.held} held back" if stats.held else f": {stats.before:.1f} to {stats.after:.1f} dB"
+        text = f"{stats.kept} steps on {len(start.cameras)} photos{figures}"
         return refined.with_notes(replace(start.notes, refined=text))
 
     def _look(self) -> None:
-        """See whether the present state is the best: by the mean of the photos that judge, of which the one that loses
-        most counts once more.
+        """See whether the present state is to be kept: the best so far, or of a capture the last, unless photos held
+        back contradict it. Their own Gaussians began as what shows them best: corrected by other photos, these show
+        them a little worse, and far worse where photos contradict each other.
         """
         assert self._loop is not None
-        found = np.array(self._timed("look", self._loop.check))
-        check = float(found.mean()) if found.size else 0.0
+        check, settings = self._timed("look", self._loop.check), self._settings
         self.stats.looks.append((self.stats.steps, check))
-        if len(self.stats.looks) == 1:
-            self._first = found
-        elif self._loop.held and found.size:
-            check += WORST * min(float((found - self._first).min()), 0.0)
-        least = self._score + self._settings.least_gain
-        if self._loop.held and self.stats.kept:
-            least = max(self._score - self._settings.slack, self.stats.looks[0][1] + self._settings.least_gain)
-        if check >= least:
-            self._score, self._best, self._worse = max(check, self._score), self._loop.field.values.copy(), 0
-            self.stats.kept = self.stats.steps
-        else:
+        if check < self._least:
             self._worse += 1
+            if self._loop.held:
+                self.stats.kept = 0
+            return
+        if not self._loop.held:
+            self._least = check + settings.least_gain
+        elif self.stats.steps == 0:
+            self._least = decibels(10 ** (-check / 10) + settings.slack)
+        self._best, self._worse = self._loop.field.values.copy(), 0
+        self.stats.kept = self.stats.steps
 
     def _go_down(self) -> _Smaller:
         """To a smaller copy."""

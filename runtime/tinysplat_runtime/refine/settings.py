@@ -29,14 +29,14 @@ class Settings:
         look_every: steps from one look at the check to the next.
         least_gain: dB by which a look has to be better than the best one, so that steps that gain next to nothing,
             and cost bytes, are not taken.
-        slack: dB by which a look may be worse than the best one where photos are held back: they are few, and those
-            that a visitor sees lie nearer to the others than they do.
+        slack: by how much the mean squared error of photos that are held back, of values from 0 to 1, may grow by the
+            others' corrections.
         patience: looks that may be no better before the loop ends.
         most_steps: after which it ends in any case.
         usual_steps: taken where neither steps nor seconds are asked for.
         steps_below: of these on smaller copies, at most.
         held_back: one of so many photos, at least two, judges and corrects nothing before the end; 0 for none, where
-            photos judge from the Gaussians of the others that they corrected themselves.
+            photos that correct judge, each from the Gaussians of the others.
         given_back: steps at the end on photos that were held back.
         leaves_own_out: draws a photo every other time as a new view is drawn of a capture, from the Gaussians of the
             others alone, in place of by depth.
@@ -59,7 +59,7 @@ class Settings:
     hidden: float = 0.03
     look_every: int = 2
     least_gain: float = 0.03
-    slack: float = 0.1
+    slack: float = 0.0018
     patience: int = 3
     most_steps: int = 10_000
     usual_steps: int = 12
@@ -90,7 +90,7 @@ FOR_TWO = Settings(
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
 OF_CAPTURE = Settings(
-    log_depth=6e-4, log_size=0.04, logit=0.08, sh=8.4e-3, price=0.01, least_gain=0.05, patience=2, usual_steps=8,
+    log_depth=6e-4, log_size=0.04, logit=0.08, sh=8.4e-3, price=0.01, patience=2, usual_steps=8,
     steps_below=5, held_back=8, given_back=2, leaves_own_out=True, closer=False,
 )  # fmt: skip
 """Most is mended on smaller copies, smoothly, which costs few bytes; pixels of their own then go no far way."""

@@ -13,8 +13,8 @@ class RefineStats:
         steps: how many were taken.
         kept: after how many of them the result was the best; 0 where it is the start.
         held: how many photos were held back to judge; 0 where those judge that correct.
-        looks: (step, dB) of the photos that judge, each drawn from the Gaussians of the others, and for a small part,
-            if they are held back, from all.
+        looks: (step, dB) of the photos that judge, drawn from all Gaussians if they are held back, else each from those
+            of the others.
         before, after: dB of the photos at the start and at the end, drawn from all Gaussians; of those held back, what
             was looked at.
         reason: why the start is returned; empty where it is not.
@@ -34,8 +34,8 @@ class RefineStats:
         if self.kept == 0:
             return f"refinement leaves the Gaussians as they are: {self.reason}"
         if self.held:
-            photos = f"{self.held} photos held back"
-            return f"refined in {self.kept} steps: {photos} {self.before:.2f} to {self.after:.2f} dB"
+            judged = f"{self.held} photos held back do not contradict ({self.before:.1f} to {self.after:.1f} dB)"
+            return f"refined in {self.kept} steps, which {judged}"
         first, best = self.looks[0][1], max(dB for _, dB in self.looks)
         return (
             f"refined in {self.kept} steps: photos {self.before:.2f} to {self.after:.2f} dB, from the Gaussians of the"
