@@ -205,14 +205,6 @@ def test_the_basis_counts_each_component_by_its_largest_coefficient():
         read(-1e29, 2.1e29)
 
 
-def test_a_file_has_up_to_8192_sections():
-    sections = sections_of(_file())
-    extra = [[b"XTRA", 0, 0, b""]] * (8192 - len(sections))
-    assert read_container(file_of([*sections, *extra])).body.layers
-    with pytest.raises(FormatError, match="8193 sections"):
-        read_container(file_of([*sections, *extra, extra[0]]))
-
-
 def _with_photos(
     size: tuple[int, int] = (2, 3), *, depths: tuple[float, float] = (1.0, 2.0), network: bytes = b"net",
     layer: bool = True, **fields: int,

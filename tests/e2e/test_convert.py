@@ -123,26 +123,6 @@ def test_a_depth_map_is_z_in_16_bits(files: dict[str, Path], tmp_path: Path) -> 
     assert "expected an output that ends in .png" in fail("render", files["npz"], "-o", tmp_path / "d.mp4", "--depth")
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--rotate", "x"), "--rotate: 'x', expected AXIS,DEGREES"),
-        (("--rotate", "0,0,0,0"), "--rotate"),
-        (("--scale", "-1"), "expected a number above 0"),
-        (("--translate", "1,2"), "expected 3 numbers"),
-        (("--crop", "0,0,0,1,1"), "expected 6 numbers"),
-        (("--crop", "90,90,90,91,91,91"), "none of 960 Gaussians is left"),
-        (("--views", "7"), "g.npz: views: [7], expected different views of 0 to 1"),
-        (("--min-opacity", "2"), "expected 0 to 1"),
-        (("--sh-bits", "5"), "--sh-bits: 5, expected two numbers"),
-        (("--sh-degree", "7"), "SH degree: 7"),
-    ],
-)
-def test_bad_options_are_one_line(files: dict[str, Path], tmp_path: Path, options: tuple[str, ...], words: str) -> None:
-    assert words in fail("convert", files["npz"], "-o", tmp_path / "out.ply", *options)
-    assert not (tmp_path / "out.ply").exists()
-
-
 def test_check_says_bytes_and_loss(files: dict[str, Path], tmp_path: Path) -> None:
     done = succeed("convert", files["npz"], "-o", tmp_path / "g.spz", "--check")
     last = done.stdout.splitlines()[-1]

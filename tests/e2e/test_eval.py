@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -17,12 +14,7 @@ from measure.evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, wri
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.scene.images import read_image, write_png
 
-SCRIPT = Path(sys.executable).with_name("tinysplat")
 OPTIONS = ("--size", "64x48", "--lpips", "none", "--threads", "1")
-
-
-def command(name: str, *arguments: object) -> list[str]:
-    return [str(SCRIPT), name, *map(str, arguments)]
 
 
 def run(name: str, *arguments: object, status: int = 0) -> subprocess.CompletedProcess[str]:
@@ -151,40 +143,6 @@ def test_wrong_options_are_refused_in_a_line(scenes, tmp_path, options, said):
 def test_two_runs_agree_whatever_their_jobs(scenes, finished, tmp_path):
     run("eval", scenes, "-o", tmp_path, "--profile", "paper,fast", "--jobs", 2, *OPTIONS, "-q")
     assert figures(tmp_path / "results.json") == figures(finished)
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_killed_run_goes_on_where_it_stopped(scenes, finished, tmp_path, jobs):
-    arguments = ("eval", scenes, "-o", tmp_path, "--profile", "paper,fast", "--jobs", jobs, *OPTIONS)
-    process = subprocess.Popen(command(*arguments, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    rows = tmp_path / "rows.jsonl"
-
-    def count() -> int:
-        return rows.read_bytes().count(b"\n") if rows.is_file() else 0
-
-    deadline = time.monotonic() + 240
-    while time.monotonic() < deadline and count() < 3:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert count() >= 3 and not (tmp_path / "results.json").exists()
-    done = run(*arguments)
-    total = len(figures(finished))
-    resumed = int(done.stdout.split(" from before")[0].split()[-1])
-    assert 3 <= resumed <= total and f"({total} results, " in done.stdout
-    assert figures(tmp_path / "results.json") == figures(finished)
-
-
-def test_an_interrupt_ends_with_its_own_status(scenes, tmp_path):
-    process = subprocess.Popen(
-        command("eval", scenes, "-o", tmp_path / "r", *OPTIONS, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    )
-    while not (tmp_path / "r").is_dir():
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    # An interpreter that was in a library's start ends by the signal itself: 130 to a shell as well.
-    assert process.returncode in (130, -signal.SIGINT) and said == b""
 
 
 def test_compare_shows_windows_of_six_views_side_by_side(tmp_path):

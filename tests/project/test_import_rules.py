@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -253,22 +252,6 @@ def test_only_parsing_and_commands_themselves_take_arguments_of_argparse() -> No
     words = {"encode", "compress", "decode", "render", "convert", "view", "info", "models", "doctor", "run"}
     assert len(found) > 15
     assert [name for name in found if name.split(":")[0] not in PARSING and name.split(":")[1] not in words] == []
-
-
-@pytest.mark.parametrize("page", ["ARCHITECTURE.md", "docs/PAPER_MAP.md"])
-def test_pages_of_the_code_name_files_that_exist(page: str) -> None:
-    text = (ROOT / page).read_text("utf-8")
-    named = {name for name in re.findall(r"`([\w/.{},*]+(?:\.py|/))`", text) if name != "__init__.py"}
-    assert len(named) > 20
-    missing = []
-    for name in sorted(named):
-        head, _, options = name.partition("{")
-        choices, _, tail = options.partition("}")
-        for choice in choices.split(","):
-            pattern = f"{head}{choice}{tail}".rstrip("/")
-            if not any(list(base.glob(pattern)) for base in (RUNTIME, ROOT, ROOT / "tinysplat")):
-                missing.append(pattern)
-    assert missing == []
 
 
 # ---- the house of measuring --------------------------------------------------------------------------------------
