@@ -32,6 +32,7 @@ _MODULE_OF = {
     "SceneWarning": "errors",
     "TinySplatError": "errors",
     "compress": "api",
+    "convert": "api",
     "decompress": "api",
     "encode": "api",
     "inspect": "api",
@@ -59,6 +60,7 @@ __all__ = [
     "SceneWarning",
     "TinySplatError",
     "compress",
+    "convert",
     "decompress",
     "encode",
     "inspect",
@@ -75,6 +77,7 @@ if TYPE_CHECKING:
     from .api import (
         Runtime,
         compress,
+        convert,
         decompress,
         encode,
         inspect,

@@ -269,6 +269,45 @@ class Runtime:
             watch=watch,
         )
 
+    def convert(self, source: StrPath | Sequence[StrPath], target: StrPath, **options: Any) -> list[str]:
+        """Gaussian files to another format: the very bytes that `tinysplat convert` and `decode` write.
+
+            ts.convert("room.tsplat", "room.ply")
+            ts.convert(["room.tsplat", "desk.ply"], "both.spz", crop=(-1, -1, 0, 1, 1, 4), rotate="x,90")
+
+        Args:
+            source: a file, or several, which become one list.
+            target: the file to write; its ending tells the format.
+            **options: by the names of the command's: fields of `recipe.export.ExportRequest`, and `unit`,
+                `attribution` and `licence`.
+
+        Returns:
+            What the format could not keep, one line each.
+
+        Raises:
+            FormatError: a damaged `.tsplat` file.
+            InputError: a file or an option that cannot be used, or nothing is left.
+        """
+        from .recipe.export import ExportRequest, exported, write
+
+        request = ExportRequest.of(**options)
+        files = [os.fspath(source)] if isinstance(source, str | os.PathLike) else [os.fspath(one) for one in source]
+        parts = [(file, self._loaded(file, request.views)) for file in files]
+        origin = files[0] if len(files) == 1 and files[0].lower().endswith(SUFFIX) else None
+        return write(target, exported(parts, os.fspath(target), request, self), request, self, origin)
+
+    def _loaded(self, file: str, views: Sequence[int] | None) -> Gaussians:
+        from .formats import table
+        from .gaussian.editing import select_views
+
+        try:
+            if file.lower().endswith(SUFFIX):
+                return self.decompress(read_limited(file, MAX_FILE_BYTES), views=views)
+            gaussians = table.load_gaussians(file)
+            return gaussians if views is None else select_views(gaussians, views)
+        except TinySplatError as error:
+            raise error.within(file) from None
+
     def open(
         self, source: StrPath | IO[bytes], *, cache_bytes: int | None = None, model: str | None = None
     ) -> SceneFile:
@@ -352,6 +391,7 @@ encode = _door(Runtime.encode)
 decompress = _door(Runtime.decompress)
 render = _door(Runtime.render)
 open = _door(Runtime.open)
+convert = _door(Runtime.convert)
 
 
 def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
@@ -374,18 +414,30 @@ def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
 
 
 def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **options: Any) -> list[str]:
-    """Write a `.tsplat` file with the default profile, or another format as `formats.table.save_gaussians` does.
+    """Write a file of the format that its ending tells, with the bytes that `tinysplat convert` writes.
+
+    Args:
+        path: `.tsplat`, or one of `formats.table.FORMATS`.
+        gaussians: any. Lists of points get of a capture, more than six views, each surface from two views, for viewers
+            that draw all they are given; `keep_all=True` keeps every Gaussian, as `.npz` and `.safetensors` do.
+        *arguments: of a `.tsplat` file, those of `compress`; of others, `sh_bits` and `spz_version`.
+        **options: likewise those of `compress`, or of `recipe.export.ExportRequest`.
 
     Returns:
         What the format could not keep, one line each.
 
     Raises:
-        InputError, NumericError: as `compress`, or as `formats.table.save_gaussians`.
+        InputError, NumericError: as `compress`, or as `convert`.
     """
+    _check_are_gaussians(gaussians)
     if not os.fspath(path).lower().endswith(SUFFIX):
-        from .formats import table
+        from .recipe.export import ExportRequest, exported, write
 
-        return table.save_gaussians(path, gaussians, *arguments, **options)
+        request, runtime = (
+            ExportRequest.of(**dict(zip(("sh_bits", "spz_version"), arguments, strict=False)), **options),
+            _shared(),
+        )
+        return write(path, exported([("", gaussians)], os.fspath(path), request, runtime), request, runtime)
     write_atomically(path, compress(gaussians, *arguments, **options))
     return []
 

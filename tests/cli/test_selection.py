@@ -8,7 +8,6 @@ from scenes import make_cameras
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.run import main
-from tinysplat_runtime.cli.written import is_drawn_whole
 from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.gaussian.editing import select_views
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -72,8 +71,65 @@ def test_fuse_needs_views(capture, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "is_whole"),
-    [("a.ply", True), ("a.SPZ", True), ("-.ply", True), ("-", False), ("-.npz", False), ("a.tsplat", False)],
+    ("name", "is_whole"), [("a.ply", True), ("a.SPZ", True), ("a.npz", False), ("a.NPZ", False), ("a.tsplat", False)]
 )
-def test_which_names_are_of_files_that_know_no_views(name, is_whole):
-    assert is_drawn_whole(name) == is_whole
+def test_which_names_are_of_files_that_know_no_views(capture, tmp_path, name, is_whole):
+    wall, _ = capture
+    ts.save_gaussians(tmp_path / name, wall)
+    assert (ts.load_gaussians(tmp_path / name).count < wall.count) == is_whole
+
+
+@pytest.mark.parametrize(
+    ("ending", "words", "options"),
+    [
+        (".ply", (), {}),
+        (".ply", ("--keep-all",), {"keep_all": True}),
+        (".spz", ("--min-opacity", "0.3", "--sh-bits", "8,8"), {"min_opacity": 0.3, "sh_bits": (8, 8)}),
+        (".glb", ("--rotate", "x,90", "--scale", "2"), {"rotate": "x,90", "scale": 2}),
+        (".ply", ("--crop=-9,-9,-9,0,9,9", "--unit", "metre"), {"crop": (-9, -9, -9, 0, 9, 9), "unit": "metre"}),
+        (".ply", ("--prune", "0.5"), {"prune": 0.5}),
+        (".tsplat", ("--views", "0,2"), {"views": (0, 2)}),
+        (".tsplat", ("--translate", "1,2,3"), {"translate": (1, 2, 3)}),
+        (".ply", ("--points",), {"points": True}),
+    ],
+)
+@pytest.mark.parametrize("source", ["g.npz", "g.tsplat"])
+def test_python_writes_the_very_bytes_of_the_command(capture, tmp_path, source, ending, words, options):
+    if "prune" in options:
+        pytest.importorskip("numba")
+    ts.convert(tmp_path / "g.npz", tmp_path / "g.tsplat")
+    by_command, by_python = (tmp_path / f"{name}{ending}" for name in ("command", "python"))
+    assert main(["convert", str(tmp_path / source), "-o", str(by_command), "-q", *words]) == 0
+    ts.convert(tmp_path / source, by_python, **options)
+    assert by_python.read_bytes() == by_command.read_bytes()
+    if source == "g.tsplat" and "crop" not in options and not {"rotate", "translate"} & options.keys():
+        assert main(["decode", str(tmp_path / source), "-o", str(by_command), "-q", "--force", *words]) == 0
+        assert by_python.read_bytes() == by_command.read_bytes()
+
+
+def test_joined_files_and_saved_gaussians_are_the_commands_too(capture, tmp_path):
+    wall, file = capture
+    assert main(["convert", file, file, "-o", str(tmp_path / "a.ply"), "-q", "--rotate", "z,30"]) == 0
+    ts.convert([file, file], tmp_path / "b.ply", rotate="z,30")
+    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+    assert main(["convert", file, "-o", str(tmp_path / "c.ply"), "-q"]) == 0
+    ts.save_gaussians(tmp_path / "d.ply", wall)
+    assert (tmp_path / "c.ply").read_bytes() == (tmp_path / "d.ply").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        ({"rotat": 1}, "unknown rotat, accepted are attribution, "),
+        ({"rotate": "x"}, "rotate: 'x', expected AXIS,DEGREES"),
+        ({"prune": "much"}, "prune: 'much', expected a share"),
+        ({"sh_bits": (5,)}, "sh_bits: 5, expected two numbers"),
+        ({"crop": (1, 2)}, "crop: (1, 2), expected 6 numbers"),
+        ({"keep_all": "yes"}, "keep_all: 'yes', expected true or false"),
+        ({"views": (70,)}, "views: [70], expected different views of 0 to 7"),
+    ],
+)
+def test_what_python_asks_for_is_checked_by_name(capture, tmp_path, options, fault):
+    with pytest.raises(ts.InputError) as caught:
+        ts.convert(capture[1], tmp_path / "a.ply", **options)
+    assert fault in str(caught.value) and not (tmp_path / "a.ply").exists()

@@ -11,11 +11,11 @@ from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.files import Reading, noted
-from tinysplat_runtime.cli.written import Selection
 from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.editing import cut_degree, drop_transparent, trim_border
 from tinysplat_runtime.gaussian.footprints import widened
+from tinysplat_runtime.recipe.export import ExportRequest, exported
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 READING = Reading(1, None, Limits(), None, False, None)
@@ -27,13 +27,16 @@ def same(a: ts.Gaussians, b: ts.Gaussians) -> bool:
 
 
 def test_a_selection_is_what_its_options_say_in_their_order() -> None:
-    g = make_smooth_gaussians(2, 12, 16, degree=2)
-    assert Selection().of(g) is g and Selection(trim_border=0).of(g) is g
-    assert same(Selection(dilate=0.3).of(g), widened(g, 0.3))
-    assert same(Selection(trim_border=2, sh_degree=1).of(g), cut_degree(trim_border(g, 2), 1))
-    assert same(Selection(min_opacity=0.5).of(g), drop_transparent(g, 0.5))
-    assert Selection(sh_degree=0).of(g).degree == 0
-    assert Selection(thins=True).of(g) is g  # of few views
+    g, runtime = make_smooth_gaussians(2, 12, 16, degree=2), ts.Runtime(threads=1)
+
+    def out(**options: object) -> ts.Gaussians:
+        return exported([("", g)], "g.ply", ExportRequest.of(**options), runtime)
+
+    assert out() is g and out(trim_border=0) is g  # of few views none is left out
+    assert same(out(dilate=0.3), widened(g, 0.3))
+    assert same(out(trim_border=2, sh_degree=1), cut_degree(trim_border(g, 2), 1))
+    assert same(out(min_opacity=0.5), drop_transparent(g, 0.5))
+    assert out(sh_degree=0).degree == 0
 
 
 def test_notes_are_put_over_those_there_are_and_errors_name_their_option() -> None:

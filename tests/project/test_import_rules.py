@@ -191,7 +191,7 @@ def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) 
         ("refine", {"codec", "container", "gaussian", "graphs", "render", "scene", "system"}),
         (
             "recipe",
-            {"codec", "container", "gaussian", "graphs", "prune", "refine", "render", "scene", "system"},
+            {"codec", "container", "formats", "gaussian", "graphs", "prune", "refine", "render", "scene", "system"},
         ),
         ("page", {"scene", "system", "web"}),
     ],
@@ -347,7 +347,7 @@ IDLE = ("codec.encoder", "codec.rate", "codec.depth_step", "graphs.enlarge", "sc
     ("command", "output", "idle"),
     [
         ("render", "p.png", (*IDLE, "formats.")),
-        ("decode", "g.npz", (*IDLE, "render", "recipe", "formats.ply", "formats.usd", "scene.images")),
+        ("decode", "g.npz", (*IDLE, "render", "recipe.stages", "formats.ply", "formats.usd", "scene.images")),
         ("info", "", (*IDLE, "av", "onnxruntime", "formats.", "codec.layers", "render", "recipe")),
     ],
 )

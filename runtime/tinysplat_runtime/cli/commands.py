@@ -12,8 +12,8 @@ from ..errors import InputError, TinySplatError
 from ..graphs.artifacts import load_manifest
 from ..graphs.providers import providers_of
 from ..system.stopwatch import Stopwatch
-from .files import noted, read_file
-from .given import described_limits_of, notes_of, reading_of, selection_of, voice_of, writing_of
+from .files import read_file
+from .given import described_limits_of, reading_of, writing_of
 from .outputs import STANDARD
 
 
@@ -21,20 +21,13 @@ def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
     reading, watch = replace(reading_of(args), views=args.views), Stopwatch()
     data = read_file(args.file)
-    gaussians = noted(selection_of(args).of(reading.decompress(args.file, data, watch)), notes_of(args))
-    if args.prune is not None:
-        from .written import pruned
-
-        gaussians = pruned(gaussians, args.prune, reading, voice_of(args))
-    with watch.stage("write"):
-        writing_of(args).write(args.output, gaussians)
+    writing_of(args).write([("", reading.decompress(args.file, data, watch))], watch)
     if args.report:
         from ..recipe.report import file_report
         from .reports import write_json
 
         described = inspect_bytes(data, is_prefix=reading.is_in_part)
         write_json(args.report, file_report(described, watch))
-    voice_of(args)(f"{args.output}: {gaussians.count} Gaussians of SH degree {gaussians.degree}")
 
 
 def info(args: Namespace) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -146,3 +147,16 @@ def grid_option(values: Sequence[int] | None) -> tuple[int, int, int] | None:
     if len(values) != 3 or min(values) < 1:
         raise InputError(f"{','.join(map(str, values))}, expected V,H,W of 1 or more", where="--grid")
     return values[0], values[1], values[2]
+
+
+@contextlib.contextmanager
+def named(options: Iterable[str]) -> Iterator[None]:
+    """Fields of a request as the options that they came from."""
+    try:
+        yield
+    except InputError as error:
+        outer, _, name = (error.where or "").rpartition(": ")
+        if name in options:
+            message, option = error.message.replace("given with ", "given with --", 1), f"--{name.replace('_', '-')}"
+            raise InputError(message, where=f"{outer}: {option}" if outer else option) from None
+        raise

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 from argparse import Namespace
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from ..container.layout import SUFFIX
 from ..container.records import Limits
-from ..errors import InputError
 from ..gaussian.notes import OPTIONS
-from .files import Reading, Voice
+from .files import Reading, Voice, named
 
 if TYPE_CHECKING:  # who reads a file asks for no coding
     from ..recipe.request import Coding, EncodeRequest
-    from .written import Selection, Writing
+    from .written import Writing
 
 
 def limits_of(args: Namespace) -> Limits:
@@ -44,33 +43,19 @@ def notes_of(args: Namespace) -> dict[str, str]:
     return {name: getattr(args, name) for name in OPTIONS if getattr(args, name) is not None}
 
 
-def selection_of(args: Namespace) -> Selection:
-    """Which Gaussians go out."""
-    from .written import Selection, is_drawn_whole
-
-    chosen = args.dilate, args.trim_border, args.min_opacity, args.sh_degree
-    thins = is_drawn_whole(args.output) and not (args.keep_all or args.points or args.trim_border)
-    return Selection(*chosen, thins, args.fuse, args.threads, args.quiet)
-
-
 def writing_of(args: Namespace) -> Writing:
-    """How they are written; a .tsplat file is of the quality of the one that it comes from, if it comes from one."""
+    """What goes out and how; InputError names the option at fault. A .tsplat file is of the quality of the one that it
+    comes from, if it comes from one.
+    """
+    from ..recipe.export import ExportRequest
     from .written import Writing
 
+    notes, known = notes_of(args), (one.name for one in fields(ExportRequest))
+    with named((*ExportRequest.__annotations__, *notes)):
+        request = ExportRequest.of(**given(args, known), **notes)
     reading, files = reading_of(args), getattr(args, "files", None) or [args.file]
     has_quality = len(files) == 1 and files[0].lower().endswith(SUFFIX) and not reading.is_in_part
-    return Writing(
-        reading,
-        args.points,
-        args.sh_bits,
-        args.spz_version,
-        args.gltf_spz,
-        source=files[0] if has_quality else None,
-        turned=bool(getattr(args, "rotate", None)),
-        keeps_pixels=args.views is None and getattr(args, "scale", 1) == 1,
-        keep_all=args.keep_all or args.prune is not None,
-        with_cameras=args.fuse is not None,
-    )
+    return Writing(request, reading, files[0] if has_quality else None, voice_of(args))
 
 
 def given(args: Namespace, names: Iterable[str]) -> dict[str, Any]:
@@ -81,9 +66,9 @@ def given(args: Namespace, names: Iterable[str]) -> dict[str, Any]:
 
 def coding_of(args: Namespace) -> Coding:
     """How `compress` is to code; InputError names the option at fault."""
-    from ..recipe.request import Coding, CompressOptions
+    from ..recipe.request import Coding, CompressOptions, EncodeOptions
 
-    with _named():
+    with named(EncodeOptions.__annotations__):
         return Coding(**given(args, ("profile", "qp", "mode", *CompressOptions.__annotations__)))
 
 
@@ -91,19 +76,5 @@ def request_of(args: Namespace) -> EncodeRequest:
     """What `encode` is to do; InputError names the option at fault."""
     from ..recipe.request import EncodeOptions, EncodeRequest
 
-    with _named():
+    with named(EncodeOptions.__annotations__):
         return EncodeRequest.of(args.scene, **given(args, EncodeOptions.__annotations__))
-
-
-@contextlib.contextmanager
-def _named() -> Iterator[None]:
-    """Fields of a request as the options that they came from."""
-    from ..recipe.request import EncodeOptions
-
-    try:
-        yield
-    except InputError as error:
-        if error.where in EncodeOptions.__annotations__:
-            message = error.message.replace("given with ", "given with --", 1)
-            raise InputError(message, where=f"--{error.where.replace('_', '-')}") from None
-        raise

@@ -40,6 +40,4 @@ class Amount:
             return cls(share=value)
         if not is_psnr and math.isfinite(value) and value >= 1 and value == int(value):
             return cls(count=int(value))
-        raise InputError(
-            f"'{text}', expected a share such as 0.5, a quality such as 45dB, or a number", where="--prune"
-        )
+        raise InputError(f"'{text}', expected a share such as 0.5, a quality such as 45dB, or a number", where="prune")

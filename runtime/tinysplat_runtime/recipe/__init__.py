@@ -11,6 +11,7 @@ functions of `api` fill in the same request and hand it to the same function.
     doubts.py      what is likely wrong with them
     stages.py      network, refinement, coding: a step each
     encode.py      all of it, in order
+    export.py      Gaussians on their way out: what `decode` and `convert` do
     own.py         how like its own photos the result looks
     report.py      what there is to say of it
 
