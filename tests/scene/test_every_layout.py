@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 import pytest
 from scenes import colmap_texts, make_cameras, make_photo, scene_document, transforms_document, write_scene
+from scipy.spatial.transform import Rotation
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
@@ -77,10 +78,58 @@ def realestate(folder: Path) -> Path:
     return folder / "clip.txt"
 
 
+def polycam(folder: Path) -> Path:
+    """A file for each photo; OpenGL axes."""
+    keyframes = folder / "keyframes"
+    (keyframes / "cameras").mkdir(parents=True)
+    (folder / "images").rename(keyframes / "images")
+    (folder / "images").symlink_to(keyframes / "images")
+    for i, c in enumerate(CAMERAS):
+        rows = (c.c2w * [1, -1, -1, 1])[:3]
+        pose = {f"t_{r}{column}": rows[r, column] for r in range(3) for column in range(4)}
+        lens = {"fx": c.K[0, 0], "fy": c.K[1, 1], "cx": c.K[0, 2], "cy": c.K[1, 2], "width": WIDTH, "height": HEIGHT}
+        (keyframes / "cameras" / f"{i:04}.json").write_text(json.dumps({**lens, **pose}))
+    return keyframes / "cameras" / "0001.json"
+
+
+def record3d(folder: Path) -> Path:
+    """K by columns, quaternions with the real part last; OpenGL axes."""
+    (folder / "rgb").mkdir()
+    for i in range(len(CAMERAS)):
+        (folder / "images" / f"{i:04}.png").rename(folder / "rgb" / f"{i}.png")
+    (folder / "images").rmdir()
+    (folder / "images").symlink_to(folder / "rgb")
+    poses = [
+        [*Rotation.from_matrix(c.c2w[:3, :3] * [1, -1, -1]).as_quat().tolist(), *c.centre.tolist()] for c in CAMERAS
+    ]
+    document = {"w": WIDTH, "h": HEIGHT, "K": CAMERAS[0].K.T.ravel().tolist(), "poses": poses}
+    (folder / "metadata.json").write_text(json.dumps(document))
+    return folder / "metadata.json"
+
+
+def opensfm(folder: Path) -> Path:
+    """Angle times axis into the camera; lengths in units of the longer side, from the middle."""
+    K = CAMERAS[0].K / max(HEIGHT, WIDTH)
+    camera = {"projection_type": "brown", "width": WIDTH, "height": HEIGHT, "focal_x": K[0, 0], "focal_y": K[1, 1]}
+    shots = {
+        f"{i:04}.png": {
+            "camera": "one",
+            "rotation": Rotation.from_matrix(c.w2c[:3, :3]).as_rotvec().tolist(),
+            "translation": c.w2c[:3, 3].tolist(),
+        }
+        for i, c in enumerate(CAMERAS)
+    }
+    smaller = {"cameras": {}, "shots": {"else.png": {}}}
+    (folder / "reconstruction.json").write_text(json.dumps([smaller, {"cameras": {"one": camera}, "shots": shots}]))
+    return folder / "reconstruction.json"
+
+
 pytestmark = pytest.mark.filterwarnings("ignore::tinysplat_runtime.errors.InputWarning")
 """Of photos that are not there: left out, and counted."""
 
-LAYOUTS: list[Callable[[Path], Path]] = [ours, nerfstudio, inria, llff, colmap_text, colmap_binary, realestate]
+LAYOUTS: list[Callable[[Path], Path]] = [
+    ours, nerfstudio, inria, llff, colmap_text, colmap_binary, realestate, polycam, record3d, opensfm,
+]  # fmt: skip
 
 
 @pytest.fixture(params=LAYOUTS, ids=lambda write: write.__name__)

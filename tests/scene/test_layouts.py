@@ -43,8 +43,8 @@ def test_photos_alone_are_told_what_finds_their_cameras(folder: Path, tmp_path: 
     """Whether they are in the folder itself or where another tool has put them; nothing is said of an empty one."""
     for named in (folder, folder / "images"):
         assert f"`tinysplat poses {folder / 'images'} -o SCENE`" in refusal(named)
-    (folder / "reconstruction.json").write_text("[]")
-    assert "OpenSfM" in refusal(folder) and f"`tinysplat poses {folder / 'images'} -o SCENE`" in refusal(folder)
+    (folder / "bundle.out").write_text("# Bundle file v0.3\n")
+    assert "Bundler" in refusal(folder) and f"`tinysplat poses {folder / 'images'} -o SCENE`" in refusal(folder)
     (tmp_path / "empty").mkdir()
     assert "tinysplat poses" not in refusal(tmp_path / "empty")
 

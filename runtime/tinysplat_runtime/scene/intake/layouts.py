@@ -15,6 +15,7 @@ from ..images import PHOTO_SUFFIXES
 from ..scenes import Scene
 from .cameras_json import CAMERAS_FILE, cameras_alone, load_folder
 from .colmap import load_colmap, model_folder
+from .exports import export_reader
 from .llff import LLFF_FILE, load_llff
 from .nerfstudio import BLENDER_FILE, FILE, load_transforms
 from .realestate import load_realestate
@@ -24,7 +25,7 @@ Reader = Callable[[Path, float | None, float | None], Scene]
 
 NOT_READ = {
     "*.psx": "Metashape", "*.psz": "Metashape", "*.sfm": "Meshroom", "*.mg": "Meshroom", "MeshroomCache": "Meshroom",
-    "bundle*.out": "Bundler", "reconstruction.json": "OpenSfM", "opensfm": "OpenSfM",
+    "bundle*.out": "Bundler",
 }  # fmt: skip
 """Files of tools whose cameras are in none of the layouts."""
 
@@ -40,8 +41,8 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
     Args:
         path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
             in `sparse/`, with Blender's `transforms_train.json` or LLFF's `poses_bounds.npy`; one of these .json files;
-            or a RealEstate10K camera file (.txt). For a video and poses
-            see `video.video_scene`.
+            what Polycam, Record3D or OpenSfM export; or a RealEstate10K camera file (.txt). For a video and poses see
+            `video.video_scene`.
         near: replaces the scene's own near depth, scene units.
         far: replaces the scene's own far depth.
 
@@ -79,7 +80,7 @@ def foreign_reader(path: Path) -> Reader | None:
             return load_transforms
         if (path / LLFF_FILE).exists():
             return load_llff
-        return load_colmap if model_folder(path) is not None else None
+        return load_colmap if model_folder(path) is not None else export_reader(path)
     if path.suffix == ".json" and path.name.startswith("transforms"):
         return load_transforms
     if path.suffix.lower() in SUFFIXES:

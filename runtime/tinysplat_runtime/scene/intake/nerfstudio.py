@@ -45,7 +45,7 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
         file = path / (FILE if (path / FILE).exists() else BLENDER_FILE)
     try:
         document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
-        frames = _frames(file, document)
+        frames = frames_of(file.parent, document, str(file))
         near = depth(document, "near") if near is None else near
         far = depth(document, "far") if far is None else far
         if near is None or far is None:
@@ -56,19 +56,23 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
     return Scene(file.parent, frames, near, far)
 
 
-def _frames(file: Path, document: dict[str, Any]) -> tuple[Frame, ...]:
-    """The frames whose photos are there; all of them where none is, as beside a video."""
+def frames_of(folder: Path, document: dict[str, Any], named: str) -> tuple[Frame, ...]:
+    """The frames of a document whose photos are in a folder; all of them where none is, as beside a video.
+
+    Raises:
+        InputError: names the frame and its field.
+    """
     entries = list(enumerate(frame_entries(document)))
-    photos = [_photo(file.parent, photo_name(i, entry, "file_path")) for i, entry in entries]
+    photos = [_photo(folder, photo_name(i, entry, "file_path")) for i, entry in entries]
     there = [photo.is_file() for photo in photos]
     if any(there) and not all(there):
         missing = [photo.name for photo, is_there in zip(photos, there, strict=True) if not is_there]
         text = f"{len(missing)} of {len(photos)} photos are not there and left out ({', '.join(missing[:3])}"
-        warn(f"{file}: {text}{', …' if len(missing) > 3 else ''})")
+        warn(f"{named}: {text}{', …' if len(missing) > 3 else ''})")
     else:
         there = [True] * len(entries)
     chosen = [one for one, is_there in zip(entries, there, strict=True) if is_there]
-    return even_sizes([_frame(file.parent, document, i, entry) for i, entry in chosen])
+    return even_sizes([_frame(folder, document, i, entry) for i, entry in chosen])
 
 
 def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any]) -> Frame:
