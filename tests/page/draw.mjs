@@ -7,7 +7,7 @@ const [folder, input, output] = process.argv.slice(2);
 const module = (name) => import(pathToFileURL(`${folder}/${name}`));
 const { ARITHMETIC } = await module("arithmetic.js");
 const { Camera } = await module("camera.js");
-const { EVERY, counted, distances, shares, sorting } = await module("near.js");
+const { EVERY, OPEN, counted, distances, shares, sorting } = await module("near.js");
 const { dot, unit } = await module("vectors.js");
 
 const glsl = functionsOf(ARITHMETIC), { max, sqrt } = Math, vector = (x, y, z, w) => ({ x, y, z, w });
@@ -21,7 +21,7 @@ const rows = [0, 3, 6].map((at) => vector(...projection.slice(at, at + 3)));
 
 const isNear = scene.order === "near" && views.length > 1;
 const share = isNear ? shares(distances(views, depth, camera), counted(views)) : { front: views.map(() => 0), all: views.map(() => 1), behind: [] };
-const z = camera.rotation[2], order = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
+const z = camera.rotation[2], { sorted: order, whole: first } = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
 const partOf = (i) => parts.find(({ from, to }) => from <= i && i < to);
 
 function colour(i, d) {
@@ -31,7 +31,9 @@ function colour(i, d) {
 }
 
 const [front, back] = [0, 1].map(() => ({ picture: new Float64Array(3 * width * height), left: new Float64Array(width * height).fill(1) }));
-for (const entry of order) {
+let isOpen = null;
+for (const [place, entry] of order.entries()) {
+  if (place === first) isOpen = back.left.map((left, pixel) => left * front.left[pixel] > OPEN);
   const i = entry & 0x3fffffff, isCopy = entry > 0x7fffffff, isBehind = (entry & 0x40000000) !== 0, larger = isBehind ? EVERY : 1;
   const { view } = partOf(i), { picture, left } = isCopy ? front : back;
   const at = [0, 1, 2].map((k) => means[3 * i + k] - camera.position[k]), ray = vector(...at);
@@ -55,7 +57,7 @@ for (const entry of order) {
   for (let y = max(0, Math.floor(y0 - far)); y < Math.min(height, y0 + far + 1); y++) for (let x = max(0, Math.floor(x0 - far)); x < Math.min(width, x0 + far + 1); x++) {
     const dx = x + 0.5 - x0, dy = y + 0.5 - y0, along = (dx * long[0] + dy * long[1]) / (size * size), aside = (dy * long[0] - dx * long[1]) / (size * axes.z);
     const whole = Math.min(opacity * Math.exp(-(along * along + aside * aside)), 0.99), alpha = whole * part, pixel = y * width + x;
-    if (whole < glsl.LEAST_ALPHA || left[pixel] * (1 - alpha) < 1e-4) continue;
+    if ((isBehind && !isOpen[pixel]) || whole < glsl.LEAST_ALPHA || left[pixel] * (1 - alpha) < 1e-4) continue;
     for (let k = 0; k < 3; k++) picture[3 * pixel + k] += left[pixel] * alpha * rgb[k];
     left[pixel] *= 1 - alpha;
   }

@@ -4,7 +4,8 @@ import { add, length } from "./vectors.js";
 const NEAR_REACH = 1.5; // of the second nearest view's distance, where few views' shares reach 0
 const FEW = 6; // views, up to which all are drawn behind the near ones
 const DRAWN = 4; // views of more, that are drawn whole
-export const AROUND = 24; // views of more, whose coarse surfaces are drawn behind these
+export const AROUND = 16; // views of more, whose coarse surfaces are drawn behind these
+export const OPEN = 1 / 16; // transmittance that everything else has to leave of a pixel for coarse surfaces to be drawn there
 export const EVERY = 4; // of a coarse surface: one pixel of so many rows and columns, whose Gaussian is as many times as large
 
 // How far views are from a camera, place (in depths) and direction alike.
@@ -46,7 +47,7 @@ export function shares(far, views) {
 // { view, isFront, from, to, coarse }; view is -1 where there is none, and `coarse`, where there is one, lists the part's
 // Gaussians of its coarse surface. First copies of the surfaces that have a share in front, with COPY set, then all whose
 // view has a share, then coarse surfaces, with BEHIND set; equal depths in their order. Self-contained, as a worker runs
-// its text.
+// its text. `whole` is where coarse surfaces begin.
 export function sorting(means, parts) {
   const COPY = 0x80000000, BEHIND = 0x40000000, n = means.length / 3, counts = new Uint32Array(65536);
   const keys = new Uint32Array(n), depths = new Float32Array(keys.buffer), fronts = new Uint8Array(n);
@@ -88,6 +89,6 @@ export function sorting(means, parts) {
     found.set(other.subarray(0, copies));
     found.set(whole, copies);
     found.set(last, copies + total);
-    return found;
+    return { sorted: found, whole: copies + total };
   };
 }

@@ -4,12 +4,13 @@
 // Now and then pixels that nothing shines through any more are closed by depth, so that what lies behind costs nothing.
 // Nothing is instanced: hardware and software alike take far longer over many instances of a few vertices.
 import { ARITHMETIC } from "./arithmetic.js";
-import { AROUND, EVERY, sorting } from "./near.js";
+import { AROUND, EVERY, OPEN, sorting } from "./near.js";
 
 const TEXTURE_WIDTH = 4096;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's part of its alphas
 const BEHIND = 0x40000000; // marks one of a coarse surface, which is drawn last
 const FEW_VIEWS = 6, DRAWN_VIEWS = 4; // so many are drawn at once of more than so many (near.js)
+const DARK = 1 / 1024; // transmittance of a pixel that is closed
 const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
 
 const PROJECT = `#version 300 es
@@ -143,7 +144,8 @@ void main() {
 const CLOSE = `#version 300 es
 precision highp float;
 uniform sampler2D picture;
-void main() { if (texelFetch(picture, ivec2(gl_FragCoord.xy), 0).a > 1.0 / 1024.0) discard; }`;
+uniform float most; // transmittance of pixels that count as closed
+void main() { if (texelFetch(picture, ivec2(gl_FragCoord.xy), 0).a > most) discard; }`;
 
 const WHOLE = `#version 300 es
 void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
@@ -183,8 +185,8 @@ function work() { // in a worker: orders Gaussians
   onmessage = ({ data }) => {
     if (data.means) order = sorting(data.means, data.parts);
     else {
-      const sorted = order(data.plane, data.nearPlane, data.shares);
-      postMessage({ sorted, id: data.id }, [sorted.buffer]);
+      const found = order(data.plane, data.nearPlane, data.shares);
+      postMessage({ ...found, id: data.id }, [found.sorted.buffer]);
     }
   };
 }
@@ -326,6 +328,7 @@ export class Splats {
       const sorted = data.sorted.subarray(0, this.most);
       this.answered = data.id;
       this.sortedCount = sorted.length;
+      this.wholeCount = Math.min(data.whole, sorted.length);
       gl.activeTexture(gl.TEXTURE0);
       gl.bindTexture(gl.TEXTURE_2D, this.textures.order);
       fill(gl, sorted, 1, gl.RED_INTEGER);
@@ -355,11 +358,13 @@ export class Splats {
     gl.clearColor(0, 0, 0, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
-    const places = [0, ...CLOSINGS, 1].map((part) => Math.round(part * this.sortedCount));
+    const places = [0, ...CLOSINGS, 1].map((part) => Math.round(part * this.wholeCount));
     for (let i = 0; i + 1 < places.length; i++) {
-      if (i) this.#closeDark();
+      if (i) this.#close(DARK);
       this.#paint(places[i], places[i + 1], width, height);
     }
+    this.#close(OPEN);
+    this.#paint(this.wholeCount, this.sortedCount, width, height);
     gl.disable(gl.DEPTH_TEST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -389,14 +394,15 @@ export class Splats {
     gl.disable(gl.BLEND);
   }
 
-  // Closes the pixels that nothing shines through any more, at the depth of all triangles.
-  #closeDark() {
+  // Closes the pixels that no more than `most` shines through any more, at the depth of all triangles.
+  #close(most) {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.closed.frame);
     gl.depthMask(true);
     gl.depthFunc(gl.ALWAYS);
     gl.useProgram(this.close.made);
     bindTextures(gl, this.close.uniforms, { picture: this.target.texture });
+    gl.uniform1f(this.close.uniforms.most, most);
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }

@@ -26,8 +26,8 @@ and direction, so that nothing pops along a path.
 
       b_v = clamp((B − d_v) / (B − R), 0, 1),
 
-  B the distance of the nearest view beyond `AROUND`; of fewer views, all have 1. They show where everything else left
-  transmittance, and nowhere else, so that their errors hide nothing.
+  B the distance of the nearest view beyond `AROUND`; of fewer views, all have 1. They show in pixels of which all else
+  left more transmittance than `OPEN`, and nowhere else, so that their errors hide nothing.
 
 Surfaces are drawn in front with w_v² of what they are, as a surface of many Gaussians that overlap covers more than its
 share: with 0.2 each, six of them cover 0.7.
@@ -55,8 +55,12 @@ FEW = 6
 DRAWN = 4
 """Views of a capture that are drawn whole; fewer leave holes, more bring surfaces that are wrong from here."""
 
-AROUND = 24
-"""Views of a capture, at least, whose coarse surfaces are drawn behind these."""
+AROUND = 16
+"""Views of a capture whose coarse surfaces are drawn behind these."""
+
+OPEN = 1 / 16
+"""Transmittance that everything else has to leave of a pixel for coarse surfaces to be drawn there: what leaves less is
+better without them, and drawing them everywhere takes as long as all else."""
 
 BEHIND = -1.0
 """In place of a share that comes first: drawn behind everything that has none such."""

@@ -175,33 +175,31 @@ class Renderer:
         with part("projection"):
             ids = self._run(project_part, list(zip(cuts, ends[1:].tolist(), strict=True)))
         with part("depth order"):
-            nothing, is_coarse = np.zeros(0, np.int32), [cut.is_coarse for cut in cuts]
-            order = np.concatenate(
-                [
-                    depth_order(splats.depths, np.concatenate([nothing, *itertools.compress(ids, chosen)]))
-                    for chosen in (np.logical_not(is_coarse), is_coarse)
-                ]
+            is_coarse = [cut.is_coarse for cut in cuts]
+            whole, behind = (
+                _in_order(splats, list(itertools.compress(ids, chosen)))
+                for chosen in (np.logical_not(is_coarse), is_coarse)
             )
-            boxes = splats.boxes.take(order, axis=1)
-            pairs = int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64))
+            pairs = sum(int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64)) for _, boxes in (whole, behind))
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
         has_front = shares is not None and shares.has_front
 
         def draw_band(place: tuple[int, Grid]) -> None:
             band = Band(*place, with_depth, has_front)
-            self._composite(band, order, boxes)
+            self._composite(band, *whole)
+            if behind[0].size:
+                self._composite(band, *behind, band.close())
             band.write(canvas)
 
         self._run(draw_band, bands(view.camera.width, view.camera.height, pairs))
         return canvas
 
-    def _composite(self, band: Band, order: NDArray, boxes: NDArray) -> None:
-        """Draw what of `order` reaches a band."""
+    def _composite(self, band: Band, order: NDArray, boxes: NDArray, open_tiles: NDArray | None = None) -> None:
+        """Draw what of `order` reaches a band, or of it these tiles."""
         first, last = band.first_row, band.first_row + band.grid.rows - 1
         here = np.flatnonzero((boxes[0] <= last) & (boxes[1] >= first))
         top, bottom, columns = boxes.take(here, axis=1)
         areas = (np.minimum(bottom, last) - np.maximum(top, first) + 1) * columns
-        open_tiles = None  # in the first run, all
         for run in runs(areas, MAX_PAIRS):
             if open_tiles is not None and not open_tiles.any():
                 return
@@ -265,6 +263,12 @@ def render(
     # Loading compiled code takes longer than drawing one picture without it.
     renderer = Renderer(gaussians, threads, dilation=dilation, order=order, compiled=False, keep=False)
     return renderer.render(camera, size, outputs=outputs, background=background, near_plane=near_plane)
+
+
+def _in_order(splats: Splats, ids: list[NDArray]) -> tuple[NDArray, NDArray]:
+    """Splats by depth, and their boxes."""
+    order = depth_order(splats.depths, np.concatenate([np.zeros(0, np.int32), *ids]))
+    return order, splats.boxes.take(order, axis=1)
 
 
 def _check_choice(name: str, value: Any, accepted: tuple[str, ...]) -> None:
