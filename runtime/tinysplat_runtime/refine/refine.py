@@ -168,7 +168,9 @@ class Refining:
         return found
 
     def result(self) -> Gaussians:
-        """The best so far, with notes that say how they were refined; the start where nothing was better."""
+        """The best so far, of a capture the last, with notes that say how they were refined; the start where nothing
+        was better, or photos held back contradict it.
+        """
         loop, stats, start = self._loop, self.stats, self._start
         if loop is None:
             return start
@@ -181,12 +183,12 @@ class Refining:
                 stats.reason = f"photos contradict each other: {stats.held} held back lose by it"
             return start
         present = loop.field.values.copy()
-        loop.put(self._best)
         if loop.held:
             stats.after = dict(stats.looks)[stats.kept]
             for _ in range(self._settings.given_back):
                 loop.step(loop.held)
         else:
+            loop.put(self._best)
             stats.after = loop.photo_psnr()
         refined = loop.field.gaussians(start)
         loop.put(present)
@@ -211,11 +213,10 @@ class Refining:
                 self.stats.kept = 0
             return
         if not self._loop.held:
-            self._least = check + settings.least_gain
+            self._least, self._best = check + settings.least_gain, self._loop.field.values.copy()
         elif self.stats.steps == 0:
             self._least = decibels(10 ** (-check / 10) + settings.slack)
-        self._best, self._worse = self._loop.field.values.copy(), 0
-        self.stats.kept = self.stats.steps
+        self.stats.kept, self._worse = self.stats.steps, 0
 
     def _go_down(self) -> _Smaller:
         """To a smaller copy."""
