@@ -21,6 +21,9 @@ from hypothesis import settings
 
 os.environ.setdefault("TINYSPLAT_MODELS", str(Path(__file__).resolve().parents[1] / "models"))
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # one worker per core: torch's threads would wait for each other, spinning
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's background job: commands under test would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

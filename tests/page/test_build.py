@@ -196,19 +196,6 @@ def test_a_player_with_networks_is_a_folder_for_a_server(tmp_path: Path) -> None
     assert "'wasm-unsafe-eval'" in page.policy
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--photos", "nowhere"), "nowhere"),
-        (("--port", "70000"), "expected a port"),
-        (("--html", "no/such/folder.html"), "does not exist"),
-    ],
-)
-def test_bad_input_of_view_is_one_line(encoded: dict[str, Path], options: tuple[str, str], words: str) -> None:
-    done = tinysplat("view", encoded["tsplat"], "--no-browser", *options)
-    assert done.returncode == 2 and words in done.stderr and done.stderr.count("\n") == 1
-
-
 def test_photos_of_another_place_are_refused(encoded: dict[str, Path], tmp_path: Path) -> None:
     other = write_scene(tmp_path / "other", views=2, height=24, width=32)
     path = other / "cameras.json"

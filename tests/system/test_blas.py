@@ -64,8 +64,9 @@ def test_bytes_are_the_same_on_any_cores_and_with_any_blas_kernels(tmp_path):
     widest = "SkylakeX" if "avx512f" in Path("/proc/cpuinfo").read_text() else "Sandybridge"
     for kernels, allowed in (("Haswell", cores), ("Prescott", cores[:1]), (widest, cores[:2])):
         command = [sys.executable, "-c", ENCODE, str(Path(__file__).parents[1]), str(scene)]
+        blas = {"OPENBLAS_CORETYPE": kernels, "OPENBLAS_NUM_THREADS": str(len(allowed))}
         run = subprocess.run(
-            command, env={**os.environ, "OPENBLAS_CORETYPE": kernels}, capture_output=True, text=True, check=True,
+            command, env={**os.environ, **blas}, capture_output=True, text=True, check=True,
             preexec_fn=lambda allowed=allowed: os.sched_setaffinity(0, allowed),
         )  # fmt: skip
         assert len(run.stdout.split()) == 4
