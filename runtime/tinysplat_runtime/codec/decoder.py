@@ -9,7 +9,7 @@ from ..container.records import Limits
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
-from ..system.stopwatch import Stopwatch, part
+from ..system.stopwatch import Stopwatch
 from .layers import OpenFile
 from .missing import cut_off_planes, damaged_planes
 from .modes.registry import MODES
@@ -56,11 +56,8 @@ def decode_gaussians(
     watch = watch or Stopwatch()
     with watch.stage("parse"):
         is_prefix = max_bytes is not None or lost is not None
-        with part("metadata"):
-            view, is_damaged = memoryview(data)[:max_bytes], lost is not None
-            container = read_container(
-                view, limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views, units=units
-            )
+        view, is_damaged = memoryview(data)[:max_bytes], lost is not None
+        container = read_container(view, limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views, units=units)
         missing = cut_off_planes(container) if lost is None else damaged_planes(container)
         if lost is not None:
             lost += [f"view {view}" for view in container.absent]

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, TinySplatError
 from ..gaussian.planes import BIT_DEPTH, MAX_QP, QP_BLOCK, padded_size, qp_block_side
-from ..system.stopwatch import part
 
 if TYPE_CHECKING:  # who decodes knows no profiles
     from .profiles import EncoderSettings
@@ -255,10 +254,8 @@ class PlaneDecoder:
             FormatError: the payload is no single intra picture of this size.
         """
         height, width = self._size
-        with part("libavcodec"):
-            (plane,) = self._decoder.decode(payload)
-        with part("copy of pictures"):
-            out[...] = plane[:height, :width]
+        (plane,) = self._decoder.decode(payload)
+        out[...] = plane[:height, :width]
 
 
 def _nal_units(stream: bytes) -> list[bytes]:

@@ -18,7 +18,7 @@ from ..container.records import ChannelRecord
 from ..errors import FormatError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.inference import GraphStore
-from ..system.stopwatch import Stopwatch, part
+from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
 from .hevc import PlaneDecoder
 from .missing import PlaneRef, hidden_views, stand_in_code
@@ -60,8 +60,7 @@ def decode_layers(file: OpenFile, planes: Planes, base: Base | None = None) -> G
     for index, header in enumerate(planes.layers):
         with watch.stage("synthesis"):
             below = base(index, header) if base else None
-            with part("metadata"):
-                synthesis = LayerSynthesis(header, container.origin, file.store, below)
+            synthesis = LayerSynthesis(header, container.origin, file.store, below)
         _decode_layer(_Pictures(container, header, index), synthesis, crew, file.missing, watch)
         with watch.stage("synthesis"):
             layers.append(synthesis.gaussians())
@@ -88,8 +87,7 @@ class _Pictures:
 
     def decode(self, channel: ChannelRecord, view: int, out: NDArray) -> None:
         """Decode one picture into `out` (H, W) uint16."""
-        with part("CRC"):
-            payload = self.container.pictures.payload(self.index, channel, view)
+        payload = self.container.pictures.payload(self.index, channel, view)
         if not hasattr(self.own, "decoder"):
             parameter_sets = self.container.parameter_sets[self.layer.parameter_set]
             self.own.decoder = PlaneDecoder(parameter_sets, self.layer.height, self.layer.width)

@@ -15,7 +15,6 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 from ..gaussian.quaternions import matrices_to_quats, multiply_quats
 from ..graphs.inference import GraphStore, as_input
-from ..system.stopwatch import part
 from .base import add_colours, as_codes
 
 STRIP_PX = 1 << 16
@@ -95,8 +94,7 @@ class LayerSynthesis:
             K[0, 1, 2] -= strip.start
             parts = {key: np.ascontiguousarray(array[None, :, strip]) for key, array in codes.items()}
             inputs = self._shared | by_view | parts | {"K": K}
-            with part("synthesis graph"):
-                self._graph.run_into(inputs, {key: array[own, strip] for key, array in outputs.items()})
+            self._graph.run_into(inputs, {key: array[own, strip] for key, array in outputs.items()})
 
     def _strips(self) -> list[slice]:
         rows = max(1, STRIP_PX // self._layer.width)

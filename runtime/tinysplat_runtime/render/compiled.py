@@ -16,7 +16,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.stopwatch import part
 from . import kernels_blend
 from .kernels_blend import Extent, Listed, Picture, Scratch
 from .kernels_project import AXES, CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
@@ -80,8 +79,7 @@ class Rasteriser:
 
         visible = self._run(project, list(zip(drawn, packed, strict=True)))
         for lists in buffers.lists(visible, view):
-            with part("sort and blend"):
-                buffers.work_on(lists, view, blend)
+            buffers.work_on(lists, view, blend)
         return canvas
 
     def _kept(self, drawn: Sequence[int]) -> tuple[SplatBuffers, list[Packed]]:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.stopwatch import part, tally_nonzero
 from .near import OPEN
 from .prepare import ALPHA_MIN
 from .project import BLUE, GAMMA, RECORD, RED, Splats
@@ -219,19 +218,15 @@ def _walk(
     while tiles.size:
         n = np.count_nonzero(lists.lengths > done)  # lists only end, so those at work lead
         ids = np.ascontiguousarray(batches.take(lists.starts[:n] + done, axis=0).T)  # (8, n)
-        with part("blend: picking records"):
-            planes = _planes(splats, ids, work)
-        with part("blend: alphas"):
-            weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
-            before = _in_front(weights, splats.fronts.take(ids), work) if band.has_front else None
-        tally_nonzero("alphas above 1/255", weights)
+        planes = _planes(splats, ids, work)
+        weights = _alphas(planes, splats.log_opacities.take(ids), lists.x[:n], lists.y[:n], work)
+        before = _in_front(weights, splats.fronts.take(ids), work) if band.has_front else None
         depths = splats.depths.take(ids, mode="wrap") if band.with_depth else None
         some_stopped = False
-        with part("blend: sums"):
-            if not only_front:
-                some_stopped = _blend(state[: band.planes, :, :n], weights, planes[RED : BLUE + 1], depths)
-            if before is not None:
-                some_stopped |= _blend(state[band.planes :, :, :n], before, planes[RED : BLUE + 1], depths)
+        if not only_front:
+            some_stopped = _blend(state[: band.planes, :, :n], weights, planes[RED : BLUE + 1], depths)
+        if before is not None:
+            some_stopped |= _blend(state[band.planes :, :, :n], before, planes[RED : BLUE + 1], depths)
         done += 1
         at_work = lists.lengths > done
         if some_stopped:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.stopwatch import part
 from . import kernels_blend, kernels_project
 from .kernels_blend import TILE_HEIGHT, TILE_WIDTH, Extent, Listed, Scratch, Tiles, Visible
 from .kernels_project import BOTTOM, GAMMA, LAST, LEFT, LOG_OPACITY, REACH, RECORD, RIGHT, TOP, ViewNumbers
@@ -97,20 +96,18 @@ class SplatBuffers:
         else:
             first, gaussians = chunks.first, np.zeros(0, np.int32)
             records, ids, boxes = (array[first : first + rows] for array in (self.records, *self._found))
-        with part("projection and colours"):
-            numbers, work = view_numbers(view, log_share), scratch.chunk
-            count, wide = kernels_project.project(chunks.geometry, chunks.sh, numbers, work, records, gaussians)
+        numbers, work = view_numbers(view, log_share), scratch.chunk
+        count, wide = kernels_project.project(chunks.geometry, chunks.sh, numbers, work, records, gaussians)
         records = records[:count]
         if wide:
             _redo_wide(chunks.block().fainter(log_share), view, records, gaussians)
         records[:, LAST] = front
         grid = _grid(view)
         found = Visible(ids, boxes, np.zeros(grid.stop, np.int64))
-        with part("listing what is visible"):
-            shown = kernels_blend.list_visible(records, first, grid.columns, found)
-            if self._found is None:
-                place = self._put(records)
-                return Visible(ids[:shown] + np.int32(place), boxes[:shown].copy(), found.counts)
+        shown = kernels_blend.list_visible(records, first, grid.columns, found)
+        if self._found is None:
+            place = self._put(records)
+            return Visible(ids[:shown] + np.int32(place), boxes[:shown].copy(), found.counts)
         return Visible(ids[:shown], boxes[:shown], found.counts)
 
     def _put(self, records: NDArray) -> int:
@@ -133,8 +130,7 @@ class SplatBuffers:
             def list_block(block: tuple[Visible, NDArray], found: TileLists = found) -> None:
                 kernels_blend.list_by_tile(self.records, block[0], found.tiles, block[1], found.keys, found.rows)
 
-            with part("lists by tile"):
-                self._run(list_block, list(zip(visible, starts.copy(), strict=True)))
+            self._run(list_block, list(zip(visible, starts.copy(), strict=True)))
             yield found
 
     def work_on(self, lists: TileLists, view: View, work: Callable[[int, Listed, Extent, Scratch], None]) -> None:

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0, sh_degree, sh_terms
 from ..scene.cameras import Camera
 from ..system.blas import product
-from ..system.stopwatch import part
 from .prepare import ALPHA_MIN, Block, Part, principal_axes
 
 DILATION = 0.3
@@ -240,8 +239,7 @@ def projected(block: Block, view: View) -> Projected | None:
     visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
     left[wide], right[wide] = 0, view.camera.width - 1
     if visible.size:
-        with part("colours"):
-            _colours(block, ray, visible, planes[RED : BLUE + 1])
+        _colours(block, ray, visible, planes[RED : BLUE + 1])
     return Projected(visible, planes, log_opacities, np.minimum(point[2], LIMIT).astype(np.float32), bounds)
 
 

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
-from ..system.stopwatch import part
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews
@@ -172,15 +171,13 @@ class Renderer:
                 block = block if whole == 0 else block.fainter(whole)
             return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
 
-        with part("projection"):
-            ids = self._run(project_part, list(zip(cuts, ends[1:].tolist(), strict=True)))
-        with part("depth order"):
-            is_coarse = [cut.is_coarse for cut in cuts]
-            whole, behind = (
-                _in_order(splats, list(itertools.compress(ids, chosen)))
-                for chosen in (np.logical_not(is_coarse), is_coarse)
-            )
-            pairs = sum(int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64)) for _, boxes in (whole, behind))
+        ids = self._run(project_part, list(zip(cuts, ends[1:].tolist(), strict=True)))
+        is_coarse = [cut.is_coarse for cut in cuts]
+        whole, behind = (
+            _in_order(splats, list(itertools.compress(ids, chosen)))
+            for chosen in (np.logical_not(is_coarse), is_coarse)
+        )
+        pairs = sum(int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64)) for _, boxes in (whole, behind))
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
         has_front = shares is not None and shares.has_front
 
@@ -203,12 +200,10 @@ class Renderer:
         for run in runs(areas, MAX_PAIRS):
             if open_tiles is not None and not open_tiles.any():
                 return
-            with part("lists by tile"):
-                pairs = find_pairs(self._splats, order.take(here[run]), first, band.grid, open_tiles)
-                groups = tile_groups(pairs)
+            pairs = find_pairs(self._splats, order.take(here[run]), first, band.grid, open_tiles)
+            groups = tile_groups(pairs)
             for tiles in groups:
-                with part("blend: rest"):
-                    composite(band, self._splats, pairs, tiles, self._workspace())
+                composite(band, self._splats, pairs, tiles, self._workspace())
             open_tiles = band.open_tiles()
 
     def _workspace(self) -> Workspace:

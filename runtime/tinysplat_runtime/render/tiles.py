@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.stopwatch import part
 from .prepare import BLOCK_SIZE
 from .project import GAMMA, LIMIT, Splats, X, Y, footprint_exponent, is_wide, pixels_between
 
@@ -133,8 +132,7 @@ def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: Grid, open_
     blocks = []
     for start in range(0, order.size, BLOCK_SIZE):
         ids = order[start : start + BLOCK_SIZE]
-        with part("tiles of every splat"):
-            tiles, owner = _pairs(splats, ids, first_row, grid)
+        tiles, owner = _pairs(splats, ids, first_row, grid)
         if open_tiles is not None:
             takes = open_tiles.take(tiles)
             tiles, owner = tiles.compress(takes), owner.compress(takes)
