@@ -133,7 +133,7 @@ def test_amounts_have_three_forms(text, amount):
 
 @pytest.mark.parametrize("text", ["", "0", "1.5", "-3", "nan", "inf", "9dB", "101dB", "half"])
 def test_other_amounts_are_refused(text):
-    with pytest.raises(InputError, match=r"--prune: .*expected a share such as 0\.5"):
+    with pytest.raises(InputError, match=r"prune: .*expected a share such as 0\.5"):
         Amount.of(text)
 
 
