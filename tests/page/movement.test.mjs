@@ -122,8 +122,9 @@ test("what lies beyond a picture fades", () => {
 
 test("the border gives, less and less, and dims", () => {
   assert.equal(elastic(0, 0.7), 0.7);
-  const [over, again] = [elastic(0, 9), elastic(1.3, 1.4)], lights = [0.5, 1, 1.2, 1.35].map(lightAt);
-  assert.ok(over > 1.3 && over < 1.35 && again > 1.3 && again < 1.32);
+  const [near, far, again] = [elastic(0, 1.5), elastic(0, 9), elastic(1.3, 1.4)];
+  assert.ok(1 < near && near < far && far < 1.5 && far - 1 < 3 * (near - 1) && again > 1.3 && again < 1.4);
+  const lights = [0.5, 1, 1.2, 1.35].map(lightAt);
   assert.deepEqual(lights.slice(0, 2), [1, 1]);
   assert.ok(lights[2] < 1 && lights[3] < lights[2] && lights[3] > 0);
 });
