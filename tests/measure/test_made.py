@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
 import subprocess
 import sys
@@ -24,7 +25,8 @@ print(found.hexdigest())
 """
 
 
-ALL = (getattr(np, "_core", None) or np.core)._multiarray_umath.__cpu_dispatch__
+CORE = "numpy._core" if hasattr(np, "_core") else "numpy.core"
+ALL = importlib.import_module(f"{CORE}._multiarray_umath").__cpu_dispatch__
 """What this numpy chooses between, whose names differ with its version: AVX2, or X86_V3."""
 
 
