@@ -130,8 +130,10 @@ def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, 
         say(f"mode {stats.mode}: {stats.reason}")
     elif stats.mode == "free":
         if stats.left_out:
-            say(f"{stats.left_out:,} Gaussians left out that pictures hardly need: {stats.left_out_psnr:.1f} dB")
-        say("mode free: Gaussians that belong to no pixels; --grid V,H,W and --cameras cameras.json say whose they are")
+            say(
+                f"pruned {stats.left_out:,} Gaussians; pictures without them match the others' at {stats.left_out_psnr:.1f} dB"
+            )
+        say("coded as a list; if these are pixels of known views, --grid V,H,W and --cameras make the file smaller")
 
 
 def _report_own(say: Voice, coded: Encoded, count: int, psnr: float) -> None:

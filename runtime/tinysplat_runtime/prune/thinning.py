@@ -3,7 +3,7 @@
 Rounding a scene to its steps makes an error D. Over Q_g bytes fall by 0.1 octave and D grows by 0.95 dB, so that the
 last byte saved by coarser steps costs 3.2·D/R of N Gaussians' R bytes; one that costs less than its own bytes' worth,
 3.2·D/N, is left out. What is left makes up for most of what others would cost, so that several times as much may go
-(`SLOPE`). It shows more, too, for which its steps are finer (`STEPS`), so that one Q_g stays about one quality.
+(`SLOPE`). Each Gaussian that is left matters more, so its steps are finer (`STEPS`): quality at a Q_g stays the same.
 """
 
 from __future__ import annotations
