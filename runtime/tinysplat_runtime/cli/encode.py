@@ -130,9 +130,7 @@ def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, 
         say(f"mode {stats.mode}: {stats.reason}")
     elif stats.mode == "free":
         if stats.left_out:
-            say(
-                f"pruned {stats.left_out:,} Gaussians; pictures without them match the others' at {stats.left_out_psnr:.1f} dB"
-            )
+            say(f"pruned {stats.left_out:,} Gaussians: {stats.left_out_psnr:.1f} dB between pictures with and without")
         say("coded as a list; if these are pixels of known views, --grid V,H,W and --cameras make the file smaller")
 
 
