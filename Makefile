@@ -52,6 +52,7 @@ export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python export/network.py sweep
 	$(VENV)/bin/python export/network.py edge --half-weights
 	$(VENV)/bin/python export/optimised.py edge
+	$(VENV)/bin/python export/stages.py
 
 docs: $(VENV)/.installed docs/assets/iframe-worker-shim.js  ## the documentation site in site/, for a server or opened from disk
 	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[docs]"

@@ -74,9 +74,10 @@ class Runtime:
     ) -> Gaussians:
         """Gaussians of all views of a scene.
 
-        More photos than the network takes at once are given to it in groups of neighbours (`scene.neighbours`). Large
-        photos (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped networks, and what these find is brought
-        to every pixel.
+        More photos than the network takes at once are grouped with their neighbours (`scene.neighbours`) and go through
+        its stages one by one (`graphs.each`), or where it has none group by group. Large photos
+        (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped networks, and what these find is brought to
+        every pixel.
 
         Args:
             scene: 2 or more views of one size, with near and far; `Scene.views` and `Scene.resized` choose and scale.

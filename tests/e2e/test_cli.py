@@ -328,7 +328,5 @@ def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(
 
     folder = write_scene(tmp_path / "large", views=2, height=1920, width=1080)
     height, width = fitting_size(ts.load_scene(folder))
-    assert 0.98 * LARGE_PIXELS < height * width <= 1.01 * LARGE_PIXELS and height / width == pytest.approx(
-        16 / 9, rel=0.01
-    )
+    assert 0.98 * LARGE_PIXELS < height * width <= LARGE_PIXELS and height / width == pytest.approx(16 / 9, rel=0.01)
     assert fitting_size(ts.load_scene(folder).resized(256, 384)) is None

@@ -15,7 +15,7 @@ from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians, wr
 from tinysplat_runtime import compress
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.artifacts import load_manifest
-from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.graphs.inference import open_graph
 
 DATA = Path(__file__).parent / "data"
 
@@ -94,9 +94,10 @@ def golden_messages() -> str:
 
 def golden_contracts() -> str:
     """Names, types and ranks of what goes into and comes out of every graph that ships."""
-    store, lines = GraphStore(threads=1), []
+    lines = []
     for name, artifact in sorted(load_manifest().items()):
-        session = (store.network(name) if artifact.role == "network" else store.transform(name)).session
+        contract = {"network": "network", "stage": f"stage_{name.rpartition('_')[2]}"}.get(artifact.role or "", name)
+        session = open_graph(artifact, contract, threads=1).session
         lines.append(f"{name} ({artifact.role})")
         for way, ports in (("in", session.get_inputs()), ("out", session.get_outputs())):
             lines += [f"  {way:3} {port.name}: {port.type}, rank {len(port.shape)}" for port in ports]

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from .aggregation import box_mean, local_contrast
-from .edge_analysis import Analysis, EdgeSettings, analyse, expected_level, photo_difference
+from .edge_analysis import Analysis, EdgeSettings, Matches, analyse, expected_level, match, photo_difference
 from .edge_layers import CostRefiner, UNet, bilinear_logits, convex_upsampling, convolution, zero
 from .exposure import one_exposure
 from .geometry import pixel_intrinsics, pixel_rays
@@ -51,27 +51,63 @@ OPACITY_CAP = 31 / 32
 
 
 @dataclass(frozen=True)
+class Views:
+    """Photos and cameras: all views, of which some have their depth sought.
+
+    Attributes:
+        images: (…, 3, H, W) of all views, as if all were taken with one exposure, to match with.
+        shown: (V, 3, H, W) of those whose depth is sought, to take colours from.
+        K, c2w: of all views, as `Edge.forward` has them.
+        far: (V,) of those whose depth is sought.
+        depths: the narrowed ranges of all views.
+    """
+
+    images: Tensor
+    shown: Tensor
+    K: Tensor
+    c2w: Tensor
+    far: Tensor
+    depths: InverseDepths
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Depth at half resolution, by what the views' matches say.
+
+    Attributes:
+        logits: (V, D, h, w) over candidates.
+        level: (V, 1, h, w).
+        agreement: (V, 1, h, w) of the analysis.
+        features, coarse_features: of the U-Net, (V, C, h, w) and (V, C', h / 2, w / 2).
+        full: (V, 1, 2h, 2w) the level upsampled.
+        clues: (V, 2, h, w) confidence, and how far the level lies from that of the analysis.
+    """
+
+    logits: Tensor
+    level: Tensor
+    agreement: Tensor
+    features: Tensor
+    coarse_features: Tensor
+    full: Tensor
+    clues: Tensor
+
+
+@dataclass(frozen=True)
 class Surfaces:
     """What the heads start from: surfaces found, and what tells how well.
 
     Attributes:
         images: (V, 3, H, W), to take colours from.
-        K, c2w, far: as `Edge.forward` has them.
-        depths: the narrowed range that was swept.
         logits: (V, D, h, w) over candidates, half resolution.
         features: (V, C, h, w) of the U-Net, and agreement, errors and doubts beside them.
         opacity: (V, 1, h, w) of the analysis.
         coarse_features: (V, C, h / 2, w / 2).
         cells: (V, 4, h / 2, w / 2) colour and level.
-        level: (V, 1, H, W) depth, aligned, a level of `depths`.
+        level: (V, 1, H, W) depth, aligned, a level of its range.
         details: (V, 4, H, W) what the sources show less the photo, and the share of sources that see it.
     """
 
     images: Tensor
-    K: Tensor
-    c2w: Tensor
-    far: Tensor
-    depths: InverseDepths
     logits: Tensor
     features: Tensor
     opacity: Tensor
@@ -79,6 +115,25 @@ class Surfaces:
     cells: Tensor
     level: Tensor
     details: Tensor
+
+
+@dataclass(frozen=True)
+class Dressed:
+    """What the heads make of surfaces.
+
+    Attributes:
+        level: (V, 1, H, W) final depth.
+        opacity: (V, 1, H, W), before other views have their say.
+        footprint: (V, 1, H, W) pixels.
+        colours: (V, 3, H, W).
+        changes: of the coarse layer.
+    """
+
+    level: Tensor
+    opacity: Tensor
+    footprint: Tensor
+    colours: Tensor
+    changes: CoarseChanges
 
 
 @dataclass(frozen=True)
@@ -168,10 +223,6 @@ class Edge(nn.Module):
 
     def predict(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> Prediction:
         """As `forward`, with what the losses use."""
-        return self.dress(self.find(images, K, c2w, near, far))
-
-    def find(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> Surfaces:
-        """Find surfaces by the analysis, the refiner and the U-Net; arguments as for `forward`."""
         s = self.settings
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
         whole = InverseDepths(1 / far, 1 / near - 1 / far, s.analysis.candidates)
@@ -182,38 +233,73 @@ class Edge(nn.Module):
         terms = pairs.sweep_terms(rays, K)
         with _without_gradient():
             depths = narrowed(images, K, pairs, whole, s.narrowing, s.analysis)
-            found = analyse(half, K, terms, pairs, depths, s)
+            matches = match(half, terms, pairs, depths, s)
+        estimate = self.estimate(half, K, terms, pairs, depths, matches, matches.level)
+        views = Views(images, shown, K, c2w, far, depths)
+        found = self.seen(views, pairs, witnesses, estimate, estimate.level, estimate.agreement)
+        dressed = self.dress(found, depths)
+        outputs, opacity = self.finish(dressed, views, witnesses, dressed.level, dressed.opacity)
+        return Prediction(outputs, found.logits, dressed.level, depths, dressed.footprint, opacity, dressed.colours)
 
-        logits = self._logits(half, found)
-        level, confidence = expected_level(logits)
-        features, coarse_features = self.unet(self._inputs(half, found, logits, level, confidence))
-        full = convex_upsampling(level, self.upsampling(features) + self.bilinear)
+    def estimate(
+        self, half: Tensor, K: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths,
+        matches: Matches, levels: Tensor,
+    ) -> Estimate:  # fmt: skip
+        """Depth at half resolution; arguments as for `analyse`."""
+        s = self.settings
         with _without_gradient():
-            error, seen, _ = error_in_sources(level, terms, pairs, depths)
+            found = analyse(half, K, terms, pairs, depths, matches, levels, s)
+        own = pairs.own(half)
+        logits = self._logits(own, found)
+        level, confidence = expected_level(logits)
+        features, coarse_features = self.unet(self._inputs(own, found, logits, level, confidence))
+        full = convex_upsampling(level, self.upsampling(features) + self.bilinear)
+        change = s.analysis.candidates / 8 * (level - found.level)
+        return Estimate(
+            logits, level, found.agreement, features, coarse_features, full, torch.cat([confidence, change], dim=1)
+        )
+
+    def seen(
+        self, views: Views, pairs: ViewPairs, witnesses: ViewPairs, estimate: Estimate, levels: Tensor,
+        agreements: Tensor,
+    ) -> Surfaces:  # fmt: skip
+        """What all views say of the depth that was estimated of those whose depth is sought.
+
+        Args:
+            views: all.
+            pairs, witnesses: views that a view is matched with, and all that may witness that space is free.
+            estimate: of the views whose depth is sought.
+            levels, agreements: (…, 1, h, w) of the estimates of all views.
+        """
+        s, images, K, depths = self.settings, views.images, views.K, views.depths
+        level, full = estimate.level, estimate.full
+        height, width = level.shape[2:]
+        rays = pixel_rays(pixel_intrinsics(pairs.own(K), height, width), height, width)
+        with _without_gradient():
+            error, there, _ = error_in_sources(levels, pairs.sweep_terms(rays, K), pairs, depths)
             opacity = opacities_from_agreement(
-                level, found.agreement, witnesses.sweep_terms(rays, K), witnesses, depths, s.analysis
+                levels, agreements, witnesses.sweep_terms(rays, K), witnesses, depths, s.analysis
             )
             aligned = align_photos(full.detach(), images, K, pairs, depths, s.analysis.alignment)
             difference, visible = photo_difference(aligned, images, K, pairs, depths)
         full = full + (aligned - full.detach())  # the gradient passes the alignment as if it were not there
 
-        error = pairs.by_view(error.clamp(-4, 4) * seen) / 4
+        error = pairs.by_view(error.clamp(-4, 4) * there) / 4
+        confidence, change = estimate.clues.split(1, dim=1)
         clues = [
-            found.agreement, error.amin(dim=1), error.amax(dim=1), opacity, confidence,
-            s.analysis.candidates / 8 * (level - found.level),
+            estimate.agreement, error.amin(dim=1), error.amax(dim=1), opacity, confidence, change,
             functional.avg_pool2d(difference, 2).abs().mean(1, True),
         ]  # fmt: skip
-        cells = torch.cat([functional.avg_pool2d(shown, 4), functional.avg_pool2d(level.detach(), 2)], dim=1)
+        cells = torch.cat([functional.avg_pool2d(views.shown, 4), functional.avg_pool2d(level.detach(), 2)], dim=1)
         details = torch.cat([4 * difference, visible], dim=1)
         return Surfaces(
-            shown, K, c2w, far, depths, logits, torch.cat([features, *clues], dim=1), opacity, coarse_features, cells,
-            full, details,
+            views.shown, estimate.logits, torch.cat([estimate.features, *clues], dim=1), opacity,
+            estimate.coarse_features, cells, full, details,
         )  # fmt: skip
 
-    def dress(self, surfaces: Surfaces) -> Prediction:
-        """Gaussians on the surfaces: what the heads at full resolution and of the coarse layer make of them."""
+    def dress(self, surfaces: Surfaces, depths: InverseDepths) -> Dressed:
+        """What the heads at full resolution and of the coarse layer make of surfaces in the ranges of their views."""
         s, found, images = self.settings, surfaces, surfaces.images
-        witnesses = ViewPairs.all(found.c2w)
         fine = self.fine(found.features)
         opacity = double(found.opacity)
         relief = (s.analysis.candidates / 4 * (found.level - box_mean(found.level, 9))).clamp(-2, 2)
@@ -227,23 +313,39 @@ class Edge(nn.Module):
         footprint = torch.sqrt(least + (s.analysis.footprint**2 - least) * spread)
         colour, gain, finer_gain = torch.tanh(change[:, 3:]).split([3, 1, 1], dim=1)
         reach, finer_reach = s.sharpening_reach
-        inverse_depth = found.depths.at(level)
         with _without_gradient():
-            weights = splat_weights(inverse_depth, opacity, footprint, s.analysis.surfaces)
-            kept = kept_opacity(
-                level.detach(), opacity.detach() / OPACITY_CAP, found.K, found.c2w, witnesses, found.depths, s.witnesses
-            )
+            weights = splat_weights(depths.at(level), opacity, footprint, s.analysis.surfaces)
         first, second = s.analysis.sharpening
         colours = sharpened(images, weights, first + reach * gain, second + finer_reach * finer_gain)
         colours = colours + s.colour_reach * colour
-        opacity = opacity * kept
-        surface = pixel_layer(colours, found.K, found.c2w, inverse_depth, opacity, footprint)
-        changes = self.coarse(found.coarse_features, found.cells)
+        return Dressed(level, opacity, footprint, colours, self.coarse(found.coarse_features, found.cells))
+
+    def finish(
+        self, dressed: Dressed, views: Views, witnesses: ViewPairs, levels: Tensor, opacities: Tensor
+    ) -> tuple[tuple[Tensor, ...], Tensor]:
+        """The tensors of `OUTPUT_NAMES`, and opacity, of what is dressed.
+
+        Args:
+            dressed: views whose Gaussians are sought.
+            views: all.
+            witnesses: as for `seen`.
+            levels, opacities: (…, 1, H, W) of what is dressed of all views.
+        """
+        s, depths = self.settings, views.depths
+        inverse_depths = depths.at(levels)
+        inverse_depth = witnesses.own(inverse_depths)
+        with _without_gradient():
+            kept = kept_opacity(
+                levels.detach(), opacities.detach() / OPACITY_CAP, views.K, views.c2w, witnesses, depths, s.witnesses
+            )
+        opacity = dressed.opacity * kept
+        K, c2w = witnesses.own(views.K), witnesses.own(views.c2w)
+        surface = pixel_layer(dressed.colours, K, c2w, inverse_depth, opacity, dressed.footprint)
         coarse = coarse_layer(
-            images, found.K, found.c2w, inverse_depth.detach(), found.far, witnesses, s.analysis.coarse, changes
-        )
-        outputs = (*surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0])
-        return Prediction(outputs, found.logits, level, found.depths, footprint, opacity, colours)
+            views.shown, views.K, views.c2w, inverse_depths.detach(), views.far, witnesses, s.analysis.coarse,
+            dressed.changes,
+        )  # fmt: skip
+        return (*surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]), opacity
 
     def _logits(self, half: Tensor, found: Analysis) -> Tensor:
         """Logits (V, D, h, w) over candidates: the analysis's, and what the refiner adds at quarter resolution."""

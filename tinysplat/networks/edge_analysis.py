@@ -15,7 +15,7 @@ from .exposure import ExposureSettings
 from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .narrowing import NarrowingSettings
 from .pairs import ViewPairs
-from .sweep import AlignmentSettings, InverseDepths, SweepSettings, align_photos, double, matched, settled
+from .sweep import AlignmentSettings, InverseDepths, SweepSettings, agreed, align_photos, double, matched, soft_argmin
 from .witnesses import WitnessSettings
 
 WINDOW = 2
@@ -89,6 +89,23 @@ class EdgeSettings:
 
 
 @dataclass(frozen=True)
+class Matches:
+    """What matching finds at half resolution of views whose depth is sought; no gradient flows into it.
+
+    Attributes:
+        costs: (V, D, h, w) of matching.
+        paths: (V, D, h, w) aggregated costs, less their minimum over candidates.
+        coarse_paths: (V, D, h / 2, w / 2), the same of the next coarser grid.
+        level: (V, 1, h, w) of the lowest of `paths`, a level of `InverseDepths`.
+    """
+
+    costs: Tensor
+    paths: Tensor
+    coarse_paths: Tensor
+    level: Tensor
+
+
+@dataclass(frozen=True)
 class Analysis:
     """What the analytic part finds at half resolution; no gradient flows into it.
 
@@ -109,18 +126,16 @@ class Analysis:
     agreement: Tensor
 
 
-def analyse(
-    half: Tensor, K: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths,
-    settings: EdgeSettings,
-) -> Analysis:  # fmt: skip
-    """The first half of `sweep`: matching, aggregation, agreement, filling and alignment at half resolution.
+def match(
+    half: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, settings: EdgeSettings
+) -> Matches:
+    """The beginning of `sweep`: matching and aggregation at half resolution.
 
     A coarser grid's aggregated costs are added, with a small weight, to the costs of the next finer one: large blank or
     repeated things are matched by what surrounds them.
 
     Args:
-        half: (V, 3, h, w) photos at half resolution, [0, 1].
-        K: (V, 3, 3) divided by width and height.
+        half: (…, 3, h, w) photos of all views at half resolution, [0, 1].
         terms: of `ViewPairs.sweep_terms` at half resolution.
         pairs: views to match.
         depths: candidates.
@@ -139,11 +154,27 @@ def analyse(
         if not at_half:
             coarse = paths
             lead = double(settings.lead * paths.clamp_max(settings.lead_limit))
-    level, agreement = settled(paths, half, terms, pairs, depths, s)
+    return Matches(cost, paths, coarse, soft_argmin(paths, s.sharpness))
+
+
+def analyse(
+    half: Tensor, K: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, matches: Matches,
+    levels: Tensor, settings: EdgeSettings,
+) -> Analysis:  # fmt: skip
+    """What `sweep` does next: agreement, filling and alignment at half resolution.
+
+    Args:
+        half, terms, pairs, depths, settings: as for `match`.
+        K: (…, 3, 3) of all views, divided by width and height.
+        matches: of the views whose depth is sought.
+        levels: (…, 1, h, w) of the matches of all views.
+    """
+    level, agreement = agreed(levels, half, terms, pairs, depths, settings.analysis)
     level = align_photos(level, half, K, pairs, depths, settings.half_alignment)
+    cost = matches.costs
     relative = settings.contrast * (cost - cost.mean(dim=1, keepdim=True))
     best = settings.contrast * cost.amin(dim=1, keepdim=True)
-    return Analysis(relative, best, paths, coarse, level, agreement)
+    return Analysis(relative, best, matches.paths, matches.coarse_paths, level, agreement)
 
 
 def expected_level(logits: Tensor) -> tuple[Tensor, Tensor]:
@@ -161,11 +192,12 @@ def photo_difference(
 ) -> tuple[Tensor, Tensor]:
     """What the sources show at each pixel's place less the pixel itself, (V, 3, H, W), mean of those that see it.
 
-    The second result is the share of sources that have the place in their frame, (V, 1, H, W).
+    Levels (V, 1, H, W) are those of views whose depth is sought, everything else is of all views. The second result is
+    the share of sources that have the place in their frame, (V, 1, H, W).
     """
     height, width = images.shape[2:]
-    rays = pixel_rays(pixel_intrinsics(K, height, width), height, width)
-    x, y, ratio = project_sweep(*pairs.sweep_terms(rays, K), depths.at(level)[pairs.reference])
+    rays = pixel_rays(pixel_intrinsics(pairs.own(K), height, width), height, width)
+    x, y, ratio = project_sweep(*pairs.sweep_terms(rays, K), depths.of(pairs).at(level)[pairs.reference])
     read = sample_bilinear(images[pairs.source], x, y)[:, :, 0]
     seen = inside_frame(x, y, ratio)
     total = pairs.by_view((read - images[pairs.reference]) * seen).sum(dim=1)

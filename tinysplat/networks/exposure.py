@@ -75,11 +75,18 @@ def one_exposure(
     rays = pixel_rays(pixel_intrinsics(K_unit, *cells.shape[2:]), *cells.shape[2:])
     terms = pairs.sweep_terms(rays, K_unit)
     look = InverseDepths(whole.offset, whole.span, s.candidates)
-    blind = replace(matching, colour_weight=0.0, contrast_weight=s.contrast_weight, consistency=s.consistency)
+    blind = blindly(matching, s)
     _, paths = matched(cells, terms, pairs, look, blind)
     level, agreement = settled(paths, cells, terms, pairs, look, blind)
     (gain, offset), (shown_gain, shown_offset) = _exposures(cells, level, agreement, terms, pairs, look, s)
     return (images * gain + offset).clamp(0, 1), (images * shown_gain + shown_offset).clamp(0, 1)
+
+
+def blindly(matching: SweepSettings, settings: ExposureSettings) -> SweepSettings:
+    """Matching by contrast alone."""
+    return replace(
+        matching, colour_weight=0.0, contrast_weight=settings.contrast_weight, consistency=settings.consistency
+    )
 
 
 def _exposures(
@@ -88,14 +95,7 @@ def _exposures(
 ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:  # fmt: skip
     """Gains and offsets (V, 3, 1, 1), to match with and to show, from cells (V, 3, h, w) and where they match."""
     s = settings
-    error, _, _ = error_in_sources(level, terms, pairs, look)
-    x, y, ratio = project_sweep(*terms, look.at(level)[pairs.reference])
-    there = sample_bilinear(cells[pairs.source], x, y)[:, :, 0]
-    here = cells[pairs.reference]
-    darkest = torch.minimum(here, there).amin(dim=1, keepdim=True)
-    brightest = torch.maximum(here, there).amax(dim=1, keepdim=True)
-    sound = ((darkest > s.clipped) & (brightest < 1 - s.clipped)).to(cells.dtype) * inside_frame(x, y, ratio)
-    sound = sound * agreement[pairs.reference] * torch.exp(-0.5 * (error / s.consistency).square())
+    here, there, sound = compared(cells, level, agreement, terms, pairs, look, s)
     weight = sound
     for _ in range(s.rounds):
         gain, offset = _solved(here, there, weight, pairs, cells.shape[0], s)
@@ -104,6 +104,30 @@ def _exposures(
         weight = sound / (1 + rest.square().mean(dim=1, keepdim=True) / s.outlier**2)
     views = cells.shape[0]
     return _solved(here, there, weight, pairs, views, s), _solved(here, there, weight, pairs, views, s, shown=True)
+
+
+def compared(
+    cells: Tensor, levels: Tensor, agreement: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs,
+    look: InverseDepths, settings: ExposureSettings,
+) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
+    """Colours of cells and of their sources at the same places, (P, 3, h, w), and how sure that is, (P, 1, h, w).
+
+    Args:
+        cells, levels: (…, 3, h, w) and (…, 1, h, w) of all views.
+        agreement: (V, 1, h, w) of those whose depth is sought.
+        terms, pairs, look: of the cells.
+        settings: of `one_exposure`.
+    """
+    s = settings
+    error, _, _ = error_in_sources(levels, terms, pairs, look)
+    x, y, ratio = project_sweep(*terms, look.at(levels)[pairs.reference])
+    there = sample_bilinear(cells[pairs.source], x, y)[:, :, 0]
+    here = cells[pairs.reference]
+    darkest = torch.minimum(here, there).amin(dim=1, keepdim=True)
+    brightest = torch.maximum(here, there).amax(dim=1, keepdim=True)
+    sound = ((darkest > s.clipped) & (brightest < 1 - s.clipped)).to(cells.dtype) * inside_frame(x, y, ratio)
+    sound = sound * agreement[pairs.reference] * torch.exp(-0.5 * (error / s.consistency).square())
+    return here, there, sound
 
 
 def _solved(

@@ -55,7 +55,7 @@ def narrowed(
         settings: of this function.
         matching: of the coarse grid's costs and paths.
     """
-    s, last = settings, settings.candidates - 1
+    s = settings
     look = InverseDepths(whole.offset, whole.span, s.candidates)
     cells = functional.avg_pool2d(images, s.cell)
     rays = pixel_rays(pixel_intrinsics(K_unit, *cells.shape[2:]), *cells.shape[2:])
@@ -63,6 +63,23 @@ def narrowed(
     matching = replace(matching, fill_dilations=s.dilations)
     _, paths = matched(cells, terms, pairs, look, matching)
     level, agreement = settled(paths, cells, terms, pairs, look, matching)
+    return taken_up(level, agreement, terms, pairs, whole, s)
+
+
+def taken_up(
+    level: Tensor, agreement: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, whole: InverseDepths,
+    settings: NarrowingSettings,
+) -> InverseDepths:  # fmt: skip
+    """The part of the range of views whose depth is sought that their filled levels (V, 1, h, w) on cells take up.
+
+    Args:
+        level, agreement: (V, 1, h, w) of cells, as `settled` has them.
+        terms: of `ViewPairs.sweep_terms` on cells.
+        pairs: views that were compared.
+        whole: the ranges of all views.
+        settings: of `narrowed`.
+    """
+    s, last = settings, settings.candidates - 1
     weight = agreement.clamp_min(s.least_weight)
     first = quantile(level, weight, s.tail, s.candidates) - s.margin / last
     final = quantile(level, weight, 1 - s.tail, s.candidates) + s.margin / last
@@ -70,13 +87,14 @@ def narrowed(
 
     ends = torch.stack([whole.offset, whole.offset + whole.span], dim=1)[pairs.reference][:, :, None, None]
     x, y, _ = project_sweep(*terms, ends)
-    height, width = images.shape[2:]
+    height, width = s.cell * level.shape[2], s.cell * level.shape[3]
     moved = torch.sqrt((width * (x[:, 1] - x[:, 0])).square() + (height * (y[:, 1] - y[:, 0])).square())
     pixels = pairs.by_view(moved.clamp(1e-3, 2.0 * width)).mean(dim=(1, 2, 3))  # (V,) of the whole range
     least = (s.finest * (whole.count - 1) / pixels).clamp_max(1)
     half = torch.maximum(final - first, least) / 2
     middle = torch.minimum(torch.maximum((first + final) / 2, half), 1 - half)
-    return replace(whole, offset=whole.offset + whole.span * (middle - half), span=whole.span * (2 * half))
+    own = whole.of(pairs)
+    return replace(own, offset=own.offset + own.span * (middle - half), span=own.span * (2 * half))
 
 
 def quantile(level: Tensor, weight: Tensor, share: float, steps: int) -> Tensor:

@@ -237,7 +237,8 @@ def coarse_layer(
     cell, ring = settings.cell, settings.ring
     height, width = images.shape[2] // cell, images.shape[3] // cell
     colours = functional.avg_pool2d(images, cell)
-    farthest = box_minimum(-functional.max_pool2d(-inverse_depth, cell), settings.reach) * settings.recede
+    shallow = functional.max_pool2d(-pairs.own(inverse_depth), cell)
+    farthest = box_minimum(-shallow, settings.reach) * settings.recede
     inside = torch.ones_like(farthest)
     ring_factor = functional.pad(inside, (ring,) * 4, value=settings.ring_recede)
     behind = functional.pad(farthest, (ring,) * 4, mode="replicate") * ring_factor
@@ -251,7 +252,7 @@ def coarse_layer(
         opacity, width_px = torch.sigmoid(logit + changes.opacity), settings.width * changes.width
 
     shift = torch.tensor([[0.0, 0.0, ring], [0.0, 0.0, ring], [0.0, 0.0, 0.0]])
-    K = pixel_intrinsics(K_unit, height, width) + shift
+    K = pixel_intrinsics(pairs.own(K_unit), height, width) + shift
     rays = pixel_rays(K, height + 2 * ring, width + 2 * ring)
     terms = pairs.sweep_terms(rays, K_unit)
     behind = torch.maximum(behind, least)
@@ -261,8 +262,8 @@ def coarse_layer(
     scale = width_px / cell * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
     grid = (-1, height + 2 * ring, width + 2 * ring)
     return GaussianLayer(
-        unproject(rays, depth, c2w).permute(0, 2, 3, 1),
-        rotation_quats(c2w[:, :3, :3])[:, None, None].expand(*grid, 4),
+        unproject(rays, depth, pairs.own(c2w)).permute(0, 2, 3, 1),
+        rotation_quats(pairs.own(c2w)[:, :3, :3])[:, None, None].expand(*grid, 4),
         scale.permute(0, 2, 3, 1).expand(*grid, 3),
         (opacity * (1 - covered))[:, 0],
         _degree_zero(colours),

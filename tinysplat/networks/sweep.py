@@ -7,7 +7,7 @@ product useful on any scene at once and is the baseline that a learned network h
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor, nn
@@ -200,6 +200,10 @@ class InverseDepths:
         shape = (-1,) + (1,) * (level.dim() - 1)
         return self.offset.view(shape) + self.span.view(shape) * level
 
+    def of(self, pairs: ViewPairs) -> InverseDepths:
+        """The ranges of the views whose depth is sought."""
+        return replace(self, offset=pairs.own(self.offset), span=pairs.own(self.span))
+
     def candidates(self) -> Tensor:
         """(V, D) inverse depths."""
         return self.offset[:, None] + self.span[:, None] * torch.linspace(0, 1, self.count)
@@ -220,7 +224,7 @@ def matched(
         The costs; the aggregated costs less their minimum over candidates.
     """
     costs = matching_costs(guide, terms, pairs, sweep, settings) + lead
-    paths = path_costs(costs, guide, step=settings.step, jump=settings.jump, edge=settings.edge)
+    paths = path_costs(costs, pairs.own(guide), step=settings.step, jump=settings.jump, edge=settings.edge)
     return costs, paths - paths.amin(dim=1, keepdim=True)
 
 
@@ -229,9 +233,17 @@ def settled(
     settings: SweepSettings,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Level (V, 1, h, w) of the lowest aggregated costs, filled where views disagree, and agreement before filling."""
-    level = soft_argmin(paths, settings.sharpness)
+    return agreed(soft_argmin(paths, settings.sharpness), guide, terms, pairs, sweep, settings)
+
+
+def agreed(
+    level: Tensor, guide: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths,
+    settings: SweepSettings,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Levels (…, 1, h, w) of all views, filled where views disagree, and agreement before filling."""
     agreement = cross_view_agreement(level, terms, pairs, sweep, settings)
-    filled = fill_uncertain(level, agreement, guide, edge=settings.fill_edge, dilations=settings.fill_dilations)
+    own, colours = pairs.own(level), pairs.own(guide)
+    filled = fill_uncertain(own, agreement, colours, edge=settings.fill_edge, dilations=settings.fill_dilations)
     return filled, agreement
 
 
@@ -337,12 +349,12 @@ def align_photos(
     Lucas and Kanade 1981 along the epipolar line: the pixels of a box move together, outliers count less.
     """
     height, width = images.shape[2:]
-    rays = pixel_rays(pixel_intrinsics(K, height, width), height, width)
+    rays = pixel_rays(pixel_intrinsics(pairs.own(K), height, width), height, width)
     terms = pairs.sweep_terms(rays, K)
     unit = 1 / (sweep.count - 1)
     for _ in range(settings.steps):
         reach = settings.reach * unit
-        samples = sweep.at(torch.cat([level - reach, level, level + reach], dim=1))
+        samples = sweep.of(pairs).at(torch.cat([level - reach, level, level + reach], dim=1))
         x, y, ratio = project_sweep(*terms, samples[pairs.reference])
         read = sample_bilinear(images[pairs.source], x, y)  # (P, 3, 3 samples, H, W)
         seen = inside_frame(x[:, 1:2], y[:, 1:2], ratio[:, 1:2])

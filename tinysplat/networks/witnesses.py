@@ -59,7 +59,8 @@ def kept_opacity(
     """
     s = settings
     height, width = level.shape[2:]
-    terms = pairs.sweep_terms(pixel_rays(pixel_intrinsics(K_unit, height, width), height, width), K_unit)
+    rays = pixel_rays(pixel_intrinsics(pairs.own(K_unit), height, width), height, width)
+    terms = pairs.sweep_terms(rays, K_unit)
     error, seen, worth = error_in_sources(level, terms, pairs, depths, trust)
     worth = worth * seen
     same = worth * torch.exp(-0.5 * (error / s.consistency).square())

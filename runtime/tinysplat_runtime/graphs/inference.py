@@ -45,6 +45,17 @@ _GAUSSIANS_OUT = {
     "sh": (_F32, 5),
 }
 
+_STAGE_CAMERAS = {"K": (_F32, 3), "c2w": (_F32, 3), "ranges": (_F32, 2)}
+
+
+def _stage(inputs: str, outputs: Mapping[str, tuple[str, int]] | str) -> Contract:
+    """Of a stage: its cameras and maps, whose names are given, in; maps or something else out."""
+    maps = outputs if isinstance(outputs, Mapping) else dict.fromkeys(outputs.split(), (_F32, 4))
+    return Contract({**_STAGE_CAMERAS, **dict.fromkeys(inputs.split(), (_F32, 4))}, maps)
+
+
+_FINISH = _stage("shown levels alphas footprint colours changes", _GAUSSIANS_OUT)
+
 CONTRACTS: dict[str, Contract] = {
     "network": Contract(
         {"images": (_F32, 4), "K": (_F32, 3), "c2w": (_F32, 3), "near": (_F32, 1), "far": (_F32, 1)},
@@ -94,8 +105,21 @@ CONTRACTS: dict[str, Contract] = {
         },
         _GAUSSIANS_OUT,
     ),
+    "stage_glance": _stage("cells", "level"),
+    "stage_settle": _stage("cells levels", {"there": (_F32, 4), "sound": (_F32, 4), "range": (_F32, 2)}),
+    "stage_match": _stage("half", "costs paths coarse_paths level"),
+    "stage_estimate": _stage(
+        "half costs paths coarse_paths levels", "level agreement features coarse_features full clues"
+    ),
+    "stage_dress": _stage(
+        "images shown levels agreements features coarse_features full clues", "level opacity footprint colours changes"
+    ),
+    "stage_finish": Contract({**_FINISH.inputs, "far": (_F32, 1)}, _GAUSSIANS_OUT),
 }
-"""By role `network`, and by name for the graphs of the roles `analysis`, `synthesis` and `enlarge`."""
+"""By role `network`, by name for the graphs of the roles `analysis`, `synthesis` and `enlarge`, and by what comes after
+a network's name for its stages."""
+
+STAGES = tuple(name for name in CONTRACTS if name.startswith("stage_"))
 
 
 @dataclass(frozen=True)
@@ -185,6 +209,8 @@ def open_graph(
     options.intra_op_num_threads = threads or available_cores()
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads must not steal x265's cores
+    # A stage runs once a photo, and in between others need what it took; its arena is twice as large as its tensors.
+    options.enable_cpu_mem_arena = contract not in STAGES
     if profile is not None:
         options.enable_profiling, options.profile_file_prefix = True, profile
     chosen = add_providers(ort, options, providers)
@@ -276,6 +302,20 @@ class GraphStore:
         """A network, by its name in the manifest or the path of its file."""
         return self._open(name, "network", "network")
 
+    def has_stages(self, name: str, views: int) -> bool:
+        """Whether a network has stages, through which so many views go one by one: more than it takes at once."""
+        artifact = find_artifact(name, "network", self._models)
+        files = _stage_files(artifact.name).values()
+        return (
+            artifact.entry is not None
+            and views > artifact.entry["max_views"]
+            and (load_manifest(self._models).keys() >= set(files))
+        )
+
+    def stages(self, name: str) -> dict[str, Graph]:
+        """The stages of a network that has some, by their own names."""
+        return {stage: self._open(file, "stage", f"stage_{stage}") for stage, file in _stage_files(name).items()}
+
     def network_ref(self, name: str) -> tuple[str, str]:
         """(name, sha256) of a network's ONNX file, by which `network_by_hash` finds it again."""
         artifact = find_artifact(name, "network", self._models)
@@ -305,6 +345,12 @@ class GraphStore:
     def nodes_by_provider(self) -> dict[str, dict[str, int]]:
         """Of a store with `profile`: how often which provider ran a node, by graph; ends the noting."""
         return {name: nodes_by_provider(graph.session.end_profiling()) for name, graph in self._graphs.items()}
+
+
+def _stage_files(network: str) -> dict[str, str]:
+    """Names in the manifest of a network's stages, by their own."""
+    names = [stage.removeprefix("stage_") for stage in STAGES]
+    return {name: f"{network}_{name}" for name in names}
 
 
 def as_input(array: NDArray | Sequence[Any] | float, dtype: type = np.float32) -> NDArray:

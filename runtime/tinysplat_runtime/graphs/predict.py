@@ -85,11 +85,7 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
         ModelError: the graph failed, or its outputs have shapes outside the contract.
     """
     outputs = graph.run(network_inputs(images, cameras, near, far, NetworkLimits.of(graph)))
-    keep_origin = max(float(np.linalg.norm(camera.centre)) for camera in cameras) > FAR_FROM_ORIGIN * near
-    try:
-        return _assemble(outputs, cameras, _mean_centre(cameras), keep_origin=keep_origin, name=graph.name)
-    except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
-        raise ModelError(f"returned {error}", where=graph.name) from None
+    return assembled(outputs, cameras, _mean_centre(cameras), near, graph.name)
 
 
 def network_inputs(
@@ -100,12 +96,12 @@ def network_inputs(
     Arguments and errors are those of `predict`; names and shapes of the result those of docs/MODELS.md.
     """
     images = checked_inputs(images, cameras, near, far, limits)
-    padded, K_unit = _pad(images, cameras, limits)
+    grown, K_unit = padded(images, cameras, limits)
     c2w = np.stack([camera.c2w for camera in cameras])
     c2w[:, :3, :3] = np.stack([camera.rotation.T for camera in cameras])
     c2w[:, :3, 3] -= _mean_centre(cameras)
     return {
-        "images": as_input(padded.transpose(0, 3, 1, 2)),
+        "images": as_input(grown.transpose(0, 3, 1, 2)),
         "K": as_input(K_unit),
         "c2w": as_input(c2w),
         "near": np.full(len(cameras), near, np.float32),
@@ -180,8 +176,9 @@ def _check_poses(cameras: Sequence[Camera], near: float) -> None:
                 )
 
 
-def _pad(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) -> tuple[NDArray, NDArray]:
-    """Images grown right and down to the stride by repeating their edge, and K (V, 3, 3) divided by the new size.
+def padded(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) -> tuple[NDArray, NDArray]:
+    """Images (V, H, W, 3) float32 grown right and down to the stride by repeating their edge, and K (V, 3, 3) divided
+    by the new size.
 
     The top-left corner stays where it is, so K in pixels does not change.
     """
@@ -194,10 +191,28 @@ def _pad(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) -> t
     return images, np.stack([camera.K for camera in cameras]) / size
 
 
+def assembled(
+    outputs: Mapping[str, NDArray], cameras: Sequence[Camera], middle: NDArray, near: float, name: str
+) -> Gaussians:
+    """What a network returned, cropped, placed in the world, and each layer with its cameras; see `predict`.
+
+    Args:
+        outputs: by name.
+        cameras: of the photos that it was given.
+        middle: (3,) the origin of its means.
+        near: depth of the nearest surface, scene units.
+        name: of the network.
+    """
+    keep_origin = max(float(np.linalg.norm(camera.centre)) for camera in cameras) > FAR_FROM_ORIGIN * near
+    try:
+        return _assemble(outputs, cameras, middle, keep_origin=keep_origin, name=name)
+    except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
+        raise ModelError(f"returned {error}", where=name) from None
+
+
 def _assemble(
     outputs: Mapping[str, NDArray], cameras: Sequence[Camera], middle: NDArray, *, keep_origin: bool, name: str
 ) -> Gaussians:
-    """Crop, place in the world, and give each layer its cameras."""
     height, width = cameras[0].height, cameras[0].width
     origin = middle if keep_origin else np.zeros(3)
     shift = np.zeros(3) if keep_origin else middle

@@ -14,7 +14,7 @@ from ..refine.stats import RefineStats
 from ..scene.scenes import Scene
 from ..system.progress import Show, plain
 from .request import Coding, EncodeRequest
-from .stages import Tools, code, enlarger_of, predict, refine
+from .stages import Tools, code, enlarger_of, predict, refine, takes_each
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,8 @@ def encode(
     scene = prepared(request, listener.notice, listener.counting)
     model, whole = request.model, coding.mode != DEFAULT_MODE
     enlarger = enlarger_of(scene, model, tools, whole=whole)
-    refinement = chosen(request, scene, enlarger, listener.notice)
+    each = takes_each(scene, model, tools, whole=whole)
+    refinement = chosen(request, scene, enlarger, listener.notice, each=each)
     plan = planned(scene, is_refined=bool(refinement), is_usual=request.coding == Coding())
     if is_worth_saying(plan, len(scene.frames)):
         listener.notice(f"{scene.path}: {plan}")

@@ -19,6 +19,10 @@ NETWORK_BYTES = (350, -240)
 """What a network takes besides, per pixel of all photos: so much for each view, and this. `edge` as measured at 512×512
 with 2 views 335, 4 views 1,124 and 6 views 1,807, at 1024×1024 with 2 views 478; `sweep` 510 with 2."""
 
+EACH_BYTES_PER_PIXEL, KEPT_BYTES_PER_PIXEL = 1500, 75
+"""The same of a photo that goes through the network beside its partners, with what is kept of those about it; and what
+is kept of every pixel of all photos: Gaussians, and photos that are still to come."""
+
 HYBRID_BYTES_PER_PIXEL = 460
 """What mode hybrid adds: two sets of Gaussians, their planes, and what these lack."""
 
@@ -41,8 +45,9 @@ MEMORY_SHARE = 0.9
 
 
 def check_memory(
-    scene: Scene, enlarger: Enlarger | None = None, *, mode: str = DEFAULT_MODE, refined: bool = False
-) -> None:
+    scene: Scene, enlarger: Enlarger | None = None, *, mode: str = DEFAULT_MODE, refined: bool = False,
+    each: bool = False,
+) -> None:  # fmt: skip
     """Refuse photos that take more memory than is free, with a size that would fit.
 
     Args:
@@ -50,17 +55,19 @@ def check_memory(
         enlarger: what the runtime has for large photos of that scene, if it has.
         mode: of the file.
         refined: whether Gaussians are to be refined.
+        each: whether photos go through the network one by one.
     """
     camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
 
     def needed(pixels: float) -> float:
         """Bytes that so many pixels of all photos take."""
         together = views if views in ALL_VIEWS else GROUP
-        network = (NETWORK_BYTES[0] * together + NETWORK_BYTES[1]) * together
+        grouped = (NETWORK_BYTES[0] * together + NETWORK_BYTES[1]) * together
+        network = EACH_BYTES_PER_PIXEL if each else grouped
         hybrid = HYBRID_BYTES_PER_PIXEL * pixels if mode == "hybrid" else 0
         taken = [REFINED_BYTES_PER_PIXEL * pixels if refined else 0.0]
         if enlarger is None or pixels <= views * LARGE_PIXELS:
-            taken.append(network * pixels / views + hybrid)
+            taken.append(network * pixels / views + hybrid + (KEPT_BYTES_PER_PIXEL * pixels if each else 0))
         else:
             taken.append(network * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels)
             taken.append(LARGE_BYTES_PER_PIXEL * pixels)

@@ -17,7 +17,7 @@ READING = 65e-9
 LOOKING = 0.07
 """Seconds of one core to compare a photo's thumbnail with another."""
 
-NETWORK, CODING, DRAWING = 15e-6, 3e-6, 15e-6
+NETWORK, CODING, DRAWING = 11e-6, 3e-6, 15e-6
 """Seconds of one core for a pixel that the network is given, that is coded, and that is drawn to be compared."""
 
 PHOTO_BYTES, BYTES_EXPONENT = 33_000, 0.69

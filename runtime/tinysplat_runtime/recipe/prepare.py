@@ -225,10 +225,15 @@ def _say_wide(scene: Scene, say: Callable[[str], None], counting: Callable[[str]
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:
-    """(height, width) to which photos larger than LARGE_PIXELS are scaled; None where they are not."""
+    """(height, width) of at most LARGE_PIXELS to which larger photos are scaled; None where they are not."""
     camera = scene.frames[0].camera
     share = (LARGE_PIXELS / (camera.width * camera.height)) ** 0.5
-    return (round(camera.height * share), round(camera.width * share)) if share < 1 else None
+    if share >= 1:
+        return None
+    height, width = round(camera.height * share), round(camera.width * share)
+    return (
+        (height, width) if height * width <= LARGE_PIXELS else (int(camera.height * share), int(camera.width * share))
+    )
 
 
 def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> Scene:

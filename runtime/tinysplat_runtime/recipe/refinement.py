@@ -19,7 +19,7 @@ CPU_SECONDS = 18e-6
 
 
 def chosen(
-    request: EncodeRequest, scene: Scene, enlarger: Enlarger | None, notice: Callable[[str], object]
+    request: EncodeRequest, scene: Scene, enlarger: Enlarger | None, notice: Callable[[str], object], *, each: bool
 ) -> Refinement | None:
     """What was asked for; else the usual steps for a capture, if there are numba and memory for it.
 
@@ -28,6 +28,7 @@ def chosen(
         scene: the photos as the network will have them.
         enlarger: of large photos.
         notice: gets a line that says what was chosen, or what it would take.
+        each: whether photos go through the network one by one.
 
     Raises:
         InputError: photos that take more memory than is free, with what was asked for.
@@ -35,16 +36,16 @@ def chosen(
     asked, mode = request.refinement, request.coding.mode
     is_usual = asked is None and len(scene.frames) > FEW and mode == DEFAULT_MODE and request.coding.like is None
     if not is_usual:
-        check_memory(scene, enlarger, mode=mode, refined=bool(asked))
+        check_memory(scene, enlarger, mode=mode, refined=bool(asked), each=each)
         return asked or None
     if find_spec("numba") is None:
         notice(f'{scene.path}: not refined by its photos, worth about 1 dB: pip install "tinysplat[fast]" brings it')
-        check_memory(scene, enlarger)
+        check_memory(scene, enlarger, each=each)
         return None
     try:
-        check_memory(scene, enlarger, refined=True)
+        check_memory(scene, enlarger, refined=True, each=each)
     except InputError as error:
-        check_memory(scene, enlarger)
+        check_memory(scene, enlarger, each=each)
         notice(f"{scene.path}: not refined by its photos: {error.message}")
         return None
     notice(f"{scene.path}: then refined by its photos, worth about 1 dB; --no-refine leaves that out")

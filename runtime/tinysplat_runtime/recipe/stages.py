@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codec.decoder import decode_gaussians
 from ..codec.encoder import EncodeStats
@@ -22,6 +23,7 @@ from ..codec.recode import encode_like
 from ..container.records import Limits
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
+from ..graphs.each import predict_each
 from ..graphs.enlarge import LARGE_PIXELS, Enlarger, predict_large
 from ..graphs.inference import GraphStore
 from ..graphs.predict import NetworkLimits
@@ -67,8 +69,16 @@ def predict(
     watch = watch or Stopwatch()
     near, far = scene.depth_range()
     scene.check_one_size()
-    graph = tools.store.network(model)
     enlarger = enlarger_of(scene, model, tools, whole=whole)
+    stages = tools.store.stages(model) if takes_each(scene, model, tools, whole=whole) else None
+    graph = stages["glance"] if stages else tools.store.network(model)
+    try:
+        groups = capture_groups(scene.cameras, near, far, NetworkLimits.of(graph))
+    except InputError as error:
+        raise error.within(str(scene.path)) from None
+    if stages:
+        with watch.stage("network"):
+            return predict_each(_reading(scene), scene.cameras, near, far, stages, groups, show)
 
     def run(views: Sequence[int]) -> Gaussians:
         part = scene.views(views)
@@ -78,11 +88,19 @@ def predict(
                 return predict_large(images.pop(), part.cameras, near, far, graph, enlarger)
             return run_network(images.pop(), part.cameras, near, far, graph)
 
-    try:
-        groups = capture_groups(scene.cameras, near, far, NetworkLimits.of(graph))
-    except InputError as error:
-        raise error.within(str(scene.path)) from None
     return predict_groups(scene.cameras, near, groups, run, show)
+
+
+def _reading(scene: Scene) -> Callable[[int], NDArray]:
+    return lambda view: scene.frames[view].image()
+
+
+def takes_each(scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> bool:
+    """Whether photos go through a network one by one, and not group by group: those of a capture, which are not large,
+    where it has stages, and where no file is to keep groups.
+    """
+    is_small = enlarger_of(scene, model, tools, whole=whole) is None
+    return is_small and not whole and tools.store.has_stages(model, len(scene.frames))
 
 
 def enlarger_of(scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> Enlarger | None:

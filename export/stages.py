@@ -1,0 +1,128 @@
+"""Export the stages of `edge`, photo by photo, to models/edge_STAGE.onnx, and enter them in the manifest.
+
+python export/stages.py [STAGE …]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import extra  # noqa: F401  (first: names what is missing)
+import torch
+from inputs import example_inputs
+from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
+from network import HALF_TOLERANCE, TRAINED_EDGE
+from torch import Tensor
+from torch.export import Dim
+
+from tinysplat.networks import edge
+from tinysplat.networks.edge_stages import COARSE_RING, OF_ALL, STAGES, Stage
+from tinysplat.networks.export_support import export_program, halve_weights, save_model
+from tinysplat.training.state import shipped_network
+from tinysplat_runtime.errors import NumericError, TinySplatError
+from tinysplat_runtime.graphs.artifacts import Artifact
+from tinysplat_runtime.graphs.inference import open_graph
+from tinysplat_runtime.system.progress import working
+
+SIZES = ((4, 64, 96), (2, 96, 64), (5, 64, 64))
+"""Views, height and width at which torch and ONNX are compared; the first is traced."""
+
+QUANTILE = 0.99
+"""Share of values that must keep the tolerance: rounding can decide between two candidates."""
+
+Recorded = dict[str, tuple[dict[str, Tensor], tuple[Tensor, ...]]]
+
+
+def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -> Recorded:
+    """What each stage is given of the first of some views, whose neighbours are all others, and what it returns."""
+    example = example_inputs(views, height, width)
+    orders = [[v, *(u for u in range(views) if u != v)] for v in range(views)]
+    found: Recorded = {}
+    known = {"K": example["K"], "c2w": example["c2w"], "far": example["far"], "images": example["images"]}
+    known["ranges"] = torch.stack([1 / example["far"], 1 / example["near"] - 1 / example["far"]], dim=1)
+    known["shown"] = known["images"]
+    known["cells"], known["half"] = (torch.nn.functional.avg_pool2d(known["images"], side) for side in (8, 2))
+    for name, stage in stages.items():
+        results = []
+        for v, order in enumerate(orders):
+            given = {key: known[key][order if key in OF_ALL else slice(v, v + 1)] for key in stage.inputs}
+            with torch.no_grad():
+                values = stage(**given)
+            results.append(values if isinstance(values, tuple) else (values,))
+            found.setdefault(name, (given, results[-1]))
+        joined = {
+            key: torch.cat(of_each) for key, of_each in zip(stage.outputs, zip(*results, strict=True), strict=True)
+        }
+        known |= {
+            {"level": "levels", "agreement": "agreements", "opacity": "alphas"}.get(k, k): v for k, v in joined.items()
+        }
+    return found
+
+
+def write(stage: Stage, name: str, given: Mapping[str, Tensor], path: Path, facts: Mapping[str, object]) -> None:
+    """Export a stage for any number of neighbours and any size, with its weights as float16."""
+    rows, columns = Dim("h"), Dim("w")
+    axes: dict[str, dict[int, object]] = {}
+    for key, cell in stage.inputs.items():
+        axes[key] = {0: Dim.DYNAMIC} if key in OF_ALL else {}
+        if cell is not None:
+            ring = 2 * COARSE_RING if key == "changes" else 0
+            axes[key] |= {2: 16 // cell * rows + ring, 3: 16 // cell * columns + ring}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the exporter's own deprecations; what matters is the parity below
+        model = export_program(stage, given, axes, stage.outputs, OPSET)
+    halve_weights(model)
+    stamp(model, {"role": "stage", **facts})
+    save_model(model, path)
+
+
+def parity(stage: Stage, name: str, path: Path, stages: Mapping[str, Stage]) -> dict[str, float]:
+    """|torch − ONNX| by output over its largest magnitude, at `QUANTILE`: worst of the sizes."""
+    graph = open_graph(Artifact(path.stem, path), f"stage_{name}")
+    worst = dict.fromkeys(stage.outputs, 0.0)
+    for size in SIZES:
+        given, expected = recorded(stages, *size)[name]
+        found = graph.run({key: values.contiguous().numpy() for key, values in given.items()})
+        for key, want in zip(stage.outputs, expected, strict=True):
+            error = (torch.from_numpy(found[key]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
+            rank = max(int(QUANTILE * error.numel()), 1)
+            worst[key] = max(worst[key], float(error.nan_to_num(nan=torch.inf).kthvalue(rank).values))
+    return worst
+
+
+def export(names: list[str]) -> None:
+    """Write, check and register stages; NumericError where torch and ONNX disagree."""
+    network, steps = shipped_network(TRAINED_EDGE)
+    stages = {name: kind(network.eval()).eval() for name, kind in STAGES.items()}
+    provenance = f"weights of the network edge ({steps} steps)"
+    facts = {"licence": "Apache-2.0", "provenance": provenance, "stride": edge.STRIDE, "min_side": edge.MIN_SIDE}
+    examples = recorded(stages, *SIZES[0])
+    for name in names:
+        path, stage = MODELS / f"edge_{name}.onnx", stages[name]
+        with working(name, quiet=False):
+            write(stage, name, examples[name][0], path, facts)
+            worst = parity(stage, name, path, stages)
+        print(path, {key: f"{value:.1e}" for key, value in worst.items()})
+        if max(worst.values()) > HALF_TOLERANCE:
+            raise NumericError(f"torch and onnx differ by {worst}; nothing was registered", where=name)
+        purpose = f"edge, photo by photo: {(type(stage).__doc__ or '').strip().rstrip('.')}"
+        register(f"edge_{name}", path, "stage", worst, **facts, purpose=purpose, made_by="export/stages.py")
+
+
+def main() -> None:
+    """Write all stages, or those named."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("stages", nargs="*", metavar="STAGE", help=", ".join(STAGES))
+    try:
+        export(parser.parse_args().stages or list(STAGES))
+    except TinySplatError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+if __name__ == "__main__":
+    main()

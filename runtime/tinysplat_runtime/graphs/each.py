@@ -1,0 +1,196 @@
+"""Captures photo by photo: each goes once through the stages of a network, beside the partners of its group.
+
+Stages follow one another as each needs what the one before made of a photo and of its partners: a glance at cells of
+8 × 8 pixels, from which exposures and depth ranges come; then, along a way from neighbour to neighbour, matching,
+estimating, dressing and finishing. What no photo needs any more is let go, so that beside the result there are the
+photos, and maps of those about the one at hand. Contracts: docs/MODELS.md, role `stage`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..gaussian.gaussians import Gaussians
+from ..scene.cameras import Camera
+from ..scene.neighbours import Group, view_places
+from ..system.progress import Show, plain
+from .exposure import Exposures, Pair, one_exposure
+from .inference import Graph, as_input
+from .predict import NetworkLimits, assembled, checked_inputs, padded
+from .walk import predict_groups
+
+CELL = 8
+"""Side of the cells that are glanced at, pixels."""
+
+LEAST_SOUND = 0.01
+"""Cells that are less sure to match tell nothing about exposure."""
+
+
+def predict_each(
+    read: Callable[[int], NDArray], cameras: Sequence[Camera], near: float, far: float, stages: Mapping[str, Graph],
+    groups: Sequence[Group], show: Show = plain,
+) -> Gaussians:  # fmt: skip
+    """As `walk.predict_groups`, by the stages of a network.
+
+    Args:
+        read: gives a photo, (H, W, 3) float32 in [0, 1], by its index; is asked for each once.
+        cameras: of all photos, of one size.
+        near, far: depths between which the scene lies, scene units.
+        stages: opened graphs by name.
+        groups: in which every photo is kept once, beside its partners.
+        show: is given a photo at a time.
+
+    Raises:
+        InputError, NumericError, ModelError: as `predict.predict`.
+    """
+    places = view_places(cameras, near, far)
+    stars: list[tuple[int, ...]] = [()] * len(cameras)
+    for group in groups:
+        for v in group.kept:
+            others = [u for u in group.views if u != v]
+            away = np.square(places[others] - places[v]).sum(axis=1)
+            stars[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
+    capture = _Capture(read, cameras, near, far, stages, stars)
+    alone = [Group((v,), (v,)) for group in groups for v in group.kept]
+    return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]), show)
+
+
+class _Capture:
+    """Photos, and what is known of those that are still needed: arrays by stage, view and name."""
+
+    def __init__(
+        self, read: Callable[[int], NDArray], cameras: Sequence[Camera], near: float, far: float,
+        stages: Mapping[str, Graph], stars: Sequence[tuple[int, ...]],
+    ) -> None:  # fmt: skip
+        self.cameras, self.near, self.far, self.stages, self.stars = cameras, near, far, stages, stars
+        self.photos: dict[int, NDArray] = {}  # (3, H, W) uint16, padded to the network's stride
+        self.units: list[NDArray] = []  # K divided by the size of that
+        cells, limits = [], NetworkLimits.of(stages["glance"])
+        for v, camera in enumerate(cameras):
+            try:
+                images = checked_inputs(read(v)[None], [camera], near, far, replace(limits, min_views=1))
+            except InputError as error:
+                raise InputError(error.message, where=(error.where or "images").replace("[0]", f"[{v}]")) from None
+            grown, K = padded(images, [camera], limits)
+            self.photos[v] = np.rint(grown[0].transpose(2, 0, 1) * np.float32(65535)).astype(np.uint16)
+            self.units.append(as_input(K[0]))
+            cells.append(_means(self._planes(v), CELL))
+        self.ranges = [as_input([[1 / far, 1 / near - 1 / far]])] * len(cameras)
+        self.exposures = self._looked_at(cells)
+        self.made: dict[tuple[str, int], dict[str, NDArray]] = {}
+        needed = np.bincount([u for star in stars for u in star], minlength=len(cameras))
+        self.needed = {name: needed.tolist() for name in ("half", "match", "image", "estimate", "dress")}
+        self.needed["half"] = [2 * count for count in self.needed["half"]]
+
+    def finished(self, view: int) -> Gaussians:
+        """A photo's Gaussians."""
+        star = self.stars[view]
+        for u in star:
+            self._dressed(u)
+        own, camera = self.made["dress", view], self.cameras[view]
+        outputs = self._run(
+            "finish", view, shown=self.exposures.shown(self._planes(view), view), far=as_input([self.far]),
+            levels=self._of("dress", "level", star), alphas=self._of("dress", "opacity", star),
+            footprint=own.pop("footprint"), colours=own.pop("colours"), changes=own.pop("changes"),
+        )  # fmt: skip
+        del self.photos[view]
+        self._let_go("dress", star)
+        return assembled(outputs, [camera], camera.centre, self.near, self.stages["finish"].name)
+
+    def _dressed(self, view: int) -> None:
+        if ("dress", view) in self.made:
+            return
+        star = self.stars[view]
+        for u in star:
+            self._estimated(u)
+        own = self.made["estimate", view]
+        heavy = {name: own.pop(name) for name in ("features", "coarse_features", "full", "clues")}
+        self.made["dress", view] = self._run(
+            "dress", view, images=self._of("image", "image", star),
+            shown=self.exposures.shown(self._planes(view), view), levels=self._of("estimate", "level", star),
+            agreements=self._of("estimate", "agreement", star), **heavy,
+        )  # fmt: skip
+        self._let_go("estimate", star)
+        self._let_go("image", star)
+
+    def _estimated(self, view: int) -> None:
+        if ("estimate", view) in self.made:
+            return
+        star = self.stars[view]
+        for u in star:
+            self._matched(u)
+        own = self.made["match", view]
+        heavy = {name: own.pop(name) for name in ("costs", "paths", "coarse_paths")}
+        self.made["estimate", view] = self._run(
+            "estimate", view, half=self._of("half", "half", star), levels=self._of("match", "level", star), **heavy
+        )
+        self._let_go("match", star)
+        self._let_go("half", star)
+
+    def _matched(self, view: int) -> None:
+        if ("match", view) in self.made:
+            return
+        star = self.stars[view]
+        for u in star:
+            if ("image", u) not in self.made:
+                image = self.exposures.matched(self._planes(u), u)
+                self.made["image", u] = {"image": image}
+                self.made["half", u] = {"half": _means(image, 2)}
+        self.made["match", view] = self._run("match", view, half=self._of("half", "half", star))
+        self._let_go("half", star)
+
+    def _planes(self, view: int) -> NDArray:
+        """(1, 3, H, W) float32 of a photo."""
+        return (self.photos[view] * np.float32(1 / 65535))[None]
+
+    def _run(self, stage: str, view: int, **maps: NDArray) -> dict[str, NDArray]:
+        """What a stage makes of a photo and its partners, given their cameras and maps."""
+        star = self.stars[view]
+        own = self.cameras[view].centre
+        c2w = np.stack([np.eye(4)] * len(star))
+        for pose, camera in zip(c2w, (self.cameras[u] for u in star), strict=True):
+            pose[:3, :3], pose[:3, 3] = camera.rotation.T, camera.centre - own
+        K = np.stack([self.units[u] for u in star])
+        ranges = np.concatenate([self.ranges[u] for u in star])
+        return self.stages[stage].run({"K": K, "c2w": as_input(c2w), "ranges": ranges, **maps})
+
+    def _of(self, stage: str, name: str, star: Sequence[int]) -> NDArray:
+        """(N, …) what a stage made of a photo and its partners."""
+        return np.concatenate([self.made[stage, u][name] for u in star])
+
+    def _let_go(self, stage: str, star: Sequence[int]) -> None:
+        """A photo has had what this stage made of it and of its partners: what nobody else needs is dropped."""
+        for u in star:
+            self.needed[stage][u] -= 1
+            if not self.needed[stage][u]:
+                del self.made[stage, u]
+
+    def _looked_at(self, cells: Sequence[NDArray]) -> Exposures:
+        """Exposures by what cells show; narrows the ranges to what they take up."""
+        levels, pairs, ranges = [], [], []
+        for v, star in enumerate(self.stars):
+            levels.append(self._run("glance", v, cells=np.concatenate([cells[u] for u in star]))["level"])
+        for v, star in enumerate(self.stars):
+            among, beside = (np.concatenate([maps[u] for u in star]) for maps in (cells, levels))
+            found = self._run("settle", v, cells=among, levels=beside)
+            ranges.append(found["range"])
+            here = cells[v][0].reshape(3, -1).T
+            for u, there, sound in zip(
+                star[1:], found["there"], found["sound"].reshape(len(star) - 1, -1), strict=True
+            ):
+                tells = sound > LEAST_SOUND
+                pairs.append(Pair(v, u, here[tells], there.reshape(3, -1).T[tells], sound[tells], sound.size))
+        self.ranges = ranges
+        return one_exposure(pairs, [star[1:] for star in self.stars])
+
+
+def _means(planes: NDArray, side: int) -> NDArray:
+    """Means over side × side pixels of (1, 3, H, W)."""
+    _, channels, height, width = planes.shape
+    blocks = planes.reshape(1, channels, height // side, side, width // side, side)
+    return blocks.mean(axis=(3, 5), dtype=np.float32)

@@ -1,0 +1,89 @@
+"""Photo by photo: every photo is read once and shown where it was taken, whatever their order, place and size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from networks.two_planes import FAR, NEAR, TracedScene, trace
+from numpy.typing import NDArray
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.each import predict_each
+from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.graphs.predict import FAR_FROM_ORIGIN, NetworkLimits
+from tinysplat_runtime.graphs.walk import capture_groups
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.neighbours import Group
+
+STAGES = GraphStore(threads=1).stages("edge")
+VIEWS = 7
+
+
+@pytest.fixture(scope="module")
+def scene() -> TracedScene:
+    return trace(VIEWS, 50, 70)  # sides that the stride does not divide
+
+
+def groups(cameras: Sequence[Camera]) -> tuple[Group, ...]:
+    return capture_groups(cameras, NEAR, FAR, NetworkLimits())
+
+
+def depths(gaussians: Gaussians, camera: Camera, view: int) -> NDArray:
+    """z of a view's means."""
+    return (gaussians.means[view] + gaussians.origin - camera.centre) @ camera.rotation[2]
+
+
+def check_depths(gaussians: Gaussians, scene: TracedScene, order: Sequence[int]) -> None:
+    for place, v in enumerate(order):
+        error = np.abs(depths(gaussians, gaussians.cameras[place], place) / scene.depth[v] - 1)
+        assert np.median(error) < 0.02, v
+
+
+def test_each_photo_is_read_once_and_counted_once(scene: TracedScene) -> None:
+    asked: list[int] = []
+    told: list[int] = []
+
+    def read(view: int) -> NDArray:
+        asked.append(view)
+        return scene.images[view]
+
+    def show(items, total, note):
+        for item in items:
+            told.append(total)
+            yield item
+
+    found = predict_each(read, scene.cameras, NEAR, FAR, STAGES, groups(scene.cameras), show)
+    assert sorted(asked) == list(range(VIEWS)) and told == [VIEWS] * VIEWS
+    assert found.cameras == scene.cameras and found.opacities.shape == (VIEWS, 50, 70)
+    assert len(found.layers) == 2 and found.extra_layers[0].opacities.shape[0] == VIEWS
+    check_depths(found, scene, range(VIEWS))
+    Gaussians(**vars(found))  # which checks
+
+
+def test_photos_may_come_in_any_order(scene: TracedScene) -> None:
+    order = [3, 0, 6, 1, 5, 2, 4]
+    cameras = [scene.cameras[v] for v in order]
+    found = predict_each(lambda v: scene.images[order[v]], cameras, NEAR, FAR, STAGES, groups(cameras))
+    check_depths(found, scene, order)
+
+
+def test_a_place_far_from_the_origin_is_as_exact(scene: TracedScene) -> None:
+    shift = np.array([10 * FAR_FROM_ORIGIN * NEAR, 0, 0])
+    moved = []
+    for camera in scene.cameras:
+        c2w = camera.c2w.copy()
+        c2w[:3, 3] += shift
+        moved.append(Camera(camera.K, c2w, camera.width, camera.height))
+    found = predict_each(lambda v: scene.images[v], moved, NEAR, FAR, STAGES, groups(moved))
+    assert np.linalg.norm(found.origin) > FAR_FROM_ORIGIN * NEAR
+    check_depths(found, scene, range(VIEWS))
+
+
+def test_a_photo_that_is_no_picture_is_refused(scene: TracedScene) -> None:
+    bad = scene.images.copy()
+    bad[2, 0, 0] = np.nan
+    with pytest.raises(InputError, match=r"images\[2\]: holds NaN or infinity"):
+        predict_each(lambda v: bad[v], scene.cameras, NEAR, FAR, STAGES, groups(scene.cameras))

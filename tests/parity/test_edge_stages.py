@@ -1,0 +1,104 @@
+"""The shipped stages of `edge`: their torch twins, and what a window comes to when its photos go one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from networks.two_planes import FAR, NEAR, trace
+from numpy.typing import NDArray
+
+from tinysplat.networks.edge_stages import STAGES, Stage
+from tinysplat.training.state import shipped_network
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.graphs.artifacts import load_manifest, models_dir
+from tinysplat_runtime.graphs.each import predict_each
+from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore
+from tinysplat_runtime.graphs.predict import NetworkLimits, predict
+from tinysplat_runtime.graphs.walk import capture_groups
+from tinysplat_runtime.scene.cameras import Camera
+
+STORE = GraphStore(threads=1)
+SHARE, RTOL = 0.98, 3e-4  # where two candidates are about as good, rounding decides which is taken
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A stage in torch and float64, run as a graph is."""
+
+    stage: Stage
+    name: str = "twin"
+    metadata: Mapping[str, Any] = field(default_factory=lambda: STORE.stages("edge")["glance"].metadata)
+
+    def run(self, inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
+        with torch.no_grad():
+            values = self.stage(**{name: torch.from_numpy(array).double() for name, array in inputs.items()})
+        found = values if isinstance(values, tuple) else (values,)
+        return {name: value.numpy() for name, value in zip(self.stage.outputs, found, strict=True)}
+
+
+@lru_cache(maxsize=1)
+def twins() -> dict[str, Twin]:
+    network = shipped_network(models_dir() / "training" / "edge.pt")[0].eval().double()
+    return {name: Twin(kind(network)) for name, kind in STAGES.items()}
+
+
+def one_by_one(images: NDArray, cameras: Sequence[Camera], stages: Mapping[str, Any]) -> Gaussians:
+    groups = capture_groups(cameras, NEAR, FAR, NetworkLimits())
+    return predict_each(lambda v: images[v], cameras, NEAR, FAR, stages, groups)
+
+
+@pytest.mark.parametrize("size", [(7, 64, 96), (3, 80, 48), (2, 64, 64)])
+def test_graphs_match_their_twins_in_float64(size: tuple[int, int, int]) -> None:
+    scene = trace(*size)
+    graphs, twin = (one_by_one(scene.images, scene.cameras, stages) for stages in (STORE.stages("edge"), twins()))
+    for found, want in zip(graphs.layers, twin.layers, strict=True):
+        for name in FIELDS:
+            values, expected = getattr(found, name), getattr(want, name)
+            error = np.abs(values - expected) / np.abs(expected).max()
+            assert np.quantile(error, SHARE) < RTOL, name
+
+
+@pytest.mark.parametrize("views", [2, 4])
+def test_a_window_comes_to_what_the_network_makes_of_it_at_once(views: int) -> None:
+    scene = trace(views, 96, 128)
+    each = one_by_one(scene.images, scene.cameras, STORE.stages("edge"))
+    once = predict(scene.images, scene.cameras, NEAR, FAR, STORE.network("edge"))
+    for found, want in zip(each.layers, once.layers, strict=True):
+        assert np.median(np.linalg.norm(found.means - want.means, axis=-1)) < 2e-3 * NEAR
+        for name in ("scales", "opacities", "sh"):
+            values, expected = getattr(found, name), getattr(want, name)
+            assert np.mean(np.abs(values - expected)) < 0.01 * np.abs(expected).max(), name
+
+
+def test_a_photo_that_is_darker_than_its_neighbours_is_shown_like_them() -> None:
+    scene = trace(7, 96, 128)
+    altered = scene.images.copy()
+    altered[3] *= np.float32(0.6)
+    plain, found = (one_by_one(images, scene.cameras, STORE.stages("edge")) for images in (scene.images, altered))
+    error = np.abs(found.sh - plain.sh).mean(axis=(1, 2, 3, 4))
+    assert error[3] < 0.2 * np.abs(0.4 * scene.images[3] / 0.28).mean() and error[[0, 6]].max() < 0.02
+
+
+def test_stages_state_what_photos_are_padded_to_and_where_they_come_from() -> None:
+    network = STORE.network("edge").metadata
+    for stage, graph in STORE.stages("edge").items():
+        assert all(graph.metadata[name] == network[name] for name in ("stride", "min_side", "licence"))
+        assert load_manifest()[f"edge_{stage}"].role == graph.metadata["role"] == "stage"
+        assert f"stage_{stage}" in CONTRACTS
+
+
+def test_what_a_network_takes_at_once_or_has_no_stages_does_not_go_one_by_one() -> None:
+    assert STORE.has_stages("edge", 7) and not STORE.has_stages("edge", 6) and not STORE.has_stages("sweep", 7)
+    assert not STORE.has_stages(str(models_dir() / "edge.onnx"), 7)
+
+
+def test_a_stage_is_given_what_its_contract_says() -> None:
+    for name, kind in STAGES.items():
+        contract = CONTRACTS[f"stage_{name}"]
+        assert set(kind.inputs) == set(contract.inputs) and set(contract.outputs) <= set(kind.outputs)
