@@ -19,14 +19,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def report(**fields: object) -> dict[str, object]:
-    return {
-        "tinysplat": "0.1.0", "python": "3.11.7", "machine": "Linux x86_64, 2 cores", "packages": {"numpy": "2.0"},
-        "codecs": {"libx265": "encoder"}, "models": {"folder": "models"}, "extras": {"io": "installed"},
-        "providers": ["CPUExecutionProvider"], "wrong": [], **fields,
-    }  # fmt: skip
-
-
 def test_decode_writes_gaussians_and_says_how_many(file: Path, tmp_path: Path) -> None:
     said = console.succeed("decode", file, "-o", tmp_path / "g.npz", "--report", tmp_path / "r.json", "--unit", "inch")
     assert said == f"{tmp_path / 'g.npz'}: 768 Gaussians of SH degree {ts.inspect(file.read_bytes())['sh_degree']}\n"
