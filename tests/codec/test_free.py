@@ -303,3 +303,11 @@ def test_the_command_line_takes_a_trained_scene(tmp_path: Path, capsys: pytest.C
     assert (tmp_path / "direct.tsplat").read_bytes() == file.read_bytes()
     run("compress", source, "-o", tmp_path / "small.tsplat", "--target-size", "15KB", "--keep-all")
     assert (tmp_path / "small.tsplat").stat().st_size <= 15000
+
+
+def test_how_round_gaussians_are_turned_takes_next_to_no_bytes():
+    rng = np.random.default_rng(3)
+    needles = make_free_gaussians(2000, 0, rng)
+    balls = replace(needles, scales=needles.scales[:, :1] * np.exp(rng.uniform(-0.05, 0.05, (2000, 3))))
+    long, short = (ts.inspect(coded(one))["bytes_by_class"]["rotation"] for one in (needles, balls))
+    assert short < 0.1 * long
