@@ -47,6 +47,9 @@ def test_errors_are_those_of_the_pictures_and_of_what_they_were_first(cloud):
     pictures = Pictures(cameras, run)
     first = [drawn(cloud, camera) for camera in cameras]
     assert len(list(pictures.measure(cloud, [1, 0]))) == 2 and list(pictures.errors(cloud)) == [0, 0]
+    others = Pictures(cameras, run)
+    others.keep(cloud)
+    assert all((others.wanted[number] == pictures.wanted[number]).all() for number in (0, 1))
     for number, seen in enumerate(first):
         wanted = pictures.wanted[number]
         np.testing.assert_allclose(np.minimum(wanted, 1)[..., :3], seen[..., :3], atol=2e-5)

@@ -31,7 +31,7 @@ def place() -> Gaussians:
     """What was photographed from about its middle: the farther away, the larger."""
     rng = np.random.default_rng(4)
     some = make_free_gaussians(COUNT, 0, rng)
-    away = np.exp(rng.uniform(-0.5, 2.5, COUNT))[:, None]
+    away = np.exp(rng.uniform(-1.0, 2.5, COUNT))[:, None]
     towards = some.means / np.linalg.norm(some.means, axis=1, keepdims=True) * [1, 0.4, 1]
     return replace(some, means=away * towards, scales=0.4 * away * some.scales)
 
@@ -68,15 +68,16 @@ def test_a_place_is_told_from_an_object_wherever_and_however_large(place, size, 
 
 
 def test_cameras_leave_out_what_nobody_sees_from_where_they_stand(place):
-    """Many of the Gaussians lie behind all cameras."""
+    """Many of the Gaussians lie behind all cameras; what is before them looks as with all kept, in fewer bytes."""
     stats, cameras = EncodeStats(), [camera for camera in cameras_within(24, focal=40) if camera.rotation[2, 2] > 0.2]
     data = ts.compress(place, cameras=cameras, stats=stats)
     found = ts.decompress(data)
     between = [camera for camera in cameras_within(24, start=0.06, focal=40) if camera.rotation[2, 2] > 0.3]
     behind = [(one.means[:, 2] < -np.abs(one.means[:, 0])).sum() for one in (found, place)]
     assert found.count < 0.7 * COUNT and behind[0] < 0.1 * behind[1]
-    seen = psnr(found, place, between)
-    assert seen > 32 and stats.left_out_psnr > 38
+    whole = ts.compress(place, keep_all=True)
+    assert psnr(found, place, between) > psnr(ts.decompress(whole), place, between) - 0.3
+    assert len(data) < 0.7 * len(whole) and stats.left_out_psnr > 38
 
 
 def test_files_keep_cameras_and_are_coded_again_by_them(place):

@@ -103,6 +103,20 @@ def score_tile(
 
 
 @compiled
+def show_tile(records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, picture: NDArray) -> None:
+    """Draw a tile into `picture` (H, W, 4) float32, whose last channel is opacity times `OPACITY_COLOUR`; other
+    arguments as those of `score_tile`.
+    """
+    blend_tile(records, rows, listed, extent, work, False)
+    for line in range(extent.rows):
+        for lane in range(extent.columns):
+            at = line * ROW + lane
+            for channel in range(3):
+                picture[extent.row + line, extent.column + lane, channel] = work.state[at + (1 + channel) * _STRIDE]
+            picture[extent.row + line, extent.column + lane, 3] = _OPACITY * (_ONE - abs(work.state[at]))
+
+
+@compiled
 def error_of_tile(
     records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, wanted: NDArray
 ) -> Number:

@@ -58,6 +58,11 @@ class Pictures:
         for number, drawn in self._drawn(gaussians, views):
             yield self._sums(drawn, number)[: gaussians.opacities.size]
 
+    def keep(self, gaussians: Gaussians) -> None:
+        """Take the pictures of (N,) Gaussians as those that are wanted."""
+        for number, drawn in self._drawn(gaussians, range(len(self.cameras))):
+            self.wanted[number] = self._shown(drawn, number)
+
     def errors(self, gaussians: Gaussians) -> Iterator[float]:
         """By view: Σ of squared errors of red, green and blue of at most 1."""
         for number, drawn in self._drawn(gaussians, range(len(self.cameras))):
@@ -102,6 +107,17 @@ class Pictures:
             buffers.work_on(lists, drawn.view, score)
             self._run(add_up, list(zip(drawn.visible, lists.starts, strict=True)))
         return sums
+
+    def _shown(self, drawn: _Drawn, number: int) -> NDArray:
+        buffers, camera = drawn.buffers, self.cameras[number]
+        picture = np.empty((camera.height, camera.width, kernels.CHANNELS), np.float32)
+        for lists in buffers.lists(drawn.visible, drawn.view):
+
+            def show(tile: int, listed: Listed, extent: Extent, scratch: Scratch, lists: TileLists = lists) -> None:
+                kernels.show_tile(buffers.records, lists.rows, listed, extent, scratch, picture)
+
+            buffers.work_on(lists, drawn.view, show)
+        return picture
 
     def _error(self, drawn: _Drawn, number: int) -> float:
         buffers, errors = drawn.buffers, np.zeros(drawn.visible[0].counts.size)

@@ -98,8 +98,8 @@ class Remover:
         self._all, self._run = gaussians, run_jobs
         self._pictures = Pictures(cameras, run_jobs)
         self._judges = Pictures(judging, run_jobs) if judging else self._pictures
-        for _ in self._judges.measure(gaussians, range(len(judging))):
-            pass  # what is wanted of them is kept
+        if judging:
+            self._judges.keep(gaussians)
         every = range(len(cameras))
         self._halves = (every[0::2], every[1::2] or every)
         self._costs = np.stack([self._look(gaussians, half).costs for half in self._halves], axis=1)

@@ -2,14 +2,15 @@
 
 Rounding a scene to its steps makes an error D. Over Q_g bytes fall by 0.1 octave and D grows by 0.95 dB, so that the
 last byte saved by coarser steps costs 3.2·D/R of N Gaussians' R bytes; one that costs less than its own bytes' worth,
-3.2·D/N, is left out. What is left makes up for most of what others would cost, so that several times as much may go
-(`SLOPE`). Each Gaussian that is left matters more, so its steps are finer (`STEPS`): quality at a Q_g stays the same.
+3.2·D/N, is left out. What is left makes up for what others would cost: for most of it in an object, for less in a
+place, whose Gaussians are about as large as pixels (`Terms.slope`). Each Gaussian that is left matters more, so its
+steps are finer (`Terms.steps`): quality at a Q_g stays the same.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,25 @@ from .removal import Remover, Thinned
 from .tiers import tiers_of
 from .views import Views
 
-SLOPE = 6.0
-"""Worth of a Gaussian over the mean error by Gaussian that `FreeEncoder.rounded` estimates: at equal bytes 6 shows as
-much as 12 and more than 1 and 3."""
 
-STEPS = 0.5
-"""Of what is left, over those of Q_g."""
+@dataclass(frozen=True)
+class Terms:
+    """How much goes, and how what is left is coded.
+
+    Attributes:
+        slope: worth of a Gaussian over the mean error by Gaussian that `FreeEncoder.rounded` estimates.
+        steps: of what is left, over those of Q_g.
+    """
+
+    slope: float
+    steps: float
+
+
+OBJECT = Terms(slope=6.0, steps=0.5)
+"""At equal bytes a slope of 6 shows as much as 12 and more than 1 and 3."""
+
+PLACE = Terms(slope=1.5, steps=0.8)
+"""At equal bytes a slope of 1.5 shows as much as 0.4 and more than 0.1 and 6."""
 
 BYTES_EACH = 4.0
 """That a Gaussian takes at Q_g = 0, about."""
@@ -54,6 +68,7 @@ class ThinningEncoder:
         """`views` are where it is looked at from; other arguments and errors as those of `FreeEncoder`."""
         self.profile, self._threads, self._stats = profile, threads, stats
         self._whole = FreeEncoder(gaussians, profile, threads=threads, stats=stats)
+        self._terms = OBJECT if self._whole.is_even else PLACE
         self._notes = gaussians.notes
         with stats.watch.stage("rank"):
             self._remover = Remover(visible(gaussians), views.deciding, Crew(threads).map, views.judging)
@@ -75,12 +90,12 @@ class ThinningEncoder:
             kept, self.profile, threads=self._threads, stats=self._stats, tiers=tiers,
             recolour=None if kept.degree else recolour
         )  # fmt: skip
-        return coder.code(qp, STEPS)
+        return coder.code(qp, self._terms.steps)
 
     def thinned(self, qp: float) -> tuple[Thinned, list[float]]:
         """What is left at Q_g, and what its SH coefficients cost."""
-        rounded = self._whole.rounded(qp, STEPS)
-        worth = SLOPE * self._remover.error_of(rounded) / rounded.count
+        rounded = self._whole.rounded(qp, self._terms.steps)
+        worth = self._terms.slope * self._remover.error_of(rounded) / rounded.count
         slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
         penalties = band_penalties(rounded, slope)
         return self._remover.thin(worth, penalties), penalties

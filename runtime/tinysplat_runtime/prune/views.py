@@ -65,7 +65,7 @@ class Views:
 
     Attributes:
         deciding: cameras whose pictures are to stay as they are.
-        judging: others, by which nothing is chosen.
+        judging: others, which tell the loss, and whether to merge and to correct; by which no Gaussian is chosen.
     """
 
     deciding: list[Camera]

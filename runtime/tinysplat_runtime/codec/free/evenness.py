@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from ...gaussian.gaussians import Gaussians
 from .octree import morton_keys
 
-UNEVEN = 3.0
-"""Octaves between sizes of Gaussians in the finest and the coarsest parts of a scene: of a place, so many or more."""
+UNEVEN = 3.5
+"""Octaves between sizes of Gaussians in the finest and the coarsest parts of a scene: of a place, so many or more. Nine
+trained objects have 1.1 to 3.0, captured places 5.7 to 7.2.
+"""
 
 ALIKE = 64
 """Gaussians in a row along a curve through space that are a part."""
