@@ -135,7 +135,7 @@ def test_a_list_in_the_folders_of_3dgs_finds_its_cameras(place, tmp_path: Path, 
     (tmp_path / "model" / "cameras.json").write_text(json.dumps(entries))
     out = tmp_path / "place.tsplat"
     assert main(["compress", str(folder / "point_cloud.ply"), "-o", str(out)]) == 0
-    assert "left out" in capsys.readouterr().out and len(ts.load_gaussians(out).viewpoints) == 12
+    assert "pruned" in capsys.readouterr().out and len(ts.load_gaussians(out).viewpoints) == 12
     other = tmp_path / "other.tsplat"
     (tmp_path / "here.ply").write_bytes((folder / "point_cloud.ply").read_bytes())
     command = ["compress", str(tmp_path / "here.ply"), "-o", str(other)]
