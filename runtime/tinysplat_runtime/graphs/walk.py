@@ -20,8 +20,10 @@ from .inference import Graph
 from .predict import FAR_FROM_ORIGIN, NetworkLimits, predict
 
 
-def capture_groups(cameras: Sequence[Camera], near: float, far: float, limits: NetworkLimits) -> tuple[Group, ...]:
-    """In which groups a network takes photos: all at once where it can.
+def capture_groups(
+    cameras: Sequence[Camera], near: float, far: float, limits: NetworkLimits, shared: float = np.inf
+) -> tuple[Group, ...]:
+    """In which groups a network takes photos: all at once where it can; `shared` as for `neighbours.grouped`.
 
     Raises:
         InputError: a photo shows nothing that others do from other places.
@@ -30,7 +32,7 @@ def capture_groups(cameras: Sequence[Camera], near: float, far: float, limits: N
     if len(views) <= limits.max_views:
         return (Group(views, views),)
     size = max(min(GROUP, limits.max_views), limits.min_views)
-    groups = grouped(Neighbours.of(cameras, near, far), size, limits.min_views)
+    groups = grouped(Neighbours.of(cameras, near, far), size, limits.min_views, shared)
     alone = sorted(set(views).difference(*(group.kept for group in groups)))
     if alone:
         more = f", nor do {len(alone) - 1} more" if len(alone) > 1 else ""

@@ -32,6 +32,7 @@ from ..graphs.walk import capture_groups, predict_groups
 from ..render import Renderer
 from ..render.paths import ring
 from ..scene.cameras import Camera
+from ..scene.neighbours import CLOSE
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
 from ..system.progress import Show, plain
@@ -73,7 +74,8 @@ def predict(
     stages = tools.store.stages(model) if takes_each(scene, model, tools, whole=whole) else None
     graph = stages["glance"] if stages else tools.store.network(model)
     try:
-        groups = capture_groups(scene.cameras, near, far, NetworkLimits.of(graph))
+        shared = CLOSE if stages else np.inf  # one by one, groups of their own cost no calls
+        groups = capture_groups(scene.cameras, near, far, NetworkLimits.of(graph), shared)
     except InputError as error:
         raise error.within(str(scene.path)) from None
     if stages:

@@ -43,6 +43,10 @@ LEAST_BASELINE = 0.002
 SUITS = 1.3
 """A group suits a photo whose partners in it are at most so many times as far away as those of its own group."""
 
+CLOSE = 0.15
+"""Photos whose own partners are at most so far away, the mean of d, are worth more beside partners that they share, as
+what a group finds agrees; of those that are farther apart, each is worth more beside its own."""
+
 _ROWS = 256  # photos whose distances to all others are held at a time
 
 
@@ -161,18 +165,21 @@ def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:
     return [cameras[number] for number in sorted(found)]
 
 
-def grouped(neighbours: Neighbours, size: int = GROUP, least: int = 2) -> list[Group]:
+def grouped(neighbours: Neighbours, size: int = GROUP, least: int = 2, shared: float = np.inf) -> list[Group]:
     """Groups in which every photo is kept once, but those that have too few partners; by the first that they keep.
 
     Args:
         neighbours: of all photos.
         size: photos of a group at most.
         least: and at least.
+        shared: photos whose own partners are farther away than that, the mean of d, are kept by their own groups.
     """
     candidates = [neighbours.own_group(v, size) for v in range(len(neighbours.partners))]
     costs = [{u: neighbours.cost(u, group) for u in group} for group in candidates]
     served = [
-        {u for u in group if u == v or costs[v][u] <= SUITS * costs[u][u]} if len(group) >= least else set()
+        {u for u in group if u == v or costs[v][u] <= SUITS * costs[u][u] <= SUITS * shared}
+        if len(group) >= least
+        else set()
         for v, group in enumerate(candidates)
     ]
     chosen = _cover(served, [sum(cost.values()) for cost in costs])
