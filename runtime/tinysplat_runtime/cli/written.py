@@ -46,7 +46,7 @@ class Writing:
                 print(text, file=sys.stderr)
 
         with _file_of(self.say.output) as path, named((*vars(request), *request.notes)):
-            gaussians = exported(parts, path, request, runtime, ExportListener(notice, fusing))
+            gaussians = exported(parts, path, request, runtime, ExportListener(notice, self.say, fusing))
             with watch.stage("write"):
                 losses = write(path, gaussians, request, runtime, self.source)
             for loss in losses:

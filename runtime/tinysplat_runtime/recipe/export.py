@@ -130,11 +130,13 @@ class ExportListener:
     """Who is told what goes on.
 
     Attributes:
-        notice: gets a line for each thing that is done unasked, and for what comes of it.
+        notice: gets a line for each thing that is done unasked, and for how fusing went.
+        pruned: gets a line about what pruning left out.
         fusing: passes on the steps of fusing; the second says how things stand.
     """
 
     notice: Callable[[str], object] = str
+    pruned: Callable[[str], object] = str
     fusing: Callable[[Iterable[int], Callable[[], str]], Iterator[int]] = lambda steps, note: iter(steps)
 
 
@@ -283,7 +285,7 @@ def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, listener: Export
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="prune") from None
     found = leave_out(gaussians, amount, tools.threads)
-    listener.notice(f"{found.text or 'none left out'}, in pictures as defined")
+    listener.pruned(f"{found.text or 'none left out'}, in pictures as defined")
     return found.gaussians
 
 
