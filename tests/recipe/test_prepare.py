@@ -44,7 +44,7 @@ def test_a_capture_gets_all_photos_that_it_needs_and_a_line(capture: Path) -> No
     found, said = chosen(capture)
     assert found == names(*range(VIEWS))
     assert sum("estimated from the photos" in line for line in said) == 1
-    assert f"{VIEWS} of {VIEWS} photos, no other lies farther" in said[-1] and said[-1].count("\n") == 0
+    assert f"{VIEWS} of {VIEWS} photos, every other photo was taken within" in said[-1] and said[-1].count("\n") == 0
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_one_photo_is_too_few(capture: Path) -> None:
         (["a", "b"], {}, "encode: 2 paths with neither --focal nor --baseline, expected one scene, or two photos"),
         (["a", "b"], {"focal": 5.0}, "encode: 2 paths with --focal, expected"),
         (["a", "b"], {"baseline": 5.0}, "encode: 2 paths with --baseline, expected"),
-        (["a"], {"focal": 5.0, "baseline": 1.0}, "encode: 1 paths with --focal and --baseline, expected"),
+        (["a"], {"focal": 5.0, "baseline": 1.0}, "encode: 1 path with --focal and --baseline, expected"),
         (["a", "b", "c"], {"focal": 5.0, "baseline": 1.0}, "encode: 3 paths with --focal and --baseline, expected"),
         ([], {}, "encode: 0 paths with neither"),
         (["a", "b"], {"poses": "p"}, "--poses: with 2 paths, expected one video"),

@@ -186,9 +186,32 @@ def test_a_photo_that_does_not_belong_is_named(tmp_path: Path, change, words: li
     assert all(doubt.startswith(start) for doubt, start in zip(found, words, strict=True))
 
 
+def test_poses_rolled_against_their_photos_are_told(tmp_path: Path) -> None:
+    views = [camera(-0.3, 0.14), camera(0.3, -0.12)]
+    scene = stored(tmp_path, views, [photo(view) for view in views])
+    assert doubts(scene) == []
+    roll = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    (fault,) = doubts(changed(scene, lambda _, c2w: c2w @ roll))
+    assert "turned against their poses, or poses rolled" in fault
+
+
+def test_a_skew_that_photos_do_not_have_is_told(tmp_path: Path) -> None:
+    views = [camera(-0.3, 0.14), camera(0.3, -0.12)]
+    scene = stored(tmp_path, views, [photo(view) for view in views])
+
+    def skewed(K: NDArray) -> None:
+        K[0, 1] = 0.05 * K[0, 0]
+
+    (fault,) = doubts(with_intrinsics(scene, skewed))
+    assert "photo 1 (0.png): K has a skew of 5% of the focal length" in fault
+
+
 @pytest.mark.parametrize(
     ("near", "far", "words"),
-    [(0.1, 90.0, "near 0.1 and far 90"), (12.0, 12.5, "near 12 to far 12.5")],
+    [
+        (0.1, 90.0, "near 0.1 and far 90 reach far beyond what the photos show"),
+        (12.0, 12.5, "do not match at any depth"),
+    ],
 )
 def test_a_depth_range_that_is_far_off_is_told(tmp_path: Path, near: float, far: float, words: str) -> None:
     scene = four(tmp_path, lambda photos: photos[1])
@@ -203,13 +226,13 @@ def test_two_photos_of_different_things_are_named(tmp_path: Path, wrong: int) ->
     photos = [photo(view) for view in views]
     photos[wrong] = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
     (doubt,) = doubts(stored(tmp_path, views, photos))
-    assert doubt.startswith("photo 1 (0.png) and photo 2 (1.png) ") and "near 1.5 to far 6" in doubt
+    assert doubt.startswith("photo 1 (0.png) and photo 2 (1.png) do not match at any depth from 1.5 to 6")
 
 
 def test_a_range_that_begins_far_too_near_is_told_of_many_depths(scene: Scene) -> None:
     """The two walls lie too far apart for a range to be wrong by how little of it they fill."""
     (doubt,) = doubts(dataclasses.replace(scene, near=0.45))
-    assert doubt.startswith("near 0.45 and far 6 ") and "from 1.9" in doubt
+    assert doubt.startswith("near 0.45 and far 6 reach far beyond what the photos show, most of it from 1.9")
 
 
 def test_the_depth_range_is_found_from_photos(scene: Scene) -> None:

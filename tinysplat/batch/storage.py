@@ -26,7 +26,7 @@ def is_url(place: str) -> bool:
 def read(place: str) -> bytes | None:
     """A file's bytes; None where there is none."""
     if not is_url(place):
-        return read_limited(place, MAX_FILE_BYTES) if Path(place).is_file() else None
+        return read_limited(place, MAX_FILE_BYTES) if Path(place).exists() else None
     filesystem, path = _open(place)
     if not filesystem.isfile(path):
         return None

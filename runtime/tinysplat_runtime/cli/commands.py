@@ -19,6 +19,8 @@ from .outputs import STANDARD
 
 def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
+    if args.output == STANDARD:
+        raise InputError("- alone would be the file itself; -.ply, -.npz and so on say the format", where="-o")
     reading, watch = replace(reading_of(args), views=args.views), Stopwatch()
     data = read_file(args.file)
     writing_of(args).write([("", reading.decompress(args.file, data, watch))], watch)

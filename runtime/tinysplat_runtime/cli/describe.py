@@ -20,6 +20,10 @@ def describe_gaussians(file: str) -> dict[str, Any]:
     """
     from ..formats.table import find_format, load_gaussians
 
+    if Path(file).is_dir():
+        from ..formats.sog import in_folder
+
+        file = str(in_folder(Path(file)))
     gaussians = load_gaussians(file)
     flat = gaussians.flat()
     means = flat.means.astype(np.float64) + flat.origin

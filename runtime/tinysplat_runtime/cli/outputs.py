@@ -48,6 +48,8 @@ def check_outputs(args: Namespace) -> None:
         if _URL.match(path):
             raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
         target = Path(path)
+        if path.endswith(("/", "\\")) and not target.is_dir() and not getattr(args, "networks", None):
+            raise InputError(f"is the name of a folder, expected that of a file such as {target / 'scene'}", where=path)
         if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
             found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
             raise InputError(found, where=path)

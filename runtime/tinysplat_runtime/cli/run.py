@@ -91,7 +91,7 @@ def _explained(error: Exception) -> int:
         name = f"{error.filename}: " if error.filename else ""
         return _fail(f"{name}{error.strerror or error}")
     if isinstance(error, MemoryError):
-        return _fail("not enough memory; --size, fewer --views or --max-memory keep within it")
+        return _fail("not enough memory; fewer or smaller photos or views, or fewer Gaussians, take less")
     raise error
 
 

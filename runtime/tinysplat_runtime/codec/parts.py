@@ -75,6 +75,9 @@ class SceneFile:
             self.cameras, self._depths = whole.cameras, _depths(whole)
             self._whole = whole
 
+    def __repr__(self) -> str:
+        return f"SceneFile({len(self.cameras)} views, {self.bytes_read} bytes read)"
+
     def __enter__(self) -> SceneFile:
         return self
 
@@ -123,8 +126,10 @@ class SceneFile:
 
     def nearest(self, camera: Camera, count: int = NEAR) -> list[int]:
         """Which views those are, rising; all where there are no more."""
-        if count < 1:
-            raise InputError(f"{count}, expected 1 or more", where="count")
+        if not isinstance(camera, Camera):
+            raise InputError(f"{type(camera).__name__}, expected a Camera", where="camera")
+        if not isinstance(count, int) or count < 1:
+            raise InputError(f"{str(count)[:40]}, expected a whole number of 1 or more", where="count")
         near, far = self._depths
         return nearest_views(self.cameras, camera, 2 / (1 / near + 1 / far), count)
 

@@ -59,6 +59,8 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
         return compressed_arrays(elements)
     with parsing(".ply file"):
         vertex: NDArray[Any] = elements["vertex"].data if "vertex" in elements else np.zeros(0)
+    if "vertex" in elements and not len(vertex):
+        raise InputError("no vertices, expected one for each Gaussian")
     names = [name for name in vertex.dtype.names or () if vertex.dtype[name].kind in "fiu"]  # lists are objects
     rest = [f"f_rest_{i}" for i in range(sum(_REST.fullmatch(name) is not None for name in names))]
     missing = [name for name in (*_MEANS, *_CONSTANT, *rest, *_OPACITY, *_SCALES, *_QUATS) if name not in names]

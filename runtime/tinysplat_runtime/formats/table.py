@@ -259,6 +259,9 @@ def save_gaussians(
     """
     if not all(1 <= bits <= 8 for bits in sh_bits):
         raise InputError(f"{sh_bits}, expected two numbers of 1 to 8", where="SH bits")
+    if isinstance(path, Gaussians) or not isinstance(gaussians, Gaussians):
+        found = f"a {type(path).__name__} and a {type(gaussians).__name__}, expected a path and then Gaussians"
+        raise InputError(found, where="save_gaussians")
     form = find_format(path, written=True)
     assert form.write is not None  # find_format
     unsaid = [name for name in gaussians.notes.given() if form.notes is None or name not in form.room]

@@ -84,7 +84,11 @@ def crop(gaussians: Gaussians, low: ArrayLike, high: ArrayLike) -> Gaussians:
         raise InputError(f"from {corners[0].tolist()} to {corners[1].tolist()}, expected a box", where="crop")
     flat = gaussians.flat()
     means = flat.means.astype(np.float64) + flat.origin
-    return _kept(flat, ((means >= corners[0]) & (means <= corners[1])).all(axis=1))
+    inside = ((means >= corners[0]) & (means <= corners[1])).all(axis=1)
+    if not inside.any():
+        low, high = ("(" + ", ".join(f"{x:.3g}" for x in corner) + ")" for corner in (means.min(0), means.max(0)))
+        raise InputError(f"none of {len(means)} Gaussians lies in it, they lie from {low} to {high}", where="crop")
+    return _kept(flat, inside)
 
 
 def merge(parts: Sequence[Gaussians]) -> Gaussians:

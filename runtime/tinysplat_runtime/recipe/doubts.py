@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..scene.cameras import Camera
-from ..scene.look import PLANES, UNSEEN, Look, agreed, look, look_at, nearest, thumbnail_size
+from ..scene.intake.nerfstudio import BLENDER_FILE, FILE
+from ..scene.look import PLANES, UNSEEN, Look, agreed, look, look_at, nearest, range_seen, thumbnail_size, told
 from ..scene.scenes import Scene
 from ..system.progress import Show, plain
 
@@ -46,11 +48,31 @@ AS_GOOD, MOST_NAMED = 1.08, 3
 """Readings whose cost is at most so many times the best one's are named beside it, up to so many: of cameras in a row,
 pictures swapped, turned upside down and with inverted poses say the same."""
 
+TOLD = 0.27
+"""Share of pixels that two photos tell one depth for, below which other readings are tried: see `look.told`. Right
+cameras have 0.1 to 0.6 of them, wrong ones mostly half as many."""
+
+MORE, MORE_ZOOMED = 1.45, 2.0
+"""A reading is named that has so many times as many; of longer focal lengths, which find more, the second, ..."""
+
+LEAST_TOLD = 0.06
+"""... and at least so many."""
+
+ALONE = (0.2, 0.32)
+"""A photo is named where pairs of others have at least the first, and its own at most the second times as many."""
+
+FEW = 12
+"""Photos of which each pair of near ones is looked at for one that is alone."""
+
+STRAIGHT = 0.01
+"""Skew over focal length that pixels of no camera have."""
+
 FOCAL_FACTORS = (0.5, 2 / 3, 1.5, 2.0)
 
 CENTRAL = (0.1, 0.9)
 """Where in a photo's width and height its principal point lies, even of one that was cut out of another."""
 
+OTHER_UNITS = "translations are in other units"
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
 
@@ -67,6 +89,7 @@ class _Thumbnails:
     depths: NDArray
     looks: list[Look]
     is_estimated: bool
+    are_opengl: bool = False
 
     @classmethod
     def of(cls, scene: Scene, show: Show) -> _Thumbnails:
@@ -75,7 +98,8 @@ class _Thumbnails:
         depths = 1 / np.linspace(1 / near, 1 / far, PLANES)
         images, cameras = small.images(show=show), small.cameras
         names = tuple(f"photo {v + 1} ({frame.path.name})" for v, frame in enumerate(scene.frames))
-        return cls(images, cameras, names, depths, look(images, cameras, depths), scene.is_estimated)
+        are_opengl = any((scene.path / name).is_file() for name in (FILE, BLENDER_FILE))
+        return cls(images, cameras, names, depths, look(images, cameras, depths), scene.is_estimated, are_opengl)
 
 
 def doubts(scene: Scene, show: Show = plain) -> list[str]:
@@ -86,7 +110,7 @@ def doubts(scene: Scene, show: Show = plain) -> list[str]:
         show: is given a photo at a time.
     """
     seen = _Thumbnails.of(scene, show)
-    return _useless(seen) or _camera_fault(seen) or _odd(seen) or _range_doubts(seen)
+    return _useless(seen) or _alone(seen) or _camera_fault(seen) or _misread(seen) or _odd(seen) or _range_doubts(seen)
 
 
 def _camera_fault(seen: _Thumbnails) -> list[str]:
@@ -112,11 +136,68 @@ def _camera_fault(seen: _Thumbnails) -> list[str]:
         (text for text in shares if shares[text] < min(1, AS_GOOD * min(shares.values()))),
         key=lambda text: shares[text],
     )
+    if len(best) > 1 and best[0].startswith(OTHER_UNITS) and best[1].startswith(OTHER_UNITS):
+        with contextlib.suppress(InputError):  # photos that agree about no depths at all
+            low, high = range_seen(seen.images, seen.cameras)
+            both = f"near {seen.depths[0]:g} and far {seen.depths[-1]:g} are not in units of the poses"
+            return [f"{both}: photos agree about depths from {low:.3g} to {high:.3g}; --near and --far say so"]
     if best:
         return [f"{'; or '.join(best[:MOST_NAMED])}, photos agree far better"]
     if given > 0.97 * UNSEEN:
         return ["the cameras stand back to back: no photo shows what another does between near and far"]
     return []
+
+
+def _alone(seen: _Thumbnails) -> list[str]:
+    """Of three photos to `FEW`, the one that has hardly anything in common with any, where the others have much."""
+    count = len(seen.cameras)
+    if not 3 <= count <= FEW or min(found.clear.mean() for found in seen.looks) >= TOLD:
+        return []
+    centres = np.stack([camera.centre for camera in seen.cameras])
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
+    order = apart.argsort(axis=1, kind="stable")
+    pairs = sorted({(min(v, u), max(v, u)) for v in range(count) for u in order[v, 1:3].tolist() if u != v})
+    images = _even(seen.images)
+    shares = dict(zip(pairs, told(images, seen.cameras, pairs, seen.depths), strict=True))
+
+    def most(v: int, without: int = -1) -> float:
+        return max((share for pair, share in shares.items() if v in pair and without not in pair), default=0.0)
+
+    rest = [min(most(u, v) for u in range(count) if u != v) for v in range(count)]
+    v = min(range(count), key=lambda v: most(v) / max(rest[v], 1e-6))
+    if rest[v] < ALONE[0] or most(v) > ALONE[1] * rest[v]:
+        return []
+    for step in (1, -1):  # where each photo is its neighbour's, most match still
+        rolled = dict(zip(pairs, told(np.roll(images, step, axis=0), seen.cameras, pairs, seen.depths), strict=True))
+        if min(max(share for pair, share in rolled.items() if u in pair) for u in range(count)) > ALONE[1] * rest[v]:
+            return []
+    cause = "turned, mirrored, of another scene or moment, or its pose is wrong"
+    return [f"{seen.names[v]} hardly matches the others, which match each other well: {cause}; --views leaves it out"]
+
+
+def _misread(seen: _Thumbnails) -> list[str]:
+    """A reading of intrinsics, poses or photos with which far more pixels have one depth from both sides."""
+    cameras = seen.cameras
+    skewed = next((v for v, c in enumerate(cameras) if abs(c.K[0, 1]) > STRAIGHT * c.K[0, 0]), None)
+    if skewed is not None:
+        K = cameras[skewed].K
+        skew = f"K has a skew of {K[0, 1] / K[0, 0]:.0%} of the focal length, which photos do not have: K[0][1] is 0"
+        return [f"{seen.names[skewed]}: {skew}"]
+    pairs = sorted({(min(v, u), max(v, u)) for v, u in enumerate(nearest(cameras))})
+    pairs = pairs[:: max(1, len(pairs) // 2)][:2]
+
+    def share(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> float:
+        return float(np.mean(told(np.ascontiguousarray(images), cameras, pairs, depths)))
+
+    given = share(seen.images, cameras, seen.depths)
+    if given >= TOLD:
+        return []
+    shares = {one: share(one.images, one.cameras, seen.depths) for one in _turned(seen)}
+    best = max(shares, key=lambda one: shares[one])
+    more = MORE_ZOOMED if best.zoom > 1 else MORE
+    if best.zoom and shares[best] > more * given:  # which depths nearer or farther by as much may explain as well
+        given = max(given, share(seen.images, cameras, seen.depths / best.zoom))
+    return [f"{best.text}, photos agree far better"] if shares[best] > max(LEAST_TOLD, more * given) else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +223,11 @@ def _readings(seen: _Thumbnails) -> Iterator[_Reading]:
     images, cameras = seen.images, seen.cameras
     yield _Reading("c2w holds world-to-camera matrices (w2c): with their inverses", images, [*map(_inverse, cameras)])
     axes = "c2w has OpenGL axes (y up, z backward) where OpenCV's are expected: with y and z turned"
+    if seen.are_opengl:
+        axes = "transform_matrix has OpenCV axes (y down, z forward) where OpenGL's are expected: with y and z turned"
     yield _Reading(axes, images, [*map(_flipped, cameras)])
     for unit in () if seen.is_estimated else UNITS:
-        text = f"translations are in other units than near and far: times {unit:g}"
+        text = f"{OTHER_UNITS} than near and far: times {unit:g}"
         yield _Reading(text, images, [_scaled(camera, unit) for camera in cameras])
     for factor in FOCAL_FACTORS:
         text = f"focal lengths are off, or of another size of photo: times {factor:g}"
@@ -160,6 +243,24 @@ def _readings(seen: _Thumbnails) -> Iterator[_Reading]:
         for turns, way in ((1, "left"), (3, "right")):
             text = f"photos lie on their side, by their Exif orientation or for want of it: turned to the {way}"
             yield _Reading(text, np.rot90(images, turns, axes=(1, 2)), cameras)
+
+
+def _turned(seen: _Thumbnails) -> Iterator[_Reading]:
+    """What `_misread` tries."""
+    images, cameras = seen.images, seen.cameras
+    mirrored = "photos are mirrored, or the world of the cameras is: with left for right"
+    yield _Reading(mirrored, np.ascontiguousarray(images[:, :, ::-1]), cameras)
+    for degrees, way in ((90, "right"), (-90, "left"), (180, "upside down")):
+        text = f"photos are turned against their poses, or poses rolled: with photos turned {way}"
+        yield _Reading(text, images, [_rolled(camera, degrees) for camera in cameras])
+    for factor in (0.5, 1 / 1.3, 1.3, 2.0):
+        text = f"focal lengths are off, or of another size of photo: times {factor:.2g}"
+        yield _Reading(text, images, [_zoomed(camera, factor) for camera in cameras], zoom=factor)
+    for factor in (2 / 3, 1.5):
+        text = f"fx does not go with fy: fx times {factor:.2g}"
+        yield _Reading(text, images, [_stretched(camera, factor) for camera in cameras], zoom=factor)
+    if any(abs(c.K[0, 2] - c.K[1, 2]) > 0.02 * c.width for c in cameras):
+        yield _Reading("cx and cy are swapped: exchanged", images, [_swapped(camera) for camera in cameras])
 
 
 def _off_centre(camera: Camera) -> str:
@@ -225,9 +326,9 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
     if not _match(seen, looks):
         looks = look(_even(seen.images), seen.cameras, seen.depths)
     if not _match(seen, looks):
-        who = " and ".join(seen.names) if len(seen.names) == 2 else "photos"
-        wrong = "poses or photos" if seen.is_estimated else "these, poses or photos"
-        return [f"{who} hardly match anywhere from near {near:g} to far {far:g}: {wrong} are wrong"]
+        who = " and ".join(seen.names) if len(seen.names) == 2 else "the photos"
+        wrong = "the poses or the photos" if seen.is_estimated else "near and far, the poses or the photos"
+        return [f"{who} do not match at any depth from {near:g} to {far:g}: {wrong} are wrong"]
     if seen.is_estimated:
         return []
     low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))
@@ -235,7 +336,7 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
     if low < EMPTY[0] * (PLANES - 1) or shown[0] < EMPTY[1] * near:
         return []
     extent = f"{shown[0]:.3g} to {shown[1]:.3g}"
-    return [f"near {near:g} and far {far:g} lie far about what photos show, most of it from {extent}"]
+    return [f"near {near:g} and far {far:g} reach far beyond what the photos show, most of it from {extent}"]
 
 
 def _match(seen: _Thumbnails, looks: Sequence[Look]) -> bool:
@@ -257,6 +358,25 @@ def _zoomed(camera: Camera, factor: float) -> Camera:
     K = camera.K.copy()
     K[:2, :2] *= factor
     return Camera(K, camera.c2w, camera.width, camera.height)
+
+
+def _stretched(camera: Camera, factor: float) -> Camera:
+    K = camera.K.copy()
+    K[0, 0] *= factor
+    return Camera(K, camera.c2w, camera.width, camera.height)
+
+
+def _swapped(camera: Camera) -> Camera:
+    K = camera.K.copy()
+    K[0, 2], K[1, 2] = camera.K[1, 2], camera.K[0, 2]
+    return Camera(K, camera.c2w, camera.width, camera.height)
+
+
+def _rolled(camera: Camera, degrees: float) -> Camera:
+    turn = np.eye(4)
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turn[:2, :2] = [[cos, -sin], [sin, cos]]
+    return Camera(camera.K, camera.c2w @ turn, camera.width, camera.height)
 
 
 def _scaled(camera: Camera, factor: float) -> Camera:

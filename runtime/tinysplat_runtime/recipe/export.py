@@ -258,7 +258,7 @@ def _thinned(gaussians: Gaussians, tools: Tools, listener: ExportListener) -> Ga
     from ..gaussian.thin import thinned
 
     found = thinned(gaussians, Crew(tools.threads).map)
-    said = f"{found.count} of {gaussians.count} Gaussians go out, for viewers that draw all"
+    said = f"writes {found.count:,} of {gaussians.count:,} Gaussians, for viewers that draw all"
     listener.notice(f"{said}; --fuse makes them one, --keep-all keeps all")
     return found
 

@@ -97,7 +97,7 @@ def named_scene(request: EncodeRequest) -> Scene:
         return load_scene(paths[0], near=near, far=far)
     if len(paths) != 2 or request.focal is None or request.baseline is None:
         options = " and ".join(f"--{name}" for name in given) or "neither --focal nor --baseline"
-        found = f"{len(paths)} paths with {options}"
+        found = f"{len(paths)} {'path' if len(paths) == 1 else 'paths'} with {options}"
         raise InputError(f"{found}, expected one scene, or two photos with --focal and --baseline", where="encode")
     left, right = paths
     return stereo_scene(left, right, request.focal, request.baseline, near=near, far=far)
@@ -127,7 +127,8 @@ def _chosen_views(
     scene = _matching(_with_range(scene, say, counting), say)
     near, far = scene.depth_range()
     chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
-    why = f"no other lies farther from them than {SPACING:.0%} of the depth or {math.degrees(SPACING):.0f} degrees"
+    within = f"{100 * SPACING:.0f} % of the depth and {math.degrees(SPACING):.0f}°"
+    why = f"every other photo was taken within {within} of one of these"
     return _matching(scene.views(chosen), str), "as asked" if wanted else why
 
 
@@ -248,7 +249,7 @@ def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> 
         _say_crop((camera.height, camera.width), request.size, say)
     else:
         found = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
-        say(f"{found}, the largest size that {request.model} handles well; --size full keeps all pixels")
+        say(f"{found}, the largest size that the network {request.model} handles well; --size full keeps all pixels")
     return scene.resized(*size)
 
 

@@ -30,6 +30,10 @@ MAX_FILE_BYTES = 8 * MAX_PIXELS
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
 
+_OTHERS = {
+    "WebP": rb"RIFF....WEBP", "GIF": rb"GIF8[79]a", "TIFF": rb"II\*\0|MM\0\*", "BMP": rb"BM....\0\0\0\0",
+    "AVIF": rb"....ftypavi[fs]",
+}  # fmt: skip
 _HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_PIXEL_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
@@ -259,7 +263,9 @@ def _strip(data: bytes) -> _Stripped:
         raise InputError(
             "HEIC, expected JPEG or PNG: `heif-convert a.heic a.jpg`, or a phone's `most compatible` format"
         )
-    raise InputError(f"starts with {data[:4].hex(' ') or 'nothing'}, expected a JPEG or PNG image")
+    other = next((name for name, start in _OTHERS.items() if re.match(start, data, re.DOTALL)), None)
+    found = f"{other}, expected" if other else f"starts with {data[:4].hex(' ') or 'nothing'}, expected"
+    raise InputError(f"{found} a JPEG or PNG image{f': `ffmpeg -i a.{other.lower()} a.png`' if other else ''}")
 
 
 def _strip_png(data: bytes) -> _Stripped:

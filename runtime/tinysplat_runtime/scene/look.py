@@ -119,6 +119,27 @@ def agreed(found: Look, camera: Camera, other: Look, its: Camera) -> float:
     return float(same.sum() / max(inside.sum(), 1))
 
 
+def told(images: NDArray, cameras: Sequence[Camera], pairs: Sequence[tuple[int, int]], depths: NDArray) -> list[float]:
+    """Of each pair of photos the share of pixels that tell their depth and that the other has at that depth, too.
+
+    Much less than of other readings of the cameras, or of other pairs, where cameras or a photo are wrong: colours that
+    fit somewhere are found for any, but not at one place from both sides.
+
+    Args:
+        images: thumbnails (V, H, W, 3) float in [0, 1], of their cameras' sizes.
+        cameras: two or more.
+        pairs: of photos.
+        depths: (P,) scene units, > 0.
+    """
+    shares = []
+    for v, u in pairs:
+        here = look_at(images[v], cameras[v], images[u], cameras[u], depths)
+        there = look_at(images[u], cameras[u], images[v], cameras[v], depths)
+        both = ((here, cameras[v], there, cameras[u]), (there, cameras[u], here, cameras[v]))
+        shares.append(float(np.mean([(one[0].clear & _agreement(*one)[1]).mean() for one in both])))
+    return shares
+
+
 def range_seen(images: NDArray, cameras: Sequence[Camera], show: Show = plain) -> tuple[float, float]:
     """(near, far) that photos agree about, scene units, for scenes that state none.
 

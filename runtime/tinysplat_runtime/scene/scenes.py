@@ -8,6 +8,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, warn
 from ..system.jsonfields import MAX_DEPTH
+from ..system.printable import kind_of
 from ..system.progress import Show, plain
 from .cameras import Camera, check_is_in_pixels
 from .footage import Video
@@ -67,8 +69,10 @@ class Frame:
                 found = f"taken as stored, {stated.width}x{stated.height}, as its camera is of that size"
                 warn(f"{self.path}: {found}; its Exif orientation turns it")
         if pixels.shape[:2] != (stated.height, stated.width):
-            found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
-            raise InputError(f"{found}, but its camera states {stated.width}x{stated.height}", where=str(self.path))
+            found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels, but its camera states {stated.width}x{stated.height}"
+            is_turned = pixels.shape[:2] == (stated.width, stated.height)
+            turned = ": the photo was turned after its camera was found; turn it back" if is_turned else ""
+            raise InputError(f"{found}{turned}", where=str(self.path))
         if self.lens is not None:
             pixels = self.lens.undistort(pixels)
         if self.photo_camera is None:
@@ -144,7 +148,7 @@ class Scene:
             InputError: an index is no whole number, out of range, negative or given twice, or there is none.
         """
         if isinstance(indices, str | bytes) or not isinstance(indices, Iterable):
-            raise InputError(f"a {type(indices).__name__}, expected a list of whole numbers", where="views")
+            raise InputError(f"{kind_of(indices)}, expected a list of whole numbers", where="views")
         chosen = []
         for i in indices:
             try:
@@ -156,14 +160,17 @@ class Scene:
                 last = len(self.frames) - 1
                 raise InputError(f"view {i}, but the scene's views are 0 to {last}", where=str(self.path))
             if i in chosen[:position]:
-                raise InputError(f"view {i} given twice", where=str(self.path))
+                raise InputError(f"view {i} given twice, expected each once", where=str(self.path))
         if not chosen:
             raise InputError("no views chosen, expected at least one", where=str(self.path))
         return replace(self, frames=tuple(self.frames[i] for i in chosen))
 
     def resized(self, height: int, width: int) -> Scene:
         """Every photo scaled to cover height × width, then cropped around its centre; cameras adjusted."""
-        return replace(self, frames=tuple(frame.resized(height, width) for frame in self.frames))
+        for name, side in (("height", height), ("width", width)):
+            if isinstance(side, bool) or not isinstance(side, Integral) or side < 1:
+                raise InputError(f"{str(side)[:40]}, expected a whole number of 1 or more", where=name)
+        return replace(self, frames=tuple(frame.resized(int(height), int(width)) for frame in self.frames))
 
     def images(self, size: tuple[int, int] | None = None, show: Show = plain) -> NDArray:
         """Read the photos.

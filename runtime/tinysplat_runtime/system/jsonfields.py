@@ -62,6 +62,8 @@ def photo_name(i: int, entry: dict[str, Any], key: str = "file") -> str:
     if not isinstance(name, str) or not name or "\0" in name:
         found = "missing" if key not in entry else json.dumps(name)[:40]
         raise InputError(f"{found}, expected the name of a photo", where=where)
+    if "://" in name:
+        raise InputError(f"'{name[:60]}', a URL; expected a photo in the scene's folder: download it", where=where)
     for path in (PurePosixPath(name), PureWindowsPath(name)):
         if path.anchor or ".." in path.parts:
             raise InputError(f"'{name[:60]}' leaves the scene's folder, expected a path inside it", where=where)

@@ -19,6 +19,12 @@ UNPRINTED = (
 _UNPRINTED = re.compile("[" + "".join(f"{re.escape(chr(a))}-{re.escape(chr(b))}" for a, b in UNPRINTED) + "]")
 
 
+def kind_of(value: object) -> str:
+    """The type of a value, with its article: `an int`."""
+    name = type(value).__name__
+    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
+
+
 def unprinted(text: str) -> str | None:
     """The first character that does not print."""
     found = _UNPRINTED.search(text)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...system.files import StrPath
+from ...system.printable import kind_of
 from ..cameras import Camera
 from ..footage import SUFFIXES
 from ..images import PHOTO_SUFFIXES
@@ -32,6 +33,15 @@ NOT_READ = {
 _MOST_FOLDERS = 200  # that are searched for photos
 
 POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
+OTHER_FILES = dict.fromkeys(
+    (".ply", ".npz", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".gltf", ".safetensors", ".usd", ".usda", ".usdz"),
+    "Gaussians, which `tinysplat compress {path} -o F.tsplat` codes",
+) | {
+    ".tsplat": "coded already, `tinysplat view {path}` shows it",
+    ".zip": "an archive; unpack it and name the folder",
+}
+"""Endings of what is often taken for a scene, and what to do with it."""
+
 ACCEPTED = f"{CAMERAS_FILE}, {FILE}, {BLENDER_FILE}, {LLFF_FILE} or a COLMAP model in sparse/"
 
 
@@ -50,7 +60,7 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
         InputError: names the file and the field at fault.
     """
     if not isinstance(path, str | os.PathLike):
-        raise InputError(f"a {type(path).__name__}, expected a path", where="scene")
+        raise InputError(f"{kind_of(path)}, expected a path", where="scene")
     if "://" in str(path):
         raise InputError(
             "a URL, expected a file or folder on this machine (`tinysplat batch` takes URLs)", where=str(path)
@@ -86,6 +96,8 @@ def foreign_reader(path: Path) -> Reader | None:
     if path.suffix.lower() in SUFFIXES:
         advice = f"`tinysplat poses {path} -o SCENE` finds them; or --poses {POSES}"
         raise InputError(f"a video needs its cameras: {advice}", where=str(path))
+    if (other := OTHER_FILES.get(path.suffix.lower())) is not None:
+        raise InputError(f"{other.format(path=path)}, expected photos and their cameras", where=str(path))
     if path.suffix.lower() in PHOTO_SUFFIXES:
         raise InputError("one photo, expected a scene: a folder of two or more and their cameras", where=str(path))
     return load_realestate if path.suffix == ".txt" else None
