@@ -10,7 +10,7 @@ from ..codec.free.levels import LEAST_COUNT, LEVELS, Tiers
 from ..gaussian.gaussians import Gaussians
 from .removal import Remover, Thinned, taken
 
-GROWTHS = (0.0, 0.14, 0.26, 0.4, 0.56)
+GROWTHS = (0.0, 0.14, 0.26, 0.4, 0.56, 0.74, 0.94)
 """What is tried for logarithms of scales where later tiers are absent."""
 
 
