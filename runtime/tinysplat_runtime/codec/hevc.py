@@ -210,7 +210,9 @@ class PictureDecoder:
         self._context.extradata = parameter_sets
         # A stream that claims a much larger size is stopped before its pictures are allocated; libavcodec counts
         # pixels with the margins of its buffers, and the exact size is checked once there is a picture.
-        self._context.options = {"max_pixels": str((height + _BUFFER_MARGIN) * (width + _BUFFER_MARGIN))}
+        # Damage that libavcodec sees is an error, and not hidden: of slices that end too early or late it sees none.
+        most = str((height + _BUFFER_MARGIN) * (width + _BUFFER_MARGIN))
+        self._context.options = {"max_pixels": most, "err_detect": "explode"}
 
     def decode(self, payload: bytes | memoryview) -> list[NDArray]:
         """The planes of one picture given as a slice NAL unit: (h, w) uint16 views, good until the next call.
