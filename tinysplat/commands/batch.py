@@ -44,8 +44,8 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--max-memory", type=byte_count, metavar="SIZE", help="of a worker, such as 4GB; default: any")
     parser.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
     parser.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
-    add_coding(parser)
-    add_photos(parser)
+    add_photos(parser, parser.add_argument_group("video, depth"))
+    add_coding(parser.add_argument_group("bytes and quality"))
     add_notes(parser)
     add_provider(parser)
     parser.add_argument("--allow", action="append", choices=CODE, default=[],

@@ -8,17 +8,16 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from typing import NoReturn, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 from .. import __version__
 from ..codec.modes import CHOICES
 from ..errors import InputError
-from ..formats import SH_BITS, SPZ_VERSION
 from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
 from .arguments import amount, byte_count, count, indices, numbers, port, positive, size
-from .options import add_coding, add_notes, add_photos, add_provider
+from .options import Options, add_coding, add_notes, add_photos, add_provider, add_refine
 
-_GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another Gaussian file (docs/FORMATS.md)"
+_GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another (docs/FORMATS.md)"
 
 _EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
 
@@ -38,115 +37,73 @@ EXTRAS = {
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{"formatter_class": _Help, **options})
+
     def error(self, message: str) -> NoReturn:
         print(f"{self.prog}: {message}", file=sys.stderr)
         raise SystemExit(2)
 
 
-def _common() -> _Parser:
-    common = _Parser(add_help=False)
-    common.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
-    common.add_argument("--threads", type=count, metavar="N", help="default: all cores; no result depends on it")
-    return common
+class _Help(argparse.HelpFormatter):
+    """A line for most options."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30)
 
 
-def _written() -> _Parser:
-    written = _Parser(add_help=False)
-    written.add_argument("--force", action="store_true", help="overwrite outputs that are there already")
-    return written
+def _common(options: Options) -> None:
+    options.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
+    options.add_argument("--threads", type=count, metavar="N", help="default: all cores; changes no result")
 
 
-def _coding() -> _Parser:
-    coding = _Parser(add_help=False)
-    coding.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
-    add_coding(coding)
-    coding.add_argument("--report", metavar="R.json", help="write bytes, seconds, memory and errors as JSON")
-    return coding
+def _written(options: Options) -> None:
+    options.add_argument("--force", action="store_true", help="overwrite outputs that exist")
 
 
-def _limits() -> _Parser:
-    limits = _Parser(add_help=False)
-    limits.add_argument("--max-pixels", type=count, metavar="N", help="refuse files of more Gaussians (default 67 M)")
-    limits.add_argument(
-        "--max-memory", type=byte_count, metavar="SIZE", help="refuse files that take more to decode (default 8GiB)"
-    )
-    return limits
+def _limits(options: Options) -> None:
+    options.add_argument("--max-pixels", type=count, metavar="N", help="refuse files of more Gaussians (67 M)")
+    options.add_argument("--max-memory", type=byte_count, metavar="SIZE", help="refuse files that take more (8GiB)")
 
 
-def _selection() -> _Parser:
-    selection = _Parser(add_help=False)
-    selection.add_argument(
-        "--views",
-        type=indices,
-        metavar="I,J-K",
-        help="only the Gaussians of these views, such as 0,3,10-20",
-    )
-    selection.add_argument(
-        "--trim-border", type=count, metavar="PX", help="leave out the outermost PX pixels of each view"
-    )
-    selection.add_argument("--min-opacity", type=float, metavar="A", help="only Gaussians of this opacity or more")
-    selection.add_argument("--sh-degree", type=int, metavar="N", help="cut SH to this degree")
-    selection.add_argument(
-        "--dilate", type=positive, nargs="?", const=OWN_VARIANCE, metavar="VARIANCE",
-        help=f"widen each Gaussian by its photo's pixel, for other viewers; in pixels², default {OWN_VARIANCE}",
-    )  # fmt: skip
-    selection.add_argument(
+def _prefix(options: Options) -> None:
+    options.add_argument("--max-bytes", type=count, metavar="N", help="decode the first N bytes (`info` lists some)")
+    options.add_argument("--partial", action="store_true", help="decode what is intact, say what is lost")
+    options.add_argument("--model", metavar="NAME|FILE.onnx", help="the network of a file of photos")
+
+
+def _selection(parser: _Parser) -> None:
+    which = parser.add_argument_group("which Gaussians")
+    which.add_argument("--views", type=indices, metavar="I,J-K", help="those of these views, such as 0,3,10-20")
+    which.add_argument("--trim-border", type=count, metavar="PX", help="without each view's outermost PX pixels")
+    which.add_argument("--min-opacity", type=float, metavar="A", help="those of this opacity or more")
+    which.add_argument("--sh-degree", type=int, metavar="N", help="SH cut to this degree")
+    which.add_argument(
         "--prune", type=amount, metavar="SHARE|DB|N",
-        help="leave out this share of the Gaussians (0.5), as many as a quality bears (45dB), or all but N, those that"
-        " pictures need least first (needs numba)",
+        help="drop 0.5, down to 45dB, or all but N (numba)",
     )  # fmt: skip
-    selection.add_argument(
-        "--keep-all", action="store_true",
-        help="keep all Gaussians: in a .tsplat file also those of no pixels that pictures hardly need, in lists of"
-        " points also those of captures that other views show",
-    )  # fmt: skip
-    selection.add_argument(
+    which.add_argument("--keep-all", action="store_true", help="neither thin captures nor prune trained scenes")
+    which.add_argument(
         "--fuse", type=positive, nargs="?", const=FUSE_SECONDS, metavar="SECONDS",
-        help="for other viewers: keep each surface of a capture once, and correct it for SECONDS; default"
-        f" {FUSE_SECONDS:g}",
+        help=f"keep each surface once, corrected; default {FUSE_SECONDS:g} s",
     )  # fmt: skip
-    selection.add_argument(
-        "--points", action="store_true", help="write a plain point cloud (.ply) of means and colours"
-    )
-    selection.add_argument(
-        "--sh-bits", type=indices, default=SH_BITS, metavar="A,B",
-        help="bits that .spz keeps of SH coefficients of degree 1 and above it, up to 8,8; default 5,4",
+    which.add_argument(
+        "--dilate", type=positive, nargs="?", const=OWN_VARIANCE, metavar="VARIANCE",
+        help=f"widen for other viewers, pixels²; default {OWN_VARIANCE}",
     )  # fmt: skip
-    selection.add_argument(
-        "--spz-version", type=int, choices=(2, 3, 4), default=SPZ_VERSION,
-        help="version of .spz files; 4 keeps SH degree 4 and needs readers with zstd; default 3",
-    )  # fmt: skip
-    selection.add_argument(
-        "--gltf-spz", action="store_true",
-        help="write .glb and .gltf with SPZ inside: small, by a draft of glTF's extension, which Cesium reads",
-    )  # fmt: skip
-    return selection
+    how = parser.add_argument_group("how files are written")
+    how.add_argument("--points", action="store_true", help="a plain point cloud (.ply) of means and colours")
+    how.add_argument("--sh-bits", type=indices, metavar="A,B", help=".spz: bits of SH of degree 1, above; 5,4")
+    how.add_argument("--spz-version", type=int, choices=(2, 3, 4), help="default 3; 4 keeps SH degree 4, wants zstd")
+    how.add_argument("--gltf-spz", action="store_true", help="glTF with SPZ inside, a draft that Cesium reads")
+    add_notes(how)
 
 
-def _notes() -> _Parser:
-    notes = _Parser(add_help=False)
-    add_notes(notes)
-    return notes
-
-
-def _provider() -> _Parser:
-    provider = _Parser(add_help=False)
-    add_provider(provider)
-    return provider
-
-
-def _prefix() -> _Parser:
-    prefix = _Parser(add_help=False)
-    prefix.add_argument(
-        "--max-bytes", type=count, metavar="N", help="decode the first N bytes alone; `info` lists useful numbers"
-    )
-    prefix.add_argument(
-        "--partial", action="store_true", help="decode what is intact of a damaged or cut file, and say what is lost"
-    )
-    prefix.add_argument(
-        "--model", metavar="NAME|FILE.onnx", help="the network for a file of photos, where it is not found by its hash"
-    )
-    return prefix
+def _reading(parser: _Parser) -> None:
+    reading = parser.add_argument_group("reading, and what runs it")
+    _prefix(reading)
+    _limits(reading)
+    add_provider(reading)
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
@@ -169,112 +126,120 @@ def build_parser(only: str | None = None) -> tuple[_Parser, Commands]:
 
 def _encode(commands: Commands) -> None:
     parser = commands.add_parser(
-        "encode",
-        parents=[_common(), _written(), _coding(), _notes(), _provider()],
-        help="photos and cameras to a .tsplat file",
+        "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
     )
     parser.add_argument(
         "scene", metavar="SCENE", nargs="+",
-        help="folder with cameras.json, transforms.json, transforms_train.json, poses_bounds.npy or COLMAP's sparse/;"
-        " a RealEstate10K .txt; two stereo photos; a video with --poses",
+        help="folder of photos with cameras (cameras.json, transforms.json, COLMAP, …); .txt of RealEstate10K; two"
+        " stereo photos; a video with --poses",
     )  # fmt: skip
-    add_photos(parser)
-    parser.add_argument("--focal", type=float, metavar="PX", help="focal length of a stereo pair in pixels")
-    parser.add_argument("--baseline", type=float, metavar="B", help="distance of a stereo pair's cameras")
-    parser.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
+    parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
+    rarer = parser.add_argument_group("video, stereo, depth")
+    add_photos(parser, rarer)
+    rarer.add_argument("--focal", type=float, metavar="PX", help="of a stereo pair, in pixels")
+    rarer.add_argument("--baseline", type=float, metavar="B", help="distance of its cameras")
+    add_coding(parser.add_argument_group("bytes and quality"))
+    more = parser.add_argument_group("output and running")
+    more.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
+    more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
+    add_notes(more)
+    add_provider(more)
+    _common(more)
+    _written(more)
 
 
 def _compress(commands: Commands) -> None:
     parser = commands.add_parser(
-        "compress",
-        parents=[_common(), _written(), _coding(), _limits(), _prefix(), _notes(), _provider()],
-        help="Gaussians of any network, or of a trained scene, to a .tsplat file",
-    )
-    parser.add_argument(
-        "gaussians",
-        metavar="G",
-        help=f".tsplat, {_GAUSSIAN_FILES}; a list of points belongs to no pixels unless --grid and"
-        " --cameras say to which; - for standard input",
-    )
-    parser.add_argument("--mode", choices=CHOICES, help=argparse.SUPPRESS)
+        "compress", help="Gaussians of any network, or of a trained scene, to a .tsplat file",
+        usage="%(prog)s G -o F.tsplat [options]",
+    )  # fmt: skip
+    parser.add_argument("gaussians", metavar="G", help=f".tsplat, {_GAUSSIAN_FILES}; - for standard input")
+    parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
+    parser.add_argument("--keep-all", action="store_true", help="all of a trained scene; default: pruned (numba)")
+    parser.add_argument("--cameras", metavar="SCENE", help="cameras of its photos: what pictures need")
+    parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a list of points")
     parser.add_argument("--photos", metavar="SCENE", help="photos by which --refine corrects the Gaussians")
-    parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a .ply's points")
-    parser.add_argument(
-        "--keep-all", action="store_true",
-        help="keep Gaussians of no pixels that pictures hardly need, which are left out otherwise (with numba)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--cameras", metavar="SCENE",
-        help="cameras of the photos that Gaussians were made from, which decide what pictures need: cameras.json,"
-        " transforms.json or a folder with COLMAP's sparse/; of as many Gaussians as pixels, the cameras of these",
-    )  # fmt: skip
+    parser.add_argument("--mode", choices=CHOICES, help=argparse.SUPPRESS)
+    coding = parser.add_argument_group("bytes and quality")
+    add_coding(coding)
+    add_refine(coding)
+    more = parser.add_argument_group("output and running")
+    more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
+    add_notes(more)
+    _common(more)
+    _written(more)
+    _reading(parser)
 
 
 def _decode(commands: Commands) -> None:
     parser = commands.add_parser(
-        "decode",
-        parents=[_common(), _written(), _limits(), _prefix(), _selection(), _notes(), _provider()],
-        help="a .tsplat file back to Gaussians",
+        "decode", help="a .tsplat file back to Gaussians", usage="%(prog)s F.tsplat -o G [options]"
     )
-    parser.add_argument("file", metavar="F.tsplat")
+    parser.add_argument("file", metavar="F.tsplat", help="- for standard input")
     parser.add_argument("-o", "--output", required=True, metavar="G", help=_GAUSSIAN_FILES)
-    parser.add_argument("--report", metavar="R.json", help="write bytes, seconds and memory as JSON")
+    parser.add_argument("--report", metavar="R.json", help="bytes, seconds and memory as JSON")
+    _common(parser)
+    _written(parser)
+    _selection(parser)
+    _reading(parser)
 
 
 def _render(commands: Commands) -> None:
     parser = commands.add_parser(
-        "render",
-        parents=[_common(), _written(), _limits(), _prefix(), _provider()],
-        help="a picture or a video of Gaussians",
+        "render", help="a picture or a video of Gaussians", usage="%(prog)s F -o OUT [options]"
     )
     parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
-    parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; default 0")
-    parser.add_argument("--path", choices=("between", "orbit"), help="camera path of a video; default between")
-    parser.add_argument(
-        "--frames", type=count, metavar="N", help="frames of a video; default 60, for a capture 8 from view to view"
-    )
-    parser.add_argument("--size", type=size, metavar="WxH", help="picture size; default: the camera's")
+    parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; 0")
+    parser.add_argument("--path", choices=("between", "orbit"), help="of a video; default between")
+    parser.add_argument("--frames", type=count, metavar="N", help="of a video; 60, of a capture 8 a view")
+    parser.add_argument("--size", type=size, metavar="WxH", help="of pictures; default: the camera's")
     parser.add_argument("--depth", action="store_true", help="depth as a picture, near in red, far in blue")
     parser.add_argument("--depth-values", action="store_true", help="depth as numbers (z, 16-bit PNG)")
-    parser.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S",
-                        help="value of --depth-values per scene unit; default 1000")  # fmt: skip
-    parser.add_argument("--dilation", choices=("own", "screen"), default="own",
-                        help="widen each Gaussian by its own photo's pixel, or the screen's; default own")  # fmt: skip
-    parser.add_argument("--order", choices=("near", "depth"), default="near",
-                        help="near views cover the others, or all by depth; default near")  # fmt: skip
-    parser.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
+    _common(parser)
+    _written(parser)
+    more = parser.add_argument_group("more")
+    more.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S", help="values per scene unit; 1000")
+    more.add_argument(
+        "--dilation", choices=("own", "screen"), default="own", help="wider by their photo's pixel (default own)"
+    )
+    more.add_argument(
+        "--order", choices=("near", "depth"), default="near", help="near views cover the others (default near)"
+    )
+    more.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
+    _reading(parser)
 
 
 def _convert(commands: Commands) -> None:
     parser = commands.add_parser(
-        "convert",
-        parents=[_common(), _written(), _limits(), _prefix(), _selection(), _notes(), _provider()],
-        help="Gaussian files to other formats, cut, moved or joined",
-    )
+        "convert", help="Gaussian files to other formats, cut, moved or joined",
+        usage="%(prog)s IN [IN …] -o OUT [options]",
+    )  # fmt: skip
     parser.add_argument("files", nargs="+", metavar="IN", help=f".tsplat, {_GAUSSIAN_FILES}")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=_GAUSSIAN_FILES)
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="the same")
     parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
     parser.add_argument("--rotate", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
     parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
-    parser.add_argument(
-        "--cameras",
-        metavar="SCENE",
-        help="cameras of the photos that Gaussians were made from, for --prune",
-    )
-    parser.add_argument("--check", action="store_true", help="read the file back and print its bytes and loss in dB")
+    parser.add_argument("--check", action="store_true", help="print bytes and loss in dB of the file")
+    parser.add_argument("--cameras", metavar="SCENE", help="cameras of the photos, for --prune")
+    _common(parser)
+    _written(parser)
+    _selection(parser)
+    _reading(parser)
 
 
 def _info(commands: Commands) -> None:
-    parser = commands.add_parser("info", parents=[_common(), _limits()], help="what a file holds")
+    parser = commands.add_parser("info", help="what a file holds")
     parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--json", action="store_true", help="as JSON")
+    _common(parser)
+    _limits(parser)
 
 
 def _view(commands: Commands) -> None:
     parser = commands.add_parser(
-        "view", parents=[_common(), _written()], help="a scene in the browser, or as one web page",
+        "view", help="a scene in the browser, or as one web page",
         description="Serves one page on this machine and opens the browser; with --html writes the page, which opens"
         " anywhere without a network. --player writes a page that opens any .tsplat file.",
     )  # fmt: skip
@@ -292,15 +257,19 @@ def _view(commands: Commands) -> None:
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
     parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
+    _common(parser)
+    _written(parser)
 
 
 def _models(commands: Commands) -> None:
-    parser = commands.add_parser("models", parents=[_common()], help="the networks and graphs at hand")
+    parser = commands.add_parser("models", help="the networks and graphs at hand")
     parser.add_argument("--json", action="store_true", help="as JSON")
+    _common(parser)
 
 
 def _doctor(commands: Commands) -> None:
-    parser = commands.add_parser("doctor", parents=[_common()], help="what is installed, and what is wrong with it")
+    parser = commands.add_parser("doctor", help="what is installed, and what is wrong with it")
+    _common(parser)
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument(
         "--provider", metavar="NAME[:KEY=VALUE,…]",
@@ -344,7 +313,9 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
         absent = next((name for name in getattr(module, "NEEDS", ()) if find_spec(name) is None), None)
         if absent and word == point.name and not wants_help:
             raise missing_extra(word, absent)
-        module.configure(commands.add_parser(point.name, parents=[_common()], help=module.HELP))
+        command = commands.add_parser(point.name, help=module.HELP)
+        module.configure(command)
+        _common(command)
         joined[point.name] = module.run
     if word in EXTRAS and word not in commands.choices:
         raise missing_extra(word, None)
