@@ -39,7 +39,7 @@ def test_lists_of_points_get_each_surface_of_a_capture_once_and_it_is_said(captu
     found = converted(file, str(tmp_path / "g.ply"))
     assert found.count == thinned(wall).count < 0.6 * wall.count
     said = capsys.readouterr().err
-    assert f"{found.count} of {wall.count} Gaussians" in said and "--keep-all" in said
+    assert f"{found.count:,} of {wall.count:,} Gaussians" in said and "--keep-all" in said
 
 
 def test_what_keeps_views_keeps_all_as_do_few_views_and_whoever_asks(capture, tmp_path):

@@ -78,9 +78,10 @@ def test_photos_cameras_stand_where_their_nodes_put_them_and_other_cameras_are_n
 
     def change(document: dict[str, Any]) -> None:
         lens = {"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}
-        document["cameras"] = [{**lens, "extras": photo}, lens, {**lens, "extras": {**photo, "K": "wide"}}]
-        document["nodes"] += [{"camera": number, "translation": [1, 2, 3]} for number in range(3)]
-        document["nodes"][1]["children"] = [2, 3, 4]
+        odd = [{**lens, "extras": {**photo, **more}} for more in ({"K": "wide"}, {"K": [[10**400]]}, {"width": -1})]
+        document["cameras"] = [{**lens, "extras": photo}, lens, *odd]
+        document["nodes"] += [{"camera": number, "translation": [1, 2, 3]} for number in range(5)]
+        document["nodes"][1]["children"] = [2, 3, 4, 5, 6]
 
     by_hand(tmp_path / "a.gltf", change)
     (camera,) = load_gaussians(tmp_path / "a.gltf").viewpoints

@@ -234,7 +234,7 @@ def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
         with np.errstate(all="ignore"):  # no camera is made of what is not finite
             c2w = FRAME @ (matrix / np.append(lengths, 1)) @ FRAME
         return [Camera(np.array(photo["K"], np.float64), c2w, photo["width"], photo["height"])]
-    except (InputError, TypeError, ValueError):
+    except (InputError, TypeError, ValueError, OverflowError):
         return []
 
 
