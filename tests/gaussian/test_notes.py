@@ -119,7 +119,7 @@ def test_hostile_notes_of_other_formats_are_refused(gaussians: ts.Gaussians, tmp
     with pytest.raises(ts.InputError, match=r"g\.ply: licence: holds U\+001B"):
         ts.load_gaussians(ply)
     arrays = {name: getattr(gaussians, name) for name in FIELDS}
-    for text, words in ((b"[]", "not a JSON object"), (b"{", "not JSON"), (b'{"unit": 3}', "unit: a int")):
+    for text, words in ((b"[]", "not a JSON object"), (b"{", "not JSON"), (b'{"unit": 3}', "unit: .*int")):
         np.savez(npz, **arrays, notes=np.frombuffer(text, np.uint8))
         with pytest.raises(ts.InputError, match=words):
             ts.load_gaussians(npz)

@@ -126,10 +126,10 @@ def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> No
         (lambda: ts.encode([scene]), "expected a Scene, a path or a list of them"),
         (lambda: ts.compress("desk"), "gaussians: a str, expected Gaussians"),
         (lambda: ts.decompress("f.tsplat"), "data: a str, expected bytes"),
-        (lambda: ts.decompress(7), "data: a int, expected bytes"),
+        (lambda: ts.decompress(7), "data: .*int, expected bytes"),
         (lambda: ts.load_scene(b"desk"), "scene: a bytes, expected a path"),
         (lambda: ts.load_scene(None), "scene: a NoneType, expected a path"),
-        (lambda: scene.views(3), "views: a int, expected a list of whole numbers"),
+        (lambda: scene.views(3), "views: .*int, expected a list of whole numbers"),
         (lambda: scene.views("03"), "views: a str, expected a list of whole numbers"),
         (lambda: scene.views([0.5, 1]), "views: 0.5, expected a whole number"),
     ):
