@@ -130,8 +130,7 @@ def _encode(commands: Commands) -> None:
     )
     parser.add_argument(
         "scene", metavar="SCENE", nargs="+",
-        help="folder of photos with cameras (cameras.json, transforms.json, COLMAP, …); .txt of RealEstate10K; two"
-        " stereo photos; a video with --poses",
+        help="folder with photos and cameras (cameras.json, COLMAP, …); RealEstate10K .txt; two stereo photos; video",
     )  # fmt: skip
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     rarer = parser.add_argument_group("video, stereo, depth")
