@@ -4,8 +4,8 @@ import { add, length } from "./vectors.js";
 const NEAR_REACH = 1.5; // of the second nearest view's distance, where few views' shares reach 0
 const FEW = 6; // views, up to which all are drawn behind the near ones
 const DRAWN = 4; // views of more, that are drawn whole
-export const AROUND = 16; // views of more, whose coarse surfaces are drawn behind these
-export const OPEN = 1 / 16; // transmittance that everything else has to leave of a pixel for coarse surfaces to be drawn there
+export const AROUND = 12; // views of more, whose coarse surfaces are drawn behind these
+export const OPEN = 1 / 64; // transmittance that everything else has to leave of a pixel for coarse surfaces to be drawn there
 export const EVERY = 4; // of a coarse surface: one pixel of so many rows and columns, whose Gaussian is as many times as large
 
 // How far views are from a camera, place (in depths) and direction alike.

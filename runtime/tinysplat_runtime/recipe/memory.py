@@ -33,6 +33,9 @@ they are coded."""
 REFINED_BYTES_PER_PIXEL = 1350
 """What refinement takes of every pixel, however large the photos; of six views as measured."""
 
+REFINED_CAPTURE_BYTES_PER_PIXEL = 520
+"""The same of a capture, few of whose views are drawn at a time; of 24 photos of 256×256 as measured, 500."""
+
 LARGE_BYTES_PER_PIXEL = 147
 """The same of large photos, whose small copies alone a network is given: photos and Gaussians 77 while these are made,
 Gaussians and planes 120 while they are coded; as measured on two photos of 12 megapixels."""
@@ -65,7 +68,8 @@ def check_memory(
         grouped = (NETWORK_BYTES[0] * together + NETWORK_BYTES[1]) * together
         network = EACH_BYTES_PER_PIXEL if each else grouped
         hybrid = HYBRID_BYTES_PER_PIXEL * pixels if mode == "hybrid" else 0
-        taken = [REFINED_BYTES_PER_PIXEL * pixels if refined else 0.0]
+        refinement = REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL
+        taken = [refinement * pixels if refined else 0.0]
         if enlarger is None or pixels <= views * LARGE_PIXELS:
             taken.append(network * pixels / views + hybrid + (KEPT_BYTES_PER_PIXEL * pixels if each else 0))
         else:

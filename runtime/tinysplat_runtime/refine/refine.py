@@ -101,7 +101,7 @@ class Refining:
         is_small = steps_below(gaussians.opacities[0].size, 1, MAX_STEPS) == 0
         self._settings = settings_for(len(gaussians.cameras), below=is_small)
         self._smaller: _Smaller | None = None
-        self._is_new, self._seconds = True, dict[str, float]()
+        self._seconds = dict[str, float]()
         self._sizes = sizes_of(gaussians, matched(gaussians, scene), self._settings.closer)
         moving = MovableGaussians(gaussians, run_jobs)
         begun = time.perf_counter()
@@ -130,8 +130,7 @@ class Refining:
         if loop is None:
             return
         limit = min(limit, settings.most_steps)
-        below = steps_below(self._start.opacities[0].size, settings.steps_below, limit) if self._is_new else 0
-        self._is_new = False
+        below = steps_below(self._start.opacities[0].size, settings.steps_below, limit)
         while stats.steps < below and self._has_time("small step", deadline):
             small = self._smaller or self._timed("copy", self._go_down)
             self._timed("small step", small.loop.step)
@@ -154,19 +153,6 @@ class Refining:
         errors = loop.errors if loop else ()
         return f"photos {np.mean([error.psnr for error in errors]):.2f} dB" if errors else ""
 
-    def present(self) -> Gaussians:
-        """As they stand between two steps, with what a smaller copy has changed."""
-        loop, small = self._loop, self._smaller
-        if loop is None:
-            return self._start
-        if small is None:
-            return loop.field.gaussians(self._start)
-        before = loop.field.values.copy()
-        bring_up(loop.field, small.loop.field, small.start)
-        found = loop.field.gaussians(self._start)
-        loop.put(before)
-        return found
-
     def result(self) -> Gaussians:
         """The best so far, of a capture the last, with notes that say how they were refined; the start where nothing
         was better, or photos held back contradict it.
@@ -182,7 +168,6 @@ class Refining:
             if loop.held:
                 stats.reason = f"photos contradict each other: {stats.held} held back lose by it"
             return start
-        present = loop.field.values.copy()
         if loop.held:
             stats.after = dict(stats.looks)[stats.kept]
             for _ in range(self._settings.given_back):
@@ -191,7 +176,6 @@ class Refining:
             loop.put(self._best)
             stats.after = loop.photo_psnr()
         refined = loop.field.gaussians(start)
-        loop.put(present)
         if not loop.held and stats.after <= stats.before:
             stats.kept, stats.reason = 0, "no step made the photos themselves look better"
             return start

@@ -34,8 +34,7 @@ class RefineStats:
         if self.kept == 0:
             return f"refinement leaves the Gaussians as they are: {self.reason}"
         if self.held:
-            judged = f"{self.held} photos held back do not contradict ({self.before:.1f} to {self.after:.1f} dB)"
-            return f"refined in {self.kept} steps, which {judged}"
+            return f"refined in {self.kept} steps, which {self.held} photos held back do not contradict"
         first, best = self.looks[0][1], max(dB for _, dB in self.looks)
         return (
             f"refined in {self.kept} steps: photos {self.before:.2f} to {self.after:.2f} dB, from the Gaussians of the"

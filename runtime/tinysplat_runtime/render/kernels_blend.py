@@ -55,7 +55,6 @@ STATE = TILE_HEIGHT * ROW
 _RED, _GREEN, _BLUE, _DEPTH = (_I(plane * _STRIDE) for plane in range(1, PLANES))
 _FRONT = _I(PLANES * _STRIDE)
 _ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
-_OPEN = _F(OPEN)
 _HALF, _MARGIN, _ZERO = _F(0.5), _F(MARGIN_PX), _F(0)
 
 AHEAD = 256
@@ -296,7 +295,7 @@ def _close(state: NDArray, extent: Extent, has_front: bool, spans: NDArray) -> N
         for lane in range(extent.columns):
             at = line * ROW + lane
             through = abs(state[at]) * (abs(state[at + int(_FRONT)]) if has_front else _F(1))
-            if through <= _OPEN:
+            if through <= _F(OPEN):
                 state[at] = -abs(state[at])
             elif state[at] > _ZERO:
                 spans[2 * line], spans[2 * line + 1] = min(spans[2 * line], lane), lane

@@ -55,12 +55,12 @@ FEW = 6
 DRAWN = 4
 """Views of a capture that are drawn whole; fewer leave holes, more bring surfaces that are wrong from here."""
 
-AROUND = 16
+AROUND = 12
 """Views of a capture whose coarse surfaces are drawn behind these."""
 
-OPEN = 1 / 16
-"""Transmittance that everything else has to leave of a pixel for coarse surfaces to be drawn there: what leaves less is
-better without them, and drawing them everywhere takes as long as all else."""
+OPEN = 1 / 64
+"""Transmittance that everything else has to leave of a pixel for coarse surfaces to be drawn there: drawing them
+everywhere takes as long as all else, and from more on one sees where they end."""
 
 BEHIND = -1.0
 """In place of a share that comes first: drawn behind everything that has none such."""
