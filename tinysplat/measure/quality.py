@@ -232,9 +232,7 @@ def _measure_coding(
     """Code, decode, render and compare a prepared window."""
     pictures, stats = prepared.pictures, EncodeStats()
     case = pictures.case
-    data = runtime.compress(
-        case.gaussians, row.setting["profile"], row.setting["qp"], drop_invalid=True, stats=stats
-    )  # fmt: skip
+    data = runtime.compress(case.gaussians, row.setting["profile"], row.setting["qp"], drop_invalid=True, stats=stats)
     decoded = runtime.decompress(data, watch=stats.watch)
     rendered = pictures.render(decoded)
     per_image = {**prepared.per_image, **_scores(rendered.images, pictures.raw.images, lpips, "_decoded_raw")}

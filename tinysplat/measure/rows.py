@@ -79,8 +79,9 @@ class Row:
         """The row of `to_json`'s object; TypeError or ValueError if it is none."""
         if not isinstance(document, dict):
             raise ValueError("not a row")
-        return cls(**{name: _numbers(value) if name in ("figures", "costs") else value
-                      for name, value in document.items()})  # fmt: skip
+        return cls(
+            **{name: _numbers(value) if name in ("figures", "costs") else value for name, value in document.items()}
+        )
 
 
 class RowFile:

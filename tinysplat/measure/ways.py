@@ -54,9 +54,7 @@ def profile_way(profile: Profile | str, settings: Sequence[float], runtime: Runt
     chosen = find_profile(profile) if isinstance(profile, str) else profile
 
     def encode(case: Case, qp: float) -> bytes:
-        return encode_gaussians(
-            case.gaussians, chosen, qp, runtime.store, threads=runtime.threads, drop_invalid=True
-        )  # fmt: skip
+        return encode_gaussians(case.gaussians, chosen, qp, runtime.store, threads=runtime.threads, drop_invalid=True)
 
     return own_way(name or chosen.name, settings, encode, runtime)
 
@@ -66,9 +64,7 @@ def mode_way(mode: str, settings: Sequence[float], runtime: Runtime) -> Way:
 
     def encode(case: Case, qp: float) -> bytes:
         assert case.shots is not None and case.shots.scene is not None
-        return runtime.encode(
-            case.shots.scene, case.model, DEFAULT_PROFILE, qp, mode=mode, gaussians=case.gaussians
-        )  # fmt: skip
+        return runtime.encode(case.shots.scene, case.model, DEFAULT_PROFILE, qp, mode=mode, gaussians=case.gaussians)
 
     def refuses(case: Case) -> str:
         return "" if case.shots is not None and case.shots.scene is not None else "it needs the photos of a scene"

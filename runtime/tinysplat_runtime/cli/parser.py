@@ -79,9 +79,8 @@ def _selection(parser: _Parser) -> None:
     which.add_argument("--min-opacity", type=float, metavar="A", help="those of this opacity or more")
     which.add_argument("--sh-degree", type=int, metavar="N", help="SH cut to this degree")
     which.add_argument(
-        "--prune", type=amount, metavar="SHARE|DB|N",
-        help="drop 0.5, down to 45dB, or all but N (numba)",
-    )  # fmt: skip
+        "--prune", type=amount, metavar="SHARE|DB|N", help="drop 0.5, down to 45dB, or all but N (numba)"
+    )
     which.add_argument("--keep-all", action="store_true", help="neither thin captures nor prune trained scenes")
     which.add_argument(
         "--fuse", type=positive, nargs="?", const=FUSE_SECONDS, metavar="SECONDS",
@@ -149,9 +148,10 @@ def _encode(commands: Commands) -> None:
 
 def _compress(commands: Commands) -> None:
     parser = commands.add_parser(
-        "compress", help="Gaussians of any network, or of a trained scene, to a .tsplat file",
+        "compress",
+        help="Gaussians of any network, or of a trained scene, to a .tsplat file",
         usage="%(prog)s G -o F.tsplat [options]",
-    )  # fmt: skip
+    )
     parser.add_argument("gaussians", metavar="G", help=f".tsplat, {_GAUSSIAN_FILES}; - for standard input")
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     parser.add_argument("--keep-all", action="store_true", help="all of a trained scene; default: pruned (numba)")
@@ -211,9 +211,10 @@ def _render(commands: Commands) -> None:
 
 def _convert(commands: Commands) -> None:
     parser = commands.add_parser(
-        "convert", help="Gaussian files to other formats, cut, moved or joined",
+        "convert",
+        help="Gaussian files to other formats, cut, moved or joined",
         usage="%(prog)s IN [IN …] -o OUT [options]",
-    )  # fmt: skip
+    )
     parser.add_argument("files", nargs="+", metavar="IN", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="the same")
     parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
@@ -238,10 +239,11 @@ def _info(commands: Commands) -> None:
 
 def _view(commands: Commands) -> None:
     parser = commands.add_parser(
-        "view", help="a scene in the browser, or as one web page",
+        "view",
+        help="a scene in the browser, or as one web page",
         description="Serves one page on this machine and opens the browser; with --html writes the page, which opens"
         " anywhere without a network. --player writes a page that opens any .tsplat file.",
-    )  # fmt: skip
+    )
     parser.add_argument("file", metavar="F", nargs="?", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
     parser.add_argument("--player", action="store_true", help="a page without a scene, which opens files that are"
@@ -271,9 +273,10 @@ def _doctor(commands: Commands) -> None:
     _common(parser)
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument(
-        "--provider", metavar="NAME[:KEY=VALUE,…]",
+        "--provider",
+        metavar="NAME[:KEY=VALUE,…]",
         help="run a made-up scene with it, and print how many nodes of which graph it ran",
-    )  # fmt: skip
+    )
 
 
 _COMMANDS = (_encode, _compress, _decode, _render, _convert, _view, _info, _models, _doctor)

@@ -93,8 +93,9 @@ def depth_map(output: str, depth: NDArray, scale: float) -> NDArray:
         reach = DEEPEST / scale
         print(
             f"{output}: {beyond} pixels deeper than {reach:g} units written as {reach:g}; a smaller --depth-scale"
-            " reaches farther", file=sys.stderr,
-        )  # fmt: skip
+            " reaches farther",
+            file=sys.stderr,
+        )
     return np.where(scaled > 0, scaled.clip(1, DEEPEST), 0).astype(np.uint16)
 
 

@@ -123,9 +123,7 @@ def splat_rows() -> Iterator[Row]:
         m = np.stack([j @ a for j, a in zip(jacobian, axes, strict=True)]).astype(np.float64)
         largest = np.linalg.norm(m, axis=(1, 2)).max()
         condition = float((largest**2 + DILATION) / DILATION)
-        yield numeric_row(
-            "EWA", case.name, "alpha at 0 to 3 σ, absolute", condition, **errors, bound=_bound(largest),
-        )  # fmt: skip
+        yield numeric_row("EWA", case.name, "alpha at 0 to 3 σ, absolute", condition, **errors, bound=_bound(largest))
 
 
 def _bound(largest_px: float) -> float:

@@ -273,8 +273,8 @@ def inverse_rows(store: GraphStore) -> Iterator[Row]:
         slope.append((SIDE + K[0, 2] + K[0, 1] * slope[0]) / K[0, 0])
         condition = 1 + sum(slope) + float(np.abs(near).sum() / geometry[0].min())
         yield numeric_row(
-            "VPT⁻¹", scene.name, "means, in depths", condition, **errors, bound=ROUNDINGS * EPS32 * condition,
-        )  # fmt: skip
+            "VPT⁻¹", scene.name, "means, in depths", condition, **errors, bound=ROUNDINGS * EPS32 * condition
+        )
 
 
 # ---- Quat(R) --------------------------------------------------------------------------------------------------------
@@ -294,8 +294,8 @@ def rotation_rows() -> Iterator[Row]:
         }
         errors = {way: min(E.worst(s * q.astype(np.float64), wanted) for s in (1, -1)) for way, q in ways.items()}
         yield numeric_row(
-            "Quat(R)", f"rotation by {name}", "quaternion, absolute", 1.0, **errors, bound=ROUNDINGS * EPS64,
-        )  # fmt: skip
+            "Quat(R)", f"rotation by {name}", "quaternion, absolute", 1.0, **errors, bound=ROUNDINGS * EPS64
+        )
 
 
 def _trace_quat(m: NDArray) -> NDArray:

@@ -197,9 +197,7 @@ def _size_cell(windows: Windows, way: str, decibels: Mapping[str, float]) -> str
     return f"{statistics.fmean(sizes) / 1000:.1f}{share}{_counted(len(sizes), len(windows))}"
 
 
-def _rate_cell(
-    windows: Windows, way: str, limits: tuple[float, float] | None, least_overlap: float = 0.5
-) -> str:  # fmt: skip
+def _rate_cell(windows: Windows, way: str, limits: tuple[float, float] | None, least_overlap: float = 0.5) -> str:
     """Mean BD-rate with its range over windows; why there is none."""
     rates, refused = [], ""
     for curves in windows.values():

@@ -63,8 +63,9 @@ def _scene_row(name: str, scene: Scene, run: Run) -> Row:
     extent = float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
     off = misplaced(np.array([found[stem] for stem in found]), np.array([known[stem] for stem in found]))
     right = float((off <= TOLERANCE * extent).sum())
-    return Row(STUDY, name, "poses", row.setting,
-               {"placed": len(found) / len(known), "right": right / len(known)}, costs)  # fmt: skip
+    return Row(
+        STUDY, name, "poses", row.setting, {"placed": len(found) / len(known), "right": right / len(known)}, costs
+    )
 
 
 def misplaced(found: NDArray, known: NDArray) -> NDArray:

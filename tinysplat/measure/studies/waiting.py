@@ -74,10 +74,11 @@ def _waits(run: Run, case: Case, pictures: Pictures, qp: float, folder: Path) ->
     drawn = Renderer(runtime.decompress(files[DEFAULT_PROFILE]), run.threads)
     works: dict[str, tuple[str, Callable[[], Any]]] = {
         f"Gaussians to a file, {profile}": (
-            profile, partial(runtime.compress, case.gaussians, profile, qp, drop_invalid=True)
+            profile,
+            partial(runtime.compress, case.gaussians, profile, qp, drop_invalid=True),
         )
         for profile in PROFILES
-    }  # fmt: skip
+    }
     if shots is not None:
         graph, context = runtime.store.network(case.model), shots.context
 
