@@ -229,9 +229,9 @@ def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
     photo = _object(file.entry("cameras", index).get("extras"))
     if not {"K", "width", "height"} <= photo.keys():
         return []
-    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     try:
         with np.errstate(all="ignore"):  # no camera is made of what is not finite
+            lengths = np.linalg.norm(matrix[:3, :3], axis=0)
             c2w = FRAME @ (matrix / np.append(lengths, 1)) @ FRAME
         return [Camera(np.array(photo["K"], np.float64), c2w, photo["width"], photo["height"])]
     except (InputError, TypeError, ValueError, OverflowError):
