@@ -80,4 +80,4 @@ def test_bad_input_of_poses_is_one_line(tmp_path: Path) -> None:
     assert not (tmp_path / "s").exists()
     assert "not an empty folder" in fail("poses", photos, "-o", photos)
     (photos / "b.png").write_bytes(b"GIF89a")
-    assert "b.png: starts with" in fail("poses", photos, "-o", tmp_path / "s")
+    assert "b.png: GIF, expected a JPEG or PNG" in fail("poses", photos, "-o", tmp_path / "s")
