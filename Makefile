@@ -18,8 +18,7 @@ flight: $(DEMO_VENV)/.installed  ## the README's moving picture, docs/flight.web
 
 dev: $(VENV)/.installed  ## the development environment
 
-test: $(VENV)/.installed  ## the tests, on all cores (under 15 minutes on 2); says first how many it leaves to test-slow
-	@$(VENV)/bin/python -m pytest -q --collect-only -m slow | tail -n 1 | sed 's/^/left to make test-slow: /'
+test: $(VENV)/.installed  ## the tests, on all cores (under 15 minutes on 2); "deselected" are those of test-slow
 	TINYSPLAT_ALL_EXTRAS=1 $(VENV)/bin/python -m pytest -q -m "not slow" -n auto --dist worksteal
 
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
