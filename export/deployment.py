@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
+import json
 import shutil
 import sys
 import tempfile
@@ -22,7 +23,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 import tinysplat_runtime
-from tinysplat_runtime.graphs.artifacts import models_dir
+from tinysplat_runtime.graphs.artifacts import MANIFEST, models_dir
 
 PACKAGES = ("numpy", "onnxruntime", "av")
 
@@ -71,17 +72,22 @@ def wheel_files(wheel: Path) -> Iterator[Entry]:
 
 
 def own_files() -> Iterator[Entry]:
-    """The runtime and its models, without copies that only save time."""
+    """The runtime and its models, without copies that only save time and stages, which only captures go through."""
+    manifest = json.loads((models_dir() / MANIFEST).read_text())
+    stages = {name: entry for name, entry in manifest["artifacts"].items() if entry["role"] == "stage"}
+    left_out = {entry["file"] for entry in stages.values()}
     for package, folder, patterns in (
         ("tinysplat_runtime", Path(str(tinysplat_runtime.__file__)).parent, ("*.py", "page.html", "*.css", "*.js")),
-        ("tinysplat_models", models_dir(), ("__init__.py", "*.onnx", "*.ort", "manifest.json")),
+        ("tinysplat_models", models_dir(), ("__init__.py", "*.onnx", "*.ort")),
     ):
         for pattern in patterns:
             for source in folder.rglob(pattern):
-                if source.name.endswith(".optimised.onnx"):
+                if source.name.endswith(".optimised.onnx") or source.name in left_out:
                     continue
                 name = f"{package}/{source.relative_to(folder).as_posix()}"
                 yield name, lambda target, source=source: shutil.copy(source, target)
+    manifest["artifacts"] = {name: entry for name, entry in manifest["artifacts"].items() if name not in stages}
+    yield f"tinysplat_models/{MANIFEST}", lambda target: target.write_text(json.dumps(manifest, indent=2))
 
 
 def fill(folder: Path, entries: Iterable[Entry]) -> int:
