@@ -186,6 +186,15 @@ def test_a_photo_that_does_not_belong_is_named(tmp_path: Path, change, words: li
     assert all(doubt.startswith(start) for doubt, start in zip(found, words, strict=True))
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.2, 0.6])
+def test_a_photo_is_named_only_where_it_has_little_in_common_with_the_others(tmp_path: Path, turn: float) -> None:
+    """Cameras are right; of the last photo's pixels the others show fewer the more it looks aside."""
+    views = [*(camera(x) for x in (-0.3, -0.1, 0.1)), camera(0.3, turn)]
+    found = doubts(stored(tmp_path, views, [photo(view) for view in views]))
+    named = "photo 4 (3.png) hardly matches the others: too little overlap"
+    assert [doubt[: len(named)] for doubt in found] == ([named] if turn > 0.5 else [])
+
+
 def test_poses_rolled_against_their_photos_are_told(tmp_path: Path) -> None:
     views = [camera(-0.3, 0.14), camera(0.3, -0.12)]
     scene = stored(tmp_path, views, [photo(view) for view in views])

@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..scene.cameras import Camera
 from ..scene.intake.nerfstudio import BLENDER_FILE, FILE
-from ..scene.look import PLANES, UNSEEN, Look, agreed, look, look_at, nearest, range_seen, thumbnail_size, told
+from ..scene.look import (
+    PLANES,
+    UNSEEN,
+    Look,
+    agreed,
+    look,
+    look_at,
+    nearest,
+    neighbours,
+    range_seen,
+    thumbnail_size,
+    told,
+)
 from ..scene.scenes import Scene
 from ..system.progress import Show, plain
 
@@ -26,11 +38,16 @@ BLANK = 4 / 255
 """A thumbnail whose brightness spans less shows nothing."""
 
 ODD = (0.1, 1.7)
-"""A photo is named whose cost, at the best of three others, is at least the first, and the second times the median of
-the rest. On ten scenes of four and six photos: 0.03 to 0.14, and 0.1 to 0.25 where one is another scene's or black."""
+"""A photo is suspected whose cost, at the best of three others, is at least the first, and the second times the median
+of the rest. On ten scenes of four and six photos: 0.03 to 0.14, and 0.1 to 0.25 where one is another scene's or black.
+"""
+
+ODD_LOOKED = 4
+"""Photos that are held against others for it, those of the highest cost."""
 
 HARDLY = 0.1
-"""Share of pixels that tell their depth: of all photos less than this, and they hardly match anywhere."""
+"""Share of pixels that tell their depth: of all photos less than this, and they hardly match anywhere. Where two have
+less in common, they say nothing against a third."""
 
 ALIKE = 0.25
 """Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
@@ -60,6 +77,13 @@ LEAST_TOLD = 0.06
 
 ALONE = (0.2, 0.32)
 """A photo is named where pairs of others have at least the first, and its own at most the second times as many."""
+
+APART = 0.5
+"""The second for a photo whose colours are suspected already, the first being the median of those nearest to it: half
+of its own depths are found by them at most."""
+
+READ = 4
+"""Photos that are looked at for each reading of the cameras."""
 
 FEW = 12
 """Photos of which each pair of near ones is looked at for one that is alone."""
@@ -115,7 +139,8 @@ def doubts(scene: Scene, show: Show = plain) -> list[str]:
 
 def _camera_fault(seen: _Thumbnails) -> list[str]:
     """Photos whose thumbnails agree much better once the cameras are read in another way were given in that way."""
-    given = float(np.mean([found.cost for found in seen.looks]))
+    views = np.linspace(0, len(seen.cameras) - 1, min(len(seen.cameras), READ)).round().astype(int).tolist()
+    given = float(np.mean([seen.looks[v].cost for v in views]))
     border = [f"{name}: {text}" for name, text in zip(seen.names, map(_off_centre, seen.cameras), strict=True) if text]
     if border:
         return border[:1]
@@ -123,7 +148,7 @@ def _camera_fault(seen: _Thumbnails) -> list[str]:
         return []
 
     def cost(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> float:
-        return float(np.mean([one.cost for one in look(images, cameras, depths)]))
+        return float(np.mean([one.cost for one in look(images, cameras, depths, views)]))
 
     shares = {}
     for reading in _readings(seen):
@@ -153,10 +178,8 @@ def _alone(seen: _Thumbnails) -> list[str]:
     count = len(seen.cameras)
     if not 3 <= count <= FEW or min(found.clear.mean() for found in seen.looks) >= TOLD:
         return []
-    centres = np.stack([camera.centre for camera in seen.cameras])
-    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
-    order = apart.argsort(axis=1, kind="stable")
-    pairs = sorted({(min(v, u), max(v, u)) for v in range(count) for u in order[v, 1:3].tolist() if u != v})
+    beside = neighbours(seen.cameras)[:, :2].tolist()
+    pairs = sorted({(min(v, u), max(v, u)) for v in range(count) for u in beside[v]})
     images = _even(seen.images)
     shares = dict(zip(pairs, told(images, seen.cameras, pairs, seen.depths), strict=True))
 
@@ -289,26 +312,38 @@ def _odd(seen: _Thumbnails) -> list[str]:
     if len(seen.cameras) < 3 or max(found.cost for found in seen.looks) < ODD[0]:
         return []
     costs = np.array([found.cost for found in seen.looks])
-    for v in np.flatnonzero(costs >= ODD[0]):
-        costs[v] = _least_cost(seen, int(v))
-    rest = [float(np.median(np.delete(costs, v))) for v in range(len(costs))]
+    looked = [v for v in costs.argsort()[::-1][:ODD_LOOKED].tolist() if costs[v] >= ODD[0]]
+    for v in looked:
+        costs[v] = _least_cost(seen, v)
     return [
-        f"{name} hardly matches the others: too little overlap, a wrong pose, another scene or moment"
-        for name, cost, others in zip(seen.names, costs, rest, strict=True)
-        if cost >= ODD[0] and cost >= ODD[1] * others
+        f"{seen.names[v]} hardly matches the others: too little overlap, a wrong pose, another scene or moment"
+        for v in sorted(looked)
+        if costs[v] >= max(ODD[0], ODD[1] * float(np.median(np.delete(costs, v)))) and _is_apart(seen, v)
     ]
 
 
 def _least_cost(seen: _Thumbnails, view: int) -> float:
     """Of a photo at the three taken nearest to it, as they are and of one brightness."""
-    centres = np.stack([camera.centre for camera in seen.cameras])
-    nearest = np.argsort(np.linalg.norm(centres - centres[view], axis=1))
-    others = [int(other) for other in nearest if other != view][:3]
     return min(
         look_at(images[view], seen.cameras[view], images[other], seen.cameras[other], seen.depths).cost
         for images in (seen.images, _even(seen.images))
-        for other in others
+        for other in neighbours(seen.cameras)[view, :3].tolist()
     )
+
+
+def _is_apart(seen: _Thumbnails, view: int) -> bool:
+    """Whether a photo has far less in common with the three nearest to it than these have with others.
+
+    Where they have little themselves, right cameras look alike.
+    """
+    images, beside = _even(seen.images), neighbours(seen.cameras).tolist()
+
+    def most(v: int, others: Sequence[int]) -> float:
+        return max(told(images, seen.cameras, [(v, u) for u in others], seen.depths))
+
+    rest = [most(u, [w for w in beside[u] if w != view][:2]) for u in beside[view][:3]]
+    usual = float(np.median(rest))
+    return min(rest) >= HARDLY and usual >= ALONE[0] and most(view, beside[view][:3]) <= APART * usual
 
 
 def _even(images: NDArray) -> NDArray:
@@ -328,7 +363,8 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
     if not _match(seen, looks):
         who = " and ".join(seen.names) if len(seen.names) == 2 else "the photos"
         wrong = "the poses or the photos" if seen.is_estimated else "near and far, the poses or the photos"
-        return [f"{who} do not match at any depth from {near:g} to {far:g}: {wrong} are wrong"]
+        range_ = f"at any depth from {near:g} to {far:g}"
+        return [f"{who} do not match {range_}: they overlap too little, or {wrong} are wrong"]
     if seen.is_estimated:
         return []
     low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))

@@ -82,23 +82,30 @@ def thumbnail_size(camera: Camera, side: int = LOOK_WIDTH) -> tuple[int, int]:
     return max(8, round(camera.height * scale)), max(8, round(camera.width * scale))
 
 
-def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[Look]:
-    """Every photo compared with the one nearest to it.
+def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray, views: Sequence[int] | None = None) -> list[Look]:
+    """Photos compared with the ones nearest to them.
 
     Args:
         images: thumbnails (V, H, W, 3) float in [0, 1], of their cameras' sizes.
         cameras: two or more.
         depths: (P,) scene units, > 0.
+        views: which photos are; None for every one.
     """
+    others = nearest(cameras)
     return [
-        look_at(images[v], camera, images[other], cameras[other], depths)
-        for v, (camera, other) in enumerate(zip(cameras, nearest(cameras), strict=True))
+        look_at(images[v], cameras[v], images[others[v]], cameras[others[v]], depths)
+        for v in (range(len(cameras)) if views is None else views)
     ]
 
 
 def nearest(cameras: Sequence[Camera]) -> list[int]:
     """Index of the camera that stands nearest to each of two or more."""
-    return [int(other) for other in _apart(cameras).argmin(axis=1)]
+    return neighbours(cameras)[:, 0].tolist()
+
+
+def neighbours(cameras: Sequence[Camera]) -> NDArray:
+    """(V, V - 1) int indices of the cameras beside each of two or more, the nearest first."""
+    return _apart(cameras).argsort(axis=1, kind="stable")[:, :-1]
 
 
 def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> Look:
