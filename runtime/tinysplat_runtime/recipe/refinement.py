@@ -39,7 +39,7 @@ def chosen(
         check_memory(scene, enlarger, mode=mode, refined=bool(asked), each=each)
         return asked or None
     if find_spec("numba") is None:
-        notice(f'{scene.path}: not refined by its photos, worth about 1 dB: pip install "tinysplat[fast]" brings it')
+        notice(f'{scene.path}: not refined by its photos, worth about half a dB: pip install "tinysplat[fast]" brings it')
         check_memory(scene, enlarger, each=each)
         return None
     try:
@@ -48,5 +48,5 @@ def chosen(
         check_memory(scene, enlarger, each=each)
         notice(f"{scene.path}: not refined by its photos: {error.message}")
         return None
-    notice(f"{scene.path}: then refined by its photos, worth about 1 dB; --no-refine leaves that out")
+    notice(f"{scene.path}: then refined by its photos, worth about half a dB; --no-refine leaves that out")
     return Refinement()

@@ -36,7 +36,7 @@ from tinysplat_runtime.scene.scenes import Scene
 from ..metrics import psnr
 from ..pictures import Drawing
 from ..rows import Row
-from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean
+from ..show.tables import Cell, Listing, decibels, digits, duration, kilobytes, mean
 from ..study import Run, Study
 from ..subjects.sources import FolderSource
 
@@ -130,6 +130,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
                 stated, made = _timed(partial(runtime.predict, capture.given(count), model))
                 known[photos].append((walked(STATED, photos, asked, stated, made), stated))
         for found, gaussians in known[photos]:
+            if found.way == STATED and count != COMPARED:
+                continue
             swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
             yield replace(found, setting={**found.setting, "asked": asked}, figures={**found.figures, **swing})
     given, compared = found_for(capture.given(COMPARED)), str(COMPARED)
@@ -188,6 +190,11 @@ def _photos(rows: Sequence[Row]) -> str:
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
 
 
+def _of_file(name: str, instead: str) -> Cell:
+    """dB of pictures from the file; of ways without one, of the way itself."""
+    return lambda rows: mean(name if name in rows[0].figures else instead, decibels)(rows)
+
+
 _IN_SHORT = {REFINED: "as `encode` does it", STUDY: "with `--no-refine`", "nearest photo": "the nearest photo"}
 """Ways that README shows, of as many photos as the others are compared with."""
 
@@ -196,7 +203,6 @@ _COLUMNS = {
     "worst picture": mean("worst", decibels), "from the file": mean("coded", decibels), "KB": mean("bytes", kilobytes),
     "flicker": mean("flicker", digits(1)),
 }  # fmt: skip
-_SHOWN = ("dB at photos left out", "worst picture", "KB")
 _SECONDS = {"seconds": mean("seconds", duration, "costs"), "CPU s": mean("cpu", duration, "costs")}
 
 WALK = Study(
@@ -207,7 +213,12 @@ WALK = Study(
         f"{STUDY} summary": Listing(STUDY, _COLUMNS, by=("way", "asked")),
         f"{STUDY} in short": Listing(
             STUDY,
-            {"": lambda rows: _IN_SHORT[rows[0].way], **{name: _COLUMNS[name] for name in _SHOWN}},
+            {
+                "": lambda rows: _IN_SHORT[rows[0].way],
+                "dB at photos left out": _of_file("coded", "psnr"),
+                "worst picture": _of_file("coded_worst", "worst"),
+                "KB": _COLUMNS["KB"],
+            },
             by=("way",),
             wanted=lambda row: row.way in _IN_SHORT and row.setting["asked"] == str(COMPARED),
         ),
