@@ -39,7 +39,7 @@ def chosen(
         check_memory(scene, enlarger, mode=mode, refined=bool(asked), each=each)
         return asked or None
     if find_spec("numba") is None:
-        notice(f'{scene.path}: not refined by its photos, worth about half a dB: pip install "tinysplat[fast]" brings it')
+        notice(f'{scene.path}: not refined by its photos (about half a dB): pip install "tinysplat[fast]" brings it')
         check_memory(scene, enlarger, each=each)
         return None
     try:
