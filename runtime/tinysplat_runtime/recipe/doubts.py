@@ -65,9 +65,10 @@ AS_GOOD, MOST_NAMED = 1.08, 3
 """Readings whose cost is at most so many times the best one's are named beside it, up to so many: of cameras in a row,
 pictures swapped, turned upside down and with inverted poses say the same."""
 
-TOLD = 0.27
+TOLD, TOLD_TURNED = 0.27, 0.45
 """Share of pixels that two photos tell one depth for, below which other readings are tried: see `look.told`. Right
-cameras have 0.1 to 0.6 of them, wrong ones mostly half as many."""
+cameras have 0.1 to 0.6 of them, wrong ones mostly half as many. Below the second photos mirrored or turned are, of
+which right cameras find far fewer pixels."""
 
 MORE, MORE_ZOOMED = 1.45, 2.0
 """A reading is named that has so many times as many; of longer focal lengths, which find more, the second, ..."""
@@ -213,9 +214,10 @@ def _misread(seen: _Thumbnails) -> list[str]:
         return float(np.mean(told(np.ascontiguousarray(images), cameras, pairs, depths)))
 
     given = share(seen.images, cameras, seen.depths)
-    if given >= TOLD:
+    if given >= TOLD_TURNED:
         return []
-    shares = {one: share(one.images, one.cameras, seen.depths) for one in _turned(seen)}
+    readings = [one for one in _turned(seen) if given < TOLD or not one.zoom]
+    shares = {one: share(one.images, one.cameras, seen.depths) for one in readings}
     best = max(shares, key=lambda one: shares[one])
     more = MORE_ZOOMED if best.zoom > 1 else MORE
     if best.zoom and shares[best] > more * given:  # which depths nearer or farther by as much may explain as well
