@@ -20,7 +20,7 @@ from .graphs import DEFAULT_MODEL
 from .graphs.inference import GraphStore
 from .graphs.providers import CPU, Provider
 from .system.files import StrPath, read_limited, write_atomically
-from .system.printable import kind_of
+from .system.printable import type_of
 from .system.stopwatch import Stopwatch
 from .system.threads import available_cores
 
@@ -354,18 +354,18 @@ def _check_is_scene(value: object) -> None:
     from .scene.scenes import Scene
 
     if not isinstance(value, Scene):
-        raise InputError(f"{kind_of(value)}, expected a Scene, which `load_scene` reads", where="scene")
+        raise InputError(f"{type_of(value)}, expected a Scene, which `load_scene` reads", where="scene")
 
 
 def _check_are_bytes(value: object) -> None:
     if not isinstance(value, bytes | bytearray | memoryview):
-        found = f"{kind_of(value)}, expected bytes of a .tsplat file"
+        found = f"{type_of(value)}, expected bytes of a .tsplat file"
         raise InputError(f"{found}; `load_gaussians` reads one by its path", where="data")
 
 
 def _check_are_gaussians(value: object) -> None:
     if not isinstance(value, Gaussians):
-        raise InputError(f"{kind_of(value)}, expected Gaussians, of `predict` or `load_gaussians`",
+        raise InputError(f"{type_of(value)}, expected Gaussians, of `predict` or `load_gaussians`",
                          where="gaussians")  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from ..errors import InputError
-from ..system.printable import kind_of
+from ..system.printable import type_of
 
 _KINDS: Mapping[str, tuple[Any, str]] = {
     "str": (str, "text"),
@@ -36,6 +36,6 @@ def check_types(record: Any) -> None:
 def shown(value: object) -> str:
     """A value in a message: text in quotes, what JSON has as it is, of all else the type."""
     if not isinstance(value, str | int | float | list | tuple | dict | None):
-        return kind_of(value)
+        return type_of(value)
     text = f"'{value}'" if isinstance(value, str) else str(value)
     return text if len(text) <= 48 else f"{text[:45]}..."

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, warn
 from ..system.jsonfields import MAX_DEPTH
-from ..system.printable import kind_of
+from ..system.printable import type_of
 from ..system.progress import Show, plain
 from .cameras import Camera, check_is_in_pixels
 from .footage import Video
@@ -148,7 +148,7 @@ class Scene:
             InputError: an index is no whole number, out of range, negative or given twice, or there is none.
         """
         if isinstance(indices, str | bytes) or not isinstance(indices, Iterable):
-            raise InputError(f"{kind_of(indices)}, expected a list of whole numbers", where="views")
+            raise InputError(f"{type_of(indices)}, expected a list of whole numbers", where="views")
         chosen = []
         for i in indices:
             try:

@@ -19,7 +19,7 @@ UNPRINTED = (
 _UNPRINTED = re.compile("[" + "".join(f"{re.escape(chr(a))}-{re.escape(chr(b))}" for a, b in UNPRINTED) + "]")
 
 
-def kind_of(value: object) -> str:
+def type_of(value: object) -> str:
     """The type of a value, with its article: `an int`."""
     name = type(value).__name__
     return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"

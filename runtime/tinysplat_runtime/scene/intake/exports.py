@@ -29,6 +29,7 @@ from .nerfstudio import OPENGL_TO_OPENCV, frames_of
 POLYCAM, RECORD3D, OPENSFM = "keyframes", "metadata.json", "reconstruction.json"
 
 Reader = Callable[[Path, float | None, float | None], Scene]
+"""Takes a path, near and far; the latter two replace the scene's own where they are not None."""
 
 _MAX_FRAMES = 10_000
 _MODELS = ("perspective", "simple_radial", "radial", "brown")

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
 from ...errors import InputError
 from ...system.files import StrPath
-from ...system.printable import kind_of
+from ...system.printable import type_of
 from ..cameras import Camera
 from ..footage import SUFFIXES
 from ..images import PHOTO_SUFFIXES
 from ..scenes import Scene
 from .cameras_json import CAMERAS_FILE, cameras_alone, load_folder
 from .colmap import load_colmap, model_folder
-from .exports import export_reader
+from .exports import Reader, export_reader
 from .llff import LLFF_FILE, load_llff
 from .nerfstudio import BLENDER_FILE, FILE, load_transforms
 from .realestate import load_realestate
-
-Reader = Callable[[Path, float | None, float | None], Scene]
-"""Takes a path, near and far; the latter two replace the scene's own where they are not None."""
 
 NOT_READ = {
     "*.psx": "Metashape", "*.psz": "Metashape", "*.sfm": "Meshroom", "*.mg": "Meshroom", "MeshroomCache": "Meshroom",
@@ -60,7 +56,7 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
         InputError: names the file and the field at fault.
     """
     if not isinstance(path, str | os.PathLike):
-        raise InputError(f"{kind_of(path)}, expected a path", where="scene")
+        raise InputError(f"{type_of(path)}, expected a path", where="scene")
     if "://" in str(path):
         raise InputError(
             "a URL, expected a file or folder on this machine (`tinysplat batch` takes URLs)", where=str(path)
