@@ -19,10 +19,16 @@ import tomllib
 ROOT = Path(__file__).resolve().parents[1]
 
 TESTS = (
-    "tests/e2e/test_cli.py", "tests/container/test_container.py", "tests/codec/test_hevc.py",
-    "tests/system/test_files.py", "tests/formats/test_formats.py", "tests/formats/test_ply.py",
-    "tests/codec/test_recode.py", "tests/render/test_extremes.py", "tests/render/test_rasteriser.py",
-)  # fmt: skip
+    "tests/e2e/test_cli.py",
+    "tests/container/test_container.py",
+    "tests/codec/test_hevc.py",
+    "tests/system/test_files.py",
+    "tests/formats/test_formats.py",
+    "tests/formats/test_ply.py",
+    "tests/codec/test_recode.py",
+    "tests/render/test_extremes.py",
+    "tests/render/test_rasteriser.py",
+)
 """The whole chain from the command line, the container, libx265 and libavcodec through PyAV, Gaussian files, and both
 ways to draw them."""
 

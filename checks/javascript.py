@@ -42,10 +42,18 @@ NPX = ["npx", "--no-install"]
 def check_types() -> bool:
     """Strict types in JSDoc, and the same in tsplat.d.ts."""
     options = {
-        "checkJs": True, "allowJs": True, "strict": True, "noEmit": True, "target": "es2022", "module": "esnext",
-        "moduleResolution": "bundler", "lib": ["es2023", "dom", "dom.iterable", "dom.asynciterable"], "types": [],
-        "noUnusedLocals": True, "noImplicitReturns": True,
-    }  # fmt: skip
+        "checkJs": True,
+        "allowJs": True,
+        "strict": True,
+        "noEmit": True,
+        "target": "es2022",
+        "module": "esnext",
+        "moduleResolution": "bundler",
+        "lib": ["es2023", "dom", "dom.iterable", "dom.asynciterable"],
+        "types": [],
+        "noUnusedLocals": True,
+        "noImplicitReturns": True,
+    }
     with tempfile.TemporaryDirectory(dir=Path.cwd()) as name:
         same = Path(name) / "same.ts"
         modules = [str(path) for path in WEB.rglob("*.js") if "adapters" not in path.parts]

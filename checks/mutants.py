@@ -179,10 +179,17 @@ def try_mutation(mutation: Mutation, seconds: dict[str, float]) -> dict[str, Any
     failed = re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", output, re.MULTILINE)
     outcome = {0: "unnoticed", None: "out of time"}.get(status, "noticed")
     return {
-        "place": mutation.place, "room": _room(mutation.path), "path": str(mutation.path), "line": mutation.line,
-        "what": mutation.what, "old": old, "new": new, "outcome": outcome, "by": failed[:1],
+        "place": mutation.place,
+        "room": _room(mutation.path),
+        "path": str(mutation.path),
+        "line": mutation.line,
+        "what": mutation.what,
+        "old": old,
+        "new": new,
+        "outcome": outcome,
+        "by": failed[:1],
         "seconds": round(time.monotonic() - began, 1),
-    }  # fmt: skip
+    }
 
 
 def _older(path: Path) -> None:

@@ -21,8 +21,16 @@ SWAPS = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Div", "Mod_Mul", 
 """Of cosmic-ray's 130 exchanges of a binary operator, one for each; `|` is left to annotations."""
 
 COMPARISONS = ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt", "Lt_Gt", "Gt_Lt", "LtE_Gt", "GtE_Lt", "Eq_NotEq", "NotEq_Eq")
-OTHERS = ("AddNot", "NumberReplacer", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceFalseWithTrue",
-          "ReplaceTrueWithFalse", "ReplaceUnaryOperator_USub_UAdd", "ZeroIterationForLoop")  # fmt: skip
+OTHERS = (
+    "AddNot",
+    "NumberReplacer",
+    "ReplaceAndWithOr",
+    "ReplaceOrWithAnd",
+    "ReplaceFalseWithTrue",
+    "ReplaceTrueWithFalse",
+    "ReplaceUnaryOperator_USub_UAdd",
+    "ZeroIterationForLoop",
+)
 
 WORDS = {
     " + ": " - ", " - ": " + ", " * ": " / ", " / ": " * ", " % ": " * ", " ** ": " * ", " << ": " >> ", " >> ": " << ",

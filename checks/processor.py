@@ -46,8 +46,10 @@ def main() -> int:
         worst, equal = _worst(runtime.decompress(data), case.name)
         again = runtime.compress(case.make(), case.profile, case.qp)
         same = "the golden bytes" if again == data else f"{len(again)} bytes, the golden file has {len(data)}"
-        print(f"{case.name}: decodes with {worst:.1e} of the largest value at most, {equal} fields bit for bit; "
-              f"encodes to {same} ({sha256(again).hexdigest()[:12]})")  # fmt: skip
+        print(
+            f"{case.name}: decodes with {worst:.1e} of the largest value at most, {equal} fields bit for bit; "
+            f"encodes to {same} ({sha256(again).hexdigest()[:12]})"
+        )
         sizes.append(worst <= 5e-6)
         _seconds(f"{case.name}: decoding", repeat, lambda data=data: runtime.decompress(data))
         _seconds(f"{case.name}: encoding", repeat, lambda case=case: runtime.compress(case.make(), case.profile))

@@ -253,8 +253,15 @@ def export(options: argparse.Namespace) -> None:
     if max(worst.values()) > network.parity_tolerance:
         raise NumericError(f"torch and onnx differ by {worst}; nothing was registered", where=options.name)
     if path.parent == MODELS:
-        register(options.name, path, "network", worst, **network.papers, **asdict(network.limits),
-                 made_by="export/network.py")  # fmt: skip
+        register(
+            options.name,
+            path,
+            "network",
+            worst,
+            **network.papers,
+            **asdict(network.limits),
+            made_by="export/network.py",
+        )
 
 
 if __name__ == "__main__":

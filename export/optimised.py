@@ -58,8 +58,11 @@ def main() -> None:
             raise SystemExit(f"{target}: computes something else than {artifact.path}; not entered")
     manifest = json.loads((MODELS / MANIFEST).read_text("utf-8"))
     manifest["artifacts"][artifact.name]["optimised"] = {
-        "file": target.name, "sha256": digest, "bytes": len(data), "made_by": "export/optimised.py"
-    }  # fmt: skip
+        "file": target.name,
+        "sha256": digest,
+        "bytes": len(data),
+        "made_by": "export/optimised.py",
+    }
     (MODELS / MANIFEST).write_text(json.dumps(manifest, indent=2, ensure_ascii=False) + "\n", "utf-8")
     print(target, len(data))
 

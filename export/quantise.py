@@ -118,10 +118,16 @@ def quantise(source: Path, target: Path, options: argparse.Namespace) -> int:
         plain, quantised = Path(folder, "plain.onnx"), Path(folder, "quantised.onnx")
         onnx.save(model, str(plain))
         quantize_static(
-            str(plain), str(quantised), Calibration(inputs), quant_format=QuantFormat.QDQ, nodes_to_quantize=chosen,
-            op_types_to_quantize=["Conv"], per_channel=True,
-            activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
-        )  # fmt: skip
+            str(plain),
+            str(quantised),
+            Calibration(inputs),
+            quant_format=QuantFormat.QDQ,
+            nodes_to_quantize=chosen,
+            op_types_to_quantize=["Conv"],
+            per_channel=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+        )
         model = onnx.load(str(quantised))
     papers = dict(graph.metadata)
     papers.pop("contract")
@@ -148,8 +154,15 @@ def main() -> None:
     except TinySplatError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
-    print(json.dumps({"int8 convolutions": count, "bytes": options.output.stat().st_size,
-                      "bytes before": options.network.stat().st_size}))  # fmt: skip
+    print(
+        json.dumps(
+            {
+                "int8 convolutions": count,
+                "bytes": options.output.stat().st_size,
+                "bytes before": options.network.stat().st_size,
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -141,8 +141,16 @@ def main() -> None:
     except TinySplatError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
-    print(json.dumps({"size": options.size, "difference": worst, "bytes": options.output.stat().st_size,
-                      "bytes before": options.network.stat().st_size}))  # fmt: skip
+    print(
+        json.dumps(
+            {
+                "size": options.size,
+                "difference": worst,
+                "bytes": options.output.stat().st_size,
+                "bytes before": options.network.stat().st_size,
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

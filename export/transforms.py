@@ -39,9 +39,17 @@ def _camera(views: int) -> dict[str, Tensor]:
     K = torch.tensor([[120.0, 1.5, 9.0], [0.0, 110.0, 7.0], [0.0, 0.0, 1.0]]).repeat(views, 1, 1)
     quat = T.unit_quats(torch.randn(views, 4))
     w, x, y, z = quat.unbind(-1)
-    rows = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]  # fmt: skip
+    rows = [
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    ]
     return {"K": K, "rotation": torch.stack(rows, -1).reshape(views, 3, 3), "rotation_quat": quat}
 
 
@@ -156,10 +164,17 @@ def export(name: str, graph: Graph) -> dict[str, float]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            graph.module.eval(), tuple(inputs.values()), str(path), input_names=list(inputs),
-            output_names=list(CONTRACTS[name].outputs), dynamic_shapes=shapes, opset_version=OPSET, dynamo=True,
-            external_data=False, verbose=False,
-        )  # fmt: skip
+            graph.module.eval(),
+            tuple(inputs.values()),
+            str(path),
+            input_names=list(inputs),
+            output_names=list(CONTRACTS[name].outputs),
+            dynamic_shapes=shapes,
+            opset_version=OPSET,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+        )
     add_metadata(path, {"role": graph.role, "licence": LICENCE, "purpose": graph.purpose})
     worst: dict[str, float] = {}
     session = open_graph(Artifact(name, path), name)
@@ -184,8 +199,15 @@ def main() -> None:
     for name, graph in GRAPHS.items():
         with working(name, quiet=False):
             worst = export(name, graph)
-        register(name, MODELS / f"{name}.onnx", graph.role, worst, licence=LICENCE, purpose=graph.purpose,
-                 made_by="export/transforms.py")  # fmt: skip
+        register(
+            name,
+            MODELS / f"{name}.onnx",
+            graph.role,
+            worst,
+            licence=LICENCE,
+            purpose=graph.purpose,
+            made_by="export/transforms.py",
+        )
         print(name, {k: f"{v:.1e}" for k, v in worst.items()})
 
 

@@ -42,9 +42,15 @@ def camera_at(x: float, y: float = 0.0, turn: float = 0.0) -> Camera:
 
 
 def make_cameras(
-    views: int = 2, height: int = 8, width: int = 12, spacing: float = 0.2,
-    *, turn: float = 0.05, focal: float = 1.1, shift: tuple[float, float] = (0.3, -0.2),
-) -> list[Camera]:  # fmt: skip
+    views: int = 2,
+    height: int = 8,
+    width: int = 12,
+    spacing: float = 0.2,
+    *,
+    turn: float = 0.05,
+    focal: float = 1.1,
+    shift: tuple[float, float] = (0.3, -0.2),
+) -> list[Camera]:
     """Cameras `spacing` apart along x, each turned by `turn` towards the others.
 
     Their focal length is `focal` widths, and the principal point lies `shift` pixels off the centre.
@@ -187,13 +193,7 @@ def make_photo(height: int, width: int, seed: int = 0) -> NDArray:
 def scene_document(cameras: Sequence[Camera]) -> dict[str, object]:
     """What `cameras.json` holds for photos named images/0000.png and so on."""
     frames = [
-        {
-            "file": f"images/{i:04}.png",
-            "width": c.width,
-            "height": c.height,
-            "K": c.K.tolist(),
-            "c2w": c.c2w.tolist(),
-        }
+        {"file": f"images/{i:04}.png", "width": c.width, "height": c.height, "K": c.K.tolist(), "c2w": c.c2w.tolist()}
         for i, c in enumerate(cameras)
     ]
     return {"near": NEAR, "far": FAR, "frames": frames}
@@ -259,9 +259,14 @@ def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) ->
 
 
 def agree(
-    fast: Callable[[Any], Any], plain: Callable[[Any], Any], made: st.SearchStrategy[Any], *, rtol: float = 0.0,
-    atol: float = 0.0, examples: int = 60,
-) -> None:  # fmt: skip
+    fast: Callable[[Any], Any],
+    plain: Callable[[Any], Any],
+    made: st.SearchStrategy[Any],
+    *,
+    rtol: float = 0.0,
+    atol: float = 0.0,
+    examples: int = 60,
+) -> None:
     """Fail on what a generator makes that a fast path answers otherwise than the plain one, up to rounding."""
 
     @settings(max_examples=examples)

@@ -67,9 +67,13 @@ def bounded() -> None:
 def lines_of(words: list[str]) -> Iterator[str]:
     """What a command says, line by line; fails with its last line where it does."""
     process = subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
         preexec_fn=bounded if os.name == "posix" else None,
-    )  # fmt: skip
+    )
     clock = threading.Timer(MOST_SECONDS, process.kill)
     clock.start()
     last = ""

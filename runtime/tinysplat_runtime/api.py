@@ -365,8 +365,7 @@ def _check_are_bytes(value: object) -> None:
 
 def _check_are_gaussians(value: object) -> None:
     if not isinstance(value, Gaussians):
-        raise InputError(f"{type_of(value)}, expected Gaussians, of `predict` or `load_gaussians`",
-                         where="gaussians")  # fmt: skip
+        raise InputError(f"{type_of(value)}, expected Gaussians, of `predict` or `load_gaussians`", where="gaussians")
 
 
 @lru_cache(maxsize=1)

@@ -16,12 +16,14 @@ from tinysplat_runtime.cli.parser import build_parser
         ("render f -o o.png --depth-values --depth-scale 10", {"depth_values": True, "depth_scale": 10}),
         ("decode f -o g --dilate", {"dilate": 0.16}),
         ("decode f -o g --sh-bits 8,8 --spz-version 4 --fuse 2", {"sh_bits": (8, 8), "spz_version": 4, "fuse": 2}),
-        ("decode f -o g --points --keep-all --gltf-spz --partial --force",
-         {"points": True, "keep_all": True, "gltf_spz": True, "partial": True, "force": True}),
+        (
+            "decode f -o g --points --keep-all --gltf-spz --partial --force",
+            {"points": True, "keep_all": True, "gltf_spz": True, "partial": True, "force": True},
+        ),
         ("convert a -o b --crop 1,2,3,4,5,6 --check", {"crop": (1, 2, 3, 4, 5, 6), "check": True}),
         ("info f --json --max-memory 2GB --max-pixels 9", {"json": True, "max_memory": 2 * 10**9, "max_pixels": 9}),
     ],
-)  # fmt: skip
+)
 def test_options_that_are_given_are_what_they_say(line: str, fields: dict[str, object]) -> None:
     parser, _ = build_parser()
     args = vars(parser.parse_args(line.split()))

@@ -28,9 +28,14 @@ def test_other_files_are_four_lines_and_their_extent_is_in_the_world(tmp_path: P
     assert about["median_opacity"] == pytest.approx(np.median(opacities))
     plain = {key: about[key] for key in ("file", "bytes", "gaussians", "sh_degree", "views", "layers", "notes")}
     assert plain == {
-        "file": file, "bytes": Path(file).stat().st_size, "gaussians": g.count, "sh_degree": 1,
-        "views": [[24, 16], [24, 16]], "layers": 2, "notes": {"unit": "metre"},
-    }  # fmt: skip
+        "file": file,
+        "bytes": Path(file).stat().st_size,
+        "gaussians": g.count,
+        "sh_degree": 1,
+        "views": [[24, 16], [24, 16]],
+        "layers": 2,
+        "notes": {"unit": "metre"},
+    }
     assert json.loads(console.succeed("info", file, "--json")) == about
     assert console.succeed("info", file) == gaussians_text(about) + "\n"
 

@@ -53,7 +53,7 @@ def test_depths_become_numbers_and_what_reaches_beyond_is_said(capsys: pytest.Ca
         ("g.npz -o o.mp4 --camera 1", "--camera"),
         ("free.ply -o o.mp4 --path between", "--path"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_drawn_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch, words: str, line: str) -> None:
     monkeypatch.chdir(folder)
     assert line in console.fail("render", *words.split())

@@ -87,9 +87,14 @@ def test_what_is_missing_is_said(tmp_path: Path, words: str, line: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [(None, "no npm package"), ("{", "no npm package"), ("[]", "another npm package"),
-                        (json.dumps({"name": "three"}), "another npm package")]
-)  # fmt: skip
+    ("text", "words"),
+    [
+        (None, "no npm package"),
+        ("{", "no npm package"),
+        ("[]", "another npm package"),
+        (json.dumps({"name": "three"}), "another npm package"),
+    ],
+)
 def test_folders_that_are_not_onnxruntime_web_are_refused(tmp_path: Path, text: str | None, words: str) -> None:
     if text is not None:
         (tmp_path / "package.json").write_text(text)

@@ -9,11 +9,7 @@ import pytest
 from scenes import make_smooth_gaussians
 from scipy.spatial.transform import Rotation
 
-from tinysplat_runtime.codec.analysis import (
-    ProjectedLayer,
-    project_layer,
-    relative_rotation_planes,
-)
+from tinysplat_runtime.codec.analysis import ProjectedLayer, project_layer, relative_rotation_planes
 from tinysplat_runtime.errors import NumericError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass

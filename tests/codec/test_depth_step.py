@@ -9,12 +9,7 @@ import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.adaptive import (
-    class_step,
-    prepare_layer,
-    scene_steps,
-    take_geometry,
-)
+from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps, take_geometry
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.depth_step.probe import Probe
 from tinysplat_runtime.codec.profiles import ADAPTIVE

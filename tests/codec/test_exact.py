@@ -10,10 +10,7 @@ from scenes import make_smooth_gaussians
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.exact import (
-    decode_exact,
-    exact_planes,
-)
+from tinysplat_runtime.codec.exact import decode_exact, exact_planes
 from tinysplat_runtime.container import exact as records
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container

@@ -12,12 +12,7 @@ from scenes import make_free_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.codec.free.attributes import (
-    Columns,
-    expanded,
-    from_columns,
-    to_columns,
-)
+from tinysplat_runtime.codec.free.attributes import Columns, expanded, from_columns, to_columns
 from tinysplat_runtime.codec.free.encoder import COLOUR_STEPS, LEAST_OPACITY, SPACING, STEPS
 from tinysplat_runtime.codec.free.octree import cells_of, decode_points, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import from_plane, plane_shape, to_plane
@@ -150,9 +145,17 @@ def _with(name: str, number: float, factor: float = 1.0) -> Gaussians:
 
 @pytest.mark.parametrize(
     ("name", "number", "factor"),
-    [("means", 1e29, 1e29), ("means", 1e28, 1), ("means", 2e30, 1), ("scales", 2e30, 1), ("scales", 1e30, 2e30),
-     ("sh", 2e30, 1), ("sh", 1e30, 1e30), ("sh", -3e38, 1)],
-)  # fmt: skip
+    [
+        ("means", 1e29, 1e29),
+        ("means", 1e28, 1),
+        ("means", 2e30, 1),
+        ("scales", 2e30, 1),
+        ("scales", 1e30, 2e30),
+        ("sh", 2e30, 1),
+        ("sh", 1e30, 1e30),
+        ("sh", -3e38, 1),
+    ],
+)
 def test_what_no_reader_would_take_is_refused_by_its_name(name, number, factor):
     with pytest.raises(InputError, match=rf"^{name}: (positions can decode to more|numbers of up to .*1e\+30)"):
         coded(_with(name, number, factor))

@@ -31,9 +31,11 @@ def naive_prediction(ordered: np.ndarray) -> np.ndarray:
     return out
 
 
-PLANES = arrays(np.float16, array_shapes(min_dims=2, max_dims=2, max_side=9), elements=st.sampled_from(
-    [0.0, -0.0, 1, -1, 65504, -65504, 6e-8, 0.1]
-))  # fmt: skip
+PLANES = arrays(
+    np.float16,
+    array_shapes(min_dims=2, max_dims=2, max_side=9),
+    elements=st.sampled_from([0.0, -0.0, 1, -1, 65504, -65504, 6e-8, 0.1]),
+)
 
 
 def octets_of(plane: np.ndarray) -> bytes:

@@ -62,10 +62,13 @@ def test_one_damaged_plane_is_named_and_the_rest_is_exact(seed: Seed, plane_clas
     whole, found = ts.decompress(seed.data), ts.decompress(data, lost=lost)
     assert len(lost) == 1 and lost[0].startswith(f"layer 0 {plane_class.label}") and lost[0].endswith(f"view {view}")
     touched = {
-        PlaneClass.DEPTH: {"means", "scales", "opacities"}, PlaneClass.OFFSET: {"means"},
-        PlaneClass.SCALE: {"scales"}, PlaneClass.ROTATION: {"quats"}, PlaneClass.OPACITY: {"opacities"},
+        PlaneClass.DEPTH: {"means", "scales", "opacities"},
+        PlaneClass.OFFSET: {"means"},
+        PlaneClass.SCALE: {"scales"},
+        PlaneClass.ROTATION: {"quats"},
+        PlaneClass.OPACITY: {"opacities"},
         PlaneClass.COLOR: {"sh"},
-    }[plane_class]  # fmt: skip
+    }[plane_class]
     assert set(GEOMETRY) | {PlaneClass.COLOR} == set(PlaneClass)
     for name in FIELDS:
         other = 1 - view

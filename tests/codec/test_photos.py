@@ -9,13 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scenes import make_photo
 
-from tinysplat_runtime.codec.photos import (
-    decode_photos,
-    encode_photos,
-    photo_qp,
-    picture_planes,
-    planes_picture,
-)
+from tinysplat_runtime.codec.photos import decode_photos, encode_photos, photo_qp, picture_planes, planes_picture
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import FormatError
 
@@ -50,9 +44,12 @@ def test_black_white_and_primaries_have_the_codes_of_full_range() -> None:
     }.items():
         codes[name] = tuple(int(plane[0, 0]) for plane in picture_planes(np.full((16, 16, 3), rgb, np.float32)))
     assert codes == {
-        "black": (0, 512, 512), "white": (1023, 512, 512), "red": (217, 395, 1023), "blue": (74, 1023, 465),
+        "black": (0, 512, 512),
+        "white": (1023, 512, 512),
+        "red": (217, 395, 1023),
+        "blue": (74, 1023, 465),
         "over": (1023, 512, 512),
-    }  # fmt: skip
+    }
 
 
 def test_an_image_is_made_of_luma_and_of_chroma_between_its_neighbours() -> None:

@@ -64,10 +64,18 @@ def test_info_tells_of_tiers_and_where_each_shows(data: bytes) -> None:
     assert sum(described["bytes_by_class"].values()) + described["metadata_bytes"] == len(data)
 
 
-@pytest.mark.parametrize(("number", "count", "growth", "spheres"), [
-    (0, 80, GROWTHS[0], True), (1, 80, GROWTHS[0], True), (2, 80, GROWTHS[0], False), (3, 240, GROWTHS[1], True),
-    (4, 240, GROWTHS[1], False), (5, 800, 0.0, True), (6, 800, 0.0, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("number", "count", "growth", "spheres"),
+    [
+        (0, 80, GROWTHS[0], True),
+        (1, 80, GROWTHS[0], True),
+        (2, 80, GROWTHS[0], False),
+        (3, 240, GROWTHS[1], True),
+        (4, 240, GROWTHS[1], False),
+        (5, 800, 0.0, True),
+        (6, 800, 0.0, False),
+    ],
+)
 def test_a_prefix_shows_the_tiers_before_it_in_a_size_to_match(
     data: bytes, number: int, count: int, growth: float, spheres: bool
 ) -> None:

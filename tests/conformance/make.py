@@ -124,9 +124,11 @@ def planes() -> Iterator[Case]:
     yield Case("far_origin", "cameras 7,000 km away", compress(make_smooth_gaussians(2, 9, 9, 0, origin=origin)))
     scene = make_smooth_gaussians(1, 10, 10, 0)
     flat = replace(
-        scene, quats=np.broadcast_to(np.float32([1, 0, 0, 0]), scene.quats.shape),
-        opacities=np.full_like(scene.opacities, 0.7), sh=np.broadcast_to(np.float32([0.1, 0.2, 0.3]), scene.sh.shape),
-    )  # fmt: skip
+        scene,
+        quats=np.broadcast_to(np.float32([1, 0, 0, 0]), scene.quats.shape),
+        opacities=np.full_like(scene.opacities, 0.7),
+        sh=np.broadcast_to(np.float32([0.1, 0.2, 0.3]), scene.sh.shape),
+    )
     yield Case("constants", "channels that are numbers", compress(flat, "paper"))
     data = compress(replace(flat, cameras=make_skewed_cameras(1, 10, 10, turn=0.0)), "paper")
     yield Case("no_rotation", "quaternions whose components are all 0: the identity", zero_rotation(data))
@@ -288,11 +290,13 @@ def chosen(data: bytes, views: list[int]) -> ts.Gaussians:
     """These views of a file."""
     layers = [
         replace(
-            layer, extra_layers=(), cameras=[layer.cameras[view] for view in views],
+            layer,
+            extra_layers=(),
+            cameras=[layer.cameras[view] for view in views],
             **{name: getattr(layer, name)[views] for name in FIELDS},
         )
         for layer in decode(data).layers
-    ]  # fmt: skip
+    ]
     return replace(layers[0], extra_layers=tuple(layers[1:]))
 
 

@@ -29,9 +29,14 @@ Record = tuple[PlaneClass, int, float]
 
 
 def _file(
-    records: Sequence[Record] = (), *, size: tuple[int, int] = (2, 3), focal: tuple[float, float] = (100.0, 100.0),
-    centre: tuple[float, float] = (0.0, 0.0), depths: tuple[float, float] = (1.0, 2.0), position: float = 0.0,
-) -> bytes:  # fmt: skip
+    records: Sequence[Record] = (),
+    *,
+    size: tuple[int, int] = (2, 3),
+    focal: tuple[float, float] = (100.0, 100.0),
+    centre: tuple[float, float] = (0.0, 0.0),
+    depths: tuple[float, float] = (1.0, 2.0),
+    position: float = 0.0,
+) -> bytes:
     """A file of one layer of (height, width) whose channels are constants."""
     c2w = np.eye(4)
     c2w[0, 3] = position
@@ -101,9 +106,11 @@ def test_limits_are_the_most_that_is_accepted():
     memory = decoding_bytes(read_container(data).body.layers[0])
     assert read_container(data, Limits(max_pixels=6, max_memory_bytes=memory, max_views=1, max_layers=1))
     for limits, words in (
-        (Limits(max_pixels=5), "6 Gaussians"), (Limits(max_memory_bytes=memory - 1), "bytes to decode"),
-        (Limits(max_views=0), "1 views"), (Limits(max_layers=0), "1 layers"),
-    ):  # fmt: skip
+        (Limits(max_pixels=5), "6 Gaussians"),
+        (Limits(max_memory_bytes=memory - 1), "bytes to decode"),
+        (Limits(max_views=0), "1 views"),
+        (Limits(max_layers=0), "1 layers"),
+    ):
         with pytest.raises(FormatError, match=words):
             read_container(data, limits)
 
@@ -206,9 +213,13 @@ def test_the_basis_counts_each_component_by_its_largest_coefficient():
 
 
 def _with_photos(
-    size: tuple[int, int] = (2, 3), *, depths: tuple[float, float] = (1.0, 2.0), network: bytes = b"net",
-    layer: bool = True, **fields: int,
-) -> bytes:  # fmt: skip
+    size: tuple[int, int] = (2, 3),
+    *,
+    depths: tuple[float, float] = (1.0, 2.0),
+    network: bytes = b"net",
+    layer: bool = True,
+    **fields: int,
+) -> bytes:
     """A hybrid file, or one of photos alone, whose picture is no picture: what its metadata says is all that counts."""
     camera = Camera([[100.0, 0, 0], [0, 100.0, 0], [0, 0, 1]], np.eye(4), 3, 2)
     values = {"format": 0, "qp": 20, "sets": 7, "length": 3, **fields}
@@ -242,7 +253,7 @@ def _with_photos(
         ({"network": b"n" * 64}, {"network": b"n\xe9t"}, "not printable ASCII"),
         ({"network": b"a b"}, {"network": b"a\nb"}, "not printable ASCII"),
     ],
-)  # fmt: skip
+)
 def test_every_number_of_photos_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
     found = read_container(_with_photos(**accepted))
     assert found.mode == ("hybrid" if accepted.get("layer", True) else "photos")
@@ -258,9 +269,14 @@ def test_photos_count_as_pixels():
 
 
 def _with_exact(
-    size: tuple[int, int] = (2, 3), *, degree: int = 0, depths: tuple[float, float] = (1.0, 2.0), layers: int = 1,
-    lengths: Sequence[int] = (), tail: bytes = b"",
-) -> bytes:  # fmt: skip
+    size: tuple[int, int] = (2, 3),
+    *,
+    degree: int = 0,
+    depths: tuple[float, float] = (1.0, 2.0),
+    layers: int = 1,
+    lengths: Sequence[int] = (),
+    tail: bytes = b"",
+) -> bytes:
     """A lossless file whose planes are one byte each and no planes: what its metadata says is all that counts."""
     camera = Camera([[100.0, 0, 0], [0, 100.0, 0], [0, 0, 1]], np.eye(4), 3, 2)
     lengths = lengths or [1] * (12 + 3 * (degree + 1) ** 2)
@@ -284,7 +300,7 @@ def _with_exact(
         ({"lengths": [0] * 14 + [15]}, {"lengths": [0] * 14 + [16]}, "15 bytes behind it, 16 announced"),
         ({}, {"tail": b"x"}, "1 bytes too many"),
     ],
-)  # fmt: skip
+)
 def test_every_number_of_exact_planes_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
     assert read_container(_with_exact(**accepted)).mode == "lossless"
     with pytest.raises(FormatError, match=words):
@@ -314,8 +330,12 @@ def _with_records(records: Sequence[Record], order: Sequence[int]) -> bytes:
 
 
 def test_channels_stand_by_rising_class_and_each_once():
-    records = [(PlaneClass.DEPTH, 0, 1.5), (PlaneClass.OPACITY, 0, 0.5), (PlaneClass.OFFSET, 0, 0.0),
-               (PlaneClass.OFFSET, 1, 0.0)]  # fmt: skip
+    records = [
+        (PlaneClass.DEPTH, 0, 1.5),
+        (PlaneClass.OPACITY, 0, 0.5),
+        (PlaneClass.OFFSET, 0, 0.0),
+        (PlaneClass.OFFSET, 1, 0.0),
+    ]
     kept = read_container(_with_records(records, [0, 1, 2, 3])).body.layers[0].channels
     assert [(c.plane_class, c.target) for c in kept] == [record[:2] for record in records]
     assert read_container(_with_records(records, [0, 0, 1, 2, 3]))  # depth's refinement is a second record

@@ -86,11 +86,15 @@ def test_the_table_of_plane_classes_is_the_code_s():
     found = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     assert found == [
         [
-            c.label, str(c.value), f"`{c.facts.section.decode()}`", _channels(c), _passes(c),
+            c.label,
+            str(c.value),
+            f"`{c.facts.section.decode()}`",
+            _channels(c),
+            _passes(c),
             f"{c.facts.largest:.0e}".replace("+", ""),
         ]
         for c in CODING_ORDER
-    ]  # fmt: skip
+    ]
     names = re.findall(r"`(\w{4})`", next(line for line in TEXT.splitlines() if line.startswith("| `DEPT`")))
     assert [name.encode() for name in names] == [c.facts.section for c in CODING_ORDER]
 

@@ -29,9 +29,15 @@ STREAMS = (b"ab", b"", b"c", b"", b"", b"def")
 
 
 def channel(
-    number: int, target: int, coding: int = 0, qp: int = 7, scale: float = 0.0, offset: float = 0.5,
-    centre: float = 0.0, tail: bytes = b"",
-) -> bytes:  # fmt: skip
+    number: int,
+    target: int,
+    coding: int = 0,
+    qp: int = 7,
+    scale: float = 0.0,
+    offset: float = 0.5,
+    centre: float = 0.0,
+    tail: bytes = b"",
+) -> bytes:
     return struct.pack("<4B2f", number, target, coding, qp, scale, offset) + struct.pack("<f", centre) + tail
 
 
@@ -92,9 +98,14 @@ def read(data: bytes, **limits: int) -> FreeScene:
 
 
 def tier(
-    count: int = 5, leaves: int = 5, escapes: int = 0, cell: float = 0.5, growth: float = 0.25,
-    levels: Sequence[int] = (1,), tail: bytes = b"",
-) -> bytes:  # fmt: skip
+    count: int = 5,
+    leaves: int = 5,
+    escapes: int = 0,
+    cell: float = 0.5,
+    growth: float = 0.25,
+    levels: Sequence[int] = (1,),
+    tail: bytes = b"",
+) -> bytes:
     data = struct.pack("<IBBHIIdf", count, len(levels), 0, 0, leaves, escapes, cell, growth)
     data += struct.pack(f"<{len(levels)}I", *levels)
     data += b"".join(struct.pack("<2I", len(s), crc32(s)) for s in STREAMS)
@@ -120,8 +131,12 @@ def test_what_is_written_by_hand_is_read_and_written_again_to_the_byte() -> None
     assert [(c.record.plane_class, c.record.target) for c in first.channels] == [(P.COLOR, 0), *CHANNELS]
     assert first.channel(P.SCALE, 2).record.offset == 0.5 and first.channel(P.SCALE, 2).record.qp == 7
     written = [[s.kind, 1, s.index, s.data] for s in free_sections(scene, [{}, {}], [b"", b""])]
-    assert written == [Free().sections()[0], [b"TIER", 1, 1, tier()], Free().sections()[1],
-                       [b"FREP", 1, 1, b"".join(STREAMS)]]  # fmt: skip
+    assert written == [
+        Free().sections()[0],
+        [b"TIER", 1, 1, tier()],
+        Free().sections()[1],
+        [b"FREP", 1, 1, b"".join(STREAMS)],
+    ]
     assert [s.minor for s in free_sections(scene, [{}, {}], [b"", b""])] == [4, 6, 0, 0]
 
 
@@ -259,7 +274,7 @@ def test_limits_are_the_most_that_is_accepted() -> None:
     for limits, words in (
         ({"max_pixels": 24}, r"25 Gaussians, accepted are 1 to 24 \(--max-pixels\)"),
         ({"max_memory_bytes": memory - 1}, f"{memory} bytes to decode, the limit is {memory - 1}"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(FormatError, match=words):
             read(data, **limits)
     with pytest.raises(FormatError, match="0 Gaussians, accepted are 1 to"):

@@ -163,8 +163,9 @@ def test_a_batch_measures_what_eval_measures_and_resumes(measured: Path, tmp_pat
     assert "2 of 2 scenes, 0 done before" in done.stdout and "psnr " in done.stdout
     results = json.loads((tmp_path / "out/results.json").read_text())
     assert results["scenes"]["two"]["windows"] == 2
-    single = tinysplat("eval", measured / "one", "-o", tmp_path / "eval", *common, "--lpips", "none", "--json",
-                       tmp_path / "eval.json")  # fmt: skip
+    single = tinysplat(
+        "eval", measured / "one", "-o", tmp_path / "eval", *common, "--lpips", "none", "--json", tmp_path / "eval.json"
+    )
     assert single.returncode == 0, single.stderr
     (wanted,) = json.loads((tmp_path / "eval.json").read_text())["scenes"]
     (found,) = json.loads((tmp_path / "out/one.json").read_text())["records"]
@@ -267,8 +268,9 @@ def test_a_scene_that_takes_too_long_or_too_much_is_at_fault(tmp_path: Path) -> 
 def test_lines_failures_and_another_try(tmp_path: Path) -> None:
     write_scene(tmp_path / "good", views=2, height=32, width=48)
     (tmp_path / "list.txt").write_text("good\nmissing\n")
-    done = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--json-lines", "--workers", "1",
-                     "--target-size", "9KB")  # fmt: skip
+    done = tinysplat(
+        "batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--json-lines", "--workers", "1", "--target-size", "9KB"
+    )
     records = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.returncode == 2 and {r["name"]: r["status"] for r in records} == {"good": "done", "missing": "failed"}
     assert (tmp_path / "out" / "good.tsplat").stat().st_size <= 9000
@@ -285,8 +287,14 @@ def test_a_scene_is_coded_as_encode_codes_it(tmp_path: Path) -> None:
     assert tinysplat("encode", scene, "-o", tmp_path / "desk.tsplat", *words).returncode == 0
     data = (tmp_path / "desk.tsplat").read_bytes()
     entry = {"scene": "desk", "views": "0,2", "size": "48x32", "licence": "CC0-1.0", "qp": 4, "report": True}
-    like = {"scene": "desk", "name": "again", "views": [0, 2], "size": [32, 48], "like": "desk.tsplat",
-            "save_gaussians": True}  # fmt: skip
+    like = {
+        "scene": "desk",
+        "name": "again",
+        "views": [0, 2],
+        "size": [32, 48],
+        "like": "desk.tsplat",
+        "save_gaussians": True,
+    }
     (tmp_path / "list.txt").write_text(f"{json.dumps(entry)}\n{json.dumps(like)}\n")
     done = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--workers", "1", "--unit", "metre")
     assert done.returncode == 0, done.stderr

@@ -21,9 +21,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("bench") / "report"
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (
-            ("QUICK_SIZES", 1), ("PHOTO_SIZES", ((64, 64),)), ("CAPTURES", (7,)), ("CAPTURE_PHOTOS", 6),
-            ("CAPTURE_SIDE", 32), ("CLOUDS", (500, 900)), ("CLOUD_PICTURES", ((16, 16), (32, 48))),
-        ):  # fmt: skip
+            ("QUICK_SIZES", 1),
+            ("PHOTO_SIZES", ((64, 64),)),
+            ("CAPTURES", (7,)),
+            ("CAPTURE_PHOTOS", 6),
+            ("CAPTURE_SIDE", 32),
+            ("CLOUDS", (500, 900)),
+            ("CLOUD_PICTURES", ((16, 16), (32, 48))),
+        ):
             patch.setattr(growth, name, value)
         run = tiny_run(root, rounds=1)
         measure_studies(run, ORDINARY, quiet=True)

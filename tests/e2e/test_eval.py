@@ -105,9 +105,15 @@ def test_bad_scenes_cost_a_line_each_and_the_others_still_run(tmp_path):
     )  # fmt: skip
     lines = done.stderr.splitlines()
     for said in (
-        "no_frame", "frame 7, but the scene has 0 to 3", "no_target", "no frames, expected at least one", "mixed near",
-        "64x40 pixels, but its camera states 64x48", "000001.torch: unreadable chunk", "missing: no such folder",
-    ):  # fmt: skip
+        "no_frame",
+        "frame 7, but the scene has 0 to 3",
+        "no_target",
+        "no frames, expected at least one",
+        "mixed near",
+        "64x40 pixels, but its camera states 64x48",
+        "000001.torch: unreadable chunk",
+        "missing: no such folder",
+    ):
         assert sum(said in line for line in lines) == 1, (said, lines)
     assert len(lines) == 5 and all(line.startswith("tinysplat: left out ") for line in lines)
     assert "2 windows measured (2 results, 0 from before), 5 left out" in done.stdout
@@ -119,8 +125,9 @@ def test_bad_scenes_cost_a_line_each_and_the_others_still_run(tmp_path):
 def test_nothing_but_bad_scenes_is_an_error(tmp_path):
     scene = write_eval_scene(tmp_path / "bad", [{**NEAR_WINDOW, "context": [0, 9]}])
     done = run("eval", scene, "-o", tmp_path / "r", *OPTIONS, status=2)
-    assert done.stderr.splitlines()[-1].endswith("nothing could be measured; 0 windows measured (0 results, 0 from"
-                                                 " before), 1 left out")  # fmt: skip
+    assert done.stderr.splitlines()[-1].endswith(
+        "nothing could be measured; 0 windows measured (0 results, 0 from before), 1 left out"
+    )
 
 
 @pytest.mark.parametrize(

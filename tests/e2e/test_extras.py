@@ -38,10 +38,7 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
         ("zstandard", (*CLI, "convert", "g.npz", "-o", "x.spz", "--spz-version", "4")),
         ("zstandard", (*CLI, "convert", "g.spz", "-o", "x.npz")),
     ],
-    "usd": [
-        ("pxr", (*CLI, "convert", "g.npz", "-o", "x.usda")),
-        ("pxr", (*CLI, "convert", "g.usda", "-o", "x.npz")),
-    ],
+    "usd": [("pxr", (*CLI, "convert", "g.npz", "-o", "x.usda")), ("pxr", (*CLI, "convert", "g.usda", "-o", "x.npz"))],
     "demo": [("skimage", ("script", "examples/demo.py", "--out", "out"))],
     "eval": [
         ("PIL", (*CLI, "compare", "g.npz", "g.npz")),
@@ -115,9 +112,14 @@ def test_a_missing_package_is_one_line_with_its_pip_install(
     target = str(ROOT / target) if how == "script" else target
     path = os.pathsep.join([str(ROOT / "runtime"), str(ROOT)])
     done = subprocess.run(
-        [sys.executable, "-c", WITHOUT, package, how, target, *arguments], cwd=folder, capture_output=True, text=True,
-        check=False, timeout=120, env={**os.environ, "PYTHONPATH": path, "TINYSPLAT_MODELS": str(ROOT / "models")},
-    )  # fmt: skip
+        [sys.executable, "-c", WITHOUT, package, how, target, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": path, "TINYSPLAT_MODELS": str(ROOT / "models")},
+    )
     last = done.stderr.splitlines()[-1]
     assert f'pip install "tinysplat[{extra}]"' in last, done.stderr
     if command[1] != "tinysplat.gsplat_tensors":  # a module to import: its ImportError says it
@@ -128,8 +130,13 @@ def test_a_missing_package_is_one_line_with_its_pip_install(
 def test_help_needs_no_extra(folder: Path, command: str) -> None:
     absent = "matplotlib,mpmath,PIL,pycolmap,scipy,shtab,torch,tqdm"
     done = subprocess.run(
-        [sys.executable, "-c", WITHOUT, absent, *CLI, command, "--help"], cwd=folder, capture_output=True, text=True,
-        check=False, timeout=120, env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "runtime"), str(ROOT)])},
-    )  # fmt: skip
+        [sys.executable, "-c", WITHOUT, absent, *CLI, command, "--help"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "runtime"), str(ROOT)])},
+    )
     assert done.returncode == 0 and f"usage: tinysplat {command}" in done.stdout, done.stderr
     assert "positional arguments" in done.stdout and "this command needs" not in done.stdout.lower()

@@ -43,7 +43,9 @@ def test_ort_files_code_and_decode_to_the_same_values(tmp_path: Path) -> None:
     done = export("ort_files.py", out, "--models", plain)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in out.iterdir()} == {f"{name}.ort" for name in kept} | {
-        "manifest.json", "required_operators.config"}  # fmt: skip
+        "manifest.json",
+        "required_operators.config",
+    }
     assert all((out / f"{name}.ort").read_bytes()[4:8] == b"ORTM" for name in kept)
 
     gaussians = make_smooth_gaussians(2, 32, 48)

@@ -43,11 +43,14 @@ def sog_by_hand(path: Path, change: Any = None) -> None:
         "i.webp": webp([[2, 0, 0, 255], [1, 0, 0, 255]], 2),
     }
     meta: dict[str, Any] = {
-        "version": 2, "count": 2, "means": {"mins": [-1, 0, 2], "maxs": [1, 3, 2.5], "files": ["l.webp", "u.webp"]},
-        "scales": {"codebook": [-v for v in book], "files": ["s.webp"]}, "quats": {"files": ["q.webp"]},
+        "version": 2,
+        "count": 2,
+        "means": {"mins": [-1, 0, 2], "maxs": [1, 3, 2.5], "files": ["l.webp", "u.webp"]},
+        "scales": {"codebook": [-v for v in book], "files": ["s.webp"]},
+        "quats": {"files": ["q.webp"]},
         "sh0": {"codebook": book, "files": ["c.webp"]},
         "shN": {"count": 3, "bands": 1, "codebook": [10 + v for v in book], "files": ["p.webp", "i.webp"]},
-    }  # fmt: skip
+    }
     if change:
         change(meta, files)
     path.mkdir(exist_ok=True)
@@ -90,9 +93,12 @@ BAD_SOG = [
     (top(count=LONG), f"meta.json: count {LONG[:20]}, which "),
     (entry("shN", bands=LONG), f"shN: degree {LONG[:20]}, palette of 3"),
     (entry("shN", count=LONG), f"shN: degree 1, palette of {LONG[:20]}"),
-    (top(version=3), "meta.json: version 3, expected 2"), (top(count=0), "meta.json: count 0, which "),
-    (top(count=2.0), "meta.json: count 2.0, which "), (top(count=3), "means: 2 pixels for 3 Gaussians"),
-    (top(means=3), "meta.json: lacks 'means'"), (entry("means", mins=[1, 2]), "means: expected 3 numbers in 'mins'"),
+    (top(version=3), "meta.json: version 3, expected 2"),
+    (top(count=0), "meta.json: count 0, which "),
+    (top(count=2.0), "meta.json: count 2.0, which "),
+    (top(count=3), "means: 2 pixels for 3 Gaussians"),
+    (top(means=3), "meta.json: lacks 'means'"),
+    (entry("means", mins=[1, 2]), "means: expected 3 numbers in 'mins'"),
     (entry("means", maxs=[1, 2, "3"]), "means: expected 3 numbers in 'maxs'"),
     (entry("means", mins=5), "means: expected 3 numbers in 'mins'"),
     (entry("means", files=["l.webp"]), "means: no plain name of picture 1"),
@@ -104,7 +110,8 @@ BAD_SOG = [
     (entry("quats", files=[7]), "quats: no plain name of picture 0"),
     (entry("quats", files=["q" * 199]), "no such file"),
     (picture("q.webp", [[1, 2, 3, 251], [1, 2, 3, 255]], 2), "quats: tag 251, expected 252 to 255"),
-    (entry("shN", bands=0), "shN: degree 0, palette of 3"), (entry("shN", bands=4), "shN: degree 4, palette of 3"),
+    (entry("shN", bands=0), "shN: degree 0, palette of 3"),
+    (entry("shN", bands=4), "shN: degree 4, palette of 3"),
     (entry("shN", count=0), "shN: degree 1, palette of 0"),
     (entry("shN", count=65537), "shN: degree 1, palette of 65537"),
     (entry("shN", count="3"), "shN: degree 1, palette of 3"),
@@ -115,7 +122,7 @@ BAD_SOG = [
     (lambda meta, files: meta["sh0"]["codebook"].pop(), "256 numbers"),
     (lambda meta, files: files.update({"s.webp": webp([[0] * 4] * 250_000, 500)}), "500x500"),
     (lambda meta, files: files.update({"q.webp": files["q.webp"] + bytes(100_000)}), "bytes, expected at most"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("change", "words"), BAD_SOG)
@@ -129,10 +136,13 @@ def test_what_a_sog_file_may_not_say(tmp_path: Path, change: Any, words: str) ->
 @pytest.mark.parametrize(
     "change",
     [
-        entry("shN", count=1), entry("shN", count=65536), picture("i.webp", [[63, 0, 9, 255], [0, 0, 9, 255]], 2),
-        picture("q.webp", [[1, 2, 3, 255], [1, 2, 3, 252]], 2), top(count=1),
+        entry("shN", count=1),
+        entry("shN", count=65536),
+        picture("i.webp", [[63, 0, 9, 255], [0, 0, 9, 255]], 2),
+        picture("q.webp", [[1, 2, 3, 255], [1, 2, 3, 252]], 2),
+        top(count=1),
     ],
-)  # fmt: skip
+)
 def test_what_a_sog_file_may_say(tmp_path: Path, change: Any) -> None:
     sog_by_hand(tmp_path / "a", change)
     assert load_gaussians(tmp_path / "a").degree == 1

@@ -16,12 +16,16 @@ from tinysplat_runtime.formats.file_notes import npz_notes, ply_notes
     ("comments", "notes"),
     [
         ("comment unit: a\\u00e9\ncomment licence:CC0\r\ncomment other: x\n", {"unit": "aé", "licence": "CC0"}),
-        ('comment unit: a"b\\\n', {"unit": 'a"b\\'}), ("comment  unit: a\n", {}),
-        ("comment SplatRenderMode: mip\n", {"antialiased": "yes"}), ("comment antialiased 1\n", {"antialiased": "yes"}),
-        ("comment splatrendermode: MIP\n", {"antialiased": "yes"}), ("comment antialiased 0\n", {}),
-        ("comment antialiased 1\ncomment antialiased 0\n", {}), ("comment SplatRenderMode: default\n", {}),
+        ('comment unit: a"b\\\n', {"unit": 'a"b\\'}),
+        ("comment  unit: a\n", {}),
+        ("comment SplatRenderMode: mip\n", {"antialiased": "yes"}),
+        ("comment antialiased 1\n", {"antialiased": "yes"}),
+        ("comment splatrendermode: MIP\n", {"antialiased": "yes"}),
+        ("comment antialiased 0\n", {}),
+        ("comment antialiased 1\ncomment antialiased 0\n", {}),
+        ("comment SplatRenderMode: default\n", {}),
     ],
-)  # fmt: skip
+)
 def test_notes_in_comments_of_a_ply(tmp_path: Path, comments: str, notes: dict[str, str]) -> None:
     (tmp_path / "a.ply").write_bytes(f"ply\n{comments}end_header\ncomment unit: b\n".encode())
     assert ply_notes(tmp_path / "a.ply") == notes
@@ -30,10 +34,12 @@ def test_notes_in_comments_of_a_ply(tmp_path: Path, comments: str, notes: dict[s
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        (b'{"unit": "m", "x": 1}', {"unit": "m"}), (b"{", "notes: not JSON"), (b"[]", "notes: not a JSON object"),
+        (b'{"unit": "m", "x": 1}', {"unit": "m"}),
+        (b"{", "notes: not JSON"),
+        (b"[]", "notes: not a JSON object"),
         (b'"' + b"x" * 100_000 + b'"', r"notes: more than \d+ bytes"),
     ],
-)  # fmt: skip
+)
 def test_notes_in_an_npz(tmp_path: Path, data: bytes, expected: Any) -> None:
     np.savez(tmp_path / "a.npz", notes=np.frombuffer(data, np.uint8))
     if isinstance(expected, dict):

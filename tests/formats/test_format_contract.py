@@ -86,10 +86,13 @@ def test_our_reader_gives_back_what_was_written(form, ending, degree, tmp_path) 
     sh = np.abs(read.sh - made.sh[:, : read.sh.shape[1]])
     dots = np.abs((normalize_quats(read.quats) * normalize_quats(made.quats)).sum(axis=-1))
     found = Kept(
-        np.abs(read.means - made.means).max(), np.abs(np.log(read.scales / made.scales)).max(),
-        np.abs(read.opacities - made.opacities).max(), np.arccos(dots.clip(0, 1)).max(),
-        sh[:, 0].max(), sh[:, 1:].max(initial=0),
-    )  # fmt: skip
+        np.abs(read.means - made.means).max(),
+        np.abs(np.log(read.scales / made.scales)).max(),
+        np.abs(read.opacities - made.opacities).max(),
+        np.arccos(dots.clip(0, 1)).max(),
+        sh[:, 0].max(),
+        sh[:, 1:].max(initial=0),
+    )
     assert all(a <= b for a, b in zip(found[:6], kept[:6], strict=True)), found
 
 

@@ -20,11 +20,16 @@ def test_the_page_has_the_rows_of_the_table() -> None:
     ]
     expected = [
         [
-            form.name, ", ".join(f"`{ending}`" for ending in form.endings), "✓" if form.read else "",
-            "✓" if form.write else "", form.keeps, f"`{form.extra}`" if form.extra else "–", form.checked,
+            form.name,
+            ", ".join(f"`{ending}`" for ending in form.endings),
+            "✓" if form.read else "",
+            "✓" if form.write else "",
+            form.keeps,
+            f"`{form.extra}`" if form.extra else "–",
+            form.checked,
         ]
         for form in FORMATS
-    ]  # fmt: skip
+    ]
     assert rows == expected
 
 

@@ -95,8 +95,11 @@ def test_every_type_of_number_is_read_as_the_specification_has_it(
     tmp_path: Path, component: int, normalised: bool
 ) -> None:
     """Normalised integers are value / largest, and at least −1; opacities here, whose stored number is known."""
-    letter, largest = {**{k: (v, 2 ** (8 * struct.calcsize(v) - v.islower()) - 1) for k, v in TYPES.items()},
-                       5125: ("I", 2**32 - 1), 5126: ("f", 1)}[component]  # fmt: skip
+    letter, largest = {
+        **{k: (v, 2 ** (8 * struct.calcsize(v) - v.islower()) - 1) for k, v in TYPES.items()},
+        5125: ("I", 2**32 - 1),
+        5126: ("f", 1),
+    }[component]
     value = 1 if component == 5126 or not normalised else largest // 3
 
     def change(document: dict[str, Any]) -> None:
@@ -249,9 +252,11 @@ def test_the_scene_s_roots_are_shown_or_all_nodes_where_there_is_no_scene(tmp_pa
     [
         ({"extras": {"unit": "m", "x": 1}, "copyright": "us"}, {"unit": "m"}),
         ({"copyright": "us"}, {"attribution": "us"}),
-        ({"copyright": 7}, {}), ([], {}), ({"extras": []}, {}),
+        ({"copyright": 7}, {}),
+        ([], {}),
+        ({"extras": []}, {}),
     ],
-)  # fmt: skip
+)
 def test_notes_stand_in_the_asset(tmp_path: Path, asset: Any, expected: dict[str, str]) -> None:
     from tinysplat_runtime.formats.gltf_reader import read_gltf_notes
 
@@ -262,7 +267,8 @@ def test_notes_stand_in_the_asset(tmp_path: Path, asset: Any, expected: dict[str
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"glTF" + bytes(15), "ends within its header"), (b"{", "its JSON does not parse"),
+        (b"glTF" + bytes(15), "ends within its header"),
+        (b"{", "its JSON does not parse"),
         (b"[]", "its JSON is no object"),
         (b"glTF" + struct.pack("<4I", 2, 22, 2, 0x4E4F534A) + b"{}", "without nodes"),
         (b"glTF" + struct.pack("<4I", 2, 23, 2, 0x4E4F534A) + b"{}", "damaged .glb header (version 2, 23 bytes of 22)"),
@@ -270,7 +276,7 @@ def test_notes_stand_in_the_asset(tmp_path: Path, asset: Any, expected: dict[str
         (b"glTF" + struct.pack("<4I", 1, 22, 2, 0x4E4F534A) + b"{}", "damaged .glb header (version 1, 22 bytes of 22)"),
         (b"glTF" + struct.pack("<4I", 2, 22, 2, 7) + b"{}", "damaged .glb header (version 2, 22 bytes of 22)"),
     ],
-)  # fmt: skip
+)
 def test_files_that_are_no_gltf_are_refused(tmp_path: Path, data: bytes, words: str) -> None:
     (tmp_path / "a.glb").write_bytes(data)
     with pytest.raises(InputError) as error:

@@ -242,8 +242,11 @@ def test_a_header_announces_at_most_a_value_a_byte_and_what_memory_holds(tmp_pat
     with pytest.raises(InputError, match="announces 105 values, which neither the file nor 839 bytes can hold"):
         path.write_bytes(text + b" " * 2000)
         load_gaussians(path, max_bytes=839)
-    for text, words in ((b"plx\nend_header\n", "does not start with a PLY header"), (b"ply\n", "does not start"),
-                        (b"ply\nelement vertex x\nend_header\n", "damaged PLY header")):  # fmt: skip
+    for text, words in (
+        (b"plx\nend_header\n", "does not start with a PLY header"),
+        (b"ply\n", "does not start"),
+        (b"ply\nelement vertex x\nend_header\n", "damaged PLY header"),
+    ):
         path.write_bytes(text + bytes(100))
         with pytest.raises(InputError, match=words):
             load_gaussians(path)

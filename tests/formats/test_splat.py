@@ -100,8 +100,12 @@ def test_buckets_of_a_ksplat_by_hand(tmp_path: Path, mode: int) -> None:
     (tmp_path / "a.ksplat").write_bytes(bucketed(mode, sh_range=(-2.0, 3.0)))
     read = load_gaussians(tmp_path / "a.ksplat")
     of_100, least, most = 0.25 * 10 / 100, -0.25, 0.25
-    wanted = [[0, 20 + least, -30 + most], [of_100, 20 + least, -30 + most], [10 + 2 * of_100, 21 + least, -30 + most],
-              [0, 20 + least, -30 + most]]  # fmt: skip
+    wanted = [
+        [0, 20 + least, -30 + most],
+        [of_100, 20 + least, -30 + most],
+        [10 + 2 * of_100, 21 + least, -30 + most],
+        [0, 20 + least, -30 + most],
+    ]
     np.testing.assert_allclose(read.means, wanted, rtol=1e-6)
     np.testing.assert_allclose(read.scales, [[0.125, 0.25, 0.5]] * 4)
     np.testing.assert_allclose(read.quats, [[0, 1, 0, 0]] * 4)
@@ -131,14 +135,21 @@ def test_a_signalling_nan_is_refused_without_a_warning(tmp_path: Path, field: in
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        ("a.splat", bytes(33), "multiple of 32"), ("a.splat", b"", "empty file"), ("a.ksplat", bytes(10), "header"),
-        ("a.ksplat", ksplat(version=0), "version"), ("a.ksplat", ksplat(mode=3), "mode"),
-        ("a.ksplat", ksplat(sections=4000), "too short"), ("a.ksplat", ksplat(count=2), "damaged header"),
-        ("a.ksplat", ksplat(room=1 << 31), "too short"), ("a.ksplat", ksplat(degree=9), "degree 9"),
-        ("a.ksplat", ksplat(mode=1), "fewer Gaussians"), ("a.ksplat", bucketed(1, capacity=1), "fewer Gaussians"),
-        ("a.ksplat", bucketed(1)[:-1], "section 1 of 44 bytes"), ("a.ksplat", ksplat(sections=0), "no Gaussians"),
+        ("a.splat", bytes(33), "multiple of 32"),
+        ("a.splat", b"", "empty file"),
+        ("a.ksplat", bytes(10), "header"),
+        ("a.ksplat", ksplat(version=0), "version"),
+        ("a.ksplat", ksplat(mode=3), "mode"),
+        ("a.ksplat", ksplat(sections=4000), "too short"),
+        ("a.ksplat", ksplat(count=2), "damaged header"),
+        ("a.ksplat", ksplat(room=1 << 31), "too short"),
+        ("a.ksplat", ksplat(degree=9), "degree 9"),
+        ("a.ksplat", ksplat(mode=1), "fewer Gaussians"),
+        ("a.ksplat", bucketed(1, capacity=1), "fewer Gaussians"),
+        ("a.ksplat", bucketed(1)[:-1], "section 1 of 44 bytes"),
+        ("a.ksplat", ksplat(sections=0), "no Gaussians"),
     ],
-)  # fmt: skip
+)
 def test_what_a_file_may_not_say_is_refused_by_name(tmp_path: Path, name: str, data: bytes, words: str) -> None:
     (tmp_path / name).write_bytes(data)
     with pytest.raises(InputError, match=words):

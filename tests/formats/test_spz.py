@@ -155,8 +155,9 @@ def test_axes_of_an_extension_are_refused_and_other_extensions_skipped(tmp_path:
 def test_positions_use_all_24_bits_whatever_the_scene_s_size(tmp_path: Path) -> None:
     gaussians = some(0)
     for size in (1e-3, 1.0, 1e4):
-        scaled = Gaussians(gaussians.means * size, gaussians.quats, gaussians.scales * size, gaussians.opacities,
-                           gaussians.sh)  # fmt: skip
+        scaled = Gaussians(
+            gaussians.means * size, gaussians.quats, gaussians.scales * size, gaussians.opacities, gaussians.sh
+        )
         save_gaussians(tmp_path / "g.spz", scaled)
         error = np.abs(load_gaussians(tmp_path / "g.spz").means - scaled.means).max()
         assert error < np.abs(scaled.means).max() * 2e-7

@@ -61,11 +61,14 @@ def test_more_sh_than_gaussians_need_is_cut_and_less_is_refused(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"degree": 5}, "SH degree 5, expected 0 to 4"), ({"degree": -1}, "SH degree -1, expected 0 to 4"),
-        ({"quats": 1}, "quats: 1 values for 2 positions"), ({"scales": 3}, "scales: 3 values for 2 positions"),
-        ({"opacities": 0}, "lacks opacities"), ({"count": 0}, "lacks positions"),
+        ({"degree": 5}, "SH degree 5, expected 0 to 4"),
+        ({"degree": -1}, "SH degree -1, expected 0 to 4"),
+        ({"quats": 1}, "quats: 1 values for 2 positions"),
+        ({"scales": 3}, "scales: 3 values for 2 positions"),
+        ({"opacities": 0}, "lacks opacities"),
+        ({"count": 0}, "lacks positions"),
     ],
-)  # fmt: skip
+)
 def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, changes: dict[str, int], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         stage_arrays(stage_of(tmp_path / "a.usda", **changes), 1 << 20)

@@ -24,9 +24,13 @@ def test_errors_of_every_attribute_by_hand() -> None:
     opacities[0, 3, 4] = 0.0
     sh[0, 2, 2, 3, 1] -= 2.0
     found = replace(
-        first, means=first.means - np.float32([0, 3, 4]), scales=scales, opacities=opacities, sh=sh,
+        first,
+        means=first.means - np.float32([0, 3, 4]),
+        scales=scales,
+        opacities=opacities,
+        sh=sh,
         extra_layers=(replace(second, means=second.means + np.float32([12, 0, 0])),),
-    )  # fmt: skip
+    )
     errors = attribute_errors(whole, found)
     assert errors["means"]["rmse"] == pytest.approx(np.sqrt((25 * n + 144 * m) / (3 * (n + m))), rel=1e-5)
     assert errors["means"]["max"] == pytest.approx(12, rel=1e-5)
@@ -70,7 +74,8 @@ def test_coefficients_that_were_left_out_count_as_zeros() -> None:
 
 def test_other_shapes_are_refused_and_layers_paired() -> None:
     whole = make_gaussians(1, 4, 6, layers=2)
-    assert [(a is x, b is y) for (a, b), x, y in
-            zip(layer_pairs(whole, whole), whole.layers, whole.layers, strict=True)] == [(True, True)] * 2  # fmt: skip
+    assert [
+        (a is x, b is y) for (a, b), x, y in zip(layer_pairs(whole, whole), whole.layers, whole.layers, strict=True)
+    ] == [(True, True)] * 2
     with pytest.raises(InputError, match=r"layers of shapes \[\(1, 4, 6\)\], expected \[\(1, 4, 6\), \(1, 2, 3\)\]"):
         attribute_errors(whole, replace(whole, extra_layers=()))

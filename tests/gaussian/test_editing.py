@@ -18,7 +18,7 @@ from tinysplat_runtime.gaussian.editing import (
     select_views,
     similarity,
     trim_border,
-)  # fmt: skip
+)
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.gaussian.sh import sh_basis
@@ -125,8 +125,11 @@ def test_gsplat_tensors_project_where_the_camera_does() -> None:
     scene = make_smooth_gaussians(2, 16, 20, degree=2, layers=2, origin=origin)
     given = to_gsplat(scene)
     assert {name: tuple(given[name].shape) for name in ("means", "colors", "viewmats", "Ks")} == {
-        "means": (scene.count, 3), "colors": (scene.count, 9, 3), "viewmats": (2, 4, 4), "Ks": (2, 3, 3),
-    }  # fmt: skip
+        "means": (scene.count, 3),
+        "colors": (scene.count, 9, 3),
+        "viewmats": (2, 4, 4),
+        "Ks": (2, 3, 3),
+    }
     assert (given["sh_degree"], given["width"], given["height"]) == (2, 20, 16)
     means = torch.nn.functional.pad(given["means"], (0, 1), value=1.0)
     local = (means @ given["viewmats"][1].T)[:, :3]

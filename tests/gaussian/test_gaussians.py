@@ -20,14 +20,7 @@ def _changed(g, field, index, value):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [
-        ("means", np.nan),
-        ("sh", np.inf),
-        ("opacities", 1.5),
-        ("opacities", -0.1),
-        ("scales", -1e-6),
-        ("quats", 0.0),
-    ],
+    [("means", np.nan), ("sh", np.inf), ("opacities", 1.5), ("opacities", -0.1), ("scales", -1e-6), ("quats", 0.0)],
 )
 def test_bad_values_are_refused_with_field_and_index(field, value):
     g = make_smooth_gaussians(2, 4, 5)
@@ -77,8 +70,13 @@ def test_layers_must_be_per_pixel_and_share_the_origin():
 
 
 def free(count=3, **fields):
-    rows = {"means": np.zeros((count, 3)), "quats": np.ones((count, 4)), "scales": np.ones((count, 3)),
-            "opacities": np.full(count, 0.5), "sh": np.zeros((count, 1, 3))}  # fmt: skip
+    rows = {
+        "means": np.zeros((count, 3)),
+        "quats": np.ones((count, 4)),
+        "scales": np.ones((count, 3)),
+        "opacities": np.full(count, 0.5),
+        "sh": np.zeros((count, 1, 3)),
+    }
     return Gaussians(**{**rows, **fields})
 
 
@@ -112,7 +110,7 @@ def test_values_are_accepted_to_their_ends():
         ({"means": "abc"}, "means", "not an array of numbers"),
         ({"cameras": make_cameras(1, 1, 3)}, "cameras", "1 of sizes [(1, 3)]…, expected one per view of (3,)"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_counted_and_the_first_is_shown(changes, where, words):
     with pytest.raises(InputError) as caught:
         free(**changes)

@@ -80,11 +80,18 @@ def golden_messages() -> str:
         write_scene(folder / "scene", views=2)
         (folder / "scene" / "images" / "0001.png").unlink()
         commands = (
-            "info nowhere.tsplat", "info cut.tsplat", "decode damaged.tsplat -o a.npz", "info photo.tsplat",
-            "decode whole.tsplat -o a.obj", "decode whole.tsplat -o whole.tsplat", "render whole.tsplat -o a.bmp",
-            "encode scene -o a.tsplat", "encode scene -o a.tsplat --qp 99",
-            "compress whole.tsplat -o a.tsplat --target-size 9", "decode whole.tsplat -o no/such/folder.npz",
-        )  # fmt: skip
+            "info nowhere.tsplat",
+            "info cut.tsplat",
+            "decode damaged.tsplat -o a.npz",
+            "info photo.tsplat",
+            "decode whole.tsplat -o a.obj",
+            "decode whole.tsplat -o whole.tsplat",
+            "render whole.tsplat -o a.bmp",
+            "encode scene -o a.tsplat",
+            "encode scene -o a.tsplat --qp 99",
+            "compress whole.tsplat -o a.tsplat --target-size 9",
+            "decode whole.tsplat -o no/such/folder.npz",
+        )
         said = []
         for command in commands:
             words = [str(folder / word) if "." in word or word == "scene" else word for word in command.split()]

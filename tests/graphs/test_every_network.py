@@ -118,10 +118,13 @@ def test_any_depth_range_gives_finite_gaussians_or_names_the_cause(model: str, n
 def test_photos_without_information_give_finite_gaussians(model: str, kind: str) -> None:
     shape = (2, HEIGHT, WIDTH, 3)
     images = {
-        "black": np.zeros(shape), "white": np.ones(shape), "noise": np.random.default_rng(0).random(shape),
-        "one pixel": np.zeros(shape), "stripes": np.zeros(shape),
+        "black": np.zeros(shape),
+        "white": np.ones(shape),
+        "noise": np.random.default_rng(0).random(shape),
+        "one pixel": np.zeros(shape),
+        "stripes": np.zeros(shape),
         "one black": np.stack([_photos()[0], np.zeros(shape[1:])]),
-    }[kind].astype(np.float32)  # fmt: skip
+    }[kind].astype(np.float32)
     if kind == "one pixel":
         images[:, 16, 24] = 1
     if kind == "stripes":

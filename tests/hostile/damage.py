@@ -20,7 +20,7 @@ VALUES: dict[int, tuple[bytes, ...]] = {
     + tuple(struct.pack("<f", x) for x in _FLOATS),
     8: tuple(struct.pack("<Q", n) for n in (1 << 31, 1 << 32, (1 << 63) - 1, 1 << 63, (1 << 64) - 1))
     + tuple(struct.pack("<d", x) for x in _DOUBLES),
-}  # fmt: skip
+}
 """Little-endian numbers at which readers break, by their width in bytes."""
 
 

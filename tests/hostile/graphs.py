@@ -55,9 +55,12 @@ def _network(layers: int) -> bytes:
             outputs[f"layer1_{name}"] = rank
         nodes.insert(0, helper.make_node("Mul", ["K", "sides"], ["K_pixels"]))
     constants = {
-        "bias": np.float32([0, 0, 2]), "small": np.float32([0.01]), "last": np.int64([3]), "fourth": np.int64([3]),
+        "bias": np.float32([0, 0, 2]),
+        "small": np.float32([0.01]),
+        "last": np.int64([3]),
+        "fourth": np.int64([3]),
         "sides": np.float32([[8], [8], [1]]),
-    }  # fmt: skip
+    }
     inputs = {"images": 4, "K": 3, "c2w": 3, "near": 1, "far": 1}
     graph = helper.make_graph(
         nodes,

@@ -213,10 +213,17 @@ def _stream(width: int, height: int, pixel_format: str) -> tuple[bytes, bytes]:
 @pytest.mark.parametrize(
     ("width", "height", "pixel_format"),
     [
-        (16, 16, "gray"), (16, 16, "gray10le"), (16, 16, "yuv420p"), (16, 16, "yuv420p12le"), (16, 16, "yuv444p12le"),
-        (32, 16, "gray12le"), (16, 32, "gray12le"), (24, 24, "gray12le"), (1024, 512, "gray12le"),
+        (16, 16, "gray"),
+        (16, 16, "gray10le"),
+        (16, 16, "yuv420p"),
+        (16, 16, "yuv420p12le"),
+        (16, 16, "yuv444p12le"),
+        (32, 16, "gray12le"),
+        (16, 32, "gray12le"),
+        (24, 24, "gray12le"),
+        (1024, 512, "gray12le"),
     ],
-)  # fmt: skip
+)
 def test_streams_of_another_size_depth_or_chroma_than_the_header_says_are_refused(
     width: int, height: int, pixel_format: str
 ) -> None:

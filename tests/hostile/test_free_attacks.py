@@ -205,9 +205,13 @@ def test_limits_count_the_gaussians_of_all_tiers(tiers: Seed) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "index", "found"),
-    [(b"TIER", 3, r"expected TIER\[2\]"), (b"TIER", 0, r"expected TIER\[1\]"), (b"FREP", 3, r"FREP\[2\]: missing"),
-     (b"HEVC", 3, r"HEVC\[2\]: missing")],
-)  # fmt: skip
+    [
+        (b"TIER", 3, r"expected TIER\[2\]"),
+        (b"TIER", 0, r"expected TIER\[1\]"),
+        (b"FREP", 3, r"FREP\[2\]: missing"),
+        (b"HEVC", 3, r"HEVC\[2\]: missing"),
+    ],
+)
 def test_tiers_are_numbered_without_gaps(tiers: Seed, kind: bytes, index: int, found: str) -> None:
     sections = [[k, flags, index if (k, i) == (kind, 2) else i, d] for k, flags, i, d in sections_of(tiers.data)]
     with pytest.raises(FormatError, match=found):

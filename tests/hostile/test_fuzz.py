@@ -32,9 +32,16 @@ def test_damaged_input_is_refused_by_the_right_error_or_read_rightly(
 
 
 FOUND = {
-    "network": (41, 1321, 2774, 16822), "transforms": (53, 839), "photos": (142,), "spz": (539,), "colmap": (1,),
-    "ksplat": (404,), "sog_folder": (138, 272), "glb_spz": (873, 11973), "usd": (1739, 2638),
-}  # fmt: skip
+    "network": (41, 1321, 2774, 16822),
+    "transforms": (53, 839),
+    "photos": (142,),
+    "spz": (539,),
+    "colmap": (1,),
+    "ksplat": (404,),
+    "sog_folder": (138, 272),
+    "glb_spz": (873, 11973),
+    "usd": (1739, 2638),
+}
 """Attacks that were findings once: docs/lab/robustness.md, "Found and fixed"."""
 
 

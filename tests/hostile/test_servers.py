@@ -100,7 +100,7 @@ LIES = {
     "an error": ({"status": 403}, "answers 403"),
     "a loop": ({"status": 302, "to": "/walk.tsplat"}, "redirects more than 5 times"),
     "another way": ({"status": 302, "to": "file:///etc/passwd"}, "answers 302"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("lie", LIES)

@@ -10,14 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tinysplat.measure.clock import (
-    Effort,
-    Variant,
-    high_water_mark,
-    measure,
-    measure_peak,
-    timed,
-)
+from tinysplat.measure.clock import Effort, Variant, high_water_mark, measure, measure_peak, timed
 from tinysplat_runtime.errors import InputError
 
 HOG = """
@@ -53,8 +46,9 @@ def test_a_variant_that_cannot_work_is_a_row_behind_the_others() -> None:
 
     rows = measure("s", "c", [Variant("a", fails, setting={"qp": 1}), Variant("b", int)], Effort(1, least=1))
     assert [(row.way, row.note, row.setting) for row in rows] == [
-        ("b", "", {"threads": 1}), ("a", "size: needs more", {"qp": 1}),
-    ]  # fmt: skip
+        ("b", "", {"threads": 1}),
+        ("a", "size: needs more", {"qp": 1}),
+    ]
     assert rows[0].seconds is not None and rows[1].seconds is None and rows[1].costs == {}
     assert not gc.get_freeze_count()
 

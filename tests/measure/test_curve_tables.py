@@ -11,11 +11,7 @@ from measure.tiny_runs import cells, rows_of, tiny_run
 from scenes import make_smooth_gaussians
 
 from tinysplat.measure.rows import Row
-from tinysplat.measure.show.curve_tables import (
-    gain_table,
-    photo_table,
-    rate_table,
-)
+from tinysplat.measure.show.curve_tables import gain_table, photo_table, rate_table
 from tinysplat.measure.studies import find_study
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians

@@ -57,9 +57,7 @@ def test_psnr_under_a_mask_counts_those_pixels_alone():
 def test_ssim_is_scikit_images_with_the_settings_of_pixelsplat(size, sigma):
     reference = photo(*size)
     image = np.clip(noisy(reference, sigma), 0, 1)
-    theirs = structural_similarity(
-        reference, image, win_size=11, gaussian_weights=True, channel_axis=2, data_range=1.0
-    )  # fmt: skip
+    theirs = structural_similarity(reference, image, win_size=11, gaussian_weights=True, channel_axis=2, data_range=1.0)
     assert ssim(image, reference) == pytest.approx(theirs, abs=1e-5)
 
 

@@ -10,14 +10,7 @@ from measure.evaluation_scenes import NEAR_WINDOW, write_eval_scene
 from measure.tiny_runs import rows_of, tiny_run
 from scenes import make_smooth_gaussians
 
-from tinysplat.measure.studies.paper import (
-    BITS,
-    bits_table,
-    elsewhere_table,
-    main_table,
-    time_table,
-    views_table,
-)
+from tinysplat.measure.studies.paper import BITS, bits_table, elsewhere_table, main_table, time_table, views_table
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
 

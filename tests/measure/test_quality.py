@@ -151,8 +151,11 @@ def measured(tmp_path_factory) -> tuple[Path, Path, Outcome]:
 def test_figures_are_means_over_images_of_what_the_pictures_show(measured):
     scene, results, outcome = measured
     assert [(row.setting["kind"], row.way) for row in outcome.rows] == [
-        ("near", "paper 0"), ("near", "balanced 6"), ("wide", "paper 0"), ("wide", "balanced 6")
-    ]  # fmt: skip
+        ("near", "paper 0"),
+        ("near", "balanced 6"),
+        ("wide", "paper 0"),
+        ("wide", "balanced 6"),
+    ]
     entry = record(outcome.rows[2])
     assert entry["context"] == [0, 3] and entry["targets"] == [1, 2] and entry["views"] == 2
     assert (entry["height"], entry["width"]) == SIZE

@@ -90,8 +90,9 @@ def test_rows_are_json_without_what_is_empty_and_come_back():
     assert again.key == row.key == ("s", "c", "w", '{"context": [0, 2], "qp": 1.5}')
     assert again.seconds == 2.5 and Row("s", "c", "w").seconds is None
     assert Row("s", "c", "w").to_json() == {"study": "s", "subject": "c", "way": "w"}
-    assert Row("s", "c", "w", setting={"a": "inf"}) == Row.from_json({"study": "s", "subject": "c", "way": "w",
-                                                                      "setting": {"a": "inf"}})  # fmt: skip
+    assert Row("s", "c", "w", setting={"a": "inf"}) == Row.from_json(
+        {"study": "s", "subject": "c", "way": "w", "setting": {"a": "inf"}}
+    )
     for wrong in ([], 3, None, "row"):
         with pytest.raises(ValueError, match="not a row"):
             Row.from_json(wrong)

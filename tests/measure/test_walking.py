@@ -39,10 +39,17 @@ def test_a_row_per_way_and_number_of_photos(tmp_path: Path, monkeypatch: pytest.
     rows = rows_of("walk", run)
     assert run.left_out == []
     assert [(row.way, row.setting["asked"], row.setting["photos"]) for row in rows] == [
-        ("walk", "8", 8), ("refined walk", "8", 8), ("walk, range stated", "8", 8),
-        ("walk", "12", 10), ("refined walk", "12", 10), ("walk", "all", 10), ("refined walk", "all", 10),
-        ("six spread", "8", 6), ("own pair", "8", 2), ("nearest photo", "8", 1),
-    ]  # fmt: skip
+        ("walk", "8", 8),
+        ("refined walk", "8", 8),
+        ("walk, range stated", "8", 8),
+        ("walk", "12", 10),
+        ("refined walk", "12", 10),
+        ("walk", "all", 10),
+        ("refined walk", "all", 10),
+        ("six spread", "8", 6),
+        ("own pair", "8", 2),
+        ("nearest photo", "8", 1),
+    ]
     assert (
         rows[3].figures == rows[5].figures
         and rows[1].costs["cpu"] > rows[0].costs["cpu"]

@@ -23,9 +23,16 @@ def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
     """A run on inputs, or on the built-in ones, with `options` as the command line has them; rows go to `folder`."""
     sources, left_out = find_sources(paths)
     return TinyRun(
-        True, Runtime(threads=1), RowFile(folder / ROWS), folder, sources, list(paths), ["sweep"],
-        Options(**{"size": (48, 64), **options}), [str(entry) for entry in left_out],  # type: ignore[arg-type]
-    )  # fmt: skip
+        True,
+        Runtime(threads=1),
+        RowFile(folder / ROWS),
+        folder,
+        sources,
+        list(paths),
+        ["sweep"],
+        Options(**{"size": (48, 64), **options}),
+        [str(entry) for entry in left_out],  # type: ignore[arg-type]
+    )
 
 
 def rows_of(study: str, run: Run) -> list[Row]:

@@ -83,8 +83,10 @@ def test_drawn_four_times_as_large_a_surface_has_no_holes(network: nn.Module) ->
         # a part of the picture that both views show
         K[:2, 2] -= torch.tensor([4 * 48.0, 4 * 32.0])
         place = PinholeCamera(K, torch.tensor(camera.c2w, dtype=torch.float32), 128, 128)
-        layers = [torch.cat([a.reshape(-1, *a.shape[3:]), b.reshape(-1, *b.shape[3:])]) for a, b in
-                  zip(outputs[:5], outputs[5:10], strict=True)]  # fmt: skip
+        layers = [
+            torch.cat([a.reshape(-1, *a.shape[3:]), b.reshape(-1, *b.shape[3:])])
+            for a, b in zip(outputs[:5], outputs[5:10], strict=True)
+        ]
         means, quats, scales, opacities, sh = layers
         _, left = render(means, quats, scales, opacities, (0.5 + C0 * sh[:, 0]).clamp_min(0), place)
     assert float(left.max()) <= 0.02

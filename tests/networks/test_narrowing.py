@@ -16,9 +16,14 @@ MATCHING = SweepSettings(candidates=26)
 
 
 def look(
-    near: float, far: float, settings: NarrowingSettings | None = None, *, views: int = 2, still: bool = False,
+    near: float,
+    far: float,
+    settings: NarrowingSettings | None = None,
+    *,
+    views: int = 2,
+    still: bool = False,
     flat: bool = False,
-) -> tuple[InverseDepths, InverseDepths, Tensor]:  # fmt: skip
+) -> tuple[InverseDepths, InverseDepths, Tensor]:
     """The whole range, the narrowed one, and the inverse depths of the scene, of two textured planes."""
     scene = trace(views, 128, 192)
     images = torch.from_numpy(np.ascontiguousarray(scene.images.transpose(0, 3, 1, 2), np.float32))

@@ -34,9 +34,12 @@ import {{ basisOf, functionsOf }} from "{SCRIPT.with_name("glsl.mjs").as_uri()}"
 def as_view(camera: ts.Camera, origin: NDArray) -> dict[str, Any]:
     K = camera.K
     return {
-        "width": camera.width, "height": camera.height, "K": [K[0, 0], K[0, 1], K[1, 1], K[0, 2], K[1, 2]],
-        "rotation": camera.rotation.tolist(), "position": (camera.centre - origin).tolist(),
-    }  # fmt: skip
+        "width": camera.width,
+        "height": camera.height,
+        "K": [K[0, 0], K[0, 1], K[1, 1], K[0, 2], K[1, 2]],
+        "rotation": camera.rotation.tolist(),
+        "position": (camera.centre - origin).tolist(),
+    }
 
 
 def drawn(tmp_path: Path, gaussians: Gaussians, camera: ts.Camera, *, dilation: str, order: str) -> NDArray:
@@ -50,11 +53,18 @@ def drawn(tmp_path: Path, gaussians: Gaussians, camera: ts.Camera, *, dilation: 
             parts.append({"view": view, "isFront": n == 0, "from": at, "to": at + size, "coarse": coarse})
             at += size
     scene = {
-        "width": camera.width, "height": camera.height, "parts": parts, "camera": as_view(camera, flat.origin),
-        "views": [as_view(own, flat.origin) for own in gaussians.cameras], "depth": near.depth if near else 1,
-        "nearPlane": NEAR_PLANE, "degree": flat.degree, "dilation": dilation, "order": order,
+        "width": camera.width,
+        "height": camera.height,
+        "parts": parts,
+        "camera": as_view(camera, flat.origin),
+        "views": [as_view(own, flat.origin) for own in gaussians.cameras],
+        "depth": near.depth if near else 1,
+        "nearPlane": NEAR_PLANE,
+        "degree": flat.degree,
+        "dilation": dilation,
+        "order": order,
         **{name: getattr(flat, name).reshape(-1).tolist() for name in ("means", "quats", "scales", "opacities", "sh")},
-    }  # fmt: skip
+    }
     (tmp_path / "in.json").write_text(json.dumps(scene))
     command = [node(), str(SCRIPT), str(PAGE), str(tmp_path / "in.json"), str(tmp_path / "out.f32")]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
@@ -94,9 +104,12 @@ def test_colours_change_with_the_direction_as_the_rasteriser_s(tmp_path: Path, d
     gaussians = make_gaussians(1, 12, 16, degree=degree).flat()
     rng = np.random.default_rng(degree)
     gaussians = Gaussians(
-        means=gaussians.means, quats=gaussians.quats, scales=gaussians.scales, opacities=gaussians.opacities,
+        means=gaussians.means,
+        quats=gaussians.quats,
+        scales=gaussians.scales,
+        opacities=gaussians.opacities,
         sh=rng.normal(0, 0.2, gaussians.sh.shape).astype(np.float32),
-    )  # fmt: skip
+    )
     for by in ((0.0, 0, 0), (0.6, -0.4, 0.3)):
         camera = moved(make_cameras(1, 12, 16)[0], by, 0.2)
         picture = drawn(tmp_path, gaussians, camera, dilation="screen", order="depth")
@@ -134,9 +147,14 @@ def test_each_function_is_what_numpy_finds() -> None:
         ];
         """,
         IMPORTS,
-        rows=rows.tolist(), forwards=forwards.tolist(), sizes=sizes.tolist(), quats=quats.tolist(),
-        directions=directions.tolist(), shapes=shapes, owns=owns,
-    )  # fmt: skip
+        rows=rows.tolist(),
+        forwards=forwards.tolist(),
+        sizes=sizes.tolist(),
+        quats=quats.tolist(),
+        directions=directions.tolist(),
+        shapes=shapes,
+        owns=owns,
+    )
     rotations = Rotation.from_quat(quats[:, [1, 2, 3, 0]]).as_matrix()
     for n, (dot, cross, jacobian, across) in enumerate(found[0]):
         close(dot, rows[n] @ forwards[n])

@@ -19,8 +19,12 @@ camera.zoom = 1.3;
 """
 ROWS = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
 VIEW = {
-    "K": [500, 7, 480, 310, 250], "width": 640, "height": 470, "rotation": ROWS.tolist(), "position": [0.4, -1.2, 2.5],
-}  # fmt: skip
+    "K": [500, 7, 480, 310, 250],
+    "width": 640,
+    "height": 470,
+    "rotation": ROWS.tolist(),
+    "position": [0.4, -1.2, 2.5],
+}
 WINDOW = 800, 650
 AXIS = np.array([2, -3, 6]) / 7
 
@@ -34,8 +38,10 @@ def test_vectors_are_numpy_s() -> None:
     found = run(
         "return [add(a, b), add(a, b, -3), dot(a, b), cross(a, b), length(a), scaled(a, -2), unit(b), unit([0, 0, 0]), "
         "mix(a, b, 0.3), clamp(3, 1, 2), clamp(0, 1, 2), clamp(1.5, 1, 2), turned(a, axis, 0.7)]",
-        a=a.tolist(), b=b.tolist(), axis=AXIS.tolist(),
-    )  # fmt: skip
+        a=a.tolist(),
+        b=b.tolist(),
+        axis=AXIS.tolist(),
+    )
     norm = np.linalg.norm
     rotated = Rotation.from_rotvec(0.7 * AXIS).apply(a)
     wanted = [a + b, a - 3 * b, a @ b, np.cross(a, b), norm(a), -2 * a, b / norm(b), [0, 0, 0], 0.7 * a + 0.3 * b,
@@ -64,9 +70,11 @@ def test_half_a_turn_and_none_have_no_way_between() -> None:
 
 
 def test_a_window_shows_the_picture_as_large_as_fits_times_the_zoom() -> None:
-    found = run(f"const {{ principal, focals, focal, projection }} = camera.fitted({WINDOW[0]}, {WINDOW[1]});"
-                f"return [principal, focals, focal, projection, camera.ray(123, 456, {WINDOW[0]}, {WINDOW[1]}), "
-                "camera.target, camera.fitted(3000, 300).focal, camera.fitted(300, 3000).focal]")  # fmt: skip
+    found = run(
+        f"const {{ principal, focals, focal, projection }} = camera.fitted({WINDOW[0]}, {WINDOW[1]});"
+        f"return [principal, focals, focal, projection, camera.ray(123, 456, {WINDOW[0]}, {WINDOW[1]}), "
+        "camera.target, camera.fitted(3000, 300).focal, camera.fitted(300, 3000).focal]"
+    )
     times = 1.3 * min(WINDOW[0] / 640, WINDOW[1] / 470)
     fx, skew, fy, cx, cy = times * np.array(VIEW["K"])
     principal = np.array([WINDOW[0] / 2 + cx - times * 320, WINDOW[1] / 2 + cy - times * 235])

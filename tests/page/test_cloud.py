@@ -40,9 +40,15 @@ def cloud_of(gaussians: Gaussians, **more: Any) -> dict[str, Any]:
             parts.append({"view": view, "isFront": n == 0, "from": at, "to": at + layer.opacities[view].size})
             at = parts[-1]["to"]
     views = [
-        {"width": c.width, "height": c.height, "K": [c.K[0, 0], c.K[0, 1], c.K[1, 1], c.K[0, 2], c.K[1, 2]],
-         "rotation": c.rotation.tolist(), "position": c.centre.tolist()} for c in gaussians.cameras
-    ]  # fmt: skip
+        {
+            "width": c.width,
+            "height": c.height,
+            "K": [c.K[0, 0], c.K[0, 1], c.K[1, 1], c.K[0, 2], c.K[1, 2]],
+            "rotation": c.rotation.tolist(),
+            "position": c.centre.tolist(),
+        }
+        for c in gaussians.cameras
+    ]
     parts = parts or [{"view": -1, "isFront": False, "from": 0, "to": flat.count}]
     arrays = {name: getattr(flat, name).ravel().tolist() for name in ("means", "quats", "scales", "opacities", "sh")}
     own = {"K": [1, 0, 1, 0, 0], "width": 1, "height": 1, "rotation": np.eye(3).tolist(), "position": [0, 0, 0]}
@@ -50,9 +56,14 @@ def cloud_of(gaussians: Gaussians, **more: Any) -> dict[str, Any]:
     if not views:  # the page's own camera stands where there is none
         scene["views"] = [own]
     done = subprocess.run(
-        [node(), "--input-type=module", "-e", CODE], cwd=PAGE, input=json.dumps(scene), capture_output=True, text=True,
-        check=False, timeout=60,
-    )  # fmt: skip
+        [node(), "--input-type=module", "-e", CODE],
+        cwd=PAGE,
+        input=json.dumps(scene),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

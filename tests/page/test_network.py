@@ -42,16 +42,24 @@ def run(call: str, request: dict[str, Any]) -> Any:
 def asked(images: NDArray, cameras: tuple[ts.Camera, ...]) -> dict[str, Any]:
     return {
         "photos": [image.reshape(-1).tolist() for image in images],
-        "width": cameras[0].width, "height": cameras[0].height, "near": NEAR, "far": FAR,
+        "width": cameras[0].width,
+        "height": cameras[0].height,
+        "near": NEAR,
+        "far": FAR,
         "cameras": [
             {
-                "width": camera.width, "height": camera.height, "fx": camera.K[0, 0], "fy": camera.K[1, 1],
-                "cx": camera.K[0, 2], "cy": camera.K[1, 2], "skew": camera.K[0, 1],
+                "width": camera.width,
+                "height": camera.height,
+                "fx": camera.K[0, 0],
+                "fy": camera.K[1, 1],
+                "cx": camera.K[0, 2],
+                "cy": camera.K[1, 2],
+                "skew": camera.K[0, 1],
                 "c2w": camera.c2w.reshape(-1).tolist(),
             }
             for camera in cameras
         ],
-    }  # fmt: skip
+    }
 
 
 def placed(cameras: Iterable[ts.Camera], away: tuple[float, float, float]) -> list[ts.Camera]:
@@ -148,13 +156,21 @@ def test_networks_beside_the_page_are_loaded_once_and_only_as_known() -> None:
         const { layers: [{ height, width, degree, means }], origin } = first;
         return [[height, width, degree, means.length, origin], told, refused];
         """,
-        'import { networkRunner } from "./network.js";', camera=camera, text=RUNTIME,
-    )  # fmt: skip
+        'import { networkRunner } from "./network.js";',
+        camera=camera,
+        text=RUNTIME,
+    )
     assert made == [2, 3, 0, 18, [0, 0, 0]]
-    base, run = "https://example.org/a/", [
-        ["images", "float32", 48, [1, 3, 4, 4]], ["K", "float32", 9, [1, 3, 3]], ["c2w", "float32", 16, [1, 4, 4]],
-        ["near", "float32", 1, [1]], ["far", "float32", 1, [1]],
-    ]  # fmt: skip
+    base, run = (
+        "https://example.org/a/",
+        [
+            ["images", "float32", 48, [1, 3, 4, 4]],
+            ["K", "float32", 9, [1, 3, 3]],
+            ["c2w", "float32", 16, [1, 4, 4]],
+            ["near", "float32", 1, [1]],
+            ["far", "float32", 1, [1]],
+        ],
+    )
     loads = [[f"{base}{name}.onnx", f"{base}ort.wasm"] for name in ("one", "two")]
     assert told == [loads[0], run, run, loads[1], run, loads[0], run]
     assert "edge of another version" in refused[0] and "7x1 are too large" in refused[1] and "not finite" in refused[2]

@@ -48,14 +48,17 @@ def decoded(count: int, cameras: int, degree: int = 1, layers: int = 1, seed: in
     rng = np.random.default_rng(seed)
     own = count // layers
     return {
-        "count": count, "degree": degree, "origin": ORIGIN.tolist(), "cameras": [camera(n) for n in range(cameras)],
+        "count": count,
+        "degree": degree,
+        "origin": ORIGIN.tolist(),
+        "cameras": [camera(n) for n in range(cameras)],
         "means": np.float32(rng.normal([0, 0, 3], 0.8, (count, 3))).ravel().tolist(),
         "scales": np.float32(rng.uniform(0.01, 0.1, 3 * count)).tolist(),
-          "quats": np.float32(rng.normal(size=4 * count)).tolist(),
+        "quats": np.float32(rng.normal(size=4 * count)).tolist(),
         "opacities": np.float32(rng.uniform(0, 1, count)).tolist(),
         "sh": np.float32(rng.normal(size=3 * (degree + 1) ** 2 * count)).tolist(),
         "layers": [{"views": cameras, "count": own, "offset": n * own} for n in range(layers)],
-    }  # fmt: skip
+    }
 
 
 def frame(made: dict[str, Any]) -> tuple[NDArray, float]:
@@ -101,9 +104,12 @@ def test_scenes_are_centred_and_as_deep_as_the_page_is_made_for(count: int, laye
     kept = np.array(made["opacities"]) >= 1 / 255
     assert 0 < kept.sum() < count or count < 100
     for name, width, times, offset in (
-        ("means", 3, scale, ORIGIN - centre), ("scales", 3, scale, 0), ("quats", 4, 1, 0), ("opacities", 1, 1, 0),
+        ("means", 3, scale, ORIGIN - centre),
+        ("scales", 3, scale, 0),
+        ("quats", 4, 1, 0),
+        ("opacities", 1, 1, 0),
         ("sh", 3 * (made["degree"] + 1) ** 2, 1, 0),
-    ):  # fmt: skip
+    ):
         wanted = times * (np.reshape(made[name], (count, width)) + offset)
         np.testing.assert_allclose(np.reshape(scene[name], (-1, width)), wanted[kept], rtol=1e-5, atol=1e-5)
     own, sizes = count // layers // 2, []

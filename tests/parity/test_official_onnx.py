@@ -193,9 +193,12 @@ def test_each_photo_gets_its_own_gaussians(exported: Exported, tmp_path: Path) -
     poses[:, :3, 3] -= middle
     near, far = (np.full(3, limit) for limit in scene.depth_range())
     inputs = {
-        "images": scene.images().transpose(0, 3, 1, 2), "K": np.stack([camera.K_unit for camera in scene.cameras]),
-        "c2w": poses, "near": near, "far": far,
-    }  # fmt: skip
+        "images": scene.images().transpose(0, 3, 1, 2),
+        "K": np.stack([camera.K_unit for camera in scene.cameras]),
+        "c2w": poses,
+        "near": near,
+        "far": far,
+    }
     wanted = run_torch(exported.module, {name: array.astype(np.float32) for name, array in inputs.items()})
     wanted["means"] = wanted["means"] + middle
     for name in ("means", "scales", "opacities", "sh"):

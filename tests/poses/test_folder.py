@@ -23,12 +23,17 @@ POINTS = (np.array([[0.1, 0, 3.0], [0, 0.1, 5.0]]), np.array([[1, 2, 3], [255, 0
 def entries() -> list[dict[str, Any]]:
     return [
         {
-            "name": f"{i}.png", "w2c": camera.w2c[:3].tolist(),
-            "camera": {"model": "PINHOLE", "width": 32, "height": 24,
-                       "params": [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]]},
+            "name": f"{i}.png",
+            "w2c": camera.w2c[:3].tolist(),
+            "camera": {
+                "model": "PINHOLE",
+                "width": 32,
+                "height": 24,
+                "params": [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]],
+            },
         }
         for i, camera in enumerate(CAMERAS)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.fixture

@@ -19,9 +19,7 @@ HEIGHT, WIDTH = 96, 192
 def texture(seed: int = 0) -> NDArray:
     """(HEIGHT, 4·WIDTH) uint8 of detail at several scales."""
     rng = np.random.default_rng(seed)
-    layers = [
-        np.kron(rng.uniform(0, 60, (HEIGHT // n, 4 * WIDTH // n)), np.ones((n, n))) for n in (2, 4, 8, 16)
-    ]  # fmt: skip
+    layers = [np.kron(rng.uniform(0, 60, (HEIGHT // n, 4 * WIDTH // n)), np.ones((n, n))) for n in (2, 4, 8, 16)]
     return np.sum(layers, axis=0).astype(np.uint8)
 
 

@@ -27,9 +27,14 @@ NOTES = st.sampled_from([ts.Notes(), ts.Notes("metre", "Jo Döe", "CC0-1.0"), ts
 def captures(draw: st.DrawFn, views: int = 8, side: int = 24) -> Gaussians:
     """Gaussians per pixel of one view to many, of one pixel to few, of any degree, layers, place and notes."""
     made = make_smooth_gaussians(
-        draw(st.integers(1, views)), draw(st.integers(1, side)), draw(st.integers(1, side)), draw(DEGREE),
-        seed=draw(st.integers(0, 99)), layers=draw(st.integers(1, 3)), origin=draw(ORIGIN),
-    )  # fmt: skip
+        draw(st.integers(1, views)),
+        draw(st.integers(1, side)),
+        draw(st.integers(1, side)),
+        draw(DEGREE),
+        seed=draw(st.integers(0, 99)),
+        layers=draw(st.integers(1, 3)),
+        origin=draw(ORIGIN),
+    )
     opacity = draw(st.sampled_from([None, 0.0, 1.0]))
     if opacity is not None:
         made = replace(made, opacities=np.full_like(made.opacities, opacity))

@@ -24,8 +24,10 @@ def drawn(gaussians, cameras):
 
 
 def errors(gaussians, cameras, wanted):
-    return [float(np.square(np.minimum(found, 1) - np.minimum(one, 1)).mean())
-            for found, one in zip(drawn(gaussians, cameras), wanted, strict=True)]  # fmt: skip
+    return [
+        float(np.square(np.minimum(found, 1) - np.minimum(one, 1)).mean())
+        for found, one in zip(drawn(gaussians, cameras), wanted, strict=True)
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -95,11 +95,7 @@ def test_colours_are_fitted_as_least_squares_has_them():
         held = hold / (4 * np.pi) * weights[row].sum()
         # the same as one least-squares problem: views, then what holds coefficients, then what draws them to zero
         design = [np.sqrt(weights[row])[:, None] * basis[row], np.sqrt(held) * np.eye(4), np.diag(np.sqrt(penalties))]
-        aims = [
-            lacks[row] / np.sqrt(weights[row])[:, None],
-            np.zeros((4, 3)),
-            -np.sqrt(penalties)[:, None] * sh[row],
-        ]
+        aims = [lacks[row] / np.sqrt(weights[row])[:, None], np.zeros((4, 3)), -np.sqrt(penalties)[:, None] * sh[row]]
         step = np.linalg.lstsq(np.concatenate(design), np.concatenate(aims), rcond=None)[0]
         np.testing.assert_allclose(found[row], sh[row] + 0.5 * step, atol=1e-5)
 

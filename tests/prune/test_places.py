@@ -48,8 +48,10 @@ def cameras_within(count: int, start: float = 0.0, moved: float = 0.0, focal: fl
 
 
 def psnr(gaussians: Gaussians, reference: Gaussians, cameras: Sequence[Camera]) -> float:
-    drawn = [[Renderer(one, 1, **DEFINITION).render(camera).clip(0, 1) for camera in cameras]
-             for one in (gaussians, reference)]  # fmt: skip
+    drawn = [
+        [Renderer(one, 1, **DEFINITION).render(camera).clip(0, 1) for camera in cameras]
+        for one in (gaussians, reference)
+    ]
     return float(-10 * np.log10(np.mean(np.square(np.subtract(*drawn)))))
 
 
@@ -102,8 +104,12 @@ def test_cameras_that_do_not_show_a_place_leave_nothing_out(place, strange):
     }[strange]
     if strange == "in a wall":
         wall = Gaussians(**{name: getattr(place, name)[:500] for name in FIELDS})
-        wall = replace(wall, means=0.3 * wall.means / np.linalg.norm(wall.means, axis=1, keepdims=True),
-                       scales=np.full((500, 3), 0.06), opacities=np.ones(500))  # fmt: skip
+        wall = replace(
+            wall,
+            means=0.3 * wall.means / np.linalg.norm(wall.means, axis=1, keepdims=True),
+            scales=np.full((500, 3), 0.06),
+            opacities=np.ones(500),
+        )
         place = replace(
             place, **{name: np.concatenate([getattr(one, name) for one in (place, wall)]) for name in FIELDS}
         )
@@ -122,9 +128,16 @@ def test_of_ten_thousand_cameras_a_spread_is_taken(place):
 
 
 def inria(camera: Camera, number: int) -> dict[str, object]:
-    return {"id": number, "img_name": f"{number:05d}", "width": camera.width, "height": camera.height,
-            "position": camera.centre.tolist(), "rotation": camera.c2w[:3, :3].tolist(),
-            "fx": camera.K[0, 0], "fy": camera.K[1, 1]}  # fmt: skip
+    return {
+        "id": number,
+        "img_name": f"{number:05d}",
+        "width": camera.width,
+        "height": camera.height,
+        "position": camera.centre.tolist(),
+        "rotation": camera.c2w[:3, :3].tolist(),
+        "fx": camera.K[0, 0],
+        "fy": camera.K[1, 1],
+    }
 
 
 def test_a_list_in_the_folders_of_3dgs_finds_its_cameras(place, tmp_path: Path, capsys):

@@ -54,15 +54,19 @@ def test_python_gives_the_very_bytes_of_the_command(
 @pytest.mark.parametrize(
     ("words", "options"),
     [
-        (("--views", "0,3", "--size", "64x48", "--near", "2", "--far", "9"),
-         {"views": [0, 3], "size": (48, 64), "near": 2, "far": 9.0}),
-        (("--views", "auto:3", "--size", "64x48", "--target-size", "9KB"),
-         {"views": "auto:3", "size": "64x48", "target_size": "9KB"}),
+        (
+            ("--views", "0,3", "--size", "64x48", "--near", "2", "--far", "9"),
+            {"views": [0, 3], "size": (48, 64), "near": 2, "far": 9.0},
+        ),
+        (
+            ("--views", "auto:3", "--size", "64x48", "--target-size", "9KB"),
+            {"views": "auto:3", "size": "64x48", "target_size": "9KB"},
+        ),
         (("--size", "64x48", "--mode", "photos", "--qp", "3"), {"size": [48, 64], "mode": "photos", "qp": 3}),
         (("--size", "64x48", "--lossless", "--unit", "metre"), {"size": [48, 64], "lossless": True, "unit": "metre"}),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
-)  # fmt: skip
+)
 def test_every_option_says_the_same_at_both_doors(many: Path, tmp_path: Path, words, options) -> None:
     data = commanded(many, tmp_path / "a.tsplat", "-q", "--model", "sweep", *words)
     with warnings.catch_warnings():

@@ -50,10 +50,13 @@ def test_a_capture_gets_all_photos_that_it_needs_and_a_line(capture: Path) -> No
 @pytest.mark.parametrize(
     ("views", "wanted"),
     [
-        ("all", range(VIEWS)), ("0-8:2,9", (0, 2, 4, 6, 8, 9)), ([3, 1], (3, 1)), ("0-9", range(VIEWS)),
+        ("all", range(VIEWS)),
+        ("0-8:2,9", (0, 2, 4, 6, 8, 9)),
+        ([3, 1], (3, 1)),
+        ("0-9", range(VIEWS)),
         ("2-2,4", (2, 4)),
     ],
-)  # fmt: skip
+)
 def test_views_are_taken_as_asked(capture: Path, views: object, wanted: tuple[int, ...]) -> None:
     assert chosen(capture, views=views)[0] == names(*wanted)
 

@@ -12,10 +12,18 @@ from tinysplat_runtime.recipe.words import AutoViews, Refinement, byte_count
 @pytest.mark.parametrize(
     ("text", "bytes_"),
     [
-        ("4096", 4096), ("7b", 7), ("100KB", 100_000), ("1.5 MB", 1_500_000), ("2gb", 2_000_000_000),
-        ("4KiB", 4096), ("1.5MiB", 1_572_864), ("3 GiB", 3_221_225_472), ("1", 1), ("1023.9 GiB", int(1023.9 * 2**30)),
+        ("4096", 4096),
+        ("7b", 7),
+        ("100KB", 100_000),
+        ("1.5 MB", 1_500_000),
+        ("2gb", 2_000_000_000),
+        ("4KiB", 4096),
+        ("1.5MiB", 1_572_864),
+        ("3 GiB", 3_221_225_472),
+        ("1", 1),
+        ("1023.9 GiB", int(1023.9 * 2**30)),
     ],
-)  # fmt: skip
+)
 def test_sizes_have_units_of_thousands_or_of_1024(text: str, bytes_: int) -> None:
     assert byte_count(text) == bytes_
 
@@ -70,10 +78,15 @@ def test_what_is_no_size_of_photos_is_told(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("auto", Refinement()), ("1", Refinement(steps=1)), ("20", Refinement(steps=20)), ("1s", Refinement(seconds=1)),
-        ("10s", Refinement(seconds=10.0)), ("0.5s", Refinement(seconds=0.5)), ("1e3s", Refinement(seconds=1000.0)),
+        ("auto", Refinement()),
+        ("1", Refinement(steps=1)),
+        ("20", Refinement(steps=20)),
+        ("1s", Refinement(seconds=1)),
+        ("10s", Refinement(seconds=10.0)),
+        ("0.5s", Refinement(seconds=0.5)),
+        ("1e3s", Refinement(seconds=1000.0)),
     ],
-)  # fmt: skip
+)
 def test_refinement_is_steps_seconds_or_as_much_as_photos_are_worth(text: str, wanted: Refinement) -> None:
     assert words.refinement(text) == wanted
     assert words.refinement(str(wanted)) == wanted

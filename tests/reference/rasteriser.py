@@ -43,12 +43,7 @@ def jacobian(camera: Camera, point: NDArray) -> NDArray:
     pixel = np.clip((K @ point)[:2] / point[2], -0.15 * size, 1.15 * size)
     x, y, _ = np.linalg.solve(K, [*pixel, 1])
     z = point[2]
-    return np.array(
-        [
-            [K[0, 0] / z, K[0, 1] / z, -(K[0, 0] * x + K[0, 1] * y) / z],
-            [0, K[1, 1] / z, -K[1, 1] * y / z],
-        ]
-    )
+    return np.array([[K[0, 0] / z, K[0, 1] / z, -(K[0, 0] * x + K[0, 1] * y) / z], [0, K[1, 1] / z, -K[1, 1] * y / z]])
 
 
 def own_pixels(gaussians: Gaussians) -> NDArray:

@@ -9,13 +9,7 @@ import pytest
 from scenes import make_gaussians, make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
-from tinysplat_runtime.refine.coarse import (
-    bring_up,
-    halved,
-    halved_picture,
-    halved_target,
-    lacking_alike,
-)
+from tinysplat_runtime.refine.coarse import bring_up, halved, halved_picture, halved_target, lacking_alike
 from tinysplat_runtime.refine.refine import refine
 from tinysplat_runtime.refine.settings import LIMITS
 from tinysplat_runtime.refine.stats import RefineStats

@@ -20,9 +20,13 @@ def wall(opacity=0.95, side=SIDE, focal=40.0, deviation=0.0):
     means = 2.0 * np.stack([(x - side / 2) / focal, (y - side / 2) / focal, np.ones_like(x)], axis=-1)
     scales = np.full((*lead, 3), 2 * deviation / focal) * [1, 1, 0]
     return Gaussians(
-        means[None], np.broadcast_to([1.0, 0, 0, 0], (*lead, 4)), scales, np.full(lead, opacity),
-        np.zeros((*lead, 1, 3)), [camera],
-    )  # fmt: skip
+        means[None],
+        np.broadcast_to([1.0, 0, 0, 0], (*lead, 4)),
+        scales,
+        np.full(lead, opacity),
+        np.zeros((*lead, 1, 3)),
+        [camera],
+    )
 
 
 def alpha(gaussians, size, compiled, dilation="own"):

@@ -71,9 +71,14 @@ def compact(field: MovableGaussians, rows: np.ndarray) -> np.ndarray:
 
 
 def found_gradient(
-    gaussians: Gaussians, camera: Camera, photo: np.ndarray, threads: int = 2, order: str = "depth",
-    dilation: str = "own", near: Shares | None = None,
-):  # fmt: skip
+    gaussians: Gaussians,
+    camera: Camera,
+    photo: np.ndarray,
+    threads: int = 2,
+    order: str = "depth",
+    dilation: str = "own",
+    near: Shares | None = None,
+):
     field = MovableGaussians(gaussians, Crew(threads).map, dilation)
     gradient = np.zeros_like(field.values)
     near = field.shares(camera) if order == "near" else near
@@ -247,10 +252,14 @@ def test_pictures_without_a_view_are_those_of_the_others() -> None:
     photo = np.zeros((camera.height, camera.width, 3), np.float32)
     field = MovableGaussians(gaussians, Crew(1).map)
     kept = [
-        replace(layer, **{name: getattr(layer, name)[[0, 2]] for name in FIELDS},
-                cameras=(layer.cameras[0], layer.cameras[2]), extra_layers=())
+        replace(
+            layer,
+            **{name: getattr(layer, name)[[0, 2]] for name in FIELDS},
+            cameras=(layer.cameras[0], layer.cameras[2]),
+            extra_layers=(),
+        )
         for layer in gaussians.layers
-    ]  # fmt: skip
+    ]
     others = MovableGaussians(replace(kept[0], extra_layers=tuple(kept[1:])), Crew(1).map)
     target = Target(camera, photo)
     by_depth = Shares.by_depth(np.array([1.0, 0, 1]))

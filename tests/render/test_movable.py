@@ -33,8 +33,10 @@ def test_opacities_at_their_ends_have_logits() -> None:
 @pytest.mark.parametrize("origin", [(0, 0, 0), (5.0, -3, 8)])
 def test_values_become_gaussians_by_hand(origin: tuple) -> None:
     made = make_gaussians(2, 3, 4, degree=1, layers=2)
-    layers = [replace(one, means=one.means - np.float32(origin), origin=np.array(origin, float), extra_layers=())
-              for one in made.layers]  # fmt: skip
+    layers = [
+        replace(one, means=one.means - np.float32(origin), origin=np.array(origin, float), extra_layers=())
+        for one in made.layers
+    ]
     scene, rng = replace(layers[0], extra_layers=(layers[1],)), np.random.default_rng(0)
     field = MovableGaussians(scene, RUN)
     field.values[:] += rng.normal(0, 0.3, field.values.shape).astype(np.float32)

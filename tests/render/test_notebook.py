@@ -24,9 +24,11 @@ def test_figures_stand_beside_it() -> None:
     gaussians = make_gaussians(2, 6, 8, degree=1, layers=2)
     text = html(gaussians)
     for row in (
-        f"<tr><th>Gaussians</th><td>{gaussians.count}</td></tr>", "<tr><th>SH degree</th><td>1</td></tr>",
-        "<tr><th>layers</th><td>2x6x8 + 2x3x4</td></tr>", f"<td>{gaussians.count * 4 * 23 / 1e6:.1f} MB</td>",
-    ):  # fmt: skip
+        f"<tr><th>Gaussians</th><td>{gaussians.count}</td></tr>",
+        "<tr><th>SH degree</th><td>1</td></tr>",
+        "<tr><th>layers</th><td>2x6x8 + 2x3x4</td></tr>",
+        f"<td>{gaussians.count * 4 * 23 / 1e6:.1f} MB</td>",
+    ):
         assert row in text
     assert text.count("data:image/png;base64,") == 1
     flat = gaussians.flat()

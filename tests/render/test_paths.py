@@ -26,11 +26,7 @@ def about_y(angle):
     return (math.cos(angle / 2), 0, math.sin(angle / 2), 0)
 
 
-CAMERAS = [
-    camera(),
-    camera((0.9, 0.1, 0.3, -0.2), (1, 0, 0.5), 60),
-    camera((-0.7, -0.2, -0.6, 0.1), (2, -1, 0), 40),
-]
+CAMERAS = [camera(), camera((0.9, 0.1, 0.3, -0.2), (1, 0, 0.5), 60), camera((-0.7, -0.2, -0.6, 0.1), (2, -1, 0), 40)]
 
 
 def angle_between(a, b):
@@ -135,8 +131,11 @@ def test_a_direction_and_what_is_down_make_axes() -> None:
     np.testing.assert_allclose(z, [0, 0, 1])
     np.testing.assert_allclose(y, np.array([0.3, 2, 0]) / np.hypot(0.3, 2))  # what is left of it across the direction
     np.testing.assert_allclose(np.cross(x, y), z)
-    np.testing.assert_allclose(looking_along(np.array([2.0, 0, 0]), down=np.array([0, 3.0, 0])).T,
-                               [[0, 0, -1], [0, 1, 0], [1, 0, 0]], atol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        looking_along(np.array([2.0, 0, 0]), down=np.array([0, 3.0, 0])).T,
+        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+        atol=1e-12,
+    )
 
 
 def test_a_path_of_unevenly_spaced_cameras_is_a_cubic_of_bounded_speed() -> None:

@@ -208,9 +208,11 @@ def test_what_lies_out_of_sight_changes_no_picture(compiled):
     aside = rng.uniform(-1, 1, (40_000, 3)) + np.array([0, 0, -4])
     aside[::2] += (60, 0, 9)
     other = cloud(40_000, size=0.02)
-    both = Gaussians(**{
-        name: np.concatenate([aside if name == "means" else getattr(other, name), getattr(seen, name)])
-        for name in ("means", "quats", "scales", "opacities", "sh")
-    })  # fmt: skip
+    both = Gaussians(
+        **{
+            name: np.concatenate([aside if name == "means" else getattr(other, name), getattr(seen, name)])
+            for name in ("means", "quats", "scales", "opacities", "sh")
+        }
+    )
     found, wanted = (Renderer(scene, 1, compiled=compiled).render(pinhole()) for scene in (both, seen))
     np.testing.assert_allclose(found, wanted, atol=2e-6)

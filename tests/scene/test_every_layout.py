@@ -33,10 +33,18 @@ def nerfstudio(folder: Path) -> Path:
 def inria(folder: Path) -> Path:
     """What the reference code of 3DGS writes beside its Gaussians."""
     entries = [
-        {"id": i, "img_name": f"{i:04}", "width": WIDTH, "height": HEIGHT, "fx": c.K[0, 0], "fy": c.K[1, 1],
-         "position": c.centre.tolist(), "rotation": c.c2w[:3, :3].tolist()}
+        {
+            "id": i,
+            "img_name": f"{i:04}",
+            "width": WIDTH,
+            "height": HEIGHT,
+            "fx": c.K[0, 0],
+            "fy": c.K[1, 1],
+            "position": c.centre.tolist(),
+            "rotation": c.c2w[:3, :3].tolist(),
+        }
         for i, c in enumerate(CAMERAS)
-    ]  # fmt: skip
+    ]
     (folder / "cameras.json").write_text(json.dumps(entries))
     return folder / "cameras.json"
 

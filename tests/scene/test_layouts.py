@@ -32,9 +32,13 @@ def refusal(path: Any, **options: Any) -> str:
 
 @pytest.mark.parametrize(
     ("path", "words"),
-    [(7, "int, expected a path"), ("https://x.org/a", "https://x.org/a: a URL, expected a file or folder"),
-     ("film.MP4", "film.MP4: a video needs its cameras"), ("a.JPG", "a.JPG: one photo, expected a scene")],
-)  # fmt: skip
+    [
+        (7, "int, expected a path"),
+        ("https://x.org/a", "https://x.org/a: a URL, expected a file or folder"),
+        ("film.MP4", "film.MP4: a video needs its cameras"),
+        ("a.JPG", "a.JPG: one photo, expected a scene"),
+    ],
+)
 def test_what_is_no_scene_is_told_by_its_name(path: Any, words: str) -> None:
     assert words in refusal(path)
 

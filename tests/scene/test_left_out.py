@@ -85,11 +85,17 @@ def inria(cameras: list[Camera]) -> list[dict[str, Any]]:
     """What the reference code of 3DGS writes, whose principal point is the middle."""
     return [
         {
-            "id": i, "img_name": f"{i:04}", "width": c.width, "height": c.height, "fx": c.K[0, 0], "fy": c.K[1, 1],
-            "position": c.c2w[:3, 3].tolist(), "rotation": c.c2w[:3, :3].tolist(),
+            "id": i,
+            "img_name": f"{i:04}",
+            "width": c.width,
+            "height": c.height,
+            "fx": c.K[0, 0],
+            "fy": c.K[1, 1],
+            "position": c.c2w[:3, 3].tolist(),
+            "rotation": c.c2w[:3, :3].tolist(),
         }
         for i, c in enumerate(cameras)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize(

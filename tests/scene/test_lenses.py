@@ -32,9 +32,12 @@ def test_a_polynomial_is_the_simplest_model_that_has_its_terms(distortion, fishe
 
 @pytest.mark.parametrize(
     ("distortion", "fisheye", "words"),
-    [((0, 0, 0, 0.1, 0, 0), False, "k4: 0.1, expected 0 unless"), ((0, 0, 0, 0, 0.1, 0), True, "p1 0.1 and p2 0"),
-     ((0, 0, 0, 0, 0, 0.2), True, "p1 0 and p2 0.2, expected 0 in a fisheye")],
-)  # fmt: skip
+    [
+        ((0, 0, 0, 0.1, 0, 0), False, "k4: 0.1, expected 0 unless"),
+        ((0, 0, 0, 0, 0.1, 0), True, "p1 0.1 and p2 0"),
+        ((0, 0, 0, 0, 0, 0.2), True, "p1 0 and p2 0.2, expected 0 in a fisheye"),
+    ],
+)
 def test_terms_that_a_model_has_not_are_refused(distortion, fisheye, words) -> None:
     with pytest.raises(InputError, match=words):
         opencv_lens(F, C, distortion, SIZE, fisheye=fisheye)
@@ -42,8 +45,10 @@ def test_terms_that_a_model_has_not_are_refused(distortion, fisheye, words) -> N
 
 def test_pinholes_have_their_own_intrinsics_and_photos_as_they_are() -> None:
     photo = np.zeros((48, 64, 3), np.uint8)
-    for lens, K in ((Lens("PINHOLE", (*F, *C), 64, 48), [[70, 0, 31], [0, 60, 25], [0, 0, 1]]),
-                    (Lens("SIMPLE_PINHOLE", (70.0, *C), 64, 48), [[70, 0, 31], [0, 70, 25], [0, 0, 1]])):  # fmt: skip
+    for lens, K in (
+        (Lens("PINHOLE", (*F, *C), 64, 48), [[70, 0, 31], [0, 60, 25], [0, 0, 1]]),
+        (Lens("SIMPLE_PINHOLE", (70.0, *C), 64, 48), [[70, 0, 31], [0, 70, 25], [0, 0, 1]]),
+    ):
         camera = lens.camera(np.eye(4))
         np.testing.assert_array_equal(camera.K, K)
         assert (camera.width, camera.height) == (64, 48) and lens.undistort(photo) is photo

@@ -13,10 +13,7 @@ from PIL import Image
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.own import own_psnr
-from tinysplat_runtime.scene.look import (
-    range_guessed,
-    range_seen,
-)
+from tinysplat_runtime.scene.look import range_guessed, range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 DEPTHS = (2.0, 5.0)

@@ -7,11 +7,7 @@ import pytest
 from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.neighbours import (
-    Neighbours,
-    grouped,
-    view_places,
-)
+from tinysplat_runtime.scene.neighbours import Neighbours, grouped, view_places
 
 NEAR, FAR = 2.0, 6.0
 DEPTH = 3.0  # their harmonic mean

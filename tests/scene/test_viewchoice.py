@@ -8,11 +8,7 @@ import pytest
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.frusta import sees
-from tinysplat_runtime.scene.viewchoice import (
-    choose_views,
-    needed_views,
-    sharpness_of,
-)
+from tinysplat_runtime.scene.viewchoice import choose_views, needed_views, sharpness_of
 
 K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
 
@@ -74,8 +70,15 @@ def test_a_camera_sees_its_picture_from_half_of_near_to_twice_far() -> None:
         return [(u - 64) / 100 * z, (v - 48) / 100 * z, z]
 
     seen = [point(0.1, 0.1, 3), point(127.9, 95.9, 3), point(64, 48, 1.01), point(64, 48, 11.9)]
-    unseen = [point(-0.1, 48, 3), point(128.1, 48, 3), point(64, -0.1, 3), point(64, 96.1, 3), point(64, 48, 0.99),
-              point(64, 48, 12.1), point(64, 48, -3)]  # fmt: skip
+    unseen = [
+        point(-0.1, 48, 3),
+        point(128.1, 48, 3),
+        point(64, -0.1, 3),
+        point(64, 96.1, 3),
+        point(64, 48, 0.99),
+        point(64, 48, 12.1),
+        point(64, 48, -3),
+    ]
     assert sees(camera, np.array(seen), 2.0, 6.0).all()
     assert not sees(camera, np.array(unseen), 2.0, 6.0).any()
 

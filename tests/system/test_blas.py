@@ -66,9 +66,13 @@ def test_bytes_are_the_same_on_any_cores_and_with_any_blas_kernels(tmp_path):
         command = [sys.executable, "-c", ENCODE, str(Path(__file__).parents[1]), str(scene)]
         blas = {"OPENBLAS_CORETYPE": kernels, "OPENBLAS_NUM_THREADS": str(len(allowed))}
         run = subprocess.run(
-            command, env={**os.environ, **blas}, capture_output=True, text=True, check=True,
+            command,
+            env={**os.environ, **blas},
+            capture_output=True,
+            text=True,
+            check=True,
             preexec_fn=lambda allowed=allowed: os.sched_setaffinity(0, allowed),
-        )  # fmt: skip
+        )
         assert len(run.stdout.split()) == 4
         found.add(run.stdout)
     assert len(found) == 1, "\n".join(found)

@@ -41,8 +41,15 @@ def write_scenes(folder: Path, scenes: int = 2, views: int = 4) -> Path:
         frames = []
         for i, (image, camera) in enumerate(zip(scene.images, scene.cameras, strict=True)):
             write_png(path / "images" / f"{i}.png", (image * 255).round().astype(np.uint8))
-            frames.append({"file": f"images/{i}.png", "width": 48, "height": 40,
-                           "K": camera.K.tolist(), "c2w": camera.c2w.tolist()})  # fmt: skip
+            frames.append(
+                {
+                    "file": f"images/{i}.png",
+                    "width": 48,
+                    "height": 40,
+                    "K": camera.K.tolist(),
+                    "c2w": camera.c2w.tolist(),
+                }
+            )
         document = {"near": NEAR, "far": FAR, "frames": frames}
         (path / "cameras.json").write_text(json.dumps(document), "utf-8")
     return folder

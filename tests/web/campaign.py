@@ -113,9 +113,12 @@ def attack(first: int, count: int) -> dict[str, Any]:
             if what := fault(data, said, found, wanted):
                 findings.append({"case": case, "what": what[:300], "options": options})
     return {
-        "attacks": count, "outcomes": outcomes, "findings": findings,
-        "slowest": {"ms": slowest[0], "case": slowest[1]}, "mb": largest,
-    }  # fmt: skip
+        "attacks": count,
+        "outcomes": outcomes,
+        "findings": findings,
+        "slowest": {"ms": slowest[0], "case": slowest[1]},
+        "mb": largest,
+    }
 
 
 def main() -> int:

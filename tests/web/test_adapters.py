@@ -34,9 +34,13 @@ def scene(degree: int) -> dict[str, NDArray]:
     sh[2, -1] = [-0.25, 0.5, 1.0]
     sh[3, -1] = [70000, -5, 0.1]
     quats = rng.normal(size=(COUNT, 4))
-    made = {"means": rng.normal(size=(COUNT, 3)), "quats": quats / np.linalg.norm(quats, axis=1, keepdims=True),
-            "scales": rng.uniform(0.01, 0.5, (COUNT, 3)), "opacities": np.array([0, 0.2, 0.5, 0.999, 1]),
-              "sh": sh}  # fmt: skip
+    made = {
+        "means": rng.normal(size=(COUNT, 3)),
+        "quats": quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        "scales": rng.uniform(0.01, 0.5, (COUNT, 3)),
+        "opacities": np.array([0, 0.2, 0.5, 0.999, 1]),
+        "sh": sh,
+    }
     return {name: array.astype(np.float32) for name, array in made.items()}
 
 

@@ -220,8 +220,9 @@ def read_manifest(
             raise error.within(f"line {number}") from None
         first = names.setdefault(job.name.casefold(), number)  # some file systems do not tell a from A
         if first != number:
-            raise InputError(f"the name '{job.name}' again, first in line {first}; give one with \"name\"",
-                             where=f"line {number}")  # fmt: skip
+            raise InputError(
+                f"the name '{job.name}' again, first in line {first}; give one with \"name\"", where=f"line {number}"
+            )
         jobs.append(job)
     if not jobs:
         raise InputError("no scenes, expected one per line")

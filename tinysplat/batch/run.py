@@ -22,9 +22,13 @@ Engine = Callable[[Sequence[BatchJob]], Iterator[Outcome]]
 
 
 def run_batch(
-    jobs: Sequence[BatchJob], folder: str, engine: Engine, progress: Callable[[dict[str, Any]], None],
-    *, only_failed: bool = False,
-) -> dict[str, Any]:  # fmt: skip
+    jobs: Sequence[BatchJob],
+    folder: str,
+    engine: Engine,
+    progress: Callable[[dict[str, Any]], None],
+    *,
+    only_failed: bool = False,
+) -> dict[str, Any]:
     """Run what is not done yet.
 
     Args:

@@ -34,8 +34,11 @@ def configure(parser: ArgumentParser) -> None:
     )
     parser.add_argument("manifest", metavar="MANIFEST", help="text file, a scene per line")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder or URL (s3://, gs://, memory://)")
-    parser.add_argument("--evaluate", action="store_true",
-                        help="measure scenes with an eval_index.json, or Gaussian files, to DIR/NAME.json")  # fmt: skip
+    parser.add_argument(
+        "--evaluate",
+        action="store_true",
+        help="measure scenes with an eval_index.json, or Gaussian files, to DIR/NAME.json",
+    )
     parser.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
     parser.add_argument("--address", metavar="ADDRESS", help="a Ray cluster's; default: one started on this machine")
     parser.add_argument("--workers", type=count, metavar="N", help="scenes at a time; default: all cores")
@@ -48,8 +51,13 @@ def configure(parser: ArgumentParser) -> None:
     add_coding(parser.add_argument_group("bytes and quality"))
     add_notes(parser)
     add_provider(parser)
-    parser.add_argument("--allow", action="append", choices=CODE, default=[],
-                        help="let MANIFEST say which code or graph is loaded; may be given twice")  # fmt: skip
+    parser.add_argument(
+        "--allow",
+        action="append",
+        choices=CODE,
+        default=[],
+        help="let MANIFEST say which code or graph is loaded; may be given twice",
+    )
     parser.add_argument("--report", action="store_true", help="also write DIR/NAME.json, as encode --report does")
     parser.add_argument("--save-gaussians", action="store_true", help="also write DIR/NAME.npz of the network")
 
@@ -87,16 +95,22 @@ def run(args: Namespace) -> int:
         )
     if not args.quiet and not args.json_lines:
         place = join(args.output, RESULTS)
-        print(f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
-              f" {document['scenes_per_second']:.2f} scenes/s")  # fmt: skip
+        print(
+            f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
+            f" {document['scenes_per_second']:.2f} scenes/s"
+        )
         if "means" in document:
             print(", ".join(f"{name} {value:.4g}" for name, value in document["means"].items() if value is not None))
     if document["failed"]:
         failures = [
             printable(f"{name}: {r['error']}") for name, r in document["scenes"].items() if r["status"] == "failed"
         ]
-        print(f"tinysplat: {len(failures)} scenes failed, the first: {failures[0]}", *failures[1:], sep="\n  ",
-              file=sys.stderr)  # fmt: skip
+        print(
+            f"tinysplat: {len(failures)} scenes failed, the first: {failures[0]}",
+            *failures[1:],
+            sep="\n  ",
+            file=sys.stderr,
+        )
         return 2
     return 0
 

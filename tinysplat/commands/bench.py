@@ -41,16 +41,34 @@ def configure(parser: ArgumentParser) -> None:
         "Measure, and write a folder with rows.jsonl, report.md and plots. Words that name studies come first; without"
         f" any, {', '.join(ORDINARY)} are measured; without INPUT, on scenes of its own. Studies: {listed}."
     )
-    parser.add_argument("words", nargs="*", metavar="STUDY … INPUT …",
-                        help="studies, then scene folders with eval_index.json, or Gaussian files")  # fmt: skip
-    parser.add_argument("-o", "--output", default=DEFAULT_FOLDER, metavar="FOLDER",
-                        help=f"the report's folder; default {DEFAULT_FOLDER}")  # fmt: skip
-    parser.add_argument("--quick", action="store_true",
-                        help="the short form: smaller pictures, fewer variants, minutes not half an hour")  # fmt: skip
+    parser.add_argument(
+        "words",
+        nargs="*",
+        metavar="STUDY … INPUT …",
+        help="studies, then scene folders with eval_index.json, or Gaussian files",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        default=DEFAULT_FOLDER,
+        metavar="FOLDER",
+        help=f"the report's folder; default {DEFAULT_FOLDER}",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="the short form: smaller pictures, fewer variants, minutes not half an hour",
+    )
     parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
     parser.add_argument("--docs", action="store_true", help="fill the marked places of README and docs from rows")
-    parser.add_argument("--model", dest="models", action="append", default=[], metavar="NAME|FILE.onnx",
-                        help="network, may be repeated; default all in the manifest")  # fmt: skip
+    parser.add_argument(
+        "--model",
+        dest="models",
+        action="append",
+        default=[],
+        metavar="NAME|FILE.onnx",
+        help="network, may be repeated; default all in the manifest",
+    )
     of = parser.add_argument_group("options of some studies")
     of.add_argument(
         "--profile", dest="profiles", type=words, default=(), metavar="P,P", help="profiles; default the study's"
@@ -64,8 +82,14 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--targets", type=int, default=3, metavar="N", help="pictures per window at most; default 3")
     of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
     of.add_argument("--rounds", type=int, default=0, metavar="N", help="of timing; default the study's")
-    of.add_argument("--data", nargs=3, action="append", default=[], metavar=("NAME", "FOLDER", "INDEX"),
-                    help=f"a data set in chunks for the paper's tables: {', '.join(SPECS)}")  # fmt: skip
+    of.add_argument(
+        "--data",
+        nargs=3,
+        action="append",
+        default=[],
+        metavar=("NAME", "FOLDER", "INDEX"),
+        help=f"a data set in chunks for the paper's tables: {', '.join(SPECS)}",
+    )
     of.add_argument("--near", type=float, metavar="Z", help="over the inputs' own")
     of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")
     of.add_argument("--lpips-backbone", metavar="F.pth", help="as for eval; paper, quality")
@@ -95,9 +119,16 @@ def run(args: Namespace) -> None:
     if inputs and not sources and not takes_paths:
         raise InputError("; ".join(left_out) or "nothing to measure", where="bench")
     bench = Run(
-        args.quick, Runtime(threads=args.threads), RowFile(folder / ROWS), folder, sources, [Path(p) for p in inputs],
-        args.models or shipped_networks(), options, left_out,
-    )  # fmt: skip
+        args.quick,
+        Runtime(threads=args.threads),
+        RowFile(folder / ROWS),
+        folder,
+        sources,
+        [Path(p) for p in inputs],
+        args.models or shipped_networks(),
+        options,
+        left_out,
+    )
     measured = measure_studies(bench, studies, quiet=args.quiet)
     if not measured:
         raise InputError("; ".join(bench.left_out[:1]) or "nothing could be measured", where="bench")

@@ -45,26 +45,38 @@ def configure(parser: ArgumentParser) -> None:
         " same command goes on where a killed one stopped."
     )
     parser.add_argument(
-        "scenes", nargs="+", metavar="SCENES",
+        "scenes",
+        nargs="+",
+        metavar="SCENES",
         help="scene folders with eval_index.json, folders of such, folders of .torch chunks, or Gaussian files",
-    )  # fmt: skip
-    parser.add_argument("-o", "--output", default=DEFAULT_FOLDER, metavar="FOLDER",
-                        help=f"where results are kept; default {DEFAULT_FOLDER}")  # fmt: skip
-    parser.add_argument("--model", action="append", metavar="NAME|FILE.onnx",
-                        help=f"network, may be repeated; default {DEFAULT_MODEL}")  # fmt: skip
-    parser.add_argument("--profile", type=words, default=(DEFAULT_PROFILE,), metavar="P,P",
-                        help=f"default {DEFAULT_PROFILE}")  # fmt: skip
-    parser.add_argument("--qp", type=numbers, default=(0.0,), metavar="Q,Q",
-                        help="default 0; negative ones as --qp=-6,0")  # fmt: skip
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        default=DEFAULT_FOLDER,
+        metavar="FOLDER",
+        help=f"where results are kept; default {DEFAULT_FOLDER}",
+    )
+    parser.add_argument(
+        "--model", action="append", metavar="NAME|FILE.onnx", help=f"network, may be repeated; default {DEFAULT_MODEL}"
+    )
+    parser.add_argument(
+        "--profile", type=words, default=(DEFAULT_PROFILE,), metavar="P,P", help=f"default {DEFAULT_PROFILE}"
+    )
+    parser.add_argument(
+        "--qp", type=numbers, default=(0.0,), metavar="Q,Q", help="default 0; negative ones as --qp=-6,0"
+    )
     parser.add_argument("--kind", type=words, default=(), metavar="K,K", help="kinds of window; default all")
     parser.add_argument(
         "--views", type=indices, default=(), metavar="N,N", help="numbers of context views; default all"
     )
     parser.add_argument("--limit", type=int, metavar="N", help="windows per scene; default all")
     parser.add_argument(
-        "--size", type=size, metavar="WxH",
+        "--size",
+        type=size,
+        metavar="WxH",
         help="photos are scaled to cover this and cropped; default 256x256, or the data set's",
-    )  # fmt: skip
+    )
     parser.add_argument("--near", type=float, metavar="Z", help="nearest depth, over the index's")
     parser.add_argument("--far", type=float, metavar="Z", help="farthest depth, over the index's")
     parser.add_argument("--index", metavar="F.json", help="evaluation index of a folder of chunks")
@@ -72,15 +84,25 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--lpips", choices=(*BACKBONE_FILES, "none"), default="vgg", help="default vgg")
     parser.add_argument("--lpips-backbone", metavar="F.pth", help="torchvision's weights of the backbone")
     parser.add_argument("--lpips-linear", metavar="F.pth", help="linear weights; default: the package lpips's")
-    parser.add_argument("--zoom", type=numbers, default=(), metavar="Z,Z",
-                        help="draw at multiples of the size too, as 0.5,1,2, against photos of that size")  # fmt: skip
+    parser.add_argument(
+        "--zoom",
+        type=numbers,
+        default=(),
+        metavar="Z,Z",
+        help="draw at multiples of the size too, as 0.5,1,2, against photos of that size",
+    )
     parser.add_argument(
         "--nested", action="store_true", help="draw targets from the scenes of their nearest 2, 4 and 6 photos too"
     )
-    parser.add_argument("--refine", type=budget, metavar="STEPS|10s",
-                        help="correct Gaussians against their photos first, as `encode --refine` does")  # fmt: skip
-    parser.add_argument("--draw", type=drawing, default=(), metavar="K=V,K=V",
-                        help=f"how pictures are drawn: {DRAW_WORDS}")  # fmt: skip
+    parser.add_argument(
+        "--refine",
+        type=budget,
+        metavar="STEPS|10s",
+        help="correct Gaussians against their photos first, as `encode --refine` does",
+    )
+    parser.add_argument(
+        "--draw", type=drawing, default=(), metavar="K=V,K=V", help=f"how pictures are drawn: {DRAW_WORDS}"
+    )
     parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
@@ -124,11 +146,15 @@ def run(args: Namespace) -> None:
         if not MIN_ZOOM <= factor <= MAX_ZOOM:
             raise InputError(f"{factor:g}, accepted are {MIN_ZOOM:g} to {MAX_ZOOM:g}", where="--zoom")
     lpips, lpips_text = choose_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
-    sources, lost = find_sources(
-        args.scenes, index=args.index, dataset=args.dataset, near=args.near, far=args.far
-    )  # fmt: skip
-    plan = Plan(sources, tuple(args.model or (DEFAULT_MODEL,)), args.size or _natural_size(sources), args.kind,
-                args.views, args.limit)  # fmt: skip
+    sources, lost = find_sources(args.scenes, index=args.index, dataset=args.dataset, near=args.near, far=args.far)
+    plan = Plan(
+        sources,
+        tuple(args.model or (DEFAULT_MODEL,)),
+        args.size or _natural_size(sources),
+        args.kind,
+        args.views,
+        args.limit,
+    )
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder for results", where=args.output)
@@ -136,9 +162,7 @@ def run(args: Namespace) -> None:
     codings = tuple(Coding(p, q) for p in args.profile for q in args.qp)
     quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested, args.refine, args.draw)
     threads = args.threads or max(1, available_cores() // args.jobs)
-    outcome = run_jobs(
-        plan, quality, RowFile(folder / ROWS), threads=threads, processes=args.jobs, quiet=args.quiet
-    )  # fmt: skip
+    outcome = run_jobs(plan, quality, RowFile(folder / ROWS), threads=threads, processes=args.jobs, quiet=args.quiet)
     outcome.left_out[:0] = lost
     say_left_out(outcome.left_out, outcome.notes)
     if not outcome.rows:

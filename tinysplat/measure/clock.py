@@ -140,8 +140,13 @@ def summarised(times: Sequence[Times]) -> dict[str, float]:
     """Medians and quartiles of one variant's rounds."""
     walls, cpus = zip(*times, strict=True)
     low, _, high = statistics.quantiles(walls, n=4, method="inclusive") if len(walls) > 1 else [walls[0]] * 3
-    return {"seconds": statistics.median(walls), "low": low, "high": high, "cpu": statistics.median(cpus),
-            "rounds": len(walls)}  # fmt: skip
+    return {
+        "seconds": statistics.median(walls),
+        "low": low,
+        "high": high,
+        "cpu": statistics.median(cpus),
+        "rounds": len(walls),
+    }
 
 
 def _cpu_seconds() -> float:

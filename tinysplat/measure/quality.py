@@ -96,8 +96,15 @@ class Quality:
         chosen = {"refine": str(self.refine)} if self.refine else {}
         chosen |= {"draw": ",".join(map("=".join, self.draw))} if self.draw else {}
         window = job.window
-        identity = {"scene": job.source.name, "kind": window.kind, "model": job.model, "views": len(window.context),
-                    "context": window.context, "targets": window.targets, "size": job.size}  # fmt: skip
+        identity = {
+            "scene": job.source.name,
+            "kind": window.kind,
+            "model": job.model,
+            "views": len(window.context),
+            "context": window.context,
+            "targets": window.targets,
+            "size": job.size,
+        }
         return [
             Row(
                 self.study,
@@ -200,8 +207,15 @@ def _refined(
     before = photo_psnr(case.gaussians, case.cameras, shots.targets.images, drawing)
     scene = replace(case.shots.scene, near=shots.near, far=shots.far)
     with watch.stage("refine"):
-        better = runtime.refine(case.gaussians, scene, budget.steps, seconds=budget.seconds, profile=coding.profile,
-                                qp=coding.qp, stats=stats)  # fmt: skip
+        better = runtime.refine(
+            case.gaussians,
+            scene,
+            budget.steps,
+            seconds=budget.seconds,
+            profile=coding.profile,
+            qp=coding.qp,
+            stats=stats,
+        )
     found = {"psnr_before": before, "steps": stats.steps, "kept": stats.kept}
     return replace(case, gaussians=better, seconds={**case.seconds, **watch.seconds}), found
 
@@ -272,8 +286,13 @@ def _measure_coding(
 def _zoom_figures(zoom: Zoom, case: Case, decoded: Gaussians, drawing: Drawing) -> dict[str, float]:
     """`psnr` and `psnr_enlarged` of the decoded Gaussians, the same of the raw ones, and the photos' own scaling."""
     (psnr, enlarged), (raw, raw_enlarged) = (zoom.figures(g, drawing) for g in (decoded, case.gaussians))
-    return {"psnr": psnr, "psnr_enlarged": enlarged, "psnr_raw": raw, "psnr_raw_enlarged": raw_enlarged,
-            "photos_enlarged": zoom.shots.targets.enlarged}  # fmt: skip
+    return {
+        "psnr": psnr,
+        "psnr_enlarged": enlarged,
+        "psnr_raw": raw,
+        "psnr_raw_enlarged": raw_enlarged,
+        "photos_enlarged": zoom.shots.targets.enlarged,
+    }
 
 
 def _scores(

@@ -148,9 +148,11 @@ def run_jobs(
     pending = {job: [row for row in rows if row.key not in known] for job, rows in wanted.items()}
     pending = {job: rows for job, rows in pending.items() if rows}
     failed: dict[WindowJob, LeftOut] = {}
-    results = _in_processes(work, store, pending, threads, processes) if processes > 1 and len(pending) > 1 else (
-        (job, _measured(work, job, rows, runtime, store.add)) for job, rows in pending.items()
-    )  # fmt: skip
+    results = (
+        _in_processes(work, store, pending, threads, processes)
+        if processes > 1 and len(pending) > 1
+        else ((job, _measured(work, job, rows, runtime, store.add)) for job, rows in pending.items())
+    )
     for job, fault in progress(results, len(pending), "windows", quiet=quiet):
         if fault is not None:
             failed[job] = fault

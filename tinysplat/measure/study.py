@@ -149,8 +149,14 @@ class Run:
     def plan(self, views: Sequence[int] = (), kinds: Sequence[str] = ()) -> Plan:
         """Which of the user's windows are measured."""
         options = self.options
-        return Plan(self.sources, self.models[:1] if not options.models else options.models, self.size,
-                    options.kinds or kinds, options.views or views, options.limit or 1)  # fmt: skip
+        return Plan(
+            self.sources,
+            self.models[:1] if not options.models else options.models,
+            self.size,
+            options.kinds or kinds,
+            options.views or views,
+            options.limit or 1,
+        )
 
     def jobs(self, views: Sequence[int]) -> Iterator[WindowJob]:
         """For every scene and number of photos the first windows of so many, or the first photos of larger ones."""

@@ -15,11 +15,7 @@ def invert_intrinsics(K: Tensor) -> Tensor:
     fx, skew, cx = K[..., 0, 0], K[..., 0, 1], K[..., 0, 2]
     fy, cy = K[..., 1, 1], K[..., 1, 2]
     zero, one = torch.zeros_like(fx), torch.ones_like(fx)
-    rows = [
-        [1 / fx, -skew / (fx * fy), (skew * cy / fy - cx) / fx],
-        [zero, 1 / fy, -cy / fy],
-        [zero, zero, one],
-    ]
+    rows = [[1 / fx, -skew / (fx * fy), (skew * cy / fy - cx) / fx], [zero, 1 / fy, -cy / fy], [zero, zero, one]]
     return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
 
 

@@ -57,11 +57,17 @@ class Scratch(nn.Module):
         for level, width in enumerate(widths, start=1):
             setattr(self, f"layer{level}_rn", nn.Conv2d(width, channels, 3, padding=1, bias=False))
             setattr(self, f"refinenet{level}", FusionBlock(channels, has_skip=level < LEVELS))
-        self.output_conv = nn.Sequential(
-            nn.Conv2d(channels, channels // 2, 3, padding=1, padding_mode="replicate"), nn.GELU(),
-            nn.Conv2d(channels // 2, 16, 3, padding=1, padding_mode="replicate"), nn.GELU(),
-            nn.Conv2d(16, 1, 1),
-        ) if has_output else nn.Identity()  # fmt: skip
+        self.output_conv = (
+            nn.Sequential(
+                nn.Conv2d(channels, channels // 2, 3, padding=1, padding_mode="replicate"),
+                nn.GELU(),
+                nn.Conv2d(channels // 2, 16, 3, padding=1, padding_mode="replicate"),
+                nn.GELU(),
+                nn.Conv2d(16, 1, 1),
+            )
+            if has_output
+            else nn.Identity()
+        )
 
 
 class DPTHead(nn.Module):

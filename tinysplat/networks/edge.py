@@ -212,9 +212,12 @@ class Edge(nn.Module):
             convolution(width + 7, width), nn.ReLU(), nn.Conv2d(width, 4 * s.fine, 1), nn.PixelShuffle(2)
         )
         self.head = nn.Sequential(
-            convolution(s.fine + 9, s.head), nn.ReLU(), convolution(s.head, s.head), nn.ReLU(),
+            convolution(s.fine + 9, s.head),
+            nn.ReLU(),
+            convolution(s.head, s.head),
+            nn.ReLU(),
             zero(convolution(s.head, 8)),
-        )  # fmt: skip
+        )
         self.coarse = CoarseHead(s.widths[1], s)
 
     def forward(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> tuple[Tensor, ...]:
@@ -242,9 +245,15 @@ class Edge(nn.Module):
         return Prediction(outputs, found.logits, dressed.level, depths, dressed.footprint, opacity, dressed.colours)
 
     def estimate(
-        self, half: Tensor, K: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths,
-        matches: Matches, levels: Tensor,
-    ) -> Estimate:  # fmt: skip
+        self,
+        half: Tensor,
+        K: Tensor,
+        terms: tuple[Tensor, Tensor],
+        pairs: ViewPairs,
+        depths: InverseDepths,
+        matches: Matches,
+        levels: Tensor,
+    ) -> Estimate:
         """Depth at half resolution; arguments as for `analyse`."""
         s = self.settings
         with _without_gradient():
@@ -260,9 +269,14 @@ class Edge(nn.Module):
         )
 
     def seen(
-        self, views: Views, pairs: ViewPairs, witnesses: ViewPairs, estimate: Estimate, levels: Tensor,
+        self,
+        views: Views,
+        pairs: ViewPairs,
+        witnesses: ViewPairs,
+        estimate: Estimate,
+        levels: Tensor,
         agreements: Tensor,
-    ) -> Surfaces:  # fmt: skip
+    ) -> Surfaces:
         """What all views say of the depth that was estimated of those whose depth is sought.
 
         Args:
@@ -287,15 +301,26 @@ class Edge(nn.Module):
         error = pairs.by_view(error.clamp(-4, 4) * there) / 4
         confidence, change = estimate.clues.split(1, dim=1)
         clues = [
-            estimate.agreement, error.amin(dim=1), error.amax(dim=1), opacity, confidence, change,
+            estimate.agreement,
+            error.amin(dim=1),
+            error.amax(dim=1),
+            opacity,
+            confidence,
+            change,
             functional.avg_pool2d(difference, 2).abs().mean(1, True),
-        ]  # fmt: skip
+        ]
         cells = torch.cat([functional.avg_pool2d(views.shown, 4), functional.avg_pool2d(level.detach(), 2)], dim=1)
         details = torch.cat([4 * difference, visible], dim=1)
         return Surfaces(
-            views.shown, estimate.logits, torch.cat([estimate.features, *clues], dim=1), opacity,
-            estimate.coarse_features, cells, full, details,
-        )  # fmt: skip
+            views.shown,
+            estimate.logits,
+            torch.cat([estimate.features, *clues], dim=1),
+            opacity,
+            estimate.coarse_features,
+            cells,
+            full,
+            details,
+        )
 
     def dress(self, surfaces: Surfaces, depths: InverseDepths) -> Dressed:
         """What the heads at full resolution and of the coarse layer make of surfaces in the ranges of their views."""
@@ -342,9 +367,15 @@ class Edge(nn.Module):
         K, c2w = witnesses.own(views.K), witnesses.own(views.c2w)
         surface = pixel_layer(dressed.colours, K, c2w, inverse_depth, opacity, dressed.footprint)
         coarse = coarse_layer(
-            views.shown, views.K, views.c2w, inverse_depths.detach(), views.far, witnesses, s.analysis.coarse,
+            views.shown,
+            views.K,
+            views.c2w,
+            inverse_depths.detach(),
+            views.far,
+            witnesses,
+            s.analysis.coarse,
             dressed.changes,
-        )  # fmt: skip
+        )
         return (*surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]), opacity
 
     def _logits(self, half: Tensor, found: Analysis) -> Tensor:

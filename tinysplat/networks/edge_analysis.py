@@ -158,9 +158,15 @@ def match(
 
 
 def analyse(
-    half: Tensor, K: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, matches: Matches,
-    levels: Tensor, settings: EdgeSettings,
-) -> Analysis:  # fmt: skip
+    half: Tensor,
+    K: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    depths: InverseDepths,
+    matches: Matches,
+    levels: Tensor,
+    settings: EdgeSettings,
+) -> Analysis:
     """What `sweep` does next: agreement, filling and alignment at half resolution.
 
     Args:

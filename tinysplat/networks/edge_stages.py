@@ -118,14 +118,28 @@ class Estimating(Stage):
     """Depth at half resolution by the refiner and the U-Net."""
 
     inputs: ClassVar = {
-        "half": 2, "K": None, "c2w": None, "ranges": None, "costs": 2, "paths": 2, "coarse_paths": 4, "levels": 2
-    }  # fmt: skip
+        "half": 2,
+        "K": None,
+        "c2w": None,
+        "ranges": None,
+        "costs": 2,
+        "paths": 2,
+        "coarse_paths": 4,
+        "levels": 2,
+    }
     outputs = ("level", "agreement", "features", "coarse_features", "full", "clues")
 
     def forward(
-        self, half: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor, costs: Tensor, paths: Tensor, coarse_paths: Tensor,
+        self,
+        half: Tensor,
+        K: Tensor,
+        c2w: Tensor,
+        ranges: Tensor,
+        costs: Tensor,
+        paths: Tensor,
+        coarse_paths: Tensor,
         levels: Tensor,
-    ) -> tuple[Tensor, ...]:  # fmt: skip
+    ) -> tuple[Tensor, ...]:
         """`Estimate` but for its logits, of what `Match` found; levels (N, 1, h, w)."""
         pairs = ViewPairs.first(c2w)
         matches = Matches(costs, paths, coarse_paths, pairs.own(levels))
@@ -164,9 +178,17 @@ class Finish(Stage):
     """A photo's Gaussians, once its neighbours have had their say."""
 
     inputs: ClassVar = {
-        "shown": 1, "K": None, "c2w": None, "far": None, "ranges": None, "levels": 1, "alphas": 1, "footprint": 1,
-        "colours": 1, "changes": 4,
-    }  # fmt: skip
+        "shown": 1,
+        "K": None,
+        "c2w": None,
+        "far": None,
+        "ranges": None,
+        "levels": 1,
+        "alphas": 1,
+        "footprint": 1,
+        "colours": 1,
+        "changes": 4,
+    }
     outputs = OUTPUT_NAMES
 
     def forward(
@@ -182,6 +204,11 @@ class Finish(Stage):
 
 
 STAGES: dict[str, type[Stage]] = {
-    "glance": Glance, "settle": Settle, "match": Match, "estimate": Estimating, "dress": Dress, "finish": Finish
-}  # fmt: skip
+    "glance": Glance,
+    "settle": Settle,
+    "match": Match,
+    "estimate": Estimating,
+    "dress": Dress,
+    "finish": Finish,
+}
 """In the order in which they follow one another."""

@@ -88,10 +88,16 @@ def export_program(
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it reports libraries that nothing here uses
     with torch.no_grad():
         program: Any = torch.onnx.export(
-            module.eval(), tuple(inputs.values()), input_names=list(inputs), output_names=list(outputs),
-            dynamic_shapes=tuple(dict(dynamic_axes[name]) for name in inputs), opset_version=opset, dynamo=True,
-            optimize=False, verbose=False,
-        )  # fmt: skip
+            module.eval(),
+            tuple(inputs.values()),
+            input_names=list(inputs),
+            output_names=list(outputs),
+            dynamic_shapes=tuple(dict(dynamic_axes[name]) for name in inputs),
+            opset_version=opset,
+            dynamo=True,
+            optimize=False,
+            verbose=False,
+        )
     optimizer.fold_constants(program.model)
     optimizer.remove_unused_nodes(program.model)
     CommonSubexpressionEliminationPass()(program.model)

@@ -57,9 +57,13 @@ class ExposureSettings:
 
 
 def one_exposure(
-    images: Tensor, K_unit: Tensor, pairs: ViewPairs, whole: InverseDepths, settings: ExposureSettings,
+    images: Tensor,
+    K_unit: Tensor,
+    pairs: ViewPairs,
+    whole: InverseDepths,
+    settings: ExposureSettings,
     matching: SweepSettings,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+) -> tuple[Tensor, Tensor]:
     """Photos as if all were taken with the first one's exposure, (V, 3, H, W) in [0, 1]: to match with, and to show.
 
     Args:
@@ -90,9 +94,14 @@ def blindly(matching: SweepSettings, settings: ExposureSettings) -> SweepSetting
 
 
 def _exposures(
-    cells: Tensor, level: Tensor, agreement: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs,
-    look: InverseDepths, settings: ExposureSettings,
-) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:  # fmt: skip
+    cells: Tensor,
+    level: Tensor,
+    agreement: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    look: InverseDepths,
+    settings: ExposureSettings,
+) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
     """Gains and offsets (V, 3, 1, 1), to match with and to show, from cells (V, 3, h, w) and where they match."""
     s = settings
     here, there, sound = compared(cells, level, agreement, terms, pairs, look, s)
@@ -107,9 +116,14 @@ def _exposures(
 
 
 def compared(
-    cells: Tensor, levels: Tensor, agreement: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs,
-    look: InverseDepths, settings: ExposureSettings,
-) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
+    cells: Tensor,
+    levels: Tensor,
+    agreement: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    look: InverseDepths,
+    settings: ExposureSettings,
+) -> tuple[Tensor, Tensor, Tensor]:
     """Colours of cells and of their sources at the same places, (P, 3, h, w), and how sure that is, (P, 1, h, w).
 
     Args:

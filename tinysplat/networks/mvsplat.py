@@ -80,9 +80,12 @@ class DepthPredictor(nn.Module):
     def __init__(self, sh_degree: int) -> None:
         super().__init__()
         self.corr_refine_net = RefinementNet(
-            _conv(CANDIDATES + FEATURES, FEATURES), nn.GroupNorm(GROUPS, FEATURES), nn.GELU(),
-            UNet(FEATURES, levels=3, post_norm=True), _conv(FEATURES, CANDIDATES),
-        )  # fmt: skip
+            _conv(CANDIDATES + FEATURES, FEATURES),
+            nn.GroupNorm(GROUPS, FEATURES),
+            nn.GELU(),
+            UNet(FEATURES, levels=3, post_norm=True),
+            _conv(FEATURES, CANDIDATES),
+        )
         self.regressor_residual = _conv(CANDIDATES + FEATURES, CANDIDATES, 1)
         self.depth_head_lowres = nn.Sequential(
             _conv(CANDIDATES, 2 * CANDIDATES), nn.GELU(), _conv(2 * CANDIDATES, CANDIDATES)
@@ -90,9 +93,11 @@ class DepthPredictor(nn.Module):
         self.upsampler = nn.Sequential(_conv(2 * FEATURES, FEATURES))
         self.proj_feature = _conv(FEATURES, REFINED)
         self.refine_unet = RefinementNet(
-            _conv(3 + REFINED + 2, REFINED), nn.GroupNorm(4, REFINED), nn.GELU(),
+            _conv(3 + REFINED + 2, REFINED),
+            nn.GroupNorm(4, REFINED),
+            nn.GELU(),
             UNet(REFINED, levels=5, post_norm=True),
-        )  # fmt: skip
+        )
         self.to_disparity = nn.Sequential(_conv(REFINED, 2 * REFINED), nn.GELU(), _conv(2 * REFINED, 2))
         self.to_gaussians = GaussianHead(REFINED + 3 + FEATURES, sh_degree)
 

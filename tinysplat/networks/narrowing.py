@@ -42,9 +42,13 @@ class NarrowingSettings:
 
 
 def narrowed(
-    images: Tensor, K_unit: Tensor, pairs: ViewPairs, whole: InverseDepths, settings: NarrowingSettings,
+    images: Tensor,
+    K_unit: Tensor,
+    pairs: ViewPairs,
+    whole: InverseDepths,
+    settings: NarrowingSettings,
     matching: SweepSettings,
-) -> InverseDepths:  # fmt: skip
+) -> InverseDepths:
     """The part of each view's range that its scene takes up, with as many candidates as the whole.
 
     Args:
@@ -67,9 +71,13 @@ def narrowed(
 
 
 def taken_up(
-    level: Tensor, agreement: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, whole: InverseDepths,
+    level: Tensor,
+    agreement: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    whole: InverseDepths,
     settings: NarrowingSettings,
-) -> InverseDepths:  # fmt: skip
+) -> InverseDepths:
     """The part of the range of views whose depth is sought that their filled levels (V, 1, h, w) on cells take up.
 
     Args:

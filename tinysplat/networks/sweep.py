@@ -14,14 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from .aggregation import box_mean, fill_uncertain, local_contrast, path_costs
-from .geometry import (
-    BEHIND,
-    inside_frame,
-    pixel_intrinsics,
-    pixel_rays,
-    project_sweep,
-    sample_bilinear,
-)
+from .geometry import BEHIND, inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .pairs import ViewPairs
 from .surfels import CoarseSettings, coarse_layer, pixel_layer, sharpened, splat_weights
 
@@ -210,9 +203,13 @@ class InverseDepths:
 
 
 def matched(
-    guide: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, settings: SweepSettings,
+    guide: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    sweep: InverseDepths,
+    settings: SweepSettings,
     lead: Tensor | float = 0.0,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+) -> tuple[Tensor, Tensor]:
     """Costs of every candidate and what semi-global aggregation makes of them, both (V, D, h, w).
 
     Args:
@@ -229,17 +226,25 @@ def matched(
 
 
 def settled(
-    paths: Tensor, guide: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths,
+    paths: Tensor,
+    guide: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    sweep: InverseDepths,
     settings: SweepSettings,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+) -> tuple[Tensor, Tensor]:
     """Level (V, 1, h, w) of the lowest aggregated costs, filled where views disagree, and agreement before filling."""
     return agreed(soft_argmin(paths, settings.sharpness), guide, terms, pairs, sweep, settings)
 
 
 def agreed(
-    level: Tensor, guide: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths,
+    level: Tensor,
+    guide: Tensor,
+    terms: tuple[Tensor, Tensor],
+    pairs: ViewPairs,
+    sweep: InverseDepths,
     settings: SweepSettings,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+) -> tuple[Tensor, Tensor]:
     """Levels (…, 1, h, w) of all views, filled where views disagree, and agreement before filling."""
     agreement = cross_view_agreement(level, terms, pairs, sweep, settings)
     own, colours = pairs.own(level), pairs.own(guide)

@@ -43,9 +43,7 @@ class CrossAttention(WindowAttention):
     def __init__(self, channels: int) -> None:
         super().__init__(channels)
         self.mlp = nn.Sequential(
-            nn.Linear(2 * channels, 8 * channels, bias=False),
-            nn.GELU(),
-            nn.Linear(8 * channels, channels, bias=False),
+            nn.Linear(2 * channels, 8 * channels, bias=False), nn.GELU(), nn.Linear(8 * channels, channels, bias=False)
         )
         self.norm2 = nn.LayerNorm(channels)
 

@@ -43,9 +43,14 @@ class WitnessSettings:
 
 
 def kept_opacity(
-    level: Tensor, trust: Tensor, K_unit: Tensor, c2w: Tensor, pairs: ViewPairs, depths: InverseDepths,
+    level: Tensor,
+    trust: Tensor,
+    K_unit: Tensor,
+    c2w: Tensor,
+    pairs: ViewPairs,
+    depths: InverseDepths,
     settings: WitnessSettings,
-) -> Tensor:  # fmt: skip
+) -> Tensor:
     """Factor (V, 1, H, W) in [0, 1] on the opacity of every pixel's Gaussian; 1 everywhere for two views.
 
     Args:

@@ -32,9 +32,14 @@ Points = tuple[NDArray, NDArray, NDArray]
 
 
 def write_folder(
-    output: Path, photos: Path, entries: Sequence[dict[str, Any]], depths: tuple[float | None, float | None],
-    points: Points, *, quiet: bool,
-) -> list[str]:  # fmt: skip
+    output: Path,
+    photos: Path,
+    entries: Sequence[dict[str, Any]],
+    depths: tuple[float | None, float | None],
+    points: Points,
+    *,
+    quiet: bool,
+) -> list[str]:
     """Write a scene; nothing stays behind when that fails.
 
     Args:
@@ -89,12 +94,17 @@ def transforms(frames: Sequence[tuple[str, Camera]], depths: tuple[float | None,
     """A `transforms.json` of photos and their cameras."""
     entries = [
         {
-            "file_path": file, "w": camera.width, "h": camera.height,
-            "fl_x": camera.K[0, 0], "fl_y": camera.K[1, 1], "cx": camera.K[0, 2], "cy": camera.K[1, 2],
+            "file_path": file,
+            "w": camera.width,
+            "h": camera.height,
+            "fl_x": camera.K[0, 0],
+            "fl_y": camera.K[1, 1],
+            "cx": camera.K[0, 2],
+            "cy": camera.K[1, 2],
             "transform_matrix": (camera.c2w @ OPENGL_TO_OPENCV).tolist(),
         }
         for file, camera in frames
-    ]  # fmt: skip
+    ]
     return {"camera_model": "PINHOLE", "near": depths[0], "far": depths[1], "frames": entries}
 
 

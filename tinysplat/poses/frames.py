@@ -108,8 +108,9 @@ def _detail(picture: NDArray) -> float:
 def _spectra(picture: NDArray) -> NDArray:
     """(T, _TILE, _TILE/2 + 1) Fourier transforms of the picture's tiles, windowed."""
     rows, columns = (max(side // _TILE, 1) * _TILE for side in picture.shape)
-    padded = np.pad(picture, [(0, max(side - n, 0)) for side, n in zip((rows, columns), picture.shape, strict=True)],
-                    mode="edge")[:rows, :columns]  # fmt: skip
+    padded = np.pad(
+        picture, [(0, max(side - n, 0)) for side, n in zip((rows, columns), picture.shape, strict=True)], mode="edge"
+    )[:rows, :columns]
     tiles = padded.reshape(rows // _TILE, _TILE, columns // _TILE, _TILE).swapaxes(1, 2).reshape(-1, _TILE, _TILE)
     window = np.hanning(_TILE + 2)[1:-1]
     flat = tiles - tiles.mean(axis=(1, 2), keepdims=True)

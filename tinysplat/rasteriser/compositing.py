@@ -73,9 +73,14 @@ class _Compiled(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, centres: Tensor, conics: Tensor, opacities: Tensor, colours: Tensor, order: Tensor,
+        ctx: Any,
+        centres: Tensor,
+        conics: Tensor,
+        opacities: Tensor,
+        colours: Tensor,
+        order: Tensor,
         size: tuple[int, int],
-    ) -> tuple[Tensor, Tensor]:  # fmt: skip
+    ) -> tuple[Tensor, Tensor]:
         from . import kernels
 
         image, left = torch.zeros(*size, 3), torch.ones(size)

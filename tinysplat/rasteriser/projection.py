@@ -50,10 +50,16 @@ def quats_to_rotations(quats: Tensor) -> tuple[Tensor, ...]:
     """The nine entries (N,), row by row, of the rotation matrices of unit quaternions (N, 4) wxyz."""
     w, x, y, z = quats.unbind(-1)
     return (
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    )  # fmt: skip
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )
 
 
 def project(means: Tensor, quats: Tensor, scales: Tensor, camera: PinholeCamera) -> Splats:

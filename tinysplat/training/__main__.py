@@ -38,9 +38,14 @@ def main(arguments: list[str] | None = None) -> int:
         given = {name: getattr(options, name) for name in ("photos", "pictures", "validation", "device")}
         config = load_config(options.config, **{name: str(value) for name, value in given.items() if value is not None})
         train(
-            config, options.out, resume=options.resume, start=options.start, minutes=options.minutes,
-            steps=options.steps, say=_say,
-        )  # fmt: skip
+            config,
+            options.out,
+            resume=options.resume,
+            start=options.start,
+            minutes=options.minutes,
+            steps=options.steps,
+            say=_say,
+        )
     except (TinySplatError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -69,9 +69,15 @@ def choose_device(name: str) -> torch.device:
 
 
 def train(
-    config: Config, folder: Path, *, resume: bool = False, start: Path | None = None, minutes: float | None = None,
-    steps: int | None = None, say: Say = print,
-) -> TrainingState:  # fmt: skip
+    config: Config,
+    folder: Path,
+    *,
+    resume: bool = False,
+    start: Path | None = None,
+    minutes: float | None = None,
+    steps: int | None = None,
+    say: Say = print,
+) -> TrainingState:
     """Train until the configured step or for some minutes, and leave checkpoint and curves in a folder.
 
     Args:

@@ -118,12 +118,15 @@ def candidate_entropy(logits: Tensor, truth: Tensor, known: Tensor) -> Tensor:
 def rate(prediction: Prediction) -> Tensor:
     """Bits per Gaussian of the first layer (scalar), roughly: total variation of its planes in quantiser steps."""
     inverse_depth = prediction.depths.at(prediction.level)
-    planes = torch.cat([
-        inverse_depth / (DEPTH_STEP * inverse_depth.detach().mean(dim=(1, 2, 3), keepdim=True)),
-        prediction.footprint / FOOTPRINT_STEP,
-        prediction.opacity / OPACITY_STEP,
-        prediction.colours / COLOUR_STEP,
-    ], dim=1)  # fmt: skip
+    planes = torch.cat(
+        [
+            inverse_depth / (DEPTH_STEP * inverse_depth.detach().mean(dim=(1, 2, 3), keepdim=True)),
+            prediction.footprint / FOOTPRINT_STEP,
+            prediction.opacity / OPACITY_STEP,
+            prediction.colours / COLOUR_STEP,
+        ],
+        dim=1,
+    )
     across, down = planes[..., 1:] - planes[..., :-1], planes[..., 1:, :] - planes[..., :-1, :]
     bits = (torch.log2(1 + d.abs()).mean(dim=(0, 2, 3)).sum() for d in (across, down))
     return 0.5 * torch.stack(list(bits)).sum()

@@ -116,16 +116,24 @@ def _furnish(b: _Builder, spread: float) -> float:
     outdoors = rng.random() < 0.25
     if outdoors:  # a far backdrop and a ground that runs towards it
         back *= math.exp(rng.uniform(0.3, 2.2))
-        b.add(BOX, np.array([0, rng.uniform(0.8, 2.5), back / 2]), euler(0, rng.normal(0, 0.3), rng.normal(0, 0.04)),
-              np.array([60, 0.03, back]))  # fmt: skip
+        b.add(
+            BOX,
+            np.array([0, rng.uniform(0.8, 2.5), back / 2]),
+            euler(0, rng.normal(0, 0.3), rng.normal(0, 0.04)),
+            np.array([60, 0.03, back]),
+        )
     elif rng.random() < 0.6:
         middle = np.array([rng.normal(0, 0.5), rng.normal(0, 0.4), back - 6])
         turn = euler(*rng.normal(0, [0.05, 0.5, 0.15]))
         b.add(ROOM, middle, turn, np.array([rng.uniform(1.8, 5), rng.uniform(1, 3), 6.0]))
     b.add(BOX, np.array([0, 0, back + 3.0]), euler(*rng.normal(0, [0.1, 0.4, 0.4])), np.array([120, 120, 0.05]))
     if rng.random() < 0.5:  # a table
-        b.add(BOX, np.array([0, rng.uniform(0.5, 1.6), rng.uniform(2, 5)]), euler(*rng.normal(0, [0.1, 0.6, 0.25])),
-              np.array([rng.uniform(0.6, 6), 0.03, rng.uniform(0.6, 5)]))  # fmt: skip
+        b.add(
+            BOX,
+            np.array([0, rng.uniform(0.5, 1.6), rng.uniform(2, 5)]),
+            euler(*rng.normal(0, [0.1, 0.6, 0.25])),
+            np.array([rng.uniform(0.6, 6), 0.03, rng.uniform(0.6, 5)]),
+        )
     for _ in range(rng.integers(2, 11)):
         _thing(b, back if not outdoors else min(back, 12.0), spread)
     if rng.random() < 0.3:

@@ -63,9 +63,13 @@ class Sample:
 
     @classmethod
     def of(
-        cls, name: str, views: Sequence[Picture], targets: Sequence[Picture], depth_range: tuple[float, float],
+        cls,
+        name: str,
+        views: Sequence[Picture],
+        targets: Sequence[Picture],
+        depth_range: tuple[float, float],
         depth: NDArray | None = None,
-    ) -> Sample:  # fmt: skip
+    ) -> Sample:
         """From arrays.
 
         Args:

@@ -142,9 +142,16 @@ def _texel(page: NDArray, u: float, v: float, out: NDArray) -> None:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _shade(
-    at: NDArray, is_round: bool, axis: int, geometry: NDArray, looks: NDArray, page: NDArray, light: NDArray,
-    ray: NDArray, out: NDArray,
-) -> None:  # fmt: skip
+    at: NDArray,
+    is_round: bool,
+    axis: int,
+    geometry: NDArray,
+    looks: NDArray,
+    page: NDArray,
+    light: NDArray,
+    ray: NDArray,
+    out: NDArray,
+) -> None:
     """Colour of a hit: texture, Lambert's law beside ambient light, and a highlight about the mirrored light.
 
     Args:
@@ -205,9 +212,16 @@ def _origins(geometry: NDArray, camera: NDArray) -> tuple[NDArray, NDArray]:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _trace(
-    ids: NDArray, geometry: NDArray, looks: NDArray, textures: NDArray, light: NDArray, camera: NDArray, samples: int,
-    image: NDArray, depth: NDArray,
-) -> None:  # fmt: skip
+    ids: NDArray,
+    geometry: NDArray,
+    looks: NDArray,
+    textures: NDArray,
+    light: NDArray,
+    camera: NDArray,
+    samples: int,
+    image: NDArray,
+    depth: NDArray,
+) -> None:
     local, spheres = _origins(geometry, camera)
     side = depth.shape[0]
     d, ray, best_ray, colour = np.empty((4, 3), np.float32)

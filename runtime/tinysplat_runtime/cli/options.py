@@ -35,9 +35,13 @@ def add_coding(options: Options) -> None:
 def add_refine(options: Options) -> None:
     """For how long Gaussians are corrected."""
     options.add_argument(
-        "--refine", type=budget, nargs="?", const="auto", metavar="STEPS|10s",
+        "--refine",
+        type=budget,
+        nargs="?",
+        const="auto",
+        metavar="STEPS|10s",
         help="correct Gaussians until they show their photos",
-    )  # fmt: skip
+    )
 
 
 def add_photos(options: Options, rarer: Options) -> None:
@@ -49,9 +53,12 @@ def add_photos(options: Options, rarer: Options) -> None:
     options.add_argument("--model", metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them")
     add_refine(options)
     options.add_argument(
-        "--no-refine", dest="refine", action="store_const", const="no",
+        "--no-refine",
+        dest="refine",
+        action="store_const",
+        const="no",
         help="as the network made them; captures are refined",
-    )  # fmt: skip
+    )
     options.add_argument("--mode", choices=CHOICES, metavar="MODE", help=f"the file has: {', '.join(CHOICES)}")
     rarer.add_argument("--poses", metavar="POSES", help="of a video: .txt, transforms.json, a folder")
     rarer.add_argument("--first-number", type=int, choices=(0, 1), help="of frames that POSES names; default 0")

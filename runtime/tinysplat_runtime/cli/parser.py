@@ -83,13 +83,21 @@ def _selection(parser: _Parser) -> None:
     )
     which.add_argument("--keep-all", action="store_true", help="neither thin captures nor prune trained scenes")
     which.add_argument(
-        "--fuse", type=positive, nargs="?", const=FUSE_SECONDS, metavar="SECONDS",
+        "--fuse",
+        type=positive,
+        nargs="?",
+        const=FUSE_SECONDS,
+        metavar="SECONDS",
         help=f"keep each surface once, corrected; default {FUSE_SECONDS:g} s",
-    )  # fmt: skip
+    )
     which.add_argument(
-        "--dilate", type=positive, nargs="?", const=OWN_VARIANCE, metavar="VARIANCE",
+        "--dilate",
+        type=positive,
+        nargs="?",
+        const=OWN_VARIANCE,
+        metavar="VARIANCE",
         help=f"widen for other viewers, pixels²; default {OWN_VARIANCE}",
-    )  # fmt: skip
+    )
     how = parser.add_argument_group("how files are written")
     how.add_argument("--points", action="store_true", help="a plain point cloud (.ply) of means and colours")
     how.add_argument("--sh-bits", type=indices, metavar="A,B", help=".spz: bits of SH of degree 1, above; 5,4")
@@ -128,9 +136,11 @@ def _encode(commands: Commands) -> None:
         "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
     )
     parser.add_argument(
-        "scene", metavar="SCENE", nargs="+",
+        "scene",
+        metavar="SCENE",
+        nargs="+",
         help="folder with photos and cameras (cameras.json, COLMAP, …); RealEstate10K .txt; two stereo photos; video",
-    )  # fmt: skip
+    )
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     rarer = parser.add_argument_group("video, stereo, depth")
     add_photos(parser, rarer)
@@ -246,14 +256,20 @@ def _view(commands: Commands) -> None:
     )
     parser.add_argument("file", metavar="F", nargs="?", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
-    parser.add_argument("--player", action="store_true", help="a page without a scene, which opens files that are"
-                        " dropped on it, chosen, or named by ?file=URL")  # fmt: skip
+    parser.add_argument(
+        "--player",
+        action="store_true",
+        help="a page without a scene, which opens files that are dropped on it, chosen, or named by ?file=URL",
+    )
     parser.add_argument("-o", "--output", metavar="OUT", help="where --player writes its page")
     parser.add_argument(
-        "--networks", nargs="?", const="node_modules/onnxruntime-web", metavar="PACKAGE",
+        "--networks",
+        nargs="?",
+        const="node_modules/onnxruntime-web",
+        metavar="PACKAGE",
         help="with --player: -o is a folder for a web server, with networks for files of photos and onnxruntime-web to"
         " run them, copied from npm's package; default node_modules/onnxruntime-web",
-    )  # fmt: skip
+    )
     parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
     parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")

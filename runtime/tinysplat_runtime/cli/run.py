@@ -137,9 +137,13 @@ def _warnings() -> Iterator[None]:
         others, said = warnings.showwarning, set[str]()
 
         def show(
-            message: Warning | str, category: type[Warning], filename: str, lineno: int,
-            file: TextIO | None = None, line: str | None = None,
-        ) -> None:  # fmt: skip
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
             if issubclass(category, InputWarning):
                 if str(message) not in said:  # of a photo that is read twice
                     print(message, file=sys.stderr)

@@ -93,11 +93,7 @@ def encode_plane(codes: NDArray, qp: int, settings: EncoderSettings, offsets: ND
 
 
 def encode_picture(
-    planes: Sequence[NDArray],
-    pixel_format: str,
-    qp: int,
-    settings: EncoderSettings,
-    offsets: NDArray | None = None,
+    planes: Sequence[NDArray], pixel_format: str, qp: int, settings: EncoderSettings, offsets: NDArray | None = None
 ) -> CodedPlane:
     """Code the planes (h, w) uint16 of one picture, in the sizes that libavcodec's pixel format demands.
 

@@ -46,9 +46,15 @@ class SceneFile:
     """
 
     def __init__(
-        self, source: Ranges, store: GraphStore, *, threads: int, limits: Limits | None = None,
-        model: str | None = None, cache_bytes: int = CACHE_BYTES,
-    ) -> None:  # fmt: skip
+        self,
+        source: Ranges,
+        store: GraphStore,
+        *,
+        threads: int,
+        limits: Limits | None = None,
+        model: str | None = None,
+        cache_bytes: int = CACHE_BYTES,
+    ) -> None:
         """Read the metadata.
 
         Args:

@@ -225,9 +225,14 @@ class _LayerCoder:
     """Codes the channels of one layer, keeping the file's pictures where they still say what is wanted."""
 
     def __init__(
-        self, container: Container, layer: LayerHeader, index: int, settings: EncoderSettings,
-        pool: ThreadPoolExecutor, stats: EncodeStats,
-    ) -> None:  # fmt: skip
+        self,
+        container: Container,
+        layer: LayerHeader,
+        index: int,
+        settings: EncoderSettings,
+        pool: ThreadPoolExecutor,
+        stats: EncodeStats,
+    ) -> None:
         self._container, self._index, self._header = container, index, layer
         self._settings, self._pool, self._stats = settings, pool, stats
         self._sets = container.parameter_sets.get(self._header.parameter_set, b"")

@@ -97,9 +97,7 @@ def free_sections(
     metadata = [NewSection(FREE, 0, b"".join(parts), FREE_MINOR)]
     for number, tier in enumerate(scene.tiers[1:], start=1):
         grid = tier.grid
-        fixed = TIER_FIXED.pack(
-            tier.count, len(grid.levels), 0, 0, grid.leaves, grid.escapes, grid.cell, tier.growth
-        )  # fmt: skip
+        fixed = TIER_FIXED.pack(tier.count, len(grid.levels), 0, 0, grid.leaves, grid.escapes, grid.cell, tier.growth)
         data = b"".join((fixed, _packed_points(grid), _packed_channels(tier, payloads[number])))
         metadata.append(NewSection(FREE_TIER, number, data, TIER_MINOR))
     metadata += [NewSection(PARAMETER_SETS, number, sets) for number, sets in enumerate(parameter_sets) if sets]

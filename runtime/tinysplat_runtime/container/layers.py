@@ -162,10 +162,19 @@ def layer_section(layer: CodedLayer, index: int, parameter_set: int, *, as_units
     k, lost, condition = (reduction.k, reduction.energy_lost, reduction.condition) if reduction else (0, 0.0, 1.0)
     parts = [
         L.LAYER_FIXED.pack(
-            layer.height, layer.width, plan.degree, layer.source_degree, flags, parameter_set, len(layer.channels), k,
-            *plan.depth_limits, lost, condition,
+            layer.height,
+            layer.width,
+            plan.degree,
+            layer.source_degree,
+            flags,
+            parameter_set,
+            len(layer.channels),
+            k,
+            *plan.depth_limits,
+            lost,
+            condition,
         )
-    ]  # fmt: skip
+    ]
     if not as_units:
         parts += [fields for each in zip(*view_fields(layer, index), strict=True) for fields in each]
     if plan.scale_mix is not None:

@@ -161,11 +161,8 @@ def _left_out(index: int, layer: LayerHeader) -> list[dict[str, Any]]:
     if layer.degree < layer.source_degree:
         saved = 2 * k * (3 * (layer.source_degree + 1) ** 2 - d)  # of the basis, and its time and memory in a decoder
         entries.append(
-            {
-                "layer": index, "what": "sh degree", "kept": layer.degree, "of": layer.source_degree,
-                "bytes_saved": saved,
-            }
-        )  # fmt: skip
+            {"layer": index, "what": "sh degree", "kept": layer.degree, "of": layer.source_degree, "bytes_saved": saved}
+        )
     if 0 < k < d:
         entries.append(
             {"layer": index, "what": "color components", "kept": k, "of": d, "energy_lost": layer.energy_lost}

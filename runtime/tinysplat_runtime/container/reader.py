@@ -79,9 +79,17 @@ def read_container(
         body = kind.read(opened)
         body = body if wanted == all_views else body.select(wanted)
     return Container(
-        version, _ascii(profile, scene), qp, opened.origin, body, opened.parameter_sets, read_notes(sections), total,
-        tuple(view for view in wanted if view not in absent), absent,
-    )  # fmt: skip
+        version,
+        _ascii(profile, scene),
+        qp,
+        opened.origin,
+        body,
+        opened.parameter_sets,
+        read_notes(sections),
+        total,
+        tuple(view for view in wanted if view not in absent),
+        absent,
+    )
 
 
 @dataclass(frozen=True)

@@ -162,8 +162,10 @@ def _viewpoints(arrays: Mapping[str, NDArray]) -> tuple[Camera, ...]:
         return ()
     count = len(found[0]) if found[0].ndim else 0
     if [array.shape for array in found] != [(count, 3, 3), (count, 4, 4), (count, 2)]:
-        raise InputError(f"shapes {[array.shape for array in found]}, expected (P, 3, 3), (P, 4, 4) and (P, 2)",
-                         where=", ".join(names))  # fmt: skip
+        raise InputError(
+            f"shapes {[array.shape for array in found]}, expected (P, 3, 3), (P, 4, 4) and (P, 2)",
+            where=", ".join(names),
+        )
     K, c2w, sizes = found
     cameras = []
     for number in range(count):

@@ -25,15 +25,7 @@ from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from . import SH_BITS, SPZ_VERSION
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
-from .spz_streams import (
-    MAX_DEGREE,
-    MAX_FRACTIONAL_BITS,
-    WRITES,
-    SpzHeader,
-    is_antialiased,
-    pack_blocks,
-    read_blocks,
-)
+from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, is_antialiased, pack_blocks, read_blocks
 
 _MAX_DEGREE = {2: 3, 3: 3, 4: MAX_DEGREE}
 """The highest SH degree that readers of a version know."""

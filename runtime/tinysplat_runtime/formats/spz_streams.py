@@ -83,8 +83,14 @@ def pack_blocks(header: SpzHeader, blocks: Sequence[NDArray]) -> bytes:
         ImportError: version 4, and zstandard is not installed.
     """
     parts = [np.ascontiguousarray(block).tobytes() for block in blocks]
-    fields = (_MAGIC, header.version, header.count, header.degree, header.fractional_bits,
-              _ANTIALIASED * header.antialiased)  # fmt: skip
+    fields = (
+        _MAGIC,
+        header.version,
+        header.count,
+        header.degree,
+        header.fractional_bits,
+        _ANTIALIASED * header.antialiased,
+    )
     if header.version < _ZSTD_VERSION:
         return gzip.compress(_HEADER.pack(*fields, 0) + b"".join(parts), mtime=0)
     import zstandard

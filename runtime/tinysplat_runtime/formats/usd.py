@@ -93,9 +93,14 @@ def _read(path: Path, max_bytes: int) -> dict[str, NDArray]:
         modules = os.pathsep.join(entry for entry in sys.path if entry)  # the worker finds what this process found
         try:
             done = subprocess.run(
-                command, capture_output=True, text=True, errors="replace", timeout=_SECONDS, check=False,
+                command,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=_SECONDS,
+                check=False,
                 env={**os.environ, "PYTHONPATH": modules, "PXR_WORK_THREAD_LIMIT": "1"},  # threads take address space
-            )  # fmt: skip
+            )
         except subprocess.TimeoutExpired:
             raise InputError(f"not read within {_SECONDS} seconds") from None
         if done.returncode or not out.is_file():

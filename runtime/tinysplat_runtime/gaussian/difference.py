@@ -37,8 +37,11 @@ def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[
             shift = b.origin - a.origin if name == "means" else np.zeros(())
             for error in _differences(x, y, shift, _angles if name == "quats" else _padded_difference):
                 total, largest, count = found[name]
-                found[name] = [total + float(np.square(error).sum()), max(largest, float(np.abs(error).max())),
-                               count + error.size]  # fmt: skip
+                found[name] = [
+                    total + float(np.square(error).sum()),
+                    max(largest, float(np.abs(error).max())),
+                    count + error.size,
+                ]
     return {name: {"rmse": math.sqrt(total / count), "max": largest} for name, (total, largest, count) in found.items()}
 
 

@@ -32,9 +32,14 @@ LEAST_SOUND = 0.01
 
 
 def predict_each(
-    read: Callable[[int], NDArray], cameras: Sequence[Camera], near: float, far: float, stages: Mapping[str, Graph],
-    groups: Sequence[Group], show: Show = plain,
-) -> Gaussians:  # fmt: skip
+    read: Callable[[int], NDArray],
+    cameras: Sequence[Camera],
+    near: float,
+    far: float,
+    stages: Mapping[str, Graph],
+    groups: Sequence[Group],
+    show: Show = plain,
+) -> Gaussians:
     """As `walk.predict_groups`, by the stages of a network.
 
     Args:
@@ -64,9 +69,14 @@ class _Capture:
     """Photos, and what is known of those that are still needed: arrays by stage, view and name."""
 
     def __init__(
-        self, read: Callable[[int], NDArray], cameras: Sequence[Camera], near: float, far: float,
-        stages: Mapping[str, Graph], stars: Sequence[tuple[int, ...]],
-    ) -> None:  # fmt: skip
+        self,
+        read: Callable[[int], NDArray],
+        cameras: Sequence[Camera],
+        near: float,
+        far: float,
+        stages: Mapping[str, Graph],
+        stars: Sequence[tuple[int, ...]],
+    ) -> None:
         self.cameras, self.near, self.far, self.stages, self.stars = cameras, near, far, stages, stars
         self.photos: dict[int, NDArray] = {}  # (3, H, W) uint16, padded to the network's stride
         self.units: list[NDArray] = []  # K divided by the size of that
@@ -94,10 +104,16 @@ class _Capture:
             self._dressed(u)
         own, camera = self.made["dress", view], self.cameras[view]
         outputs = self._run(
-            "finish", view, shown=self.exposures.shown(self._planes(view), view), far=as_input([self.far]),
-            levels=self._of("dress", "level", star), alphas=self._of("dress", "opacity", star),
-            footprint=own.pop("footprint"), colours=own.pop("colours"), changes=own.pop("changes"),
-        )  # fmt: skip
+            "finish",
+            view,
+            shown=self.exposures.shown(self._planes(view), view),
+            far=as_input([self.far]),
+            levels=self._of("dress", "level", star),
+            alphas=self._of("dress", "opacity", star),
+            footprint=own.pop("footprint"),
+            colours=own.pop("colours"),
+            changes=own.pop("changes"),
+        )
         del self.photos[view]
         self._let_go("dress", star)
         return assembled(outputs, [camera], camera.centre, self.near, self.stages["finish"].name)
@@ -111,10 +127,14 @@ class _Capture:
         own = self.made["estimate", view]
         heavy = {name: own.pop(name) for name in ("features", "coarse_features", "full", "clues")}
         self.made["dress", view] = self._run(
-            "dress", view, images=self._of("image", "image", star),
-            shown=self.exposures.shown(self._planes(view), view), levels=self._of("estimate", "level", star),
-            agreements=self._of("estimate", "agreement", star), **heavy,
-        )  # fmt: skip
+            "dress",
+            view,
+            images=self._of("image", "image", star),
+            shown=self.exposures.shown(self._planes(view), view),
+            levels=self._of("estimate", "level", star),
+            agreements=self._of("estimate", "agreement", star),
+            **heavy,
+        )
         self._let_go("estimate", star)
         self._let_go("image", star)
 

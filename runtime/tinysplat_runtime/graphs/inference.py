@@ -37,13 +37,7 @@ class Contract:
 
 
 _CAMERA = {"K": (_F32, 3), "rotation": (_F32, 3), "rotation_quat": (_F32, 2)}
-_GAUSSIANS_OUT = {
-    "means": (_F32, 4),
-    "quats": (_F32, 4),
-    "scales": (_F32, 4),
-    "opacities": (_F32, 3),
-    "sh": (_F32, 5),
-}
+_GAUSSIANS_OUT = {"means": (_F32, 4), "quats": (_F32, 4), "scales": (_F32, 4), "opacities": (_F32, 3), "sh": (_F32, 5)}
 
 _STAGE_CAMERAS = {"K": (_F32, 3), "c2w": (_F32, 3), "ranges": (_F32, 2)}
 
@@ -58,8 +52,7 @@ _FINISH = _stage("shown levels alphas footprint colours changes", _GAUSSIANS_OUT
 
 CONTRACTS: dict[str, Contract] = {
     "network": Contract(
-        {"images": (_F32, 4), "K": (_F32, 3), "c2w": (_F32, 3), "near": (_F32, 1), "far": (_F32, 1)},
-        _GAUSSIANS_OUT,
+        {"images": (_F32, 4), "K": (_F32, 3), "c2w": (_F32, 3), "near": (_F32, 1), "far": (_F32, 1)}, _GAUSSIANS_OUT
     ),
     "analysis_vpt": Contract(
         {

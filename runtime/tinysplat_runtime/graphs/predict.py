@@ -182,8 +182,10 @@ def padded(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) ->
 
     The top-left corner stays where it is, so K in pixels does not change.
     """
-    sides = [max(-(-side // limits.stride), -(-limits.min_side // limits.stride)) * limits.stride
-             for side in images.shape[1:3]]  # fmt: skip
+    sides = [
+        max(-(-side // limits.stride), -(-limits.min_side // limits.stride)) * limits.stride
+        for side in images.shape[1:3]
+    ]
     grow = [(0, new - old) for new, old in zip(sides, images.shape[1:3], strict=True)]
     if any(after for _, after in grow):
         images = np.pad(images, ((0, 0), *grow, (0, 0)), mode="edge")
@@ -233,9 +235,7 @@ def _assemble(
             K = _finite(outputs, f"{prefix}K")
             if K.shape != (len(cameras), 3, 3):
                 raise ModelError(f"output '{prefix}K' has shape {K.shape}, expected (V, 3, 3)", where=name)
-            layer_cameras = tuple(
-                Camera(K[v], camera.c2w, grid[2], grid[1]) for v, camera in enumerate(cameras)
-            )  # fmt: skip
+            layer_cameras = tuple(Camera(K[v], camera.c2w, grid[2], grid[1]) for v, camera in enumerate(cameras))
         arrays["means"] = (arrays["means"].astype(np.float64) + shift).astype(np.float32)
         arrays["opacities"] = arrays["opacities"].clip(0, 1)
         if (arrays["scales"] < 0).any():

@@ -54,9 +54,12 @@ def predict_grouped(
 
 
 def predict_groups(
-    cameras: Sequence[Camera], near: float, groups: Sequence[Group], run: Callable[[Sequence[int]], Gaussians],
+    cameras: Sequence[Camera],
+    near: float,
+    groups: Sequence[Group],
+    run: Callable[[Sequence[int]], Gaussians],
     show: Show = plain,
-) -> Gaussians:  # fmt: skip
+) -> Gaussians:
     """One scene of what a network makes of each group.
 
     Args:

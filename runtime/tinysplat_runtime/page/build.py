@@ -33,9 +33,14 @@ _MARKUP = bytes.maketrans(b"<>&$`", b",./:[")
 
 
 def scene_page(
-    data: bytes, *, title: str, cameras: Sequence[Camera] = (), photos: Mapping[int, NDArray] | None = None,
-    first: int = 0, poster: NDArray | None = None,
-) -> str:  # fmt: skip
+    data: bytes,
+    *,
+    title: str,
+    cameras: Sequence[Camera] = (),
+    photos: Mapping[int, NDArray] | None = None,
+    first: int = 0,
+    poster: NDArray | None = None,
+) -> str:
     """The page of one file, which loads nothing from anywhere.
 
     Args:
@@ -47,10 +52,12 @@ def scene_page(
         poster: (H, W, 3) in [0, 1] or uint8, that view's picture, shown until the scene is drawn.
     """
     scene = {
-        "cameras": [_camera(camera) for camera in cameras], "isPlayer": False, "first": first,
+        "cameras": [_camera(camera) for camera in cameras],
+        "isPlayer": False,
+        "first": first,
         "photos": {i: _picture(photo) for i, photo in (photos or {}).items()},
         "poster": None if poster is None else _picture(poster),
-    }  # fmt: skip
+    }
     return _page(title, scene, _base85(data), sources="blob:")
 
 
@@ -70,14 +77,21 @@ def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, h
     code = json.dumps([bundled(), bundled("page.js", __package__)]).encode()
     start, style = _text("start.js"), _text("style.css")
     policy = _POLICY.format(
-        start=_hash(start), style=_hash(style), sources=sources, networks=" 'self' 'wasm-unsafe-eval'" * has_networks,
+        start=_hash(start),
+        style=_hash(style),
+        sources=sources,
+        networks=" 'self' 'wasm-unsafe-eval'" * has_networks,
         beside=" 'self'" * has_networks,
-    )  # fmt: skip
+    )
     return Template(_text("page.html")).substitute(
-        policy=policy, title=html.escape(title), style=style, start=start, file=file,
+        policy=policy,
+        title=html.escape(title),
+        style=style,
+        start=start,
+        file=file,
         scene=json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element
         code=_base85(gzip.compress(code, 9, mtime=0)),
-    )  # fmt: skip
+    )
 
 
 def _picture(image: NDArray) -> str:
@@ -88,9 +102,15 @@ def _camera(camera: Camera) -> dict[str, object]:
     """A camera as tsplat.js has them."""
     K = camera.K
     return {
-        "width": camera.width, "height": camera.height, "fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2],
-        "skew": K[0, 1], "c2w": camera.c2w.reshape(-1).tolist(),
-    }  # fmt: skip
+        "width": camera.width,
+        "height": camera.height,
+        "fx": K[0, 0],
+        "fy": K[1, 1],
+        "cx": K[0, 2],
+        "cy": K[1, 2],
+        "skew": K[0, 1],
+        "c2w": camera.c2w.reshape(-1).tolist(),
+    }
 
 
 def _hash(text: str) -> str:

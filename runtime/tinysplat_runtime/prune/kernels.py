@@ -79,9 +79,16 @@ _ZERO, _ONE, _HALF, _OPACITY = _F(0), _F(1), _F(0.5), _F(OPACITY_COLOUR)
 
 @compiled
 def score_tile(
-    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, walk: NDArray, wanted: NDArray,
-    is_first: bool, pairs: NDArray,
-) -> None:  # fmt: skip
+    records: NDArray,
+    rows: NDArray,
+    listed: Listed,
+    extent: Extent,
+    work: Scratch,
+    walk: NDArray,
+    wanted: NDArray,
+    is_first: bool,
+    pairs: NDArray,
+) -> None:
     """Draw a tile and fill the sums of its splats.
 
     Args:

@@ -94,9 +94,15 @@ def principal_axes(covariances: NDArray) -> tuple[NDArray, NDArray]:
 
 @compiled
 def choose(
-    means: NDArray, covariances: NDArray, logs: NDArray, colours: NDArray, gone: NDArray, near: NDArray, most: Number,
+    means: NDArray,
+    covariances: NDArray,
+    logs: NDArray,
+    colours: NDArray,
+    gone: NDArray,
+    near: NDArray,
+    most: Number,
     into: NDArray,
-) -> None:  # fmt: skip
+) -> None:
     """Take the candidate where it is liker than what was taken before.
 
     Args:

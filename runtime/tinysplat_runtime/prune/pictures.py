@@ -94,9 +94,13 @@ class Pictures:
             pairs = np.empty((lists.rows.size, kernels.SUMS), np.float32)
 
             def score(
-                tile: int, listed: Listed, extent: Extent, scratch: Scratch,
-                lists: TileLists = lists, pairs: NDArray = pairs,
-            ) -> None:  # fmt: skip
+                tile: int,
+                listed: Listed,
+                extent: Extent,
+                scratch: Scratch,
+                lists: TileLists = lists,
+                pairs: NDArray = pairs,
+            ) -> None:
                 kernels.score_tile(
                     buffers.records, lists.rows, listed, extent, scratch, self._walk(), wanted, is_first, pairs
                 )

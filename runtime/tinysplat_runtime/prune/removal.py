@@ -220,9 +220,14 @@ class Remover:
             towards = gaussians.means[part, None].astype(np.float64) - centres
             towards /= np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-30)
             kernels.solve_colours(
-                sh_basis(towards, degree), seen.weights[part].astype(np.float64), seen.lacks[part].astype(np.float64),
-                by_function, HOLD, RELAXATION, sh[part],
-            )  # fmt: skip
+                sh_basis(towards, degree),
+                seen.weights[part].astype(np.float64),
+                seen.lacks[part].astype(np.float64),
+                by_function,
+                HOLD,
+                RELAXATION,
+                sh[part],
+            )
 
         self._run(solve, range(0, len(sh), _ROWS))
         return sh

@@ -87,9 +87,13 @@ class ThinningEncoder:
             return decoded.sh
 
         coder = FreeEncoder(
-            kept, self.profile, threads=self._threads, stats=self._stats, tiers=tiers,
-            recolour=None if kept.degree else recolour
-        )  # fmt: skip
+            kept,
+            self.profile,
+            threads=self._threads,
+            stats=self._stats,
+            tiers=tiers,
+            recolour=None if kept.degree else recolour,
+        )
         return coder.code(qp, self._terms.steps)
 
     def thinned(self, qp: float) -> tuple[Thinned, list[float]]:

@@ -77,9 +77,13 @@ class Encoded:
 
 
 def encode(
-    request: EncodeRequest, tools: Tools, listener: Listener | None = None,
-    *, stats: EncodeStats | None = None, keep: bool = False,
-) -> Encoded:  # fmt: skip
+    request: EncodeRequest,
+    tools: Tools,
+    listener: Listener | None = None,
+    *,
+    stats: EncodeStats | None = None,
+    keep: bool = False,
+) -> Encoded:
     """Photos to a `.tsplat` file's bytes.
 
     Args:

@@ -48,9 +48,13 @@ MEMORY_SHARE = 0.9
 
 
 def check_memory(
-    scene: Scene, enlarger: Enlarger | None = None, *, mode: str = DEFAULT_MODE, refined: bool = False,
+    scene: Scene,
+    enlarger: Enlarger | None = None,
+    *,
+    mode: str = DEFAULT_MODE,
+    refined: bool = False,
     each: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """Refuse photos that take more memory than is free, with a size that would fit.
 
     Args:

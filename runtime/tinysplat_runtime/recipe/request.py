@@ -203,8 +203,11 @@ def _read(accepted: Any, options: dict[str, Any]) -> dict[str, Any]:
     if unknown:
         raise InputError(f"unknown {', '.join(unknown)[:80]}, accepted are {', '.join(sorted(known))}")
     in_words = {
-        "views": words.views, "size": words.size_or_full, "target_size": words.byte_count, "refine": words.refinement
-    }  # fmt: skip
+        "views": words.views,
+        "size": words.size_or_full,
+        "target_size": words.byte_count,
+        "refine": words.refinement,
+    }
     for name in in_words.keys() & options.keys():
         if isinstance(options[name], str):
             try:

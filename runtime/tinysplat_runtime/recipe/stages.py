@@ -116,9 +116,15 @@ def enlarger_of(scene: Scene, model: str, tools: Tools, *, whole: bool = False) 
 
 
 def refine(
-    gaussians: Gaussians, scene: Scene, refinement: Refinement | None, coding: Coding, tools: Tools,
-    *, stats: RefineStats | None = None, show: Show | None = None,
-) -> Gaussians:  # fmt: skip
+    gaussians: Gaussians,
+    scene: Scene,
+    refinement: Refinement | None,
+    coding: Coding,
+    tools: Tools,
+    *,
+    stats: RefineStats | None = None,
+    show: Show | None = None,
+) -> Gaussians:
     """Gaussians that show their photos better; see `Runtime.refine`, whose default None stands for."""
     try:
         from ..refine.refine import refine as run
@@ -126,15 +132,26 @@ def refine(
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
     budget = Refinement() if refinement is None else refinement
     return run(
-        gaussians, scene, steps=budget.steps, seconds=budget.seconds, profile=coding.planes, qp=coding.step_qp,
-        run_jobs=Crew(tools.threads).map, stats=stats, show=show,
-    )  # fmt: skip
+        gaussians,
+        scene,
+        steps=budget.steps,
+        seconds=budget.seconds,
+        profile=coding.planes,
+        qp=coding.step_qp,
+        run_jobs=Crew(tools.threads).map,
+        stats=stats,
+        show=show,
+    )
 
 
 def code(
-    gaussians: Gaussians, coding: Coding, tools: Tools,
-    *, photos: PhotoScene | None = None, stats: EncodeStats | None = None,
-) -> bytes:  # fmt: skip
+    gaussians: Gaussians,
+    coding: Coding,
+    tools: Tools,
+    *,
+    photos: PhotoScene | None = None,
+    stats: EncodeStats | None = None,
+) -> bytes:
     """Gaussians as a `.tsplat` file's bytes.
 
     Args:
@@ -169,9 +186,14 @@ def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeSta
     like = coding.example()
     if like is not None:
         return encode_like(
-            gaussians, like, tools.store, threads=tools.threads, limits=tools.limits,
-            drop_invalid=coding.drop_invalid, stats=stats,
-        )  # fmt: skip
+            gaussians,
+            like,
+            tools.store,
+            threads=tools.threads,
+            limits=tools.limits,
+            drop_invalid=coding.drop_invalid,
+            stats=stats,
+        )
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, coding.drop_invalid)
     mode = "lossless" if coding.lossless else DEFAULT_MODE if gaussians.is_per_pixel else "free"
     stats.mode = stats.mode if mode == DEFAULT_MODE else mode

@@ -58,11 +58,7 @@ class Descent:
     """
 
     def __init__(
-        self,
-        field: FreeGaussians,
-        pace: Pace,
-        run_jobs: Callable,
-        limits: Sequence[tuple[float, float]] = LIMITS,
+        self, field: FreeGaussians, pace: Pace, run_jobs: Callable, limits: Sequence[tuple[float, float]] = LIMITS
     ) -> None:
         """`limits` are the least and greatest value by kind; `run_jobs` maps a function over a list, on any threads."""
         self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits

@@ -73,11 +73,15 @@ class FreeGaussians:
         geometry = np.zeros((len(planes), GEOMETRY, CHUNK), np.float32)
         sh = np.ascontiguousarray(sh).reshape(len(planes), -1)
         self.pieces = [
-            Piece(slice(CHUNK * first, CHUNK * min(first + step, len(planes))),
-                   planes[first : first + step], geometry[first : first + step], sh[first : first + step])
+            Piece(
+                slice(CHUNK * first, CHUNK * min(first + step, len(planes))),
+                planes[first : first + step],
+                geometry[first : first + step],
+                sh[first : first + step],
+            )
             for step in [BLOCK_SIZE // CHUNK]
             for first in range(0, len(planes), step)
-        ]  # fmt: skip
+        ]
         self._buffers, self._run = SplatBuffers(rows, run_jobs), run_jobs
         self._pairs = np.empty((0, PAIR), np.float32)
         self.place()
@@ -163,10 +167,16 @@ class FreeGaussians:
         def add(number: int) -> None:
             piece = self.pieces[number]
             kernels_free.add_up(
-                self._buffers.records, visible[number], lists.tiles, lists.starts[number], self._pairs,
-                Moved(piece.rows.start, piece.geometry, nowhere, self.values[:, piece.rows]), piece.base[:, 12],
-                numbers, gradient[:, piece.rows],
-            )  # fmt: skip
+                self._buffers.records,
+                visible[number],
+                lists.tiles,
+                lists.starts[number],
+                self._pairs,
+                Moved(piece.rows.start, piece.geometry, nowhere, self.values[:, piece.rows]),
+                piece.base[:, 12],
+                numbers,
+                gradient[:, piece.rows],
+            )
 
         self._run(add, range(len(self.pieces)))
 

@@ -66,9 +66,7 @@ def add_variation(change: NDArray, across: NDArray, down: NDArray, weight: Numbe
 
 
 @compiled
-def adam(
-    values: NDArray, gradient: NDArray, first: NDArray, second: NDArray, numbers: tuple[Number, ...]
-) -> None:  # fmt: skip
+def adam(values: NDArray, gradient: NDArray, first: NDArray, second: NDArray, numbers: tuple[Number, ...]) -> None:
     """A step of Adam (Kingma & Ba 2015) on values of one kind.
 
     Args:

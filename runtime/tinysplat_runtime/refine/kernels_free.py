@@ -66,9 +66,16 @@ def place(base: NDArray, values: NDArray, geometry: NDArray, sh: NDArray) -> Non
 
 @compiled
 def add_up(
-    records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, pairs: NDArray, block: Moved, units: NDArray,
-    view: ViewNumbers, gradient: NDArray,
-) -> None:  # fmt: skip
+    records: NDArray,
+    seen: Visible,
+    tiles: Tiles,
+    ends: NDArray,
+    pairs: NDArray,
+    block: Moved,
+    units: NDArray,
+    view: ViewNumbers,
+    gradient: NDArray,
+) -> None:
     """Add a block's gradients with respect to its values, of one picture.
 
     Args:

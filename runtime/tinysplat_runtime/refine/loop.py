@@ -49,9 +49,13 @@ class Loop:
     """
 
     def __init__(
-        self, field: MovableGaussians, sizes: Sequence[Sequence[Target]], prices: dict[tuple[int, int], PlanePrice],
-        settings: Settings, run_jobs: Callable,
-    ) -> None:  # fmt: skip
+        self,
+        field: MovableGaussians,
+        sizes: Sequence[Sequence[Target]],
+        prices: dict[tuple[int, int], PlanePrice],
+        settings: Settings,
+        run_jobs: Callable,
+    ) -> None:
         """Begin.
 
         Args:
@@ -191,9 +195,7 @@ class Loop:
             array[:, grid.rows] for array in (self.field.values, self._gradient, self._first, self._second)
         )
         for kind, size in enumerate(settings.step_sizes(self._count)):
-            numbers = (
-                size, settings.momentum, settings.memory, settings.noise, count, *LIMITS[kind]
-            )  # fmt: skip
+            numbers = (size, settings.momentum, settings.memory, settings.noise, count, *LIMITS[kind])
             kernels.adam(values[kind], *(array[kind] for array in others), numbers)
 
     def _expose(self, view: int, error: PhotoError) -> None:

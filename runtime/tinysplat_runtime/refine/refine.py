@@ -91,9 +91,14 @@ class Refining:
     """
 
     def __init__(
-        self, gaussians: Gaussians, scene: Scene, profile: Profile, qp: float, run_jobs: Callable,
+        self,
+        gaussians: Gaussians,
+        scene: Scene,
+        profile: Profile,
+        qp: float,
+        run_jobs: Callable,
         stats: RefineStats | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin; see `refine` for arguments and errors."""
         self.stats = stats if stats is not None else RefineStats()
         self._start, self._worse, self._least = gaussians, 0, -math.inf

@@ -76,9 +76,7 @@ class Settings:
         return tuple(share * by_kind.get(kind, self.sh) for kind in range(VALUES))
 
 
-LIMITS: tuple[tuple[float, float], ...] = (
-    (-0.7, 0.7), (-2.0, 2.0), (-25.0, 14.0), *[(-4.0, 8.0)] * (VALUES - SH_RED),
-)  # fmt: skip
+LIMITS: tuple[tuple[float, float], ...] = ((-0.7, 0.7), (-2.0, 2.0), (-25.0, 14.0), *[(-4.0, 8.0)] * (VALUES - SH_RED))
 """Least and greatest value by kind: half to twice the depth, an eighth to seven times the size, any opacity, and
 colours from −0.6 to 2.8. Values that begin outside stay where they are or move inwards."""
 

@@ -185,9 +185,14 @@ class MovableGaussians:
             ).astype(np.float32)
             planes = _by_chunk(base)
             yield _Piece(
-                grid, grid.rows.start + first, planes, centre,
-                np.ascontiguousarray(_by_chunk(sh[part].T)).reshape(len(planes), -1), quats[part], scales[part],
-            )  # fmt: skip
+                grid,
+                grid.rows.start + first,
+                planes,
+                centre,
+                np.ascontiguousarray(_by_chunk(sh[part].T)).reshape(len(planes), -1),
+                quats[part],
+                scales[part],
+            )
 
     def gaussians(self, start: Gaussians) -> Gaussians:
         """`start`, which these were made of, as the values have it; what can show nowhere has opacity 0."""
@@ -214,9 +219,16 @@ class MovableGaussians:
         fields["sh"][view][..., 0, :] = np.moveaxis(values[SH_RED:], 0, -1)
 
     def measure(
-        self, target: Target, *, shares: Shares | None = None, gradient: NDArray | None = None, weight: float = 1.0,
-        shown: NDArray | None = None, most_left: float = 1.0, hidden: float = 0.0,
-    ) -> PhotoError:  # fmt: skip
+        self,
+        target: Target,
+        *,
+        shares: Shares | None = None,
+        gradient: NDArray | None = None,
+        weight: float = 1.0,
+        shown: NDArray | None = None,
+        most_left: float = 1.0,
+        hidden: float = 0.0,
+    ) -> PhotoError:
         """Draw a photo's picture and hold it against the photo.
 
         Args:
@@ -298,10 +310,15 @@ class MovableGaussians:
         def add(number: int) -> None:
             placed, piece = pieces[number], pieces[number].piece
             kernels_chain.add_up(
-                self._buffers.records, visible[number], lists.tiles, lists.starts[number], self._pairs,
-                Moved(placed.start, placed.geometry, piece.centre, self.values[:, piece.rows]), numbers,
+                self._buffers.records,
+                visible[number],
+                lists.tiles,
+                lists.starts[number],
+                self._pairs,
+                Moved(placed.start, placed.geometry, piece.centre, self.values[:, piece.rows]),
+                numbers,
                 gradient[:, piece.rows],
-            )  # fmt: skip
+            )
 
         self._run(add, list(range(len(pieces))))
 

@@ -30,19 +30,7 @@ from .kernels_gradient import (
     PULL_WW,
     SH_RED,
 )
-from .kernels_project import (
-    ALPHA_X,
-    AXES,
-    BETA_X,
-    CHUNK,
-    GAMMA,
-    MEAN,
-    OWN_PIXEL,
-    RED,
-    Number,
-    ViewNumbers,
-    compiled,
-)
+from .kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, MEAN, OWN_PIXEL, RED, Number, ViewNumbers, compiled
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE
 
 _F, _ZERO = np.float32, np.float32(0)
@@ -66,9 +54,15 @@ class Moved(NamedTuple):
 
 @compiled
 def add_up(
-    records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, pairs: NDArray, block: Moved,
-    view: ViewNumbers, gradient: NDArray,
-) -> None:  # fmt: skip
+    records: NDArray,
+    seen: Visible,
+    tiles: Tiles,
+    ends: NDArray,
+    pairs: NDArray,
+    block: Moved,
+    view: ViewNumbers,
+    gradient: NDArray,
+) -> None:
     """Add a block's gradients with respect to its values, of one photo.
 
     Args:

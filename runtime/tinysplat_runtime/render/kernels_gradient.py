@@ -143,9 +143,16 @@ class Sought(NamedTuple):
 
 @compiled
 def measure_tile(
-    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, sought: Sought, has_front: bool,
-    sums: NDArray, pairs: NDArray,
-) -> None:  # fmt: skip
+    records: NDArray,
+    rows: NDArray,
+    listed: Listed,
+    extent: Extent,
+    work: Scratch,
+    sought: Sought,
+    has_front: bool,
+    sums: NDArray,
+    pairs: NDArray,
+) -> None:
     """Draw a tile, hold it against the photo, and walk its splats again for their sums.
 
     Args:
@@ -243,8 +250,12 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, has_front: bool, su
             if has_front:
                 state[at + front], state[at + front + 4 * _STRIDE] = _ONE, behind_front
     sums[ABSOLUTE], sums[SQUARED], sums[BY_GAIN], sums[BY_OFFSET], sums[KNOWN] = (
-        absolute, squared, by_gain, by_offset, known
-    )  # fmt: skip
+        absolute,
+        squared,
+        by_gain,
+        by_offset,
+        known,
+    )
 
 
 @summing

@@ -67,9 +67,12 @@ class Block:
         planes = ("means", "axes", "log_opacities", "sh")
         own = None if self.own_pixels is None else self.own_pixels[keep]
         return replace(
-            self, **{name: getattr(self, name).compress(keep, axis=-1) for name in planes}, quats=self.quats[keep],
-            scales=self.scales[keep], own_pixels=own,
-        )  # fmt: skip
+            self,
+            **{name: getattr(self, name).compress(keep, axis=-1) for name in planes},
+            quats=self.quats[keep],
+            scales=self.scales[keep],
+            own_pixels=own,
+        )
 
     def fainter(self, log_share: float) -> Block:
         """The same with a share of their opacity."""

@@ -31,9 +31,12 @@ MAX_FILE_BYTES = 8 * MAX_PIXELS
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 _OTHERS = {
-    "WebP": rb"RIFF....WEBP", "GIF": rb"GIF8[79]a", "TIFF": rb"II\*\0|MM\0\*", "BMP": rb"BM....\0\0\0\0",
+    "WebP": rb"RIFF....WEBP",
+    "GIF": rb"GIF8[79]a",
+    "TIFF": rb"II\*\0|MM\0\*",
+    "BMP": rb"BM....\0\0\0\0",
     "AVIF": rb"....ftypavi[fs]",
-}  # fmt: skip
+}
 _HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_PIXEL_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")

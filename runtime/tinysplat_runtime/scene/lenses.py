@@ -107,8 +107,14 @@ def intrinsics(fx: float, fy: float, cx: float, cy: float) -> NDArray:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
-def opencv_lens(focal: Sequence[float], centre: Sequence[float], distortion: Sequence[float], size: tuple[int, int],
-                *, fisheye: bool) -> Lens:  # fmt: skip
+def opencv_lens(
+    focal: Sequence[float],
+    centre: Sequence[float],
+    distortion: Sequence[float],
+    size: tuple[int, int],
+    *,
+    fisheye: bool,
+) -> Lens:
     """A lens of OpenCV's polynomial.
 
     Args:

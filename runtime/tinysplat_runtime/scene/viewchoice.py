@@ -46,9 +46,12 @@ RIVALS = 3
 
 
 def needed_views(
-    cameras: Sequence[Camera], near: float, far: float, count: int | None = None,
+    cameras: Sequence[Camera],
+    near: float,
+    far: float,
+    count: int | None = None,
     sharpness: Callable[[int], float] | None = None,
-) -> list[int]:  # fmt: skip
+) -> list[int]:
     """Indices, in rising order, of the photos that a capture needs, of all that show something in common with others.
 
     Args:

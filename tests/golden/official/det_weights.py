@@ -39,10 +39,7 @@ GAINS = [
     (r"\.qkv\.weight$", 1.3),
 ]
 # (regular expression, base value) for one-dimensional scale vectors; default 1.0
-SCALES = [
-    (r"\.gamma$", 0.5),
-    (r"(^|\.)transformer\.layers\.\d+\.\w+\.norm[12]\.weight$", 0.35),
-]
+SCALES = [(r"\.gamma$", 0.5), (r"(^|\.)transformer\.layers\.\d+\.\w+\.norm[12]\.weight$", 0.35)]
 DEFAULT_GAIN_CONV = 1.2  # 4-D kernels
 DEFAULT_GAIN_OTHER = 1.0  # linear layers and 1x1 1-D convolutions
 

@@ -158,9 +158,11 @@ def _probe_matching(network: DepthSplat, scale: int, found: dict[str, Tensor]) -
     for name, channels in parts.items():
         if name != "cnn":
             _on_input(
-                predictor.regressor[scale], found, f"{name}_scale{scale}",
+                predictor.regressor[scale],
+                found,
+                f"{name}_scale{scale}",
                 lambda x, _views, start=start, channels=channels: x[:, start : start + channels],
-            )  # fmt: skip
+            )
         start += channels
     _on_output(predictor.regressor[scale], found, f"regressor_out_scale{scale}", lambda x: x)
     _on_output(predictor.depth_head[scale], found, f"depth_logits_scale{scale}", lambda x: x)

@@ -108,10 +108,7 @@ def unproject(
     y = (uv[:, 1] - K[1, 2]) / K[1, 1]
     x = (uv[:, 0] - K[0, 2] - K[0, 1] * y) / K[0, 0]
     focal = sqrt(K[0, 0] * K[1, 1])
-    return {
-        "means": np.stack([x * z, y * z, z], axis=-1) @ rotation,
-        "scales": exact(scale) * (z / focal)[:, None],
-    }
+    return {"means": np.stack([x * z, y * z, z], axis=-1) @ rotation, "scales": exact(scale) * (z / focal)[:, None]}
 
 
 def sh_basis(directions: NDArray[Any], degree: int) -> NDArray[Any]:
@@ -146,15 +143,7 @@ STUDY = "numerics"
 
 
 def numeric_row(
-    transform: str,
-    case: str,
-    measure: str,
-    condition: float,
-    *,
-    plain: float,
-    ours: float,
-    double: float,
-    bound: float,
+    transform: str, case: str, measure: str, condition: float, *, plain: float, ours: float, double: float, bound: float
 ) -> Row:
     """A row of the study.
 
@@ -169,8 +158,13 @@ def numeric_row(
         bound: that `ours` must keep, from the condition number.
     """
     figures = {"condition": condition, "float32": plain, "ours": ours, "float64": double, "bound": bound}
-    return Row(STUDY, transform, f"{case}; {measure}", {"case": case, "measure": measure},
-               {name: float(value) for name, value in figures.items()})  # fmt: skip
+    return Row(
+        STUDY,
+        transform,
+        f"{case}; {measure}",
+        {"case": case, "measure": measure},
+        {name: float(value) for name, value in figures.items()},
+    )
 
 
 def holds(row: Row) -> bool:

@@ -54,9 +54,14 @@ class Scene:
         """Gaussians (1, H, W) as float32 relative to an origin (3,) float64."""
         lead = (1, SIDE, SIDE)
         return Gaussians(
-            (self.means - origin).reshape(*lead, 3), self.quats.reshape(*lead, 4), self.scales.reshape(*lead, 3),
-            np.linspace(0, 1, SIDE * SIDE).reshape(lead), np.zeros((*lead, 1, 3)), (self.camera,), origin,
-        )  # fmt: skip
+            (self.means - origin).reshape(*lead, 3),
+            self.quats.reshape(*lead, 4),
+            self.scales.reshape(*lead, 3),
+            np.linspace(0, 1, SIDE * SIDE).reshape(lead),
+            np.zeros((*lead, 1, 3)),
+            (self.camera,),
+            origin,
+        )
 
 
 def make_scene(
@@ -282,8 +287,14 @@ def inverse_rows(store: GraphStore) -> Iterator[Row]:
 
 def rotation_rows() -> Iterator[Row]:
     """Quaternions of rotation matrices at angles where one of the four branches loses its digits."""
-    angles = [("0", 0), ("1e-9", "1e-9"), ("1", "1"), ("π − 1e-3", mpmath.pi - mpmath.mpf("1e-3")),
-              ("π − 1e-9", mpmath.pi - mpmath.mpf("1e-9")), ("π", mpmath.pi)]  # fmt: skip
+    angles = [
+        ("0", 0),
+        ("1e-9", "1e-9"),
+        ("1", "1"),
+        ("π − 1e-3", mpmath.pi - mpmath.mpf("1e-3")),
+        ("π − 1e-9", mpmath.pi - mpmath.mpf("1e-9")),
+        ("π", mpmath.pi),
+    ]
     for name, angle in angles:
         wanted = E.turn_of([0.3, 1.0, -0.2], mpmath.mpf(angle))
         matrix = E.rotation_matrices(wanted).astype(np.float64)

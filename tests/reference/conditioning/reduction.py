@@ -79,8 +79,14 @@ def _floor_row(name: str, weighting: str, least: float, delta: NDArray, cameras:
     back = inverse.astype(np.float32) @ planes
     error = float(np.abs(back - coefficients).max() / np.abs(coefficients).max())
     condition = float(np.linalg.cond(delta))
-    figures = {"least": least, "condition": condition, "amplification": _rms(inverse), "seen": colour[0],
-               "beside": colour[1], "round_trip": error}  # fmt: skip
+    figures = {
+        "least": least,
+        "condition": condition,
+        "amplification": _rms(inverse),
+        "seen": colour[0],
+        "beside": colour[1],
+        "round_trip": error,
+    }
     return Row("floor", name, weighting, figures=figures)
 
 
@@ -127,9 +133,16 @@ def coefficients_of(case: str) -> NDArray:
 
 
 SPECTRUM_CASES = (
-    "full rank", "rank 2, k = 6", "all coefficients equal", "one Gaussian (M < d)", "12 Gaussians (M < d)",
-    "repeated eigenvalues", "all zero", "coefficients of 1e4", "coefficients of 1e-15",
-)  # fmt: skip
+    "full rank",
+    "rank 2, k = 6",
+    "all coefficients equal",
+    "one Gaussian (M < d)",
+    "12 Gaussians (M < d)",
+    "repeated eigenvalues",
+    "all zero",
+    "coefficients of 1e4",
+    "coefficients of 1e-15",
+)
 
 
 def reduced(x: NDArray, delta: NDArray, k: int) -> Reduction:
@@ -175,6 +188,12 @@ def _spectrum_row(case: str, x: NDArray, wide: NDArray, delta: NDArray, weights:
     # Second moments in float32 see directions down to a root of its roundoff; W rounded to float16 turns the subspace.
     bound = 2.0**-11 * 4 + np.sqrt(EPS32) if k < D else 40 * EPS32 * condition
     return numeric_row(
-        "VABR", f"{case}, k = {k}" if "k =" not in case else case, "weighted coefficients, relative", condition,
-        plain=plain, ours=mixed, double=double, bound=bound,
-    )  # fmt: skip
+        "VABR",
+        f"{case}, k = {k}" if "k =" not in case else case,
+        "weighted coefficients, relative",
+        condition,
+        plain=plain,
+        ours=mixed,
+        double=double,
+        bound=bound,
+    )

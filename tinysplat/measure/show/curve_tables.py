@@ -118,9 +118,11 @@ def bits_table(rows: Sequence[Row]) -> str:
         sizes["position"] = sizes["depth"] + sizes["offset"]
         total = sum(sizes[name] for name in _SHARES if name in sizes)
         seen = [p[TO_PHOTO] for p in points if p.get(TO_PHOTO) is not None]
-        cells = [number(statistics.fmean(p["bytes"] for p in points) / 1000, 1),
-                 number(statistics.fmean(p[TO_RAW] for p in points), 2),
-                 number(statistics.fmean(seen) if seen else None, 2)]  # fmt: skip
+        cells = [
+            number(statistics.fmean(p["bytes"] for p in points) / 1000, 1),
+            number(statistics.fmean(p[TO_RAW] for p in points), 2),
+            number(statistics.fmean(seen) if seen else None, 2),
+        ]
         shares = [number(100 * sizes[c] / total if c in sizes else None, 1) for c in _SHARES]
         table.append([way, f"{qp:g}", *cells, *shares])
     return format_table(["", "Q_g", "KB", "dB to raw", "dB to photo", *_SHARES], table)

@@ -89,8 +89,11 @@ def agreement(before: Sequence[Row], now: Sequence[Row]) -> list[str]:
         *differences[:20],
     ]
     for cost, label in (("seconds", "Seconds"), ("cpu", "CPU seconds")):
-        ratios = {f"{b.study} | {b.subject} | {b.way}": b.costs[cost] / a.costs[cost]
-                  for a, b in pairs if a.costs.get(cost) and cost in b.costs}  # fmt: skip
+        ratios = {
+            f"{b.study} | {b.subject} | {b.way}": b.costs[cost] / a.costs[cost]
+            for a, b in pairs
+            if a.costs.get(cost) and cost in b.costs
+        }
         if len(ratios) > 1:
             low, middle, high = statistics.quantiles(ratios.values(), n=4, method="inclusive")
             lines.append(f"{label} now over before: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}.")

@@ -163,26 +163,42 @@ _TO_PHOTOS, _CPU = mean("psnr", decibels), mean("cpu", duration, "costs")
 _POINTS = Listing(
     "free",
     {
-        "format": said("way"), "Q_g": _setting, "KB": mean("bytes", kilobytes), "bytes a Gaussian": _each,
-        "Gaussians": _kept, "dB to its source": _DB, "dB to photos": _TO_PHOTOS, "ours at that dB": _share,
+        "format": said("way"),
+        "Q_g": _setting,
+        "KB": mean("bytes", kilobytes),
+        "bytes a Gaussian": _each,
+        "Gaussians": _kept,
+        "dB to its source": _DB,
+        "dB to photos": _TO_PHOTOS,
+        "ours at that dB": _share,
         "CPU": _CPU,
     },
     sections="subject",
-)  # fmt: skip
+)
 
 _SCENES = Listing(
     "free",
-    {"Gaussians": said("subject"), f"{OURS}, Q_g 0": _in_short(OURS, 0.0), "Q_g 6": _in_short(OURS, 6.0),
-     "all kept, Q_g 0": _in_short(WHOLE, 0.0),
-     **{name: _in_short(name) for name in ("SPZ v4", "SOG", "compressed PLY")}},
+    {
+        "Gaussians": said("subject"),
+        f"{OURS}, Q_g 0": _in_short(OURS, 0.0),
+        "Q_g 6": _in_short(OURS, 6.0),
+        "all kept, Q_g 0": _in_short(WHOLE, 0.0),
+        **{name: _in_short(name) for name in ("SPZ v4", "SOG", "compressed PLY")},
+    },
     by=("subject",),
-)  # fmt: skip
+)
 
 FREE = Study(
     "Gaussians of no pixels",
     free_rows,
     {"free": _POINTS, "free in short": _SCENES},
-    {"free": Chart("free", "Gaussians of no pixels: bytes against dB to their source, by format",
-                   Axis("bytes", "KB", unit=1e-3), Axis("psnr_decoded_raw", "dB, decoded to raw", most=MOST_DB),
-                   panel="subject")},
-)  # fmt: skip
+    {
+        "free": Chart(
+            "free",
+            "Gaussians of no pixels: bytes against dB to their source, by format",
+            Axis("bytes", "KB", unit=1e-3),
+            Axis("psnr_decoded_raw", "dB, decoded to raw", most=MOST_DB),
+            panel="subject",
+        )
+    },
+)

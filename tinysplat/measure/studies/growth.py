@@ -222,8 +222,15 @@ def point_table(rows: Sequence[Row]) -> str:
     lines = []
     for (study, axis), members in _growing(rows).items():
         peaks = [megabytes(row.costs["peak_bytes"]) for row in members if "peak_bytes" in row.costs]
-        lines.append([study.removeprefix("growth "), axis, ", ".join(f"{row.setting['x']:,}" for row in members),
-                      ", ".join(duration(row.seconds) for row in members), ", ".join(peaks)])  # fmt: skip
+        lines.append(
+            [
+                study.removeprefix("growth "),
+                axis,
+                ", ".join(f"{row.setting['x']:,}" for row in members),
+                ", ".join(duration(row.seconds) for row in members),
+                ", ".join(peaks),
+            ]
+        )
     if not lines:
         return ""
     text = (

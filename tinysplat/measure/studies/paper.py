@@ -133,8 +133,10 @@ def _data(run: Run) -> dict[str, list[Source]]:
 
 def _models(run: Run, data: str) -> tuple[str, ...]:
     """Networks of a data set: those named `DATA:MODEL`, else those without a data set's name."""
-    split = [name.rpartition(":") if name.split(":")[0] in (*SPECS, SCENES) else ("", "", name)
-             for name in run.options.models]  # fmt: skip
+    split = [
+        name.rpartition(":") if name.split(":")[0] in (*SPECS, SCENES) else ("", "", name)
+        for name in run.options.models
+    ]
     own = tuple(model for prefix, _, model in split if prefix == data)
     return own or tuple(model for prefix, _, model in split if not prefix) or (DEFAULT_MODEL,)
 

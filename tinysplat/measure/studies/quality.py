@@ -5,16 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from ..quality import (
-    NESTED,
-    Coding,
-    Quality,
-    decode_seconds,
-    encode_seconds,
-    groups_of,
-    mean_of_rows,
-    mean_of_scenes,
-)
+from ..quality import NESTED, Coding, Quality, decode_seconds, encode_seconds, groups_of, mean_of_rows, mean_of_scenes
 from ..rows import Row, grouped
 from ..runner import run_jobs
 from ..show.tables import decibels, format_table, kilobytes, number

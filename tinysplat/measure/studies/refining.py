@@ -49,18 +49,25 @@ def _curve_rows(job: WindowJob, run: Run) -> Iterator[Row]:
         for qp in run.options.qps or (QUICK_CURVE_QPS if run.quick else CURVE_QPS):
             data = run.runtime.compress(gaussians, profile, qp, drop_invalid=True)
             psnr = photo_psnr(run.runtime.decompress(data), case.cameras, case.shots.targets.images, drawing)
-            setting = {"scene": job.source.name, "views": len(case.gaussians.cameras), "model": job.model,
-                       "profile": profile, "qp": qp}  # fmt: skip
+            setting = {
+                "scene": job.source.name,
+                "views": len(case.gaussians.cameras),
+                "model": job.model,
+                "profile": profile,
+                "qp": qp,
+            }
             yield Row(CURVES, f"{job.source.name} {job.window}", way, setting, {"bytes": len(data), "psnr": psnr})
 
 
 def curve_table(rows: Sequence[Row]) -> str:
     """A line per size: dB that files of at most that size reach without and with refinement, means over windows."""
     windows = [
-        {way: [(row.figures["bytes"], row.figures["psnr"]) for row in same]
-         for (way,), same in grouped(members, "way").items()}
+        {
+            way: [(row.figures["bytes"], row.figures["psnr"]) for row in same]
+            for (way,), same in grouped(members, "way").items()
+        }
         for members in grouped(of_study(rows, CURVES), "subject").values()
-    ]  # fmt: skip
+    ]
     lines = []
     for size in SIZES_KB:
         pairs = [[decibels_at(curves[way], 1000 * size) for way in ("unrefined", "refined")] for curves in windows]

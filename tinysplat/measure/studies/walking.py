@@ -199,10 +199,14 @@ _IN_SHORT = {REFINED: "as `encode` does it", STUDY: "with `--no-refine`", "neare
 """Ways that README shows, of as many photos as the others are compared with."""
 
 _COLUMNS = {
-    "": _named, "photos": _photos, "dB at photos left out": mean("psnr", decibels),
-    "worst picture": mean("worst", decibels), "from the file": mean("coded", decibels), "KB": mean("bytes", kilobytes),
+    "": _named,
+    "photos": _photos,
+    "dB at photos left out": mean("psnr", decibels),
+    "worst picture": mean("worst", decibels),
+    "from the file": mean("coded", decibels),
+    "KB": mean("bytes", kilobytes),
     "flicker": mean("flicker", digits(1)),
-}  # fmt: skip
+}
 _SECONDS = {"seconds": mean("seconds", duration, "costs"), "CPU s": mean("cpu", duration, "costs")}
 
 WALK = Study(

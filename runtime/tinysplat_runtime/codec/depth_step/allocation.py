@@ -42,12 +42,7 @@ Steps = dict[PlaneClass, float]
 
 
 def measured_depth_step(
-    probe: Probe,
-    inverse: Sequence[NDArray],
-    offsets: Sequence[NDArray],
-    start: float,
-    target: float,
-    rounds: int,
+    probe: Probe, inverse: Sequence[NDArray], offsets: Sequence[NDArray], start: float, target: float, rounds: int
 ) -> float:
     """The step of −1/z at which depth's errors cost `target`.
 

@@ -42,9 +42,15 @@ def encode(job: Job) -> bytes:
     # Residuals have no QPs by block, and so no need of coding trees as small as blocks.
     profile = replace(job.profile, encoder=replace(job.profile.encoder, block_qps=False))
     encoder = SceneEncoder(
-        job.gaussians, profile, job.store, threads=job.threads, stats=job.stats, plane_coder=job.plane_coder,
-        planner=partial(ResidualPlanner, settings=settings, prediction=prediction), sections=sections,
-    )  # fmt: skip
+        job.gaussians,
+        profile,
+        job.store,
+        threads=job.threads,
+        stats=job.stats,
+        plane_coder=job.plane_coder,
+        planner=partial(ResidualPlanner, settings=settings, prediction=prediction),
+        sections=sections,
+    )
     return encoder.encode(job.qp)
 
 

@@ -79,9 +79,14 @@ class Job:
         from ..encoder import SceneEncoder
 
         return SceneEncoder(
-            self.gaussians, self.profile, self.store, threads=self.threads, drop_invalid=self.drop_invalid,
-            stats=self.stats, plane_coder=self.plane_coder,
-        )  # fmt: skip
+            self.gaussians,
+            self.profile,
+            self.store,
+            threads=self.threads,
+            drop_invalid=self.drop_invalid,
+            stats=self.stats,
+            plane_coder=self.plane_coder,
+        )
 
 
 BodyKind = TypeVar("BodyKind", bound=Body)

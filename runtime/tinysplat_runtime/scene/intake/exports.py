@@ -38,9 +38,12 @@ _MODELS = ("perspective", "simple_radial", "radial", "brown")
 def export_reader(folder: Path) -> Reader | None:
     """What reads a folder of one of these tools, given near and far; None for any other."""
     documents = {
-        folder / POLYCAM / "corrected_cameras": _polycam, folder / POLYCAM / "cameras": _polycam,
-        folder / RECORD3D: _record3d, folder / OPENSFM: _opensfm, folder / "opensfm" / OPENSFM: _opensfm,
-    }  # fmt: skip
+        folder / POLYCAM / "corrected_cameras": _polycam,
+        folder / POLYCAM / "cameras": _polycam,
+        folder / RECORD3D: _record3d,
+        folder / OPENSFM: _opensfm,
+        folder / "opensfm" / OPENSFM: _opensfm,
+    }
     return next((_reader(there, document) for there, document in documents.items() if there.exists()), None)
 
 
@@ -127,10 +130,14 @@ def _opensfm_lens(camera: dict[str, Any], name: str) -> dict[str, Any]:
     width, height = number("width"), number("height")
     longer = max(width, height)
     return {
-        "fl_x": number("focal_x") * longer, "fl_y": number("focal_y") * longer, "w": width, "h": height,
-        "cx": width / 2 + number("c_x") * longer, "cy": height / 2 + number("c_y") * longer,
+        "fl_x": number("focal_x") * longer,
+        "fl_y": number("focal_y") * longer,
+        "w": width,
+        "h": height,
+        "cx": width / 2 + number("c_x") * longer,
+        "cy": height / 2 + number("c_y") * longer,
         **{key: number(key) for key in ("k1", "k2", "k3", "p1", "p2")},
-    }  # fmt: skip
+    }
 
 
 def _object(value: Any, where: str) -> dict[str, Any]:

@@ -21,9 +21,13 @@ from .nerfstudio import BLENDER_FILE, FILE, load_transforms
 from .realestate import load_realestate
 
 NOT_READ = {
-    "*.psx": "Metashape", "*.psz": "Metashape", "*.sfm": "Meshroom", "*.mg": "Meshroom", "MeshroomCache": "Meshroom",
+    "*.psx": "Metashape",
+    "*.psz": "Metashape",
+    "*.sfm": "Meshroom",
+    "*.mg": "Meshroom",
+    "MeshroomCache": "Meshroom",
     "bundle*.out": "Bundler",
-}  # fmt: skip
+}
 """Files of tools whose cameras are in none of the layouts."""
 
 _MOST_FOLDERS = 200  # that are searched for photos
@@ -32,10 +36,7 @@ POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP 
 OTHER_FILES = dict.fromkeys(
     (".ply", ".npz", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".gltf", ".safetensors", ".usd", ".usda", ".usdz"),
     "Gaussians, which `tinysplat compress {path} -o F.tsplat` codes",
-) | {
-    ".tsplat": "coded already, `tinysplat view {path}` shows it",
-    ".zip": "an archive; unpack it and name the folder",
-}
+) | {".tsplat": "coded already, `tinysplat view {path}` shows it", ".zip": "an archive; unpack it and name the folder"}
 """Endings of what is often taken for a scene, and what to do with it."""
 
 ACCEPTED = f"{CAMERAS_FILE}, {FILE}, {BLENDER_FILE}, {LLFF_FILE} or a COLMAP model in sparse/"

@@ -118,8 +118,9 @@ def _lens(fields: dict[str, Any], photo: Path) -> Lens:
     model = fields.get("camera_model", "OPENCV")
     fisheye = model == "OPENCV_FISHEYE" or fields.get("is_fisheye") is True
     if model not in (*_PERSPECTIVE, "OPENCV_FISHEYE"):
-        raise InputError(f"{str(model)[:40]}, expected one of {', '.join(_PERSPECTIVE)}, OPENCV_FISHEYE",
-                         where="camera_model")  # fmt: skip
+        raise InputError(
+            f"{str(model)[:40]}, expected one of {', '.join(_PERSPECTIVE)}, OPENCV_FISHEYE", where="camera_model"
+        )
     size = _size(fields, photo)
     distortion = [_number(fields, name, 0.0) for name in ("k1", "k2", "k3", "k4", "p1", "p2")]
     centre = (_number(fields, "cx", size[1] / 2), _number(fields, "cy", size[0] / 2))

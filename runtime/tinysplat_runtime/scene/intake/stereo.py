@@ -15,12 +15,7 @@ from ..scenes import Frame, Scene
 
 
 def stereo_scene(
-    left: StrPath,
-    right: StrPath,
-    focal: float,
-    baseline: float,
-    near: float | None = None,
-    far: float | None = None,
+    left: StrPath, right: StrPath, focal: float, baseline: float, near: float | None = None, far: float | None = None
 ) -> Scene:
     """Two photos of parallel cameras side by side; the world's frame is the left one's.
 
