@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.conditioning import pictures, projection, reduction
-from reference.conditioning.exact import holds
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from checks.conditioning import pictures, projection, reduction
+from checks.conditioning.exact import holds
 from tinysplat.measure.rows import Row
 from tinysplat_runtime.codec.basis import (
     mean_magnitude_weighting,

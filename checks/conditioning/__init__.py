@@ -1,7 +1,7 @@
 """How much do the transforms lose to rounding, at the ends? Errors of plain float32, of what ships, and of float64,
 against 50 digits of mpmath, each row with the bound that it must keep.
 
-    PYTHONPATH=tests:runtime:. python -m reference.conditioning
+    python -m checks.conditioning
 
 prints the tables of docs/NUMERICS.md.
 """
