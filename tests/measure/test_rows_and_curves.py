@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import subprocess
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from tinysplat.measure.clock import Baseline, Effort, Variant, measure
-from tinysplat.measure.rows import ROWS, Row, RowFile
-from tinysplat.measure.show.pages import agreement, fill_pages, filled, pages
+from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, git
+from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages, filled, pages
 from tinysplat.measure.studies import STUDIES, find_study
 from tinysplat_runtime.errors import InputError
 
@@ -84,6 +85,26 @@ def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
     for words, fault in (("nonsense", "no study has a table"), ("free", "has no rows for 'free'")):
         with pytest.raises(InputError, match=fault):
             filled(f"<!-- measured day/rows.jsonl: {words} --><!-- end -->", tmp_path)
+
+
+def test_figures_of_other_code_are_told_by_the_commits_of_their_runs(tmp_path):
+    checkout = ("-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c")
+    commits = []
+    for text in ("one", "two"):
+        (tmp_path / "runtime").mkdir(exist_ok=True)
+        (tmp_path / "runtime" / "code.py").write_text(text)
+        for words in (("init", "-q"), ("add", "."), ("commit", "-q", "-m", text)):
+            subprocess.run(["git", *checkout, *words], check=True)
+        commits.append(git(tmp_path, "rev-parse", "HEAD"))
+    (tmp_path / "README.md").write_text("<!-- measured day/rows.jsonl: formats --><!-- end -->")
+    file = RowFile(tmp_path / "benchmarks" / "reports" / "day" / ROWS)
+    file.add(row("balanced"))
+    assert commits_of_rows(tmp_path) == {"day/rows.jsonl": []}
+    for commit in commits:
+        file.add(Row("run", commit, "formats", {}, {"commit": commit}))
+    assert commits_of_rows(tmp_path) == {"day/rows.jsonl": commits}
+    found = [changed_since(commit, tmp_path) for commit in (*commits, "nonsense")]
+    assert found == [["runtime/code.py"], [], None]
 
 
 def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):

@@ -9,8 +9,8 @@ from dataclasses import fields
 from pathlib import Path
 
 from tinysplat.datasets import SPECS
-from tinysplat.measure.rows import ROWS, Row, RowFile, describe_machine, read_rows
-from tinysplat.measure.show.pages import RUN, agreement, fill_pages, write_report
+from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, read_rows, run_row
+from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages, write_report
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
 from tinysplat.measure.study import Options, Run
 from tinysplat.measure.subjects.sources import find_sources
@@ -60,7 +60,11 @@ def configure(parser: ArgumentParser) -> None:
         help="the short form: smaller pictures, fewer variants, minutes not half an hour",
     )
     parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
-    parser.add_argument("--docs", action="store_true", help="fill the marked places of README and docs from rows")
+    parser.add_argument(
+        "--docs",
+        action="store_true",
+        help="fill the marked places of README and docs from rows; exit status 2 if code changed since",
+    )
     parser.add_argument(
         "--model",
         dest="models",
@@ -151,7 +155,7 @@ def split_words(given: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
 
 def measure_studies(bench: Run, studies: Sequence[str], *, quiet: bool) -> list[Row]:
     """Rows of studies, kept as they come; what ends one is noted and the next begins."""
-    machine, began, rows = describe_machine(), time.perf_counter(), []
+    began, rows = time.perf_counter(), []
     for name in progress(studies, len(studies), "bench", quiet=quiet):
         try:
             for row in find_study(name).measure(bench):
@@ -160,8 +164,7 @@ def measure_studies(bench: Run, studies: Sequence[str], *, quiet: bool) -> list[
             if len(studies) == 1 and not rows:
                 raise
             bench.left_out.append(f"left out the rest of {name}: {error}")
-    costs = {"seconds": time.perf_counter() - began}
-    bench.store.add(Row(RUN, machine["time"], " ".join(studies), {"quick": bench.quick}, machine, costs))
+    bench.store.add(run_row(" ".join(studies), began, quick=bench.quick))
     return rows
 
 
@@ -177,3 +180,14 @@ def _fill(*, quiet: bool) -> None:
     changed = fill_pages(ROOT)
     if not quiet:
         print("\n".join(str(path.relative_to(ROOT)) for path in changed) or "every figure is that of its rows")
+    stale = []
+    for file, commits in commits_of_rows(ROOT).items():
+        since = [changed_since(commit, ROOT) for commit in commits]
+        if not quiet:
+            counts = ("unknown to git" if files is None else f"{len(files)} files changed since" for files in since)
+            made = "; ".join(f"{commit}, {count}" for commit, count in zip(commits, counts, strict=True))
+            print(f"{file}: measured at {made or 'a commit that it does not name'}")
+        if not commits or any(files != [] for files in since):
+            stale.append(file)
+    if stale:
+        raise InputError(f"the pages are filled, but of other code's figures: {', '.join(stale)}", where="bench --docs")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 from tinysplat.datasets import SPECS
 from tinysplat.measure.lpips import BACKBONE_FILES, LpipsFiles, find_lpips
 from tinysplat.measure.quality import Coding, Quality, document, record
-from tinysplat.measure.rows import RESULTS, ROWS, RowFile
+from tinysplat.measure.rows import RESULTS, ROWS, RowFile, run_row
 from tinysplat.measure.runner import Outcome, Plan, run_jobs
 from tinysplat.measure.show.tables import csv_text, within
 from tinysplat.measure.studies.quality import results_text
@@ -162,7 +163,9 @@ def run(args: Namespace) -> None:
     codings = tuple(Coding(p, q) for p in args.profile for q in args.qp)
     quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested, args.refine, args.draw)
     threads = args.threads or max(1, available_cores() // args.jobs)
-    outcome = run_jobs(plan, quality, RowFile(folder / ROWS), threads=threads, processes=args.jobs, quiet=args.quiet)
+    began, store = time.perf_counter(), RowFile(folder / ROWS)
+    outcome = run_jobs(plan, quality, store, threads=threads, processes=args.jobs, quiet=args.quiet)
+    store.add(run_row("eval", began))
     outcome.left_out[:0] = lost
     say_left_out(outcome.left_out, outcome.notes)
     if not outcome.rows:

@@ -225,8 +225,15 @@ def _numbers(value: Any) -> Any:
 
 # ---- what a run was made on: without it, a time is no figure -------------------------------------------------------
 
+RUN = "run"
+"""`Row.study` of the row that says what a run was made on."""
+
 PACKAGES = ("numpy", "onnxruntime", "av", "torch", "numba", "gsplat", "gaussforge", "zstandard")
 """Packages whose version a figure may depend on; those that are not installed are left out."""
+
+_SHOWN = ("runtime/tinysplat_runtime/page", "runtime/tinysplat_runtime/web", "tinysplat/measure/show")
+DEPENDED_ON = ("runtime", "tinysplat", "models", *(f":!{folder}" for folder in _SHOWN))
+"""Of a checkout, what figures depend on, as git's pathspecs: all code but what shows."""
 
 _VECTOR_FLAGS = ("avx2", "avx512f", "avx512_vnni", "amx_tile", "asimd", "sve")
 
@@ -249,6 +256,12 @@ def describe_machine() -> dict[str, Any]:
         "commit": commit(),
         **package_versions(),
     }
+
+
+def run_row(way: str, began: float, **setting: Any) -> Row:
+    """What a run was made on, which began at `time.perf_counter() == began`."""
+    machine = describe_machine()
+    return Row(RUN, machine["time"], way, setting, machine, {"seconds": time.perf_counter() - began})
 
 
 def processor_name() -> str:
@@ -278,18 +291,27 @@ def package_versions() -> dict[str, str]:
 def commit() -> str | None:
     """The commit of the checkout that this file lies in, `+` behind it where files differ from it."""
     folder = Path(__file__).resolve().parents[2]
-
-    def git(*words: str) -> str:
-        command = ["git", "-C", str(folder), *words]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
     try:
-        if Path(git("rev-parse", "--show-toplevel")).resolve() != folder:
+        if Path(git(folder, "rev-parse", "--show-toplevel")).resolve() != folder:
             return None
-        changed = git("status", "--porcelain", "--untracked-files=no", "--", "runtime", "tinysplat", "models")
-        return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
+        changed = git(folder, "status", "--porcelain", "--untracked-files=no", "--", *DEPENDED_ON)
+        return git(folder, "rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.SubprocessError):
         return None
+
+
+def changed_since(commit: str, folder: Path) -> list[str] | None:
+    """Files of the checkout `folder` that figures depend on and that differ from a commit's; None if it is unknown."""
+    try:
+        return git(folder, "diff", "--name-only", commit, "--", *DEPENDED_ON).splitlines()
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def git(folder: Path, *words: str) -> str:
+    """What git says; CalledProcessError where it refuses."""
+    command = ["git", "-C", str(folder), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
 
 
 def _proc(name: str) -> list[str]:

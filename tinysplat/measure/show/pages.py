@@ -29,13 +29,11 @@ from typing import Any
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import write_atomically
 
-from ..rows import ROWS, Row, read_rows
+from ..rows import ROWS, RUN, Row, read_rows
 from ..studies import STUDIES, find_study
 
 REPORT_MD = "report.md"
 REPORTS = Path("benchmarks", "reports")
-RUN = "run"
-"""`Row.study` of the row that says what a run was made on."""
 
 _MARK = re.compile(
     r"(?<!`)(?P<open><!-- measured (?P<file>[^\s:]+): (?P<table>[^>]+?) -->)(?P<text>.*?)(?P<close><!-- end -->)",
@@ -152,6 +150,13 @@ def fill_pages(root: Path) -> list[Path]:
             write_atomically(path, new.encode())
             changed.append(path)
     return changed
+
+
+def commits_of_rows(root: Path) -> dict[str, list[str]]:
+    """Files of rows that pages are filled from, with the commits that their runs were made at, as far as they say."""
+    files = {match["file"] for page in pages(root) for match in _MARK.finditer(page.read_text("utf-8"))}
+    runs = {file: [row for row in read_rows(root / REPORTS / file) if row.study == RUN] for file in sorted(files)}
+    return {file: list(dict.fromkeys(row.figures.get("commit") or "?" for row in rows)) for file, rows in runs.items()}
 
 
 def _plotted(match: re.Match[str], root: Path, page: Path) -> str:
