@@ -24,6 +24,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
+from ..system.printable import type_of
 from .decoder import decode_gaussians
 from .ranges import Ranges
 
@@ -133,7 +134,7 @@ class SceneFile:
     def nearest(self, camera: Camera, count: int = NEAR) -> list[int]:
         """Which views those are, rising; all where there are no more."""
         if not isinstance(camera, Camera):
-            raise InputError(f"{type(camera).__name__}, expected a Camera", where="camera")
+            raise InputError(f"{type_of(camera)}, expected a Camera", where="camera")
         if not isinstance(count, int) or count < 1:
             raise InputError(f"{str(count)[:40]}, expected a whole number of 1 or more", where="count")
         near, far = self._depths

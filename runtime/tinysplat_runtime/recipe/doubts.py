@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..scene.cameras import Camera
+from ..scene.images import resize_cover
 from ..scene.intake.nerfstudio import BLENDER_FILE, FILE
 from ..scene.look import (
+    LOOK_WIDTH,
     PLANES,
     UNSEEN,
     Look,
@@ -25,7 +28,8 @@ from ..scene.look import (
     thumbnail_size,
     told,
 )
-from ..scene.scenes import Scene
+from ..scene.matches import Corners, corners, fit, matched
+from ..scene.scenes import Frame, Scene
 from ..system.progress import Show, plain
 
 SUSPICIOUS = 0.08
@@ -58,23 +62,29 @@ EMPTY = (0.72, 3.0)
 away as near: nothing is near `near`. Pairs of nine scenes begin at 0.6 at most, with a tenth of near nearly all at 0.8
 and more; from the air some begin at 0.75, at 2.5 times near."""
 
-NEARLY = 0.8
-"""The same of focal lengths, whose faults nearer and farther depths make up for in part."""
+AS_GOOD, MOST_NAMED = 1.1, 3
+"""Readings that so many times as few corners fit as the best one are named beside it, up to so many: of cameras in a
+row, pictures swapped, turned upside down and with inverted poses say the same."""
 
-AS_GOOD, MOST_NAMED = 1.08, 3
-"""Readings whose cost is at most so many times the best one's are named beside it, up to so many: of cameras in a row,
-pictures swapped, turned upside down and with inverted poses say the same."""
+CLOSER = 4
+"""Times the side of a thumbnail in which corners are looked for: focal lengths show in a pixel of it."""
 
-TOLD, TOLD_TURNED = 0.27, 0.45
-"""Share of pixels that two photos tell one depth for, below which other readings are tried: see `look.told`. Right
-cameras have 0.1 to 0.6 of them, wrong ones mostly half as many. Below the second photos mirrored or turned are, of
-which right cameras find far fewer pixels."""
+MORE, LEAST = 1.25, 8.0
+"""A reading is named that so many times as many corners fit as the cameras given, and so many more: of right cameras
+of ten scenes the best has 0.92 times, of focal lengths 1.3 times too long at least 1.3."""
 
-MORE, MORE_ZOOMED = 1.45, 2.0
-"""A reading is named that has so many times as many; of longer focal lengths, which find more, the second, ..."""
+CONFIRMED = 100.0
+"""Where so many corners fit, cameras are right, however few photos find a depth in a range that was found from them."""
 
-LEAST_TOLD = 0.06
-"""... and at least so many."""
+ROLLS = (-20, -10, -5, 5, 10, 20, 90, 180, 270)
+"""Degrees by which one pose may be rolled."""
+
+STEP, STEPS = 1.15, 8
+"""Focal lengths are tried in such steps, so many up and down."""
+
+TOLD = 0.27
+"""Share of pixels that two photos tell one depth for, below which a photo may be alone: see `look.told`. Right cameras
+have 0.1 to 0.6 of them."""
 
 ALONE = (0.2, 0.32)
 """A photo is named where pairs of others have at least the first, and its own at most the second times as many."""
@@ -87,17 +97,17 @@ READ = 4
 """Photos that are looked at for each reading of the cameras."""
 
 FEW = 12
-"""Photos of which each pair of near ones is looked at for one that is alone."""
+"""Photos whose corners are looked at, and of which each pair of near ones is for one that is alone."""
 
 STRAIGHT = 0.01
 """Skew over focal length that pixels of no camera have."""
 
-FOCAL_FACTORS = (0.5, 2 / 3, 1.5, 2.0)
+SHRUNK = 0.4
+"""Of a photo's width and height: without distortion no less is left of one that a lens took."""
 
 CENTRAL = (0.1, 0.9)
 """Where in a photo's width and height its principal point lies, even of one that was cut out of another."""
 
-OTHER_UNITS = "translations are in other units"
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
 
@@ -108,23 +118,55 @@ class _Thumbnails:
     An estimated range is in units of the poses and as wide as photos agree about, so nothing is said against it.
     """
 
+    frames: tuple[Frame, ...]
     images: NDArray
     cameras: Sequence[Camera]
     names: tuple[str, ...]
     depths: NDArray
     looks: list[Look]
+    corners: dict[int, Corners]
     is_estimated: bool
     are_opengl: bool = False
 
     @classmethod
     def of(cls, scene: Scene, show: Show) -> _Thumbnails:
-        small = scene.resized(*thumbnail_size(scene.cameras[0]))
+        first = scene.cameras[0]
+        small = scene.resized(*thumbnail_size(first))
+        closer = scene.resized(*thumbnail_size(first, CLOSER * LOOK_WIDTH)).frames
+        scene.check_one_size()
+        count = len(closer)
+        looked = set(np.linspace(0, count - 1, min(count, FEW)).round().astype(int).tolist())
+        images, found = [], {}
+        for v, (frame, target) in enumerate(show(list(zip(closer, small.cameras, strict=True)), count, str)):
+            image = frame.image()
+            images.append(resize_cover(image, target.height, target.width))
+            if v in looked:
+                found[v] = corners(image)
         near, far = scene.depth_range()
         depths = 1 / np.linspace(1 / near, 1 / far, PLANES)
-        images, cameras = small.images(show=show), small.cameras
         names = tuple(f"photo {v + 1} ({frame.path.name})" for v, frame in enumerate(scene.frames))
         are_opengl = any((scene.path / name).is_file() for name in (FILE, BLENDER_FILE))
-        return cls(images, cameras, names, depths, look(images, cameras, depths), scene.is_estimated, are_opengl)
+        looks = look(np.stack(images), small.cameras, depths)
+        cameras = small.cameras
+        return cls(closer, np.stack(images), cameras, names, depths, looks, found, scene.is_estimated, are_opengl)
+
+    @cached_property
+    def closer(self) -> dict[int, Camera]:
+        """The cameras of photos whose corners are known, in pixels of these."""
+        return {v: self.frames[v].camera for v in sorted(self.corners)}
+
+    @cached_property
+    def places(self) -> dict[tuple[int, int], NDArray]:
+        """What pairs of near photos have in common; see `matched`."""
+        views = list(self.closer)
+        beside = neighbours([*self.closer.values()])[:, :3].tolist()
+        pairs = {(min(v, views[u]), max(v, views[u])) for v, us in zip(views, beside, strict=True) for u in us}
+        return {(v, u): matched(self.corners[v], self.corners[u]) for v, u in sorted(pairs)}
+
+    @cached_property
+    def shares(self) -> dict[tuple[int, int], float]:
+        """How many of these fit the cameras as given."""
+        return {(v, u): fit(places, self.closer[v], self.closer[u]) for (v, u), places in self.places.items()}
 
 
 def doubts(scene: Scene, show: Show = plain) -> list[str]:
@@ -135,40 +177,55 @@ def doubts(scene: Scene, show: Show = plain) -> list[str]:
         show: is given a photo at a time.
     """
     seen = _Thumbnails.of(scene, show)
-    return _useless(seen) or _alone(seen) or _camera_fault(seen) or _misread(seen) or _odd(seen) or _range_doubts(seen)
+    return (
+        _useless(seen)
+        or _impossible(seen)
+        or _misread(seen)
+        or _alone(seen)
+        or _units(seen)
+        or _odd(seen)
+        or _range_doubts(seen)
+    )
 
 
-def _camera_fault(seen: _Thumbnails) -> list[str]:
-    """Photos whose thumbnails agree much better once the cameras are read in another way were given in that way."""
+def _impossible(seen: _Thumbnails) -> list[str]:
+    """Intrinsics that no photo has."""
+    for name, camera, frame in zip(seen.names, seen.cameras, seen.frames, strict=True):
+        if frame.lens is not None:
+            pinhole = frame.lens.camera(np.eye(4))
+            if pinhole.width < SHRUNK * frame.lens.width or pinhole.height < SHRUNK * frame.lens.height:
+                sizes = f"{frame.lens.width}x{frame.lens.height} to {pinhole.width}x{pinhole.height}"
+                return [f"{name}: its distortion (k1, k2, …) shrinks it from {sizes} pixels, as that of no lens does"]
+        skew = camera.K[0, 1] / camera.K[0, 0]
+        if text := _off_centre(camera):
+            return [f"{name}: {text}"]
+        if abs(skew) > STRAIGHT:
+            found = f"K has a skew of {skew:.0%} of the focal length, which photos do not have: K[0][1] is 0"
+            return [f"{name}: {found}"]
+    return []
+
+
+def _units(seen: _Thumbnails) -> list[str]:
+    """Poses whose thumbnails agree much better in other units, or that have nothing in common."""
     views = np.linspace(0, len(seen.cameras) - 1, min(len(seen.cameras), READ)).round().astype(int).tolist()
     given = float(np.mean([seen.looks[v].cost for v in views]))
-    border = [f"{name}: {text}" for name, text in zip(seen.names, map(_off_centre, seen.cameras), strict=True) if text]
-    if border:
-        return border[:1]
     if given < SUSPICIOUS:
         return []
-
-    def cost(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> float:
-        return float(np.mean([one.cost for one in look(images, cameras, depths, views)]))
-
-    shares = {}
-    for reading in _readings(seen):
-        found = cost(reading.images, reading.cameras, seen.depths)
-        share = found / (reading.better * given)
-        if share < 1 and reading.zoom:  # which depths nearer or farther by as much may explain as well
-            share = max(share, found / (reading.better * cost(seen.images, seen.cameras, seen.depths / reading.zoom)))
-        shares[reading.text] = share
-    best = sorted(
-        (text for text in shares if shares[text] < min(1, AS_GOOD * min(shares.values()))),
-        key=lambda text: shares[text],
-    )
-    if len(best) > 1 and best[0].startswith(OTHER_UNITS) and best[1].startswith(OTHER_UNITS):
+    costs = {}
+    for unit in () if seen.is_estimated else UNITS:
+        cameras = [_scaled(camera, unit) for camera in seen.cameras]
+        costs[unit] = float(np.mean([one.cost for one in look(seen.images, cameras, seen.depths, views)]))
+    better = sorted((unit for unit in costs if costs[unit] < BETTER * given), key=lambda unit: costs[unit])
+    if better:
         with contextlib.suppress(InputError):  # photos that agree about no depths at all
             low, high = range_seen(seen.images, seen.cameras)
-            both = f"near {seen.depths[0]:g} and far {seen.depths[-1]:g} are not in units of the poses"
-            return [f"{both}: photos agree about depths from {low:.3g} to {high:.3g}; --near and --far say so"]
-    if best:
-        return [f"{'; or '.join(best[:MOST_NAMED])}, photos agree far better"]
+            near, far = seen.depths[0], seen.depths[-1]
+            if low < far and high > near:
+                return []
+            if len(better) > 1:
+                both = f"near {near:g} and far {far:g} are not in units of the poses"
+                return [f"{both}: photos agree about depths from {low:.3g} to {high:.3g}; --near and --far say so"]
+        return [f"translations are in other units than near and far: times {better[0]:g}, photos agree far better"]
     if given > 0.97 * UNSEEN:
         return ["the cameras stand back to back: no photo shows what another does between near and far"]
     return []
@@ -200,92 +257,75 @@ def _alone(seen: _Thumbnails) -> list[str]:
 
 
 def _misread(seen: _Thumbnails) -> list[str]:
-    """A reading of intrinsics, poses or photos with which far more pixels have one depth from both sides."""
-    cameras = seen.cameras
-    skewed = next((v for v, c in enumerate(cameras) if abs(c.K[0, 1]) > STRAIGHT * c.K[0, 0]), None)
-    if skewed is not None:
-        K = cameras[skewed].K
-        skew = f"K has a skew of {K[0, 1] / K[0, 0]:.0%} of the focal length, which photos do not have: K[0][1] is 0"
-        return [f"{seen.names[skewed]}: {skew}"]
-    pairs = sorted({(min(v, u), max(v, u)) for v, u in enumerate(nearest(cameras))})
-    pairs = pairs[:: max(1, len(pairs) // 2)][:2]
+    """A reading of cameras, or of one photo, that far more of the photos' common corners fit."""
+    views, cameras, places, shares = sorted(seen.corners), seen.closer, seen.places, seen.shares
+    pairs, given = list(places), sum(shares.values())
+    scores: dict[str, float] = {}
+    for text, read in _readings(seen, cameras):
+        scores[text] = sum(fit(places[v, u], read(v), read(u)) for v, u in pairs)
+    if len(views) > 2:
 
-    def share(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> float:
-        return float(np.mean(told(np.ascontiguousarray(images), cameras, pairs, depths)))
+        def share(v: int) -> float:
+            own = [pair for pair in pairs if v in pair]
+            return sum(shares[pair] for pair in own) / max(1, sum(len(places[pair]) for pair in own))
 
-    given = share(seen.images, cameras, seen.depths)
-    if given >= TOLD_TURNED:
+        odd = min(views, key=share)
+        rest = sum(found for pair, found in shares.items() if odd not in pair)
+        for text, its, camera in _single(seen, odd):
+            known, read_as = {**seen.corners, odd: its}, {**cameras, odd: camera}
+            around = [(v, u) for v, u in pairs if odd in (v, u)]
+            both = places if its is seen.corners[odd] else {(v, u): matched(known[v], known[u]) for v, u in around}
+            scores[text] = rest + sum(fit(both[v, u], read_as[v], read_as[u]) for v, u in around)
+    most = max(scores.values())
+    if most < max(MORE * given, given + LEAST):
         return []
-    readings = [one for one in _turned(seen) if given < TOLD or not one.zoom]
-    shares = {one: share(one.images, one.cameras, seen.depths) for one in readings}
-    best = max(shares, key=lambda one: shares[one])
-    more = MORE_ZOOMED if best.zoom > 1 else MORE
-    if best.zoom and shares[best] > more * given:  # which depths nearer or farther by as much may explain as well
-        given = max(given, share(seen.images, cameras, seen.depths / best.zoom))
-    return [f"{best.text}, photos agree far better"] if shares[best] > max(LEAST_TOLD, more * given) else []
+    best: dict[str, str] = {}  # of each cause the reading that fits best
+    for text in sorted(scores, key=lambda text: -scores[text]):
+        if AS_GOOD * scores[text] > most:
+            best.setdefault(text.split(": ")[0], text)
+    return [f"{'; or '.join([*best.values()][:MOST_NAMED])}, photos agree far better"]
 
 
-@dataclass(frozen=True, eq=False)
-class _Reading:
-    """Photos and cameras read in another way.
+def _readings(seen: _Thumbnails, cameras: dict[int, Camera]) -> Iterator[tuple[str, Callable[[int], Camera]]]:
+    """Other ways to read poses, intrinsics, and which photo is whose: what that says, and the camera of each."""
 
-    Attributes:
-        text: what that says.
-        images, cameras: as read.
-        better: below which share of the cost as given it is taken for the right one.
-        zoom: by which focal lengths differ, 0 where they do not.
-    """
+    def each(change: Callable[..., Camera], *values: float) -> Callable[[int], Camera]:
+        return {v: change(camera, *values) for v, camera in cameras.items()}.__getitem__
 
-    text: str
-    images: NDArray
-    cameras: Sequence[Camera]
-    better: float = BETTER
-    zoom: float = 0.0
-
-
-def _readings(seen: _Thumbnails) -> Iterator[_Reading]:
-    """Other ways to read poses, intrinsics, and which photo is whose."""
-    images, cameras = seen.images, seen.cameras
-    yield _Reading("c2w holds world-to-camera matrices (w2c): with their inverses", images, [*map(_inverse, cameras)])
+    yield "c2w holds world-to-camera matrices (w2c): with their inverses", each(_inverse)
     axes = "c2w has OpenGL axes (y up, z backward) where OpenCV's are expected: with y and z turned"
     if seen.are_opengl:
         axes = "transform_matrix has OpenCV axes (y down, z forward) where OpenGL's are expected: with y and z turned"
-    yield _Reading(axes, images, [*map(_flipped, cameras)])
-    for unit in () if seen.is_estimated else UNITS:
-        text = f"{OTHER_UNITS} than near and far: times {unit:g}"
-        yield _Reading(text, images, [_scaled(camera, unit) for camera in cameras])
-    for factor in FOCAL_FACTORS:
-        text = f"focal lengths are off, or of another size of photo: times {factor:g}"
-        yield _Reading(text, images, [_zoomed(camera, factor) for camera in cameras], NEARLY, factor)
-    swapped = "swapped (left for right?)" if len(cameras) == 2 else "in the reverse order of their cameras"
-    yield _Reading(f"photos are {swapped}: exchanged", images[::-1], cameras)
-    if len(cameras) > 2:
-        yield _Reading("photos belong to the next camera: each moved by one", np.roll(images, 1, axis=0), cameras)
-        yield _Reading("photos belong to the camera before: each moved by one", np.roll(images, -1, axis=0), cameras)
-    upside = "photos are upside down, by their Exif orientation or for want of it: turned by 180 degrees"
-    yield _Reading(upside, images[:, ::-1, ::-1], cameras)
-    if images.shape[1] == images.shape[2]:
-        for turns, way in ((1, "left"), (3, "right")):
-            text = f"photos lie on their side, by their Exif orientation or for want of it: turned to the {way}"
-            yield _Reading(text, np.rot90(images, turns, axes=(1, 2)), cameras)
-
-
-def _turned(seen: _Thumbnails) -> Iterator[_Reading]:
-    """What `_misread` tries."""
-    images, cameras = seen.images, seen.cameras
-    mirrored = "photos are mirrored, or the world of the cameras is: with left for right"
-    yield _Reading(mirrored, np.ascontiguousarray(images[:, :, ::-1]), cameras)
+    yield axes, each(_flipped)
+    yield "photos are mirrored, or the world of the cameras is: with left for right", each(_mirrored)
     for degrees, way in ((90, "right"), (-90, "left"), (180, "upside down")):
-        text = f"photos are turned against their poses, or poses rolled: with photos turned {way}"
-        yield _Reading(text, images, [_rolled(camera, degrees) for camera in cameras])
-    for factor in (0.5, 1 / 1.3, 1.3, 2.0):
-        text = f"focal lengths are off, or of another size of photo: times {factor:.2g}"
-        yield _Reading(text, images, [_zoomed(camera, factor) for camera in cameras], zoom=factor)
-    for factor in (2 / 3, 1.5):
-        text = f"fx does not go with fy: fx times {factor:.2g}"
-        yield _Reading(text, images, [_stretched(camera, factor) for camera in cameras], zoom=factor)
-    if any(abs(c.K[0, 2] - c.K[1, 2]) > 0.02 * c.width for c in cameras):
-        yield _Reading("cx and cy are swapped: exchanged", images, [_swapped(camera) for camera in cameras])
+        cause = "photos are turned, by their Exif orientation or for want of it, or poses rolled"
+        text = f"{cause}: with photos turned {way}"
+        yield text, each(_rolled, degrees)
+    for step in (*range(-STEPS, 0), *range(1, STEPS + 1)):
+        factor = STEP**step
+        yield f"focal lengths are off, or of another size of photo: times {factor:.2g}", each(_zoomed, factor, factor)
+        yield f"fx does not go with fy: fx times {factor:.2g}", each(_zoomed, factor, 1.0)
+    if any(abs(c.K[0, 2] - c.K[1, 2]) > 0.02 * c.width for c in cameras.values()):
+        yield "cx and cy are swapped: exchanged", each(_swapped)
+    order = [frame.camera for frame in seen.frames]
+    count = len(order)
+    swapped = "swapped (left for right?)" if count == 2 else "in the reverse order of their cameras"
+    yield f"photos are {swapped}: exchanged", lambda v: order[count - 1 - v]
+    if count > 2:
+        yield "photos belong to the next camera: each moved by one", lambda v: order[(v + 1) % count]
+        yield "photos belong to the camera before: each moved by one", lambda v: order[v - 1]
+
+
+def _single(seen: _Thumbnails, view: int) -> Iterator[tuple[str, Corners, Camera]]:
+    """Other ways to read one photo, with its corners and camera."""
+    name, camera, found = seen.names[view], seen.frames[view].camera, seen.corners[view]
+    image = seen.frames[view].image()
+    yield f"{name} is mirrored: with left for right", corners(image[:, ::-1]), camera
+    yield f"{name} is upside down: turned by 180 degrees", corners(image[::-1, ::-1]), camera
+    yield f"{name} is a negative: with its colours inverted", Corners(found.places, -found.looks), camera
+    for degrees in ROLLS:
+        yield f"the pose of {name} is rolled: by {-degrees} degrees", found, _rolled(camera, degrees)
 
 
 def _off_centre(camera: Camera) -> str:
@@ -363,6 +403,8 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
     if not _match(seen, looks):
         looks = look(_even(seen.images), seen.cameras, seen.depths)
     if not _match(seen, looks):
+        if seen.is_estimated and sum(seen.shares.values()) > CONFIRMED:
+            return []  # most overlap too little for a depth, but what they have in common is where cameras say
         who = " and ".join(seen.names) if len(seen.names) == 2 else "the photos"
         wrong = "the poses or the photos" if seen.is_estimated else "near and far, the poses or the photos"
         range_ = f"at any depth from {near:g} to {far:g}"
@@ -392,16 +434,16 @@ def _flipped(camera: Camera) -> Camera:
     return Camera(camera.K, camera.c2w @ np.diag([1.0, -1.0, -1.0, 1.0]), camera.width, camera.height)
 
 
-def _zoomed(camera: Camera, factor: float) -> Camera:
+def _zoomed(camera: Camera, x: float, y: float) -> Camera:
     K = camera.K.copy()
-    K[:2, :2] *= factor
+    K[0, 0], K[1, 1] = x * K[0, 0], y * K[1, 1]
     return Camera(K, camera.c2w, camera.width, camera.height)
 
 
-def _stretched(camera: Camera, factor: float) -> Camera:
-    K = camera.K.copy()
-    K[0, 0] *= factor
-    return Camera(K, camera.c2w, camera.width, camera.height)
+def _mirrored(camera: Camera) -> Camera:
+    K, flip = camera.K.copy(), np.diag([-1.0, 1.0, 1.0, 1.0])
+    K[0, 2] = camera.width - K[0, 2]
+    return Camera(K, flip @ camera.c2w @ flip, camera.width, camera.height)
 
 
 def _swapped(camera: Camera) -> Camera:

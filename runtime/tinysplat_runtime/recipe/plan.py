@@ -14,8 +14,8 @@ from .refinement import CPU_SECONDS as REFINING
 READING = 65e-9
 """Seconds of one core to read a pixel of a photo's file and scale it down; JPEG of 2 and of 8 megapixels."""
 
-LOOKING = 0.07
-"""Seconds of one core to compare a photo's thumbnail with another."""
+LOOKING = 0.1
+"""Seconds of one core to compare a photo's thumbnail and corners with those of others."""
 
 NETWORK, CODING, DRAWING = 11e-6, 3e-6, 15e-6
 """Seconds of one core for a pixel that the network is given, that is coded, and that is drawn to be compared."""

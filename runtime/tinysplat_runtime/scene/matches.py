@@ -1,0 +1,116 @@
+"""Corners that two photos have in common, and how well cameras go with them.
+
+Where a corner of one photo lies in another says nothing about depths, but it lies on a line that the cameras state,
+and in front of both. Cameras that belong to the photos have most common corners there; others do not, whatever depths
+are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cameras import Camera
+
+CORNERS = 600
+"""Corners of a photo that are looked at, the clearest."""
+
+PATCH, STEP = 8, 2
+"""What is compared about them: so many pixels a side, so far apart."""
+
+ALIKE = 0.8
+"""Correlation of two corners that may be one."""
+
+OTHERWISE = 0.8
+"""Distance of a corner to its likest over that to the next one, below which it is no other."""
+
+CLOSE = 0.7
+"""Pixels that a corner lies off where cameras are right, one standard deviation."""
+
+MARGIN = PATCH * STEP // 2 + 1
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of a photo: places (N, 2) in pixels, x first, and what they look like, (N, D) of unit length."""
+
+    places: NDArray
+    looks: NDArray
+
+
+def corners(image: NDArray) -> Corners:
+    """The clearest corners of a photo (H, W, 3), float in [0, 1], a few pixels apart."""
+    grey = _blurred(image.mean(axis=-1, dtype=np.float32), 1)
+    down, right = np.gradient(grey)
+    xx, yy, xy = (_blurred(product, 2) for product in (right * right, down * down, right * down))
+    strength = (xx + yy) / 2 - np.sqrt(((xx - yy) / 2) ** 2 + xy**2)  # the smaller eigenvalue
+    strength[:MARGIN] = strength[-MARGIN:] = strength[:, :MARGIN] = strength[:, -MARGIN:] = 0
+    peak = strength > 1e-7
+    for dy in range(-2, 3):
+        for dx in range(-2, 3):
+            if dy or dx:
+                peak &= strength >= np.roll(strength, (dy, dx), axis=(0, 1))
+    row, column = np.nonzero(peak)
+    chosen = np.argsort(-strength[row, column], kind="stable")[:CORNERS]
+    row, column = row[chosen], column[chosen]
+    offset = (np.arange(PATCH) - PATCH // 2) * STEP + STEP // 2
+    patches = grey[row[:, None, None] + offset[:, None], column[:, None, None] + offset]
+    looks = patches.reshape(len(row), PATCH * PATCH)
+    looks = looks - looks.mean(axis=1, keepdims=True)
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True).clip(1e-6)
+    shifts = [
+        _between(strength[row - dy, column - dx], strength[row, column], strength[row + dy, column + dx])
+        for dx, dy in ((1, 0), (0, 1))
+    ]
+    return Corners(np.stack([column + shifts[0], row + shifts[1]], axis=1) + 0.5, looks)
+
+
+def matched(one: Corners, other: Corners) -> NDArray:
+    """(M, 6) places x, y, 1 in one photo and in another of corners that look alike, and like no other."""
+    if len(one.places) < 2 or len(other.places) < 2:
+        return np.empty((0, 6))
+    alike = one.looks @ other.looks.T
+    best, back = alike.argmax(axis=1), alike.argmax(axis=0)
+    index = np.arange(len(best))
+    most = alike[index, best]
+    alike[index, best] = -1
+    clear = 1 - most < OTHERWISE**2 * (1 - alike.max(axis=1))
+    kept = (back[best] == index) & (most > ALIKE) & clear
+    unit = np.ones((int(kept.sum()), 1))
+    return np.concatenate([one.places[kept], unit, other.places[best[kept]], unit], axis=1)
+
+
+def fit(places: NDArray, camera: Camera, its: Camera) -> float:
+    """How many of places in two photos, of `matched`, lie where cameras allow, each by how close."""
+    rotation, other = camera.rotation, its.rotation
+    turn, shift = other @ rotation.T, other @ (camera.centre - its.centre)
+    unproject, unproject_its = np.linalg.inv(camera.K), np.linalg.inv(its.K)
+    across = np.array([[0, -shift[2], shift[1]], [shift[2], 0, -shift[0]], [-shift[1], shift[0], 0]])
+    fundamental = unproject_its.T @ across @ turn @ unproject
+    here, there = places[:, :3], places[:, 3:]
+    line, back = here @ fundamental.T, there @ fundamental
+    steepness = line[:, 0] ** 2 + line[:, 1] ** 2 + back[:, 0] ** 2 + back[:, 1] ** 2
+    apart = (there * line).sum(axis=1) ** 2 / steepness.clip(1e-24)  # Sampson's distance, squared
+    ray, its_ray = here @ (turn @ unproject).T, there @ unproject_its.T  # depth · ray + shift lies along its_ray
+    aa, ab, bb = (ray * ray).sum(axis=1), (ray * its_ray).sum(axis=1), (its_ray * its_ray).sum(axis=1)
+    a, b = ray @ shift, its_ray @ shift
+    ahead = (ab * b > bb * a) & (aa * b > ab * a)
+    return float(np.exp(-apart[ahead] / (2 * CLOSE**2)).sum())
+
+
+def _between(before: NDArray, peak: NDArray, after: NDArray) -> NDArray:
+    """Where the parabola through three neighbouring values is highest, from the middle one."""
+    return (after - before) / (2 * (2 * peak - before - after)).clip(1e-12)
+
+
+def _blurred(values: NDArray, times: int) -> NDArray:
+    """Means over 3×3 pixels, weighted 1, 2, 1, so many times."""
+    for _ in range(times):
+        for axis in (0, 1):
+            padded = np.pad(values, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+            n = values.shape[axis]
+            low, mid, high = (padded.take(range(k, k + n), axis) for k in range(3))
+            values = (low + 2 * mid + high) / 4
+    return values
