@@ -122,7 +122,7 @@ def pictures(data: bytes) -> Iterator[tuple[bytes, bytes, int, int, bool]]:
     planes = body.planes if isinstance(body, Hybrid) else body
     for index, channels in enumerate(container.pictures.channels):
         if isinstance(planes, Points):
-            height, width, number = *plane_shape(planes.scene.count), 0
+            height, width, number = *plane_shape(planes.scene.tiers[index].count), index
         elif isinstance(planes, Planes):
             layer = planes.layers[index]
             height, width, number = layer.height, layer.width, layer.parameter_set
