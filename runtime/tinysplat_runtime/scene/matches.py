@@ -68,7 +68,7 @@ def corners(image: NDArray) -> Corners:
 
 
 def matched(one: Corners, other: Corners) -> NDArray:
-    """(M, 6) places x, y, 1 in one photo and in another of corners that look alike, and like no other."""
+    """(M, 6) float64 places x, y, 1 in one photo and in another of corners that look alike, and like no other."""
     if len(one.places) < 2 or len(other.places) < 2:
         return np.empty((0, 6))
     alike = one.looks @ other.looks.T
@@ -83,7 +83,7 @@ def matched(one: Corners, other: Corners) -> NDArray:
 
 
 def fit(places: NDArray, camera: Camera, its: Camera) -> float:
-    """How many of places in two photos, of `matched`, lie where cameras allow, each by how close."""
+    """How many of places (M, 6) float64 in two photos, of `matched`, lie where cameras allow, each by how close."""
     rotation, other = camera.rotation, its.rotation
     turn, shift = other @ rotation.T, other @ (camera.centre - its.centre)
     unproject, unproject_its = np.linalg.inv(camera.K), np.linalg.inv(its.K)
