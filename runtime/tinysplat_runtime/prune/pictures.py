@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -67,6 +68,10 @@ class Pictures:
         """By view: Σ of squared errors of red, green and blue of at most 1."""
         for number, drawn in self._drawn(gaussians, range(len(self.cameras))):
             yield self._error(drawn, number)
+
+    def psnr(self, gaussians: Gaussians) -> float:
+        """dB over all views; 150 where none differs."""
+        return -10 * math.log10(max(sum(self.errors(gaussians)) / self.values, 1e-15))
 
     def _drawn(self, gaussians: Gaussians, views: Sequence[int]) -> Iterator[tuple[int, _Drawn]]:
         """What views show, one after the other; each takes the place of the one before."""

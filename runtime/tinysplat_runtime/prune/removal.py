@@ -46,7 +46,7 @@ class Thinned:
         gaussians: (n,).
         rows: (n,) which they are of those given.
         left_out: how many are not there.
-        psnr: dB of their pictures against those of all, from views that judge.
+        psnr: dB of their pictures against those of all, from views that chose nothing.
     """
 
     gaussians: Gaussians
@@ -55,11 +55,16 @@ class Thinned:
     psnr: float
 
     @property
+    def total(self) -> int:
+        """Gaussians there were."""
+        return self.left_out + self.gaussians.count
+
+    @property
     def text(self) -> str:
         """For people: `91,647 of 152,746 left out: 44.1 dB`."""
         if not self.left_out:
             return ""
-        return f"{self.left_out:,} of {self.left_out + self.gaussians.count:,} left out: {self.psnr:.1f} dB"
+        return f"{self.left_out:,} of {self.total:,} left out: {self.psnr:.1f} dB"
 
 
 class _Seen(NamedTuple):
@@ -93,13 +98,14 @@ class Remover:
             gaussians: each of opacity 1/255 or more.
             cameras: of the views that decide.
             run_jobs: maps a function over a list, on any threads.
-            judging: cameras of other views, which say what a result is worth; without any, those that decide.
+            judging: cameras of other views; every third says whether to merge and to correct, the others what the
+                result is worth. Without any, those that decide do both.
         """
         self._all, self._run = gaussians, run_jobs
         self._pictures = Pictures(cameras, run_jobs)
-        self._judges = Pictures(judging, run_jobs) if judging else self._pictures
-        if judging:
-            self._judges.keep(gaussians)
+        choosing, telling = judging[::3], [one for number, one in enumerate(judging) if number % 3]
+        self._judges = self._kept(choosing) if choosing else self._pictures
+        self._tellers = self._kept(telling) if telling else self._judges
         every = range(len(cameras))
         self._halves = (every[0::2], every[1::2] or every)
         self._costs = np.stack([self._look(gaussians, half).costs for half in self._halves], axis=1)
@@ -115,10 +121,6 @@ class Remover:
     def error_of(self, gaussians: Gaussians) -> float:
         """Σ of squared errors of the pictures that decide, over views, pixels and colours."""
         return sum(self._pictures.errors(gaussians))
-
-    def judged(self, gaussians: Gaussians) -> float:
-        """dB of the pictures that judge; 150 where none differs."""
-        return -10 * math.log10(max(sum(self._judges.errors(gaussians)) / self._judges.values, 1e-15))
 
     def dearest(self, rows: NDArray, count: int) -> NDArray:
         """Which of some rows (n,) integer, as numbers (count,) in their order, pictures need most."""
@@ -182,13 +184,18 @@ class Remover:
         left = taken(replace(self._all, sh=self._sh), rows)
         if shown.size:
             both = [self.recoloured(one, penalties) for one in (left, merged(self._all, rows, np.sort(shown)))]
-            left = max(both, key=self.judged)
+            left = max(both, key=self._judges.psnr)
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
-        psnr = self.judged(left)
-        if shown.size and (found := self.judged(nearer := self._corrected(left))) > psnr:
-            left, psnr = nearer, found
-        return Thinned(left, rows, self._prices.size - rows.size, psnr)
+        if shown.size:
+            left = max(left, self._corrected(left), key=self._judges.psnr)
+        return Thinned(left, rows, self._prices.size - rows.size, self._tellers.psnr(left))
+
+    def _kept(self, cameras: Sequence[Camera]) -> Pictures:
+        """Views, with the pictures that all Gaussians make there."""
+        pictures = Pictures(cameras, self._run)
+        pictures.keep(self._all)
+        return pictures
 
     def _corrected(self, gaussians: Gaussians) -> Gaussians:
         cameras = self._pictures.cameras

@@ -1,7 +1,8 @@
 """Views that Gaussians of no pixels are looked at from: where their photos were taken if that is known, else from all
 sides, far and near, and from within rooms.
 
-Some views decide what is left out; others, beside them, say what that costs.
+Some views decide what is left out; others, beside them, whether what is left is merged and corrected, and what all of
+that costs.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ OPEN, CLOSED = 0.2, 0.75
 """A scene is a room where, from its middle, so far (in diagonals) nothing stands in most directions, and something
 beyond in this share of them."""
 
-COUNT, JUDGES = 20, 8
+COUNT, JUDGES = 20, 12
 """Views about a scene that decide, and views that judge."""
 
 MOST, MOST_DECIDING = 32, 48
@@ -65,7 +66,7 @@ class Views:
 
     Attributes:
         deciding: cameras whose pictures are to stay as they are.
-        judging: others, which tell the loss, and whether to merge and to correct; by which no Gaussian is chosen.
+        judging: others, some of which tell whether to merge and to correct, and the rest the loss.
     """
 
     deciding: list[Camera]
