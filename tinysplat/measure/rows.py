@@ -231,9 +231,9 @@ RUN = "run"
 PACKAGES = ("numpy", "onnxruntime", "av", "torch", "numba", "gsplat", "gaussforge", "zstandard")
 """Packages whose version a figure may depend on; those that are not installed are left out."""
 
-_SHOWN = ("runtime/tinysplat_runtime/page", "runtime/tinysplat_runtime/web", "tinysplat/measure/show")
-DEPENDED_ON = ("runtime", "tinysplat", "models", *(f":!{folder}" for folder in _SHOWN))
-"""Of a checkout, what figures depend on, as git's pathspecs: all code but what shows."""
+_SHOWN = ("runtime/tinysplat_runtime/cli", "runtime/tinysplat_runtime/page", "runtime/tinysplat_runtime/web")
+DEPENDED_ON = ("runtime", "tinysplat", "models", *(f":!{folder}" for folder in (*_SHOWN, "tinysplat/measure/show")))
+"""Of a checkout, what figures depend on, as git's pathspecs: all code but what asks and what shows."""
 
 _VECTOR_FLAGS = ("avx2", "avx512f", "avx512_vnni", "amx_tile", "asimd", "sve")
 
