@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import http.server
 import io
+import subprocess
+import sys
 import threading
 import urllib.parse
 from collections.abc import Callable, Iterator
@@ -52,6 +54,23 @@ def test_pictures_at_views_are_the_rasteriser_s(browser: Browser, tmp_path: Path
         tab.ready()
         assert psnr(picture(tab), ts.render(gaussians, camera).clip(0, 1)) > LEAST_DB
         tab.close()
+
+
+def test_of_a_served_capture_what_is_near_is_fetched(browser: Browser, tmp_path: Path) -> None:
+    data = coded(24)
+    (tmp_path / "walk.tsplat").write_bytes(data)
+    command = [sys.executable, "-m", "tinysplat_runtime", "view", str(tmp_path / "walk.tsplat"), "--no-browser"]
+    with subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        tab = browser.open(f"{server.stdout.readline().split()[0]}#bare&camera=0", 64, 48)
+        tab.ready()
+        answers = "performance.getEntriesByType('resource').map((one) => [one.responseStatus, one.encodedBodySize])"
+        found = tab.evaluate(answers)
+        assert {status for status, _ in found} == {206} and sum(size for _, size in found) < len(data)
+        gaussians = ts.decompress(data)
+        assert psnr(picture(tab), ts.render(gaussians, gaussians.cameras[0]).clip(0, 1)) > LEAST_DB
+        tab.close()
+        server.terminate()
 
 
 def test_gaussians_of_no_pixels_are_seen_from_outside(browser: Browser, tmp_path: Path) -> None:

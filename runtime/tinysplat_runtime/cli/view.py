@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import http.server
 import io
+import re
 import threading
 import webbrowser
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -25,6 +27,7 @@ from ..formats.table import load_gaussians
 from ..page.build import player_page, scene_page
 from ..page.front import front_view
 from ..render import Renderer
+from ..render.near import FEW
 from ..scene.cameras import Camera
 from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.matching import reach_of, taken_as
@@ -35,6 +38,9 @@ from .player import write_player
 
 FINE_QP = -6.0
 """Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
+
+SOURCE = "scene.tsplat"
+"""Where a served page finds a capture, of which it reads the views that are near."""
 
 POSTER_SIDE = 400
 """Pixels of the longer side of the picture that is shown until the scene is drawn."""
@@ -57,10 +63,11 @@ def view(args: Namespace) -> None:
     elif args.file is None:
         raise InputError("missing; name a scene, or write a player of any with --player", where="F")
     else:
-        page, path = make_page(args.file, args.cameras, args.photos), args.html or args.output
+        path = args.html or args.output
         if path is None:
-            return serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
-        written = _written(path, page)
+            page, parts = make_page(args.file, args.cameras, args.photos, beside=SOURCE)
+            return serve(page, args.port, parts, quiet=args.quiet, browser=not args.no_browser)
+        written = _written(path, make_page(args.file, args.cameras, args.photos)[0])
     if not args.quiet:
         print(written)
 
@@ -73,16 +80,28 @@ def _written(path: str | None, page: str) -> str:
     return f"{path}: {len(text) / 1e3:.0f} KB, opens without a network"
 
 
-def make_page(file: str, cameras_file: str | None, photos_of: str | None) -> str:
-    """The page of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
+def make_page(
+    file: str, cameras_file: str | None, photos_of: str | None, *, beside: str | None = None
+) -> tuple[str, dict[str, bytes]]:
+    """The page of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`, and
+    what lies beside it: a capture, at the address `beside`.
+    """
     data, views = _file(file)
     cameras = load_cameras(cameras_file) if cameras_file and not views else []
     photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
     first = front_view(views)
     poster = _poster(data, views[first]) if views else None
-    return scene_page(
-        data, title=printable(Path(file).stem), cameras=cameras, photos=photos, first=first, poster=poster
+    source = beside if len(views) > FEW else None
+    page = scene_page(
+        data,
+        title=printable(Path(file).stem),
+        cameras=cameras,
+        photos=photos,
+        first=first,
+        poster=poster,
+        source=source,
     )
+    return page, {} if source is None else {source: data}
 
 
 def _poster(data: bytes, camera: Camera) -> NDArray:
@@ -93,24 +112,39 @@ def _poster(data: bytes, camera: Camera) -> NDArray:
         return Renderer(file.near(camera)).render(small)
 
 
-def serve(page: str, port_number: int, *, quiet: bool, browser: bool) -> None:
-    """Serve the page on this machine alone until interrupted."""
+def serve(
+    page: str, port_number: int, beside: Mapping[str, bytes] = MappingProxyType({}), *, quiet: bool, browser: bool
+) -> None:
+    """Serve the page, and files beside it in ranges, on this machine alone until interrupted."""
     text = ("text/html; charset=utf-8", page.encode())
     parts = {"/": text, "/index.html": text}
+    parts |= {f"/{name}": ("application/octet-stream", data) for name, data in beside.items()}
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             if not is_this_machine(self.headers.get("Host", "")):
                 self._answer(HTTPStatus.FORBIDDEN, "text/plain", FOREIGN_HOST.encode())
             elif (place := self.path.partition("?")[0]) in parts:
-                self._answer(HTTPStatus.OK, *parts[place])
+                self._give(*parts[place])
             else:
                 self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"")
 
         do_HEAD = do_GET  # noqa: N815  as the library calls it
 
-        def _answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        def _give(self, kind: str, body: bytes) -> None:
+            asked = re.fullmatch(r"bytes=([0-9]{1,15})-([0-9]{0,15})", self.headers.get("Range", ""))
+            if asked is None:
+                return self._answer(HTTPStatus.OK, kind, body)
+            first, last = int(asked[1]), min(int(asked[2] or len(body)), len(body) - 1)
+            if first > last:
+                return self._answer(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, kind, b"", f"*/{len(body)}")
+            part = body[first : last + 1]
+            return self._answer(HTTPStatus.PARTIAL_CONTENT, kind, part, f"{first}-{last}/{len(body)}")
+
+        def _answer(self, status: HTTPStatus, kind: str, body: bytes, given: str = "") -> None:
             self.send_response(status)
+            if given:
+                self.send_header("Content-Range", f"bytes {given}")
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.end_headers()

@@ -40,8 +40,9 @@ def scene_page(
     photos: Mapping[int, NDArray] | None = None,
     first: int = 0,
     poster: NDArray | None = None,
+    source: str | None = None,
 ) -> str:
-    """The page of one file, which loads nothing from anywhere.
+    """The page of one file, which loads nothing from anywhere but `source`.
 
     Args:
         data: a .tsplat file of a mode that needs no network, as it is.
@@ -50,6 +51,8 @@ def scene_page(
         photos: (H, W, 3) in [0, 1] or uint8, by index of the file's views or `cameras`.
         first: the view that the page begins at.
         poster: (H, W, 3) in [0, 1] or uint8, that view's picture, shown until the scene is drawn.
+        source: where the server that the page comes from has the file, in ranges if it gives them; None writes the file
+            into the page.
     """
     scene = {
         "cameras": [_camera(camera) for camera in cameras],
@@ -57,7 +60,10 @@ def scene_page(
         "first": first,
         "photos": {i: _picture(photo) for i, photo in (photos or {}).items()},
         "poster": None if poster is None else _picture(poster),
+        "source": source,
     }
+    if source is not None:
+        return _page(title, scene, "", sources="'self' blob:")
     return _page(title, scene, _base85(data), sources="blob:")
 
 

@@ -1,5 +1,6 @@
 // Files as scenes that get sharper: the one that the page carries, one that was chosen or dropped, or one by its address.
 
+const HEADS = [1 << 15, 1 << 20]; // bytes that are asked for first, and then if they do not describe the file
 const MOST_BYTES = 1 << 30; // that are fetched
 const SECTIONS = { // what classes of bytes are called
   depth: "distances", color: "colours", opacity: "transparency", scale: "sizes", rotation: "directions", offset: "fine positions",
@@ -15,12 +16,61 @@ export async function* paced(bytes, steps, isFree) {
   }
 }
 
-// The bytes behind an address as they come in; `told` hears how many of how many (0 where nobody says).
-export async function* fetched(address, signal, told) {
+// A file whose bytes are at hand, or a Blob's: { read(offset, length), size }.
+export const heldIn = (bytes) => ({
+  size: bytes.size ?? bytes.length,
+  read: async (offset, length) => new Uint8Array(await (bytes.arrayBuffer ? bytes.slice(offset, offset + length).arrayBuffer() : bytes.subarray(offset, offset + length))),
+});
+
+// What a source's first bytes say of the file, if it is a capture whose views may be read one by one.
+export async function captureIn({ read }, inspect, few) {
+  for (const length of HEADS) {
+    try {
+      const about = inspect(await read(0, length));
+      return about.cameras.length > few && about.sections.some(({ name }) => name.startsWith("VIEW")) ? about : undefined;
+    } catch (error) {
+      if (error.name !== "TsplatError") throw error; // what is wrong is said by who reads the whole
+    }
+  }
+  return undefined;
+}
+
+// A file behind an address: `read` gives ranges of it, unless its server sends the whole, of which `body` is then what comes.
+export async function reached(address, signal) {
+  const asked = async (from, to) => {
+    const response = await request(address, signal, { Range: `bytes=${from}-${to}` });
+    if (response.status === 206) return new Uint8Array(await response.arrayBuffer());
+    return response.status === 416 ? new Uint8Array(0) : response;
+  };
+  const first = await asked(0, HEADS[0] - 1).catch((error) => {
+    if (error.name !== "TypeError") throw error;
+    return request(address, signal, {}); // of a server that others may not ask for ranges
+  });
+  if (first instanceof Response) return { body: first };
+  let head = first;
+  const source = { received: first.length, whole: first.length < HEADS[0] ? first : undefined };
+  source.read = async (offset, length) => {
+    if (offset + length <= head.length || head.length < HEADS[0]) return head.subarray(offset, offset + length);
+    const found = await asked(offset, offset + length - 1);
+    if (found instanceof Response) throw new Error(`${address} gives no more ranges`);
+    source.received += found.length;
+    if (offset === 0) head = found;
+    return found;
+  };
+  return source;
+}
+
+async function request(address, signal, headers) {
   const url = new URL(address, location.href);
   if (!["http:", "https:", "blob:", "data:"].includes(url.protocol)) throw new Error(`${url.protocol} is no address that a page may read; choose the file instead`);
-  const response = await fetch(url, { signal, credentials: "omit", referrerPolicy: "no-referrer" });
-  if (!response.ok) throw new Error(`${url.href} answers ${response.status} ${response.statusText}`);
+  const response = await fetch(url, { signal, headers, credentials: "omit", referrerPolicy: "no-referrer" });
+  if (!response.ok && response.status !== 416) throw new Error(`${url.href} answers ${response.status} ${response.statusText}`);
+  return response;
+}
+
+// The bytes of an answer, or of the file at an address, as they come in; `told` hears how many of how many (0 where nobody says).
+export async function* fetched(from, signal, told) {
+  const response = from instanceof Response ? from : await request(from, signal, {});
   const whole = Number(response.headers.get("Content-Length")) || 0, reader = response.body.getReader();
   for (let received = 0; ;) {
     const { done, value } = await reader.read();
@@ -39,7 +89,10 @@ export function bytesByUse({ sections, channels, bytes }) {
     const use = SECTIONS[name.replace(/\d+$/, "")] ?? name;
     uses.set(use, (uses.get(use) ?? 0) + streams.reduce((sum, n) => sum + n, 0));
   }
-  const photos = sections.filter(({ name }) => /^PHOT/.test(name)).reduce((sum, section) => sum + section.bytes, 0);
+  const sum = (name) => sections.filter((section) => section.name.startsWith(name)).reduce((total, section) => total + section.bytes, 0);
+  const rest = sum("VIEW") - [...uses.values()].reduce((total, n) => total + n, 0);
+  if (!uses.size && rest > 0) uses.set("views", rest); // of which nothing else is known yet
+  const photos = sum("PHOT");
   if (photos) uses.set("photos", photos);
   uses.set("description", bytes - [...uses.values()].reduce((sum, n) => sum + n, 0));
   return [...uses].filter(([, n]) => n > 0);

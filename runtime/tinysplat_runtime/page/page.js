@@ -1,9 +1,12 @@
 // Puts the page together: its scene, its panel and its words.
 import { fillingZoom } from "./camera.js";
+import { Capture } from "./capture.js";
 import { makeCloud } from "./cloud.js";
-import { bytesByUse, fetched, inKilobytes, paced } from "./files.js";
+import { bytesByUse, captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
+import { FEW } from "./near.js";
 import { networkRunner } from "./network.js";
 import { sceneOf } from "./scene.js";
+import { mostDrawn } from "./splats.js";
 import { Viewer } from "./viewer.js";
 
 const find = (id) => document.getElementById(id);
@@ -42,14 +45,16 @@ class Panel {
     this.#listen();
   }
 
-  // A scene, and what tsplat.js says of its file.
-  show(scene, cloud, about) {
-    const { views, hasCameras } = scene, { attribution, licence } = about.notes;
+  // A scene, and what tsplat.js says of its file. isSame: of the same file, of which more is there.
+  show(scene, cloud, about, isSame) {
+    const { views, hasCameras } = scene, { attribution, licence } = about.notes, { whole, coarse } = mostDrawn(cloud);
+    const count = scene.count ?? about.count, drawn = whole + coarse < count ? `, of which ${(whole + coarse).toLocaleString("en")} are drawn at once` : "";
     this.scene = scene;
     find("summary").textContent = [
-      `${scene.count.toLocaleString("en")} Gaussians, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
+      `${count.toLocaleString("en")} Gaussians${drawn}, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
       [attribution, licence].filter(Boolean).join(", "),
     ].filter(Boolean).join("; ");
+    if (isSame) return this.shown();
     fillUses(bytesByUse(about));
     find("panel").hidden = false;
     find("way").hidden = !hasCameras || views.length < 2;
@@ -153,6 +158,7 @@ class Page {
     Object.assign(this, { decoder, given, isBare, first: Number(options.get("camera") ?? given.first ?? 0) });
     this.viewer = new Viewer(find("view"), {
       drawn: () => this.#drawn(), moved: () => this.panel.shown(), touched: () => { find("hint").classList.add("done"); this.panel.shown(); },
+      near: (order) => this.capture?.look(order),
     }, { isBare, isStill });
     this.panel = new Panel(this.viewer);
     globalThis.page = this.viewer; // for the console, and for checks
@@ -180,15 +186,46 @@ class Page {
     find("fault").hidden = false;
   }
 
-  // Shows a file of which there are chunks, better and better.
-  async open(name, chunks, whole) {
-    this.opening?.abort();
-    const { signal } = (this.opening = new AbortController()), parts = [];
-    let frame = null, about = null, received = 0;
+  // For a file that takes the place of what is shown; opening: what ends reading it, if that has begun.
+  #begin(name, opening) {
+    if (!opening) this.opening?.abort();
+    this.capture?.stop();
+    this.capture = null;
+    this.opening = opening ?? new AbortController();
     find("open").hidden = find("fault").hidden = true;
     find("cover").classList.remove("done");
     find("status").textContent = "Loading …";
     if (name) document.title = find("name").textContent = name;
+    return this.opening.signal;
+  }
+
+  // Shows of a capture, whose bytes a source reads, what is near the camera.
+  openCapture(name, about, source, opening) {
+    const signal = this.#begin(name, opening), first = about.cameras[this.first] ? this.first : 0;
+    let shown = false;
+    this.capture = new Capture(about.cameras, {
+      decodeView: (v) => this.decoder.decodeViews(source.read, [v], { signal, threads: THREADS, limits: MOST }),
+      show: (scene, cloud) => {
+        this.viewer.show(scene, cloud, shown, first);
+        this.panel.show(scene, cloud, about, shown);
+        this.panel.tell(scene.views.length, source.received ?? about.bytes, about.bytes);
+        if (!shown && !this.isBare) hint(matchMedia("(pointer: coarse)").matches);
+        shown = true;
+      },
+      isComplete: (isWhole) => { if (isWhole) document.body.dataset.whole = ""; else delete document.body.dataset.whole; },
+      failed: (error) => {
+        if (signal.aborted) return;
+        if (shown) this.#say(`A part of this scene could not be read: ${error.message ?? error}`);
+        else this.fail(error);
+      },
+    });
+    this.capture.look([first]);
+  }
+
+  // Shows a file of which there are chunks, better and better.
+  async open(name, chunks, whole, opening) {
+    const signal = this.#begin(name, opening), parts = [];
+    let frame = null, about = null, received = 0;
     const kept = async function* () {
       for await (const chunk of chunks(signal)) {
         if (!parts.length) refuseForeign(chunk);
@@ -202,7 +239,7 @@ class Page {
       const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene);
       this.viewer.show(scene, cloud, frame !== null, scene.views[this.first] ? this.first : 0);
       frame = scene.frame;
-      this.panel.show(scene, cloud, about);
+      this.panel.show(scene, cloud, about, false);
       this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received ?? received, whole || about.bytes);
     };
     const options = {
@@ -228,23 +265,38 @@ class Page {
     if (!this.isBare) hint(matchMedia("(pointer: coarse)").matches);
   }
 
-  openOwn(bytes) {
-    const { steps } = (this.given.file = this.decoder.inspect(bytes));
+  async openOwn(bytes) {
+    const about = (this.given.file = this.decoder.inspect(bytes)), { steps } = about;
+    if (await captureIn({ read: async () => bytes }, () => about, FEW)) return this.openCapture("", about, heldIn(bytes));
     return this.open("", () => paced(bytes, this.isBare || this.given.poster ? [] : steps, () => this.#whenDrawn()), bytes.length);
   }
 
-  openChosen(file) {
+  async openChosen(file) {
     this.panel.photos = [];
     this.first = 0;
-    return this.open(file.name.replace(/\.tsplat$/, ""), () => file.stream(), file.size);
+    const name = file.name.replace(/\.tsplat$/, ""), about = await captureIn(heldIn(file), this.decoder.inspect, FEW);
+    if (about?.bytes === file.size) return this.openCapture(name, about, heldIn(file));
+    return this.open(name, () => file.stream(), file.size);
   }
 
-  openAddress(address) {
-    const name = decodeURIComponent(new URL(address, location.href).pathname.split("/").at(-1)).replace(/\.tsplat$/, "");
+  // name: what the file is called, if not as its address ends.
+  async openAddress(address, given) {
+    const name = given ?? decodeURIComponent(new URL(address, location.href).pathname.split("/").at(-1)).replace(/\.tsplat$/, "");
     const told = (received, whole) => {
       find("status").textContent = whole ? `Loading … ${Math.floor((100 * received) / whole)} %` : `Loading … ${inKilobytes(received)}`;
     };
-    return this.open(name, (signal) => fetched(address, signal, told), 0);
+    this.opening?.abort();
+    const opening = (this.opening = new AbortController()), { signal } = opening, source = await reached(address, signal);
+    if (source.read) {
+      const about = await captureIn(source, this.decoder.inspect, FEW);
+      if (about) return this.openCapture(name, about, source, opening);
+      return this.open(name, (opened) => (source.whole ? [source.whole] : fetched(address, opened, told)), 0, opening);
+    }
+    const parts = [];
+    for await (const part of fetched(source.body, signal, told)) parts.push(part);
+    const whole = new Blob(parts), about = await captureIn(heldIn(whole), this.decoder.inspect, FEW);
+    if (about?.bytes === whole.size) return this.openCapture(name, about, heldIn(whole), opening);
+    return this.open(name, () => whole.stream(), 0, opening);
   }
 
   listen() { // for files that are dropped or chosen
@@ -274,6 +326,7 @@ export async function start(decoder, own) {
   try {
     await nextFrame(); // the poster first
     if (own.length) await page.openOwn(own);
+    else if (given.source) await page.openAddress(given.source, "");
     else if (options.get("file")) await page.openAddress(options.get("file"));
     else [find("open").hidden, find("cover").hidden] = [false, true];
   } catch (error) {

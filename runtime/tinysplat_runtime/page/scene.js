@@ -27,29 +27,30 @@ function outside({ means, count, origin }) {
 }
 
 // Runs of Gaussians: of a view's pixels, or of none.
-function partsOf(layers) {
+function partsOf(layers, numbers) {
   return layers.flatMap(({ views, count, offset }, layer) => {
     if (!views) return [{ view: -1, isFront: false, from: offset, to: offset + count }];
     const own = count / views;
-    return Array.from({ length: views }, (_, view) => ({ view, isFront: layer === 0, from: offset + view * own, to: offset + (view + 1) * own }));
+    return Array.from({ length: views }, (_, at) => ({ view: numbers?.[at] ?? at, isFront: layer === 0, from: offset + at * own, to: offset + (at + 1) * own }));
   });
 }
 
 // decoded: of tsplat.js. cameras: views of a file that has none. frame: of the same scene, decoded from fewer bytes.
-export function sceneOf(decoded, cameras = [], frame = null) {
-  const given = decoded.cameras.length ? decoded.cameras : cameras, world = given.length ? given.map(viewOf) : [outside(decoded)];
-  const { scale, centre } = frame ?? frameOf(decoded, world);
+// numbers: which of `cameras` were decoded, if not all.
+export function sceneOf(decoded, cameras = [], frame = null, numbers = undefined) {
+  const given = decoded.cameras.length && !numbers ? decoded.cameras : cameras, world = given.length ? given.map(viewOf) : [outside(decoded)];
+  const { scale, centre } = frame ?? frameOf(decoded, world, world[numbers?.[0] ?? 0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
   const down = views.reduce((sum, { rotation }) => add(sum, rotation[1]), [0, 0, 0]);
   return {
-    ...shown(decoded, scale, add([...decoded.origin], centre, -1), given), frame: { scale, centre }, views, hasCameras: given.length > 0, reach: REACH,
+    ...shown(decoded, scale, add([...decoded.origin], centre, -1), given, numbers), frame: { scale, centre }, views, hasCameras: given.length > 0, reach: REACH,
     nearPlane: NEAR_PLANE * scale, up: length(down) > 1e-6 ? unit(scaled(down, -1)) : scaled(views[0].rotation[1], -1),
   };
 }
 
-function frameOf({ means, opacities, count, origin }, views) {
+function frameOf({ means, opacities, count, origin }, views, { position, rotation }) {
   const centre = scaled(views.reduce((sum, { position }) => add(sum, position), [0, 0, 0]), 1 / views.length), depths = [];
-  const { position, rotation } = views[0], offset = add([...origin], position, -1);
+  const offset = add([...origin], position, -1);
   for (let i = 0; i < count; i += Math.ceil(count / 20000)) {
     const z = dot(rotation[2], add(means.subarray(3 * i, 3 * i + 3), offset));
     if (z > 0 && opacities[i] > 0.1) depths.push(z);
@@ -62,7 +63,7 @@ function frameOf({ means, opacities, count, origin }, views) {
 const isCoarse = (pixel, width) => pixel % width % EVERY === EVERY >> 1 && Math.floor(pixel / width) % EVERY === EVERY >> 1;
 
 // The Gaussians that can show, moved and scaled.
-function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset, cameras) {
+function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset, cameras, numbers) {
   const functions = (degree + 1) ** 2, width = 3 * functions, parts = [];
   const isShown = (i) => opacities[i] >= LEAST_OPACITY && Number.isFinite(means[3 * i] + means[3 * i + 1] + means[3 * i + 2]);
   let count = 0;
@@ -72,7 +73,7 @@ function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, o
     sh: new Float32Array(width * count),
   };
   let at = 0;
-  for (const { view, isFront, from, to } of partsOf(layers)) {
+  for (const { view, isFront, from, to } of partsOf(layers, numbers)) {
     const start = at, coarse = [];
     for (let i = from; i < to; i++) {
       if (!isShown(i)) continue;

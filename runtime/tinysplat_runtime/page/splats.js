@@ -4,12 +4,11 @@
 // Now and then pixels that nothing shines through any more are closed by depth, so that what lies behind costs nothing.
 // Nothing is instanced: hardware and software alike take far longer over many instances of a few vertices.
 import { ARITHMETIC } from "./arithmetic.js";
-import { AROUND, EVERY, OPEN, sorting } from "./near.js";
+import { AROUND, DRAWN, EVERY, FEW, OPEN, sorting } from "./near.js";
 
 const TEXTURE_WIDTH = 4096;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's part of its alphas
 const BEHIND = 0x40000000; // marks one of a coarse surface, which is drawn last
-const FEW_VIEWS = 6, DRAWN_VIEWS = 4; // so many are drawn at once of more than so many (near.js)
 const DARK = 1 / 1024; // transmittance of a pixel that is closed
 const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
 
@@ -240,15 +239,15 @@ function floatTexture(gl, width) { // four floats a texel, one row
   return texture;
 }
 
-// How many places an order may need: copies and all; of a capture those of the views that are drawn at once, and coarse surfaces.
-function mostDrawn({ count, parts, viewCount }) {
-  if (viewCount <= FEW_VIEWS) return 2 * count;
+// How many Gaussians are drawn at once at most: all, or of a capture those of the nearest views, and coarse surfaces.
+export function mostDrawn({ count, parts, viewCount }) {
+  if (viewCount <= FEW) return { whole: count, coarse: 0 };
   const [sizes, coarse] = [0, 1].map(() => new Float64Array(viewCount)), largest = (of, n) => of.sort().subarray(-n).reduce((sum, one) => sum + one, 0);
   for (const { view, from, to, coarse: own } of parts) {
     sizes[view] += to - from;
     coarse[view] += own.length;
   }
-  return 2 * largest(sizes, DRAWN_VIEWS) + largest(coarse, AROUND);
+  return { whole: largest(sizes, DRAWN), coarse: largest(coarse, AROUND) };
 }
 
 function bindTextures(gl, uniforms, textures) {
@@ -285,12 +284,14 @@ export class Splats {
     const { gl } = this, { count, functions } = cloud;
     this.#release();
     this.cloud = cloud;
-    this.most = mostDrawn(cloud);
+    const { whole, coarse } = mostDrawn(cloud);
+    this.most = 2 * whole + coarse; // places of an order: surfaces stand in it twice
     this.textures = {
       order: dataTexture(gl, this.most, 1),
       geometry: dataTexture(gl, 2 * count, 4, cloud.geometry),
       colours: dataTexture(gl, functions * count, 2, cloud.colours),
     };
+    cloud.geometry = cloud.colours = null; // the textures have them
     this.records = { shapes: dataTexture(gl, this.most, 4), paints: dataTexture(gl, this.most, 4) };
     this.shares = floatTexture(gl, cloud.viewCount + 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);

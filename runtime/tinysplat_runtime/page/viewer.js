@@ -16,7 +16,8 @@ const CARRY = 1.05; // strain from which a pull goes on to the next view
 const PICK_PX = 8;
 
 export class Viewer {
-  // canvas; told: { drawn, moved, touched }, called after a frame, after movements and before the first of them.
+  // canvas; told: { drawn, moved, touched, near }, called after a frame, after movements, before the first of them, and
+  // with views, nearest first, when the camera is elsewhere.
   // isBare: pictures as the rasteriser's, and nothing moves by itself.
   constructor(canvas, told, { isBare, isStill }) {
     Object.assign(this, { canvas, told, isBare, isStill, share: 1, last: 0, time: 0, isFree: false });
@@ -159,15 +160,23 @@ export class Viewer {
   // The camera has moved: Gaussians need another order.
   move() {
     if (!this.splats) return;
+    this.told.near?.(this.nearest());
     if (this.splats.isSorted) this.splats.sort(this.camera, this.scene.nearPlane, this.shares());
     else this.waits = true;
     this.isDirty = true;
   }
 
+  // Views that count, nearest first.
+  nearest() {
+    if (!this.scene.hasCameras) return [];
+    const far = distances(this.scene.views, this.cloud.depth, this.camera);
+    return [...this.counted].sort((a, b) => far[a] - far[b] || a - b);
+  }
+
   shares() {
     const { views, hasCameras } = this.scene;
     if (!hasCameras || !this.cloud.viewCount) return { front: [], all: [], behind: [] };
-    const found = shares(distances(views, this.cloud.depth, this.camera), this.counted);
+    const found = shares(distances(views, this.cloud.depth, this.camera), this.counted, this.cloud.held);
     if (!this.settings.nearFirst) found.front.fill(0);
     return found;
   }

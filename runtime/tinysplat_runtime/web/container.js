@@ -63,6 +63,7 @@ const SECTIONS = {
  * @property {number} viewCount of the whole file
  * @property {number[]} views numbers of those that are wanted and at hand
  * @property {Camera[]} cameras of these views
+ * @property {Camera[]} places cameras of all views
  * @property {Layer[]} layers of these views
  * @property {import("./extras.js").ExactLayer[]} exact
  * @property {import("./points.js").FreeScene | undefined} free
@@ -111,7 +112,7 @@ export function readContainer(bytes, reading) {
   }
   /** @type {Container} */
   const file = {
-    version, total, profile, qp, origin, mode, viewCount, views: [], cameras: [], layers: [], exact: [],
+    version, total, profile, qp, origin, mode, viewCount, views: [], cameras: [], places: [], layers: [], exact: [],
     free: undefined, viewpoints: [], network: undefined, groups: [], photos: undefined, sets: new Map(), notes: readNotes(sections), sections,
     lost: [],
   };
@@ -200,7 +201,8 @@ function readViews(file, count, reading) {
   }
   requireViews(file, limits);
   const { height, width } = gridOf(file);
-  file.cameras = file.views.map((view) => ({ ...poses[view], width, height }));
+  file.places = poses.map((pose) => ({ ...pose, width, height }));
+  file.cameras = file.views.map((view) => file.places[view]);
   for (const layer of file.exact) [layer.views, layer.cameras] = [file.views, file.views.map((view) => layer.cameras[view])];
   if (!isInParts) file.layers.forEach((layer) => keepViews(layer, file.views));
   checkLayers(file, requireLimits);

@@ -306,7 +306,7 @@ async function* iterated(stream) {
  */
 export function inspect(bytes, limits = {}) {
   const file = readContainer(bytesOf(bytes), { ...reading({ limits }, true) });
-  const { version, mode, profile, qp, total, origin, cameras, notes, network, free } = file;
+  const { version, mode, profile, qp, total, origin, places: cameras, notes, network, free } = file;
   const grids = file.exact.length ? file.exact : file.layers;
   const layers = grids.map(({ height, width, degree }) => ({ views: cameras.length, height, width, degree }));
   const counted = layers.reduce((sum, layer) => sum + layer.views * layer.height * layer.width, 0);
