@@ -12,7 +12,7 @@ import numpy as np
 
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import choose_frames
-from tinysplat.poses.placing import LEAST_PARALLAX, coloured_points, copies, encoded, place, upright_copies
+from tinysplat.poses.placing import coloured_points, copies, encoded, place, upright_copies
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
@@ -106,9 +106,9 @@ def run(args: Namespace) -> None:
         print(
             f"{source}: {len(placement.others)} further groups, of {sizes} photos, do not join these", file=sys.stderr
         )
-    if placement.parallax < LEAST_PARALLAX:
-        found = f"the camera hardly moved ({placement.parallax:.1f} degrees between the rays of a point)"
-        print(f"{source}: {found}: cameras are uncertain; step aside between photos", file=sys.stderr)
+    if placement.uncertain:
+        found = f"{len(placement.uncertain)} of {len(placed)} places are uncertain, {placement.uncertain[0]} the most"
+        print(printable(f"{source}: {found}: step aside where you only turned, and take more photos"), file=sys.stderr)
     if not args.quiet:
         depths = "" if near is None or far is None else f", near {near:.4g}, far {far:.4g}"
         print(f"{output}: {len(placed)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
