@@ -28,37 +28,35 @@ HELP = "many scenes to files, or measured, here or on a Ray cluster"
 
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
+    parser.usage = "tinysplat batch MANIFEST -o DIR [options]"
     parser.description = (
         "Codes every scene of a manifest (a path or URL per line, or JSON objects with scene, name and options) to"
         f" DIR/NAME.tsplat and keeps DIR/{RESULTS}. Run again, it skips what is done and valid."
     )
     parser.add_argument("manifest", metavar="MANIFEST", help="text file, a scene per line")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder or URL (s3://, gs://, memory://)")
-    parser.add_argument(
-        "--evaluate",
-        action="store_true",
-        help="measure scenes with an eval_index.json, or Gaussian files, to DIR/NAME.json",
+    parser.add_argument("--evaluate", action="store_true", help="measure instead, to DIR/NAME.json")
+    machines = parser.add_argument_group("machines and failures")
+    machines.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
+    machines.add_argument("--address", metavar="ADDRESS", help="a Ray cluster's; default: one of this machine")
+    machines.add_argument("--workers", type=count, metavar="N", help="scenes at a time; default: all cores")
+    machines.add_argument(
+        "--attempts", type=count, default=3, metavar="N", help="per scene, if a worker dies; default 3"
     )
-    parser.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
-    parser.add_argument("--address", metavar="ADDRESS", help="a Ray cluster's; default: one started on this machine")
-    parser.add_argument("--workers", type=count, metavar="N", help="scenes at a time; default: all cores")
-    parser.add_argument("--attempts", type=count, default=3, metavar="N", help="per scene, if a worker dies; default 3")
-    parser.add_argument("--timeout", type=positive, metavar="S", help="seconds that a scene may take; default: any")
-    parser.add_argument("--max-memory", type=byte_count, metavar="SIZE", help="of a worker, such as 4GB; default: any")
-    parser.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
-    parser.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
+    machines.add_argument("--timeout", type=positive, metavar="S", help="seconds that a scene may take; default: any")
+    machines.add_argument(
+        "--max-memory", type=byte_count, metavar="SIZE", help="of a worker, such as 4GB; default: any"
+    )
+    machines.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
+    machines.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
     add_photos(parser, parser.add_argument_group("video, depth"))
     add_coding(parser.add_argument_group("bytes and quality"))
     add_notes(parser)
     add_provider(parser)
     parser.add_argument(
-        "--allow",
-        action="append",
-        choices=CODE,
-        default=[],
-        help="let MANIFEST say which code or graph is loaded; may be given twice",
+        "--allow", action="append", choices=CODE, default=[], help="that MANIFEST says what is loaded; twice: both"
     )
-    parser.add_argument("--report", action="store_true", help="also write DIR/NAME.json, as encode --report does")
+    parser.add_argument("--report", action="store_true", help="also write DIR/NAME.json, as encode does")
     parser.add_argument("--save-gaussians", action="store_true", help="also write DIR/NAME.npz of the network")
 
 

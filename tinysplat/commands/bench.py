@@ -36,6 +36,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
+    parser.usage = "tinysplat bench [STUDY …] [INPUT …] [options]"
     listed = "; ".join(f"{name}: {line}" for name, (_, line) in STUDIES.items())
     parser.description = (
         "Measure, and write a folder with rows.jsonl, report.md and plots. Words that name studies come first; without"

@@ -41,6 +41,7 @@ MIN_ZOOM, MAX_ZOOM = 1 / 16, 16.0
 
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
+    parser.usage = "tinysplat eval SCENES [SCENES …] [options]"
     parser.description = (
         "Measure networks and codings on scenes: raw, coded and photo baselines. Results are kept window by window; the"
         " same command goes on where a killed one stopped."
