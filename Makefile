@@ -36,10 +36,11 @@ fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files,
 mutants: $(VENV)/.installed  ## single-line bugs, 300 of them, evenly over rooms, and which the nearest tests miss: build/mutants/report.md
 	nice -n 15 $(VENV)/bin/python checks/mutants.py
 
-lint: $(VENV)/.installed  ## ruff and mypy
+lint: $(VENV)/.installed  ## ruff and mypy, and where there is npm tsc for the decoder in JavaScript
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+	! command -v npx >/dev/null || npx --yes --package typescript@5.9.3 tsc -p jsconfig.json
 
 format: $(VENV)/.installed  ## rewrite in the project's style
 	$(VENV)/bin/ruff check --fix .
