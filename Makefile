@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 DEMO_VENV := .venv-demo
+RELEASE_VENV := .venv-release
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
@@ -66,9 +67,8 @@ docs/assets/iframe-worker-shim.js:  # MIT, by npm: search in pages opened from d
 golden: $(VENV)/.installed  ## rewrite golden files, messages and contracts, and print what changed; a reviewed decision, with its reason in the changelog
 	$(VENV)/bin/python tests/golden/regenerate.py
 
-release: $(VENV)/.installed  ## dist/: wheel and sdist, equal in two builds, bill of materials, checksums
-	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[release]"
-	$(VENV)/bin/python .ci/release.py
+release: $(RELEASE_VENV)/.installed  ## dist/: wheel and sdist, equal in two builds, bill of materials, checksums (no torch)
+	$(RELEASE_VENV)/bin/python .ci/release.py
 
 $(VENV)/.installed: pyproject.toml
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
@@ -82,5 +82,11 @@ $(DEMO_VENV)/.installed: pyproject.toml
 	$(DEMO_VENV)/bin/python -m pip install -q -e ".[demo]"
 	touch $@
 
+$(RELEASE_VENV)/.installed: pyproject.toml
+	test -x $(RELEASE_VENV)/bin/python || $(PYTHON) -m venv $(RELEASE_VENV)
+	$(RELEASE_VENV)/bin/python -m pip install -q --upgrade pip
+	$(RELEASE_VENV)/bin/python -m pip install -q -e ".[release]"
+	touch $@
+
 clean:  ## remove environments and outputs
-	rm -rf $(VENV) $(DEMO_VENV) demo_out site build dist *.egg-info
+	rm -rf $(VENV) $(DEMO_VENV) $(RELEASE_VENV) demo_out site build dist *.egg-info
