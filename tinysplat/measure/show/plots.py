@@ -27,7 +27,7 @@ _MAX_NAMED = 12
 
 @dataclass(frozen=True)
 class Curve:
-    """Named points (x, y), joined by a line in the order of x unless they are marks.
+    """Named points (x, y), joined by a line in their order unless they are marks.
 
     Attributes:
         name: in the legend; one name has one colour and mark throughout a picture.
@@ -126,7 +126,7 @@ class Chart:
             if x is not None and y is not None:
                 points[label] = x, y
         labels = list(points) if not self.curve and len(points) <= _MAX_NAMED else []
-        return Curve(name, list(points.values()), bool(self.curve), labels)
+        return Curve(name, sorted(points.values()) if self.curve else list(points.values()), bool(self.curve), labels)
 
 
 def _parts(rows: Sequence[Row], name: str) -> dict[str, list[Row]]:
@@ -160,8 +160,7 @@ def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Art
         if not curve.points:
             continue
         n = names.index(curve.name)
-        points = sorted(curve.points) if curve.is_line else curve.points
-        x, y = zip(*points, strict=True)
+        x, y = zip(*curve.points, strict=True)
         colour, marker = _COLOURS[n % len(_COLOURS)], _MARKERS[n % len(_MARKERS)]
         width = 1.2 if curve.is_line else 0
         (drawn[curve.name],) = axes.plot(x, y, color=colour, marker=marker, markersize=4, lw=width)

@@ -154,9 +154,9 @@ def peak_bytes(root: Path, words: Sequence[str | Path]) -> int:
 
 
 def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
-    """A line for everything that a user does, a point for each Q_g."""
+    """A line for everything that a user does, a point for each Q_g, the finest first."""
     points: dict[str, list[tuple[float, float]]] = {}
-    for row in of_study(rows, "waits"):
+    for row in sorted(of_study(rows, "waits"), key=lambda row: row.setting["qp"]):
         points.setdefault(row.setting["thing"], []).append((row.costs["cpu"], row.figures["psnr_decoded_raw"]))
     if not points:
         return False
