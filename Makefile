@@ -37,7 +37,7 @@ fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files,
 mutants: $(VENV)/.installed  ## single-line bugs, 300 of them, evenly over rooms, and which the nearest tests miss: build/mutants/report.md
 	nice -n 15 $(VENV)/bin/python checks/mutants.py
 
-lint: $(VENV)/.installed  ## ruff and mypy, and where there is npm tsc for the decoder in JavaScript
+lint: $(VENV)/.installed  ## ruff and mypy, and where there is npm tsc for JavaScript
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy

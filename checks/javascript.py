@@ -51,10 +51,10 @@ def check_types() -> bool:
             "const c: typeof declared.inspect = inspect;\nexport { a, b, c };\n"
         )
         (Path(name) / "typed.js").write_text((WEB / "tsplat.js").read_text().replace('"./', f'"{WEB}/'))
+        options = {"extends": str(ROOT / "jsconfig.json"), "include": [], "files": [*modules, str(same)]}
+        options["compilerOptions"] = {"strict": True}
         config = Path(name) / "tsconfig.json"
-        config.write_text(
-            json.dumps({"extends": str(ROOT / "jsconfig.json"), "include": [], "files": [*modules, str(same)]})
-        )
+        config.write_text(json.dumps(options))
         done = subprocess.run([*NPX, "tsc", "-p", str(config)], capture_output=True, text=True, check=False)
     print("tsc:", done.stdout.strip() or "no fault")
     return done.returncode == 0

@@ -59,6 +59,7 @@ export function poseBetween(a, b, t) {
 }
 
 export class Bound {
+  views; depth; edges;
   // views in page units; depth and spread of their surfaces (cloud.js).
   constructor(views, depth, spread) {
     this.side = depth * clamp(SIDE / Math.sqrt(spread), LEAST_SIDE, MOST_SIDE);

@@ -12,6 +12,7 @@ export function fillingZoom({ width, height }, windowWidth, windowHeight) {
 }
 
 export class Camera {
+  K; width; height; reach; zoom;
   // view: {K: [fx, skew, fy, cx, cy], width, height, rotation: rows right, down, forward; position}
   constructor(view, reach) { this.set(view, reach); }
 

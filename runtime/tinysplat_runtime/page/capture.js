@@ -35,6 +35,7 @@ function together(first, pieces) {
 }
 
 export class Capture {
+  cameras; decodeView; show; isComplete; failed; whole; coarse; order; isStopped; first; scene;
   // cameras: of all views. decodeView(v): a scene of tsplat.js with that view alone. show(scene, cloud): called whenever
   // there is more to see; isComplete(whether): whether all is there that shows from here.
   constructor(cameras, { decodeView, show, isComplete, failed }) {

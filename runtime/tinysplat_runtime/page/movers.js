@@ -16,6 +16,7 @@ function aim(camera, up, point, x, y, width, height) {
 
 // Near the views: what is pulled beyond the bound (bound.js) springs back.
 export class BoundMover {
+  camera; bound; up; window; least;
   // window(): its [width, height]; home: the zoom that a view is shown at.
   constructor(camera, bound, up, window) { Object.assign(this, { camera, bound, up, window, least: 1 }); }
 
@@ -80,6 +81,7 @@ export class BoundMover {
 
 // Anywhere: orbits a point, or looks around on the spot.
 export class FreeMover {
+  camera; up; window; reach; flies;
   constructor(camera, up, window, reach) { Object.assign(this, { camera, up, window, reach, flies: false }); }
 
   get #focal() { return this.camera.fitted(...this.window()).focal; }

@@ -9,6 +9,7 @@ import { sceneOf } from "./scene.js";
 import { mostDrawn } from "./splats.js";
 import { Viewer } from "./viewer.js";
 
+/** @type {(id: string) => any} */
 const find = (id) => document.getElementById(id);
 const GZIP = [0x1f, 0x8b], MAGIC_BYTES = 4;
 const HINT_MS = 9000;
@@ -152,6 +153,7 @@ function framed(poster) {
 const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
 
 class Page {
+  decoder; given; isBare; first;
   constructor(decoder, given, options) {
     const isBare = options.has("bare"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
     document.body.classList.toggle("bare", isBare);
@@ -287,7 +289,7 @@ class Page {
     };
     this.opening?.abort();
     const opening = (this.opening = new AbortController()), { signal } = opening, source = await reached(address, signal);
-    if (source.read) {
+    if ("read" in source) {
       const about = await captureIn(source, this.decoder.inspect, FEW);
       if (about) return this.openCapture(name, about, source, opening);
       return this.open(name, (opened) => (source.whole ? [source.whole] : fetched(address, opened, told)), 0, opening);

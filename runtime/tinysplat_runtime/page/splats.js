@@ -185,7 +185,7 @@ function work() { // in a worker: orders Gaussians
     if (data.means) order = sorting(data.means, data.parts);
     else {
       const found = order(data.plane, data.nearPlane, data.shares);
-      postMessage({ ...found, id: data.id }, [found.sorted.buffer]);
+      postMessage({ ...found, id: data.id }, { transfer: [found.sorted.buffer] });
     }
   };
 }

@@ -16,6 +16,7 @@ const CARRY = 1.05; // strain from which a pull goes on to the next view
 const PICK_PX = 8;
 
 export class Viewer {
+  canvas; told; isBare; isStill; share; last; time; isFree; scene; cloud; splats;
   // canvas; told: { drawn, moved, touched, near }, called after a frame, after movements, before the first of them, and
   // with views, nearest first, when the camera is elsewhere.
   // isBare: pictures as the rasteriser's, and nothing moves by itself.
@@ -273,7 +274,7 @@ export class Viewer {
     this.told.drawn(); // in an order that is at most a few frames old
     if (!this.splats.isSorted || this.waits) return;
     if (!moves) this.hasShown = true;
-    if (this.share === 1 && !moves) document.body.dataset.ready = this.settings.leastOpacity;
+    if (this.share === 1 && !moves) document.body.dataset.ready = String(this.settings.leastOpacity);
   }
 }
 
