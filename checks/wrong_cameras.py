@@ -72,9 +72,10 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
     "focal length × 2": (lambda i, K, p: (i, scaled(K, 2, 2), p), FOCAL),
     "focal length × 1.3": (lambda i, K, p: (i, scaled(K, 1.3, 1.3), p), FOCAL),
     "fx alone × 1.5": (lambda i, K, p: (i, scaled(K, 1.5, 1), p), ("fx",)),
-    "cx and cy swapped": (
-        lambda i, K, p: (i, with_entries(K, {(0, 2): K[1, 2], (1, 2): K[0, 2]}), p),
-        ("cx and cy", "principal"),
+    "cx and cy swapped": (lambda i, K, p: (i, with_entries(K, {(0, 2): K[1, 2], (1, 2): K[0, 2]}), p), ("principal",)),
+    "cx and cy 10 % off": (
+        lambda i, K, p: (i, with_entries(K, {(n, 2): K[n, 2] + i.shape[1 - n] / 10 for n in (0, 1)}), p),
+        ("principal",),
     ),
     "skew of 20 px of 480": (lambda i, K, p: (i, with_entries(K, {(0, 1): 20 / 480 * i.shape[1]}), p), ("skew",)),
     "k1 of 50": (lambda i, K, p: (i, K, p), ("distortion",)),

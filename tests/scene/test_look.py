@@ -128,6 +128,7 @@ def centred_at(x: float, y: float):
         (centred_at(0, 0), "photo 1 (0.png): K's principal point lies at (0 %, 0 %)"),
         (centred_at(W, H), "principal point lies at (100 %, 100 %)"),
         (centred_at(W / 2, 0.95 * H), "(50 %, 95 %)"),
+        (centred_at(0.4 * W, 0.6 * H), "the principal point is off: with cx and cy in the middle of the photo"),
         (zoomed(1.02), None),
     ],
 )

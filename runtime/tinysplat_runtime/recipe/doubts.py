@@ -307,7 +307,8 @@ def _readings(seen: _Thumbnails, cameras: dict[int, Camera]) -> Iterator[tuple[s
         yield f"focal lengths are off, or of another size of photo: times {factor:.2g}", each(_zoomed, factor, factor)
         yield f"fx does not go with fy: fx times {factor:.2g}", each(_zoomed, factor, 1.0)
     if any(abs(c.K[0, 2] - c.K[1, 2]) > 0.02 * c.width for c in cameras.values()):
-        yield "cx and cy are swapped: exchanged", each(_swapped)
+        yield "the principal point is off: with cx and cy exchanged", each(_swapped)
+    yield "the principal point is off: with cx and cy in the middle of the photo", each(_centred)
     order = [frame.camera for frame in seen.frames]
     count = len(order)
     swapped = "swapped (left for right?)" if count == 2 else "in the reverse order of their cameras"
@@ -449,6 +450,12 @@ def _mirrored(camera: Camera) -> Camera:
 def _swapped(camera: Camera) -> Camera:
     K = camera.K.copy()
     K[0, 2], K[1, 2] = camera.K[1, 2], camera.K[0, 2]
+    return Camera(K, camera.c2w, camera.width, camera.height)
+
+
+def _centred(camera: Camera) -> Camera:
+    K = camera.K.copy()
+    K[:2, 2] = camera.width / 2, camera.height / 2
     return Camera(K, camera.c2w, camera.width, camera.height)
 
 
