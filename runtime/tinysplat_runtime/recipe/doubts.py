@@ -28,7 +28,7 @@ from ..scene.look import (
     thumbnail_size,
     told,
 )
-from ..scene.matches import Corners, corners, fit, matched
+from ..scene.matches import Corners, corners, depths_told, fit, matched
 from ..scene.scenes import Frame, Scene
 from ..system.progress import Show, plain
 
@@ -57,10 +57,11 @@ ALIKE = 0.25
 """Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
 0.26 to 0.73; where one photo is another scene's, nine of ten have less."""
 
-EMPTY = (0.72, 3.0)
+EMPTY = (0.72, 4.0)
 """A range is far too wide where most pixels lie beyond this share of its inverse depths, and this many times as far
 away as near: nothing is near `near`. Pairs of nine scenes begin at 0.6 at most, with a tenth of near nearly all at 0.8
-and more; from the air some begin at 0.75, at 2.5 times near."""
+and more; from the air some begin at 0.75, at 2.5 times near, and one room of a range stated for its whole capture at
+3.1 times, where a fitting range gains nothing."""
 
 AS_GOOD, MOST_NAMED = 1.1, 3
 """Readings that so many times as few corners fit as the best one are named beside it, up to so many: of cameras in a
@@ -73,8 +74,12 @@ MORE, LEAST = 1.25, 8.0
 """A reading is named that so many times as many corners fit as the cameras given, and so many more: of right cameras
 of ten scenes the best has 0.92 times, of focal lengths 1.3 times too long at least 1.3."""
 
-CONFIRMED = 100.0
-"""Where so many corners fit, cameras are right, however few photos find a depth in a range that was found from them."""
+CONFIRMED, CONFIRMED_ALONE, MOSTLY = 100.0, 30.0, 1 / 3
+"""Where so many corners fit, of all photos or of one, and this share of those in common, cameras are right, however
+few pixels tell their depth. Of right ones of ten scenes 0.4 to 0.97 fit, by chance one or two of a hundred."""
+
+TELLING, INSIDE = 30, 0.5
+"""So many corners that tell their depth say whether a range is right: it holds this share of their depths or more."""
 
 ROLLS = (-20, -10, -5, 5, 10, 20, 90, 180, 270)
 """Degrees by which one pose may be rolled."""
@@ -168,6 +173,27 @@ class _Thumbnails:
         """How many of these fit the cameras as given."""
         return {(v, u): fit(places, self.closer[v], self.closer[u]) for (v, u), places in self.places.items()}
 
+    @cached_property
+    def confirmed(self) -> bool:
+        """Whether corners of the photos agree with the cameras as given."""
+        return self._confirm(list(self.places), CONFIRMED)
+
+    def confirm(self, view: int) -> bool:
+        """Whether those that a photo has in common with others do."""
+        return self._confirm([pair for pair in self.places if view in pair], CONFIRMED_ALONE)
+
+    def _confirm(self, pairs: Sequence[tuple[int, int]], least: float) -> bool:
+        fits = sum(self.shares[pair] for pair in pairs)
+        return fits > max(least, MOSTLY * sum(len(self.places[pair]) for pair in pairs))
+
+    @cached_property
+    def corner_depths(self) -> NDArray:
+        """Depths (N,) that corners tell, where these agree with the cameras."""
+        if not self.confirmed:
+            return np.empty(0)
+        cameras = self.closer
+        return np.concatenate([depths_told(places, cameras[v], cameras[u]) for (v, u), places in self.places.items()])
+
 
 def doubts(scene: Scene, show: Show = plain) -> list[str]:
     """What is likely wrong with a scene, a line each: its cameras, a photo, its depth range; the likeliest first.
@@ -182,6 +208,7 @@ def doubts(scene: Scene, show: Show = plain) -> list[str]:
         or _impossible(seen)
         or _misread(seen)
         or _alone(seen)
+        or _range_of_corners(seen)
         or _units(seen)
         or _odd(seen)
         or _range_doubts(seen)
@@ -205,8 +232,35 @@ def _impossible(seen: _Thumbnails) -> list[str]:
     return []
 
 
+def _range_of_corners(seen: _Thumbnails) -> list[str]:
+    """A range that most corners lie outside of."""
+    if seen.is_estimated or len(seen.corner_depths) < TELLING:
+        return []
+    near, far = seen.depths[0], seen.depths[-1]
+
+    def inside(unit: float) -> float:
+        return float(((near <= unit * seen.corner_depths) & (unit * seen.corner_depths <= far)).mean())
+
+    if inside(1.0) >= INSIDE:
+        return []
+    if len(better := [unit for unit in UNITS if inside(unit) >= INSIDE]) == 1:
+        return [_other_units(better[0])]
+    return [_other_range(near, far, *np.percentile(seen.corner_depths, (2, 98)))]
+
+
+def _other_units(unit: float) -> str:
+    return f"translations are in other units than near and far: times {unit:g}, photos agree far better"
+
+
+def _other_range(near: float, far: float, low: float, high: float) -> str:
+    range_ = f"near {near:g} and far {far:g} are not where the cameras say that things are"
+    return f"{range_}: photos agree about depths from {low:.3g} to {high:.3g}; --near and --far say so"
+
+
 def _units(seen: _Thumbnails) -> list[str]:
     """Poses whose thumbnails agree much better in other units, or that have nothing in common."""
+    if seen.confirmed:
+        return []
     views = np.linspace(0, len(seen.cameras) - 1, min(len(seen.cameras), READ)).round().astype(int).tolist()
     given = float(np.mean([seen.looks[v].cost for v in views]))
     if given < SUSPICIOUS:
@@ -223,11 +277,11 @@ def _units(seen: _Thumbnails) -> list[str]:
             if low < far and high > near:
                 return []
             if len(better) > 1:
-                both = f"near {near:g} and far {far:g} are not in units of the poses"
-                return [f"{both}: photos agree about depths from {low:.3g} to {high:.3g}; --near and --far say so"]
-        return [f"translations are in other units than near and far: times {better[0]:g}, photos agree far better"]
+                return [_other_range(near, far, low, high)]
+        return [_other_units(better[0])]
     if given > 0.97 * UNSEEN:
-        return ["the cameras stand back to back: no photo shows what another does between near and far"]
+        found = f"no photo shows what another does between near {seen.depths[0]:g} and far {seen.depths[-1]:g}"
+        return [f"{found}: the cameras look different ways, or the poses are wrong; --views takes photos that overlap"]
     return []
 
 
@@ -246,7 +300,7 @@ def _alone(seen: _Thumbnails) -> list[str]:
 
     rest = [min(most(u, v) for u in range(count) if u != v) for v in range(count)]
     v = min(range(count), key=lambda v: most(v) / max(rest[v], 1e-6))
-    if rest[v] < ALONE[0] or most(v) > ALONE[1] * rest[v]:
+    if rest[v] < ALONE[0] or most(v) > ALONE[1] * rest[v] or seen.confirm(v):
         return []
     for step in (1, -1):  # where each photo is its neighbour's, most match still
         rolled = dict(zip(pairs, told(np.roll(images, step, axis=0), seen.cameras, pairs, seen.depths), strict=True))
@@ -361,7 +415,9 @@ def _odd(seen: _Thumbnails) -> list[str]:
     return [
         f"{seen.names[v]} hardly matches the others: too little overlap, a wrong pose, another scene or moment"
         for v in sorted(looked)
-        if costs[v] >= max(ODD[0], ODD[1] * float(np.median(np.delete(costs, v)))) and _is_apart(seen, v)
+        if costs[v] >= max(ODD[0], ODD[1] * float(np.median(np.delete(costs, v))))
+        and not seen.confirm(v)
+        and _is_apart(seen, v)
     ]
 
 
@@ -404,7 +460,7 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
     if not _match(seen, looks):
         looks = look(_even(seen.images), seen.cameras, seen.depths)
     if not _match(seen, looks):
-        if seen.is_estimated and sum(seen.shares.values()) > CONFIRMED:
+        if seen.confirmed:
             return []  # most overlap too little for a depth, but what they have in common is where cameras say
         who = " and ".join(seen.names) if len(seen.names) == 2 else "the photos"
         wrong = "the poses or the photos" if seen.is_estimated else "near and far, the poses or the photos"

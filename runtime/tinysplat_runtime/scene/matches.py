@@ -29,6 +29,9 @@ OTHERWISE = 0.8
 CLOSE = 0.7
 """Pixels that a corner lies off where cameras are right, one standard deviation."""
 
+WELL, MOVED = 0.5, 3.0
+"""A corner tells its depth that fits at least so well, and lies so many pixels from where it would infinitely far."""
+
 MARGIN = PATCH * STEP // 2 + 1
 
 
@@ -84,6 +87,21 @@ def matched(one: Corners, other: Corners) -> NDArray:
 
 def fit(places: NDArray, camera: Camera, its: Camera) -> float:
     """How many of places (M, 6) float64 in two photos, of `matched`, lie where cameras allow, each by how close."""
+    return float(_fits(places, camera, its)[0].sum())
+
+
+def depths_told(places: NDArray, camera: Camera, its: Camera) -> NDArray:
+    """(N,) depths in a photo's camera, scene units, of those of places (M, 6) float64 that fit and tell it.
+
+    They tell it where another depth would move them by some pixels.
+    """
+    fits, depth, infinite = _fits(places, camera, its)
+    moved = np.linalg.norm(places[:, 3:5] - infinite, axis=1)
+    return depth[(fits > WELL) & (moved > MOVED)]
+
+
+def _fits(places: NDArray, camera: Camera, its: Camera) -> tuple[NDArray, NDArray, NDArray]:
+    """Of each of places (M, 6) how well it fits, 0 to 1, its depth, and (M, 2) where it would lie infinitely far."""
     rotation, other = camera.rotation, its.rotation
     turn, shift = other @ rotation.T, other @ (camera.centre - its.centre)
     unproject, unproject_its = np.linalg.inv(camera.K), np.linalg.inv(its.K)
@@ -97,7 +115,11 @@ def fit(places: NDArray, camera: Camera, its: Camera) -> float:
     aa, ab, bb = (ray * ray).sum(axis=1), (ray * its_ray).sum(axis=1), (its_ray * its_ray).sum(axis=1)
     a, b = ray @ shift, its_ray @ shift
     ahead = (ab * b > bb * a) & (aa * b > ab * a)
-    return float(np.exp(-apart[ahead] / (2 * CLOSE**2)).sum())
+    depth = (ab * b - bb * a) / (aa * bb - ab * ab).clip(1e-24)
+    infinite = ray @ its.K.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        infinite = infinite[:, :2] / infinite[:, 2:]
+    return np.where(ahead, np.exp(-apart / (2 * CLOSE**2)), 0.0), depth, infinite
 
 
 def _between(before: NDArray, peak: NDArray, after: NDArray) -> NDArray:
