@@ -95,10 +95,18 @@ def test_files_keep_cameras_and_are_coded_again_by_them(place):
         assert ts.decompress(ts.compress(again)).count <= again.count
 
 
-@pytest.mark.parametrize("strange", ["of another scene", "in a wall", "one"])
+def test_cameras_of_another_scene_among_others_decide_nothing(place):
+    own = cameras_within(8)
+    data = ts.compress(place, cameras=[*own, *cameras_within(5, moved=1e4)])
+    assert 0.3 * COUNT < ts.decompress(data).count < COUNT
+    assert psnr(ts.decompress(data), place, cameras_within(8, start=0.2)) > 30
+
+
+@pytest.mark.parametrize("strange", ["of another scene", "half of another scene", "in a wall", "one"])
 def test_cameras_that_do_not_show_a_place_leave_nothing_out(place, strange):
     cameras = {
         "of another scene": cameras_within(8, moved=1e4),
+        "half of another scene": cameras_within(8) + cameras_within(8, moved=1e4),
         "in a wall": cameras_within(8),
         "one": cameras_within(1),
     }[strange]
@@ -113,7 +121,7 @@ def test_cameras_that_do_not_show_a_place_leave_nothing_out(place, strange):
         place = replace(
             place, **{name: np.concatenate([getattr(one, name) for one in (place, wall)]) for name in FIELDS}
         )
-    with pytest.warns(ts.InputWarning, match="cameras show too little"):
+    with pytest.warns(ts.InputWarning, match="cameras? shows? too little"):
         data = ts.compress(place, cameras=cameras)
     found = ts.decompress(data)
     assert found.count == place.count and not found.viewpoints

@@ -83,7 +83,9 @@ def views_of(gaussians: Gaussians) -> tuple[Views, str]:
         found = _views_through(gaussians)
         if found is not None:
             return found, ""
-        reason = f"{len(gaussians.viewpoints)} cameras show too little of them; are they those of this scene?"
+        count = len(gaussians.viewpoints)
+        shown = f"{count} cameras show" if count > 1 else "one camera shows"
+        reason = f"{shown} too little of them; are cameras those of this scene?"
     elif is_uneven(sizes_about(gaussians)):
         reason = "they show a place, and which of them pictures need follows from where people stand"
         reason += "; --cameras makes the file smaller"
@@ -92,9 +94,8 @@ def views_of(gaussians: Gaussians) -> tuple[Views, str]:
 
 def _views_through(gaussians: Gaussians) -> Views | None:
     """Views of the photos that Gaussians were made from, and on the way between them."""
-    cameras = [_shrunk(camera) for camera in spread(gaussians.viewpoints, MOST)]
-    depth = _depth(gaussians, cameras)
-    if depth is None:
+    cameras, depth = _showing(gaussians, [_shrunk(camera) for camera in spread(gaussians.viewpoints, MOST)])
+    if not cameras:
         return None
     pairs = _pairs(cameras, depth)
     halfway = [between(pair, 3)[1] for pair in pairs]
@@ -116,26 +117,31 @@ def _shrunk(camera: Camera) -> Camera:
     return camera.resized(max(round(camera.height * factor), 1), max(round(camera.width * factor), 1))
 
 
-def _depth(gaussians: Gaussians, cameras: Sequence[Camera]) -> float | None:
-    """The depth in which cameras see (N,) Gaussians, scene units; None where they do not show them."""
+def _showing(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[list[Camera], float]:
+    """Those of the cameras that have some of (N,) Gaussians before them, in more than a point, and the depth in which
+    they see these, scene units; none where that are too few, or they show too little.
+    """
     points = gaussians.means[:: -(-gaussians.count // _SAMPLE)].astype(np.float64) + gaussians.origin
-    seen, depths = np.zeros(len(points), bool), []
+    seen, showing, depths = np.zeros(len(points), bool), [], []
     for camera in cameras:
         local = (points - camera.centre) @ camera.rotation.T
-        pixels = local @ camera.K.T
+        pixels = local @ camera.K.T / (camera.width, camera.height, 1)
         inside = local[:, 2] > NEAR_PLANE
-        inside &= ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:] * (camera.width, camera.height))).all(axis=1)
+        inside &= ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:])).all(axis=1)
         seen |= inside
-        depths.append(float(np.median(local[inside, 2])) if inside.any() else math.inf)
-    if seen.mean() < LEAST_SEEN:
-        return None
+        places = pixels[inside, :2] / pixels[inside, 2:]
+        if len(places) and np.ptp(np.percentile(places, (5, 95), axis=0), axis=0).max() >= LEAST_COVERED:
+            showing.append(camera)
+            depths.append(float(np.median(local[inside, 2])))
+    if seen.mean() < LEAST_SEEN or len(showing) <= len(cameras) / 2:
+        return [], 0.0
     renderer, shows = Renderer(gaussians, **DEFINITION), []
-    for number in np.unique(np.linspace(0, len(cameras) - 1, _TRIED).round().astype(int)):
-        drawn = renderer.render(cameras[number].resized(32, 32), outputs=("depth", "alpha"))
+    for number in np.unique(np.linspace(0, len(showing) - 1, _TRIED).round().astype(int)):
+        drawn = renderer.render(showing[number].resized(32, 32), outputs=("depth", "alpha"))
         covered = drawn["alpha"] > 0.5
         before = float(np.median(drawn["depth"][covered])) if covered.any() else 0.0
         shows.append(covered.mean() >= LEAST_COVERED and before >= LEAST_DEPTH * depths[number])
-    return float(np.median(depths)) if np.mean(shows) >= 0.5 else None
+    return (showing, float(np.median(depths))) if np.mean(shows) >= 0.5 else ([], 0.0)
 
 
 def _pairs(cameras: Sequence[Camera], depth: float) -> list[tuple[Camera, Camera]]:
