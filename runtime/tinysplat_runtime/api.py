@@ -200,8 +200,9 @@ class Runtime:
     ) -> bytes:
         """Photos to a `.tsplat` file's bytes: the very bytes that `tinysplat encode` writes of the same options.
 
-        Of more than six photos two are chosen, a depth range that the scene lacks is found, photos of more than about
-        640×480 pixels are scaled to that, and what is likely wrong with the scene is a `SceneWarning`.
+        Of more than six photos those that the scene needs are chosen, and their Gaussians refined where numba is
+        installed. A depth range that the scene lacks is estimated, photos of more than about 640×480 pixels are scaled
+        to that, and what is likely wrong with the scene is a `SceneWarning`.
 
         Args:
             scene: a `Scene`, the path of one, or what else `recipe.request.EncodeRequest` takes.
@@ -318,6 +319,9 @@ class Runtime:
             with ts.open("https://example.org/house.tsplat") as file:
                 image = ts.render(file.near(camera), camera)
 
+        Metadata is read at once, and later the ranges of bytes of wanted views alone. A server must answer requests for
+        ranges with status 206; files that are not coded view by view are read whole.
+
         Args:
             source: a path, an http address or another that the package fsspec reaches, or an open binary file.
             cache_bytes: most memory of decoded views that are kept; None for 1 GiB.
@@ -325,7 +329,7 @@ class Runtime:
 
         Raises:
             FormatError: damaged, foreign, or beyond the limits.
-            InputError: `source` cannot be read, or holds Gaussians of no pixels.
+            InputError: `source` cannot be read, its server gives no ranges, or it holds Gaussians of no pixels.
         """
         from .codec.parts import CACHE_BYTES, SceneFile
         from .codec.ranges import ranges_of

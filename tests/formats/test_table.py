@@ -77,7 +77,9 @@ def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
             save_gaussians(tmp_path / "a.spz", g, **options)
         assert str(error.value).count("a.spz") <= 1
     noted = g.with_notes(Notes("m", "us"))
-    assert save_gaussians(tmp_path / "a.spz", noted) == ["unit and attribution left out, .spz has no room for text"]
+    assert save_gaussians(tmp_path / "a.spz", noted) == [
+        "notes left out, for which .spz has no room: unit, attribution"
+    ]
     with pytest.raises(InputError, match="4 within glTF, expected at most 3"):
         save_gaussians(tmp_path / "a.glb", g, spz_version=4, gltf_spz=True)
     assert save_gaussians(tmp_path / "a.glb", g, spz_version=4) == []

@@ -265,7 +265,7 @@ def save_gaussians(
     form = find_format(path, written=True)
     assert form.write is not None  # find_format
     unsaid = [name for name in gaussians.notes.given() if form.notes is None or name not in form.room]
-    lost = [f"{' and '.join(unsaid)} left out, {form.endings[0]} has no room for text"] if unsaid else []
+    lost = [f"notes left out, for which {form.endings[0]} has no room: {', '.join(unsaid)}"] if unsaid else []
     try:
         with atomic_path(path) as temporary:
             return [*form.write(temporary, gaussians, WriteOptions(sh_bits, spz_version, gltf_spz)), *lost]

@@ -249,7 +249,7 @@ def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> 
         _say_crop((camera.height, camera.width), request.size, say)
     else:
         found = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
-        say(f"{found}, the largest size that the network {request.model} handles well; --size full keeps all pixels")
+        say(f"{found}, the largest size that the network `{request.model}` handles well; --size full keeps all pixels")
     return scene.resized(*size)
 
 
