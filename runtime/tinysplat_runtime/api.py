@@ -406,6 +406,8 @@ def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
         FormatError: a damaged `.tsplat` file.
         InputError: names the file: missing, damaged, or options that a `.tsplat` file, which has cameras, cannot take.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"{type_of(path)}, expected a path", where="path")
     if not os.fspath(path).lower().endswith(SUFFIX):
         from .formats import table
 

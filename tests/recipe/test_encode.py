@@ -132,6 +132,7 @@ def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> No
         (lambda: ts.decompress("f.tsplat"), "data: a str, expected bytes"),
         (lambda: ts.decompress(7), "data: .*int, expected bytes"),
         (lambda: ts.load_scene(b"desk"), "scene: a bytes, expected a path"),
+        (lambda: ts.load_gaussians(3), "path: .*int, expected a path"),
         (lambda: ts.load_scene(None), "scene: a NoneType, expected a path"),
         (lambda: scene.views(3), "views: .*int, expected a list of whole numbers"),
         (lambda: scene.views("03"), "views: a str, expected a list of whole numbers"),

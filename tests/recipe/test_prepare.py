@@ -169,13 +169,22 @@ def test_one_photo_is_too_few(capture: Path) -> None:
         prepared(EncodeRequest.of(photos_of(1, 8, 8, near=1.0, far=2.0)), str)
 
 
+def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -> None:
+    with pytest.raises(ts.InputError, match="only turn, or near and far are in other units than the poses"):
+        prepared(EncodeRequest.of(photos_of(2, 8, 8, near=1000.0, far=2000.0)), str)
+
+
 @pytest.mark.parametrize(
     ("scene", "options", "said"),
     [
         (["a", "b"], {}, "encode: 2 paths with neither --focal nor --baseline, expected one scene, or two photos"),
         (["a", "b"], {"focal": 5.0}, "encode: 2 paths with --focal, expected"),
         (["a", "b"], {"baseline": 5.0}, "encode: 2 paths with --baseline, expected"),
-        (["a"], {"focal": 5.0, "baseline": 1.0}, "encode: 1 path with --focal and --baseline, expected"),
+        (
+            ["a"],
+            {"focal": 5.0, "baseline": 1.0},
+            "--focal: one path, expected the left and the right photo of a stereo pair",
+        ),
         (["a", "b", "c"], {"focal": 5.0, "baseline": 1.0}, "encode: 3 paths with --focal and --baseline, expected"),
         ([], {}, "encode: 0 paths with neither"),
         (["a", "b"], {"poses": "p"}, "--poses: with 2 paths, expected one video"),

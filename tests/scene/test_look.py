@@ -13,8 +13,9 @@ from PIL import Image
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.own import own_psnr
+from tinysplat_runtime.scene.lenses import opencv_lens
 from tinysplat_runtime.scene.look import range_guessed, range_seen
-from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
 
 DEPTHS = (2.0, 5.0)
 H, W, F = 144, 192, 162.0
@@ -217,6 +218,16 @@ def test_a_skew_that_photos_do_not_have_is_told(tmp_path: Path) -> None:
 
     (fault,) = doubts(with_intrinsics(scene, skewed))
     assert "photo 1 (0.png): K has a skew of 5% of the focal length" in fault
+
+
+@pytest.mark.parametrize(("k1", "is_told"), [(50.0, True), (0.3, False)])
+def test_a_lens_that_there_is_not_is_told(tmp_path: Path, k1: float, is_told: bool) -> None:
+    views = [camera(-0.3, 0.14), camera(0.3, -0.12)]
+    scene = stored(tmp_path, views, [photo(view) for view in views])
+    lens = opencv_lens((F, F), np.array([W / 2, H / 2]), (k1, 0, 0, 0, 0, 0), (H, W), fisheye=False)
+    frames = even_sizes([dataclasses.replace(f, camera=lens.camera(f.camera.c2w), lens=lens) for f in scene.frames])
+    found = doubts(dataclasses.replace(scene, frames=tuple(frames)))
+    assert ["photo 1 (0.png): its distortion (k1, k2, …) shrinks it" in doubt for doubt in found] == [True] * is_told
 
 
 def test_one_pose_rolled_against_the_others_is_told(tmp_path: Path) -> None:

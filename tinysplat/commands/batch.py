@@ -7,6 +7,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections import deque
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from tinysplat.batch.bounds import bounded
@@ -115,6 +116,9 @@ def run(args: Namespace) -> int:
 
 def _manifest(place: str) -> str:
     """A manifest's text; InputError where it is none."""
+    if Path(place).is_dir():
+        found = "a folder, expected a manifest, a file with a scene per line"
+        raise InputError(f"{found}; `tinysplat encode {place} -o F.tsplat` encodes one scene")
     data = read(place)
     if data is None:
         raise InputError("no such file")

@@ -95,9 +95,12 @@ def named_scene(request: EncodeRequest) -> Scene:
         return video_scene(paths[0], request.poses, near=near, far=far, first_number=request.first_number)
     if len(paths) == 1 and not given:
         return load_scene(paths[0], near=near, far=far)
+    if len(paths) == 1:
+        found = "one path, expected the left and the right photo of a stereo pair"
+        raise InputError(f"{found}: a scene has its cameras", where=f"--{given[0]}")
     if len(paths) != 2 or request.focal is None or request.baseline is None:
         options = " and ".join(f"--{name}" for name in given) or "neither --focal nor --baseline"
-        found = f"{len(paths)} {'path' if len(paths) == 1 else 'paths'} with {options}"
+        found = f"{len(paths)} paths with {options}"
         raise InputError(f"{found}, expected one scene, or two photos with --focal and --baseline", where="encode")
     left, right = paths
     return stereo_scene(left, right, request.focal, request.baseline, near=near, far=far)
@@ -143,8 +146,12 @@ def _moving(scene: Scene) -> Scene:
     depth = 2 / (1 / scene.near + 1 / scene.far) if scene.near and scene.far else 0.0
     if extent > max(LEAST_BASELINE * depth, SAME_PLACE * float(np.abs(centres).max())):
         return scene
-    found = "the cameras only turn: photos from one place show no depth"
-    raise InputError(f"{found}; take some from places beside each other", where=str(scene.path))
+    found = "the cameras only turn: photos from one place show no depth; take some from places beside each other"
+    if extent > SAME_PLACE * float(np.abs(centres).max()):
+        depths = f"depths from {scene.near:g} to {scene.far:g}, which do not show from there"
+        found = f"all cameras stand within {extent:.3g}, far too near for {depths}"
+        found += ": the cameras only turn, or near and far are in other units than the poses; --near and --far say so"
+    raise InputError(found, where=str(scene.path))
 
 
 def _once(scene: Scene, say: Callable[[str], object]) -> Scene:
