@@ -27,3 +27,19 @@ def test_planes_are_made_once_and_what_lies_between_does_not_grow() -> None:
     finally:
         tracemalloc.stop()
     assert peak < 85 * scene.opacities.size  # 72 here; 60 are the planes
+
+
+def test_of_a_capture_a_few_views_are_held() -> None:
+    """Of their planes 60 bytes a pixel; what remains is a byte for each 16, and lists of pictures."""
+    profile, store = PROFILES["balanced"], GraphStore()
+    plane = encode_plane(np.full((512, 256), 2048, np.uint16), 20, profile.encoder)
+    peaks = []
+    for views in (9, 9, 18):  # the first loads what both need
+        scene = make_smooth_gaussians(views, 512, 256, degree=0)
+        tracemalloc.start()
+        try:
+            SceneEncoder(scene, profile, store, threads=1, plane_coder=lambda *_: plane).encode(0)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert peaks[2] - peaks[1] < 12 * 9 * 512 * 256

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
+from ..system import scratch
 from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, blocks, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
@@ -28,6 +29,7 @@ from .depth_step.contrast import block_offsets, contrast
 from .depth_step.probe import Probe
 from .one_colour import as_seen
 from .profiles import AdaptiveSettings
+from .quantise import extent, mean_of
 
 COARSE_DEPTH = 2.0
 """Step of the first depth picture in steps of the second, where two are needed. Where that is too fine for 12 bits too,
@@ -90,7 +92,8 @@ class LayerGeometry:
 def take_geometry(projected: ProjectedLayer) -> LayerGeometry:
     """VPT's planes as they are coded, in the very memory of `projected`, which is not to be used any more."""
     depth, scales = projected.planes(PlaneClass.DEPTH), projected.planes(PlaneClass.SCALE)
-    np.divide(-1, depth, out=depth)
+    for of_view in scratch.by_view(depth):
+        np.divide(-1, of_view, out=of_view)
     mix = _turn_to_principal(scales)
     vectors = projected.planes(PlaneClass.ROTATION)[:, 1:]
     planes = {
@@ -114,8 +117,11 @@ def prepare_layer(
     degree = needed_degree(moment, directions, layer.degree, settings.energy_floor * finest**2)
     functions = (degree + 1) ** 2
     if degree < layer.degree:
-        stored = {"sh": np.ascontiguousarray(layer.sh[..., :functions, :]), "extra_layers": ()}
-        layer = Gaussians.unchecked(**{**vars(layer), **stored})  # a look at every number takes 8 ms
+        sh = scratch.empty((*layer.opacities.shape, functions, 3))
+        for fewer, every in zip(scratch.by_view(sh), scratch.by_view(layer.sh), strict=True):
+            fewer[:] = every[..., :functions, :]
+        # a look at every number takes 8 ms
+        layer = Gaussians.unchecked(**{**vars(layer), "sh": sh, "extra_layers": ()})
     weighting = second_moment_weighting(directions, degree)
     spectrum = weighted_spectrum(moment[: 3 * functions, : 3 * functions], weighting)
     reduction = reduce_basis(spectrum, weighting, kept_components(spectrum[0], finest, settings))
@@ -135,7 +141,7 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
         threads: for looking; never changes the steps.
     """
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
-    depth = settings.depth_step * -float(inverse[0].mean(dtype=np.float64))
+    depth = settings.depth_step * -mean_of(inverse[0])
     opacity = class_step(settings, PlaneClass.OPACITY)
     if settings.stripes > 0:
         shown, offsets = [layer.shown for layer in layers], [layer.depth_offsets for layer in layers]
@@ -193,7 +199,7 @@ def _channels(
         values = planes[:, target]
         # A relative rotation's vector part goes to the channels behind w, which is rebuilt.
         index = target + 1 if plane_class == PlaneClass.ROTATION else target
-        window = (float(values.min()), float(values.max()))
+        window = extent(values)
         yield Channel(plane_class, index, values, step, window, offsets, settings.flat_share)
 
 
@@ -268,16 +274,17 @@ def _truncated(layer: AdaptiveLayer, k: int) -> Reduction:
 
 def _turn_to_principal(scales: NDArray) -> tuple[NDArray, NDArray]:
     """Turn ŝ (V, 3, H, W) in place to its principal axes, and return the map back: ŝ = mix · planes + mean."""
-    mean = scales.mean(axis=(0, 2, 3), dtype=np.float64).astype(np.float32)
+    means = [of_view.mean(axis=(1, 2), dtype=np.float64) for of_view in scratch.by_view(scales)]
+    mean = np.mean(means, axis=0).astype(np.float32)
     moment = np.zeros((3, 3))
-    for view, block in blocks(scales.shape):
+    for view, block in blocks(scales.shape, scales):
         centred = (scales[view, :, block] - mean[:, None, None]).reshape(3, -1).astype(np.float64)
         moment += product(centred, centred.T)
     _, vectors = symmetric_eigen(moment)
     vectors = vectors[:, ::-1]
     leading = np.abs(vectors).argmax(axis=0)
     vectors = (vectors * np.sign(vectors[leading, range(3)])).astype(np.float32)
-    for view, block in blocks(scales.shape):
+    for view, block in blocks(scales.shape, scales):
         centred = scales[view, :, block] - mean[:, None, None]
         scales[view, :, block] = product(vectors.T, centred.reshape(3, -1)).reshape(centred.shape)
     return vectors, mean

@@ -21,12 +21,13 @@ from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from ..graphs.inference import GraphStore
+from ..system import scratch
 from ..system.stopwatch import Stopwatch
 from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, PlaneDecoder, encode_plane
 from .planning import Planner, ProjectedScene, planner_of
 from .profiles import EncoderSettings, Profile
-from .quantise import CodeMap, choose_code_map, mean_and_spread, without_outliers
+from .quantise import CodeMap, choose_code_map, extent, mean_and_spread, without_outliers
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
 
@@ -277,6 +278,7 @@ class _Coding:
 
         def code(view: int) -> tuple[CodedPlane, int]:
             codes, clipped = mapped.codes(view)
+            scratch.set_aside(mapped.channel.values)
             return self._coder(codes, code_map.qp, None if offsets is None else offsets[view]), clipped
 
         return [self._pool.submit(code, view) for view in range(len(mapped.channel.values))]
@@ -313,17 +315,17 @@ def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool:
     """What coding left of the base channel, as a channel of its own: it adds to the same target."""
     values, code_map = base.channel.values, base.code_map
     assert code_map is not None
-    rest = np.empty(values.shape, np.float32)
+    rest = scratch.empty(values.shape)
 
     def decode(view: int) -> None:
         plane, (_, height, width) = coded[view], values.shape
         decoded = np.empty((height, width), np.uint16)
         PlaneDecoder(plane.parameter_sets, height, width).decode_into(plane.payload, decoded)
         np.subtract(values[view], code_map.dequantise(decoded), out=rest[view])
+        scratch.set_aside(values, rest)
 
     list(pool.map(decode, range(len(coded))))
-    window = (float(rest.min()), float(rest.max()))
-    return map_channel(replace(base.channel, values=rest, step=step, window=window))
+    return map_channel(replace(base.channel, values=rest, step=step, window=extent(rest)))
 
 
 def _coded_channel(mapped: MappedChannel, planes: Sequence[CodedPlane]) -> CodedChannel:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.planes import MAX_CODE, hevc_step
+from ..system import scratch
 
 MID_CODE = 2048
 MAX_MAPPED_QP = 24
@@ -68,15 +69,26 @@ class CodeMap:
         return codes.astype(np.float32) * np.float32(self.scale) + np.float32(self.offset)
 
 
+def extent(values: NDArray) -> tuple[float, float]:
+    """Smallest and largest value of planes (V, H, W)."""
+    lows, highs = zip(*((of_view.min(), of_view.max()) for of_view in scratch.by_view(values)), strict=True)
+    return float(np.min(lows)), float(np.max(highs))
+
+
+def mean_of(values: NDArray) -> float:
+    """Mean of planes (V, H, W) float32, in float64."""
+    return float(np.mean([of_view.mean(dtype=np.float64) for of_view in scratch.by_view(values)]))
+
+
 def mean_and_spread(values: NDArray) -> tuple[float, float]:
     """Mean and standard deviation of planes (V, H, W) float32, in float64 and some rows at a time."""
-    mean = values.mean(dtype=np.float64)
+    mean = mean_of(values)
     rows, squares = max(_VALUES_AT_A_TIME // values.shape[2], 1), 0.0
-    for of_view in values:
+    for of_view in scratch.by_view(values):
         for first in range(0, len(of_view), rows):
             rest = np.subtract(of_view[first : first + rows], mean, dtype=np.float64).ravel()  # numpy 1 takes float32
             squares += float(np.einsum("i,i", rest, rest))  # no BLAS, whose last bits depend on threads
-    return float(mean), math.sqrt(squares / values.size)
+    return mean, math.sqrt(squares / values.size)
 
 
 def choose_code_map(low: float, high: float, mean: float, step: float) -> CodeMap:

@@ -2,8 +2,8 @@
 
 Stages follow one another as each needs what the one before made of a photo and of its partners: a glance at cells of
 8 × 8 pixels, from which exposures and depth ranges come; then, along a way from neighbour to neighbour, matching,
-estimating, dressing and finishing. What no photo needs any more is let go, so that beside the result there are the
-photos, and maps of those about the one at hand. Contracts: docs/MODELS.md, role `stage`.
+estimating, dressing and finishing. What no photo needs any more is let go, so that in memory there are maps of the
+photos about the one at hand. Contracts: docs/MODELS.md, role `stage`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..scene.neighbours import Group, view_places
+from ..system import scratch
 from ..system.progress import Show, plain
 from .exposure import Exposures, Pair, one_exposure
 from .inference import Graph, as_input
@@ -78,7 +79,7 @@ class _Capture:
         stars: Sequence[tuple[int, ...]],
     ) -> None:
         self.cameras, self.near, self.far, self.stages, self.stars = cameras, near, far, stages, stars
-        self.photos: dict[int, NDArray] = {}  # (3, H, W) uint16, padded to the network's stride
+        self.photos = np.zeros((0, 0, 0, 3), np.uint16)  # (V, H, W, 3), padded to the network's stride
         self.units: list[NDArray] = []  # K divided by the size of that
         cells, limits = [], NetworkLimits.of(stages["glance"])
         for v, camera in enumerate(cameras):
@@ -87,7 +88,9 @@ class _Capture:
             except InputError as error:
                 raise InputError(error.message, where=(error.where or "images").replace("[0]", f"[{v}]")) from None
             grown, K = padded(images, [camera], limits)
-            self.photos[v] = np.rint(grown[0].transpose(2, 0, 1) * np.float32(65535)).astype(np.uint16)
+            if not v:
+                self.photos = scratch.empty((len(cameras), *grown.shape[1:]), np.uint16)
+            self.photos[v] = np.rint(grown[0] * np.float32(65535))
             self.units.append(as_input(K[0]))
             cells.append(_means(self._planes(v), CELL))
         self.ranges = [as_input([[1 / far, 1 / near - 1 / far]])] * len(cameras)
@@ -114,7 +117,6 @@ class _Capture:
             colours=own.pop("colours"),
             changes=own.pop("changes"),
         )
-        del self.photos[view]
         self._let_go("dress", star)
         return assembled(outputs, [camera], camera.centre, self.near, self.stages["finish"].name)
 
@@ -166,7 +168,9 @@ class _Capture:
 
     def _planes(self, view: int) -> NDArray:
         """(1, 3, H, W) float32 of a photo."""
-        return (self.photos[view] * np.float32(1 / 65535))[None]
+        planes = (self.photos[view] * np.float32(1 / 65535)).transpose(2, 0, 1)[None]
+        scratch.set_aside(self.photos)
+        return planes
 
     def _run(self, stage: str, view: int, **maps: NDArray) -> dict[str, NDArray]:
         """What a stage makes of a photo and its partners, given their cameras and maps."""

@@ -1,6 +1,7 @@
 """Captures of more photos than a network takes: groups of neighbours, one after another, become one scene.
 
-Besides the result there is one group in memory, of its photos too. Groups do not depend on each other.
+Besides the result, which waits on disk, there is one group in memory, of its photos too. Groups do not depend on each
+other.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.cameras import Camera
 from ..scene.neighbours import GROUP, Group, Neighbours, grouped
+from ..system import scratch
 from ..system.progress import Show, plain
 from .inference import Graph
 from .predict import FAR_FROM_ORIGIN, NetworkLimits, predict
@@ -94,6 +96,7 @@ def predict_groups(
                 if shift.any():
                     arrays["means"][view] = layer.means[at] + shift
                 its[view] = layer.cameras[at]
+            scratch.set_aside(*arrays.values())
     layers = [
         Gaussians.unchecked(**arrays, cameras=tuple(its), origin=origin)
         for arrays, its in zip(joined, seen_by, strict=True)
@@ -109,4 +112,4 @@ def _origin(cameras: Sequence[Camera], near: float) -> NDArray:
 
 
 def _empty(layer: Gaussians, views: int) -> dict[str, NDArray]:
-    return {name: np.empty((views, *getattr(layer, name).shape[1:]), np.float32) for name in FIELDS}
+    return {name: scratch.empty((views, *getattr(layer, name).shape[1:])) for name in FIELDS}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import QP_BLOCK, qp_block_side
 from ...gaussian.sh import C0
+from ...system import scratch
 
 LARGEST_OFFSET = 8
 """Most that a block's QP differs from the plane's: steps of 0.4 to 2.5 times the plane's."""
@@ -36,16 +37,16 @@ def contrast(layer: Gaussians) -> NDArray:
     """Squared differences of degree-0 colours, as far as they can be seen, to the right and lower neighbour, times
     squared opacity: (V, H, W) float32, finite.
     """
-    height = layer.opacities.shape[1]
-    found = np.zeros(layer.opacities.shape, np.float32)
-    for first in range(0, height, _ROWS):
-        rows, and_next = slice(first, first + _ROWS), slice(first, first + _ROWS + 1)
-        colors = layer.sh[:, and_next, :, 0] * np.float32(C0)
-        np.fmax(np.fmin(colors, 0.5, out=colors), -0.5, out=colors)  # 0 to 1 less a half, NaN as 1
-        here, below = colors[:, :_ROWS], np.square(colors[:, 1:] - colors[:, :-1]).sum(axis=-1)
-        found[:, rows, :-1] = np.square(here[:, :, 1:] - here[:, :, :-1]).sum(axis=-1)
-        found[:, first : first + below.shape[1]] += below
-    for of_view, opacities in zip(found, layer.opacities, strict=True):
+    found = scratch.empty(layer.opacities.shape)
+    arrays = (found, layer.sh, layer.opacities)
+    for of_view, sh, opacities in zip(*map(scratch.by_view, arrays), strict=True):
+        of_view[:] = 0
+        for first in range(0, len(sh), _ROWS):
+            colors = sh[first : first + _ROWS + 1, :, 0] * np.float32(C0)
+            np.fmax(np.fmin(colors, 0.5, out=colors), -0.5, out=colors)  # 0 to 1 less a half, NaN as 1
+            here, below = colors[:_ROWS], np.square(colors[1:] - colors[:-1]).sum(axis=-1)
+            of_view[first : first + _ROWS, :-1] = np.square(here[:, 1:] - here[:, :-1]).sum(axis=-1)
+            of_view[first : first + len(below)] += below
         of_view *= np.square(opacities)
     return found
 
@@ -59,13 +60,19 @@ def block_offsets(shown: NDArray) -> NDArray:
     Returns:
         (V, ceil(H / 16), ceil(W / 16)) int8, of mean about 0.
     """
-    views, height, width = shown.shape
+    _, height, width = shown.shape
     side = qp_block_side(height, width)
-    padded = np.pad(shown, ((0, 0), (0, -height % side), (0, -width % side)), mode="edge")
-    means = padded.reshape(views, -1, side, padded.shape[2] // side, side).mean(axis=(2, 4), dtype=np.float64)
+    means = np.stack([_block_means(of_view, side) for of_view in scratch.by_view(shown)])
     octaves = np.log2(means + _FLOOR * means.mean() + _TINY)
     offsets = np.rint(_QP_PER_OCTAVE * (octaves.mean() - octaves))
     offsets = np.clip(offsets, -LARGEST_OFFSET, LARGEST_OFFSET).astype(np.int8)
     repeat = side // QP_BLOCK
     whole = offsets.repeat(repeat, axis=1).repeat(repeat, axis=2)
     return whole[:, : -(-height // QP_BLOCK), : -(-width // QP_BLOCK)]
+
+
+def _block_means(shown: NDArray, side: int) -> NDArray:
+    """Float64 means of an array (H, W) over blocks of that side."""
+    height, width = shown.shape
+    padded = np.pad(shown, ((0, -height % side), (0, -width % side)), mode="edge")
+    return padded.reshape(-1, side, padded.shape[1] // side, side).mean(axis=(1, 3), dtype=np.float64)

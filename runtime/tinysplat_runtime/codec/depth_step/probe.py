@@ -27,7 +27,9 @@ from ...render import DEFINITION, Renderer, between
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...scene.neighbours import NEAR, nearest_views
+from ...system import scratch
 from ...system.threads import Crew
+from ..quantise import extent, mean_of
 from .blocks import SIDE
 
 STRIPE_ROWS = 32
@@ -66,7 +68,7 @@ class Probe:
         threads: int,
     ) -> None:
         self._run = Crew(threads).map
-        chosen = _stripes(layers[0].cameras, stripes, -1 / float(inverse[0].mean(dtype=np.float64)))
+        chosen = _stripes(layers[0].cameras, stripes, -1 / mean_of(inverse[0]))
         with np.errstate(all="ignore"):  # numbers at float32's end are no reason to fail: what is not one shows as 0
             self._shots = self._run(lambda stripe: _Shot(layers, inverse, shown, stripe), chosen)
         here, whole = (sum(shot.shown[i] for shot in self._shots) for i in range(2))
@@ -202,13 +204,14 @@ def _select(layer: Gaussians, inverse: NDArray, shown: NDArray, stripe: _Stripe)
             sums += [of_view[block][part].sum(dtype=np.float64) for part in seen]
             row, column = np.nonzero(near)
             at.append((np.full(len(row), view), row + first, column))
+        scratch.set_aside(layer.means, layer.scales, layer.opacities, shown)
     chosen = tuple(np.concatenate(indices) for indices in zip(*at, strict=True))
     directions = layer.means[chosen] + _shift(layer, camera)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     colors = np.einsum("nb,nbc->nc", sh_basis(directions, layer.degree), layer.sh[chosen])[:, None] / np.float32(C0)
     arrays = {name: getattr(layer, name)[chosen] for name in ("means", "quats", "scales", "opacities")} | {"sh": colors}
     centres = np.stack([camera.centre - layer.origin for camera in layer.cameras]).astype(np.float32)
-    limits = (float(inverse.min()), float(inverse.max()))
+    limits = extent(inverse)
     per_pixel = float(sums[0]) / (camera.width * camera.height), float(sums[1]) / (camera.width * stripe.height)
     return _Selection(chosen, inverse[chosen], limits, centres[chosen[0]], arrays, per_pixel)
 

@@ -1,0 +1,113 @@
+"""Arrays of captures on disk, of which memory holds what is being worked on.
+
+What is known of a capture grows with its photos, and is gone through view by view. Such arrays lie in files without
+names, mapped into memory; `set_aside` says that nobody works on them for now. They can be used like any others.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+TOGETHER = 6
+"""Arrays of up to so many views are worked on as a whole, and stay in memory."""
+
+LEAST_BYTES = 1 << 22
+"""Smaller arrays stay there too."""
+
+LASTING = Path("/var/tmp")
+"""Where Linux has large files that nobody keeps: often `/tmp` is memory itself."""
+
+_EVERY_S = 0.01
+
+
+def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray:
+    """An array of any content, its views first: of many, on disk where there is room, else in memory."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if shape[0] <= TOGETHER or size < LEAST_BYTES or not _is_possible():
+        return np.empty(shape, dtype)
+    try:
+        with tempfile.TemporaryFile(dir=_folder()) as file:
+            os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, and not where numbers are written
+            mapped = mmap.mmap(file.fileno(), size)
+    except OSError:
+        return np.empty(shape, dtype)
+    return np.frombuffer(mapped, dtype).reshape(shape)
+
+
+def set_aside(*arrays: NDArray) -> None:
+    """Give back the memory of arrays, or of those that they are parts of, as far as they lie on disk.
+
+    They keep what they hold; another thread that works on them at the same time only reads it again.
+    """
+    for array in arrays:
+        mapped = _mapping(array)
+        if mapped is not None:
+            mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def by_view(array: NDArray) -> Iterator[NDArray]:
+    """The views of an array one after the other, each set aside when the next is asked for."""
+    for view in array:
+        yield view
+        set_aside(view)
+
+
+@contextmanager
+def passing(array: NDArray) -> Iterator[None]:
+    """While something goes once through all of an array, set aside what it has passed, again and again."""
+    if _mapping(array) is None:
+        yield
+        return
+    is_over = threading.Event()
+
+    def follow() -> None:
+        while not is_over.wait(_EVERY_S):
+            set_aside(array)
+
+    follower = threading.Thread(target=follow, daemon=True)
+    follower.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        follower.join()
+        set_aside(array)
+
+
+def room() -> int:
+    """Bytes that there are for such arrays."""
+    if not _is_possible():
+        return 0
+    try:
+        found = os.statvfs(_folder())
+    except OSError:
+        return 0
+    return found.f_bavail * found.f_frsize
+
+
+def _is_possible() -> bool:
+    """Elsewhere nothing reserves a file's bytes, and a full disk would end the process."""
+    return hasattr(os, "posix_fallocate") and hasattr(mmap, "MADV_DONTNEED")
+
+
+def _folder() -> str:
+    chosen = os.environ.get("TMPDIR")
+    return chosen or (str(LASTING) if os.access(LASTING, os.W_OK) else tempfile.gettempdir())
+
+
+def _mapping(array: NDArray) -> mmap.mmap | None:
+    base: Any = array
+    while isinstance(base, (np.ndarray, memoryview)):
+        base = base.base if isinstance(base, np.ndarray) else base.obj
+    return base if isinstance(base, mmap.mmap) else None
