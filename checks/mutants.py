@@ -39,18 +39,42 @@ WITH_TORCH = ("networks", "measure")
 TIMEOUT_S = 600.0
 UNKNOWN_S = 20.0
 FEW = 4
+ACROSS = {
+    "cli": (
+        "e2e/test_cli.py",
+        "e2e/test_convert.py",
+        "e2e/test_doctor.py",
+        "e2e/test_intake.py",
+        "hostile/test_shown.py",
+    ),
+    "codec": ("golden/test_golden.py", "conformance/test_conformance.py", "parity/test_transforms.py", "property/*.py"),
+    "container": ("golden/test_golden.py", "conformance/test_conformance.py", "hostile/*attacks.py"),
+    "formats": ("e2e/test_convert.py", "hostile/test_fuzz.py"),
+    "gaussian": ("parity/test_transforms.py", "property/*.py"),
+    "graphs": ("golden/test_official.py", "parity/test_edge_stages.py", "e2e/test_intake.py"),
+    "measure": ("e2e/test_bench.py", "e2e/test_eval.py"),
+    "networks": ("golden/test_official.py", "parity/test_edge*.py", "parity/test_sweep.py"),
+    "page": ("hostile/test_shown.py",),
+    "recipe": ("e2e/test_cli.py", "e2e/test_intake.py", "e2e/test_convert.py"),
+    "render": ("parity/test_differentiable_rasteriser.py", "property/test_metamorphic.py"),
+    "scene": ("hostile/test_fuzz.py", "e2e/test_intake.py"),
+    "web": ("conformance/test_conformance.py", "page/test_javascript.py", "hostile/test_shown.py"),
+}
+"""By room, what tests of several rooms say of it: each runs behind the room's own."""
+
 HEAVY = ("numpy", "scipy.ndimage", "scipy.optimize", "onnxruntime", "av", "numba", "torch", "PIL.Image", "pytest")
 
 
 def nearest_tests(module: str) -> list[str]:
-    """The tests of a module, `room/module.py`: files of its name, the few elsewhere that import it, and its room's."""
+    """The tests of `room/module.py`: those of its name, the few elsewhere that import it, its room's, and `ACROSS`."""
     room, own = Path("tests", Path(module).parts[0]), Path(module).stem
     others = [path for path in sorted(Path("tests").glob("*/test_*.py")) if path.parent != room]
     named = sorted(room.glob(f"test_{own}.py")) + [path for path in others if path.name == f"test_{own}.py"]
     dotted = re.compile(re.escape(".".join(Path(module).with_suffix("").parts)) + r"\b")
     importing = [path for path in others if dotted.search(path.read_text(encoding="utf-8")) and path not in named]
     near = [*named, *(importing if len(importing) <= FEW else [])]
-    return [*map(str, near), *(str(path) for path in sorted(room.glob("test_*.py")) if path not in near)]
+    beyond = [path for pattern in ACROSS.get(room.name, ()) for path in sorted(Path("tests").glob(pattern))]
+    return list(dict.fromkeys(map(str, [*near, *sorted(room.glob("test_*.py")), *beyond])))
 
 
 def modules() -> list[Path]:
