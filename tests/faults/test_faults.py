@@ -124,7 +124,7 @@ def _figures(folder: Path) -> dict[str, object]:
     for path in sorted(folder.rglob("*")):
         if path.suffix == ".jsonl":  # rows as they come, the last of them torn by a kill
             rows = [json.loads(line) for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")]
-            found |= {f"{path.name} {row['subject']}": timeless(row) for row in rows}
+            found |= {f"{path.name} {row['subject']}": timeless(row) for row in rows if row["study"] != "run"}
         elif path.is_file() and not path.name.startswith(".tinysplat-"):
             name = str(path.relative_to(folder))
             found[name] = timeless(json.loads(path.read_text())) if path.suffix == ".json" else path.read_bytes()
