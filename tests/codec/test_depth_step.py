@@ -9,7 +9,7 @@ import pytest
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.adaptive import class_step, prepare_layer, scene_steps, take_geometry
+from tinysplat_runtime.codec.adaptive import prepare_layer, scene_steps, take_geometry
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.depth_step.probe import Probe
 from tinysplat_runtime.codec.profiles import ADAPTIVE
@@ -51,38 +51,11 @@ def test_no_error_is_no_damage_and_more_error_is_more(layers):
     assert probe.damage([np.zeros_like(noise[0]), 8 * noise[1]]) > 1e-12  # layers behind the first count, too
 
 
-def test_opacity_is_coded_more_finely_where_surfaces_show_through_each_other(store):
-    scene = make_smooth_gaussians(2, 40, 48, degree=0)
-    noise = np.random.default_rng(0)
-    rough = noise.uniform(0, 1, scene.opacities.shape).astype(np.float32)
-    black = np.full_like(scene.sh, -0.5 / 0.28209479)  # on black
-    contrasting = noise.normal(0, 2, scene.sh.shape).astype(np.float32)
-    steps = [
-        scene_steps(_prepared(replace(scene, opacities=rough, sh=sh), store), ADAPTIVE, 1)[0]
-        for sh in (black, contrasting)
-    ]
-    assert steps[0][PlaneClass.OPACITY] == class_step(ADAPTIVE, PlaneClass.OPACITY) > steps[1][PlaneClass.OPACITY]
-
-
 def test_depth_is_coded_more_finely_where_gaussians_are_opaque(store):
     scene = make_smooth_gaussians(2, 40, 48, degree=0)
     solid, faint = (replace(scene, opacities=np.full_like(scene.opacities, o)) for o in (0.9, 0.05))
     steps = [scene_steps(_prepared(g, store), ADAPTIVE, 1)[0] for g in (solid, faint)]
     assert steps[0][PlaneClass.DEPTH] < steps[1][PlaneClass.DEPTH]
-
-
-def test_a_lower_target_makes_depths_step_finer(layers):
-    coarse, fine = (scene_steps(layers, replace(ADAPTIVE, depth_damage=d), 1)[0] for d in (1e-4, 1e-6))
-    assert fine.pop(PlaneClass.DEPTH) < coarse.pop(PlaneClass.DEPTH)
-    assert fine == coarse
-
-
-def test_scales_and_turns_of_small_splats_are_coded_more_coarsely(store):
-    scene = make_smooth_gaussians(2, 40, 48, degree=0)
-    steps = [scene_steps(_prepared(replace(scene, scales=f * scene.scales), store), ADAPTIVE, 1)[0] for f in (1, 0.5)]
-    for plane_class in (PlaneClass.SCALE, PlaneClass.ROTATION):
-        assert steps[1][plane_class] > steps[0][plane_class]
-    assert steps[1][PlaneClass.COLOR] == steps[0][PlaneClass.COLOR]
 
 
 def test_sh_bands_that_nobody_sees_are_left_out_and_listed():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tinysplat_runtime.codec.free.attributes import Columns, from_columns
-from tinysplat_runtime.codec.free.octree import CodedPoints, cells_of, encode_points, morton_keys
+from tinysplat_runtime.codec.free.octree import CodedPoints, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import plane_shape, to_plane
 
 FILTERS: list[dict[str, Any]] = [
@@ -28,12 +28,6 @@ def unpacked(stream: bytes) -> bytes:
 
 CELLS = np.array([[0, 0, 0], [1, 0, 0], [0, 3, 0], [3, 3, 3], [2, 3, 3], [3, 2, 3], [3, 3, 2], [2, 2, 2]], float)
 """Of 4 × 4 × 4; in the first part of eight lie two, in the third one, in the last five."""
-
-
-def test_keys_hold_the_bits_of_x_y_and_z_in_turns() -> None:
-    cells = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [5, 3, 6], [(1 << 21) - 1] * 3], float)
-    assert morton_keys(cells).tolist() == [1, 2, 4, 8, 0b101_110_011, (1 << 63) - 1]
-    np.testing.assert_array_equal(cells_of(morton_keys(cells)), cells)
 
 
 def tree() -> tuple[CodedPoints, np.ndarray]:

@@ -15,8 +15,6 @@ from torch import nn
 from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
 from tinysplat.measure.metrics import depth_errors, plane_errors, psnr, ssim
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussian.difference import attribute_errors
-from tinysplat_runtime.gaussian.quaternions import multiply_quats
 from tinysplat_runtime.graphs.inference import GraphStore
 
 
@@ -93,41 +91,8 @@ def test_depth_errors_are_nan_where_nothing_is_known():
         depth_errors(np.ones((2, 2)), np.ones((2, 3)))
 
 
-def test_attribute_errors_are_root_mean_squares_over_all_layers():
-    original = make_smooth_gaussians(layers=2)
-    extra = replace(original.extra_layers[0], opacities=original.extra_layers[0].opacities * 0)
-    decoded = replace(original, means=original.means + np.float32(0.5), extra_layers=(extra,))
-    errors = attribute_errors(original, decoded)
-    share = original.opacities.size / original.count
-    assert errors["means"]["rmse"] == pytest.approx(0.5 * math.sqrt(share), rel=1e-5)
-    assert errors["opacities"]["max"] == original.extra_layers[0].opacities.max()
-    assert errors["scales"] == {"rmse": 0, "max": 0}
-
-
-@pytest.mark.parametrize("degrees", [1e-5, 0.1, 30, 180])
-def test_rotation_error_is_the_angle_whatever_sign_and_length(degrees):
-    original = make_smooth_gaussians()
-    half = math.radians(degrees) / 2
-    turn = np.array([math.cos(half), math.sin(half), 0, 0])
-    turned = multiply_quats(turn, original.quats.astype(np.float64))
-    errors = attribute_errors(original, _with_quats(original, -3 * turned))["quats"]
-    assert errors["rmse"] == pytest.approx(degrees, rel=1e-2, abs=1e-5)
-
-
 def _with_quats(gaussians, quats):
     return type(gaussians).unchecked(**{**vars(gaussians), "quats": quats})
-
-
-def test_sh_coefficients_left_out_count_as_zeros():
-    original = make_smooth_gaussians(degree=1)
-    cut = replace(original, sh=original.sh[..., :1, :])
-    assert attribute_errors(original, cut)["sh"]["max"] == pytest.approx(np.abs(original.sh[..., 1:, :]).max())
-
-
-def test_means_about_another_origin_are_equal():
-    original = make_smooth_gaussians()
-    moved = replace(original, means=original.means - np.float32(0.25), origin=[0.25] * 3)
-    assert attribute_errors(original, moved)["means"]["max"] < 1e-6
 
 
 def test_plane_errors_tell_depth_from_offset():

@@ -41,9 +41,3 @@ def rows_of(study: str, run: Run) -> list[Row]:
     for row in find_study(study).measure(run):
         rows.append(row if row.stamp and run.store.find(row) == row else run.store.add(row))
     return rows
-
-
-def cells(table: str) -> dict[str, list[str]]:
-    """A Markdown table's cells by its first column."""
-    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line[:1] == "|"]
-    return {line[0]: line[1:] for line in lines}

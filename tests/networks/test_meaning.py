@@ -8,19 +8,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from networks.two_planes import FAR, NEAR, SQUARE_Z, TracedScene, trace
+from networks.two_planes import FAR, NEAR, TracedScene, trace
 from torch import Tensor
 
 from tinysplat.networks.edge_analysis import photo_difference
-from tinysplat.networks.geometry import pixel_intrinsics, pixel_rays
 from tinysplat.networks.pairs import ViewPairs
-from tinysplat.networks.sweep import (
-    AlignmentSettings,
-    InverseDepths,
-    SweepSettings,
-    align_photos,
-    opacities_from_agreement,
-)
+from tinysplat.networks.sweep import AlignmentSettings, InverseDepths, align_photos
 
 COUNT = 26
 """Candidates."""
@@ -51,12 +44,6 @@ def _levels(scene: TracedScene, depths: InverseDepths) -> Tensor:
     return (inverse - depths.offset.view(-1, 1, 1, 1)) / depths.span.view(-1, 1, 1, 1)
 
 
-def _terms(scene: TracedScene, pairs: ViewPairs) -> tuple[Tensor, Tensor]:
-    images, K, _ = _tensors(scene)
-    size = images.shape[2:]
-    return pairs.sweep_terms(pixel_rays(pixel_intrinsics(K, *size), *size), K)
-
-
 def test_the_photo_difference_is_what_the_source_shows_less_the_pixel_itself(scene: TracedScene) -> None:
     images, K, c2w = _tensors(scene)
     depths, pairs = _range(), ViewPairs.nearest(c2w)
@@ -70,43 +57,6 @@ def test_the_photo_difference_is_what_the_source_shows_less_the_pixel_itself(sce
     assert not found[~inside].any()
     photos, _ = photo_difference(_levels(scene, depths), images, K, pairs, depths)
     assert float(photos.abs().median()) < 0.01
-
-
-def _hidden_from_the_other(scene: TracedScene, view: int) -> np.ndarray:
-    """(H, W) pixels of the wall that the square hides from the other camera, a pixel away from its outline."""
-    camera, other = scene.cameras[view], scene.cameras[1 - view]
-    row, column = np.mgrid[: camera.height, : camera.width] + 0.5
-    rays = np.stack([column, row, np.ones_like(row)], -1) @ np.linalg.inv(camera.K).T @ camera.rotation
-    points = camera.centre + rays * scene.depth[view][..., None]
-    there = ((points - other.centre) @ other.rotation.T) @ other.K.T
-    x, y = (np.floor(there[..., i] / there[..., 2]).astype(int) for i in range(2))
-    square = np.abs(scene.depth[1 - view] - SQUARE_Z) < 0.5
-    square[1:-1, 1:-1] &= np.min([np.roll(square, s, a)[1:-1, 1:-1] for a in (0, 1) for s in (-1, 1)], axis=0)
-    inside = (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
-    found = np.zeros_like(square)
-    found[inside] = square[y[inside], x[inside]]
-    return found & (scene.depth[view] > SQUARE_Z + 1)
-
-
-def test_what_another_view_cannot_see_keeps_half_its_trust_and_what_floats_before_it_loses(scene: TracedScene) -> None:
-    settings = SweepSettings(candidates=COUNT)
-    trust, depths = settings.trust, _range()
-    _, _, c2w = _tensors(scene)
-    pairs = ViewPairs.all(c2w)
-    level, matched = _levels(scene, depths), torch.ones(2, 1, *scene.depth.shape[1:])
-    found = opacities_from_agreement(level, matched, _terms(scene, pairs), pairs, depths, settings)[:, 0].numpy()
-    agreed = trust.opacity
-    hidden = trust.opacity * (1 - trust.agreement_share * (1 - trust.hidden))
-    for view in range(2):
-        behind = _hidden_from_the_other(scene, view)
-        assert behind.sum() > 20
-        assert np.median(found[view]) == pytest.approx(agreed, abs=0.02)
-        assert np.median(found[view][behind]) == pytest.approx(hidden, abs=0.02)
-    floating = level.clone()
-    floating[0, :, 5:15, 40:50] = 0.9  # before the wall, and seen through by the other view
-    seen = opacities_from_agreement(floating, matched, _terms(scene, pairs), pairs, depths, settings)[0, 0, 7:13, 42:48]
-    before = trust.opacity * (1 - trust.intrusion_share) * (1 - trust.agreement_share)
-    torch.testing.assert_close(seen, torch.full_like(seen, before), atol=0.02, rtol=0)
 
 
 @pytest.mark.parametrize("brighter", [0.0, 0.12, -0.12])

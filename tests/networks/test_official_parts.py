@@ -11,13 +11,10 @@ from torch import Tensor
 from torch.nn import functional
 
 from tinysplat.networks import build
-from tinysplat.networks.adapter import world_quats
-from tinysplat.networks.algebra import invert_intrinsics, quats_to_matrices, relative_poses
+from tinysplat.networks.algebra import quats_to_matrices
 from tinysplat.networks.cost_volume import MIN_Z, inverse_depth_candidates, match_scores
-from tinysplat.networks.dinov2 import SIZES, TRAINED_GRID, DINOv2
 from tinysplat.networks.harmonics import HarmonicsToWorld, coefficient_mask, rendered_basis
-from tinysplat.networks.views import all_others, nearest_others
-from tinysplat.networks.windows import MASKED, attention_mask, regions_of_keys, shifted_regions, window_layout
+from tinysplat.networks.views import all_others
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.sh import sh_basis
 
@@ -64,70 +61,6 @@ def test_correlating_before_reading_equals_warping_features(per_pixel: bool) -> 
     torch.testing.assert_close(found, scores_by_warping(features, K, c2w, others, disparities), atol=1e-10, rtol=0)
 
 
-@pytest.mark.parametrize("shifted", [False, True])
-@pytest.mark.parametrize("size", [(4, 4), (8, 12), (20, 8)])
-def test_window_layout_equals_roll_and_split(size: tuple[int, int], shifted: bool) -> None:
-    height, width = size
-    tokens = torch.randn(2, height * width, 3)
-    maps = tokens.view(2, height, width, 3)
-    if shifted:
-        maps = maps.roll((-(height // 4), -(width // 4)), (1, 2))
-    wanted = maps.view(2, 2, height // 2, 2, width // 2, 3).transpose(2, 3).reshape(2, 4, -1, 3)
-    layout = window_layout(height, width, shifted, CPU)
-    assert torch.equal(layout.split(tokens), wanted)
-    assert torch.equal(layout.merge(layout.split(tokens)), tokens)
-
-
-def test_shifted_mask_parts_what_wrap_around_joined() -> None:
-    height, width = 8, 12
-    layout, regions = window_layout(height, width, True, CPU), shifted_regions(height, width, CPU)
-    mask = attention_mask(regions, regions)
-    position = layout.to_windows.view(4, -1)
-    row, column = position // width, position % width
-    # Before the shift, tokens of one window are neighbours unless one of them came around the edge.
-    apart = [(c[:, :, None] - c[:, None]).abs() >= size // 2 for c, size in ((row, height), (column, width))]
-    assert torch.equal(mask, (apart[0] | apart[1]).float() * MASKED)
-
-
-def test_mask_for_several_views_is_the_tiled_one_of_the_released_weights() -> None:
-    regions = shifted_regions(8, 8, CPU)
-    length, others = regions.shape[1], 3
-    view_fastest = attention_mask(regions, regions).repeat(1, 1, others)  # tiled along keys, as released
-    order = torch.arange(length * others).view(length, others).T.flatten()  # key p·M + m to view by view
-    assert torch.equal(attention_mask(regions, regions_of_keys(regions, others)), view_fastest[:, :, order])
-    assert torch.equal(regions_of_keys(regions, 1), regions)
-
-
-@pytest.mark.parametrize("views", [2, 3])
-def test_few_views_are_all_matched_in_order(views: int) -> None:
-    _, c2w = cameras(views)
-    assert torch.equal(nearest_others(c2w[None], 2), all_others(c2w[None]))
-
-
-def test_many_views_are_matched_with_their_two_nearest_in_their_own_scene() -> None:
-    _, c2w = cameras(5)
-    c2w[:, 0, 3] = torch.tensor([0.0, 5.0, 1.0, 3.5, 1.5])
-    found = nearest_others(torch.stack([c2w, c2w]), 2)
-    one_scene = torch.tensor([[2, 4], [3, 4], [4, 0], [1, 4], [2, 0]])
-    assert torch.equal(found, torch.cat([one_scene, one_scene + 5]))
-
-
-@pytest.mark.parametrize("size", [(4, 4), (18, 32), (37, 20), (40, 51)])
-def test_position_embedding_is_resized_as_the_reference_does(size: tuple[int, int]) -> None:
-    vit = DINOv2(SIZES["S"]).requires_grad_(False).double()  # in float32 both round positions, each its own way
-    vit.pos_embed.normal_(generator=torch.Generator().manual_seed(0))
-    grid = vit.pos_embed[:, 1:].transpose(1, 2).unflatten(2, (TRAINED_GRID, TRAINED_GRID))
-    factors = tuple((n + 0.1) / TRAINED_GRID for n in size)
-    wanted = functional.interpolate(grid, scale_factor=factors, mode="bicubic").flatten(2).transpose(1, 2)
-    torch.testing.assert_close(vit.position_embedding(*size)[:, 1:], wanted, atol=1e-9, rtol=0)
-
-
-def test_position_embedding_of_the_trained_size_is_untouched() -> None:
-    vit = DINOv2(SIZES["S"]).requires_grad_(False)
-    vit.pos_embed.normal_(generator=torch.Generator().manual_seed(0))
-    torch.testing.assert_close(vit.position_embedding(TRAINED_GRID, TRAINED_GRID), vit.pos_embed, atol=1e-6, rtol=0)
-
-
 def random_rotations(count: int) -> Tensor:
     quats = torch.randn(count, 4, generator=torch.Generator().manual_seed(1))
     return quats_to_matrices(quats / quats.norm(dim=-1, keepdim=True))
@@ -147,28 +80,6 @@ def test_harmonics_give_the_colour_that_the_official_basis_gives_in_the_camera(d
     masked = raw.view(3, functions).double().numpy() * coefficient_mask(degree)
     wanted = rendered_basis(in_camera, degree) @ masked.T
     np.testing.assert_allclose(sh_basis(directions, degree) @ sh, wanted, atol=2e-5)
-
-
-def test_intrinsics_with_skew_are_inverted() -> None:
-    K = torch.tensor([[1.2, 0.1, 0.45], [0.0, 0.9, 0.55], [0.0, 0.0, 1.0]], dtype=torch.float64)
-    torch.testing.assert_close(invert_intrinsics(K), torch.linalg.inv(K))
-
-
-def test_relative_pose_is_the_product_with_the_inverse() -> None:
-    _, c2w = cameras(2)
-    rotation, translation = relative_poses(c2w[0], c2w[1])
-    wanted = torch.linalg.inv(c2w[1]) @ c2w[0]
-    torch.testing.assert_close(torch.cat([rotation, translation], dim=1), wanted[:3])
-
-
-def test_world_rotations_are_the_cameras_times_the_local_ones() -> None:
-    raw = torch.randn(1, 2, 4, 3, 5, generator=torch.Generator().manual_seed(3))
-    c2w = torch.eye(4).repeat(1, 2, 1, 1)
-    c2w[0, :, :3, :3] = random_rotations(2)
-    wxyz = raw.roll(1, dims=2).permute(0, 1, 3, 4, 2)
-    local = quats_to_matrices(wxyz / wxyz.norm(dim=-1, keepdim=True))
-    wanted = c2w[:, :, None, None, :3, :3] @ local
-    torch.testing.assert_close(quats_to_matrices(world_quats(raw, c2w)), wanted, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize(("model", "views"), [("mvsplat_re10k", 3), ("depthsplat_small_re10k", 2)])

@@ -55,38 +55,18 @@ def _imported(name: str, path: Path, files: Mapping[str, Path]) -> Iterable[str]
 
 def circles(graph: Graph) -> list[list[str]]:
     """Sets of two and more modules that all reach each other, by name."""
-    order: list[str] = []
-    seen: set[str] = set()
+    reached = {module: _reached(module, graph) for module in graph}
+    together = {frozenset(other for other in reached[one] if one in reached[other]) for one in graph}
+    return sorted(sorted(circle) for circle in together if len(circle) > 1)
 
-    def visit(node: str, edges: Graph, out: list[str]) -> None:
-        stack = [(node, iter(sorted(edges[node])))]
-        seen.add(node)
-        while stack:
-            _, left = stack[-1]
-            following = next((n for n in left if n not in seen), None)
-            if following is None:
-                out.append(stack.pop()[0])
-            else:
-                seen.add(following)
-                stack.append((following, iter(sorted(edges[following]))))
 
-    for node in sorted(graph):
-        if node not in seen:
-            visit(node, graph, order)
-    backward: dict[str, set[str]] = {node: set() for node in graph}
-    for node, targets in graph.items():
-        for target in targets:
-            backward[target].add(node)
-    against = {node: frozenset(sources) for node, sources in backward.items()}
-    seen.clear()
-    found = []
-    for node in reversed(order):
-        if node not in seen:
-            component: list[str] = []
-            visit(node, against, component)
-            if len(component) > 1:
-                found.append(sorted(component))
-    return sorted(found)
+def _reached(module: str, graph: Graph) -> set[str]:
+    found, left = set[str](), [module]
+    while left:
+        new = graph[left.pop()] - found
+        found |= new
+        left += new
+    return found
 
 
 def room(module: str) -> str:

@@ -159,24 +159,6 @@ def test_the_only_import_circle_is_gaussians_that_show_themselves() -> None:
     assert imports_of_project.circles({**runtime, shown: runtime[shown] - {notebook}}) == []
 
 
-def test_circles_are_found_through_functions_types_and_packages(tmp_path: Path) -> None:
-    written = {
-        "a/__init__.py": "",
-        "a/one.py": "from .deep import two",
-        "a/deep/__init__.py": "",
-        "a/deep/two.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..three import x",
-        "a/three.py": "def f():\n    import a.one\nx = 1",
-        "a/apart.py": "from a import one",
-    }
-    for name, text in written.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    graph = imports_of_project.import_graph(imports_of_project.modules({"a": tmp_path / "a"}))
-    assert graph["a.apart"] == {"a.one"}
-    assert imports_of_project.circles(graph) == [["a.deep.two", "a.one", "a.three"]]
-    assert imports_of_project.circles({**graph, "a.three": frozenset()}) == []
-
-
 @pytest.mark.parametrize(
     ("room", "leans_on"),
     [
@@ -310,33 +292,6 @@ def test_the_house_of_measuring_stands_in_layers_and_no_study_imports_another() 
             banned = {one for one in found if one.startswith("studies/") and one != own}
         breaks += [f"{name} imports {one}" for one in sorted(found & banned)]
     assert breaks == []
-
-
-def test_measuring_names_nothing_private_of_the_runtime_and_replaces_nothing_in_it() -> None:
-    breaks = []
-    for path in sources(MEASURE):
-        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-        imported = {
-            alias.asname or alias.name: alias.name
-            for node in nodes
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tinysplat_runtime")
-            for alias in node.names
-        }
-        breaks += [f"{path.name}: {name}" for name in imported.values() if is_private(name)]
-        for node in nodes:
-            if isinstance(node, ast.Attribute) and is_private(node.attr):
-                owner = getattr(node.value, "id", None)
-                breaks += [] if owner in {"self", "cls"} else [f"{path.name}:{node.lineno} {node.attr}"]
-            for target in getattr(node, "targets", ()):
-                if isinstance(target, ast.Attribute) and getattr(target.value, "id", None) in imported:
-                    breaks.append(f"{path.name}:{node.lineno} replaces {target.attr}")
-            if isinstance(node, ast.Name) and node.id in {"setattr", "patch"}:
-                breaks.append(f"{path.name}:{node.lineno} {node.id}")
-    assert breaks == []
-
-
-def is_private(name: str) -> bool:
-    return name.startswith("_") and not name.startswith("__")
 
 
 IDLE = ("codec.encoder", "codec.rate", "codec.depth_step", "graphs.enlarge", "scene.intake", "recipe.encode", "numba")

@@ -98,20 +98,3 @@ def test_colours_are_fitted_as_least_squares_has_them():
         aims = [lacks[row] / np.sqrt(weights[row])[:, None], np.zeros((4, 3)), -np.sqrt(penalties)[:, None] * sh[row]]
         step = np.linalg.lstsq(np.concatenate(design), np.concatenate(aims), rcond=None)[0]
         np.testing.assert_allclose(found[row], sh[row] + 0.5 * step, atol=1e-5)
-
-
-def test_all_weights_of_a_pixel_are_what_it_covers(cloud):
-    """Over all Gaussians, Σ w·(all weights) is Σ covered², and Σ w·(wanted − C) is Σ covered·(wanted − C)."""
-    dim = replace(cloud, sh=0.3 * cloud.sh)
-    cameras = [camera.resized(40, 150) for camera in ring(dim, 2)]
-    pictures, part = Pictures(cameras, Crew(1).map), taken(dim, np.arange(0, 400, 3))
-    assert pictures.values == 2 * 3 * 40 * 150
-    for sums in pictures.measure(dim, [0, 1]):
-        assert sums.shape == (400, 5) and not np.abs(sums[:, 1:4]).max() > 1e-3
-    for number, sums in zip((1, 0), pictures.measure(part, [1, 0]), strict=True):
-        now, first = drawn(part, cameras[number]), drawn(dim, cameras[number])
-        covered = now[..., 3] / 0.5
-        assert sums[:, 4].sum() == pytest.approx(np.square(covered).sum(), rel=1e-4)
-        lacks = (covered[..., None] * (first - now)[..., :3]).sum(axis=(0, 1))
-        np.testing.assert_allclose(sums[:, 1:4].sum(axis=0), lacks, rtol=1e-3, atol=1e-2)
-        assert np.abs(lacks).min() > 0.1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe import words
 from tinysplat_runtime.recipe.words import AutoViews, Refinement, byte_count
 
@@ -28,12 +27,6 @@ def test_sizes_have_units_of_thousands_or_of_1024(text: str, bytes_: int) -> Non
     assert byte_count(text) == bytes_
 
 
-@pytest.mark.parametrize("text", ["", "KB", "9 stone", "-4KB", "0.5", "0", "1024 GiB", "1e99", "nan", "4 K"])
-def test_what_is_no_size_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="expected a size such as"):
-        byte_count(text)
-
-
 @pytest.mark.parametrize(
     ("text", "views"),
     [
@@ -46,33 +39,10 @@ def test_views_are_indices_with_ranges_all_or_how_many(text: str, views: object)
     assert words.views(text) == views
 
 
-@pytest.mark.parametrize(
-    "text", ["10000000", "1-10000000", "4-3", "1:2", "0-4:0", "0-4:", "-", ":", "a", "1,,2", "0-1-2", "²", ""]
-)
-def test_what_is_no_list_of_views_is_told_in_one_line(text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        words.views(text)
-    assert f"{text!r}, expected" in str(caught.value)
-
-
-@pytest.mark.parametrize("text", ["auto:1", "auto:0", "auto:x", "auto:-2", "auto:2.5", "auto:²"])
-def test_fewer_than_two_views_cannot_be_chosen(text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        words.views(text)
-    assert f"{text!r}, expected" in str(caught.value)
-
-
 @pytest.mark.parametrize(("text", "size"), [("384x256", (256, 384)), ("1X1", (1, 1)), ("20x3", (3, 20))])
 def test_a_size_is_height_by_width(text: str, size: tuple[int, int]) -> None:
     assert words.size(text) == words.size_or_full(text) == size
     assert words.size_or_full("full") == "full"
-
-
-@pytest.mark.parametrize("text", ["full", "4", "0x4", "4x0", "4x", "x4", "4x4x4", "4 x 4", "-4x4", "a x b", "²x²"])
-def test_what_is_no_size_of_photos_is_told(text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        words.size(text)
-    assert f"{text!r}, expected" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -90,10 +60,3 @@ def test_what_is_no_size_of_photos_is_told(text: str) -> None:
 def test_refinement_is_steps_seconds_or_as_much_as_photos_are_worth(text: str, wanted: Refinement) -> None:
     assert words.refinement(text) == wanted
     assert words.refinement(str(wanted)) == wanted
-
-
-@pytest.mark.parametrize("text", ["0", "-1", "1.5", "0s", "-1s", "infs", "nans", "s", "xs", "", "10 steps", "²"])
-def test_what_is_no_refinement_is_told(text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        words.refinement(text)
-    assert f"{text!r}, expected" in str(caught.value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,47 +13,6 @@ from tinysplat_runtime.refine import kernels
 from tinysplat_runtime.refine.photos import sizes_of
 from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
-
-STEP = 1e-5
-
-
-def bits(plane: np.ndarray) -> float:
-    """½ log2(1 + d²) of every pair of neighbours."""
-    plane = plane.astype(np.float64)
-    return sum(float(0.5 * np.log2(1 + np.diff(plane, axis=axis) ** 2).sum()) for axis in (0, 1))
-
-
-def slopes(function: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
-    found = np.zeros(at.shape)
-    for index in np.ndindex(at.shape):
-        ends = []
-        for sign in (STEP, -STEP):
-            moved = at.astype(np.float64).copy()
-            moved[index] += sign
-            ends.append(function(moved))
-        found[index] = (ends[0] - ends[1]) / (2 * STEP)
-    return found
-
-
-def test_bits_are_counted_by_neighbours_differences() -> None:
-    plane = 2 * np.random.default_rng(0).normal(size=(4, 5)).astype(np.float32)
-    found = np.full(plane.shape, 0.25, np.float32)
-    kernels.add_bits(plane, 0.3, found)
-    np.testing.assert_allclose(found - 0.25, slopes(lambda p: 0.3 * bits(p), plane), atol=1e-5)
-
-
-def test_variation_weighs_every_pair_of_neighbours() -> None:
-    rng = np.random.default_rng(1)
-    change, across, down = (rng.uniform(size=(4, 5)).astype(np.float32) for _ in range(3))
-    found = np.zeros(change.shape, np.float32)
-    kernels.add_variation(change, across, down, 0.7, found)
-
-    def variation(plane: np.ndarray) -> float:
-        return 0.7 * float(
-            (across[:, :-1] * np.abs(np.diff(plane, axis=1))).sum() + (down[:-1] * np.abs(np.diff(plane, axis=0))).sum()
-        )
-
-    np.testing.assert_allclose(found, slopes(variation, change), atol=1e-3)
 
 
 def test_steps_are_those_of_torchs_adam_and_end_at_the_limits() -> None:

@@ -12,7 +12,7 @@ pytest.importorskip("numba")
 from scenes import make_gaussians
 
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
+from tinysplat_runtime.render.kernels_gradient import LOGIT, SH_RED
 from tinysplat_runtime.system.threads import Crew
 
 RUN = Crew(1).map
@@ -28,35 +28,6 @@ def test_opacities_at_their_ends_have_logits() -> None:
     )
     found = field.gaussians(replace(scene, opacities=opacities))
     assert found.opacities[0, 0, 0] == 0 and found.opacities[0, 0, 1] == pytest.approx(1, abs=1e-5)
-
-
-@pytest.mark.parametrize("origin", [(0, 0, 0), (5.0, -3, 8)])
-def test_values_become_gaussians_by_hand(origin: tuple) -> None:
-    made = make_gaussians(2, 3, 4, degree=1, layers=2)
-    layers = [
-        replace(one, means=one.means - np.float32(origin), origin=np.array(origin, float), extra_layers=())
-        for one in made.layers
-    ]
-    scene, rng = replace(layers[0], extra_layers=(layers[1],)), np.random.default_rng(0)
-    field = MovableGaussians(scene, RUN)
-    field.values[:] += rng.normal(0, 0.3, field.values.shape).astype(np.float32)
-    field.values[LOGIT, 5] = np.log(1 / 256 / (1 - 1 / 256))
-    found = field.gaussians(scene)
-    for grid in field.grids:
-        before, after, v = scene.layers[grid.layer], found.layers[grid.layer], grid.view
-        own = field.values[:, grid.rows].astype(np.float64).reshape(6, grid.height, grid.width)
-        centre = before.cameras[v].centre - scene.origin
-        away = np.exp(own[LOG_DEPTH])[..., None]
-        np.testing.assert_allclose(after.means[v], centre + away * (before.means[v] - centre), rtol=1e-4, atol=1e-4)
-        np.testing.assert_allclose(
-            after.scales[v], before.scales[v] * away * np.exp(own[LOG_SIZE])[..., None], rtol=1e-5
-        )
-        opacity = 1 / (1 + np.exp(-own[LOGIT]))
-        np.testing.assert_allclose(after.opacities[v], np.where(opacity < 1 / 255, 0, opacity), rtol=1e-5)
-        np.testing.assert_allclose(after.sh[v][..., 0, :], np.moveaxis(own[SH_RED:], 0, -1), rtol=1e-6)
-        np.testing.assert_array_equal(after.sh[v][..., 1:, :], before.sh[v][..., 1:, :])
-        np.testing.assert_array_equal(after.quats[v], before.quats[v])
-    assert (found.opacities == 0).sum() >= 1 and found.cameras == scene.cameras and len(found.layers) == 2
 
 
 def test_what_is_drawn_follows_the_values_whatever_was_drawn_before() -> None:

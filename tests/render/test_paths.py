@@ -11,7 +11,6 @@ import pytest
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.render import between, orbit
-from tinysplat_runtime.render.paths import looking_along
 from tinysplat_runtime.scene.cameras import Camera
 
 
@@ -123,31 +122,6 @@ def test_a_path_through_many_cameras_meets_them_without_a_jerk_or_a_detour():
 def test_cameras_far_apart_pull_no_loop_between_near_ones():
     path = between([camera(), camera(centre=(0.1, 0, 0)), camera(centre=(10, 0, 0))], 81)
     assert (np.diff([one.centre[0] for one in path]) > 0).all()
-
-
-def test_a_direction_and_what_is_down_make_axes() -> None:
-    found = looking_along(np.array([0, 0, 5.0]), down=np.array([0.3, 2.0, -7]))
-    x, y, z = found.T
-    np.testing.assert_allclose(z, [0, 0, 1])
-    np.testing.assert_allclose(y, np.array([0.3, 2, 0]) / np.hypot(0.3, 2))  # what is left of it across the direction
-    np.testing.assert_allclose(np.cross(x, y), z)
-    np.testing.assert_allclose(
-        looking_along(np.array([2.0, 0, 0]), down=np.array([0, 3.0, 0])).T,
-        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
-        atol=1e-12,
-    )
-
-
-def test_a_path_of_unevenly_spaced_cameras_is_a_cubic_of_bounded_speed() -> None:
-    """Steps of 1, 3 and 2 along x: speeds of 1, 1, 2 and 2 at the cameras, by Hermite's polynomials."""
-    path = between([camera(centre=(0.1 * x, 0, 0)) for x in (0, 1, 4, 6)], 13)
-    places, speeds = [0, 0.1, 0.4, 0.6], [0.1, 0.1, 0.2, 0.2]
-    for n, one in enumerate(path):
-        i = min(n // 4, 2)
-        t = n / 4 - i
-        h = (2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t, -2 * t**3 + 3 * t**2, t**3 - t**2)
-        wanted = h[0] * places[i] + h[1] * speeds[i] + h[2] * places[i + 1] + h[3] * speeds[i + 1]
-        np.testing.assert_allclose(one.centre, [wanted, 0, 0], atol=1e-12)
 
 
 def test_sizes_that_differ_are_named() -> None:

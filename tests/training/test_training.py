@@ -12,19 +12,15 @@ import torch
 from networks.two_planes import FAR, NEAR, trace
 from torch import Tensor
 
-from tinysplat.networks.edge import Edge
 from tinysplat.training.__main__ import main
 from tinysplat.training.config import Config, DataSettings, OptimiserSettings, RunSettings, load_config
 from tinysplat.training.data import SampleStream
 from tinysplat.training.loop import CHECKPOINT, CURVES, train
-from tinysplat.training.losses import LossWeights, candidate_entropy, losses, photometric, rate
+from tinysplat.training.losses import candidate_entropy, losses
 from tinysplat.training.pack import main as pack_main
-from tinysplat.training.photos import PhotoSet, scene_folders
 from tinysplat.training.procedural import procedural_sample
-from tinysplat.training.samples import Sample, psnr, render_outputs
 from tinysplat.training.state import TrainingState, read_checkpoint
 from tinysplat.training.textures import SIZE, texture_bank
-from tinysplat.training.validation import validation_samples
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import write_png
 
@@ -78,20 +74,6 @@ def test_textures_are_made_without_any_photos(textures: np.ndarray) -> None:
     assert all(np.ptp(texture) > 0 for texture in textures)
 
 
-def test_further_pictures_become_textures_and_unreadable_ones_are_passed_over(tmp_path: Path) -> None:
-    (tmp_path / "deep").mkdir()
-    write_png(tmp_path / "deep" / "red.png", np.full((300, 400, 3), (200, 10, 10), np.uint8))
-    (tmp_path / "bad.jpg").write_bytes(b"no picture")
-    (tmp_path / "notes.txt").write_text("no picture either", "utf-8")
-    bank = texture_bank([], 120, np.random.default_rng(0), tmp_path)
-    assert sum(bool((np.abs(texture - (200.0, 10.0, 10.0)) < 2).all()) for texture in bank) >= 1
-
-
-def test_a_folder_without_pictures_is_one_clear_line(photos: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no picture that can be read, expected"):
-        SampleStream(dataclasses.replace(TINY, photos=str(photos), pictures=str(tmp_path)))
-
-
 def test_exact_depth_carries_pixels_to_where_another_view_shows_the_same(textures: np.ndarray) -> None:
     errors, guesses = [], []
     for seed in range(4):
@@ -124,21 +106,6 @@ def test_a_sample_is_a_function_of_its_index(photos: Path) -> None:
         names.add(one.name)
     assert "procedural" in names and len(names) > 1
     assert not torch.equal(first.sample(0).images, first.sample(1).images)
-
-
-def test_samples_come_in_order_from_any_start(photos: Path) -> None:
-    stream = SampleStream(dataclasses.replace(TINY, photos=str(photos)))
-    following = stream.follow(3)
-    for index in (3, 4):
-        assert torch.equal(next(following).images, stream.sample(index).images)
-
-
-def test_targets_of_photos_stand_between_their_contexts(photos: Path) -> None:
-    sample = PhotoSet.load(photos).sample(np.random.default_rng(0), 32, 2, [32])
-    (first, second), target = sample.c2w[:, :3, 3], sample.targets[0].c2w[:3, 3]
-    along = torch.dot(target - first, second - first) / (second - first).square().sum()
-    assert -0.1 < float(along) < 1.1
-    assert float((first + second).abs().max()) < 1e-5  # relative to the mean centre of the contexts
 
 
 def test_a_corrupt_photo_is_skipped_and_counted_and_reported(tmp_path: Path) -> None:
@@ -178,12 +145,6 @@ def test_training_is_stopped_after_so_many_steps_as_if_interrupted(photos: Path,
     assert all(torch.equal(a, b) for a, b in zip(all_weights(whole), all_weights(resumed), strict=True))
 
 
-def test_training_is_stopped_by_its_minutes_and_leaves_a_checkpoint(photos: Path, tmp_path: Path) -> None:
-    state = train(tiny_config(photos), tmp_path / "run", minutes=0.0, say=lambda line: None)
-    assert state.step == 0
-    assert read_checkpoint(tmp_path / "run" / CHECKPOINT)["step"] == 0
-
-
 def test_a_step_with_a_gradient_that_is_not_finite_is_left_out(photos: Path) -> None:
     from tinysplat.training.loop import train_step
 
@@ -211,34 +172,6 @@ def test_steps_on_one_sample_make_its_picture_better(photos: Path) -> None:
     assert found[-1] < found[0] - 0.05, found
 
 
-def flat_prediction(photos: Path) -> tuple[object, Sample]:
-    state = TrainingState.fresh(tiny_config(photos), torch.device("cpu"))
-    sample = SampleStream(dataclasses.replace(TINY, photos=str(photos))).sample(0)
-    with torch.no_grad():
-        return state.network.predict(*sample.inputs()), sample
-
-
-def test_the_rate_is_zero_for_constant_planes_and_grows_with_noise(photos: Path) -> None:
-    prediction, _ = flat_prediction(photos)
-    names = ("level", "footprint", "opacity", "colours")
-    constant = {name: torch.full_like(getattr(prediction, name), 0.3) for name in names}
-    flat = dataclasses.replace(prediction, **constant)
-    noisy = [
-        dataclasses.replace(flat, opacity=constant["opacity"] + amount * torch.randn_like(constant["opacity"]))
-        for amount in (0.1, 1.0)
-    ]
-    bits = [float(rate(p)) for p in (flat, *noisy)]
-    assert bits[0] == pytest.approx(0, abs=1e-5)
-    assert bits[0] < bits[1] < bits[2]
-
-
-def test_the_photometric_loss_is_zero_for_equal_pictures_alone() -> None:
-    picture = torch.rand(3, 8, 8)
-    assert float(photometric(picture, picture, LossWeights())) == 0
-    weights = LossWeights(l1=1, squared=0, gradient=1, decibel=0)
-    assert float(photometric(picture + 0.1, picture, weights)) == pytest.approx(0.1, abs=1e-6)
-
-
 def test_the_entropy_is_least_at_the_true_candidates() -> None:
     truth, known = torch.full((1, 1, 4, 4), 2.25), torch.ones(1, 1, 4, 4)
     logits = torch.full((1, 6, 2, 2), -20.0)
@@ -247,19 +180,6 @@ def test_the_entropy_is_least_at_the_true_candidates() -> None:
     assert best == pytest.approx(-0.75 * np.log(0.75) - 0.25 * np.log(0.25), abs=1e-4)
     assert float(candidate_entropy(logits.roll(1, dims=1), truth, known)) > best + 1
     assert float(candidate_entropy(logits, truth, 0 * known)) == 0
-
-
-def test_a_network_in_training_draws_the_scene_it_was_given(photos: Path) -> None:
-    prediction, sample = flat_prediction(photos)
-    target = sample.targets[0]
-    assert psnr(render_outputs(prediction.outputs, target.camera()), target.image) > 12
-
-
-def test_a_single_scene_is_taken_as_it_is(photos: Path, tmp_path: Path) -> None:
-    (only,) = scene_folders(photos)[:1]
-    assert [scene.name for scene in PhotoSet.load(only).scenes] == [PhotoSet.load(photos).scenes[0].name]
-    with pytest.raises(InputError, match=r"no scene folder with eval_index\.json"):
-        list(validation_samples(tmp_path, ("near",), (64, 64)))
 
 
 def test_a_folder_without_scenes_is_one_clear_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -312,59 +232,6 @@ def test_configurations_that_cannot_be_meant_are_refused(tmp_path: Path, text: s
         load_config(path)
 
 
-def test_folders_of_a_configuration_are_relative_to_it(tmp_path: Path) -> None:
-    path = tmp_path / "c.toml"
-    path.write_text('[data]\nphotos = "scenes"\nvalidation = "dev"\n[optimiser]\nrate = 1\n', "utf-8")
-    config = load_config(path)
-    assert config.data.photos == str(tmp_path / "scenes") and config.data.validation == str(tmp_path / "dev")
-    assert config.optimiser.rate == 1.0
-
-
-def test_what_an_option_names_takes_the_place_of_the_configuration(tmp_path: Path) -> None:
-    path = tmp_path / "c.toml"
-    path.write_text('[data]\nphotos = "scenes"\n[run]\ndevice = "cuda"\n', "utf-8")
-    config = load_config(path, photos="other/place", device="cpu")
-    assert (config.data.photos, config.run.device) == ("other/place", "cpu")
-
-
-def test_targets_have_the_sizes_that_are_asked_for(photos: Path, textures: np.ndarray) -> None:
-    made = procedural_sample(np.random.default_rng(1), textures, 32, 3, [16, 64])
-    taken = PhotoSet.load(photos).sample(np.random.default_rng(1), 32, 3, [16, 64])
-    assert [target.image.shape[-1] for target in made.targets] == [16, 64]
-    assert [target.image.shape[-1] for target in taken.targets] == [16, 40]  # a photo of 40 rows is not enlarged
-    for sample in (made, taken):
-        assert len(sample.images) == 3
-        for target in sample.targets:
-            field = target.image.shape[-1] / float(target.K[0, 0])
-            assert 0.3 < field * float(sample.K[0, 0, 0]) / 32 < 3
-    assert made.targets[1].K[0, 0] == pytest.approx(4 * float(made.targets[0].K[0, 0]))
-
-
-def test_labels_of_depth_lie_where_their_photo_is_cropped(tmp_path: Path) -> None:
-    from PIL import Image
-
-    folder = write_scenes(tmp_path, scenes=1)
-    labels = folder / "scene0" / "depth_mvs"
-    labels.mkdir()
-    (labels / "depth.json").write_text('{"step": 0.001}', "utf-8")
-    exact = trace(4, 40, 48, spacing=0.25).depth
-    for i, depth in enumerate(exact):
-        Image.fromarray((1000 / depth).round().astype(np.uint16)).save(labels / f"{i}.png")
-    sample = PhotoSet.load(folder).sample(np.random.default_rng(2), 32, 2, [32])
-    assert sample.depth is not None
-    # carried by them, a pixel finds its own colour in the other view
-    row, column = np.mgrid[:32, :32] + 0.5
-    rays = np.linalg.solve(sample.K[0].double().numpy(), np.stack([column, row, np.ones_like(row)]).reshape(3, -1))
-    c2w = sample.c2w.double().numpy()
-    world = c2w[0, :3, :3] @ (rays * sample.depth[0].double().numpy().reshape(1, -1)) + c2w[0, :3, 3:]
-    x, y, z = sample.K[1].double().numpy() @ c2w[1, :3, :3].T @ (world - c2w[1, :3, 3:])
-    x, y = (x / z).astype(int), (y / z).astype(int)
-    inside = (x > 0) & (x < 32) & (y > 0) & (y < 32)
-    first, second = sample.images.numpy().reshape(2, 3, -1)
-    error = np.abs(second[:, y[inside] * 32 + x[inside]] - first[:, inside]).mean()
-    assert inside.mean() > 0.5 and error < 0.5 * np.abs(second - first).mean()
-
-
 def test_packed_scenes_give_the_samples_of_their_folder(photos: Path, tmp_path: Path) -> None:
     archive = tmp_path / "data.zip"
     assert pack_main([str(photos), "-o", str(archive)]) == 0
@@ -375,20 +242,3 @@ def test_packed_scenes_give_the_samples_of_their_folder(photos: Path, tmp_path: 
     archive.write_bytes(archive.read_bytes()[:100])
     with pytest.raises(InputError, match=r"not a \.zip"):
         SampleStream(dataclasses.replace(settings, photos=str(archive)))
-
-
-def test_heads_alone_are_trained_from_the_weights_of_another_run(photos: Path, tmp_path: Path) -> None:
-    first = train(tiny_config(photos, steps=1), tmp_path / "first", say=lambda line: None)
-    config = tiny_config(photos, steps=2)
-    config = dataclasses.replace(config, optimiser=dataclasses.replace(config.optimiser, heads_alone=True))
-    second = train(config, tmp_path / "second", start=tmp_path / "first" / CHECKPOINT, say=lambda line: None)
-    changed = {n.split(".")[0] for n, v in second.network.state_dict().items() if not torch.equal(v, first.average[n])}
-    assert changed == {"fine", "head", "coarse"}
-
-
-def test_whatever_a_step_makes_lies_on_its_device() -> None:
-    with torch.device("meta"):
-        network = Edge()
-        views = (torch.rand(2, 3, 32, 48), torch.rand(2, 3, 3), torch.rand(2, 4, 4), torch.rand(2), torch.rand(2))
-        prediction = network.predict(*views)
-    assert all(output.device.type == "meta" for output in prediction.outputs)
