@@ -48,7 +48,12 @@ ACROSS = {
         "hostile/test_shown.py",
     ),
     "codec": ("golden/test_golden.py", "conformance/test_conformance.py", "parity/test_transforms.py", "property/*.py"),
-    "container": ("golden/test_golden.py", "conformance/test_conformance.py", "hostile/*attacks.py"),
+    "container": (
+        "golden/test_golden.py",
+        "conformance/test_conformance.py",
+        "hostile/*attacks.py",
+        "web/test_inspect.py",
+    ),
     "formats": ("e2e/test_convert.py", "hostile/test_fuzz.py"),
     "gaussian": ("parity/test_transforms.py", "property/*.py"),
     "graphs": ("golden/test_official.py", "parity/test_edge_stages.py", "e2e/test_intake.py"),

@@ -104,6 +104,7 @@ def test_rotations_whose_squares_leave_float32_are_refused():
 def test_limits_are_the_most_that_is_accepted():
     data = _file()
     memory = decoding_bytes(read_container(data).body.layers[0])
+    assert memory == 6 * (4 * (11 + 3 + 2 * 11) + 6 * 2)  # numbers and codes of geometry, and what both come from
     assert read_container(data, Limits(max_pixels=6, max_memory_bytes=memory, max_views=1, max_layers=1))
     for limits, words in (
         (Limits(max_pixels=5), "6 Gaussians"),

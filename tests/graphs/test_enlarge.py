@@ -15,6 +15,7 @@ from tinysplat_runtime.graphs import enlarge
 from tinysplat_runtime.graphs.enlarge import Enlarger, predict_large
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
 from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore()
 OPACITY, FOOTPRINT = 0.6, 0.45
@@ -78,7 +79,7 @@ def depths(gaussians: Gaussians) -> np.ndarray:
     """z of every Gaussian before its camera, and where it lies in the picture, against the pixel's centre."""
     found = []
     for view, camera in enumerate(gaussians.cameras):
-        points = (gaussians.means[view] - camera.centre) @ camera.rotation.T
+        points = (gaussians.means[view] + gaussians.origin - camera.centre) @ camera.rotation.T
         pixels = points @ camera.K.T / points[..., 2:]
         row, column = np.mgrid[: camera.height, : camera.width] + 0.5
         np.testing.assert_allclose(pixels[..., 0], column, atol=2e-3)
@@ -87,9 +88,12 @@ def depths(gaussians: Gaussians) -> np.ndarray:
     return np.stack(found)
 
 
-def test_surfaces_and_their_edges_lie_where_the_large_photos_have_them(scene: TracedScene) -> None:
-    gaussians = enlarged(scene)
-    assert gaussians.cameras == tuple(scene.cameras)
+@pytest.mark.parametrize("place", [(0, 0, 0), (4e3, -2e3, 5e3)], ids=["here", "far from the origin"])
+def test_surfaces_and_their_edges_lie_where_the_large_photos_have_them(scene: TracedScene, place: tuple) -> None:
+    ways = [c.c2w + np.pad(np.array(place, float)[:, None], ((0, 1), (3, 0))) for c in scene.cameras]
+    cameras = tuple(Camera(c.K, c2w, c.width, c.height) for c, c2w in zip(scene.cameras, ways, strict=True))
+    gaussians = enlarged(replace(scene, cameras=cameras))
+    assert gaussians.cameras == cameras
     found = depths(gaussians)
     error = np.abs(found / scene.depth - 1)
     assert np.median(error) < 3e-3

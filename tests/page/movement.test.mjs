@@ -107,6 +107,18 @@ test("a free drag orbits, or looks around while it flies", () => {
   }
 });
 
+test("arrows and letters turn as a drag to the other side does", () => {
+  const after = (act) => {
+    const { camera, mover } = start([view(0), view(0.4)]);
+    act(mover);
+    return camera.position;
+  };
+  const dragged = after((mover) => mover.turn(-0.1 * 0.35 * WINDOW[0], 0)), still = after(() => {});
+  for (const keys of [[1, 0, 0, 0, 0], [0, 0, 0, 1, 0]]) close(after((mover) => mover.keys(keys, 0.1, false)), dragged);
+  close(after((mover) => mover.keys([1, 0, 0, -1, 0], 0.1, false)), still);
+  assert.ok(length(add(dragged, still, -1)) > 1e-3);
+});
+
 test("windows are filled where little is lost", () => {
   const [whole, wide, tall] = [[640, 480], [800, 500], [390, 844]].map(([w, h]) => fillingZoom(view(0), w, h));
   assert.equal(whole, 1);

@@ -111,6 +111,11 @@ def test_fused_gaussians_show_by_definition_what_our_own_drawing_does():
     assert found.opacities.min() >= FADED and not found.cameras and found.degree == 0
 
 
+def test_what_was_gained_is_from_the_first_round_to_the_mean_of_the_last_two():
+    stats = FuseStats(10, 5, 4, 2, [[20.0, 22.0], [9.0], [30.0], [32.0]])
+    assert stats.text.endswith("21.0 to 31.0 dB") and stats.note().endswith("32.00 dB")
+
+
 def test_the_same_steps_give_the_same_on_any_number_of_threads_and_what_fades_goes():
     whole = capture()
     fast = Pace(move=0, log_scale=0, sh=0, logit=2, last=1, looks=3)  # so that many fade

@@ -201,6 +201,18 @@ def test_pictures_far_from_the_world_origin_agree_with_those_near_it():
         check(found["depth"], expected["depth"], scale=expected["depth"].max())
 
 
+@pytest.mark.parametrize("focal", [8, 40])
+def test_points_beside_the_picture_reach_into_it_by_their_own_pixels(focal):
+    """Of no size themselves: their photo's pixel, enlarged, alone brings them in."""
+    gaussians = make_gaussians(views=2, height=6, width=8, degree=1, seed=6)
+    gaussians = replace(gaussians, scales=1e-5 * gaussians.scales, opacities=0.5 + 0.5 * gaussians.opacities)
+    first = gaussians.cameras[0]
+    K = first.K * [[focal], [focal], [1]]
+    at = K @ first.rotation @ (gaussians.means[0, 2, 3] - first.centre)
+    K[:2, 2] -= at[:2] / at[2] - (12 + 0.6 * focal, 8)  # 0.6 of its pixel beyond the right border
+    agree(gaussians, Camera(K, first.c2w, 12, 16), {"dilation": "own", "order": "depth"})
+
+
 @pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
 def test_what_lies_out_of_sight_changes_no_picture(compiled):
     """Tens of thousands behind the camera and beside it, in as many parts as a renderer likes."""

@@ -77,3 +77,10 @@ def test_where_nobody_knows_how_many_there_are_only_those_done_are_said(said: Ca
     for item in progress(range(2), None, "fuse", quiet=False, note=lambda: "busy"):
         if item == 1:
             assert re.search(r"\rfuse \d s 1 busy\033\[K", until(stream, " s 1 busy", 1))
+
+
+def test_all_items_come_beside_a_bar(said: Callable[[bool], io.StringIO], monkeypatch: pytest.MonkeyPatch) -> None:
+    tqdm = pytest.importorskip("tqdm")
+    said(terminal=True)
+    monkeypatch.setitem(sys.modules, "tqdm", tqdm)
+    assert list(progress(range(3), 3, "render", quiet=False)) == [0, 1, 2]
