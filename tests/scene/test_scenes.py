@@ -91,6 +91,14 @@ def test_resized_scene_delivers_the_size_its_cameras_state(folder: Path) -> None
     np.testing.assert_array_equal(images, scene.images(size=(10, 20)))
 
 
+def test_a_resized_photo_is_read_once(folder: Path) -> None:
+    """Large photos take half a second each, and several stages of a command ask for the same picture."""
+    frame = load_scene(folder).resized(4, 6).frames[0]
+    image = frame.image()
+    frame.path.unlink()
+    np.testing.assert_array_equal(frame.image(), image)
+
+
 def test_resizing_twice_starts_from_the_photo_again(folder: Path) -> None:
     once, twice = load_scene(folder).resized(9, 30), load_scene(folder).resized(20, 5).resized(9, 30)
     np.testing.assert_array_equal(once.images(), twice.images())

@@ -142,8 +142,12 @@ class _Thumbnails:
         count = len(closer)
         looked = set(np.linspace(0, count - 1, min(count, FEW)).round().astype(int).tolist())
         images, found = [], {}
-        for v, (frame, target) in enumerate(show(list(zip(closer, small.cameras, strict=True)), count, str)):
-            image = frame.image()
+        frames = list(zip(scene.frames, closer, small.cameras, strict=True))
+        for v, (frame, close, target) in enumerate(show(frames, count, str)):
+            photo = None if frame.kept else frame.photo()
+            if frame.kept is not None:
+                frame.image(photo)  # is kept: the network will have it
+            image = close.image(photo)
             images.append(resize_cover(image, target.height, target.width))
             if v in looked:
                 found[v] = corners(image)

@@ -68,9 +68,8 @@ def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[li
         raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
     sizes = [[Target(camera, image) for camera, image in zip(gaussians.cameras, images, strict=True)]]
     if closer and all(_is_as_large(frame, CLOSER * height, CLOSER * width) for frame in scene.frames):
-        larger = scene.resized(CLOSER * height, CLOSER * width)
-        targets = zip(larger.cameras, larger.images(), strict=True)
-        sizes.append([Target(camera, image) for camera, image in targets])
+        larger = [frame.resized(CLOSER * height, CLOSER * width) for frame in scene.frames]
+        sizes.append([Target(frame.camera, frame.image()) for frame in larger])
     return sizes
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from numbers import Integral
 from pathlib import Path
 
@@ -26,6 +26,9 @@ from .lenses import Lens
 MAX_CAMERAS_BYTES = 64 * 1000 * 1000
 """A frame takes about 500 bytes, so this is more than 100,000 of them."""
 
+KEPT_BYTES = 128 << 20
+"""Of resized photos that a scene keeps, once read: reading one of 12 million pixels again takes half a second."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -40,6 +43,7 @@ class Frame:
         index: which of the video's frames.
         taken_with: the intrinsics of the photo that the one at `path` was made from, where that is known: those of the
             video's frames whose photos they were.
+        kept: what `image` gave, once it did; None where that is not to be kept.
     """
 
     camera: Camera
@@ -49,14 +53,37 @@ class Frame:
     video: Video | None = None
     index: int = 0
     taken_with: Lens | None = None
+    kept: list[NDArray] | None = field(default=None, repr=False)
 
-    def resized(self, height: int, width: int) -> Frame:
+    def resized(self, height: int, width: int, *, keep: bool = False) -> Frame:
         """The frame scaled to cover height × width and cropped around its centre; always from the whole photo."""
         photo_camera = self.photo_camera or self.camera
-        return replace(self, camera=photo_camera.resized(height, width), photo_camera=photo_camera)
+        camera = photo_camera.resized(height, width)
+        return replace(self, camera=camera, photo_camera=photo_camera, kept=[] if keep else None)
 
-    def image(self) -> NDArray:
-        """Read the photo: (H, W, 3) float32 in [0, 1], of the camera's size.
+    def image(self, photo: NDArray | None = None) -> NDArray:
+        """The photo: (H, W, 3) float32 in [0, 1], of the camera's size; read-only where it is kept.
+
+        Args:
+            photo: what `photo` gave, where that is at hand.
+
+        Raises:
+            InputError: see `photo`.
+        """
+        if self.kept:
+            return self.kept[0]
+        pixels = self.photo() if photo is None else photo
+        if self.photo_camera is None:
+            image = pixels.astype(np.float32) / np.float32(255)
+        else:
+            image = resize_cover(pixels, self.camera.height, self.camera.width)
+        if self.kept is not None:
+            image.flags.writeable = False
+            self.kept[:] = [image]
+        return image
+
+    def photo(self) -> NDArray:
+        """Read the photo: (H, W, 3) uint8 as it was taken, without its lens's distortion.
 
         Raises:
             InputError: names the photo, which cannot be read or is not of the size that its camera states.
@@ -73,11 +100,7 @@ class Frame:
             is_turned = pixels.shape[:2] == (stated.width, stated.height)
             turned = ": the photo was turned after its camera was found; turn it back" if is_turned else ""
             raise InputError(f"{found}{turned}", where=str(self.path))
-        if self.lens is not None:
-            pixels = self.lens.undistort(pixels)
-        if self.photo_camera is None:
-            return pixels.astype(np.float32) / np.float32(255)
-        return resize_cover(pixels, self.camera.height, self.camera.width)
+        return pixels if self.lens is None else self.lens.undistort(pixels)
 
 
 def even_sizes(frames: Iterable[Frame]) -> tuple[Frame, ...]:
@@ -170,7 +193,9 @@ class Scene:
         for name, side in (("height", height), ("width", width)):
             if isinstance(side, bool) or not isinstance(side, Integral) or side < 1:
                 raise InputError(f"{str(side)[:40]}, expected a whole number of 1 or more", where=name)
-        return replace(self, frames=tuple(frame.resized(int(height), int(width)) for frame in self.frames))
+        room = KEPT_BYTES // (12 * int(height) * int(width))
+        resized = (frame.resized(int(height), int(width), keep=i < room) for i, frame in enumerate(self.frames))
+        return replace(self, frames=tuple(resized))
 
     def images(self, size: tuple[int, int] | None = None, show: Show = plain) -> NDArray:
         """Read the photos.
