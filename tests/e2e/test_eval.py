@@ -58,36 +58,6 @@ def test_a_run_prints_tables_and_writes_what_was_asked_for(scenes, tmp_path):
     assert (tmp_path / "r.csv").read_text().count("\n") == 2
 
 
-def test_closer_and_with_more_photos_are_measured_where_asked_for(tmp_path):
-    window = {"kind": "multi", "context": [0, 1, 3, 4], "target": [2]}
-    scene = write_eval_scene(tmp_path / "plane", [window], frames=5)
-    done = run("eval", scene, "-o", tmp_path, "--zoom", "0.5,1,2", "--nested", "--lpips", "none", "--size", "64x48")
-    (entry,) = json.loads((tmp_path / "results.json").read_text())["scenes"]
-    assert entry["zoom"]["1"]["psnr"] == pytest.approx(entry["psnr"], abs=1e-6)
-    assert entry["zoom"]["1"]["psnr_enlarged"] == pytest.approx(entry["psnr"], abs=1e-4)
-    assert [entry["zoom"][factor]["photos_enlarged"] for factor in ("0.5", "1", "2")] == [0.5, 1, 2]
-    assert "smaller than the picture, enlarged (2.00 ×)" in done.stdout
-    assert set(entry["nested"]) == {"2", "4"} and entry["nested"]["4"] == pytest.approx(entry["psnr_raw"], abs=1e-6)
-    assert "nearest 2 photos, dB" in done.stdout
-    said = run("eval", scene, "-o", tmp_path, "--zoom", "0", *OPTIONS, status=2).stderr
-    assert "--zoom: 0, accepted are 0.0625 to 16" in said
-
-
-def test_refined_and_drawn_otherwise_where_asked_for(tmp_path):
-    """Three photos, and depths that are looked for behind the plane: what was before stands beside what is better."""
-    pytest.importorskip("numba")
-    scene = write_eval_scene(tmp_path / "plane", [{"kind": "multi", "context": [0, 2, 4], "target": [1, 3]}], frames=5)
-    found = []
-    for words in (["--refine", 5], ["--draw", "order=depth"]):
-        run("eval", scene, "-o", tmp_path / words[0], *words, "--near", 5.5, "--far", 12, *OPTIONS, "-q")
-        found += json.loads((tmp_path / words[0] / "results.json").read_text())["scenes"]
-    refined, defined = found
-    assert (refined["refined"]["steps"], refined["refined"]["kept"]) == (5, 5) and refined["seconds"]["refine"] > 0
-    assert refined["psnr_raw"] > refined["refined"]["psnr_before"] + 0.3
-    assert refined["psnr"] == pytest.approx(refined["psnr_raw"], abs=0.5)  # what is coded is refined
-    assert abs(defined["psnr_raw"] - refined["refined"]["psnr_before"]) > 0.01 and "refined" not in defined
-
-
 def test_bad_scenes_cost_a_line_each_and_the_others_still_run(tmp_path):
     scenes = tmp_path / "scenes"
     write_eval_scene(scenes / "good")

@@ -24,24 +24,13 @@ from PIL import Image
 from scenes import make_smooth_gaussians
 
 from tinysplat.measure.metrics import psnr, ssim
-from tinysplat.measure.pictures import rescaled
-from tinysplat.measure.quality import (
-    Coding,
-    Prepared,
-    Quality,
-    document,
-    groups_of,
-    mean_of_rows,
-    mean_of_scenes,
-    record,
-)
+from tinysplat.measure.quality import Coding, Quality, document, groups_of, mean_of_rows, mean_of_scenes, record
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
 from tinysplat.measure.show.sheets import result_sheets
 from tinysplat.measure.studies.quality import summary_table
 from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FolderSource, find_sources, read_depth
-from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
 
@@ -227,31 +216,6 @@ def test_gaussian_files_are_measured_against_their_own_render(tmp_path):
     assert entry["psnr"] is None and entry["psnr_raw"] is None and entry["psnr_decoded_raw"] > 25
     assert (entry["model"], entry["kind"], entry["height"], entry["width"]) == ("g", "file", 16, 24)
     assert "zoom" not in entry and "nested" not in entry
-
-
-def test_chunks_of_a_data_set_are_measured_and_missing_scenes_counted(tmp_path):
-    chunks = write_chunks(tmp_path / "re10k", [[make_chunk_scene("k")]])
-    window = {"context": [0, 2], "target": [1]}
-    (tmp_path / "index.json").write_text(json.dumps({"k": window, "gone": window, "lost": window, "null": None}))
-    sources, left_out = find_sources([chunks], index=tmp_path / "index.json", near=2.0, far=8.0)
-    assert [entry.count for entry in left_out] == [2] and "such as gone" in left_out[0].why
-    outcome = evaluate(Plan(sources, ("sweep",), (48, 48)), tmp_path / "results", CODINGS[1:], zooms=(2.0,))
-    entry = record(outcome.rows[0])
-    assert (entry["scene"], entry["kind"], entry["height"], entry["width"]) == ("k", "re10k", 48, 48)
-    assert entry["zoom"]["2"]["photos_enlarged"] == pytest.approx(96 / 360)
-
-
-def test_zoomed_pictures_and_enlarged_ones_meet_the_same_pixels_of_the_photo(measured):
-    """The photo itself, brought to half its size and back, is far nearer than one that lies a pixel aside."""
-    scene, _, _ = measured
-    (job, _), _, _ = list_jobs(plan_of(scene, size=(24, 32)))
-    (zoom,) = Prepared.of(job, Runtime(threads=1), Quality(CODINGS, scene, zooms=(2.0,))).zooms
-    photo = zoom.shots.targets.images[0]
-    native, target = zoom.native[0], zoom.shots.targets.cameras[0]
-    np.testing.assert_allclose(native.K_unit, target.K_unit)
-    assert (native.height, native.width) == (24, 32) and photo.shape == (48, 64, 3)
-    back = rescaled(rescaled(photo, 24, 32), 48, 64)
-    assert psnr(back, photo) > psnr(np.roll(back, 1, axis=1), photo) + 6
 
 
 # ---- condensing --------------------------------------------------------------------------------------------------

@@ -11,24 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from page.scripts import close
-from page.scripts import run as run_with
 from scenes import make_cameras, make_gaussians, make_smooth_gaussians
-from scipy.spatial.transform import Rotation
 from web.node import node
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.sh import sh_basis
 from tinysplat_runtime.render.near import NearViews
 from tinysplat_runtime.render.renderer import NEAR_PLANE
 
 PAGE = Path(ts.__file__).parent / "page"
 SCRIPT = Path(__file__).with_name("draw.mjs")
-IMPORTS = f"""
-import {{ ARITHMETIC }} from "./arithmetic.js";
-import {{ basisOf, functionsOf }} from "{SCRIPT.with_name("glsl.mjs").as_uri()}";
-"""
 
 
 def as_view(camera: ts.Camera, origin: NDArray) -> dict[str, Any]:
@@ -122,55 +114,3 @@ def test_views_shares_are_the_rasteriser_s(tmp_path: Path, views: int) -> None:
     gaussians = replace(gaussians, opacities=0.4 * gaussians.opacities)  # so that what lies behind shows
     camera = moved(gaussians.cameras[views // 2], (0.03, 0.02, 0.01), 0.05)
     agrees(drawn(tmp_path, gaussians, camera, dilation="own", order="near"), ts.render(gaussians, camera))
-
-
-def test_each_function_is_what_numpy_finds() -> None:
-    rng = np.random.default_rng(3)
-    rows, forwards, sizes = rng.normal(size=(6, 3)), rng.normal(size=(6, 3)), rng.uniform(0.1, 2, (6, 3))
-    quats, directions = rng.normal(size=(6, 4)), rng.normal(size=(6, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    shapes = [(3, 0.5, 1), (1, -0.5, 3), (2, 0, 1), (1, 0, 2), (2, 0, 2), (0.02, 0.01, 0.03), (2, 1.9, 2)]
-    owns = [0, 0.05, 0.2, 1, 1.5, 3]
-    found = run_with(
-        """
-        const glsl = functionsOf(ARITHMETIC), vec = ([x, y, z, w]) => ({ x, y, z, w }), numbers = (v) => [v.x, v.y,
-          v.z].filter((n) => n !== undefined);
-        return [
-          rows.map((row, n) => [glsl.dot3(vec(row), vec(forwards[n])), numbers(glsl.cross3(vec(row), vec(forwards[n]))),
-            numbers(glsl.jacobian(vec(row), vec(forwards[n]), 0.7, 2.5)), numbers(glsl.across(vec(row),
-              vec(quats[n]), vec(sizes[n])))]),
-          directions.map(([x, y, z]) => basisOf(glsl, { x, y, z })),
-          shapes.map(([a, b, c]) => [glsl.lesser(a, b, c, a * c - b * b), numbers(glsl.halfAxes(a, b, c,
-            a * c - b * b)),
-            owns.map((own) => numbers(glsl.widening(a, b, c, a * c - b * b, own)))]),
-          [glsl.LEAST_ALPHA, glsl.lesser(0, 0, 0, 1)],
-        ];
-        """,
-        IMPORTS,
-        rows=rows.tolist(),
-        forwards=forwards.tolist(),
-        sizes=sizes.tolist(),
-        quats=quats.tolist(),
-        directions=directions.tolist(),
-        shapes=shapes,
-        owns=owns,
-    )
-    rotations = Rotation.from_quat(quats[:, [1, 2, 3, 0]]).as_matrix()
-    for n, (dot, cross, jacobian, across) in enumerate(found[0]):
-        close(dot, rows[n] @ forwards[n])
-        close(cross, np.cross(rows[n], forwards[n]))
-        close(jacobian, (rows[n] - 0.7 * forwards[n]) / 2.5)
-        close(across, rows[n] @ rotations[n] * sizes[n])
-    close(found[1], sh_basis(directions, 4), 1e-9)
-    for (a, b, c), (least, axes, wider) in zip(shapes, found[2], strict=True):
-        (small, large), vectors = np.linalg.eigh([[a, b], [b, c]])
-        close([least, axes[2]], [small, np.sqrt(2 * small)])
-        assert np.hypot(*axes[:2]) == pytest.approx(np.sqrt(2 * large))
-        assert large == small or abs(np.dot(axes[:2], vectors[:, 1])) == pytest.approx(np.sqrt(2 * large))
-        for own, (added, fainter) in zip(owns, wider, strict=True):
-            wide = max(own, 0.125) if own else 1
-            wanted = 0.3 * wide**2
-            close(added, max(wanted - (small if wide > 1 else 0), 0.3))
-            area = [(a + e) * (c + e) - b * b for e in (wanted, added)]
-            close(fainter, np.sqrt(area[0] / area[1]) if wide < 1 else 1)
-    close(found[3], [1 / 255, 1e12], 0)

@@ -1,5 +1,4 @@
-"""The import graph of the project's own modules, read off the code: `python tests/project/imports.py` prints its
-circles, what lies in the rooms of the runtime, and which room leans on which.
+"""The import graph of the project's own modules, read off the code, and its circles.
 
 Every import counts: inside functions, and for types alone. A circle is a set of modules that all reach each other.
 """
@@ -7,7 +6,6 @@ Every import counts: inside functions, and for types alone. A circle is a set of
 from __future__ import annotations
 
 import ast
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -72,28 +70,3 @@ def _reached(module: str, graph: Graph) -> set[str]:
 def room(module: str) -> str:
     """The folder of a package that a module lies in; the package itself for what lies flat."""
     return ".".join(module.split(".")[:2]) if module.count(".") > 1 else module.split(".")[0]
-
-
-def main() -> None:
-    """Print circles, rooms with their lines, and the arrows between rooms."""
-    files = modules()
-    graph = import_graph(files)
-    found = circles(graph)
-    print(f"{len(found)} import circle{'' if len(found) == 1 else 's'} among {len(files)} modules")
-    for circle in found:
-        print("  " + " ".join(circle))
-    runtime = {name: path for name, path in files.items() if name.startswith("tinysplat_runtime")}
-    rooms: dict[str, list[str]] = {}
-    for name, path in runtime.items():
-        is_package = path.name == "__init__.py" and name.count(".") == 1
-        rooms.setdefault(name if is_package else room(name), []).append(name)
-    print()
-    for name, members in sorted(rooms.items()):
-        lines = sum(len(runtime[member].read_text(encoding="utf-8").splitlines()) for member in members)
-        targets = {room(target) for member in members for target in graph[member]} - {name, "tinysplat_runtime"}
-        leans = ", ".join(sorted(target.removeprefix("tinysplat_runtime.") for target in targets))
-        print(f"{name:30} {len(members):3} modules {lines:6} lines   leans on {leans or 'nothing'}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -10,7 +10,7 @@ from scenes import make_cameras, make_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import DEFINITION, Renderer, render
+from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.scene.cameras import Camera
 
 C0 = 0.28209479177387814  # ½·√(1/π)
@@ -139,17 +139,6 @@ def test_all_layers_are_drawn_and_may_have_different_degrees():
     picture = render(layered, camera, **DEFINITION)
     np.testing.assert_allclose(picture, render(layered.flat(), camera), atol=1e-6)
     assert not np.array_equal(picture, render(front, camera, **DEFINITION))
-
-
-def test_a_renderer_remembers_nothing_of_its_frames():
-    scene = make_gaussians(2, 12, 16, degree=3, layers=2)
-    cameras = make_cameras(3, 12, 16, spacing=1.5)
-    away = Camera(cameras[0].K, np.diag([-1.0, 1, -1, 1]), 16, 12)
-    renderer = Renderer(scene)
-    first = [renderer.render(c) for c in (*cameras, away)]
-    again = [renderer.render(c) for c in reversed((*cameras, away))]
-    for a, b in zip(first, reversed(again), strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize(

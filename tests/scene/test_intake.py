@@ -79,16 +79,6 @@ def test_an_angle_of_view_and_the_photo_itself_replace_intrinsics(folder: Path) 
     np.testing.assert_allclose(K, [[40, 0, WIDTH / 2], [0, 40, HEIGHT / 2], [0, 0, 1]])
 
 
-def test_each_axis_has_its_own_angle_of_view(folder: Path) -> None:
-    angles = {
-        f"camera_angle_{axis}": 2 * np.arctan(side / 2 / f) for axis, side, f in (("x", WIDTH, 40), ("y", HEIGHT, 50))
-    }
-    document = transforms(**angles)
-    del document["fl_x"], document["fl_y"]
-    K = load_scene(write_transforms(folder, document)).cameras[0].K
-    np.testing.assert_allclose([K[0, 0], K[1, 1]], [40, 50])
-
-
 def test_intrinsics_of_a_frame_win_over_those_of_the_document(folder: Path) -> None:
     document = transforms()
     document["frames"][1].update(fl_x=70.0)

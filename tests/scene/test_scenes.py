@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,7 @@ from scenes import FAR, NEAR, make_cameras, make_photo, scene_document, write_sc
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import resize_cover, write_png
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
-from tinysplat_runtime.scene.lenses import Lens
-from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
+from tinysplat_runtime.scene.scenes import Frame, Scene
 
 
 @pytest.fixture
@@ -204,16 +202,3 @@ def test_scenes_are_made_from_frames_in_python_too(folder: Path) -> None:
     assert Scene(folder, (frame,)).images().shape == (1, 24, 32, 3)
     with pytest.raises(InputError, match="no frames"):
         Scene(folder, ())
-
-
-def test_frames_of_one_size_of_photo_get_the_size_that_all_have(folder: Path) -> None:
-    """Photos of one size that come out of two lenses a little different; of several sizes they stay as they are."""
-    camera = make_cameras(1, 24, 32)[0]
-    lens = Lens("PINHOLE", (30.0, 30.0, 16.0, 12.0), 32, 24)
-    wide, tall = (Frame(camera.resized(*size), folder / "a.png", lens=lens) for size in ((22, 31), (23, 30)))
-    assert {(f.camera.height, f.camera.width) for f in even_sizes([wide, tall])} == {(22, 30)}
-    assert even_sizes([wide, wide]) == (wide, wide)
-    other = replace(tall, lens=Lens("PINHOLE", (30.0, 30.0, 16.0, 12.0), 33, 24))
-    assert even_sizes([wide, other]) == (wide, other)
-    lower = replace(wide, camera=camera.resized(20, 31))
-    assert {(f.camera.height, f.camera.width) for f in even_sizes([wide, lower])} == {(20, 31)}
