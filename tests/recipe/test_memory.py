@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import make_gaussians
+from scenes import make_gaussians, make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.memory import check_memory
-from tinysplat_runtime.recipe.own import looked_at, own_psnr
+from tinysplat_runtime.recipe.own import looked_at, near_of, own_psnr
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 Says = Callable[..., None]
@@ -91,5 +91,17 @@ def test_a_capture_is_held_against_some_of_its_photos() -> None:
     assert len(views) < 20 and (views[0], views[-1]) == (0, 99) and np.ptp(np.diff(views)) <= 1
     gaussians = make_gaussians(7)
     pictures = np.stack([ts.render(gaussians, gaussians.cameras[v]) for v in (1, 5)])
-    assert own_psnr(gaussians, pictures, None, [1, 5]) == pytest.approx(150)
-    assert own_psnr(gaussians, pictures, None, [5, 1]) < 60
+    seen = [gaussians.cameras[v] for v in (1, 5)]
+    assert own_psnr(lambda _: gaussians, seen, pictures, None) == pytest.approx(150)
+    assert own_psnr(lambda _: gaussians, seen[::-1], pictures, None) < 60
+
+
+def test_a_look_at_a_capture_decodes_the_views_about_a_camera() -> None:
+    runtime, gaussians = ts.Runtime(), make_smooth_gaussians(12)
+    data = runtime.compress(gaussians)
+    for view in (0, 11):
+        found = near_of(data, 12, runtime, "edge")(gaussians.cameras[view])
+        assert gaussians.cameras[view].c2w.tolist() in [camera.c2w.tolist() for camera in found.cameras]
+        assert len(found.cameras) < 12
+    few = runtime.compress(make_smooth_gaussians(6))
+    assert len(near_of(few, 6, runtime, "edge")(gaussians.cameras[0]).cameras) == 6

@@ -296,5 +296,5 @@ def test_own_psnr_is_that_of_the_render_to_photos() -> None:
 
     gaussians = make_smooth_gaussians(2, 24, 32)
     pictures = np.stack([ts.render(gaussians, view) for view in gaussians.cameras])
-    assert own_psnr(gaussians, pictures, None) == pytest.approx(150)
-    assert own_psnr(gaussians, pictures + 0.1, None) == pytest.approx(20, abs=1e-3)
+    assert own_psnr(lambda _: gaussians, gaussians.cameras, pictures, None) == pytest.approx(150)
+    assert own_psnr(lambda _: gaussians, gaussians.cameras, pictures + 0.1, None) == pytest.approx(20, abs=1e-3)

@@ -35,13 +35,14 @@ def encode(args: Namespace) -> None:
     coded = encode_photos(request, runtime, listener, keep=bool(args.report))
     _write(voice_of(args), coded, args.report, runtime, model=args.model)
     if not args.quiet:
-        from ..recipe.own import looked_at, own_psnr
+        from ..recipe.own import looked_at, near_of, own_psnr
 
         with working("comparing", quiet=False):
-            decoded = runtime.decompress(coded.data, model=args.model)
-            views = looked_at(len(coded.photos.frames))
-            psnr = own_psnr(decoded, coded.photos.views(views).images(), args.threads, views)
-        _report_own(voice_of(args), coded, decoded.count, psnr)
+            photos = len(coded.photos.frames)
+            near, seen = near_of(coded.data, photos, runtime, args.model), coded.photos.views(looked_at(photos))
+            some = near(seen.cameras[0])
+            psnr = own_psnr(near, seen.cameras, seen.images(), args.threads)
+        _report_own(voice_of(args), coded, some.count // len(some.cameras) * photos, psnr)
 
 
 def _listener(*, quiet: bool, save_to: str | None) -> Listener:

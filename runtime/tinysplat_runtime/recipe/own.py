@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from io import BytesIO
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codec.decoder import decode_gaussians
+from ..codec.parts import SceneFile
+from ..codec.ranges import ranges_of
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render import Renderer
 from ..scene.cameras import Camera
 from ..system.decibels import decibels
 from .prepare import ALL_VIEWS
+from .stages import Tools
 
 LOW_DB = 20.0
 """Renders that differ more than this from their own photos point to something wrong with what was given."""
@@ -26,6 +32,13 @@ _SAMPLED = 16
 OWN_VIEWS = 8
 """Photos of a capture that are looked at, spread over it."""
 
+DRAWN_FROM, KEPT_BYTES = 8, 1 << 27
+"""Views of a capture that each of them is drawn from: those that are drawn whole, and as many behind them; and most
+memory of those that are kept for the next."""
+
+Near: TypeAlias = Callable[[Camera], Gaussians]
+"""What a camera's picture is drawn from."""
+
 
 def looked_at(count: int) -> list[int]:
     """Which of so many photos a scene is compared with."""
@@ -34,24 +47,47 @@ def looked_at(count: int) -> list[int]:
     return [int(i) for i in np.rint(np.linspace(0, count - 1, min(count, OWN_VIEWS)))]
 
 
-def own_psnr(gaussians: Gaussians, images: NDArray, threads: int | None, views: Sequence[int] | None = None) -> float:
-    """PSNR in dB of Gaussians' render at their own views to photos (V, H, W, 3), the mean over the views.
+def near_of(data: bytes, photos: int, tools: Tools, model: str) -> Near:
+    """What pictures of a file of so many photos are drawn from: all of it, but of a capture the views about a camera.
+
+    `model` is the network of files that hold photos.
+    """
+    if photos in ALL_VIEWS:
+        whole = decode_gaussians(data, tools.store, threads=tools.threads, limits=tools.limits, model=model)
+        return lambda _: whole
+    file = SceneFile(
+        ranges_of(BytesIO(data)),
+        tools.store,
+        threads=tools.threads,
+        limits=tools.limits,
+        model=model,
+        cache_bytes=KEPT_BYTES,
+    )
+    return lambda camera: file.near(camera, DRAWN_FROM)
+
+
+def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: int | None) -> float:
+    """PSNR in dB of a scene's render at its own views to photos (V, H, W, 3), the mean over the views.
 
     Args:
-        gaussians: with cameras.
+        near: the scene.
+        cameras: of the photos.
         images: the photos.
         threads: see `Renderer`.
-        views: which views the photos are of; None for all, in their order.
     """
     height, width = images.shape[1:3]
-    cameras = [gaussians.cameras[v] for v in (range(len(images)) if views is None else views)]
     rows = min(max(OWN_PIXELS // width, 1), height)
     first = (height - rows) // 2
-    whole = Renderer(gaussians, threads=threads, compiled=False) if rows == height else None
+    whole = None
+    if rows == height and len(cameras) in ALL_VIEWS:
+        whole = Renderer(near(cameras[0]), threads=threads, compiled=False)
     errors = []
     for camera, image in zip(cameras, images, strict=True):
         band = _rows_of(camera, slice(first, first + rows))
-        renderer = whole or Renderer(_about(gaussians, band), threads=threads, compiled=False)
+        renderer = whole
+        if renderer is None:
+            part = near(camera) if rows == height else _about(near(camera), band)
+            renderer = Renderer(part, threads=threads, compiled=False, keep=False)
         errors.append(float(np.mean((renderer.render(band) - image[first : first + rows]) ** 2, dtype=np.float64)))
     return float(np.mean([decibels(error) for error in errors]))
 
