@@ -160,7 +160,8 @@ def _sample(count: int, seed: str) -> list[Mutation]:
     for module in modules():
         by_room.setdefault(_room(module), []).extend(mutations(ROOT, module))
     for found in by_room.values():
-        found.sort(key=lambda mutation: sha256(f"{seed} {mutation.place}".encode()).digest())
+        # a number one up and one down are two, drawn each for itself
+        found.sort(key=lambda mutation: sha256(f"{seed} {mutation.place} {mutation.occurrence}".encode()).digest())
     rounds = -(-count // len(by_room))
     return [found[n] for n in range(rounds) for found in by_room.values() if n < len(found)][:count]
 
