@@ -288,7 +288,7 @@ class MovableGaussians:
 
     def _project(self, placed: _Placed, view: View, shares: Shares | None) -> Visible:
         piece, geometry = placed.piece, placed.geometry
-        kernels_gradient.place(piece.base, piece.centre, self.values[:, piece.rows], geometry, piece.sh)
+        kernels_gradient.place(piece.base, piece.centre, self.values, piece.start, geometry, piece.sh)
         share, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
         chunks = Chunks(placed.start, geometry.ravel(), piece.sh, lambda: self._block(placed))
         return self._buffers.project(chunks, view, share, front)

@@ -4,11 +4,13 @@ Adding sums up by Gaussian replays the listing of pairs, so results depend on ne
 haste. The chain from sums to values needs no derivative of a covariance: in whitened pixels y = F·d with exponent −|y|²
 (F has αx, βx and γ), Σ₂ enters as 2 tr(F dΣ₂ Fᵀ Σ pull·y·yᵀ), which needles do not cancel. What turns with the
 direction that colours of SH degree 1 and up are seen from is left out.
+
+Sums are added up for a chunk of 128 Gaussians, plane by plane in one array as in `kernels_project.py`, and the chain is
+then worked out for all of them by vector instructions.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,11 +31,29 @@ from .kernels_gradient import (
     PULL_W,
     PULL_WW,
     SH_RED,
+    VALUES,
+    exp,
 )
-from .kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, MEAN, OWN_PIXEL, RED, Number, ViewNumbers, compiled
+from .kernels_project import (
+    ALPHA_X,
+    AXES,
+    BETA_X,
+    CHUNK,
+    GAMMA,
+    GEOMETRY,
+    MEAN,
+    OWN_PIXEL,
+    RED,
+    Number,
+    ViewNumbers,
+    compiled,
+)
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE
 
-_F, _ZERO = np.float32, np.float32(0)
+_F, _I, _ZERO = np.float32, np.uint64, np.float32(0)
+_WORK = PAIR + 4  # planes of a chunk: sums, αx, βx, γ, logit; of these, gradients take the place of sums
+_P = tuple(_I(CHUNK * plane) for plane in range(max(_WORK, GEOMETRY)))
+_FACTORS, _LOGIT = PAIR, PAIR + 3
 
 
 class Moved(NamedTuple):
@@ -73,87 +93,109 @@ def add_up(
         view: as `kernels_project.project` takes it.
         gradient: (6, rows) float32 of the block, added to.
     """
-    total = np.empty(PAIR, np.float64)
-    for entry in range(seen.ids.size):
-        reached = seen.boxes[entry]
-        total[:] = 0
-        for tile_row in range(*rows_of(reached, tiles)):
-            for tile in range(*tiles_of(reached, tiles, tile_row)):
-                pair = ends[tile - tiles.first]
-                for number in range(PAIR):
-                    total[number] += pairs[pair, number]
-                ends[tile - tiles.first] += 1
-        if not total.any():
-            continue  # hidden, or where the photo knows nothing
-        record = records[seen.ids[entry]]
-        row = seen.ids[entry] - block.first
-        chunk, lane = block.geometry[row // CHUNK], row % CHUNK
-        along_depth, along_size = _shape_gradient(record, chunk, lane, block.centre, view, total)
-        gradient[LOG_DEPTH, row] += _F(along_depth)
-        gradient[LOG_SIZE, row] += _F(along_size)
-        rest = 1 + math.exp(np.float64(block.values[LOGIT, row]))  # of the opacity, to 1, inverted
-        gradient[LOGIT, row] += _F(total[PULL] / rest)
-        for channel in range(3):
-            if record[RED + channel] > _ZERO:
-                gradient[SH_RED + channel, row] += _F(C0 * total[BY_RED + channel])
+    ids, boxes, logits = seen.ids, seen.boxes, block.values[LOGIT]
+    work, lanes, entry = np.zeros(_WORK * CHUNK, np.float64), np.empty(CHUNK, np.int64), 0
+    geometry = block.geometry.ravel()
+    while entry < ids.size:
+        chunk, moved = (ids[entry] - block.first) // CHUNK, 0
+        start = block.first + chunk * CHUNK
+        while entry < ids.size and ids[entry] < start + CHUNK:
+            record, lane, found = ids[entry], ids[entry] - start, False
+            for number in range(PAIR):
+                work[_I(number * CHUNK + lane)] = 0
+            # Written out, as a call would count references for every splat
+            reached = boxes[entry, 0], boxes[entry, 1], boxes[entry, 2], boxes[entry, 3]
+            for tile_row in range(*rows_of(reached, tiles)):
+                for tile in range(*tiles_of(reached, tiles, tile_row)):
+                    pair = ends[tile - tiles.first]
+                    ends[tile - tiles.first] += 1
+                    for number in range(PAIR):
+                        found |= pairs[_I(pair), _I(number)] != _ZERO
+                        work[_I(number * CHUNK + lane)] += pairs[_I(pair), _I(number)]
+            entry += 1
+            if not found:
+                continue  # hidden, or where the photo knows nothing
+            for channel in range(3):
+                if not records[record, RED + channel] > _ZERO:
+                    work[_I((BY_RED + channel) * CHUNK + lane)] = 0
+            work[_I(_FACTORS * CHUNK + lane)] = records[record, ALPHA_X]
+            work[_I((_FACTORS + 1) * CHUNK + lane)] = records[record, BETA_X]
+            work[_I((_FACTORS + 2) * CHUNK + lane)] = records[record, GAMMA]
+            work[_I(_LOGIT * CHUNK + lane)] = logits[record - block.first]
+            lanes[moved] = lane
+            moved += 1
+        if moved:
+            _chain(geometry, _I(chunk * GEOMETRY * CHUNK), block.centre, view, work)
+        for kind in range(VALUES):
+            for lane in lanes[:moved]:
+                gradient[kind, chunk * CHUNK + lane] += _F(work[_I(kind * CHUNK + lane)])
 
 
 @compiled
-def _shape_gradient(
-    record: NDArray, geometry: NDArray, lane: Number, centre: NDArray, view: ViewNumbers, total: NDArray
-) -> tuple[Number, Number]:
-    """Gradients with respect to log depth, along the own camera's ray, and log size."""
+def _chain(geometry: NDArray, start: Number, centre: NDArray, view: ViewNumbers, work: NDArray) -> None:
+    """Gradients with respect to values, in place of sums; log depth is that along the own camera's ray."""
     (ox, oy, oz), (centre_x, centre_y, centre_z) = view.offset, (centre[0], centre[1], centre[2])
     (p00, p01, p02), (p10, p11, p12), (p20, p21, p22) = view.right, view.down, view.ahead
     (min_u, min_v), (max_u, max_v) = view.least, view.greatest
-    x, y = np.float64(geometry[MEAN, lane]), np.float64(geometry[MEAN + 1, lane])
-    z = np.float64(geometry[MEAN + 2, lane])
-    ray_x, ray_y, ray_z = x - centre_x, y - centre_y, z - centre_z
-    x, y, z = x + ox, y + oy, z + oz
-    scale = 1 / (p20 * x + p21 * y + p22 * z)
-    # Pixel of the mean and its change, both from the principal point
-    u, v = (p00 * x + p01 * y + p02 * z) * scale, (p10 * x + p11 * y + p12 * z) * scale
-    deeper = (p20 * ray_x + p21 * ray_y + p22 * ray_z) * scale  # relative change of depth
-    du = (p00 * ray_x + p01 * ray_y + p02 * ray_z) * scale - u * deeper
-    dv = (p10 * ray_x + p11 * ray_y + p12 * ray_z) * scale - v * deeper
-    ju, jv = min(max(u, min_u), max_u), min(max(v, min_v), max_v)
-    dju, djv = du if ju == u else 0.0, dv if jv == v else 0.0
-    # Rows m and n of J·W·axes; with the ray, axes grow too, which undoes the Jacobian's fall by depth in part
-    aa = ab = bb = a_da = ab_d = b_db = 0.0
-    for axis in range(3):
-        p = q = r = 0.0
-        for entry in range(3):
-            length = np.float64(geometry[AXES + 3 * entry + axis, lane])
-            p += view.right[entry] * length
-            q += view.down[entry] * length
-            r += view.ahead[entry] * length
-        m, n = (p - ju * r) * scale, (q - jv * r) * scale
-        dm, dn = m * (1 - deeper) - dju * r * scale, n * (1 - deeper) - djv * r * scale
-        aa += m * m
-        ab += m * n
-        bb += n * n
-        a_da += m * dm
-        ab_d += m * dn + n * dm
-        b_db += n * dn
-    f, g, h = np.float64(record[ALPHA_X]), np.float64(record[BETA_X]), np.float64(record[GAMMA])
-    # 2 tr(F dΣ Fᵀ Q) as factors of da, db and dc
-    by_a = 2 * f * f * total[PULL_UU]
-    by_b = 4 * f * g * total[PULL_UU] + 4 * f * h * total[PULL_UW]
-    by_c = 2 * g * g * total[PULL_UU] + 4 * g * h * total[PULL_UW] + 2 * h * h * total[PULL_WW]
-    by_u, by_v = 2 * f * total[PULL_U], 2 * (g * total[PULL_U] + h * total[PULL_W])
-    along_depth = by_u * du + by_v * dv + 2 * a_da * by_a + ab_d * by_b + 2 * b_db * by_c
-    along_size = 2 * (aa * by_a + ab * by_b + bb * by_c)
-    own = np.float64(geometry[OWN_PIXEL, lane]) * view.focal * scale
-    covariance, change = (aa, ab, bb), (2 * a_da, ab_d, 2 * b_db)
-    if own > 1:
+    for lane in range(CHUNK):
+        i = _I(lane)
+        at = start + i
+        x, y = np.float64(geometry[at + _P[MEAN]]), np.float64(geometry[at + _P[MEAN + 1]])
+        z = np.float64(geometry[at + _P[MEAN + 2]])
+        ray_x, ray_y, ray_z = x - centre_x, y - centre_y, z - centre_z
+        x, y, z = x + ox, y + oy, z + oz
+        scale = 1 / (p20 * x + p21 * y + p22 * z)
+        # Pixel of the mean and its change, both from the principal point
+        u, v = (p00 * x + p01 * y + p02 * z) * scale, (p10 * x + p11 * y + p12 * z) * scale
+        deeper = (p20 * ray_x + p21 * ray_y + p22 * ray_z) * scale  # relative change of depth
+        du = (p00 * ray_x + p01 * ray_y + p02 * ray_z) * scale - u * deeper
+        dv = (p10 * ray_x + p11 * ray_y + p12 * ray_z) * scale - v * deeper
+        ju, jv = _clipped(u, min_u, max_u), _clipped(v, min_v, max_v)
+        dju, djv = du if ju == u else 0.0, dv if jv == v else 0.0
+        # Rows m and n of J·W·axes; with the ray, axes grow too, which undoes the Jacobian's fall by depth in part
+        aa = ab = bb = a_da = ab_d = b_db = 0.0
+        for axis in range(3):
+            a0 = np.float64(geometry[at + _P[AXES] + _I(axis * CHUNK)])
+            a1 = np.float64(geometry[at + _P[AXES + 3] + _I(axis * CHUNK)])
+            a2 = np.float64(geometry[at + _P[AXES + 6] + _I(axis * CHUNK)])
+            r = p20 * a0 + p21 * a1 + p22 * a2
+            m = (p00 * a0 + p01 * a1 + p02 * a2 - ju * r) * scale
+            n = (p10 * a0 + p11 * a1 + p12 * a2 - jv * r) * scale
+            dm, dn = m * (1 - deeper) - dju * r * scale, n * (1 - deeper) - djv * r * scale
+            aa += m * m
+            ab += m * n
+            bb += n * n
+            a_da += m * dm
+            ab_d += m * dn + n * dm
+            b_db += n * dn
+        pull, pull_u, pull_w = work[i + _P[PULL]], work[i + _P[PULL_U]], work[i + _P[PULL_W]]
+        pull_uu, pull_uw, pull_ww = work[i + _P[PULL_UU]], work[i + _P[PULL_UW]], work[i + _P[PULL_WW]]
+        f, g, h = work[i + _P[_FACTORS]], work[i + _P[_FACTORS + 1]], work[i + _P[_FACTORS + 2]]
+        # 2 tr(F dΣ Fᵀ Q) as factors of da, db and dc
+        by_a = 2 * f * f * pull_uu
+        by_b = 4 * f * g * pull_uu + 4 * f * h * pull_uw
+        by_c = 2 * g * g * pull_uu + 4 * g * h * pull_uw + 2 * h * h * pull_ww
+        by_u, by_v = 2 * f * pull_u, 2 * (g * pull_u + h * pull_w)
+        along_depth = by_u * du + by_v * dv + 2 * a_da * by_a + ab_d * by_b + 2 * b_db * by_c
+        along_size = 2 * (aa * by_a + ab * by_b + bb * by_c)
+        own = np.float64(geometry[at + _P[OWN_PIXEL]]) * view.focal * scale
+        covariance, change = (aa, ab, bb), (2 * a_da, ab_d, 2 * b_db)
         wider, wider_size = _widening(own, 1 - deeper, covariance, change)
-        along_depth += wider * (by_a + by_c)
-        along_size += wider_size * (by_a + by_c)
-    elif own > 0:
         faded, faded_size = _fading(own, 1 - deeper, covariance, change)
-        along_depth += faded * total[PULL]
-        along_size += faded_size * total[PULL]
-    return along_depth, along_size
+        by_depth = wider * (by_a + by_c) if own > 1 else faded * pull
+        by_size = wider_size * (by_a + by_c) if own > 1 else faded_size * pull
+        red, green, blue = work[i + _P[BY_RED]], work[i + _P[BY_RED + 1]], work[i + _P[BY_RED + 2]]
+        work[i + _P[LOG_DEPTH]] = along_depth + (by_depth if own > 0 else 0.0)
+        work[i + _P[LOG_SIZE]] = along_size + (by_size if own > 0 else 0.0)
+        work[i + _P[LOGIT]] = pull / (1 + exp(work[i + _P[_LOGIT]]))  # the rest of the opacity, to 1
+        work[i + _P[SH_RED]], work[i + _P[SH_RED + 1]], work[i + _P[SH_RED + 2]] = C0 * red, C0 * green, C0 * blue
+
+
+@compiled
+def _clipped(value: Number, low: Number, high: Number) -> Number:
+    """A number within limits, by two choices, as a vector instruction makes them."""
+    value = value if value > low else low
+    return value if value < high else high
 
 
 @compiled
@@ -163,13 +205,13 @@ def _widening(
     """Change of the dilation by log depth and by log size; arguments as those of `_fading`, but `own` above 1."""
     a, b, c = covariance
     da, db, dc = change
-    apart = math.sqrt((a - c) * (a - c) + 4 * b * b)
+    apart = np.sqrt((a - c) * (a - c) + 4 * b * b)
     least = (a * c - b * b) / max(0.5 * (a + c + apart), LEAST_VARIANCE)
     e = DILATION * own * own
-    if e - least <= DILATION:
-        return 0.0, 0.0
-    turned = ((a - c) * (da - dc) + 4 * b * db) / apart if apart > 0 else 0.0
-    return 2 * e * wider - 0.5 * (da + dc - turned), -2 * least
+    turned = ((a - c) * (da - dc) + 4 * b * db) / max(apart, 1e-30)  # of a circle, 0
+    by_depth, by_size = 2 * e * wider - 0.5 * (da + dc - turned), -2 * least
+    is_wider = e - least > DILATION
+    return by_depth if is_wider else 0.0, by_size if is_wider else 0.0
 
 
 @compiled
