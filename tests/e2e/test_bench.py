@@ -50,16 +50,6 @@ def test_every_study_leaves_rows_that_have_figures_or_costs_or_say_why(rows: lis
     assert machine["onnxruntime"] and machine["cores"] >= 1
 
 
-def test_stages_of_large_photos_are_weighed(rows: list[Row]) -> None:
-    peaks = {
-        (row.study, row.way): row.costs.get("peak_bytes") for row in rows if row.study.startswith("growth photos, e")
-    }
-    whole = {way: peak for (study, way), peak in peaks.items() if study == "growth photos, encode"}
-    assert whole and all(peak > 50e6 for peak in peaks.values())
-    assert all(peak <= whole[way] for (_, way), peak in peaks.items())
-    assert any(study.endswith(": x265") for study, _ in peaks)
-
-
 def test_the_report_shows_every_plot_that_it_embeds(folder: Path) -> None:
     text = (folder / "report.md").read_text()
     plots = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text)

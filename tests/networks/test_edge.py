@@ -9,11 +9,8 @@ import pytest
 import torch
 from networks.two_planes import FAR, NEAR, trace
 from torch import Tensor, nn
-from torch.nn import functional
 
 from tinysplat.networks.edge import OPACITY_CAP, OUTPUT_NAMES, Edge
-from tinysplat.networks.edge_analysis import expected_level
-from tinysplat.networks.edge_layers import convex_upsampling
 from tinysplat.networks.sweep import Sweep
 from tinysplat.rasteriser import PinholeCamera, render
 from tinysplat_runtime.gaussian.sh import C0
@@ -90,41 +87,3 @@ def test_drawn_four_times_as_large_a_surface_has_no_holes(network: nn.Module) ->
         means, quats, scales, opacities, sh = layers
         _, left = render(means, quats, scales, opacities, (0.5 + C0 * sh[:, 0]).clamp_min(0), place)
     assert float(left.max()) <= 0.02
-
-
-def test_the_refiner_has_no_liking_for_a_depth() -> None:
-    refiner = disturbed(0.1).refiner
-    volumes, maps = torch.zeros(1, 3, 16, 8, 8), torch.rand(1, 6, 8, 8)
-    volumes[:, :, 5:8] = torch.rand(1, 3, 3, 8, 8)
-    with torch.no_grad():
-        here, there = refiner(volumes, maps), refiner(volumes.roll(4, dims=2), maps)
-    torch.testing.assert_close(there[:, 6:14], here[:, 2:10])
-    assert float((here[:, 5:8] - here[:, 12:13]).abs().max()) > 1e-3
-
-
-def test_every_weight_is_reached_by_the_gradient() -> None:
-    network = disturbed(0.01)
-    prediction = network.predict(*inputs(2, 64, 64))
-    total = sum(values.square().mean() for values in prediction.outputs if values.requires_grad)
-    total = total + prediction.logits.square().mean()
-    total.backward()
-    without = [n for n, p in network.named_parameters() if p.grad is None or not torch.isfinite(p.grad).all()]
-    assert without == []
-    assert sum(float(p.grad.abs().max()) > 0 for p in network.parameters()) > 0.9 * len(list(network.parameters()))
-
-
-@pytest.mark.parametrize("position", [4.0, 4.3, 9.75])
-def test_the_expected_level_is_found_to_a_fraction_of_a_candidate(position: float) -> None:
-    index = torch.arange(16.0)[None, :, None, None]
-    logits = (-0.5 * ((index - position) / 0.7).square()).clamp_min(-8) + torch.zeros(1, 16, 2, 2)
-    level, mass = expected_level(logits)
-    torch.testing.assert_close(level * 15, torch.full((1, 1, 2, 2), position), atol=0.02, rtol=0)
-    assert float(mass.min()) > 0.9
-
-
-def test_upsampling_never_leaves_the_range_of_the_neighbourhood() -> None:
-    values = torch.rand(1, 1, 6, 6)
-    found = convex_upsampling(values, 5 * torch.randn(1, 36, 6, 6))
-    low = -functional.max_pool2d(-values, 3, 1, 1).repeat_interleave(2, 2).repeat_interleave(2, 3)
-    high = functional.max_pool2d(values, 3, 1, 1).repeat_interleave(2, 2).repeat_interleave(2, 3)
-    assert ((found >= low - 1e-6) & (found <= high + 1e-6)).all()

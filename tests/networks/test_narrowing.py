@@ -8,7 +8,7 @@ import torch
 from networks.two_planes import FAR, NEAR, trace
 from torch import Tensor
 
-from tinysplat.networks.narrowing import NarrowingSettings, narrowed, quantile
+from tinysplat.networks.narrowing import NarrowingSettings, narrowed
 from tinysplat.networks.pairs import ViewPairs
 from tinysplat.networks.sweep import InverseDepths, SweepSettings
 
@@ -70,15 +70,3 @@ def test_without_a_baseline_the_whole_range_stays() -> None:
 def test_blank_pictures_give_a_finite_range() -> None:
     whole, found, _ = look(NEAR, FAR, flat=True)
     assert torch.isfinite(found.offset).all() and (found.span > 0).all() and (found.span <= whole.span * 1.001).all()
-
-
-@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.98])
-def test_the_quantile_is_that_of_the_weighted_distribution(share: float) -> None:
-    draws = np.random.default_rng(1)
-    level, weight = draws.beta(2, 5, (2, 1, 40, 50)), draws.uniform(0.3, 1, (2, 1, 40, 50))
-    found = quantile(torch.from_numpy(level), torch.from_numpy(weight), share, 36)
-    for i in range(2):
-        order = level[i].ravel().argsort()
-        below = weight[i].ravel()[order].cumsum() / weight[i].sum()
-        expected = level[i].ravel()[order][np.searchsorted(below, share)]
-        assert float(found[i]) == pytest.approx(expected, abs=0.5 / 35)

@@ -51,28 +51,6 @@ def test_every_photo_is_kept_once_in_a_group_that_suits_it(count: int, size: int
             assert neighbours.cost(v, group.views) <= 1.3 * neighbours.cost(v, neighbours.own_group(v, size)) + 1e-12
 
 
-def test_groups_are_far_fewer_than_photos() -> None:
-    assert len(grouped(found(scattered(96)))) <= 40
-
-
-def test_photos_far_from_their_own_partners_share_none() -> None:
-    neighbours = found([camera_at(x) for x in (0, 0.1, 0.2, 0.3, 0.4, 2, 3, 4)])
-    groups = grouped(neighbours, shared=0.1)
-    keeps = {v: group for group in groups for v in group.kept}
-    assert len(keeps) == 8 and len({id(keeps[v]) for v in range(5)}) < 5
-    for v in (5, 6, 7):
-        assert keeps[v].views == neighbours.own_group(v)
-
-
-def test_a_photo_is_kept_where_its_partners_are_nearest() -> None:
-    neighbours = found(scattered(30))
-    groups = grouped(neighbours)
-    for group in groups:
-        for v in group.kept:
-            others = [neighbours.cost(v, other.views) for other in groups if v in other.views]
-            assert neighbours.cost(v, group.views) == min(others)
-
-
 def test_groups_depend_on_no_unit_and_no_order() -> None:
     cameras = scattered(20)
     tenfold = np.array([[1, 1, 1, 10]] * 3 + [[1, 1, 1, 1]])
