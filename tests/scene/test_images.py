@@ -333,6 +333,24 @@ def test_constant_images_stay_constant_at_any_size() -> None:
         np.testing.assert_allclose(resize_cover(np.full((19, 23, 3), 51, np.uint8), *size), 0.2, atol=1e-6)
 
 
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_a_jpeg_that_is_read_smaller_gives_the_same_small_picture(
+    tmp_path: Path, orientation: int, progressive: bool
+) -> None:
+    photo, exif = Image.fromarray(photo_like(301, 397)), Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / "a.jpg"
+    path.write_bytes(encoded(photo, "JPEG", quality=95, progressive=progressive, exif=exif))
+    whole = read_image(path)
+    for shrink in (2, 4, 8):
+        small = read_image(path, shrink=shrink)
+        assert small.shape[:2] == tuple(-(-side // shrink) for side in whole.shape[:2])
+        size = whole.shape[0] // (2 * shrink), whole.shape[1] // (2 * shrink)
+        error = resize_cover(small, *size, whole.shape[:2]) - resize_cover(whole, *size)
+        assert np.sqrt(np.square(error).mean()) < 1 / 255
+
+
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_headers_tell_the_size_as_shown_and_whether_it_is_turned(tmp_path: Path, orientation: int) -> None:
     exif = Image.Exif()

@@ -144,8 +144,9 @@ class _Thumbnails:
         images, found = [], {}
         frames = list(zip(scene.frames, closer, small.cameras, strict=True))
         for v, (frame, close, target) in enumerate(show(frames, count, str)):
-            photo = None if frame.kept else frame.photo()
-            if frame.kept is not None:
+            photo, size = None, (frame.camera.height, frame.camera.width)
+            if frame.kept == [] and size >= (close.camera.height, close.camera.width):
+                photo = frame.photo(size)
                 frame.image(photo)  # is kept: the network will have it
             image = close.image(photo)
             images.append(resize_cover(image, target.height, target.width))

@@ -26,6 +26,9 @@ from .lenses import Lens
 MAX_CAMERAS_BYTES = 64 * 1000 * 1000
 """A frame takes about 500 bytes, so this is more than 100,000 of them."""
 
+LARGE_PHOTO = 1 << 20
+"""Pixels of a photo from which on it is read as small as is enough for the picture that is wanted."""
+
 KEPT_BYTES = 128 << 20
 """Of resized photos that a scene keeps, once read: reading one of 12 million pixels again takes half a second."""
 
@@ -72,23 +75,35 @@ class Frame:
         """
         if self.kept:
             return self.kept[0]
-        pixels = self.photo() if photo is None else photo
+        size = self.camera.height, self.camera.width
+        pixels = self.photo(None if self.photo_camera is None else size) if photo is None else photo
         if self.photo_camera is None:
             image = pixels.astype(np.float32) / np.float32(255)
         else:
-            image = resize_cover(pixels, self.camera.height, self.camera.width)
+            image = resize_cover(pixels, *size, (self.photo_camera.height, self.photo_camera.width))
         if self.kept is not None:
             image.flags.writeable = False
             self.kept[:] = [image]
         return image
 
-    def photo(self) -> NDArray:
+    def photo(self, least: tuple[int, int] | None = None) -> NDArray:
         """Read the photo: (H, W, 3) uint8 as it was taken, without its lens's distortion.
+
+        Args:
+            least: (height, width) of pictures that it is enough for; None for the whole photo. A large JPEG is read a
+                half, a quarter or an eighth as large, but twice as large as these at least.
 
         Raises:
             InputError: names the photo, which cannot be read or is not of the size that its camera states.
         """
         stated = self.lens or self.photo_camera or self.camera
+        if least is not None and self.lens is None and self.video is None:
+            share = max(least[0] / stated.height, least[1] / stated.width)
+            fits = [n for n in (2, 4, 8) if 2 * n * share <= 1 and stated.height * stated.width >= LARGE_PHOTO]
+            if fits:
+                small = read_image(self.path, shrink=fits[-1])
+                if small.shape[:2] == (-(-stated.height // fits[-1]), -(-stated.width // fits[-1])):
+                    return small
         pixels = read_image(self.path) if self.video is None else self.video.frame(self.index)
         if pixels.shape[:2] == (stated.width, stated.height) != (stated.height, stated.width) and self.video is None:
             pixels = read_image(self.path, upright=False)
