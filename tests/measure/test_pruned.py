@@ -29,8 +29,15 @@ def test_a_row_for_each_way_and_quality(tmp_path: Path) -> None:
         assert seeing.figures["bytes"] <= whole.figures["bytes"]
         assert blind.figures["bytes"] <= whole.figures["bytes"]
         assert all(row.figures["psnr_raw"] == rows[0].figures["psnr_raw"] for row in (whole, blind, seeing))
-    table = cells(find_study("pruned").tables["pruned"](rows))
-    assert set(table) == {"capture", "plane"} | {key for key in table if set(key) <= {"-", ":"}}
+    line = cells(find_study("pruned").tables["pruned in short"](rows))["plane"]
+    assert line[0] == f"{rows[0].figures['given']:,}"
+    assert line[1:4] == [
+        ", ".join(f"{row.figures['psnr_raw'] - row.figures['psnr']:.2f}" for row in rows if row.way == way)
+        for way in (WHOLE, BLIND, SEEING)
+    ]
+    assert float(line[4]) == pytest.approx(
+        max(rows[n].figures["psnr"] - rows[n + 1].figures["psnr"] for n in (0, 3)), abs=0.006
+    )
     kept = (tmp_path / "plane.npz").stat().st_mtime_ns
     assert [row.figures for row in rows_of("pruned", run)] == [row.figures for row in rows]
     assert (tmp_path / "plane.npz").stat().st_mtime_ns == kept
