@@ -26,6 +26,7 @@ from .kernels_project import (
     LEFT,
     LOG_OPACITY,
     REACH,
+    RECORD,
     RED,
     RIGHT,
     TOP,
@@ -342,7 +343,9 @@ def _clear(state: NDArray, extent: Extent) -> None:
 def bring_near(records: NDArray, rows: NDArray, keys: NDArray, near: NDArray) -> None:
     """Copy the records (n, 16) float32 that are blended next to `near`."""
     for entry in range(keys.size):
-        near[entry] = records[rows[keys[entry] & _I(0xFFFFFFFF)]]
+        row = _I(rows[keys[entry] & _I(0xFFFFFFFF)])
+        for column in range(RECORD):  # an assignment of rows would take two seconds to compile, for its errors' words
+            near[_I(entry), _I(column)] = records[row, _I(column)]
 
 
 @compiled
