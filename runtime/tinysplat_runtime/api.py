@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
+from numbers import Integral
 from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
@@ -63,8 +64,8 @@ class Runtime:
         models: str | os.PathLike[str] | None = None,
         limits: Limits | None = None,
     ) -> None:
-        if threads is not None and threads < 1:
-            raise InputError(f"{threads}, expected 1 or more", where="threads")
+        if threads is not None and (not isinstance(threads, Integral) or threads < 1):
+            raise InputError(f"{threads}, expected a whole number of 1 or more", where="threads")
         self.threads = threads or available_cores()
         self.limits = limits or Limits()
         # Decoding runs the synthesis of a view on each thread; threads within would only get in each other's way.
@@ -294,7 +295,11 @@ class Runtime:
         from .recipe.export import ExportRequest, exported, write
 
         request = ExportRequest.of(**options)
-        files = [os.fspath(source)] if isinstance(source, str | os.PathLike) else [os.fspath(one) for one in source]
+        sources: Sequence[Any] = source if isinstance(source, list | tuple) else [source]
+        for value in sources:
+            _check_is_path(value, "source")
+        _check_is_path(target, "target")
+        files = [os.fspath(value) for value in sources]
         parts = [(file, self._loaded(file, request.views)) for file in files]
         origin = files[0] if len(files) == 1 and files[0].lower().endswith(SUFFIX) else None
         return write(target, exported(parts, os.fspath(target), request, self), request, self, origin)
@@ -354,6 +359,11 @@ def _warn(scene: Scene, text: str) -> None:
     warn(f"{scene.path}: {text}", SceneWarning)
 
 
+def _check_is_path(value: object, where: str) -> None:
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(f"{type_of(value)}, expected a path", where=where)
+
+
 def _check_is_scene(value: object) -> None:
     from .scene.scenes import Scene
 
@@ -406,8 +416,7 @@ def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
         FormatError: a damaged `.tsplat` file.
         InputError: names the file: missing, damaged, or options that a `.tsplat` file, which has cameras, cannot take.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise InputError(f"{type_of(path)}, expected a path", where="path")
+    _check_is_path(path, "path")
     if not os.fspath(path).lower().endswith(SUFFIX):
         from .formats import table
 
@@ -436,6 +445,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
     Raises:
         InputError, NumericError: as `compress`, or as `convert`.
     """
+    _check_is_path(path, "path")
     _check_are_gaussians(gaussians)
     if not os.fspath(path).lower().endswith(SUFFIX):
         from .recipe.export import ExportRequest, exported, write
