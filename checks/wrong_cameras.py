@@ -35,6 +35,12 @@ def rolled(c2w, degrees):
     return c2w @ turn
 
 
+def moved_up(c2w, by):
+    moved = c2w.copy()
+    moved[:3, 3] -= by * c2w[:3, 1]
+    return moved
+
+
 def mirrored(c2w):
     flip = np.diag([-1.0, 1, 1, 1])
     return flip @ c2w @ flip
@@ -83,6 +89,7 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
     "one photo mirrored": (lambda i, K, p: (i[:, ::-1], K, p), ONE),
     "one photo negative": (lambda i, K, p: (255 - i, K, p), ONE),
     "one pose rolled by 10°": (lambda i, K, p: (i, K, rolled(p, 10)), ONE),
+    "one pose moved up by 0.3": (lambda i, K, p: (i, K, moved_up(p, 0.3)), ONE),  # median depths are about 4
 }
 
 

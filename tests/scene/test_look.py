@@ -90,12 +90,19 @@ def test_right_cameras_are_not_suspected(scene: Scene) -> None:
         (lambda i, c2w: c2w @ np.diag([1.0, -1, -1, 1]), "OpenGL"),
         (scaled(1000), "times 0.001,"),
         (scaled(0.01), "times 100,"),
-        (turned_round, "the cameras look different ways, or the poses are wrong"),
+        (turned_round, "photo 1 (0.png) and photo 2 (1.png) have much in common, but not where the cameras say"),
     ],
 )
 def test_what_is_wrong_with_cameras_is_named(scene: Scene, change, words: str) -> None:
     (fault,) = doubts(changed(scene, change))
     assert words in fault
+
+
+def test_photos_that_look_different_ways_are_told(tmp_path: Path) -> None:
+    views = [camera(-0.15), camera(0.15, np.pi)]
+    behind = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
+    (fault,) = doubts(stored(tmp_path, views, [photo(views[0]), behind]))
+    assert "no photo shows what another does" in fault and "the cameras look different ways" in fault
 
 
 def with_intrinsics(scene: Scene, change) -> Scene:
@@ -235,6 +242,16 @@ def test_one_pose_rolled_against_the_others_is_told(tmp_path: Path) -> None:
     roll = np.array([[cos, -sin, 0, 0], [sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     (fault,) = doubts(changed(scene, lambda i, c2w: c2w @ roll if i == 2 else c2w))
     assert "the pose of photo 3 (2.png) is rolled" in fault
+
+
+@pytest.mark.parametrize("way", [(0, 0.3), (0.4, 0)], ids=["up", "beside"])
+def test_one_pose_moved_against_the_others_is_told(tmp_path: Path, way: tuple[float, float]) -> None:
+    views = [camera(x, -x / 2.5) for x in (-0.3, -0.1, 0.1, 0.3)]
+    scene = stored(tmp_path, views, [photo(view) for view in views])
+    moved = np.eye(4)
+    moved[:2, 3] = way
+    (doubt,) = doubts(changed(scene, lambda i, c2w: moved @ c2w if i == 1 else c2w))
+    assert doubt.startswith("photo 2 (1.png) has much in common with others, but not where the cameras say")
 
 
 @pytest.mark.parametrize(
