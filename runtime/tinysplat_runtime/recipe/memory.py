@@ -1,4 +1,4 @@
-"""Whether photos fit in the memory that is free, before a network runs."""
+"""Whether photos fit in the memory that is free, and captures on the disk, before a network runs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ..graphs.enlarge import LARGE_PIXELS, Enlarger
 from ..scene.neighbours import GROUP
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
+from ..system.scratch import room
 from .prepare import ALL_VIEWS
 
 BYTES_AT_ALL = 250_000_000
@@ -19,16 +20,19 @@ NETWORK_BYTES = (350, -240)
 """What a network takes besides, per pixel of all photos: so much for each view, and this. `edge` as measured at 512×512
 with 2 views 335, 4 views 1,124 and 6 views 1,807, at 1024×1024 with 2 views 478; `sweep` 510 with 2."""
 
-EACH_BYTES_PER_PIXEL, KEPT_BYTES_PER_PIXEL = 1500, 75
-"""The same of a photo that goes through the network beside its partners, with what is kept of those about it; and what
-is kept of every pixel of all photos: Gaussians, and photos that are still to come."""
+EACH_BYTES_PER_PIXEL, KEPT_BYTES_PER_PIXEL = 2200, 110
+"""The same of a photo that goes through the network beside its partners, with what is kept of those about it, 2,145 as
+measured at 415×738; and what is kept of every pixel of all photos: photos, and Gaussians where there is no disk."""
 
 HYBRID_BYTES_PER_PIXEL = 460
 """What mode hybrid adds: two sets of Gaussians, their planes, and what these lack."""
 
 CAPTURE_BYTES_PER_PIXEL = 150
-"""What a capture takes of every pixel of its photos, which the network sees in groups: Gaussians, and planes while
-they are coded."""
+"""What a capture takes of every pixel of its photos where there is no disk: Gaussians, and planes while they are
+coded."""
+
+DISK_BYTES_PER_PIXEL, ASIDE_BYTES_PER_PIXEL = 260, 5
+"""What it takes of the disk, and of memory then: cells of photos, and numbers of blocks."""
 
 REFINED_BYTES_PER_PIXEL = 1350
 """What refinement takes of every pixel, however large the photos; of six views as measured."""
@@ -64,6 +68,7 @@ def check_memory(
         refined: whether Gaussians are to be refined.
         each: whether photos go through the network one by one.
     """
+    disk = room() if mode == DEFAULT_MODE else 0
     camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
 
     def needed(pixels: float) -> float:
@@ -73,14 +78,15 @@ def check_memory(
         network = EACH_BYTES_PER_PIXEL if each else grouped
         hybrid = HYBRID_BYTES_PER_PIXEL * pixels if mode == "hybrid" else 0
         refinement = REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL
+        aside = ASIDE_BYTES_PER_PIXEL if DISK_BYTES_PER_PIXEL * pixels <= disk else None
         taken = [refinement * pixels if refined else 0.0]
         if enlarger is None or pixels <= views * LARGE_PIXELS:
-            taken.append(network * pixels / views + hybrid + (KEPT_BYTES_PER_PIXEL * pixels if each else 0))
+            taken.append(network * pixels / views + hybrid + ((aside or KEPT_BYTES_PER_PIXEL) * pixels if each else 0))
         else:
             taken.append(network * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels)
             taken.append(LARGE_BYTES_PER_PIXEL * pixels)
         if together < views:
-            taken.append(CAPTURE_BYTES_PER_PIXEL * pixels + hybrid)
+            taken.append((aside or CAPTURE_BYTES_PER_PIXEL) * pixels + hybrid)
         return BYTES_AT_ALL + max(taken)
 
     pixels = views * camera.width * camera.height
