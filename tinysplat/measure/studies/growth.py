@@ -6,12 +6,14 @@ Each point is done once, in a process of its own.
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +43,11 @@ PHOTO_SIZES: tuple[Size, ...] = ((256, 256), (512, 512), (1024, 1024), (3024, 40
 QUICK_SIZES = 2
 """How many of them, of captures and of clouds, the short form has."""
 
-CAPTURES, CAPTURE_PHOTOS, CAPTURE_SIDE = (20, 60, 200, 1000), 20, 64
+CAPTURES, CAPTURE_PHOTOS, CAPTURE_SIDE = (4, 12, 48, 200, 1000), 12, 64
 """Numbers of photos, how many of them show one place, and their side."""
+
+LARGE_CAPTURE = 48
+"""Photos from which on slopes are told: of fewer, what a command takes at all is much of the whole."""
 
 CLOUDS = (131_072, 1_000_000, 3_000_000, 7_000_000)
 CLOUD_PICTURES: tuple[Size, ...] = ((256, 256), (1080, 1920), (2160, 3840))
@@ -50,10 +55,12 @@ CLOUD_PICTURES: tuple[Size, ...] = ((256, 256), (1080, 1920), (2160, 3840))
 
 
 def growth_rows(run: Run) -> Iterator[Row]:
-    """Rows of the studies `growth TASK`, the axis as the subject."""
-    yield from _photo_rows(run)
+    """Rows of the studies `growth TASK`, the axis as the subject; of captures alone where their photos are given."""
+    if not run.options.views:
+        yield from _photo_rows(run)
     yield from _capture_rows(run)
-    yield from _cloud_rows(run)
+    if not run.options.views:
+        yield from _cloud_rows(run)
 
 
 def _photo_rows(run: Run) -> Iterator[Row]:
@@ -125,11 +132,13 @@ def draw_cloud(folder: str, count: str, height: str, width: str, way: str, threa
 
 def _capture_rows(run: Run) -> Iterator[Row]:
     """Rows `growth captures`, a file and a picture each, in their own process: a capture repeated in far places."""
-    for count in CAPTURES[:QUICK_SIZES] if run.quick else CAPTURES:
-        row = Row("growth captures", "photos", f"{count}x{CAPTURE_SIDE}²", {"x": count, "threads": run.threads})
+    height, width = run.options.size or (CAPTURE_SIDE, CAPTURE_SIDE)
+    for count in run.options.views or (CAPTURES[:QUICK_SIZES] if run.quick else CAPTURES):
+        row = Row("growth captures", "photos", f"{count}x{width}x{height}", {"x": count, "threads": run.threads})
         with tempfile.TemporaryDirectory() as folder:
             try:
-                peak = measure_peak(f"{__name__}.walk_capture", folder, count, run.models[0], run.threads)
+                task = f"{__name__}.walk_capture"
+                peak = measure_peak(task, folder, count, height, width, run.models[0], run.threads)
             except (TinySplatError, subprocess.TimeoutExpired) as error:
                 yield replace(row, note=str(error))
                 continue
@@ -137,9 +146,9 @@ def _capture_rows(run: Run) -> Iterator[Row]:
         yield replace(row, figures={"bytes": found.pop("bytes")}, costs={**found, "peak_bytes": peak.total})
 
 
-def walk_capture(folder: str, count: str, model: str, threads: str) -> Callable[[], Any]:
+def walk_capture(folder: str, count: str, height: str, width: str, model: str, threads: str) -> Callable[[], Any]:
     """A task: so many photos to a file and a picture of it; seconds and bytes go to `STAGES_FILE`."""
-    Room(CAPTURE_PHOTOS).write(Path(folder), (CAPTURE_SIDE, CAPTURE_SIDE))
+    Room(CAPTURE_PHOTOS).write(Path(folder), (int(height), int(width)))
     scene, frames = load_scene(folder), []
     for number in range(int(count)):
         place, frame = number // CAPTURE_PHOTOS, scene.frames[number % CAPTURE_PHOTOS]
@@ -148,13 +157,14 @@ def walk_capture(folder: str, count: str, model: str, threads: str) -> Callable[
     scene, runtime = replace(scene, frames=tuple(frames)), Runtime(threads=int(threads))
 
     def run() -> None:
-        watch = Stopwatch()
+        watch, before = Stopwatch(), time.process_time()
         with watch.stage("seconds"):
             data = runtime.compress(runtime.predict(scene, model), drop_invalid=True)
-        renderer = Renderer(runtime.decompress(data), int(threads), compiled=False)
-        with watch.stage("frame"):
-            renderer.render(scene.cameras[0])
-        (Path(folder) / STAGES_FILE).write_text(json.dumps({**watch.seconds, "bytes": len(data)}), "utf-8")
+        found = {"bytes": len(data), "cpu": time.process_time() - before}
+        with watch.stage("frame"), runtime.open(BytesIO(data)) as file:
+            camera = scene.cameras[0]
+            Renderer(file.near(camera), int(threads), compiled=False).render(camera)
+        (Path(folder) / STAGES_FILE).write_text(json.dumps({**watch.seconds, **found}), "utf-8")
 
     return run
 
@@ -241,6 +251,41 @@ def point_table(rows: Sequence[Row]) -> str:
     return f"{text}\n\n{format_table(['', 'axis', 'points', 'seconds', 'peak memory'], lines)}"
 
 
+def capture_table(rows: Sequence[Row]) -> str:
+    """A line per number of photos of a capture, and by what power of that all of it grows."""
+    captures = sorted(
+        (row for row in rows if row.study == "growth captures" and row.costs), key=lambda r: r.setting["x"]
+    )
+    if not captures:
+        return ""
+    lines = [
+        [
+            f"{row.setting['x']:,}",
+            duration(row.seconds),
+            duration(row.costs["cpu"]),
+            megabytes(row.costs["peak_bytes"]),
+            f"{row.figures['bytes'] / 1000:,.0f} KB",
+        ]
+        for row in captures
+    ]
+    table = format_table(["photos", "seconds", "of processors", "peak memory", "file"], lines)
+    size = captures[0].way.partition("x")[2]
+    text = f"Photos of {size}, a capture of {CAPTURE_PHOTOS} of the room repeated in other places; not refined."
+    large = [row for row in captures if row.setting["x"] >= LARGE_CAPTURE]
+    if len(large) > 1:
+        first, last = large[0], large[-1]
+
+        def power(of: Callable[[Row], float]) -> str:
+            times = math.log(of(last) / of(first)) / math.log(last.setting["x"] / first.setting["x"])
+            return f"{times:.2f}"
+
+        photos = f"From {first.setting['x']} to {last.setting['x']:,} photos"
+        grown = f"processor seconds grow by the power {power(lambda row: row.costs['cpu'])} of their number"
+        bytes_too = f"bytes by {power(lambda row: row.figures['bytes'])}"
+        text += f" {photos} {grown}, {bytes_too}, and memory by {power(lambda row: row.costs['peak_bytes'])}."
+    return f"{text}\n\n{table}"
+
+
 def photo_line(rows: Sequence[Row]) -> str:
     """What a user may expect of the largest photos that were measured, as a sentence."""
     growing = _growing(rows)
@@ -255,4 +300,6 @@ def photo_line(rows: Sequence[Row]) -> str:
     return f"Two photos of {width}×{height}, all pixels kept: {', '.join(parts)}." if parts else ""
 
 
-GROWTH = Study("Growth", growth_rows, {"growth": point_table, "growth photos": photo_line})
+GROWTH = Study(
+    "Growth", growth_rows, {"growth": point_table, "growth captures": capture_table, "growth photos": photo_line}
+)
