@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
+import pytest
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.codec.encoder import SceneEncoder
+from tinysplat_runtime.codec.encoder import SceneEncoder, encode_gaussians
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.graphs.inference import GraphStore
@@ -43,3 +45,11 @@ def test_of_a_capture_a_few_views_are_held() -> None:
         finally:
             tracemalloc.stop()
     assert peaks[2] - peaks[1] < 12 * 9 * 512 * 256
+
+
+def test_bytes_do_not_depend_on_where_arrays_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, store, files = make_smooth_gaussians(9, 512, 256), GraphStore(), []
+    for folder in (tmp_path, tmp_path / "missing"):  # without it, all lies in memory
+        monkeypatch.setenv("TMPDIR", str(folder))
+        files.append(encode_gaussians(scene, PROFILES["fast"], 0, store, threads=2))
+    assert files[0] == files[1]
