@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 
 import numpy as np
@@ -47,3 +49,12 @@ def test_compiled_code_draws_where_numba_is_and_is_missed_where_it_was_asked_for
     assert not Renderer(SCENE, 1).is_compiled
     with pytest.raises(InputError, match="pip install 'tinysplat\\[fast\\]' brings numba"):
         Renderer(SCENE, 1, compiled=True)
+
+
+def test_compiled_code_needs_no_folder_to_be_stored_in() -> None:
+    """As in a container that runs as a user without a home."""
+    pytest.importorskip("numba")
+    environment = {**os.environ, "NUMBA_CACHE_LOCATOR_CLASSES": "ZipCacheLocator"}  # of which our files are none
+    command = [sys.executable, "-c", "import importlib; importlib.import_module('tinysplat_runtime.render.compiled')"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -71,8 +71,22 @@ CHORD_PX = 16
 
 Number = Any  # numba infers what kind when it compiles
 
+
+def _is_kept() -> bool:
+    """Whether compiled code can be stored: neither this folder nor the user's cache may be writable, as in containers."""
+
+    def nothing() -> None:
+        pass
+
+    try:
+        njit(cache=True)(nothing)
+    except RuntimeError:
+        return False
+    return True
+
+
 # A product and a sum may become one instruction; nothing else of "fast math" is safe with infinities about.
-OPTIONS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+OPTIONS: dict[str, Any] = {"nogil": True, "cache": _is_kept(), "error_model": "numpy", "fastmath": {"contract"}}
 compiled = njit(**OPTIONS)
 
 # Sums over lanes may be vector sums, whose order the compiler fixes.
