@@ -73,7 +73,7 @@ Number = Any  # numba infers what kind when it compiles
 
 
 def _is_kept() -> bool:
-    """Whether compiled code can be stored: neither this folder nor the user's cache may be writable, as in containers."""
+    """Whether compiled code can be stored; in containers neither this folder nor the user's cache may be writable."""
 
     def nothing() -> None:
         pass
