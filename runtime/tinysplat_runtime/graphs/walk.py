@@ -37,9 +37,10 @@ def capture_groups(
     groups = grouped(Neighbours.of(cameras, near, far), size, limits.min_views, shared)
     alone = sorted(set(views).difference(*(group.kept for group in groups)))
     if alone:
-        more = f", nor do {len(alone) - 1} more" if len(alone) > 1 else ""
-        found = f"photo {alone[0]} shows nothing that others do from another place{more}"
-        raise InputError(f"{found}; leave out what matches nothing", where="cameras")
+        who, them = f"photo {alone[0] + 1} shares", "it"
+        if len(alone) > 1:
+            who, them = f"photo {alone[0] + 1} and {len(alone) - 1} more share", "them"
+        raise InputError(f"{who} nothing with the rest; leave {them} out with --views", where="cameras")
     return tuple(groups)
 
 
