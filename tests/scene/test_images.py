@@ -338,17 +338,17 @@ def test_constant_images_stay_constant_at_any_size() -> None:
 def test_a_jpeg_that_is_read_smaller_gives_the_same_small_picture(
     tmp_path: Path, orientation: int, progressive: bool
 ) -> None:
-    photo, exif = Image.fromarray(photo_like(301, 397)), Image.Exif()
+    photo, exif = Image.fromarray(photo_like(300, 396)), Image.Exif()
     exif[0x0112] = orientation
     path = tmp_path / "a.jpg"
     path.write_bytes(encoded(photo, "JPEG", quality=95, progressive=progressive, exif=exif))
     whole = read_image(path)
-    for shrink in (2, 4, 8):
+    for shrink in (2, 4):
         small = read_image(path, shrink=shrink)
-        assert small.shape[:2] == tuple(-(-side // shrink) for side in whole.shape[:2])
+        assert small.shape[:2] == tuple(side // shrink for side in whole.shape[:2])
         size = whole.shape[0] // (2 * shrink), whole.shape[1] // (2 * shrink)
         error = resize_cover(small, *size, whole.shape[:2]) - resize_cover(whole, *size)
-        assert np.sqrt(np.square(error).mean()) < 2.5 / 255  # at hard edges most; photos have 0.06 to 0.7
+        assert np.sqrt(np.square(error).mean()) < 1.5 / 255  # 1.1 at these hard edges, 0.1 to 0.7 in photos
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

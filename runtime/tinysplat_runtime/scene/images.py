@@ -79,11 +79,11 @@ def read_image(path: StrPath, max_pixels: int = MAX_PIXELS, *, upright: bool = T
 
     Grey and palette images become RGB; 16-bit samples are rounded to 8 bits; transparency is composited over black,
     the rasteriser's background. The Exif orientation is applied, so height and width are those a viewer shows; not so
-    the pixels as stored, with `upright=False`. `shrink` by 2, 4 or 8 makes one of so many rows and columns of a JPEG,
-    by its own transform and at a fraction of the cost; a PNG is read whole.
+    the pixels as stored, with `upright=False`. `shrink` by 2 or 4 makes one of so many rows and columns of a JPEG,
+    by its own transform and at a fraction of the cost; a PNG, and sides that are no multiple of it, are read whole.
 
     Returns:
-        (H, W, 3) uint8, sRGB; shrunk, ceil(H / shrink) and ceil(W / shrink).
+        (H, W, 3) uint8, sRGB, or as many times fewer rows and columns.
 
     Raises:
         InputError: names the file, which is missing, cut short, damaged, over `max_pixels`, or of another kind.
@@ -213,7 +213,7 @@ def resize_cover(image: NDArray, height: int, width: int, whole: tuple[int, int]
     rows, columns = whole or image.shape[:2]
     # The camera of the image with unit intrinsics: where it puts a pixel is the definition of where we put it.
     to_output = Camera(np.eye(3), np.eye(4), width=columns, height=rows).resized(height, width).K
-    shrink = round(rows / image.shape[0])
+    shrink = rows // image.shape[0]
     return _moved(image, height, width, to_output @ np.diag([shrink, shrink, 1.0]))
 
 
@@ -362,9 +362,9 @@ def _decode(photo: _Stripped, shrink: int) -> Any:
     codec.thread_count = 1
     codec.options = {"err_detect": "crccheck+explode"}  # otherwise damage is painted over in grey
     size = photo.width, photo.height
-    if shrink > 1 and photo.codec == "mjpeg":
+    if shrink > 1 and photo.codec == "mjpeg" and not any(side % shrink for side in size):
         codec.options |= {"lowres": str(shrink.bit_length() - 1)}
-        size = -(-photo.width // shrink), -(-photo.height // shrink)
+        size = photo.width // shrink, photo.height // shrink
     try:
         frames = [*codec.decode(av.Packet(photo.data)), *codec.decode(None)]
     except av.FFmpegError:

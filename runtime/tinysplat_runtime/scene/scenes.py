@@ -91,20 +91,18 @@ class Frame:
 
         Args:
             least: (height, width) of pictures that it is enough for; None for the whole photo. A large JPEG is read a
-                half, a quarter or an eighth as large, but twice as large as these at least.
+                half or a quarter as large, but twice as large as these at least.
 
         Raises:
             InputError: names the photo, which cannot be read or is not of the size that its camera states.
         """
         stated = self.lens or self.photo_camera or self.camera
-        if least is not None and self.lens is None and self.video is None:
-            share = max(least[0] / stated.height, least[1] / stated.width)
-            fits = [n for n in (2, 4, 8) if 2 * n * share <= 1 and stated.height * stated.width >= LARGE_PHOTO]
-            if fits:
-                small = read_image(self.path, shrink=fits[-1])
-                if small.shape[:2] == (-(-stated.height // fits[-1]), -(-stated.width // fits[-1])):
-                    return small
-        pixels = read_image(self.path) if self.video is None else self.video.frame(self.index)
+        shrink = 1 if least is None else self._shrink(*least)
+        pixels = read_image(self.path, shrink=shrink) if self.video is None else self.video.frame(self.index)
+        if shrink > 1 and pixels.shape[:2] != (stated.height, stated.width):
+            if pixels.shape[:2] == (stated.height // shrink, stated.width // shrink):
+                return pixels
+            pixels = read_image(self.path)
         if pixels.shape[:2] == (stated.width, stated.height) != (stated.height, stated.width) and self.video is None:
             pixels = read_image(self.path, upright=False)
             if pixels.shape[:2] == (stated.height, stated.width):
@@ -116,6 +114,14 @@ class Frame:
             turned = ": the photo was turned after its camera was found; turn it back" if is_turned else ""
             raise InputError(f"{found}{turned}", where=str(self.path))
         return pixels if self.lens is None else self.lens.undistort(pixels)
+
+    def _shrink(self, height: int, width: int) -> int:
+        """By how much a photo may be read smaller that is enough for pictures of a size."""
+        photo = self.photo_camera or self.camera
+        if self.lens is not None or self.video is not None or photo.height * photo.width < LARGE_PHOTO:
+            return 1
+        share = max(height / photo.height, width / photo.width)
+        return max(n for n in (1, 2, 4) if n == 1 or (2 * n * share <= 1 and not (photo.height % n or photo.width % n)))
 
 
 def even_sizes(frames: Iterable[Frame]) -> tuple[Frame, ...]:
