@@ -131,11 +131,21 @@ def without_outliers(values: NDArray, low: float, high: float, step: float) -> t
     few = max(1, int(values.size * OUTLIER_SHARE / 2))
     if 2 * few + 1 >= values.size:
         return low, high
-    ordered = np.partition(values, (few, values.size - 1 - few), axis=None)
-    inner = max(float(ordered[few]), low), min(float(ordered[-1 - few]), high)
+    least, most = _extremes(values, few + 1)
+    inner = max(least, low), min(most, high)
     margin = max(inner[1] - inner[0], reachable) / 2  # so that only what lies far out is cut
     kept = max(low, inner[0] - margin), min(high, inner[1] + margin)
     return kept if OUTLIER_RATIO * (kept[1] - kept[0]) < high - low else (low, high)
+
+
+def _extremes(values: NDArray, rank: int) -> tuple[float, float]:
+    """The number of that rank from the smallest, and from the largest; planes (V, H, W) are gone through by view."""
+    least = most = np.empty(0, values.dtype)
+    for part in scratch.by_view(values) if values.ndim > 2 else [values]:
+        low, high = (np.concatenate([kept, part.ravel()]) for kept in (least, most))
+        least = np.partition(low, rank - 1)[:rank] if len(low) > rank else low
+        most = np.partition(high, -rank)[-rank:] if len(high) > rank else high
+    return float(least.max()), float(most.min())
 
 
 def _rounded(scale: float, offset: float, qp: int) -> CodeMap:
