@@ -6,7 +6,7 @@ RELEASE_VENV := .venv-release
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo flight dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
+.PHONY: help demo pictures dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -14,8 +14,8 @@ help:  ## what there is to make
 demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back, pictures in demo_out/ (no torch)
 	$(DEMO_VENV)/bin/python examples/demo.py --out demo_out
 
-flight: $(DEMO_VENV)/.installed  ## the README's moving picture, docs/flight.webp, anew from the demo's scene
-	$(DEMO_VENV)/bin/python examples/flight.py docs/flight.webp
+pictures: $(VENV)/.installed  ## the command that makes each picture of the pages, and which are older than what they show
+	$(VENV)/bin/python checks/pictures.py
 
 dev: $(VENV)/.installed  ## the development environment
 

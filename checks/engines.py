@@ -3,12 +3,14 @@ PlayCanvas' splat-transform.
 
     apt-get install -y chromium
     npm install three @sparkjsdev/spark @babylonjs/core @playcanvas/splat-transform    # in the folder this is run in
-    python checks/engines.py F.tsplat [pictures.png]
+    python checks/engines.py F.tsplat [engines.webp [dilated.webp]]
 
 Every engine draws the same file from the same camera, moved and rolled against the first input view and three times as
 large. The file is F's Gaussians, widened as for other viewers (`--dilate`); turned so that it looks along no axis, and
 with SH of degree 3 that tint, so that a wrong sign of any coefficient costs more than LEAST_DB allows; kept exactly.
 Fails where an engine agrees with our picture to less than LEAST_DB, or splat-transform's .ply is not what we decode.
+
+The first picture shows what all draw, the second F in Spark from CLOSER times as near: as it is, and dilated.
 """
 
 from __future__ import annotations
@@ -44,8 +46,9 @@ from tinysplat_runtime.scene.images import to_uint8
 
 ENGINES = ("three", "spark", "babylon")
 LEAST_DB = 36.0
-ZOOM = 3
+ZOOM, CLOSER = 3, 4
 PANEL = 256  # pixels of a picture's side in the composite
+QUALITY = 90  # of composites that are WebP
 TURN, TINT = (0.7, -0.4, 0.5, 0.3), 0.1  # a rotation, and the spread of SH coefficients that all Gaussians share
 ROLL_DEGREES, SHIFT = 10.0, (0.03, 0.02, 0.1)  # against the first view; scene units
 FRAME = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's axes to those with y up
@@ -69,15 +72,20 @@ def scene(file: str) -> tuple[bytes, ts.Camera]:
     return ts.compress(whole, lossless=True), turned.cameras[0]
 
 
+def square(camera: ts.Camera, zoom: int, step: NDArray) -> ts.Camera:
+    """A square camera of zoom times as many pixels, a step (4, 4) away, with its principal point in the middle."""
+    size, focal = zoom * min(camera.height, camera.width), zoom * float(camera.K[0, 0])
+    K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]])
+    return ts.Camera(K, camera.c2w @ step, size, size)
+
+
 def moved(camera: ts.Camera) -> ts.Camera:
-    """A square camera of its own: shifted, rolled, with its principal point in the middle."""
-    roll, size = math.radians(ROLL_DEGREES), ZOOM * min(camera.height, camera.width)
+    """A camera of its own: shifted, rolled."""
+    roll = math.radians(ROLL_DEGREES)
     step = np.eye(4)
     step[:2, :2] = [[math.cos(roll), -math.sin(roll)], [math.sin(roll), math.cos(roll)]]
     step[:3, 3] = SHIFT
-    focal = ZOOM * float(camera.K[0, 0])
-    K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]])
-    return ts.Camera(K, camera.c2w @ step, size, size)
+    return square(camera, ZOOM, step)
 
 
 def described(camera: ts.Camera) -> dict[str, Any]:
@@ -134,16 +142,28 @@ def check_splat_transform(data: bytes, folder: Path) -> bool:
     return max(found.values()) < TOLERANCE
 
 
-def composite(pictures: list[NDArray]) -> Image.Image:
-    """Pictures side by side, their middle halves, in 256 colours."""
+def middles(pictures: list[NDArray]) -> list[Image.Image]:
+    """The middle halves of pictures."""
     quarter = len(pictures[0]) // 4
-    rows = [Image.fromarray(to_uint8(picture[quarter:-quarter, quarter:-quarter])) for picture in pictures]
-    panels = [np.asarray(row.resize((PANEL, PANEL), Image.Resampling.LANCZOS)) for row in rows]
-    picture = Image.fromarray(np.concatenate(panels, axis=1))
-    return picture.quantize(palette=picture.quantize(256), dither=Image.Dither.FLOYDSTEINBERG)
+    return [Image.fromarray(to_uint8(picture[quarter:-quarter, quarter:-quarter])) for picture in pictures]
 
 
-def main(file: str, out: str | None = None) -> int:
+def save_beside(path: str, pictures: list[Image.Image]) -> None:
+    """Write pictures side by side."""
+    Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures], axis=1)).save(path, quality=QUALITY)
+
+
+def closer(browser: Browser, address: str, file: str, folder: Path) -> list[Image.Image]:
+    """The file in Spark, CLOSER times as large: as it is, and as `decode --dilate` writes it."""
+    given, pictures = ts.load_gaussians(file), []
+    camera = square(given.cameras[0], CLOSER, np.eye(4))
+    for gaussians in (given, widened(given, OWN_VARIANCE)):
+        (folder / "scene.tsplat").write_bytes(ts.compress(gaussians, lossless=True))
+        pictures.append(picture_of(browser, address, "spark", camera)[1])
+    return middles(pictures)
+
+
+def main(file: str, out: str | None = None, closer_out: str | None = None) -> int:
     """Run the check; returns the exit status."""
     data, first = scene(file)
     camera = moved(first)
@@ -157,8 +177,8 @@ def main(file: str, out: str | None = None) -> int:
         server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=name))
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with Browser() as browser:
+            address = f"http://127.0.0.1:{server.server_port}"
             for engine in ENGINES:
-                address = f"http://127.0.0.1:{server.server_port}"
                 version, theirs = picture_of(browser, address, engine, camera)
                 agreement = -10 * math.log10(np.mean((theirs - ours) ** 2))
                 faults += agreement < LEAST_DB
@@ -166,11 +186,13 @@ def main(file: str, out: str | None = None) -> int:
                     f"{version}: {agreement:.2f} dB beside our rasteriser, {camera.width}x{camera.height}", flush=True
                 )
                 pictures.append(theirs)
+            if closer_out:
+                save_beside(closer_out, closer(browser, address, file, folder))
             for message in browser.messages:
                 print("console:", message[:300])
         server.shutdown()
     if out:
-        composite(pictures).save(out, optimize=True)
+        save_beside(out, [picture.resize((PANEL, PANEL), Image.Resampling.LANCZOS) for picture in middles(pictures)])
     return 1 if faults else 0
 
 

@@ -1,4 +1,4 @@
-"""The moving picture of the README: a flight through the demo's scene (`make flight`).
+"""The moving picture of the README: a flight through the demo's scene (`make pictures` lists the others).
 
     python examples/flight.py docs/flight.webp
 

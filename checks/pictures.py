@@ -1,0 +1,116 @@
+"""Pictures of the pages: the command that makes each, and which of them are older than what they show.
+
+    python checks/pictures.py                                # all, with their commands (`make pictures`)
+    python checks/pictures.py docs/waits.png                 # makes one anew, and records what it shows
+    python checks/pictures.py --record docs/edge_curves.png  # records one that its command has made elsewhere
+
+A picture is older where files that it shows have other contents than when it was recorded (docs/pictures.json).
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+RECORD = ROOT / "docs" / "pictures.json"
+EXAMPLES = "python examples/demo.py --out demo_out"
+ENCODED = "python examples/demo.py --out demo_out --photos && tinysplat encode demo_out/motorcycle -o demo.tsplat"
+ENGINES = f"{ENCODED} --size 256x256 && python checks/engines.py demo.tsplat docs/engines.webp docs/dilated.webp"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """How a picture is made.
+
+    Attributes:
+        command: for a shell in the root of a checkout, with the development environment on its path.
+        shows: patterns of the files whose contents decide how it looks.
+        needs: what else the command takes.
+    """
+
+    command: str
+    shows: Sequence[str]
+    needs: str = ""
+
+
+PICTURES = {
+    "docs/flight.webp": Picture(
+        "python examples/flight.py docs/flight.webp", ["examples/flight.py", "models/edge.onnx"]
+    ),
+    "docs/demo.png": Picture(
+        f"{EXAMPLES} && cp demo_out/motorcycle_256x256_balanced_view0.png docs/demo.png",
+        ["examples/demo.py", "models/edge.onnx"],
+    ),
+    "docs/pages/plush.html": Picture(
+        "tinysplat encode plush/ --views 43,44,45,46,47,48,49,50,51,56,57,58 -o plush.tsplat"
+        " && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
+        ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css", "models/edge.onnx"],
+        "plush/: the photos that docs/pages/README.md names",
+    ),
+    "docs/viewer.jpg": Picture(
+        "PYTHONPATH=tests python checks/page_picture.py docs/pages/plush.html docs/viewer.jpg",
+        ["docs/pages/plush.html"],
+        "Chromium",
+    ),
+    "docs/engines.webp": Picture(
+        ENGINES, ["checks/engines.*", "runtime/tinysplat_runtime/web/adapters/*"], "what checks/README.md says"
+    ),
+    "docs/dilated.webp": Picture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
+    "docs/waits.png": Picture("tinysplat bench --docs", ["benchmarks/reports/*-waits/rows.jsonl"]),
+    "docs/edge_curves.png": Picture(
+        "python -m tinysplat.training models/training/edge.toml --photos SCENES --out runs/edge"
+        " && cp runs/edge/curves.png docs/edge_curves.png",
+        ["models/training/edge.pt"],
+        "SCENES: models/training/SOURCES.md; three hours",
+    ),
+}
+
+
+def digest(root: Path, patterns: Sequence[str]) -> str:
+    """What files contain, in short."""
+    files = sorted({path for pattern in patterns for path in root.glob(pattern)})
+    parts = (path.relative_to(root).as_posix().encode() + path.read_bytes() for path in files)
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[:16]
+
+
+def older(root: Path = ROOT) -> list[str]:
+    """Pictures that were made before what they show changed."""
+    recorded = json.loads((root / RECORD.relative_to(ROOT)).read_text("utf-8"))
+    return [name for name, picture in PICTURES.items() if recorded.get(name) != digest(root, picture.shows)]
+
+
+def record(names: Sequence[str]) -> None:
+    """Note what pictures show today."""
+    recorded = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
+    recorded |= {name: digest(ROOT, PICTURES[name].shows) for name in names}
+    kept = {name: recorded[name] for name in sorted(recorded) if name in PICTURES}
+    RECORD.write_text(json.dumps(kept, indent=1) + "\n", "utf-8")
+
+
+def main() -> int:
+    """Print the table, or make pictures; returns the exit status, 1 where one is older."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("pictures", nargs="*", choices=[[], *PICTURES], metavar="PICTURE")
+    parser.add_argument("--record", action="store_true", help="they have been made")
+    given = parser.parse_args()
+    if not given.pictures:
+        old = older()
+        for name, picture in PICTURES.items():
+            print(f"{name}: {'OLDER than what it shows' if name in old else 'as what it shows'}")
+            print(f"    {picture.command}" + (f"    # {picture.needs}" if picture.needs else ""))
+        return int(bool(old))
+    for command in dict.fromkeys(PICTURES[name].command for name in given.pictures if not given.record):
+        subprocess.run(command, shell=True, cwd=ROOT, check=True)
+    record(given.pictures)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
