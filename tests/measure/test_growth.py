@@ -16,7 +16,7 @@ def capture(photos: int, power: float) -> Row:
 @pytest.mark.parametrize("power", [1.0, 1.25])
 def test_powers_are_those_of_large_captures(power: float) -> None:
     text = capture_table([capture(photos, power) for photos in (1000, 200, 48)] + [capture(4, 0.1)])
-    assert "Photos of 64x48" in text and "From 48 to 1,000 photos" in text
+    assert "Photos of 64×48" in text and "From 48 to 1,000 photos" in text
     assert f"by the power {power:.2f} of" in text and "bytes by 1.00, and memory by 0.00" in text
     assert [line.split("|")[1].strip() for line in text.splitlines()[-4:]] == ["4", "48", "200", "1,000"]
 

@@ -261,15 +261,14 @@ def capture_table(rows: Sequence[Row]) -> str:
     lines = [
         [
             f"{row.setting['x']:,}",
-            duration(row.seconds),
             duration(row.costs["cpu"]),
             megabytes(row.costs["peak_bytes"]),
             f"{row.figures['bytes'] / 1000:,.0f} KB",
         ]
         for row in captures
     ]
-    table = format_table(["photos", "seconds", "of processors", "peak memory", "file"], lines)
-    size = captures[0].way.partition("x")[2]
+    table = format_table(["photos", "processor seconds", "peak memory", "file"], lines)
+    size = captures[0].way.partition("x")[2].replace("x", "×")
     text = f"Photos of {size}, a capture of {CAPTURE_PHOTOS} of the room repeated in other places; not refined."
     large = [row for row in captures if row.setting["x"] >= LARGE_CAPTURE]
     if len(large) > 1:
@@ -277,7 +276,7 @@ def capture_table(rows: Sequence[Row]) -> str:
 
         def power(of: Callable[[Row], float]) -> str:
             times = math.log(of(last) / of(first)) / math.log(last.setting["x"] / first.setting["x"])
-            return f"{times:.2f}"
+            return f"{times:.2f}".replace("-", "−")
 
         photos = f"From {first.setting['x']} to {last.setting['x']:,} photos"
         grown = f"processor seconds grow by the power {power(lambda row: row.costs['cpu'])} of their number"
