@@ -59,8 +59,11 @@ def test_disk_is_given_back_and_shows_no_files(tmp_path: Path, monkeypatch: pyte
     assert descriptors() == opened
 
 
-def test_where_there_is_no_disk_arrays_lie_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
+@pytest.mark.parametrize("folder", ["missing", "/dev/shm"])  # the latter is memory
+def test_where_there_is_no_disk_arrays_lie_in_memory(
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path / folder))
     array = scratch.empty(SHAPE)
     array[:] = 1
     scratch.set_aside(array)

@@ -13,6 +13,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ LEAST_BYTES = 1 << 22
 
 LASTING = Path("/var/tmp")
 """Where Linux has large files that nobody keeps: often `/tmp` is memory itself."""
+
+MOUNTS = Path("/proc/self/mountinfo")
 
 _EVERY_S = 0.01
 
@@ -97,8 +100,20 @@ def room() -> int:
 
 
 def _is_possible() -> bool:
-    """Elsewhere nothing reserves a file's bytes, and a full disk would end the process."""
-    return hasattr(os, "posix_fallocate") and hasattr(mmap, "MADV_DONTNEED")
+    """Elsewhere nothing reserves a file's bytes, and a full disk would end the process; nor do files in memory help."""
+    return hasattr(os, "posix_fallocate") and hasattr(mmap, "MADV_DONTNEED") and not _is_memory(_folder())
+
+
+@lru_cache
+def _is_memory(folder: str) -> bool:
+    """Whether a folder's files lie in memory, as far as Linux tells."""
+    try:
+        mounts = [line.split() for line in MOUNTS.read_text("utf-8", "replace").splitlines()]
+    except OSError:
+        return False
+    above = [os.path.realpath(folder), *map(str, Path(os.path.realpath(folder)).parents)]
+    kinds = {fields[4]: fields[fields.index("-") + 1] for fields in mounts}  # of mounts at one place, the last is seen
+    return next((kinds[place] in ("tmpfs", "ramfs") for place in above if place in kinds), False)
 
 
 def _folder() -> str:
