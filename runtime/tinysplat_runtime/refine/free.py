@@ -89,7 +89,7 @@ class FreeGaussians:
     def place(self) -> None:
         """Bring what is drawn up to date with `values`."""
         self._run(
-            lambda piece: kernels_free.place(piece.base, self.values[:, piece.rows], piece.geometry, piece.sh),
+            lambda piece: kernels_free.place(piece.base, self.values, piece.rows.start, piece.geometry, piece.sh),
             self.pieces,
         )
 

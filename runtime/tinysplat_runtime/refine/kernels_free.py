@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0
 from ..render.kernels_blend import Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_chain import Moved
-from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
+from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW, exp, log_sigmoid
 from ..render.kernels_project import (
     ALPHA_X,
     AXES,
     BETA_X,
     CHUNK,
     GAMMA,
+    GEOMETRY,
     MEAN,
     OPACITY,
     RED,
@@ -35,33 +36,45 @@ MOVE, LOG_SCALE, LOGIT, SH_RED = 0, 3, 6, 7
 BASE = 13
 """Planes of a chunk of what does not change: mean (3) and rotation (9, row by row) as they began, and the unit."""
 
-_F, _ZERO = np.float32, np.float32(0)
+_F, _I, _ZERO = np.float32, np.uint64, np.float32(0)
+_MEAN, _AXES, _OPACITY = (_I(plane * CHUNK) for plane in (MEAN, AXES, OPACITY))
+_TURNED, _UNIT = _I(3 * CHUNK), _I(12 * CHUNK)
 
 
 @compiled
-def place(base: NDArray, values: NDArray, geometry: NDArray, sh: NDArray) -> None:
-    """Put a block's Gaussians where their values say.
+def place(base: NDArray, values: NDArray, first: int, geometry: NDArray, sh: NDArray) -> None:
+    """Put a block's Gaussians where their values say, a plane of a chunk at a time, which vectorises.
 
     Args:
         base: (chunks, 13, 128) float32.
-        values: (10, chunks·128) float32.
+        values: (10, rows) float32.
+        first: the block's first row of them.
         geometry: (chunks, 14, 128) float32, written; see `kernels_project.project`.
         sh: (chunks, 3 S·128) float32, whose coefficients of degree 0 are written.
     """
+    start, out, colours, scales = base.ravel(), geometry.ravel(), sh.ravel(), np.empty(CHUNK, np.float32)
     for chunk in range(len(base)):
+        row, at, to = _I(first + chunk * CHUNK), _I(chunk * BASE * CHUNK), _I(chunk * GEOMETRY * CHUNK)
+        for axis in range(3):
+            moves, log_scales, plane = values[MOVE + axis], values[LOG_SCALE + axis], _I(axis * CHUNK)
+            for lane in range(CHUNK):
+                i = _I(lane)
+                out[to + _MEAN + plane + i] = start[at + plane + i] + start[at + _UNIT + i] * moves[row + i]
+            for lane in range(CHUNK):
+                scales[_I(lane)] = _F(exp(np.float64(log_scales[row + _I(lane)])))
+            for entry in range(3):
+                turned = _I((3 * entry + axis) * CHUNK)
+                for lane in range(CHUNK):
+                    i = _I(lane)
+                    out[to + _AXES + turned + i] = scales[i] * start[at + _TURNED + turned + i]
+        logits = values[LOGIT]
         for lane in range(CHUNK):
-            row = chunk * CHUNK + lane
-            for axis in range(3):
-                geometry[chunk, MEAN + axis, lane] = base[chunk, axis, lane] + base[chunk, 12, lane] * values[axis, row]
-                scale = _F(math.exp(values[LOG_SCALE + axis, row]))
-                for entry in range(3):
-                    turned = base[chunk, 3 + 3 * entry + axis, lane]
-                    geometry[chunk, AXES + 3 * entry + axis, lane] = scale * turned
-            logit = np.float64(values[LOGIT, row])
-            # log of the sigmoid, without its overflow
-            geometry[chunk, OPACITY, lane] = _F(min(logit, 0.0) - math.log1p(math.exp(-abs(logit))))
-            for channel in range(3):
-                sh[chunk, channel * CHUNK + lane] = values[SH_RED + channel, row]
+            i = _I(lane)
+            out[to + _OPACITY + i] = _F(log_sigmoid(np.float64(logits[row + i])))
+        for channel in range(3):
+            colour, plane = values[SH_RED + channel], _I(chunk * sh.shape[1] + channel * CHUNK)
+            for lane in range(CHUNK):
+                colours[plane + _I(lane)] = colour[row + _I(lane)]
 
 
 @compiled

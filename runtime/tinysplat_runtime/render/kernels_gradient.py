@@ -132,7 +132,9 @@ def place(base: NDArray, centre: NDArray, values: NDArray, first: int, geometry:
 
 @compiled
 def exp(x: Number) -> Number:
-    """e^x for x in [−80, 80], float64 to a billionth, as arithmetic that vectorises: no call of a library does."""
+    """e^x, float64 to a billionth, x cut to [−80, 80], as arithmetic that vectorises: no call of a library does."""
+    x = x if x > -80 else -80.0
+    x = x if x < 80 else 80.0
     biased = np.int32(x * 1.4426950408889634 + 127.5)  # the nearest power of two, and 127
     r = x - (np.float64(biased) - 127) * 0.6931471805599453
     p = r / 40320 + 1 / 5040
@@ -147,8 +149,7 @@ def exp(x: Number) -> Number:
 @compiled
 def log_sigmoid(x: Number) -> Number:
     """log(1 / (1 + e^−x)), float64 to a billionth: 1 + e^−|x| by the series of 2 artanh(s), s at most 1/3."""
-    size = abs(x)
-    t = exp(-size if size < 80 else -80.0)
+    t = exp(-abs(x))
     s = t / (2 + t)
     q = s * s
     p = q / 17 + 1 / 15
