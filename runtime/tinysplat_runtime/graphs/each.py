@@ -93,11 +93,13 @@ class _Capture:
             self.photos[v] = np.rint(grown[0] * np.float32(65535))
             self.units.append(as_input(K[0]))
             cells.append(_means(self._planes(v), CELL))
+        views, height, width, _ = self.photos.shape
+        self.images = scratch.empty((views, 3, height, width))  # in the exposure that they are matched in
         self.ranges = [as_input([[1 / far, 1 / near - 1 / far]])] * len(cameras)
         self.exposures = self._looked_at(cells)
         self.made: dict[tuple[str, int], dict[str, NDArray]] = {}
         needed = np.bincount([u for star in stars for u in star], minlength=len(cameras))
-        self.needed = {name: needed.tolist() for name in ("half", "match", "image", "estimate", "dress")}
+        self.needed = {name: needed.tolist() for name in ("half", "match", "estimate", "dress")}
         self.needed["half"] = [2 * count for count in self.needed["half"]]
 
     def finished(self, view: int) -> Gaussians:
@@ -131,14 +133,14 @@ class _Capture:
         self.made["dress", view] = self._run(
             "dress",
             view,
-            images=self._of("image", "image", star),
+            images=self.images[list(star)],
             shown=self.exposures.shown(self._planes(view), view),
             levels=self._of("estimate", "level", star),
             agreements=self._of("estimate", "agreement", star),
             **heavy,
         )
+        scratch.set_aside(self.images)
         self._let_go("estimate", star)
-        self._let_go("image", star)
 
     def _estimated(self, view: int) -> None:
         if ("estimate", view) in self.made:
@@ -159,10 +161,11 @@ class _Capture:
             return
         star = self.stars[view]
         for u in star:
-            if ("image", u) not in self.made:
+            if ("half", u) not in self.made:
                 image = self.exposures.matched(self._planes(u), u)
-                self.made["image", u] = {"image": image}
+                self.images[u] = image[0]
                 self.made["half", u] = {"half": _means(image, 2)}
+        scratch.set_aside(self.images)
         self.made["match", view] = self._run("match", view, half=self._of("half", "half", star))
         self._let_go("half", star)
 

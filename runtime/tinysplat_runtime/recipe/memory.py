@@ -20,7 +20,7 @@ NETWORK_BYTES = (350, -240)
 """What a network takes besides, per pixel of all photos: so much for each view, and this. `edge` as measured at 512×512
 with 2 views 335, 4 views 1,124 and 6 views 1,807, at 1024×1024 with 2 views 478; `sweep` 510 with 2."""
 
-EACH_BYTES_PER_PIXEL, KEPT_BYTES_PER_PIXEL = 2200, 110
+EACH_BYTES_PER_PIXEL, KEPT_BYTES_PER_PIXEL = 2200, 125
 """The same of a photo that goes through the network beside its partners, with what is kept of those about it, 2,145 as
 measured at 415×738; and what is kept of every pixel of all photos: photos, and Gaussians where there is no disk."""
 
