@@ -323,25 +323,27 @@ def _alone(seen: _Thumbnails) -> list[str]:
 
 def _misread(seen: _Thumbnails) -> list[str]:
     """A reading of cameras, or of one photo, that far more of the photos' common corners fit."""
-    views, cameras, places, shares = sorted(seen.corners), seen.closer, seen.places, seen.shares
-    pairs, given = list(places), sum(shares.values())
+    cameras, places, shares = seen.closer, seen.places, seen.shares
+    given = sum(shares.values())
+
+    def share(v: int) -> float:
+        own = [pair for pair in places if v in pair]
+        return sum(shares[pair] for pair in own) / max(1, sum(len(places[pair]) for pair in own))
+
+    odd = min(cameras, key=share) if len(cameras) > 2 else -1
+    around, beside = ([pair for pair in places if (odd in pair) is with_it] for with_it in (True, False))
+    rest = sum(shares[pair] for pair in beside)
     scores: dict[str, float] = {}
     for text, read in _readings(seen, cameras):
-        scores[text] = sum(fit(places[v, u], read(v), read(u)) for v, u in pairs)
-    if len(views) > 2:
-
-        def share(v: int) -> float:
-            own = [pair for pair in pairs if v in pair]
-            return sum(shares[pair] for pair in own) / max(1, sum(len(places[pair]) for pair in own))
-
-        odd = min(views, key=share)
-        rest = sum(found for pair, found in shares.items() if odd not in pair)
+        kept = sum(fit(places[v, u], read(v), read(u)) for v, u in beside)
+        if kept >= rest:  # else it goes with one photo, at the others' cost
+            scores[text] = kept + sum(fit(places[v, u], read(v), read(u)) for v, u in around)
+    if len(cameras) > 2:
         for text, its, camera in _single(seen, odd):
             known, read_as = {**seen.corners, odd: its}, {**cameras, odd: camera}
-            around = [(v, u) for v, u in pairs if odd in (v, u)]
             both = places if its is seen.corners[odd] else {(v, u): matched(known[v], known[u]) for v, u in around}
             scores[text] = rest + sum(fit(both[v, u], read_as[v], read_as[u]) for v, u in around)
-    most = max(scores.values())
+    most = max(scores.values(), default=0.0)
     if most < max(MORE * given, given + LEAST):
         return []
     best: dict[str, str] = {}  # of each cause the reading that fits best
