@@ -12,7 +12,8 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
-from tinysplat_runtime.codec.rate import encode_to_size
+from tinysplat_runtime.codec.rate import PlanesCoder
+from tinysplat_runtime.codec.search import code_to_size
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render import Renderer
 
@@ -52,7 +53,7 @@ def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians):
     plain_encoder = encoder()
     plain_encoder.code(plain_encoder.plan(0), 0)
     plain, coded[:] = len(coded), []
-    encode_to_size(encoder(), 12_000)
+    code_to_size(PlanesCoder(encoder()), 12_000)
     assert 0 < len(coded) <= 2 * plain
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..codec.encoder import EncodeStats
 from ..codec.free.encoder import FreeEncoder, visible
 from ..codec.profiles import Profile
+from ..codec.search import Coder
 from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
 from .removal import Remover, Thinned
@@ -55,7 +56,7 @@ RECOLOURINGS = 1
 be fitted to errors of the views looked at."""
 
 
-class ThinningEncoder:
+class ThinningEncoder(Coder):
     """Codes one set of Gaussians at any Q_g without those that are not worth their bytes at it.
 
     Attributes:

@@ -18,8 +18,8 @@ from ..codec.modes import AUTO, DEFAULT_MODE
 from ..codec.modes.choice import choose
 from ..codec.modes.mode import Job, PhotoScene
 from ..codec.modes.registry import MODES
-from ..codec.rate import encode_to_psnr, encode_to_size
 from ..codec.recode import encode_like
+from ..codec.search import Coder, code_to_psnr, code_to_size
 from ..container.records import Limits
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
@@ -42,7 +42,6 @@ from .request import Coding
 from .words import Refinement
 
 if TYPE_CHECKING:
-    from ..codec.free.search import Coder
     from ..refine.stats import RefineStats
 
 FREE_VIEWS, MOST_JUDGED = 4, 16
@@ -195,27 +194,16 @@ def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeSta
             stats=stats,
         )
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, coding.drop_invalid)
-    mode = "lossless" if coding.lossless else DEFAULT_MODE if gaussians.is_per_pixel else "free"
-    stats.mode = stats.mode if mode == DEFAULT_MODE else mode
-    if mode == "free":
-        return _free(job, coding, tools)
-    if coding.target_size is not None:
-        return encode_to_size(job.encoder(), coding.target_size)
-    if coding.target_psnr is not None:
-        return encode_to_psnr(job.encoder(), coding.target_psnr, _fidelity(gaussians, tools))
-    return MODES[mode].encode(job)
-
-
-def _free(job: Job, coding: Coding, tools: Tools) -> bytes:
-    """Gaussians of no pixels, without those that pictures hardly need."""
-    from ..codec.free.search import code_to_psnr, code_to_size
-    from ..codec.modes.free import encoder
-
-    coder: Coder = encoder(job) if coding.keep_all else _thinning(job)
+    mode = MODES["lossless" if coding.lossless else DEFAULT_MODE if gaussians.is_per_pixel else "free"]
+    stats.mode = stats.mode if mode.name == DEFAULT_MODE else mode.name
+    thins = mode.name == "free" and not coding.keep_all
+    if mode.coder is None or not (thins or coding.target_size or coding.target_psnr is not None):
+        return mode.encode(job)
+    coder = _thinning(job) if thins else mode.coder(job)
     if coding.target_size is not None:
         return code_to_size(coder, coding.target_size)
     if coding.target_psnr is not None:
-        return code_to_psnr(coder, coding.target_psnr, _fidelity(job.gaussians, tools))
+        return code_to_psnr(coder, coding.target_psnr, _fidelity(gaussians, tools))
     return coder.code(job.qp)
 
 

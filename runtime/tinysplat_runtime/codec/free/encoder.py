@@ -31,6 +31,7 @@ from ..encoder import EncodeStats, check_qp
 from ..hevc import PlaneDecoder, encode_plane
 from ..profiles import EncoderSettings, Profile
 from ..quantise import choose_code_map, without_outliers
+from ..search import Coder
 from .attributes import KNEE, LEAST_SCALE, MAX_LOG, Columns, companded, contracted, from_columns, to_columns
 from .decoder import columns_of, means_of
 from .evenness import is_uneven, sizes_about
@@ -141,7 +142,7 @@ class _Shape:
     orders: list[Order]
 
 
-class FreeEncoder:
+class FreeEncoder(Coder):
     """Codes one set of Gaussians at any Q_g."""
 
     def __init__(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ...container.planes import Planes
 from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
@@ -9,11 +11,20 @@ from ..layers import OpenFile, decode_layers
 from ..missing import first_picture_end, hidden_views
 from .mode import Job, Mode
 
+if TYPE_CHECKING:  # who decodes loads no encoder
+    from ..rate import PlanesCoder
+
 
 def encode(job: Job) -> bytes:
     """The file at the job's Q_g; errors of `SceneEncoder`."""
-    encoder = job.encoder()
-    return encoder.encode(job.qp)
+    return job.encoder().encode(job.qp)
+
+
+def coder(job: Job) -> PlanesCoder:
+    """What codes the job's Gaussians at any Q_g."""
+    from ..rate import PlanesCoder
+
+    return PlanesCoder(job.encoder())
 
 
 def decode(file: OpenFile, body: Planes) -> Gaussians:
@@ -25,4 +36,4 @@ def decode(file: OpenFile, body: Planes) -> Gaussians:
     return decode_layers(file, body)
 
 
-GAUSSIANS = Mode("gaussians", encode, decode)
+GAUSSIANS = Mode("gaussians", encode, decode, coder)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # who decodes loads no encoder
     from ...scene.scenes import Scene
     from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
     from ..profiles import Profile
+    from ..search import Coder
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,10 @@ class Mode(Generic[BodyKind]):
         name: as users say; its body's `mode`.
         encode: a job to the file's bytes; InputError and NumericError for what cannot be coded.
         decode: an opened file and its body to its Gaussians; FormatError where it is damaged.
+        coder: what codes a job at any Q_g, of modes in which a size or a fidelity can be searched for.
     """
 
     name: str
     encode: Callable[[Job], bytes]
     decode: Callable[[OpenFile, BodyKind], Gaussians]
+    coder: Callable[[Job], Coder] | None = None
