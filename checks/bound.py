@@ -31,7 +31,7 @@ LEAST_COVERED = 0.5
 
 
 @dataclass(frozen=True)
-class Reading:
+class HeldOutPhoto:
     """A photo that was not given, and what is drawn from its camera.
 
     Attributes:
@@ -63,7 +63,7 @@ def bound_of(gaussians: ts.Gaussians, views: NearViews, side: float) -> float:
     return views.depth * min(max(side / math.sqrt(spread), LEAST_SIDE), MOST_SIDE)
 
 
-def readings(folder: Path, kind: str, side: float) -> list[Reading]:
+def readings(folder: Path, kind: str, side: float) -> list[HeldOutPhoto]:
     """Of one scene; none where it has no such window."""
     windows = [w for w in json.loads((folder / "eval_index.json").read_text())["windows"] if w["kind"] == kind]
     if not windows:
@@ -85,7 +85,7 @@ def readings(folder: Path, kind: str, side: float) -> list[Reading]:
         known = drawn["alpha"] > KNOWN
         if known.mean() > LEAST_COVERED:
             error = np.mean((drawn["rgb"][known].astype(np.float64) - seen.image()[known]) ** 2)
-            found.append(Reading(strain, float(known.mean()), float(-10 * np.log10(error))))
+            found.append(HeldOutPhoto(strain, float(known.mean()), float(-10 * np.log10(error))))
     return sorted(found, key=lambda reading: reading.strain)
 
 

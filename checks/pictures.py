@@ -26,7 +26,7 @@ ENGINES = f"{ENCODED} --size 256x256 && python checks/engines.py demo.tsplat doc
 
 
 @dataclass(frozen=True)
-class Picture:
+class MadePicture:
     """How a picture is made.
 
     Attributes:
@@ -41,30 +41,30 @@ class Picture:
 
 
 PICTURES = {
-    "docs/flight.webp": Picture(
+    "docs/flight.webp": MadePicture(
         "python examples/flight.py docs/flight.webp", ["examples/flight.py", "models/edge.onnx"]
     ),
-    "docs/demo.png": Picture(
+    "docs/demo.png": MadePicture(
         f"{EXAMPLES} && cp demo_out/motorcycle_256x256_balanced_view0.png docs/demo.png",
         ["examples/demo.py", "models/edge.onnx"],
     ),
-    "docs/pages/plush.html": Picture(
+    "docs/pages/plush.html": MadePicture(
         "tinysplat encode plush/ --views 43,44,45,46,47,48,49,50,51,56,57,58 -o plush.tsplat"
         " && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
         ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css", "models/edge.onnx"],
         "plush/: the photos that docs/pages/README.md names",
     ),
-    "docs/viewer.jpg": Picture(
+    "docs/viewer.jpg": MadePicture(
         "PYTHONPATH=tests python checks/page_picture.py docs/pages/plush.html docs/viewer.jpg",
         ["docs/pages/plush.html"],
         "Chromium",
     ),
-    "docs/engines.webp": Picture(
+    "docs/engines.webp": MadePicture(
         ENGINES, ["checks/engines.*", "runtime/tinysplat_runtime/web/adapters/*"], "what checks/README.md says"
     ),
-    "docs/dilated.webp": Picture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
-    "docs/waits.png": Picture("tinysplat bench --docs", ["benchmarks/reports/*-waits/rows.jsonl"]),
-    "docs/edge_curves.png": Picture(
+    "docs/dilated.webp": MadePicture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
+    "docs/waits.png": MadePicture("tinysplat bench --docs", ["benchmarks/reports/*-waits/rows.jsonl"]),
+    "docs/edge_curves.png": MadePicture(
         "python -m tinysplat.training models/training/edge.toml --photos SCENES --out runs/edge"
         " && cp runs/edge/curves.png docs/edge_curves.png",
         ["models/training/edge.pt"],

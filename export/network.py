@@ -45,7 +45,7 @@ HALF_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True)
-class Limits:
+class InputLimits:
     """What a network takes; written into its metadata and checked by the runtime.
 
     Attributes:
@@ -77,7 +77,7 @@ class Network:
 
     module: nn.Module
     outputs: tuple[str, ...]
-    limits: Limits
+    limits: InputLimits
     parity_sizes: tuple[tuple[int, int, int], ...]
     parity_tolerance: float
     parity_quantile: float
@@ -91,7 +91,7 @@ def _sweep(options: argparse.Namespace) -> Network:
     return Network(
         sweep.Sweep(),
         sweep.OUTPUT_NAMES,
-        Limits(sweep.MIN_VIEWS, sweep.MAX_VIEWS, sweep.STRIDE, sweep.MIN_SIDE),
+        InputLimits(sweep.MIN_VIEWS, sweep.MAX_VIEWS, sweep.STRIDE, sweep.MIN_SIDE),
         ((2, 64, 96), (3, 96, 64), (6, 64, 64)),
         parity_tolerance=5e-4,  # colours: of two Gaussians at one depth rounding decides which is in front
         parity_quantile=0.99,
@@ -109,7 +109,7 @@ def _edge(options: argparse.Namespace) -> Network:
     return Network(
         module,
         edge.OUTPUT_NAMES,
-        Limits(edge.MIN_VIEWS, edge.MAX_VIEWS, edge.STRIDE, edge.MIN_SIDE),
+        InputLimits(edge.MIN_VIEWS, edge.MAX_VIEWS, edge.STRIDE, edge.MIN_SIDE),
         ((2, 64, 96), (3, 96, 64), (6, 64, 64)),
         parity_tolerance=1e-3,
         parity_quantile=0.99,
@@ -146,7 +146,7 @@ def official_network(network: nn.Module, papers: Mapping[str, str]) -> Network:
     return Network(
         module,
         official.OUTPUT_NAMES,
-        Limits(**module.limits),
+        InputLimits(**module.limits),
         ((2, 64, 96), (3, 96, 64), (4, 64, 64)),
         parity_tolerance=1e-3,
         parity_quantile=1.0,

@@ -25,7 +25,7 @@ PARITY_RTOL = 1e-5  # summation order alone moves the projections by a few ulp
 
 
 @dataclass(frozen=True)
-class Graph:
+class GraphExport:
     """What to export: role, module, and example inputs (V, H, W, degree) by name with their dynamic axes."""
 
     role: str
@@ -109,7 +109,7 @@ _SYNTHESIS_AXES = {
 }
 
 GRAPHS = {
-    "analysis_vpt": Graph(
+    "analysis_vpt": GraphExport(
         "analysis",
         T.ViewProjection(),
         _vpt_inputs,
@@ -121,21 +121,21 @@ GRAPHS = {
         },
         "VPT: Gaussians and cameras to planes, and the second moment of the rotations",
     ),
-    "analysis_moment": Graph(
+    "analysis_moment": GraphExport(
         "analysis",
         T.CoefficientMoment(),
         lambda v, h, w, degree: {"sh": _sh(v, h, w, degree)},
         {"sh": {**_GRID, 3: "B"}},
         "VABR: second moment of the SH coefficients",
     ),
-    "analysis_project": Graph(
+    "analysis_project": GraphExport(
         "analysis",
         T.CoefficientProjection(),
         lambda v, h, w, degree: {"sh": _sh(v, h, w, degree), "projection": torch.randn(3 * (degree + 1) ** 2, 5)},
         {"sh": {**_GRID, 3: "B"}, "projection": {0: "d", 1: "k"}},
         "VABR: SH coefficients to k planes",
     ),
-    "synthesis": Graph(
+    "synthesis": GraphExport(
         "synthesis",
         T.Synthesis(),
         _synthesis_inputs,
@@ -145,13 +145,13 @@ GRAPHS = {
 }
 
 
-def _positional(name: str, graph: Graph, size: tuple[int, int, int, int]) -> dict[str, Tensor]:
+def _positional(name: str, graph: GraphExport, size: tuple[int, int, int, int]) -> dict[str, Tensor]:
     """Inputs in the order of the module's forward, under the ONNX names."""
     inputs = graph.inputs(*size)
     return {onnx_name: inputs[onnx_name] for onnx_name in CONTRACTS[name].inputs}
 
 
-def export(name: str, graph: Graph) -> dict[str, float]:
+def export(name: str, graph: GraphExport) -> dict[str, float]:
     """Write models/NAME.onnx; returns the largest difference to torch, relative to the output's largest magnitude."""
     path = MODELS / f"{name}.onnx"
     inputs = _positional(name, graph, (2, 6, 5, 2))

@@ -33,7 +33,7 @@ ROUNDINGS = 8
 
 
 @dataclass(frozen=True)
-class Scene:
+class CameraGaussians:
     """Gaussians on the pixels of one camera, in float64.
 
     Attributes:
@@ -73,7 +73,7 @@ def make_scene(
     angle: Any = 0.3,
     scale: float = 1.0,
     quat_length: float = 1.0,
-) -> Scene:
+) -> CameraGaussians:
     """A scene whose camera stands `distance` from the world's origin and is turned by `angle`.
 
     Args:
@@ -97,10 +97,10 @@ def make_scene(
     scales = scale * z[:, None] / camera.focal * rng.uniform(0.3, 1.5, (len(z), 3))
     quats = normalize_quats(rng.normal(size=(len(z), 4))) * quat_length
     origin = camera.centre.copy() if distance else np.zeros(3)
-    return Scene(name, camera, means, scales, quats, origin, R)
+    return CameraGaussians(name, camera, means, scales, quats, origin, R)
 
 
-def scenes() -> list[Scene]:
+def scenes() -> list[CameraGaussians]:
     """All cases."""
 
     def lens(focal: float, skew: float = 0.0, centre: tuple[float, float] = (4.1, 3.9)) -> NDArray:
@@ -186,7 +186,7 @@ def projection_rows(store: GraphStore) -> Iterator[Row]:
 
 
 def _projection_measures(
-    scene: Scene, held: dict[str, NDArray[Any]], found: dict[str, tuple[NDArray, dict[str, NDArray[Any]]]]
+    scene: CameraGaussians, held: dict[str, NDArray[Any]], found: dict[str, tuple[NDArray, dict[str, NDArray[Any]]]]
 ) -> Iterator[Row]:
     z = held["depth"]
     reach = E.absolute(held["ray"]) @ E.absolute(scene.rotation.T)  # (N, 3): what the dot products sum up

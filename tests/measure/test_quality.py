@@ -24,9 +24,9 @@ from PIL import Image
 from scenes import make_smooth_gaussians
 
 from tinysplat.measure.metrics import psnr, ssim
-from tinysplat.measure.quality import Coding, Quality, document, groups_of, mean_of_rows, mean_of_scenes, record
+from tinysplat.measure.quality import ProfileQp, Quality, document, groups_of, mean_of_rows, mean_of_scenes, record
 from tinysplat.measure.rows import ROWS, Row, RowFile
-from tinysplat.measure.runner import Outcome, Plan, list_jobs, run_jobs
+from tinysplat.measure.runner import RunOutcome, RunPlan, list_jobs, run_jobs
 from tinysplat.measure.show.sheets import result_sheets
 from tinysplat.measure.studies.quality import summary_table
 from tinysplat.measure.subjects.cases import Window, covered_pixels
@@ -35,16 +35,16 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
 
 SIZE = (HEIGHT, WIDTH)
-CODINGS = (Coding("paper", 0.0), Coding("balanced", 6.0))
+CODINGS = (ProfileQp("paper", 0.0), ProfileQp("balanced", 6.0))
 
 
-def plan_of(*paths: Path, **options) -> Plan:
+def plan_of(*paths: Path, **options) -> RunPlan:
     sources, left_out = find_sources(paths)
     assert not left_out
-    return Plan(sources, ("sweep",), **{"size": SIZE, **options})
+    return RunPlan(sources, ("sweep",), **{"size": SIZE, **options})
 
 
-def evaluate(plan: Plan, folder: Path, codings=CODINGS, **options) -> Outcome:
+def evaluate(plan: RunPlan, folder: Path, codings=CODINGS, **options) -> RunOutcome:
     return run_jobs(plan, Quality(codings, folder, **options), RowFile(folder / ROWS))
 
 
@@ -130,7 +130,7 @@ def test_depth_maps_are_cropped_as_photos_are_and_keep_their_samples(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory) -> tuple[Path, Path, Outcome]:
+def measured(tmp_path_factory) -> tuple[Path, Path, RunOutcome]:
     """A scene, the folder of its results, and the results."""
     folder = tmp_path_factory.mktemp("measured")
     scene = write_eval_scene(folder / "plane", [NEAR_WINDOW, WIDE_WINDOW], with_depth=True)
@@ -249,7 +249,7 @@ def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):
 # ---- comparing ---------------------------------------------------------------------------------------------------
 
 
-def write_results(folder: Path, outcome: Outcome) -> None:
+def write_results(folder: Path, outcome: RunOutcome) -> None:
     folder.mkdir(exist_ok=True)
     (folder / "results.json").write_text(json.dumps(document(outcome, "", 1, 1)))
 

@@ -36,9 +36,9 @@ def evaluate(job: BatchJob, threads: int = 1) -> dict[str, Any]:
     try:
         import skimage.metrics  # noqa: F401 - what SSIM needs, before work begins
 
-        from tinysplat.measure.quality import Coding, Quality, mean_of, record
+        from tinysplat.measure.quality import ProfileQp, Quality, mean_of, record
         from tinysplat.measure.rows import ROWS, RowFile
-        from tinysplat.measure.runner import Plan, run_jobs
+        from tinysplat.measure.runner import RunPlan, run_jobs
         from tinysplat.measure.subjects.sources import find_sources
     except ImportError as error:
         install = 'pip install "tinysplat[cluster,eval]" brings it'
@@ -48,8 +48,8 @@ def evaluate(job: BatchJob, threads: int = 1) -> dict[str, Any]:
         raise InputError(f"'{request.size}', expected WIDTHxHEIGHT to measure at", where="--size")
     with local_folder(job.scene) as folder, tempfile.TemporaryDirectory(prefix="tinysplat-") as results:
         sources, left_out = find_sources([folder], near=request.near, far=request.far)
-        plan = Plan(sources, (request.model,), request.size or DEFAULT_SIZE)
-        coding = Coding(request.coding.planes.name, request.coding.step_qp)
+        plan = RunPlan(sources, (request.model,), request.size or DEFAULT_SIZE)
+        coding = ProfileQp(request.coding.planes.name, request.coding.step_qp)
         work, store = Quality((coding,), Path(results)), RowFile(Path(results, ROWS))
         outcome = run_jobs(plan, work, store, threads=threads, runtime=worker_runtime(threads))
     left_out = [*left_out, *outcome.left_out]

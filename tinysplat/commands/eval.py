@@ -12,9 +12,9 @@ from typing import Any
 
 from tinysplat.datasets import SPECS
 from tinysplat.measure.lpips import BACKBONE_FILES, LpipsFiles, find_lpips
-from tinysplat.measure.quality import Coding, Quality, document, record
+from tinysplat.measure.quality import ProfileQp, Quality, document, record
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile, run_row
-from tinysplat.measure.runner import Outcome, Plan, run_jobs
+from tinysplat.measure.runner import RunOutcome, RunPlan, run_jobs
 from tinysplat.measure.show.tables import csv_text, within
 from tinysplat.measure.studies.quality import results_text
 from tinysplat.measure.subjects.cases import LeftOut, Source
@@ -149,7 +149,7 @@ def run(args: Namespace) -> None:
             raise InputError(f"{factor:g}, accepted are {MIN_ZOOM:g} to {MAX_ZOOM:g}", where="--zoom")
     lpips, lpips_text = choose_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
     sources, lost = find_sources(args.scenes, index=args.index, dataset=args.dataset, near=args.near, far=args.far)
-    plan = Plan(
+    plan = RunPlan(
         sources,
         tuple(args.model or (DEFAULT_MODEL,)),
         args.size or _natural_size(sources),
@@ -161,7 +161,7 @@ def run(args: Namespace) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder for results", where=args.output)
     folder.mkdir(parents=True, exist_ok=True)
-    codings = tuple(Coding(p, q) for p in args.profile for q in args.qp)
+    codings = tuple(ProfileQp(p, q) for p in args.profile for q in args.qp)
     quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested, args.refine, args.draw)
     threads = args.threads or max(1, available_cores() // args.jobs)
     began, store = time.perf_counter(), RowFile(folder / ROWS)
@@ -191,7 +191,7 @@ def say_left_out(left_out: Sequence[LeftOut], notes: Sequence[str]) -> None:
         print(f"tinysplat: {' '.join(line.split())}", file=sys.stderr)
 
 
-def summary_line(outcome: Outcome) -> str:
+def summary_line(outcome: RunOutcome) -> str:
     """What was measured and what was not."""
     lost = sum(entry.count for entry in outcome.left_out)
     windows = len({(row.subject, str(row.setting["targets"])) for row in outcome.rows})

@@ -55,7 +55,7 @@ class Rendered:
     seconds: float
 
 
-class Pictures:
+class PictureJudge:
     """The judge of everything that stores, changes or approximates a case's Gaussians.
 
     Attributes:

@@ -34,9 +34,9 @@ from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
 from .metrics import depth_errors, plane_errors, psnr, ssim
-from .pictures import Drawing, PictureMetric, Pictures, Rendered, mean_psnr, photo_psnr, rescaled
+from .pictures import Drawing, PictureJudge, PictureMetric, Rendered, mean_psnr, photo_psnr, rescaled
 from .rows import PICTURES, Row, describe_machine, grouped
-from .runner import Outcome, WindowJob
+from .runner import RunOutcome, WindowJob
 from .subjects.cases import Case, Shots, covered_pixels, nearest_views, predicted
 
 NESTED = (2, 4, 6)
@@ -55,7 +55,7 @@ _UNKNOWN = dict.fromkeys(
 
 
 @dataclass(frozen=True)
-class Coding:
+class ProfileQp:
     """A profile at a Q_g."""
 
     profile: str
@@ -79,7 +79,7 @@ class Quality:
         study: what its rows are of.
     """
 
-    codings: tuple[Coding, ...]
+    codings: tuple[ProfileQp, ...]
     folder: Path
     lpips: LpipsFiles | None = None
     pictures: bool = False
@@ -166,7 +166,7 @@ class Prepared:
         shared: figures that all codings have.
     """
 
-    pictures: Pictures
+    pictures: PictureJudge
     per_image: dict[str, list[float]]
     covered: tuple[NDArray, ...] | None
     zooms: tuple[Zoom, ...]
@@ -178,7 +178,7 @@ class Prepared:
         case, drawing, shared = job.case(runtime), Drawing(runtime.threads, dict(quality.draw)), {}
         if quality.refine is not None:
             case, shared["refined"] = _refined(case, quality.refine, quality.codings[0], runtime, drawing)
-        pictures = Pictures(case, drawing)
+        pictures = PictureJudge(case, drawing)
         per_image: dict[str, list[float]] = {}
         covered, shots = None, case.shots
         if shots is not None:
@@ -198,7 +198,7 @@ class Prepared:
 
 
 def _refined(
-    case: Case, budget: Refinement, coding: Coding, runtime: Runtime, drawing: Drawing
+    case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime, drawing: Drawing
 ) -> tuple[Case, dict[str, Any]]:
     """The case with its Gaussians corrected, and how far that went: `psnr_before` is that of the network's own."""
     if case.shots is None or case.shots.scene is None:
@@ -323,7 +323,7 @@ def _depth_scores(case: Case, sets: Mapping[str, Rendered]) -> dict[str, dict[st
     return scores
 
 
-def _write_pictures(folder: Path, pictures: Pictures, decoded: Rendered) -> None:
+def _write_pictures(folder: Path, pictures: PictureJudge, decoded: Rendered) -> None:
     """Target pictures as `<n>_photo.png`, `<n>_raw.png`, `<n>_decoded.png`, n counting the window's targets."""
     folder.mkdir(parents=True, exist_ok=True)
     sets = {"photo": pictures.case.photos, "raw": pictures.raw.images, "decoded": decoded.images}
@@ -352,7 +352,7 @@ def record(row: Row) -> dict[str, Any]:
     return {**setting, **row.figures, "seconds": dict(row.costs)}
 
 
-def document(outcome: Outcome, lpips: str, threads: int, processes: int) -> dict[str, Any]:
+def document(outcome: RunOutcome, lpips: str, threads: int, processes: int) -> dict[str, Any]:
     """The object that `eval --json` writes.
 
     `scenes` has one entry per window and coding, `mean` the means over all of them, and `groups` the means of those

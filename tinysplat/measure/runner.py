@@ -19,7 +19,7 @@ from .subjects.cases import FILE, Case, LeftOut, Source, Window
 
 
 @dataclass(frozen=True)
-class Plan:
+class RunPlan:
     """Which windows to measure.
 
     Attributes:
@@ -76,7 +76,7 @@ class Work(Protocol):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """Results in the plan's order.
 
     Attributes:
@@ -92,7 +92,7 @@ class Outcome:
     resumed: int
 
 
-def list_jobs(plan: Plan) -> tuple[list[WindowJob], list[LeftOut], list[str]]:
+def list_jobs(plan: RunPlan) -> tuple[list[WindowJob], list[LeftOut], list[str]]:
     """Jobs of a plan, windows and scenes whose index is at fault, and notes."""
     jobs: list[WindowJob] = []
     left_out: list[LeftOut] = []
@@ -114,7 +114,7 @@ def list_jobs(plan: Plan) -> tuple[list[WindowJob], list[LeftOut], list[str]]:
 
 
 def run_jobs(
-    plan: Plan,
+    plan: RunPlan,
     work: Work,
     store: RowFile,
     *,
@@ -122,7 +122,7 @@ def run_jobs(
     processes: int = 1,
     quiet: bool = True,
     runtime: Runtime | None = None,
-) -> Outcome:
+) -> RunOutcome:
     """Measure what a plan asks for, keeping what is already there.
 
     Args:
@@ -158,10 +158,10 @@ def run_jobs(
             failed[job] = fault
     left_out += [failed[job] for job in jobs if job in failed]
     rows = [row for job in jobs for row in map(store.find, wanted[job]) if row is not None]
-    return Outcome(rows, left_out, notes, len(known))
+    return RunOutcome(rows, left_out, notes, len(known))
 
 
-def _is_wanted(window: Window, plan: Plan) -> bool:
+def _is_wanted(window: Window, plan: RunPlan) -> bool:
     kind_fits = not plan.kinds or window.kind in plan.kinds or window.kind == FILE
     return kind_fits and (not plan.views or len(window.context) in plan.views)
 

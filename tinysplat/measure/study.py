@@ -14,7 +14,7 @@ from .clock import Effort
 from .lpips import LpipsFiles, find_lpips
 from .pictures import Drawing
 from .rows import Row, RowFile
-from .runner import Plan, WindowJob, list_jobs
+from .runner import RunPlan, WindowJob, list_jobs
 from .show.plots import Chart
 from .show.tables import Listing
 from .subjects.cases import Case, Source, Window
@@ -146,10 +146,10 @@ class Run:
         """LPIPS with VGG, the paper's, where its weights are at hand."""
         return find_lpips("vgg", self.options.lpips_backbone, self.options.lpips_linear)[0]
 
-    def plan(self, views: Sequence[int] = (), kinds: Sequence[str] = ()) -> Plan:
+    def plan(self, views: Sequence[int] = (), kinds: Sequence[str] = ()) -> RunPlan:
         """Which of the user's windows are measured."""
         options = self.options
-        return Plan(
+        return RunPlan(
             self.sources,
             self.models[:1] if not options.models else options.models,
             self.size,

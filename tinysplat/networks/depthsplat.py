@@ -133,7 +133,7 @@ class Features:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SweepViews:
     """Cameras of B scenes for plane sweeps.
 
     Attributes:
@@ -189,7 +189,7 @@ class DepthPredictor(nn.Module):
             return Features(cnn, [mv], mono, [matched])
         return Features(cnn, self.mv_pyramid(mv), mono, self.mono_pyramid(matched))
 
-    def candidates(self, sweep: Sweep, coarse: Tensor | None) -> Tensor:
+    def candidates(self, sweep: SweepViews, coarse: Tensor | None) -> Tensor:
         """Inverse depths: (B·V, 128, 1, 1) over the range, or (B·V, 32, 2h, 2w) around a coarse (B·V, 1, h, w)."""
         if coarse is None:
             return inverse_depth_candidates(sweep.near, sweep.far, CANDIDATES[0]).flatten(0, 1)[..., None, None]
@@ -201,7 +201,7 @@ class DepthPredictor(nn.Module):
         t = torch.linspace(0, 1, CANDIDATES[1], dtype=middle.dtype, device=middle.device)
         return start + t[:, None, None] * (end - start)
 
-    def match(self, scale: int, features: Features, sweep: Sweep, coarse: Tensor | None) -> tuple[Tensor, Tensor]:
+    def match(self, scale: int, features: Features, sweep: SweepViews, coarse: Tensor | None) -> tuple[Tensor, Tensor]:
         """One plane sweep: expected inverse depth (B·V, 1, h, w) and the candidates' probabilities (B·V, D, h, w)."""
         candidates = self.candidates(sweep, coarse)
         mv = features.mv[scale]
@@ -212,7 +212,7 @@ class DepthPredictor(nn.Module):
         probabilities = self.depth_head[scale](refined).softmax(dim=1)
         return (probabilities * candidates).sum(dim=1, keepdim=True), probabilities
 
-    def forward(self, images: Tensor, sweep: Sweep) -> tuple[Tensor, Tensor, Features]:
+    def forward(self, images: Tensor, sweep: SweepViews) -> tuple[Tensor, Tensor, Features]:
         """Predict depth.
 
         Args:
@@ -267,7 +267,7 @@ class DepthSplat(nn.Module):
         scenes, views = images.shape[:2]
         others = nearest_others(c2w, MATCHED_VIEWS)
         flat = images.flatten(0, 1)
-        depth, confidence, features = self.depth_predictor(flat, Sweep(K, c2w, near, far, others))
+        depth, confidence, features = self.depth_predictor(flat, SweepViews(K, c2w, near, far, others))
         fused = self.feature_upsampler(features.mono, features.named())
         regressed = self.gaussian_regressor(torch.cat([flat, depth, confidence, fused], dim=1))
         raw = self.gaussian_head(torch.cat([regressed, flat, fused, confidence], dim=1)).unflatten(0, (scenes, views))

@@ -115,7 +115,7 @@ class LayerScale(nn.Module):
         return x * self.gamma
 
 
-class Block(nn.Module):
+class TransformerBlock(nn.Module):
     """Pre-norm attention and feed-forward with LayerScale."""
 
     def __init__(self, channels: int) -> None:
@@ -142,7 +142,7 @@ class DINOv2(nn.Module):
         self.cls_token = nn.Parameter(torch.zeros(1, 1, size.channels))
         self.pos_embed = nn.Parameter(torch.zeros(1, 1 + TRAINED_GRID**2, size.channels))
         self.patch_embed = PatchEmbedding(size.channels)
-        self.blocks = nn.ModuleList(Block(size.channels) for _ in range(size.blocks))
+        self.blocks = nn.ModuleList(TransformerBlock(size.channels) for _ in range(size.blocks))
         self.norm = nn.LayerNorm(size.channels, NORM_EPSILON)
 
     def position_embedding(self, rows: int, columns: int) -> Tensor:

@@ -48,7 +48,7 @@ class FusionBlock(nn.Module):
         return self.out_conv(resize(self.resConfUnit2(x), size))
 
 
-class Scratch(nn.Module):
+class FusionLayers(nn.Module):
     """Level convolutions, fusion blocks and, for a residual, the output convolutions."""
 
     def __init__(self, widths: Sequence[int], channels: int, has_output: bool) -> None:
@@ -106,7 +106,7 @@ class DPTHead(nn.Module):
             nn.Conv2d(sum(width if name == "mono" else channels_of[name] for name in names), width, 1)
             for names, width in zip(recipe, widths, strict=False)
         )
-        self.scratch = Scratch(widths, features, has_output)
+        self.scratch = FusionLayers(widths, features, has_output)
 
     def forward(self, mono: Sequence[Tensor], maps: Mapping[str, Tensor]) -> Tensor:
         """Fuse.

@@ -21,7 +21,7 @@ from torch.nn import functional
 
 from .aggregation import box_mean, local_contrast
 from .edge_analysis import Analysis, EdgeSettings, Matches, analyse, expected_level, match, photo_difference
-from .edge_layers import CostRefiner, UNet, bilinear_logits, convex_upsampling, convolution, zero
+from .edge_layers import CostRefiner, FeatureUNet, bilinear_logits, convex_upsampling, convolution, zero
 from .exposure import one_exposure
 from .geometry import pixel_intrinsics, pixel_rays
 from .narrowing import narrowed
@@ -51,7 +51,7 @@ OPACITY_CAP = 31 / 32
 
 
 @dataclass(frozen=True)
-class Views:
+class MatchedViews:
     """Photos and cameras: all views, of which some have their depth sought.
 
     Attributes:
@@ -204,7 +204,7 @@ class Edge(nn.Module):
         self.settings = s = settings or EdgeSettings()
         width = s.widths[0]
         self.refiner = CostRefiner(3, 6, s.refiner)
-        self.unet = UNet(2 * (2 * s.look + 1) + 8, s.widths)
+        self.unet = FeatureUNet(2 * (2 * s.look + 1) + 8, s.widths)
         self.trust_costs = nn.Parameter(torch.tensor(1.0))
         self.upsampling = zero(nn.Conv2d(width, 36, 1))
         self.register_buffer("bilinear", bilinear_logits(), persistent=False)
@@ -238,7 +238,7 @@ class Edge(nn.Module):
             depths = narrowed(images, K, pairs, whole, s.narrowing, s.analysis)
             matches = match(half, terms, pairs, depths, s)
         estimate = self.estimate(half, K, terms, pairs, depths, matches, matches.level)
-        views = Views(images, shown, K, c2w, far, depths)
+        views = MatchedViews(images, shown, K, c2w, far, depths)
         found = self.seen(views, pairs, witnesses, estimate, estimate.level, estimate.agreement)
         dressed = self.dress(found, depths)
         outputs, opacity = self.finish(dressed, views, witnesses, dressed.level, dressed.opacity)
@@ -270,7 +270,7 @@ class Edge(nn.Module):
 
     def seen(
         self,
-        views: Views,
+        views: MatchedViews,
         pairs: ViewPairs,
         witnesses: ViewPairs,
         estimate: Estimate,
@@ -346,7 +346,7 @@ class Edge(nn.Module):
         return Dressed(level, opacity, footprint, colours, self.coarse(found.coarse_features, found.cells))
 
     def finish(
-        self, dressed: Dressed, views: Views, witnesses: ViewPairs, levels: Tensor, opacities: Tensor
+        self, dressed: Dressed, views: MatchedViews, witnesses: ViewPairs, levels: Tensor, opacities: Tensor
     ) -> tuple[tuple[Tensor, ...], Tensor]:
         """The tensors of `OUTPUT_NAMES`, and opacity, of what is dressed.
 

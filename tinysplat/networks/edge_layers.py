@@ -49,7 +49,7 @@ class CostRefiner(nn.Module):
         return self.out(x + functional.relu(self.mix(x)))[:, 0]
 
 
-class UNet(nn.Module):
+class FeatureUNet(nn.Module):
     """Features at the input's resolution and at half of it, with context from an eighth."""
 
     def __init__(self, inputs: int, widths: tuple[int, int, int, int]) -> None:

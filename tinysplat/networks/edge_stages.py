@@ -17,7 +17,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from .edge import Dressed, Edge, Estimate, Views
+from .edge import Dressed, Edge, Estimate, MatchedViews
 from .edge_analysis import Matches, match
 from .exposure import blindly, compared
 from .geometry import pixel_intrinsics, pixel_rays
@@ -164,7 +164,7 @@ class Dress(Stage):
         """`Dressed` of photos (N, 3, H, W) of one exposure, and (1, 3, H, W) in that to show."""
         pairs, depths = ViewPairs.first(c2w), self.depths(ranges)
         none = torch.zeros(())
-        views = Views(images, shown, K, c2w, none, depths)
+        views = MatchedViews(images, shown, K, c2w, none, depths)
         level, agreement = pairs.own(levels), pairs.own(agreements)
         estimate = Estimate(none, level, agreement, features, coarse_features, full, clues)
         seen = self.network.seen(views, pairs, pairs, estimate, levels, agreements)
@@ -199,7 +199,7 @@ class Finish(Stage):
         pairs = ViewPairs.first(c2w)
         coarse = CoarseChanges(*changes.split([1, 1, 1, 3], dim=1))
         dressed = Dressed(pairs.own(levels), pairs.own(alphas), footprint, colours, coarse)
-        views = Views(shown, shown, K, c2w, far, self.depths(ranges))
+        views = MatchedViews(shown, shown, K, c2w, far, self.depths(ranges))
         return self.network.finish(dressed, views, pairs, levels, alphas)[0]
 
 

@@ -74,7 +74,7 @@ class GaussianHead(nn.Sequential):
         return functional.conv2d(self[1](self[0](x)), weight, bias, padding=1)
 
 
-class DepthPredictor(nn.Module):
+class DepthPredictorMultiView(nn.Module):
     """Plane sweep, its regularisation, and refinement of inverse depth at full resolution, with the Gaussian head."""
 
     def __init__(self, sh_degree: int) -> None:
@@ -153,7 +153,7 @@ class MVSplat(nn.Module):
         super().__init__()
         self.sh_degree = sh_degree
         self.backbone = Backbone()
-        self.depth_predictor = DepthPredictor(sh_degree)
+        self.depth_predictor = DepthPredictorMultiView(sh_degree)
         self.harmonics = HarmonicsToWorld(sh_degree)
 
     def forward(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> PixelGaussians:

@@ -12,7 +12,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render.prepare import ALPHA_MIN
 from tinysplat_runtime.render.renderer import NEAR_PLANE
 
-from .projection import PinholeCamera, Splats
+from .projection import PinholeCamera, ProjectedSplats
 from .tiles import composite_in_tiles
 
 HAS_NUMBA = importlib.util.find_spec("numba") is not None
@@ -20,7 +20,7 @@ HAS_NUMBA = importlib.util.find_spec("numba") is not None
 Backend = Literal["auto", "numba", "torch"]
 
 
-def visible_order(splats: Splats, opacities: Tensor, camera: PinholeCamera) -> tuple[Tensor, Tensor]:
+def visible_order(splats: ProjectedSplats, opacities: Tensor, camera: PinholeCamera) -> tuple[Tensor, Tensor]:
     """Splats whose footprint touches the picture: indices nearest first, ties in the order given, and half extents.
 
     Returns:
@@ -39,7 +39,7 @@ def visible_order(splats: Splats, opacities: Tensor, camera: PinholeCamera) -> t
 
 
 def composite(
-    splats: Splats, opacities: Tensor, colours: Tensor, camera: PinholeCamera, backend: Backend = "auto"
+    splats: ProjectedSplats, opacities: Tensor, colours: Tensor, camera: PinholeCamera, backend: Backend = "auto"
 ) -> tuple[Tensor, Tensor]:
     """Blend splats front to back (Kerbl et al. 2023).
 

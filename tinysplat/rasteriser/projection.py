@@ -32,7 +32,7 @@ class PinholeCamera:
 
 
 @dataclass(frozen=True)
-class Splats:
+class ProjectedSplats:
     """Gaussians as the picture sees them; every tensor but `depth` carries gradients.
 
     Attributes:
@@ -62,7 +62,7 @@ def quats_to_rotations(quats: Tensor) -> tuple[Tensor, ...]:
     )
 
 
-def project(means: Tensor, quats: Tensor, scales: Tensor, camera: PinholeCamera) -> Splats:
+def project(means: Tensor, quats: Tensor, scales: Tensor, camera: PinholeCamera) -> ProjectedSplats:
     """Project Gaussians.
 
     Args:
@@ -93,4 +93,4 @@ def project(means: Tensor, quats: Tensor, scales: Tensor, camera: PinholeCamera)
     b = (m[:, 0] * m[:, 1]).sum(dim=-1)
     c = m[:, 1].square().sum(dim=-1) + DILATION
     det = torch.linalg.cross(m[:, 0], m[:, 1]).square().sum(dim=-1) + DILATION * (a + c) - DILATION**2
-    return Splats(centred + principal, torch.stack([c, -b, a], dim=-1) / det[:, None], depth.detach())
+    return ProjectedSplats(centred + principal, torch.stack([c, -b, a], dim=-1) / det[:, None], depth.detach())

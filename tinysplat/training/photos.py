@@ -39,7 +39,7 @@ LABELS = "depth_mvs"
 
 
 @dataclass(frozen=True)
-class PhotoScene:
+class TrainingScene:
     """The photos of one scene in memory.
 
     Attributes:
@@ -76,7 +76,7 @@ class PhotoSet:
         skipped: a line for every photo that could not be read.
     """
 
-    scenes: tuple[PhotoScene, ...]
+    scenes: tuple[TrainingScene, ...]
     skipped: tuple[str, ...]
 
     @classmethod
@@ -127,7 +127,7 @@ class PhotoSet:
         return Sample.of(scene.name, pictures[:count], pictures[count:], depth_range, known)
 
 
-def _load_scene(path: Path, skipped: list[str]) -> PhotoScene:
+def _load_scene(path: Path, skipped: list[str]) -> TrainingScene:
     scene = load_scene(path)
     near, far = scene.depth_range()
     images, cameras, depths = [], [], []
@@ -143,10 +143,10 @@ def _load_scene(path: Path, skipped: list[str]) -> PhotoScene:
         cameras.append(frame.camera)
         depths.append(_labels(path / LABELS / f"{Path(frame.path).stem}.png", pixels.shape[:2]))
     if not cameras:
-        return PhotoScene(path.name, (), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), near, far, (), ())
+        return TrainingScene(path.name, (), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), near, far, (), ())
     K, c2w = np.stack([camera.K for camera in cameras]), np.stack([camera.c2w for camera in cameras])
     windows = _windows(c2w, (near * far) ** 0.5)
-    return PhotoScene(path.name, tuple(images), K, c2w, near, far, tuple(windows), tuple(depths))
+    return TrainingScene(path.name, tuple(images), K, c2w, near, far, tuple(windows), tuple(depths))
 
 
 def _labels(path: Path, size: tuple[int, ...]) -> NDArray | None:
@@ -163,7 +163,7 @@ def _labels(path: Path, size: tuple[int, ...]) -> NDArray | None:
     return np.where(codes > 0, 1 / np.maximum(codes * np.float32(step), 1e-9), 0).astype(np.float32)
 
 
-def _near_to(scene: PhotoScene, first: int, taken: set[int]) -> list[int]:
+def _near_to(scene: TrainingScene, first: int, taken: set[int]) -> list[int]:
     """Further frames that see what a window's first frame sees."""
     centre, forward = scene.c2w[:, :3, 3], scene.c2w[:, :3, 2]
     near = np.linalg.norm(centre - centre[first], axis=1) < FARTHEST_MORE * (scene.near * scene.far) ** 0.5
@@ -191,7 +191,7 @@ def _windows(c2w: NDArray, typical_depth: float) -> Sequence[tuple[int, int, NDA
 
 
 def _crops(
-    scene: PhotoScene, frames: Sequence[int], crop: int, sides: Sequence[int], rng: np.random.Generator
+    scene: TrainingScene, frames: Sequence[int], crop: int, sides: Sequence[int], rng: np.random.Generator
 ) -> tuple[list[Picture], list[NDArray]]:
     """Square crops of `crop` pixels about where a random point of the first view appears, scaled to `sides`; and z."""
     first = frames[0]

@@ -19,7 +19,7 @@ from ..errors import FormatError, InputError
 from ..gaussian.notes import Notes
 from ..scene.cameras import Camera
 from . import layout as L
-from .records import Limits, Pictures
+from .records import Limits, PlanePictures
 from .sections import Cursor, Section, only, require
 
 Item = TypeVar("Item")
@@ -148,7 +148,7 @@ class Body(ABC):
     is_divisible: ClassVar[bool] = False
 
     cameras: tuple[Camera, ...] = ()
-    pictures: Pictures = field(default_factory=Pictures)
+    pictures: PlanePictures = field(default_factory=PlanePictures)
 
     @classmethod
     def is_told_by(cls, kinds: Collection[bytes], layer_count: int) -> bool:
@@ -211,7 +211,7 @@ class Container:
         return self.body.cameras
 
     @property
-    def pictures(self) -> Pictures:
+    def pictures(self) -> PlanePictures:
         """Pictures of planes."""
         return self.body.pictures
 

@@ -12,7 +12,7 @@ from . import layout as L
 from .body import Body, Description, Opened, check_totals, picked
 from .bounds import check_ranges, decoding_bytes
 from .layers import CodedLayer, LayerHeader, layer_section, read_layer
-from .records import ChannelRecord, Pictures
+from .records import ChannelRecord, PlanePictures
 from .sections import NewSection, Section, require
 from .units import UNIT_KINDS, Units, passes
 
@@ -80,7 +80,7 @@ class Planes(Body):
         )
 
 
-def read_pictures(sections: Sequence[Section], channels: Sequence[Sequence[ChannelRecord]]) -> Pictures:
+def read_pictures(sections: Sequence[Section], channels: Sequence[Sequence[ChannelRecord]]) -> PlanePictures:
     """The pictures of a file whose layers have such channels.
 
     Raises:
@@ -93,7 +93,7 @@ def read_pictures(sections: Sequence[Section], channels: Sequence[Sequence[Chann
             raise FormatError("holds pictures of no channel", where=section.label)
     # Records of a class stand in the order of their pictures, so that the last one kept ends where the section does.
     data = {key: _joined(found, *key, last) for key, last in coded.items()}
-    return Pictures(tuple(map(tuple, channels)), data, found)
+    return PlanePictures(tuple(map(tuple, channels)), data, found)
 
 
 def _joined(sections: Sequence[Section], plane_class: PlaneClass, index: int, last: ChannelRecord) -> memoryview:

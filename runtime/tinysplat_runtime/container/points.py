@@ -10,13 +10,13 @@ from . import layout as L
 from .body import Body, Description, Opened, Piece
 from .free import FREE, FREE_POINTS, FREE_TIER, read_free
 from .planes import PLANE_KINDS, read_pictures
-from .records import FreeScene, Pictures
+from .records import FreeScene, PlanePictures
 from .sections import Section, require
 from .viewpoints import VIEWPOINTS, read_viewpoints
 
 
 @dataclass(frozen=True)
-class TierPictures(Pictures):
+class TierPictures(PlanePictures):
     """The pictures of tiers."""
 
     def prefixes(self) -> list[dict[str, Any]]:

@@ -78,7 +78,7 @@ class ChannelRecord:
 
 
 @dataclass(frozen=True)
-class Pictures:
+class PlanePictures:
     """The pictures of planes that a file holds.
 
     Attributes:
@@ -150,7 +150,7 @@ class Pictures:
 
 
 @dataclass(frozen=True)
-class UnitPictures(Pictures):
+class UnitPictures(PlanePictures):
     """The pictures of a file whose views are units.
 
     Attributes:

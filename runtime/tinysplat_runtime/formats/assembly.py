@@ -24,7 +24,7 @@ ORIGIN_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
-class Points:
+class PointCloud:
     """Gaussians as formats without pixels, layers and origins hold them.
 
     Attributes:
@@ -38,7 +38,7 @@ class Points:
     is_far: bool
 
     @classmethod
-    def of(cls, gaussians: Gaussians) -> Points:
+    def of(cls, gaussians: Gaussians) -> PointCloud:
         """All layers of `gaussians` as one list."""
         flat = gaussians.flat()
         means = flat.means.astype(np.float64) + flat.origin
@@ -53,7 +53,7 @@ def cut_degree_note(gaussians: Gaussians, highest: int, suffix: str) -> list[str
     return [f"SH of degree {degree} cut to {highest}, the highest that readers of {suffix} know"]
 
 
-def far_note(points: Points) -> list[str]:
+def far_note(points: PointCloud) -> list[str]:
     """What to say where a format has no more than float32 for positions."""
     text = "positions lose digits: too far from the world's origin for float; bring the scene nearer first"
     return [text] if points.is_far else []

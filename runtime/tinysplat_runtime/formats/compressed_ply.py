@@ -22,7 +22,7 @@ from ..gaussian.curve import morton_order
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..gaussian.sh import C0
-from .assembly import Points, cut_degree_note, far_note
+from .assembly import PointCloud, cut_degree_note, far_note
 from .file_notes import ply_comments
 
 CHUNK = 256
@@ -41,7 +41,7 @@ _SH_COUNTS = (0, 9, 24, 45)  # of degrees 0 to 3, without the first band
 
 def save_compressed_ply(path: Path, gaussians: Gaussians) -> list[str]:
     """Write Gaussians of any shape; see `write_compressed_ply`. Returns what is lost, one line each."""
-    points, notes = Points.of(gaussians), cut_degree_note(gaussians, MAX_DEGREE, ".compressed.ply")
+    points, notes = PointCloud.of(gaussians), cut_degree_note(gaussians, MAX_DEGREE, ".compressed.ply")
     write_compressed_ply(path, points.gaussians, points.means, ply_comments(gaussians.notes))
     return [*notes, *far_note(points)]
 

@@ -21,7 +21,7 @@ from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..system.files import parsing
-from .assembly import Points, cut_degree_note
+from .assembly import PointCloud, cut_degree_note
 from .compressed_ply import compressed_arrays, is_compressed
 from .file_notes import ply_comments
 
@@ -114,7 +114,7 @@ def write_ply(path: Path, gaussians: Gaussians, means: NDArray, comments: Sequen
 
 def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
     """Write Gaussians of any shape; see `write_ply`. Returns what is lost or unusual, one line each."""
-    points, notes = Points.of(gaussians), cut_degree_note(gaussians, MAX_PLY_DEGREE, ".ply")
+    points, notes = PointCloud.of(gaussians), cut_degree_note(gaussians, MAX_PLY_DEGREE, ".ply")
     comments = ply_comments(gaussians.notes)
     if points.is_far:
         notes.append("x, y, z written as double: too far from the world's origin for float")

@@ -31,7 +31,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..system.files import parsing, read_limited, write_atomically
-from .assembly import Points, cut_degree_note, far_note
+from .assembly import PointCloud, cut_degree_note, far_note
 from .palette import codebook, nearest, palette
 
 META = "meta.json"
@@ -67,7 +67,7 @@ def save_sog(path: Path, gaussians: Gaussians) -> list[str]:
         InputError: more Gaussians than pictures have pixels.
         ImportError: Pillow is not installed.
     """
-    points = Points.of(gaussians)
+    points = PointCloud.of(gaussians)
     told = {"model": MODEL} if gaussians.notes.antialiased else {}
     *pictures, (_, meta) = _files(points.gaussians, points.means, told)
     if path.suffix == ".json":

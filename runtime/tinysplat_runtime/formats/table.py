@@ -86,10 +86,10 @@ def _to(place: str) -> Callable[..., list[str]]:
 
 
 def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
-    from .assembly import Points
+    from .assembly import PointCloud
     from .spz import encode_spz
 
-    points = Points.of(gaussians)
+    points = PointCloud.of(gaussians)
     data, notes = encode_spz(
         points.gaussians,
         points.means,
@@ -284,11 +284,11 @@ def save_points(path: StrPath, gaussians: Gaussians) -> None:
     if Path(path).suffix.lower() != ".ply":
         raise InputError(f"suffix '{Path(path).suffix.lower()}', expected .ply", where=str(path))
     from ..scene.images import to_uint8
-    from .assembly import Points
+    from .assembly import PointCloud
     from .file_notes import ply_comments
     from .ply import write_points
 
-    points = Points.of(gaussians)
+    points = PointCloud.of(gaussians)
     try:
         with atomic_path(path) as temporary:
             positions = points.means if points.is_far else points.means.astype(np.float32)

@@ -38,7 +38,7 @@ Result = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class SheetPicture:
     """One picture of a sheet.
 
     Attributes:
@@ -81,7 +81,7 @@ class Sheet:
 
     name: str
     title: str
-    rows: tuple[Pair, ...]
+    rows: tuple[SheetPicture, ...]
 
 
 def error_map(image: NDArray, reference: NDArray) -> NDArray:
@@ -95,7 +95,7 @@ def picture_sheet(a: Path, b: Path) -> Sheet:
     if images[0].shape != images[1].shape:
         (h0, w0, _), (h1, w1, _) = (image.shape for image in images)
         raise InputError(f"{w1}x{h1} pixels, but {a} has {w0}x{h0}", where=str(b))
-    return Sheet("comparison", f"A: {a.name}   B: {b.name}", (Pair(a.stem, images[0], images[1]),))
+    return Sheet("comparison", f"A: {a.name}   B: {b.name}", (SheetPicture(a.stem, images[0], images[1]),))
 
 
 def gaussian_sheet(
@@ -106,7 +106,7 @@ def gaussian_sheet(
     path = between(cameras, 2 * views - 1)
     labels = [f"view {i // 2}" if i % 2 == 0 else f"between {i // 2} and {i // 2 + 1}" for i in range(len(path))]
     images = [[renderer.render(camera, size) for camera in path] for renderer in map(Renderer, pair)]
-    rows = tuple(Pair(*row) for row in zip(labels, *images, strict=True))
+    rows = tuple(SheetPicture(*row) for row in zip(labels, *images, strict=True))
     return Sheet("comparison", f"A: {names[0]}   B: {names[1]}", rows)
 
 
@@ -165,7 +165,7 @@ def write_sheet(folder: Path, sheet: Sheet) -> list[Path]:
     return paths
 
 
-def _draw(path: Path, title: str, rows: Sequence[Pair]) -> None:
+def _draw(path: Path, title: str, rows: Sequence[SheetPicture]) -> None:
     from matplotlib.figure import Figure
 
     tiles = [row.tiles(("A", "B")) for row in rows]
@@ -194,7 +194,7 @@ def _draw(path: Path, title: str, rows: Sequence[Pair]) -> None:
         figure.savefig(temporary, format="png")
 
 
-def _result_rows(a: Path, b: Path, first: Result, second: Result) -> Iterator[Pair]:
+def _result_rows(a: Path, b: Path, first: Result, second: Result) -> Iterator[SheetPicture]:
     for n, target in enumerate(first["targets"]):
         images = [
             read_image(folder / PICTURES / record["pictures"] / f"{n}_decoded.png").astype(np.float32) / 255
@@ -202,7 +202,7 @@ def _result_rows(a: Path, b: Path, first: Result, second: Result) -> Iterator[Pa
         ]
         path = a / PICTURES / first["pictures"] / f"{n}_photo.png"
         photo = read_image(path).astype(np.float32) / 255 if path.is_file() else None
-        yield Pair(f"frame {target}", images[0], images[1], photo)
+        yield SheetPicture(f"frame {target}", images[0], images[1], photo)
 
 
 def _pair_title(a: Result, b: Result) -> str:

@@ -30,7 +30,7 @@ from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from ..curves import bytes_at
-from ..pictures import Drawing, Pictures
+from ..pictures import Drawing, PictureJudge
 from ..rows import Row
 from ..show.plots import Axis, Chart
 from ..show.tables import ABSENT, Cell, Listing, decibels, duration, kilobytes, mean, said
@@ -58,7 +58,7 @@ def free_rows(run: Run) -> Iterator[Row]:
     """
     others = [*spz_ways(), file_way("SOG", ".sog"), file_way("compressed PLY", ".compressed.ply")]
     for case in _cases(run):
-        pictures = Pictures(case, Drawing.as_defined(run.threads))
+        pictures = PictureJudge(case, Drawing.as_defined(run.threads))
         curve = list(_own(run, pictures))
         points = [(row.figures["bytes"], row.figures["psnr_decoded_raw"]) for row in curve if row.way == OURS]
         yield from curve
@@ -70,7 +70,7 @@ def free_rows(run: Run) -> Iterator[Row]:
                 yield replace(row, figures={**row.figures, **({"bytes_ours": beside} if beside else {})})
 
 
-def _own(run: Run, pictures: Pictures) -> Iterator[Row]:
+def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
     """Files of ours; what pictures need is ranked once, in the seconds of the first."""
     gaussians, profile = pictures.case.gaussians, find_profile(DEFAULT_PROFILE)
 
@@ -93,7 +93,7 @@ def _own(run: Run, pictures: Pictures) -> Iterator[Row]:
             yield point(UNFITTED, qp, some.code, time.process_time())
 
 
-def _point(way: str, setting: float, pictures: Pictures, data: bytes, decoded: Gaussians) -> Row:
+def _point(way: str, setting: float, pictures: PictureJudge, data: bytes, decoded: Gaussians) -> Row:
     figures = {"bytes": len(data), "bytes_each": len(data) / pictures.case.gaussians.count, "kept": decoded.count}
     return Row("free", pictures.case.name, way, {"qp": setting}, figures | pictures.figures(decoded))
 

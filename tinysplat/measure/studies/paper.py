@@ -17,9 +17,9 @@ from tinysplat.datasets import SPECS
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.errors import InputError
 
-from ..quality import Coding, Quality, decode_seconds, encode_seconds, mean_of_rows
+from ..quality import ProfileQp, Quality, decode_seconds, encode_seconds, mean_of_rows
 from ..rows import Row, grouped, of_study
-from ..runner import Plan, run_jobs
+from ..runner import RunPlan, run_jobs
 from ..show.tables import ABSENT, format_table, number
 from ..study import Run, Study
 from ..subjects.cases import Source
@@ -108,9 +108,9 @@ def paper_rows(run: Run) -> Iterator[Row]:
         size = SPECS[data].size if data in SPECS else run.size
         for views in run.options.views or tuple(VIEWS):
             kinds = (run.options.kinds or ("near",)) if data == SCENES and views == 2 else ()
-            plan = Plan(sources, models, size, kinds, (views,), run.options.limit or (1 if run.quick else None))
+            plan = RunPlan(sources, models, size, kinds, (views,), run.options.limit or (1 if run.quick else None))
             qps = (0.0,) if views > 2 or run.quick else tuple(map(float, BITS))
-            work = Quality(tuple(Coding(p, qp) for p in profiles for qp in qps), run.folder, run.lpips, study=STUDY)
+            work = Quality(tuple(ProfileQp(p, qp) for p in profiles for qp in qps), run.folder, run.lpips, study=STUDY)
             outcome = run_jobs(plan, work, run.store, threads=run.threads, processes=run.options.jobs)
             run.left_out += [*map(str, outcome.left_out), *outcome.notes]
             yield from outcome.rows

@@ -24,7 +24,7 @@ from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 from ..curves import bytes_at
-from ..pictures import Drawing, Pictures
+from ..pictures import Drawing, PictureJudge
 from ..rows import Row
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
@@ -57,7 +57,7 @@ def _scene_rows(name: str, scene: Scene, run: Run) -> Iterator[Row]:
     given = _one_list(name, scene.views(i for i in range(len(scene.frames)) if i not in left_out), run)
     blind, unknown = replace(given, viewpoints=()), (None,) * len(targets.frames)
     case = Case(name, name, blind, tuple(targets.cameras), tuple(targets.images()), unknown)
-    pictures = Pictures(case, Drawing.as_defined(run.threads))
+    pictures = PictureJudge(case, Drawing.as_defined(run.threads))
     rows = []
     for qp in run.options.qps or QPS:
         rows.append(_row(pictures, WHOLE, qp, blind, run.runtime, keep_all=True))
@@ -92,7 +92,9 @@ def _one_list(name: str, others: Scene, run: Run) -> Gaussians:
     return load_gaussians(path)
 
 
-def _row(pictures: Pictures, way: str, qp: float, given: Gaussians, runtime: Runtime, *, keep_all: bool = False) -> Row:
+def _row(
+    pictures: PictureJudge, way: str, qp: float, given: Gaussians, runtime: Runtime, *, keep_all: bool = False
+) -> Row:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         data = runtime.compress(given, qp=qp, keep_all=keep_all)

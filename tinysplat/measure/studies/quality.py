@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from ..quality import NESTED, Coding, Quality, decode_seconds, encode_seconds, groups_of, mean_of_rows, mean_of_scenes
+from ..quality import (
+    NESTED,
+    ProfileQp,
+    Quality,
+    decode_seconds,
+    encode_seconds,
+    groups_of,
+    mean_of_rows,
+    mean_of_scenes,
+)
 from ..rows import Row, grouped
 from ..runner import run_jobs
 from ..show.tables import decibels, format_table, kilobytes, number
@@ -17,7 +26,7 @@ STUDY = "quality"
 def quality_rows(run: Run) -> Iterator[Row]:
     """Windows of scenes with photos, drawn at 0.5, 1 and 2 times their size, and from their nearest photos."""
     options = run.options
-    codings = tuple(Coding(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
+    codings = tuple(ProfileQp(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
     zooms = (1.0, 2.0) if run.quick else (0.5, 1.0, 2.0)
     work = Quality(codings, run.folder, run.lpips, zooms=zooms, nested=not run.quick)
     outcome = run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)

@@ -17,9 +17,9 @@ from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import InputError
 
 from .. import ideas
-from ..pictures import Drawing, Pictures
+from ..pictures import Drawing, PictureJudge
 from ..rows import Row, grouped
-from ..runner import Plan, WindowJob, run_jobs
+from ..runner import RunPlan, WindowJob, run_jobs
 from ..show.curve_tables import TO_PHOTO, TO_RAW, gain_table, group_tables, measured, overview_table
 from ..show.plots import Axis, Chart, save_grid
 from ..study import Run, Study
@@ -44,7 +44,7 @@ VIEWS, KINDS = (2, 4, 6), ("near", "multi")
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class WindowRows:
     """The work on every window: a row per way and setting."""
 
     study: str
@@ -59,7 +59,7 @@ class Points:
     def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
         """See `runner.Work`."""
         case = job.case(runtime).only(self.targets)
-        pictures, ways = Pictures(case, Drawing.as_defined(runtime.threads)), {way.name: way for way in self.ways}
+        pictures, ways = PictureJudge(case, Drawing.as_defined(runtime.threads)), {way.name: way for way in self.ways}
         for row in wanted:
             way = ways[row.way]
             refused = way.refuses(case)
@@ -70,7 +70,7 @@ class Points:
             yield replace(row, figures=point_figures(way, data, pictures))
 
 
-def point_figures(way: Way, data: bytes, pictures: Pictures) -> dict[str, Any]:
+def point_figures(way: Way, data: bytes, pictures: PictureJudge) -> dict[str, Any]:
     """Bytes, dB and bytes by class of one file."""
     decoded = way.decode(pictures.case, data)
     return {"bytes": len(data), **pictures.figures(decoded), "classes": dict(way.classes(data))}
@@ -82,7 +82,7 @@ def _row(study: str, job: WindowJob, way: str, qp: float) -> Row:
     return Row(study, subject, way, {"network": network, "views": len(job.window.context), "qp": qp, "size": job.size})
 
 
-def _plans(run: Run) -> Iterator[Plan]:
+def _plans(run: Run) -> Iterator[RunPlan]:
     """A plan per number of views, so that each number has its share of windows."""
     if not run.sources:
         raise InputError("needs scene folders or Gaussian files as INPUT", where="bench")
@@ -91,7 +91,7 @@ def _plans(run: Run) -> Iterator[Plan]:
 
 
 def _point_rows(run: Run, study: str, ways: Sequence[Way]) -> Iterator[Row]:
-    work = Points(study, ways, 1 if run.quick else run.options.targets)
+    work = WindowRows(study, ways, 1 if run.quick else run.options.targets)
     for plan in _plans(run):
         outcome = run_jobs(plan, work, run.store, runtime=run.runtime)
         run.left_out += [str(entry) for entry in outcome.left_out]

@@ -20,7 +20,7 @@ from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import Renderer
 
 from ..clock import Baseline, Variant, measure
-from ..pictures import Pictures
+from ..pictures import PictureJudge
 from ..rows import Row, of_study
 from ..show.plots import Curve, Panel, save_grid
 from ..show.tables import Listing, duration, kilobytes, mean, said
@@ -51,7 +51,7 @@ PEAK = (
 def waiting_rows(run: Run) -> Iterator[Row]:
     """Rows of `waits` of the real photos, or what there is; then of `commands`."""
     case = run.case
-    pictures = Pictures(case, run.drawing)
+    pictures = PictureJudge(case, run.drawing)
     variants: list[Variant] = []
     with tempfile.TemporaryDirectory() as folder:
         for qp in run.options.qps or (QPS[1:2] if run.quick else QPS):
@@ -61,7 +61,7 @@ def waiting_rows(run: Run) -> Iterator[Row]:
             yield from command_rows(run, run.options.beside, Path(folder))
 
 
-def _waits(run: Run, case: Case, pictures: Pictures, qp: float, folder: Path) -> Iterator[Variant]:
+def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path) -> Iterator[Variant]:
     """What is done at one Q_g; figures are those of the file that is made or read."""
     runtime, shots = run.runtime, case.shots
     figures, files = {}, {}

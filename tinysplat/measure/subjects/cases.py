@@ -67,7 +67,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True, eq=False)
-class Photos:
+class PhotoViews:
     """Views of one size.
 
     Attributes:
@@ -87,8 +87,8 @@ class Photos:
 class Shots:
     """A window's photos at one size, and its depth range; `scene` where its context is a scene folder's."""
 
-    context: Photos
-    targets: Photos
+    context: PhotoViews
+    targets: PhotoViews
     near: float
     far: float
     scene: Scene | None = None

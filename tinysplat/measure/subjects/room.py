@@ -21,7 +21,7 @@ from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import resize_cover, write_png
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
 
-from .cases import Case, LeftOut, Photos, PhotoSource, Shots, Window
+from .cases import Case, LeftOut, PhotoSource, PhotoViews, Shots, Window
 
 NEAR, FAR = 1.8, 9.0
 
@@ -193,7 +193,7 @@ def _room_shots(views: int, height: int, width: int) -> Shots:
     sets = []
     for cameras in (room_cameras(views, height, width), between_cameras(views, height, width)):
         photos, depths = zip(*map(photograph, cameras), strict=True)
-        sets.append(Photos(np.stack(photos), tuple(cameras), depths))
+        sets.append(PhotoViews(np.stack(photos), tuple(cameras), depths))
     return Shots(sets[0], sets[1], NEAR, FAR)
 
 
@@ -216,8 +216,8 @@ class Motorcycle(_OneWindow):
         full = [Camera(k, c2w, photos.shape[2], photos.shape[1]) for k, c2w in zip(K, poses, strict=True)]
         images = np.stack([resize_cover(photo, *size) for photo in photos])
         cameras = tuple(camera.resized(*size) for camera in full)
-        context = Photos(images, cameras, (_nearest(depth, full[0], cameras[0]), None))
-        return Shots(context, Photos(np.zeros((0, *size, 3), np.float32), ()), 2.0, 5.1)
+        context = PhotoViews(images, cameras, (_nearest(depth, full[0], cameras[0]), None))
+        return Shots(context, PhotoViews(np.zeros((0, *size, 3), np.float32), ()), 2.0, 5.1)
 
 
 @lru_cache(maxsize=1)

@@ -39,7 +39,7 @@ from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.files import StrPath, check_readable, read_limited
 
 from ..rows import digest
-from .cases import FILE, Case, LeftOut, Photos, PhotoSource, Shots, Source, Window
+from .cases import FILE, Case, LeftOut, PhotoSource, PhotoViews, Shots, Source, Window
 
 EVAL_INDEX = "eval_index.json"
 MAX_INDEX_BYTES = 16 * 1000 * 1000
@@ -87,8 +87,8 @@ class FolderSource(PhotoSource):
         context, targets = (whole.resized(*size).views(indices) for indices in (window.context, window.targets))
         enlarged = max(_scale(whole.frames[i].camera, size) for i in window.targets)
         depths = tuple(self._depths(window.targets, targets.cameras))
-        seen = Photos(targets.images(), tuple(targets.cameras), depths, enlarged)
-        return Shots(Photos(context.images(), tuple(context.cameras)), seen, near, far, context)
+        seen = PhotoViews(targets.images(), tuple(targets.cameras), depths, enlarged)
+        return Shots(PhotoViews(context.images(), tuple(context.cameras)), seen, near, far, context)
 
     def fingerprint(self, window: Window) -> str:
         """Of the cameras, the depth range and the photos' sizes and times of change."""
@@ -140,8 +140,8 @@ class ChunkSource(PhotoSource):
         scene = _chunk_folder(self.folder, self.dataset).scene(self.key)
         context, targets = (scene.views(indices, size) for indices in (window.context, window.targets))
         height, width = min(spec.frame_shapes)
-        seen = Photos(targets[0], tuple(targets[1]), enlarged=max(size[0] / height, size[1] / width))
-        return Shots(Photos(context[0], tuple(context[1])), seen, self.near or spec.near, self.far or spec.far)
+        seen = PhotoViews(targets[0], tuple(targets[1]), enlarged=max(size[0] / height, size[1] / width))
+        return Shots(PhotoViews(context[0], tuple(context[1])), seen, self.near or spec.near, self.far or spec.far)
 
     def fingerprint(self, window: Window) -> str:
         """Of the chunk's size and time of change, and the depth range."""
