@@ -15,7 +15,7 @@ from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
 from . import layout as L
 from .body import Body, Description, Opened, Piece, calibration, camera_in
-from .layers import intrinsics
+from .layers import PixelGrid, intrinsics
 from .records import StreamRef, read_streams
 from .sections import Cursor, NewSection
 
@@ -35,7 +35,7 @@ def exact_plane_count(degree: int) -> int:
 
 
 @dataclass(frozen=True)
-class ExactLayer:
+class ExactLayer(PixelGrid):
     """A layer of exact planes of a file: its grid, and where its planes lie in `data`, views outermost."""
 
     cameras: tuple[Camera, ...]
@@ -46,24 +46,9 @@ class ExactLayer:
     data: memoryview
 
     @property
-    def height(self) -> int:
-        """Rows of the grid."""
-        return self.cameras[0].height
-
-    @property
-    def width(self) -> int:
-        """Columns of the grid."""
-        return self.cameras[0].width
-
-    @property
     def planes(self) -> int:
         """Planes of a view."""
         return exact_plane_count(self.degree)
-
-    @property
-    def gaussians(self) -> int:
-        """Gaussians of the layer."""
-        return len(self.cameras) * self.height * self.width
 
     def payload(self, number: int) -> memoryview:
         """One plane's bytes; FormatError if its CRC differs."""

@@ -19,8 +19,29 @@ from .records import ChannelRecord, StreamRef
 from .sections import Cursor, Section, require
 
 
+class PixelGrid:
+    """What has a camera per view, all of one size."""
+
+    cameras: tuple[Camera, ...]
+
+    @property
+    def height(self) -> int:
+        """Rows of the grid."""
+        return self.cameras[0].height
+
+    @property
+    def width(self) -> int:
+        """Columns of the grid."""
+        return self.cameras[0].width
+
+    @property
+    def gaussians(self) -> int:
+        """Gaussians of the layer."""
+        return len(self.cameras) * self.height * self.width
+
+
 @dataclass(frozen=True, kw_only=True)
-class LayerMaps:
+class LayerMaps(PixelGrid):
     """How the channels of a layer become Gaussians; see `LayerPlan` for what the maps mean.
 
     Attributes:
@@ -40,21 +61,6 @@ class LayerMaps:
     scale_mix: tuple[NDArray, NDArray] | None = None
     basis: NDArray | None = None
     channels: tuple[ChannelRecord, ...] = ()
-
-    @property
-    def height(self) -> int:
-        """Rows of the grid."""
-        return self.cameras[0].height
-
-    @property
-    def width(self) -> int:
-        """Columns of the grid."""
-        return self.cameras[0].width
-
-    @property
-    def gaussians(self) -> int:
-        """Gaussians of the layer."""
-        return len(self.cameras) * self.height * self.width
 
 
 @dataclass(frozen=True, kw_only=True)
