@@ -16,7 +16,6 @@ from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
 from ...graphs.inference import GraphStore
 from ...graphs.walk import predict_grouped
-from ..encoder import SceneEncoder
 from ..layers import OpenFile, decode_layers
 from ..photos import decode_photos
 from ..planning import ResidualPlanner
@@ -41,17 +40,8 @@ def encode(job: Job) -> bytes:
         prediction = predict_grouped(images, job.gaussians.cameras, network.near, network.far, graph, scene.groups)
     # Residuals have no QPs by block, and so no need of coding trees as small as blocks.
     profile = replace(job.profile, encoder=replace(job.profile.encoder, block_qps=False))
-    encoder = SceneEncoder(
-        job.gaussians,
-        profile,
-        job.store,
-        threads=job.threads,
-        stats=job.stats,
-        plane_coder=job.plane_coder,
-        planner=partial(ResidualPlanner, settings=settings, prediction=prediction),
-        sections=sections,
-    )
-    return encoder.encode(job.qp)
+    planner = partial(ResidualPlanner, settings=settings, prediction=prediction)
+    return replace(job, profile=profile).encoder(planner, sections).encode(job.qp)
 
 
 def decode(file: OpenFile, body: Hybrid) -> Gaussians:

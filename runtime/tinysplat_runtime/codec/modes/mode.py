@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -15,9 +15,11 @@ from ...graphs.inference import GraphStore
 from ..layers import OpenFile
 
 if TYPE_CHECKING:  # who decodes loads no encoder
+    from ...container.sections import NewSection
     from ...scene.neighbours import Group
     from ...scene.scenes import Scene
     from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
+    from ..planning import Planner, ProjectedScene
     from ..profiles import Profile
     from ..search import Coder
 
@@ -75,8 +77,10 @@ class Job:
     photos: PhotoScene | None = None
     plane_coder: PlaneCoder | None = None
 
-    def encoder(self) -> SceneEncoder:
-        """The Gaussians' own encoder, under the profile."""
+    def encoder(
+        self, planner: Callable[[ProjectedScene], Planner] | None = None, sections: Sequence[NewSection] = ()
+    ) -> SceneEncoder:
+        """The Gaussians' own encoder, under the profile; see `SceneEncoder` for the arguments."""
         from ..encoder import SceneEncoder
 
         return SceneEncoder(
@@ -87,6 +91,8 @@ class Job:
             drop_invalid=self.drop_invalid,
             stats=self.stats,
             plane_coder=self.plane_coder,
+            planner=planner,
+            sections=sections,
         )
 
 
