@@ -10,7 +10,8 @@ from scenes import make_free_gaussians
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.views import views_about
+from tinysplat_runtime.prune.views import SIDE, views_about, views_of
+from tinysplat_runtime.render.paths import ring
 
 
 def _on_a_box(count: int, size: float, rng: np.random.Generator) -> np.ndarray:
@@ -56,3 +57,11 @@ def test_rooms_are_seen_from_within_too():
     assert len(inside) == 6
     sparse = replace(room, opacities=np.full(4000, 0.01))
     assert not [c for c in views_about(sparse, 18) if np.linalg.norm(c.centre) < 1]
+
+
+def test_large_photos_are_looked_at_small():
+    cloud = make_free_gaussians(500, 0, np.random.default_rng(0))
+    photos = tuple(camera.resized(1800, 3200) for camera in ring(cloud, 6))
+    views, _ = views_of(replace(cloud, viewpoints=photos))
+    sizes = [(camera.width, camera.height) for camera in (*views.deciding, *views.judging)]
+    assert sizes and all(width * height <= 1.02 * SIDE**2 and width > height for width, height in sizes)
