@@ -130,7 +130,7 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("encode desk -o o.tsplat --provider Foo", "FooExecutionProvider is not in"),
         ("encode desk -o o.tsplat --poses none.txt", "expected a video"),
         ("encode desk desk -o o.tsplat", "2 paths"),
-        ("encode desk -o o.tsplat --focal 5", "--focal"),
+        ("encode desk -o o.tsplat --focal 5", "--focal: one path, expected the left and the right photo"),
         ("encode desk", "required: -o/--output"),
         ("encode desk -o o.tsplat --nonsense", "--nonsense"),
         ("encode g.npz -o o.tsplat", "`tinysplat compress g.npz -o F.tsplat`"),

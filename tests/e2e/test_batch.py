@@ -127,6 +127,9 @@ def test_bad_batches_are_one_line(scenes: Path, tmp_path: Path) -> None:
         return done.stderr
 
     assert "no such file" in fail(None)
+    manifest.mkdir()
+    assert "m.txt: a folder, expected a manifest" in fail(None)
+    manifest.rmdir()
     assert "no scenes" in fail("\n# nothing\n")
     assert "line 2: the name 's0' again, first in line 1" in fail(f"{scenes}/s0\n{scenes}/s0/\n")
     assert "line 1: not JSON" in fail("{scene")
