@@ -48,8 +48,10 @@ MOST, MOST_DECIDING = 32, 48
 PARTNERS = 2
 """Nearest cameras of each, on the way to which further views lie."""
 
-LEAST_SEEN = 0.5
-"""Share of the Gaussians that lie before cameras: of fewer, these are not the scene's, or too few of them."""
+LEAST_SEEN = 0.25
+"""Share of the Gaussians that lie before cameras: of fewer, these are not the scene's, or too few of them. Captures
+whose photos were cut have Gaussians beyond all frames: their own cameras show 0.39 and more.
+"""
 
 LEAST_COVERED, LEAST_DEPTH = 0.05, 0.1
 """Cameras whose picture is covered less, or by what is nearer than this share of the depth of what lies before them,
