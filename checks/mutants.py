@@ -152,6 +152,8 @@ def copy_checkout() -> None:
             shutil.copy2(ROOT / name, TREE / name)
             if name.endswith(".py"):
                 py_compile.compile(str(TREE / name))
+    # processes that tests start look here first, wherever a .pth file of the environment points
+    (TREE / "sitecustomize.py").write_text(f"import sys\nsys.path[:0] = {[str(TREE / 'runtime'), str(TREE)]!r}\n")
 
 
 def _sample(count: int, seed: str) -> list[Mutation]:
