@@ -13,9 +13,10 @@ import numpy as np
 import plyfile
 import pycolmap
 import pytest
+from PIL import Image
 from scenes import colmap_texts, make_cameras, make_photo, transforms_document, write_scene
 
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import read_image, write_png
 from tinysplat_runtime.scene.intake.depths import depth_range, depth_range_in_view
@@ -382,3 +383,37 @@ def test_heic_photos_and_lone_photos_are_told_what_to_do(tmp_path: Path) -> None
         read_image(photo)
     with pytest.raises(InputError, match="one photo, expected a scene"):
         load_scene(photo)
+
+
+# ---- photos that are missing or turned --------------------------------------------------------------------------
+
+
+def test_photos_that_are_not_there_are_left_out_and_counted(folder: Path) -> None:
+    (folder / "images/0001.png").unlink()
+    with pytest.warns(InputWarning, match=r"transforms\.json: 1 of 3 photos are not there and left out \(0001\.png\)"):
+        scene = load_scene(write_transforms(folder, transforms()))
+    assert_cameras(scene, [CAMERAS[0], CAMERAS[2]])
+    for photo in (folder / "images").iterdir():
+        photo.unlink()
+    assert len(load_scene(folder).frames) == 3  # as beside a video
+
+
+def test_photos_are_taken_as_stored_where_their_cameras_are_of_that_size(folder: Path) -> None:
+    stored = make_photo(HEIGHT, WIDTH, seed=1)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(stored).save(folder / "images/0001.png", exif=exif)
+    scene = load_scene(write_transforms(folder, transforms()))
+    with pytest.warns(InputWarning, match=r"0001\.png: taken as stored, 32x24"):
+        np.testing.assert_array_equal(scene.images()[1], stored / np.float32(255))
+
+
+def test_undistorted_photos_of_two_lenses_have_one_size(folder: Path) -> None:
+    document = transforms(k1=-0.3)
+    document["frames"][1].update(k1=-0.2)
+    scene = load_scene(write_transforms(folder, document))
+    sizes = {(frame.camera.height, frame.camera.width) for frame in scene.frames}
+    alone = [load_scene(write_transforms(folder, transforms(k1=k1))).cameras[0] for k1 in (-0.3, -0.2)]
+    assert len({(c.height, c.width) for c in alone}) == 2  # each for itself they differ
+    assert sizes == {(min(c.height for c in alone), min(c.width for c in alone))}
+    assert len(scene.images()) == 3
