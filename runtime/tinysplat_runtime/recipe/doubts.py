@@ -141,16 +141,17 @@ class _Thumbnails:
     def of(cls, scene: Scene, show: Show) -> _Thumbnails:
         first = scene.cameras[0]
         small = scene.resized(*thumbnail_size(first))
-        closer = scene.resized(*thumbnail_size(first, CLOSER * LOOK_WIDTH)).frames
+        height, width = thumbnail_size(first, CLOSER * LOOK_WIDTH)
+        closer = tuple(frame.resized(height, width) for frame in scene.frames)  # read once, and not kept
         scene.check_one_size()
         count = len(closer)
         looked = set(np.linspace(0, count - 1, min(count, FEW)).round().astype(int).tolist())
         images, found = [], {}
         frames = list(zip(scene.frames, closer, small.cameras, strict=True))
         for v, (frame, close, target) in enumerate(show(frames, count, str)):
-            photo, size = None, (frame.camera.height, frame.camera.width)
-            if frame.kept == [] and size >= (close.camera.height, close.camera.width):
-                photo = frame.photo(size)
+            photo, camera = None, frame.camera
+            if frame.kept == [] and camera.height >= height and camera.width >= width:
+                photo = frame.photo((camera.height, camera.width))
                 frame.image(photo)  # is kept: the network will have it
             image = close.image(photo)
             images.append(resize_cover(image, target.height, target.width))
