@@ -256,7 +256,7 @@ def uncertainty(model: Any) -> dict[str, float]:
     for camera in model.cameras:
         config.set_constant_cam_intrinsics(camera)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
-    before_4 = getattr(pycolmap, "create_default_bundle_adjuster")  # noqa: B009
+    before_4 = pycolmap.create_default_bundle_adjuster
     adjuster = getattr(pycolmap, "create_default_ceres_bundle_adjuster", before_4)
     options = pycolmap.BACovarianceOptions(params=pycolmap.BACovarianceOptionsParams.POSES)
     covariance = pycolmap.estimate_ba_covariance(
