@@ -47,7 +47,7 @@ def test_what_is_taken_grows_with_pixels_and_photos_and_with_what_is_done(free_m
     plain = needed(capture(40, 480, 640), free_memory)
     assert all(less < more for found in (by_size, by_count) for less, more in pairwise(found))
     assert all(less <= more for less, more in pairwise(captures))
-    assert needed(capture(40, 480, 640), free_memory, refined=True) > plain
+    assert needed(capture(40, 480, 640), free_memory, refined=True) >= plain
     assert needed(capture(40, 480, 640), free_memory, mode="hybrid") > plain
     assert needed(capture(8, 480, 640), free_memory, each=True) < needed(capture(8, 480, 640), free_memory)
 
@@ -58,10 +58,13 @@ def test_of_a_capture_that_fits_on_the_disk_memory_holds_little(
 ) -> None:
     few, many = capture(20, 240, 320), capture(100, 240, 320)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    assert needed(many, free_memory, each=True) < 1.2 * needed(few, free_memory, each=True)
-    on_disk = needed(many, free_memory, each=True)
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
-    assert needed(many, free_memory, each=True) > 2 * on_disk
+    for refined in (False, True):
+        monkeypatch.setenv("TMPDIR", str(tmp_path))
+        on_disk = needed(many, free_memory, each=True, refined=refined)
+        assert on_disk < 1.2 * needed(few, free_memory, each=True, refined=refined)
+        monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
+        assert needed(many, free_memory, each=True, refined=refined) > 2 * on_disk
+    assert needed(many, free_memory, each=True, refined=True) > 1.5 * needed(many, free_memory, each=True)
 
 
 @pytest.mark.parametrize("count", [2, 6, 100])

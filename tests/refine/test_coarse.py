@@ -43,9 +43,10 @@ def test_a_copy_of_what_is_right_has_nothing_to_correct() -> None:
         shown = np.empty((32, 40, 4), np.float32)
         field.measure(Target(camera, np.zeros((32, 40, 3), np.float32)), shares=field.shares(camera), shown=shown)
         picture = shown[..., :3]
-        photo = halved_target(Target(camera, picture + np.float32(0.25)))
+        target = Target(camera, picture + np.float32(0.25))
+        photo, (alike,) = halved_target(target), lacking_alike([target], halved_picture(picture)[None], copy)
         shares = copy.shares(photo.camera)
-        alike = copy.measure(lacking_alike(photo, copy, halved_picture(picture)), shares=shares)
+        alike = copy.measure(alike, shares=shares)
         assert alike.absolute == pytest.approx(3 * 16 * 20 * 0.25, rel=1e-4)
         assert copy.measure(photo, shares=shares).absolute != pytest.approx(3 * 16 * 20 * 0.25, rel=1e-3)
 

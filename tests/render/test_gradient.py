@@ -80,10 +80,11 @@ def found_gradient(
     near: Shares | None = None,
 ):
     field = MovableGaussians(gaussians, Crew(threads).map, dilation)
-    gradient = np.zeros_like(field.values)
+    gradients = {grid: grid.zeros() for grid in field.grids}
     near = field.shares(camera) if order == "near" else near
-    error = field.measure(Target(camera, photo, 1.1, -0.02), shares=near, gradient=gradient)
-    return error, compact(field, field.values).astype(np.float64), compact(field, gradient)
+    error = field.measure(Target(camera, photo, 1.1, -0.02), shares=near, gradients=gradients)
+    found = [gradients[grid][:, : grid.height * grid.width] for grid in field.grids]
+    return error, compact(field, field.values).astype(np.float64), np.concatenate(found, axis=1)
 
 
 def assert_is_gradient(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ pytest.importorskip("numba")
 
 from scenes import make_gaussians
 
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
 from tinysplat_runtime.render.kernels_gradient import LOGIT, SH_RED
+from tinysplat_runtime.system.scratch import Shelf
 from tinysplat_runtime.system.threads import Crew
 
 RUN = Crew(1).map
@@ -45,3 +48,23 @@ def test_what_is_drawn_follows_the_values_whatever_was_drawn_before() -> None:
     field.values[SH_RED:] += 1
     assert seen(field, 8) > first[1]
     assert seen(field, 0) == pytest.approx(seen(MovableGaussians(field.gaussians(scene), RUN), 0), rel=1e-5)
+
+
+def test_what_lies_on_disk_moves_as_what_lies_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = make_gaussians(8, 120, 160, degree=1)
+    photo = np.zeros((120, 160, 3), np.float32)
+
+    def corrected(folder: Path) -> Gaussians:
+        monkeypatch.setenv("TMPDIR", str(folder))
+        field = MovableGaussians(scene, RUN, shelf=Shelf(0))
+        for camera in scene.cameras[::3] * 2:
+            gradients = {grid: grid.zeros() for grid in field.grids[2:6]}
+            field.measure(Target(camera, photo), shares=field.shares(camera), gradients=gradients)
+            for grid, gradient in gradients.items():
+                field.values[:, grid.rows] -= 1e-3 * gradient[:, : grid.height * grid.width]
+        return field.gaussians(scene)
+
+    on_disk, in_memory = corrected(tmp_path), corrected(tmp_path / "missing")
+    assert (in_memory.sh != scene.sh).any()
+    for name in FIELDS:
+        assert (getattr(on_disk, name) == getattr(in_memory, name)).all()

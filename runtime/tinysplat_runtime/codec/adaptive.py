@@ -117,7 +117,7 @@ def prepare_layer(
     degree = needed_degree(moment, directions, layer.degree, settings.energy_floor * finest**2)
     functions = (degree + 1) ** 2
     if degree < layer.degree:
-        sh = scratch.empty((*layer.opacities.shape, functions, 3))
+        sh = scratch.zeros((*layer.opacities.shape, functions, 3))
         for fewer, every in zip(scratch.by_view(sh), scratch.by_view(layer.sh), strict=True):
             fewer[:] = every[..., :functions, :]
         # a look at every number takes 8 ms

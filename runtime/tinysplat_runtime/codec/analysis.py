@@ -80,7 +80,7 @@ def _projected(store: GraphStore, layer: Gaussians) -> tuple[NDArray, NDArray]:
     What lies between input and planes then stays in a processor's cache, and takes no memory that grows.
     """
     views, height, width = layer.opacities.shape
-    geometry, moments = scratch.empty((views, 11, height, width)), np.zeros((views, 4, 4), np.float32)
+    geometry, moments = scratch.zeros((views, 11, height, width)), np.zeros((views, 4, 4), np.float32)
     graph, fixed = store.transform("analysis_vpt"), [_fixed_inputs(camera, layer.origin) for camera in layer.cameras]
     for view, block in blocks(geometry.shape, geometry, *(getattr(layer, name) for name in FIELDS)):
         K = layer.cameras[view].K.copy()
@@ -158,7 +158,7 @@ def color_planes(store: GraphStore, layer: Gaussians, projection: NDArray) -> ND
     arXiv 2506.09479, basis reduction: Z = WᵀΔX with projection = (WᵀΔ)ᵀ.
     """
     views, height, width = layer.opacities.shape
-    planes = scratch.empty((views, projection.shape[1], height, width))
+    planes = scratch.zeros((views, projection.shape[1], height, width))
     graph, mix = store.transform("analysis_project"), as_input(projection)
     for view, block in blocks(planes.shape, planes, layer.sh):
         planes[view, :, block] = graph.run({"sh": layer.sh[view : view + 1, block], "projection": mix})["color"][0]

@@ -315,7 +315,7 @@ def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool:
     """What coding left of the base channel, as a channel of its own: it adds to the same target."""
     values, code_map = base.channel.values, base.code_map
     assert code_map is not None
-    rest = scratch.empty(values.shape)
+    rest = scratch.zeros(values.shape)
 
     def decode(view: int) -> None:
         plane, (_, height, width) = coded[view], values.shape

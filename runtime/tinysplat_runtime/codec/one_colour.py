@@ -49,7 +49,7 @@ def as_seen(layer: Gaussians, budget: float) -> Gaussians | None:
         if not disagreement(layer) <= budget:  # also when it is no number
             return None
         is_finite = True
-        sh = scratch.empty((*layer.opacities.shape, 1, 3))
+        sh = scratch.zeros((*layer.opacities.shape, 1, 3))
         for view, cameras in enumerate(nearest_cameras(layer.cameras)):
             centres = _centres(layer, cameras[:AVERAGED])
             rows = max(1, _STRIP_PX // sh.shape[2])

@@ -89,12 +89,12 @@ class _Capture:
                 raise InputError(error.message, where=(error.where or "images").replace("[0]", f"[{v}]")) from None
             grown, K = padded(images, [camera], limits)
             if not v:
-                self.photos = scratch.empty((len(cameras), *grown.shape[1:]), np.uint16)
+                self.photos = scratch.zeros((len(cameras), *grown.shape[1:]), np.uint16)
             self.photos[v] = np.rint(grown[0] * np.float32(65535))
             self.units.append(as_input(K[0]))
             cells.append(_means(self._planes(v), CELL))
         views, height, width, _ = self.photos.shape
-        self.images = scratch.empty((views, 3, height, width))  # in the exposure that they are matched in
+        self.images = scratch.zeros((views, 3, height, width))  # in the exposure that they are matched in
         self.ranges = [as_input([[1 / far, 1 / near - 1 / far]])] * len(cameras)
         self.exposures = self._looked_at(cells)
         self.made: dict[tuple[str, int], dict[str, NDArray]] = {}

@@ -113,4 +113,4 @@ def _origin(cameras: Sequence[Camera], near: float) -> NDArray:
 
 
 def _empty(layer: Gaussians, views: int) -> dict[str, NDArray]:
-    return {name: scratch.empty((views, *getattr(layer, name).shape[1:])) for name in FIELDS}
+    return {name: scratch.zeros((views, *getattr(layer, name).shape[1:])) for name in FIELDS}

@@ -10,7 +10,7 @@ from ..graphs.enlarge import LARGE_PIXELS, Enlarger
 from ..scene.neighbours import GROUP
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
-from ..system.scratch import room
+from ..system.scratch import SHELF_BYTES, room
 from .prepare import ALL_VIEWS
 
 BYTES_AT_ALL = 250_000_000
@@ -34,11 +34,15 @@ coded."""
 DISK_BYTES_PER_PIXEL, ASIDE_BYTES_PER_PIXEL = 260, 5
 """What it takes of the disk, and of memory then: cells of photos, and numbers of blocks."""
 
+REFINED_DISK_BYTES_PER_PIXEL, REFINED_VIEW_BYTES_PER_PIXEL = 720, 1700
+"""What a capture that is refined takes of the disk, and what drawing a photo then takes of memory per pixel of it,
+beside what refinement keeps there; of 45 photos of 415×738 as measured, 1,650."""
+
 REFINED_BYTES_PER_PIXEL = 1350
 """What refinement takes of every pixel, however large the photos; of six views as measured."""
 
-REFINED_CAPTURE_BYTES_PER_PIXEL = 520
-"""The same of a capture, few of whose views are drawn at a time; of 24 photos of 256×256 as measured, 500."""
+REFINED_CAPTURE_BYTES_PER_PIXEL = 330
+"""The same of a capture where there is no disk; of 45 photos of 256×455 as measured, 310."""
 
 LARGE_BYTES_PER_PIXEL = 147
 """The same of large photos, whose small copies alone a network is given: photos and Gaussians 77 while these are made,
@@ -68,7 +72,8 @@ def check_memory(
         refined: whether Gaussians are to be refined.
         each: whether photos go through the network one by one.
     """
-    disk = room() if mode == DEFAULT_MODE else 0
+    on_disk = REFINED_DISK_BYTES_PER_PIXEL if refined else DISK_BYTES_PER_PIXEL
+    disk = room() / on_disk if mode == DEFAULT_MODE else 0  # in pixels
     camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
 
     def needed(pixels: float) -> float:
@@ -77,9 +82,12 @@ def check_memory(
         grouped = (NETWORK_BYTES[0] * together + NETWORK_BYTES[1]) * together
         network = EACH_BYTES_PER_PIXEL if each else grouped
         hybrid = HYBRID_BYTES_PER_PIXEL * pixels if mode == "hybrid" else 0
-        refinement = REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL
-        aside = ASIDE_BYTES_PER_PIXEL if DISK_BYTES_PER_PIXEL * pixels <= disk else None
-        taken = [refinement * pixels if refined else 0.0]
+        aside = ASIDE_BYTES_PER_PIXEL if pixels <= disk else None
+        taken = [0.0]
+        if refined and aside and together < views:
+            taken.append(SHELF_BYTES + REFINED_VIEW_BYTES_PER_PIXEL * pixels / views + aside * pixels)
+        elif refined:
+            taken.append((REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL) * pixels)
         if enlarger is None or pixels <= views * LARGE_PIXELS:
             taken.append(network * pixels / views + hybrid + ((aside or KEPT_BYTES_PER_PIXEL) * pixels if each else 0))
         else:

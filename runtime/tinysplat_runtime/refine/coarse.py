@@ -9,31 +9,31 @@ copying alone made wrong is not corrected, which the original would have to undo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.gaussians import Gaussians
+from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render.gradient import MovableGaussians, Target
 from ..render.kernels_gradient import VALUES
 from ..scene.cameras import Camera
+from ..system import scratch
 from .settings import LIMITS
 
 
 def halved(gaussians: Gaussians) -> Gaussians:
     """One Gaussian for every 2×2 of a layer's pixels, twice as large; a last row or column without a partner goes."""
-    layers = []
-    for layer in gaussians.layers:
-        shape = (layer.opacities.shape[1] // 2, layer.opacities.shape[2] // 2)
-        means, scales, opacities, sh = (
-            np.stack([_pooled(view, shape) for view in array])
-            for array in (layer.means, layer.scales, layer.opacities, layer.sh)
+    layers = [
+        Gaussians.unchecked(
+            **{name: _smaller(name, getattr(layer, name)) for name in FIELDS},
+            cameras=tuple(halved_camera(camera) for camera in layer.cameras),
+            origin=layer.origin,
         )
-        quats = layer.quats[:, : 2 * shape[0] : 2, : 2 * shape[1] : 2]  # of the first, as turns have no mean
-        cameras = tuple(halved_camera(camera) for camera in layer.cameras)
-        layers.append(Gaussians(means, quats, 2 * scales, opacities.clip(0, 1), sh, cameras, layer.origin))
-    return replace(layers[0], extra_layers=tuple(layers[1:]))
+        for layer in gaussians.layers
+    ]
+    return Gaussians.unchecked(**{**vars(layers[0]), "extra_layers": tuple(layers[1:])})
 
 
 def halved_camera(camera: Camera) -> Camera:
@@ -53,22 +53,29 @@ def halved_target(target: Target) -> Target:
     return replace(target, camera=halved_camera(target.camera), photo=halved_picture(target.photo))
 
 
-def lacking_alike(target: Target, moving: MovableGaussians, picture: NDArray) -> Target:
-    """A halved photo, changed so that a halved copy lacks of it what its original, which draws `picture`, lacks.
+def lacking_alike(targets: Sequence[Target], pictures: NDArray, moving: MovableGaussians) -> list[Target]:
+    """Photos of half the size, changed so that a halved copy lacks of them what its original lacks.
 
     Args:
-        target: the photo.
+        targets: the photos.
+        pictures: (V, H/2, W/2, 3) float32, halved, of the photos' cameras by the original, near views first; the photos
+            take their place.
         moving: the copy.
-        picture: (H, W, 3) float32, halved, of the photo's camera by the original, near views first.
     """
-    shown = np.empty((*target.photo.shape[:2], 4), np.float32)
-    moving.measure(target, shares=moving.shares(target.camera), shown=shown)
-    return replace(target, photo=target.photo + shown[..., :3] - picture)
+    shown, found = np.empty((*pictures.shape[1:3], 4), np.float32), list[Target]()
+    for target, picture in zip(targets, scratch.by_view(pictures), strict=True):
+        half = halved_target(target)
+        scratch.set_aside(target.photo)
+        moving.measure(half, shares=moving.shares(half.camera), shown=shown)
+        picture[:] = half.photo + shown[..., :3] - picture
+        found.append(replace(half, photo=picture))
+    return found
 
 
 def bring_up(field: MovableGaussians, smaller: MovableGaussians, start: NDArray) -> None:
     """Add a halved copy's changes to its original; `start` are the copy's first values, (6, rows) float32."""
     for whole, half in zip(field.grids, smaller.grids, strict=True):
+        field.shelf.take((whole, half))
         change = (smaller.values[:, half.rows] - start[:, half.rows]).reshape(VALUES, half.height, half.width)
         for axis, size in ((1, whole.height), (2, whole.width)):
             change = _doubled(change, axis, size)
@@ -76,6 +83,18 @@ def bring_up(field: MovableGaussians, smaller: MovableGaussians, start: NDArray)
         for kind, (least, greatest) in enumerate(LIMITS):
             low, high = np.minimum(values[kind], least), np.maximum(values[kind], greatest)
             values[kind] = (values[kind] + change[kind].ravel()).clip(low, high)
+
+
+def _smaller(name: str, array: NDArray) -> NDArray:
+    """A field (V, H, W, …) of the halved copy, of a capture on disk."""
+    shape = array.shape[1] // 2, array.shape[2] // 2
+    halves = scratch.zeros((len(array), *shape, *array.shape[3:]))
+    for view, half in zip(scratch.by_view(array), scratch.by_view(halves), strict=True):
+        if name == "quats":  # of the first, as turns have no mean
+            half[:] = view[: 2 * shape[0] : 2, : 2 * shape[1] : 2]
+        else:
+            half[:] = (2 if name == "scales" else 1) * _pooled(view, shape)
+    return halves
 
 
 def _pooled(array: NDArray, shape: tuple[int, int]) -> NDArray:

@@ -16,6 +16,7 @@ from ..render.gradient import Grid, MovableGaussians, PhotoError, Target
 from ..render.kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
+from ..system import scratch
 from ..system.decibels import decibels
 from . import kernels
 from .price import PlanePrice
@@ -52,7 +53,7 @@ class Loop:
         self,
         field: MovableGaussians,
         sizes: Sequence[Sequence[Target]],
-        prices: dict[tuple[int, int], PlanePrice],
+        prices: dict[Grid, PlanePrice],
         settings: Settings,
         run_jobs: Callable,
     ) -> None:
@@ -61,7 +62,7 @@ class Loop:
         Args:
             field: moved.
             sizes: the photos at every size that steps alternate between, the coded one first.
-            prices: by layer and view.
+            prices: by grid.
             settings: see there.
             run_jobs: maps a function over a list, on any number of threads.
         """
@@ -69,11 +70,19 @@ class Loop:
         self._sizes, self._prices, self.settings, self._run = sizes, prices, settings, run_jobs
         self.exposures = np.tile([1.0, 0.0], (len(sizes[0]), 1))
         self._exposure_means = np.zeros((2, *self.exposures.shape))
-        self._gradient = np.zeros_like(field.values)
-        self._first, self._second = np.zeros((2, *field.values.shape), np.float32)
-        self._count, self._corrections = 0, np.zeros(len(sizes[0]), int)  # of every view's Gaussians
-        self._edges = {(grid.layer, grid.view): self._edge_weights(grid) for grid in field.grids}
         views = len(sizes[0])
+        self._first, self._second = (scratch.zeros(field.values.shape, views=views) for _ in range(2))
+        self._count, self._corrections = 0, np.zeros(views, int)  # of every view's Gaussians
+        self._edges = dict[Grid, NDArray]()
+        for layer in range(1 + field.grids[-1].layer):
+            grids = [grid for grid in field.grids if grid.layer == layer]
+            weights = scratch.zeros((views, 2, grids[0].height, grids[0].width))
+            self._edges |= {
+                grid: self._edge_weights(grid, of_view) for grid, of_view in zip(grids, weights, strict=True)
+            }
+        for grid in field.grids:
+            moments = (*self._first[:, grid.rows], *self._second[:, grid.rows])
+            field.shelf.put(grid, *moments, self._edges[grid], prices[grid].planes)
         spread = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
         self.held = held_back(views, settings.held_back)
         self.judged = self.held or spread
@@ -102,28 +111,25 @@ class Loop:
         they are.
         """
         shares = {view: self._shares(view, now.place) for view in views}
-        wrong = [grid for grid in self.field.grids if any(_corrects(view, shares[view], grid) for view in views)]
-        for grid in wrong:
-            self._gradient[:, grid.rows] = 0
-        errors = {view: self._draw(view, now, shares[view], len(views)) for view in views}
+        grids = {view: [grid for grid in self.field.grids if _corrects(view, shares[view], grid)] for view in views}
+        wrong = {grid: grid.zeros() for grid in self.field.grids if any(grid in grids[view] for view in views)}
+        errors = {
+            view: self._draw(view, now, shares[view], {grid: wrong[grid] for grid in grids[view]}, 1 / len(views))
+            for view in views
+        }
         self._corrections[list({grid.view for grid in wrong})] += 1
-        self._run(self._regularise, wrong)
-        self._run(self._correct, wrong)
+        self.field.shelf.take(list(wrong))
+        self._run(lambda found: self._correct(*found), wrong.items())
         for view, error in errors.items():
             self._expose(view, error)
         return errors
 
-    def _draw(self, view: int, now: Turn, shares: Shares, together: int) -> PhotoError:
-        """What a photo lacks; what would mend it is added to the gradient, as one of all photos that see a Gaussian."""
+    def _draw(self, view: int, now: Turn, shares: Shares, gradients: dict[Grid, NDArray], part: float) -> PhotoError:
+        """What a photo lacks; what would mend it is added to gradients, as a part of all photos that see a Gaussian."""
         target = self._exposed(view, self._sizes[now.size][view])
-        weight = self._drawn / together * self._sizes[0][view].photo.size / target.photo.size
-        own = [grid.rows for grid in self.field.grids if grid.view == view and not _corrects(view, shares, grid)]
-        spared = [self._gradient[:, rows].copy() for rows in own]
+        weight = self._drawn * part * self._sizes[0][view].photo.size / target.photo.size
         hidden = self.settings.hidden
-        error = self.field.measure(target, shares=shares, gradient=self._gradient, weight=weight, hidden=hidden)
-        for rows, before in zip(own, spared, strict=True):
-            self._gradient[:, rows] = before
-        return error
+        return self.field.measure(target, shares=shares, gradients=gradients, weight=weight, hidden=hidden)
 
     def put(self, values: NDArray) -> None:
         """Give the Gaussians these values, (6, rows) float32."""
@@ -181,22 +187,18 @@ class Loop:
             return Shares.by_depth(self.field.shares(self._sizes[0][view].camera).whole)
         return self._fronts[view][place % len(self._fronts[view])]
 
-    def _regularise(self, grid: Grid) -> None:
-        shape = (VALUES, grid.height, grid.width)
-        values, gradient = (array[:, grid.rows].reshape(shape) for array in (self.field.values, self._gradient))
-        key, settings = (grid.layer, grid.view), self.settings
-        kernels.add_variation(values[LOG_DEPTH], *self._edges[key], settings.variation, gradient[LOG_DEPTH])
+    def _correct(self, grid: Grid, gradient: NDArray) -> None:
+        """Correct a grid's Gaussians by their gradient (6, rows), once what holds them together is added to it."""
+        settings, count, shape = self.settings, float(self._corrections[grid.view]), (VALUES, grid.height, grid.width)
+        values, *means = (array[:, grid.rows] for array in (self.field.values, self._first, self._second))
+        gradient = gradient[:, : grid.height * grid.width]
+        planes, slopes = values.reshape(shape), gradient.reshape(shape)
+        kernels.add_variation(planes[LOG_DEPTH], *self._edges[grid], settings.variation, slopes[LOG_DEPTH])
         if settings.price > 0:
-            self._prices[key].add_gradient(values, gradient)
-
-    def _correct(self, grid: Grid) -> None:
-        settings, count = self.settings, float(self._corrections[grid.view])
-        values, *others = (
-            array[:, grid.rows] for array in (self.field.values, self._gradient, self._first, self._second)
-        )
+            self._prices[grid].add_gradient(planes, slopes)
         for kind, size in enumerate(settings.step_sizes(self._count)):
             numbers = (size, settings.momentum, settings.memory, settings.noise, count, *LIMITS[kind])
-            kernels.adam(values[kind], *(array[kind] for array in others), numbers)
+            kernels.adam(values[kind], gradient[kind], *(array[kind] for array in means), numbers)
 
     def _expose(self, view: int, error: PhotoError) -> None:
         """A step of Adam for a photo's gain and offset, by mean |error|; then the mean of all goes back."""
@@ -210,13 +212,14 @@ class Loop:
         others = [view for view in range(len(self.exposures)) if view not in self.held]
         self.exposures[others] -= self.exposures[others].mean(axis=0) - (1, 0)
 
-    def _edge_weights(self, grid: Grid) -> tuple[NDArray, NDArray]:
-        """(H, W) float32 each: how much a change of depth has to be that of the right and of the lower neighbour."""
+    def _edge_weights(self, grid: Grid, weights: NDArray) -> NDArray:
+        """Zeros (2, H, W), filled: how much changes of depth have to be those of the neighbours right and below."""
+        self.field.shelf.take((grid,))
         colours = self.field.values[SH_RED:, grid.rows].reshape(-1, grid.height, grid.width)
-        across, down = np.zeros((2, grid.height, grid.width), np.float32)
+        across, down = weights
         across[:, :-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=2)).mean(axis=0))
         down[:-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=1)).mean(axis=0))
-        return across, down
+        return weights
 
 
 def _corrects(view: int, shares: Shares, grid: Grid) -> bool:

@@ -5,6 +5,8 @@ Trust boundary: every view needs a photo of its own size and pose, whose values 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..errors import InputError
@@ -13,6 +15,7 @@ from ..render.gradient import Target
 from ..scene.cameras import Camera
 from ..scene.matching import SAME_PLACE, reach_of, taken_as
 from ..scene.scenes import Frame, Scene
+from ..system import scratch
 
 SAME_PIXEL = 0.5
 """Largest difference in pixels of intrinsics."""
@@ -63,14 +66,21 @@ def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[li
         InputError: a photo that cannot be read.
     """
     height, width = gaussians.cameras[0].height, gaussians.cameras[0].width
-    images = scene.images()
-    if not np.isfinite(images).all():
-        raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
-    sizes = [[Target(camera, image) for camera, image in zip(gaussians.cameras, images, strict=True)]]
+    sizes = [_targets(gaussians.cameras, scene.frames)]
     if closer and all(_is_as_large(frame, CLOSER * height, CLOSER * width) for frame in scene.frames):
         larger = [frame.resized(CLOSER * height, CLOSER * width) for frame in scene.frames]
-        sizes.append([Target(frame.camera, frame.image()) for frame in larger])
+        sizes.append(_targets([frame.camera for frame in larger], larger))
     return sizes
+
+
+def _targets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]:
+    """Photos of one size, of a capture on disk."""
+    photos = scratch.zeros((len(cameras), cameras[0].height, cameras[0].width, 3))
+    for photo, frame in zip(scratch.by_view(photos), frames, strict=True):
+        photo[:] = frame.image()
+        if not np.isfinite(photo).all():
+            raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
+    return [Target(camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
 
 
 def _is_as_large(frame: Frame, height: int, width: int) -> bool:

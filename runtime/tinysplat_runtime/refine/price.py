@@ -13,6 +13,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import PlaneClass
 from ..render.gradient import Grid
 from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
+from ..system import scratch
 from . import kernels
 
 _DEPTH_FINER = 0.5
@@ -24,14 +25,12 @@ class PlanePrice:
     """A view's planes in quantiser steps.
 
     Attributes:
-        inverse_depth: (H, W) float32, 1/z at the start over depth's step.
-        size: (H, W) float32, mean ŝ at the start over the scale's step.
+        planes: (2, H, W) float32, at the start 1/z over depth's step, and the mean of ŝ over the scale's step.
         opacity, color: steps.
         bit: |error| that a bit is worth.
     """
 
-    inverse_depth: NDArray
-    size: NDArray
+    planes: NDArray
     opacity: float
     color: float
     bit: float
@@ -39,9 +38,10 @@ class PlanePrice:
     def add_gradient(self, values: NDArray, gradient: NDArray) -> None:
         """Add the gradient of the bits' price; values and gradient are (6, H, W) float32."""
         opacity = (1 / (1 + np.exp(-values[LOGIT]))).astype(np.float32)
+        inverse_depth, size = self.planes
         planes = {
-            LOG_DEPTH: (self.inverse_depth * np.exp(-values[LOG_DEPTH]), -1.0),
-            LOG_SIZE: (self.size * np.exp(values[LOG_SIZE]), 1.0),
+            LOG_DEPTH: (inverse_depth * np.exp(-values[LOG_DEPTH]), -1.0),
+            LOG_SIZE: (size * np.exp(values[LOG_SIZE]), 1.0),
             LOGIT: (opacity / np.float32(self.opacity), 1 - opacity),
         }
         slope = np.empty(values.shape[1:], np.float32)
@@ -55,23 +55,27 @@ class PlanePrice:
             gradient[kind] += slope / np.float32(self.color)
 
 
-def plane_prices(gaussians: Gaussians, grids: tuple[Grid, ...], profile: Profile, qp: float, bit: float) -> dict:
-    """A `PlanePrice` for every grid, by (layer, view)."""
+def plane_prices(
+    gaussians: Gaussians, grids: tuple[Grid, ...], profile: Profile, qp: float, bit: float
+) -> dict[Grid, PlanePrice]:
+    """A `PlanePrice` for every grid."""
     settings = profile.settings if isinstance(profile.settings, AdaptiveSettings) else ADAPTIVE
-    coarser = 2 ** (qp / 6)
-    planes = {(grid.layer, grid.view): _planes(gaussians.layers[grid.layer], grid.view) for grid in grids}
-    first = [planes[0, view] for view in range(len(gaussians.cameras))]
-    depth = _DEPTH_FINER * settings.depth_step * float(np.mean([inverse.mean() for inverse, _ in first])) * coarser
-    width = min(max(float(np.mean([size.mean() for _, size in first])), 0.2), 1.0) / settings.width
+    coarser, views = 2 ** (qp / 6), len(gaussians.cameras)
+    first = [[plane.mean() for plane in _planes(gaussians, view)] for view in range(views)]
+    inverse, size = (float(np.mean(means)) for means in zip(*first, strict=True))
+    depth = _DEPTH_FINER * settings.depth_step * inverse * coarser
+    width = min(max(size, 0.2), 1.0) / settings.width
     scale, opacity, color = (
         class_step(settings, c) * coarser for c in (PlaneClass.SCALE, PlaneClass.OPACITY, PlaneClass.COLOR)
     )
-    return {
-        key: PlanePrice(
-            (inverse / depth).astype(np.float32), (size / (scale / width)).astype(np.float32), opacity, color, bit
-        )
-        for key, (inverse, size) in planes.items()
-    }
+    prices = dict[Grid, PlanePrice]()
+    for layer in gaussians.layers:
+        kept = scratch.zeros((views, 2, *layer.opacities.shape[1:]))
+        for view, planes in enumerate(scratch.by_view(kept)):
+            for plane, values, step in zip(planes, _planes(layer, view), (depth, scale / width), strict=True):
+                plane[:] = values / step
+            prices[grids[len(prices)]] = PlanePrice(planes, opacity, color, bit)
+    return prices
 
 
 def _planes(layer: Gaussians, view: int) -> tuple[NDArray, NDArray]:
@@ -79,4 +83,6 @@ def _planes(layer: Gaussians, view: int) -> tuple[NDArray, NDArray]:
     camera = layer.cameras[view]
     z = (layer.means[view] - (camera.centre - layer.origin)) @ camera.rotation[2]
     inverse = np.divide(1.0, z, out=np.zeros_like(z), where=z > 0)  # nothing is coded of what has no depth
-    return inverse, layer.scales[view].mean(axis=-1) * camera.focal * inverse
+    size = layer.scales[view].mean(axis=-1) * camera.focal * inverse
+    scratch.set_aside(layer.means, layer.scales)
+    return inverse, size

@@ -16,8 +16,9 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
+from ..system import scratch
 from ..system.decibels import decibels
-from .coarse import bring_up, halved, halved_picture, halved_target, lacking_alike
+from .coarse import bring_up, halved, halved_picture, lacking_alike
 from .loop import Loop
 from .photos import matched, sizes_of
 from .price import plane_prices
@@ -110,10 +111,12 @@ class Refining:
         self._sizes = sizes_of(gaussians, matched(gaussians, scene), self._settings.closer)
         moving = MovableGaussians(gaussians, run_jobs)
         begun = time.perf_counter()
-        shown, errors, self._halved = np.empty((*self._sizes[0][0].photo.shape[:2], 4), np.float32), [], []
-        for target in self._sizes[0]:
+        height, width = self._sizes[0][0].photo.shape[:2]
+        shown, errors = np.empty((height, width, 4), np.float32), []
+        self._halved = scratch.zeros((len(gaussians.cameras), height // 2, width // 2, 3))
+        for target, half in zip(self._sizes[0], scratch.by_view(self._halved), strict=True):
             errors.append(moving.measure(target, shares=moving.shares(target.camera), shown=shown))
-            self._halved.append(halved_picture(shown[..., :3]))
+            half[:] = halved_picture(shown[..., :3])
         each = (time.perf_counter() - begun) / len(errors)
         if (view := _other(errors, self._sizes[0])) is not None:
             self.stats.reason = f"photo {view} shows something else than they do"
@@ -209,13 +212,18 @@ class Refining:
 
     def _go_down(self) -> _Smaller:
         """To a smaller copy."""
-        run_jobs, targets = self._told[2], [halved_target(target) for target in self._sizes[0]]
-        gaussians = halved(self._start)
-        moving = MovableGaussians(gaussians, run_jobs)
-        targets = [lacking_alike(target, moving, found) for target, found in zip(targets, self._halved, strict=True)]
+        assert self._loop is not None
+        gaussians, run_jobs = halved(self._start), self._told[2]
+        moving = MovableGaussians(gaussians, run_jobs, shelf=self._loop.field.shelf)
+        targets = lacking_alike(self._sizes[0], self._halved, moving)
         settings = settings_for(len(gaussians.cameras), below=True)
         loop = Loop(moving, [targets], self._prices(gaussians, moving), settings, run_jobs)
-        self._smaller = _Smaller(loop, moving.values.copy())
+        start = scratch.zeros(moving.values.shape, views=len(gaussians.cameras))
+        for grid in moving.grids:
+            moving.shelf.take((grid,))
+            start[:, grid.rows] = moving.values[:, grid.rows]
+            moving.shelf.put(grid, *start[:, grid.rows])
+        self._smaller = _Smaller(loop, start)
         return self._smaller
 
     def _go_up(self) -> None:
@@ -255,7 +263,9 @@ class _Smaller:
 def _other(errors: Sequence[PhotoError], targets: Sequence[Target]) -> int | None:
     """The first photo that shows something else than the Gaussians; None where all show them."""
     for view, (error, target) in enumerate(zip(errors, targets, strict=True)):
-        if 1 - error.squared / float(((target.photo - target.photo.mean((0, 1))) ** 2).sum() + 1e-9) < SAME_PICTURE:
+        variance = float(((target.photo - target.photo.mean((0, 1))) ** 2).sum())
+        scratch.set_aside(target.photo)
+        if 1 - error.squared / (variance + 1e-9) < SAME_PICTURE:
             return view
     return None
 

@@ -1,8 +1,9 @@
 """Gaussians that move: how well they draw a photo, and which way each of them would draw it better.
 
     field = MovableGaussians(gaussians, Crew(threads).map)
-    error = field.measure(Target(camera, photo), gradient=gradient)     # adds to `gradient`, (6, rows)
-    field.values[…] -= …
+    gradients = {grid: grid.zeros() for grid in field.grids}
+    error = field.measure(Target(camera, photo), gradients=gradients)     # adds to them
+    field.values[:, grid.rows] -= …
 
 A Gaussian moves along the ray of its own pixel alone, and may grow, fade and change its colour of SH degree 0
 (`kernels_gradient.VALUES`). Needs numba (`tinysplat[fast]`).
@@ -12,8 +13,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,10 +23,11 @@ from numpy.typing import NDArray
 from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
+from ..system import scratch
 from . import kernels_chain, kernels_gradient
 from .kernels_blend import Extent, Listed, Scratch, Visible
 from .kernels_chain import Moved
-from .kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES, Exposure, Sought
+from .kernels_gradient import BASE, LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES, Exposure, Sought
 from .kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers, TileLists, view_numbers
 from .near import NearViews, Shares
@@ -94,6 +96,11 @@ class Grid:
     height: int
     width: int
 
+    def zeros(self) -> NDArray:
+        """(6, H·W or a little more) float32, for gradients of its Gaussians in the order of its pixels."""
+        # A chunk more than there is, so that no part is contiguous: code is compiled for one layout.
+        return np.zeros((VALUES, _padded(self.height * self.width) + CHUNK), np.float32)
+
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
@@ -145,26 +152,43 @@ class MovableGaussians:
             belong to none show nowhere.
     """
 
-    def __init__(self, gaussians: Gaussians, run_jobs: Callable, dilation: str = "own") -> None:
-        """Take Gaussians with cameras; `run_jobs` maps a function over a list, on any number of threads; `dilation` as
-        `renderer.render` has it.
+    def __init__(
+        self, gaussians: Gaussians, run_jobs: Callable, dilation: str = "own", shelf: scratch.Shelf | None = None
+    ) -> None:
+        """Take Gaussians with cameras.
+
+        Args:
+            gaussians: per pixel; of a capture, those on disk are read again where they are needed.
+            run_jobs: maps a function over a list, on any number of threads.
+            dilation: as `renderer.render` has it.
+            shelf: of grids' parts of arrays that lie on disk; its own where None.
         """
-        self.origin = gaussians.origin
+        self.origin, self.shelf = gaussians.origin, shelf or scratch.Shelf()
         self.grids = tuple(_grids(gaussians))
         self._near, self._dilation = NearViews.of(gaussians), dilation
-        self.values = np.zeros((VALUES, _padded(self.grids[-1].rows.stop)), np.float32)
-        self.values[LOGIT] = -np.inf
-        self._pieces = [
-            piece
-            for grid in self.grids
-            for piece in self._cut(gaussians.layers[grid.layer], grid, gaussians.cameras[grid.view])
-        ]
+        rows = _padded(self.grids[-1].rows.stop)
+        self.values = scratch.zeros((VALUES, rows), views=len(gaussians.cameras))
+        self._pieces = list[_Piece]()
+        for number, layer in enumerate(gaussians.layers):
+            self._take(layer, [grid for grid in self.grids if grid.layer == number], gaussians.cameras)
         self._run = run_jobs
         self._geometry = np.empty((0, GEOMETRY, CHUNK), np.float32)
         self._buffers, self._pairs = SplatBuffers(0, run_jobs), np.empty((0, PAIR), np.float32)
 
-    def _cut(self, layer: Gaussians, grid: Grid, photo: Camera) -> Iterator[_Piece]:
-        """The pieces of a grid, whose values are filled in."""
+    def _take(self, layer: Gaussians, grids: Sequence[Grid], photos: Sequence[Camera]) -> None:
+        """Make pieces of a layer's Gaussians."""
+        chunks, views = _padded(grids[0].height * grids[0].width) // CHUNK, len(grids)
+        bases = scratch.zeros((views, chunks, BASE, CHUNK))
+        colours = scratch.zeros((views, chunks, 3 * layer.sh.shape[-2] * CHUNK))
+        for grid, base, sh in zip(grids, bases, colours, strict=True):
+            pieces = list(self._cut(layer, grid, photos[grid.view], base, sh))
+            rows = slice(grid.rows.start, pieces[-1].rows.stop)
+            self.shelf.put(grid, base, sh, layer.quats[grid.view], layer.scales[grid.view], *self.values[:, rows])
+            self._pieces += pieces
+            scratch.set_aside(layer.means, layer.opacities, layer.sh)
+
+    def _cut(self, layer: Gaussians, grid: Grid, photo: Camera, bases: NDArray, colours: NDArray) -> Iterator[_Piece]:
+        """The pieces of a grid; its values, bases (chunks, 13, 128) and SH (chunks, 3 S·128) are filled in."""
         centre = layer.cameras[grid.view].centre - self.origin
         count = grid.height * grid.width
         means, quats, scales, opacities = (
@@ -175,36 +199,35 @@ class MovableGaussians:
         pixels = own_pixels(means, self.origin, photo) * (self._dilation == "own")
         values = self.values[:, grid.rows]
         opacity = opacities.astype(np.float64).clip(LEAST_OPACITY, LARGEST_OPACITY)
-        values[LOG_DEPTH : LOG_SIZE + 1] = 0
+        self.values[LOGIT, grid.rows.stop : _padded(grid.rows.stop)] = -np.inf
         values[LOGIT] = np.log(opacity / (1 - opacity))
         values[SH_RED:] = sh[:, :3].T
         for first in range(0, count, BLOCK_SIZE):
             part = slice(first, min(first + BLOCK_SIZE, count))
             base = np.concatenate(
                 [(means[part] - centre).T, principal_axes(quats[part], scales[part]).reshape(9, -1), pixels[None, part]]
-            ).astype(np.float32)
-            planes = _by_chunk(base)
-            yield _Piece(
-                grid,
-                grid.rows.start + first,
-                planes,
-                centre,
-                np.ascontiguousarray(_by_chunk(sh[part].T)).reshape(len(planes), -1),
-                quats[part],
-                scales[part],
             )
+            chunks = slice(first // CHUNK, _padded(part.stop) // CHUNK)
+            _fill_chunks(bases[chunks], base)
+            _fill_chunks(colours[chunks].reshape(-1, sh.shape[1], CHUNK), sh[part].T)
+            start = grid.rows.start + first
+            yield _Piece(grid, start, bases[chunks], centre, colours[chunks], quats[part], scales[part])
 
     def gaussians(self, start: Gaussians) -> Gaussians:
         """`start`, which these were made of, as the values have it; what can show nowhere has opacity 0."""
         layers = []
         for number, layer in enumerate(start.layers):
-            fields: dict[str, Any] = {"sh": layer.sh.copy()}
-            fields |= {name: np.empty_like(getattr(layer, name)) for name in ("means", "scales", "opacities")}
+            arrays = {name: getattr(layer, name) for name in ("means", "scales", "opacities", "sh")}
+            fields: dict[str, Any] = {name: scratch.zeros(array.shape) for name, array in arrays.items()}
             for grid in self.grids:
                 if grid.layer == number:
+                    self.shelf.take((grid,))
                     self._fill(fields, layer, grid)
-            layers.append(replace(layer, **fields, extra_layers=()))
-        return replace(layers[0], extra_layers=tuple(layers[1:]), notes=start.notes)
+                    its = {name: array[grid.view, None] for name, array in fields.items()}
+                    Gaussians(**its, quats=layer.quats[grid.view, None])  # refuses what float32 does not hold
+                    scratch.set_aside(*arrays.values(), *fields.values())
+            layers.append(Gaussians.unchecked(**{**vars(layer), **fields, "extra_layers": ()}))
+        return Gaussians.unchecked(**{**vars(layers[0]), "extra_layers": tuple(layers[1:]), "notes": start.notes})
 
     def _fill(self, fields: dict[str, NDArray], layer: Gaussians, grid: Grid) -> None:
         """Write a grid's part of a layer's arrays."""
@@ -216,6 +239,7 @@ class MovableGaussians:
         fields["means"][view] = centre + away * (layer.means[view] - centre)
         fields["scales"][view] = grown * layer.scales[view]
         fields["opacities"][view] = np.where(opacities < ALPHA_MIN, 0, opacities)
+        fields["sh"][view] = layer.sh[view]
         fields["sh"][view][..., 0, :] = np.moveaxis(values[SH_RED:], 0, -1)
 
     def measure(
@@ -223,7 +247,7 @@ class MovableGaussians:
         target: Target,
         *,
         shares: Shares | None = None,
-        gradient: NDArray | None = None,
+        gradients: Mapping[Grid, NDArray] | None = None,
         weight: float = 1.0,
         shown: NDArray | None = None,
         most_left: float = 1.0,
@@ -234,8 +258,9 @@ class MovableGaussians:
         Args:
             target: the photo.
             shares: what of each view is drawn; without them, all of every view by depth.
-            gradient: (6, rows) float32 that gradients with respect to `values` are added to, or None.
-            weight: what a unit of |error| counts in `gradient`.
+            gradients: by grid, what gradients with respect to its part of `values` are added to, as `Grid.zeros` makes
+                it; None, or a grid without any, asks for none.
+            weight: what a unit of |error| counts in `gradients`.
             shown: (H, W, 4) float32, filled with the picture and its transmittance, but for tiles of which the photo
                 knows nothing; or None.
             most_left: pixels of more transmittance than this, where `shown` is asked for, count nowhere.
@@ -243,6 +268,7 @@ class MovableGaussians:
                 there.
         """
         view = View.of(target.camera, self.origin, NEAR_PLANE)
+        self.shelf.take([grid for grid in self.grids if shares is None or shares.whole[grid.view] > 0])
         pieces = self._placed([one for one in self._pieces if shares is None or shares.whole[one.grid.view] > 0])
         buffers = self._buffers
         visible = self._run(lambda placed: self._project(placed, view, shares), pieces)
@@ -258,10 +284,11 @@ class MovableGaussians:
             )
 
         for lists in buffers.lists(visible, view):
-            pairs = self._pairs[:0] if gradient is None else self._room(lists.rows.size)
+            pairs = self._room(lists.rows.size) if gradients else self._pairs[:0]
             buffers.work_on(lists, view, measure)
-            if gradient is not None:
-                self._add_up(pieces, visible, lists, view, gradient)
+            if gradients:
+                self._add_up(pieces, visible, lists, view, gradients)
+        scratch.set_aside(target.photo)
         return PhotoError(*sums.sum(axis=0).tolist())
 
     def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
@@ -303,12 +330,18 @@ class MovableGaussians:
         return Block(planes[MEAN : MEAN + 3], nothing, planes[OPACITY], nothing, piece.quats, scales, planes[OWN_PIXEL])
 
     def _add_up(
-        self, pieces: list[_Placed], visible: list[Visible], lists: TileLists, view: View, gradient: NDArray
+        self,
+        pieces: list[_Placed],
+        visible: list[Visible],
+        lists: TileLists,
+        view: View,
+        gradients: Mapping[Grid, NDArray],
     ) -> None:
         numbers = view_numbers(view)
 
         def add(number: int) -> None:
             placed, piece = pieces[number], pieces[number].piece
+            first = piece.start - piece.grid.rows.start
             kernels_chain.add_up(
                 self._buffers.records,
                 visible[number],
@@ -317,10 +350,10 @@ class MovableGaussians:
                 self._pairs,
                 Moved(placed.start, placed.geometry, piece.centre, self.values[:, piece.rows]),
                 numbers,
-                gradient[:, piece.rows],
+                gradients[piece.grid][:, first : first + CHUNK * len(piece.base)],
             )
 
-        self._run(add, list(range(len(pieces))))
+        self._run(add, [number for number, placed in enumerate(pieces) if placed.piece.grid in gradients])
 
 
 def _grids(gaussians: Gaussians) -> Iterator[Grid]:
@@ -336,9 +369,9 @@ def _padded(rows: int) -> int:
     return -(-rows // CHUNK) * CHUNK
 
 
-def _by_chunk(planes: NDArray) -> NDArray:
-    """(planes, n) to (chunks, planes, 128), zeros behind the last."""
+def _fill_chunks(chunks: NDArray, planes: NDArray) -> None:
+    """Write planes (planes, n) into zeros (chunks, planes, 128)."""
     count = planes.shape[1]
-    padded = np.zeros((len(planes), _padded(count)), np.float32)
-    padded[:, :count] = planes
-    return np.ascontiguousarray(padded.reshape(len(planes), -1, CHUNK).swapaxes(0, 1))
+    whole = count // CHUNK
+    chunks[:whole] = planes[:, : whole * CHUNK].reshape(len(planes), whole, CHUNK).swapaxes(0, 1)
+    chunks[whole:, :, : count - whole * CHUNK] = planes[:, whole * CHUNK :]

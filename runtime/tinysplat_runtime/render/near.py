@@ -45,6 +45,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
+from ..system import scratch
 
 REACH = 1.5
 """Of the second nearest view's distance, where shares reach 0: at 1, two views that swap places there would pop."""
@@ -127,7 +128,8 @@ class NearViews:
         centres = np.stack([camera.centre for camera in cameras])
         directions = np.stack([camera.rotation[2] for camera in cameras])
         count, inverse = 0, 0.0
-        for means, centre, direction in zip(gaussians.means, gaussians.origin - centres, directions, strict=True):
+        of_views = scratch.by_view(gaussians.means)
+        for means, centre, direction in zip(of_views, gaussians.origin - centres, directions, strict=True):
             z = (means @ direction) + centre @ direction
             count, inverse = count + int(np.count_nonzero(z > 0)), inverse + float((1 / z[z > 0]).sum())
         return cls(centres, directions, count / inverse if count else 1.0)

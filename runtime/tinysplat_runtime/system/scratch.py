@@ -1,7 +1,8 @@
 """Arrays of captures on disk, of which memory holds what is being worked on.
 
 What is known of a capture grows with its photos, and is gone through view by view. Such arrays lie in files without
-names, mapped into memory; `set_aside` says that nobody works on them for now. They can be used like any others.
+names, mapped into memory; `set_aside` says that nobody works on them for now, and a `Shelf` knows which views' parts
+were worked on last. They can be used like any others.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ import mmap
 import os
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,9 @@ TOGETHER = 6
 LEAST_BYTES = 1 << 22
 """Smaller arrays stay there too."""
 
+SHELF_BYTES = 400_000_000
+"""What a shelf keeps in memory: more than what is worked on together, unless it is large."""
+
 LASTING = Path("/var/tmp")
 """Where Linux has large files that nobody keeps: often `/tmp` is memory itself."""
 
@@ -34,17 +39,19 @@ MOUNTS = Path("/proc/self/mountinfo")
 _EVERY_S = 0.01
 
 
-def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray:
-    """An array of any content, its views first: of many, on disk where there is room, else in memory."""
+def zeros(shape: tuple[int, ...], dtype: DTypeLike = np.float32, views: int | None = None) -> NDArray:
+    """Zeros: of many views, which the first axis counts where nobody says how many, on disk where there is room, else
+    in memory.
+    """
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if shape[0] <= TOGETHER or size < LEAST_BYTES or not _is_possible():
-        return np.empty(shape, dtype)
+    if (shape[0] if views is None else views) <= TOGETHER or size < LEAST_BYTES or not _is_possible():
+        return np.zeros(shape, dtype)
     try:
         with tempfile.TemporaryFile(dir=_folder()) as file:
             os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, and not where numbers are written
             mapped = mmap.mmap(file.fileno(), size)
     except OSError:
-        return np.empty(shape, dtype)
+        return np.zeros(shape, dtype)
     return np.frombuffer(mapped, dtype).reshape(shape)
 
 
@@ -64,6 +71,54 @@ def by_view(array: NDArray) -> Iterator[NDArray]:
     for view in array:
         yield view
         set_aside(view)
+
+
+class Shelf:
+    """Parts of such arrays by whom they belong to, of which memory holds those that were taken last."""
+
+    def __init__(self, most_bytes: int = SHELF_BYTES) -> None:
+        """`most_bytes` stay in memory, or what is taken together if that is more."""
+        self._most, self._parts, self._taken = most_bytes, dict[Hashable, list[_Part]](), dict[Hashable, int]()
+
+    def put(self, owner: Hashable, *parts: NDArray) -> None:
+        """Contiguous parts of arrays become an owner's; of those that lie in memory alone nothing is kept."""
+        self._parts.setdefault(owner, []).extend(found for part in parts if (found := _Part.of(part)) is not None)
+        self.take((owner,))
+
+    def take(self, owners: Sequence[Hashable]) -> None:
+        """These are worked on next; what was not taken for the longest time is set aside for them."""
+        for owner in owners:
+            self._taken.pop(owner, None)  # goes to the end
+            self._taken[owner] = sum(part.size for part in self._parts.get(owner, ()))
+        held = sum(self._taken.values())
+        for owner in list(self._taken)[: len(self._taken) - len(owners)]:
+            if held <= self._most:
+                break
+            held -= self._taken.pop(owner)
+            for part in self._parts[owner]:
+                part.set_aside()
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Bytes of a mapping, from `start` on, that begin and end with pages."""
+
+    mapping: mmap.mmap
+    start: int
+    size: int
+
+    @classmethod
+    def of(cls, array: NDArray) -> _Part | None:
+        """What a contiguous array takes of its mapping; None where it lies in memory alone."""
+        mapping = _mapping(array)
+        if mapping is None or not array.size:
+            return None
+        first = array.ctypes.data - np.frombuffer(mapping, np.uint8).ctypes.data
+        start = first // mmap.PAGESIZE * mmap.PAGESIZE
+        return cls(mapping, start, first + array.nbytes - start)
+
+    def set_aside(self) -> None:
+        self.mapping.madvise(mmap.MADV_DONTNEED, self.start, self.size)
 
 
 @contextmanager

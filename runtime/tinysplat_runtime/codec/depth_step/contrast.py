@@ -37,7 +37,7 @@ def contrast(layer: Gaussians) -> NDArray:
     """Squared differences of degree-0 colours, as far as they can be seen, to the right and lower neighbour, times
     squared opacity: (V, H, W) float32, finite.
     """
-    found = scratch.empty(layer.opacities.shape)
+    found = scratch.zeros(layer.opacities.shape)
     arrays = (found, layer.sh, layer.opacities)
     for of_view, sh, opacities in zip(*map(scratch.by_view, arrays), strict=True):
         of_view[:] = 0
