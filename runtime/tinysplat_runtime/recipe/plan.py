@@ -20,8 +20,9 @@ LOOKING = 0.1
 NETWORK, CODING, DRAWING = 11e-6, 3e-6, 15e-6
 """Seconds of one core for a pixel that the network is given, that is coded, and that is drawn to be compared."""
 
-PHOTO_BYTES, BYTES_EXPONENT = 33_000, 0.69
-"""Bytes of a photo of 256×256 by default, and how they grow with its pixels; as measured on captures of 24 photos."""
+PHOTO_BYTES, BYTES_EXPONENT = 26_000, 0.69
+"""Bytes of a photo of 256×256 by default, and how they grow with its pixels; captures of 16 to 45 photos took 23,000 to
+29,000."""
 
 LONG_S = 20.0
 """A few photos get a plan where they take longer."""

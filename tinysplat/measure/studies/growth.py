@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -159,7 +160,10 @@ def walk_capture(folder: str, count: str, height: str, width: str, model: str, t
     def run() -> None:
         watch, before = Stopwatch(), time.process_time()
         with watch.stage("seconds"):
-            data = runtime.compress(runtime.predict(scene, model), drop_invalid=True)
+            gaussians = runtime.predict(scene, model)
+            if find_spec("numba"):
+                gaussians = runtime.refine(gaussians, scene)
+            data = runtime.compress(gaussians, drop_invalid=True)
         found = {"bytes": len(data), "cpu": time.process_time() - before}
         with watch.stage("frame"), runtime.open(BytesIO(data)) as file:
             camera = scene.cameras[0]
@@ -269,7 +273,7 @@ def capture_table(rows: Sequence[Row]) -> str:
     ]
     table = format_table(["photos", "processor seconds", "peak memory", "file"], lines)
     size = captures[0].way.partition("x")[2].replace("x", "×")
-    text = f"Photos of {size}, a capture of {CAPTURE_PHOTOS} of the room repeated in other places; not refined."
+    text = f"Photos of {size}, a capture of {CAPTURE_PHOTOS} of the room repeated in other places."
     large = [row for row in captures if row.setting["x"] >= LARGE_CAPTURE]
     if len(large) > 1:
         first, last = large[0], large[-1]
