@@ -16,6 +16,7 @@ from ..render.gradient import Grid, MovableGaussians, PhotoError, Target
 from ..render.kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
+from ..scene.cameras import Camera
 from ..system import scratch
 from ..system.decibels import decibels
 from . import kernels
@@ -87,8 +88,9 @@ class Loop:
         self.held = held_back(views, settings.held_back)
         self.judged = self.held or spread
         self._covered: dict[int, Target] = {}
-        self._fronts = [self._seen_between(view) for view in range(views)]
-        self._drawn = float(np.mean([np.count_nonzero(shares.whole) for fronts in self._fronts for shares in fronts]))
+        self._between = [self._halfway(view) for view in range(views)]
+        fronts = (field.shares(camera) for cameras in self._between for camera in cameras)
+        self._drawn = float(np.mean([np.count_nonzero(shares.whole) for shares in fronts]))
 
     def step(self, views: Collection[int] | None = None) -> None:
         """Draw every photo once, or some, at one size and in one way, and after each, or a few, correct what it sees.
@@ -171,13 +173,12 @@ class Loop:
         gain, offset = self.exposures[view]
         return replace(target, gain=gain, offset=offset)
 
-    def _seen_between(self, view: int) -> list[Shares]:
-        """What is drawn halfway to each of a view's nearest neighbours."""
+    def _halfway(self, view: int) -> list[Camera]:
+        """From halfway to each of a view's nearest neighbours."""
         cameras = [target.camera for target in self._sizes[0]]
         away = [float(np.linalg.norm(camera.centre - cameras[view].centre)) for camera in cameras]
         others = sorted((other for other in range(len(cameras)) if other != view), key=lambda other: away[other])
-        halfway = [between([cameras[view], cameras[other]], 3)[1] for other in others[:NEIGHBOURS]]
-        return [self.field.shares(camera) for camera in halfway]
+        return [between([cameras[view], cameras[other]], 3)[1] for other in others[:NEIGHBOURS]]
 
     def _shares(self, view: int, place: int | None) -> Shares:
         """What of each view a photo is drawn with; see `schedule.Turn.place`."""
@@ -185,7 +186,7 @@ class Loop:
             return self.field.shares(self._sizes[0][view].camera, (view,))
         if place is None:
             return Shares.by_depth(self.field.shares(self._sizes[0][view].camera).whole)
-        return self._fronts[view][place % len(self._fronts[view])]
+        return self.field.shares(self._between[view][place % len(self._between[view])])
 
     def _correct(self, grid: Grid, gradient: NDArray) -> None:
         """Correct a grid's Gaussians by their gradient (6, rows), once what holds them together is added to it."""

@@ -38,6 +38,9 @@ MOUNTS = Path("/proc/self/mountinfo")
 
 _EVERY_S = 0.01
 
+_AROUND = 1 << 16
+"""Bytes about what is read of a mapping that Linux maps along with it, at most."""
+
 
 def zeros(shape: tuple[int, ...], dtype: DTypeLike = np.float32, views: int | None = None) -> NDArray:
     """Zeros: of many views, which the first axis counts where nobody says how many, on disk where there is room, else
@@ -101,7 +104,7 @@ class Shelf:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Bytes of a mapping, from `start` on, that begin and end with pages."""
+    """Bytes of a mapping, from `start` on, with what is brought to memory along with them."""
 
     mapping: mmap.mmap
     start: int
@@ -114,8 +117,8 @@ class _Part:
         if mapping is None or not array.size:
             return None
         first = array.ctypes.data - np.frombuffer(mapping, np.uint8).ctypes.data
-        start = first // mmap.PAGESIZE * mmap.PAGESIZE
-        return cls(mapping, start, first + array.nbytes - start)
+        start = max(first // _AROUND - 1, 0) * _AROUND
+        return cls(mapping, start, min(first + array.nbytes + _AROUND, len(mapping)) - start)
 
     def set_aside(self) -> None:
         self.mapping.madvise(mmap.MADV_DONTNEED, self.start, self.size)
