@@ -28,7 +28,7 @@ from conformance.run import CASES  # noqa: E402
 
 import tinysplat_runtime as ts  # noqa: E402
 from tinysplat_runtime.codec.free.planes import plane_shape  # noqa: E402
-from tinysplat_runtime.container.photos import PHOTO_SIDE_MULTIPLE, Hybrid, Photos  # noqa: E402
+from tinysplat_runtime.container.photos import PHOTO_SIDE_MULTIPLE, Photos  # noqa: E402
 from tinysplat_runtime.container.planes import Planes  # noqa: E402
 from tinysplat_runtime.container.points import Points  # noqa: E402
 from tinysplat_runtime.container.reader import read_container  # noqa: E402
@@ -102,18 +102,16 @@ def pictures(data: bytes) -> Iterator[tuple[bytes, bytes, int, int, bool]]:
     """(parameter sets, slice, height, width, is a photo) of every picture of a file."""
     container = read_container(data)
     body, sets = container.body, container.parameter_sets
-    photos = body.photos if isinstance(body, Hybrid) else body
-    if isinstance(photos, Photos):
-        header = photos.photos
+    if isinstance(body, Photos):
+        header = body.photos
         size = [-(-side // PHOTO_SIDE_MULTIPLE) * PHOTO_SIDE_MULTIPLE for side in (header.height, header.width)]
         for stream in header.streams:
             yield sets[header.parameter_set], bytes(stream.checked(header.data, "")), size[0], size[1], True
-    planes = body.planes if isinstance(body, Hybrid) else body
     for index, channels in enumerate(container.pictures.channels):
-        if isinstance(planes, Points):
-            height, width, number = *plane_shape(planes.scene.tiers[index].count), index
-        elif isinstance(planes, Planes):
-            layer = planes.layers[index]
+        if isinstance(body, Points):
+            height, width, number = *plane_shape(body.scene.tiers[index].count), index
+        elif isinstance(body, Planes):
+            layer = body.layers[index]
             height, width, number = layer.height, layer.width, layer.parameter_set
         for channel in channels:
             for view in range(len(channel.streams)):

@@ -4,8 +4,8 @@
     TINYSPLAT_MODELS=OUT tinysplat decode F.tsplat -o F.npz
 
 OUT gets a .ort file of each graph of models/, a manifest of them, and `required_operators.config` for onnxruntime's
-`build.sh --minimal_build --include_ops_by_config`. A network's hash is another there: files of modes `photos` and
-`hybrid` name the .onnx file.
+`build.sh --minimal_build --include_ops_by_config`. A network's hash is another there: files of mode `photos`
+name the .onnx file.
 """
 
 from __future__ import annotations

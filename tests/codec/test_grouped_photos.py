@@ -1,4 +1,4 @@
-"""Modes photos and hybrid of more photos than a network takes: groups travel with the file."""
+"""Mode photos of more photos than a network takes: groups travel with the file."""
 
 from __future__ import annotations
 
@@ -32,20 +32,17 @@ def raw(scene: ts.Scene) -> ts.Gaussians:
 
 
 @pytest.fixture(scope="module")
-def files(scene: ts.Scene) -> dict[str, bytes]:
-    return {mode: RUNTIME.encode(scene, MODEL, mode=mode) for mode in ("photos", "hybrid")}
+def file(scene: ts.Scene) -> bytes:
+    return RUNTIME.encode(scene, MODEL, mode="photos")
 
 
 def groups_in(data: bytes) -> tuple[Group, ...]:
-    body = read_container(data).body
-    return (body if isinstance(body, P.Photos) else body.photos).groups
+    return read_container(data).body.groups
 
 
-def test_every_view_of_many_comes_from_a_group_alone(
-    scene: ts.Scene, raw: ts.Gaussians, files: dict[str, bytes]
-) -> None:
-    groups = groups_in(files["photos"])
-    assert len(groups) > 1 and groups == groups_in(files["hybrid"])
+def test_every_view_of_many_comes_from_a_group_alone(scene: ts.Scene, raw: ts.Gaussians, file: bytes) -> None:
+    groups = groups_in(file)
+    assert len(groups) > 1
     for group in groups:
         alone = RUNTIME.predict(scene.views(group.views), MODEL)
         for view in group.kept:
@@ -53,13 +50,13 @@ def test_every_view_of_many_comes_from_a_group_alone(
                 np.testing.assert_array_equal(getattr(raw, name)[view], getattr(alone, name)[group.views.index(view)])
 
 
-def test_a_reader_runs_the_groups_of_the_file(raw: ts.Gaussians, files: dict[str, bytes]) -> None:
-    decoded = RUNTIME.decompress(files["photos"])
+def test_a_reader_runs_the_groups_of_the_file(raw: ts.Gaussians, file: bytes) -> None:
+    decoded = RUNTIME.decompress(file)
     assert decoded.opacities.shape == raw.opacities.shape and len(decoded.cameras) == VIEWS
     regrouped = [Group(tuple(range(4)), tuple(range(4))), Group(tuple(range(4, VIEWS)), tuple(range(4, VIEWS)))]
     sections = [
         [kind, flags, index, P.group_sections(regrouped)[0].data if kind == P.GROUPS else data]
-        for kind, flags, index, data in sections_of(files["photos"])
+        for kind, flags, index, data in sections_of(file)
     ]
     other = RUNTIME.decompress(file_of(sections))
     assert groups_in(file_of(sections)) == tuple(regrouped)
@@ -103,10 +100,10 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("case", HOSTILE)
-def test_hostile_groups_are_format_errors(files: dict[str, bytes], case: str) -> None:
+def test_hostile_groups_are_format_errors(file: bytes, case: str) -> None:
     sections = [
         [kind, flags, index, HOSTILE[case](data) if kind == P.GROUPS else data]
-        for kind, flags, index, data in sections_of(files["photos"])
+        for kind, flags, index, data in sections_of(file)
     ]
     with pytest.raises(FormatError, match=r"GRPS\[0\]"):
         read_container(file_of(sections))

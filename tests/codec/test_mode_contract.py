@@ -89,7 +89,7 @@ def toy():
 # ---- the contract ---------------------------------------------------------------------------------------------------
 
 MANY = "gaussians of many views"
-NAMES = ["gaussians", "photos", "hybrid", "lossless", "free", "toy", MANY]
+NAMES = ["gaussians", "photos", "lossless", "free", "toy", MANY]
 NOTES = ts.Notes(attribution="somebody")
 
 

@@ -1,4 +1,4 @@
-"""Files of photos and hybrid files: what they decode to, what they need, and what is refused."""
+"""Files of photos: what they decode to, what they need, and what is refused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.codec.modes.choice import AUTO_SECONDS, choose
 from tinysplat_runtime.container import photos as records
-from tinysplat_runtime.errors import FormatError, InputError, ModelError
+from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import models_dir
 
@@ -33,7 +33,7 @@ def raw(scene) -> ts.Gaussians:
 
 @pytest.fixture(scope="module")
 def files(scene, raw) -> dict[str, bytes]:
-    return {mode: RUNTIME.encode(scene, mode=mode, gaussians=raw) for mode in ("gaussians", "photos", "hybrid")}
+    return {mode: RUNTIME.encode(scene, mode=mode, gaussians=raw) for mode in ("gaussians", "photos")}
 
 
 def test_photo_files_are_small_and_decode_to_what_the_network_makes_of_them(files, raw):
@@ -41,25 +41,6 @@ def test_photo_files_are_small_and_decode_to_what_the_network_makes_of_them(file
     assert len(files["photos"]) < 0.5 * len(files["gaussians"])
     assert [layer.opacities.shape for layer in decoded.layers] == [layer.opacities.shape for layer in raw.layers]
     assert drawn_psnr(raw, decoded) > 26  # colours are sharpened, and with them what coding did to the photos
-
-
-def test_hybrid_files_are_nearer_to_the_raw_gaussians_than_photos(files, raw):
-    photos, hybrid = (drawn_psnr(raw, RUNTIME.decompress(files[mode])) for mode in ("photos", "hybrid"))
-    assert hybrid > photos + 5
-
-
-def test_a_hybrid_file_of_coarse_photos_still_reaches_the_planes_fidelity(scene, raw, files):
-    fine = RUNTIME.decompress(RUNTIME.encode(scene, mode="hybrid", gaussians=raw, qp=-12))
-    assert drawn_psnr(raw, fine) > drawn_psnr(raw, RUNTIME.decompress(files["hybrid"])) + 3
-
-
-def test_a_hybrid_prefix_falls_back_to_the_photos(files, raw):
-    described = ts.inspect(files["hybrid"])
-    start = described["bytes"] - sum(plane["bytes"] for plane in described["planes"])
-    least = RUNTIME.decompress(files["hybrid"], max_bytes=start)
-    assert abs(drawn_psnr(raw, least) - drawn_psnr(raw, RUNTIME.decompress(files["photos"]))) < 6
-    with pytest.raises(FormatError, match="no picture"):
-        RUNTIME.decompress(files["hybrid"], max_bytes=start - 1)
 
 
 def test_another_network_at_decode_is_a_model_error_with_name_and_hash(files, tmp_path):
@@ -101,10 +82,10 @@ def test_auto_weighs_size_time_and_availability():
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"mode": "film"}, "gaussians, photos, hybrid, auto"),
+        ({"mode": "film"}, "gaussians, photos, auto"),
         ({"mode": "photos", "target_size": 9000}, "target"),
-        ({"mode": "hybrid", "target_psnr": 40.0}, "target"),
-        ({"mode": "hybrid", "profile": "paper"}, "fast, balanced, max"),
+        ({"mode": "photos", "target_psnr": 40.0}, "target"),
+        ({"mode": "hybrid"}, "gaussians, photos, auto"),
         ({"mode": "photos", "qp": float("nan")}, "qp"),
     ],
 )

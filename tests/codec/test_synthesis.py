@@ -28,7 +28,7 @@ def synthesise(container: Container, *, halves: bool) -> Gaussians:
     """Gaussians of made-up codes of the container's layer."""
     layer = container.body.layers[0]
     rng = np.random.default_rng(0)
-    result = LayerSynthesis(layer, container.origin, STORE, None)
+    result = LayerSynthesis(layer, container.origin, STORE)
     for view in range(VIEWS):
         planes = [rng.integers(0, 4096, (len(c) + 1, HEIGHT, WIDTH)).astype(np.uint16) for c in coded_channels(layer)]
         for codes in planes:

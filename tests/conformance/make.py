@@ -187,7 +187,7 @@ def structure() -> Iterator[Case]:
 
 
 def other_modes() -> Iterator[Case]:
-    """Modes free, lossless, photos and hybrid."""
+    """Modes free, lossless and photos."""
     rng = np.random.default_rng(7)
     data = compress(make_free_gaussians(300, 1, rng), keep_all=True)
     yield Case("minor4_free", "format 1.4: mode free, SH degree 1", data)
@@ -218,9 +218,8 @@ def other_modes() -> Iterator[Case]:
     yield Case("lossless", "exact planes, two layers", exact)
     with TemporaryDirectory() as folder:
         photos = ts.load_scene(write_scene(Path(folder) / "scene", views=2, height=16, width=16))
-        for mode in ("photos", "hybrid"):
-            made = ts.Runtime(threads=1).encode(photos, "sweep", "fast", mode=mode)
-            yield Case(mode, f"mode {mode}, network sweep", made, needs=("network",))
+        made = ts.Runtime(threads=1).encode(photos, "sweep", "fast", mode="photos")
+        yield Case("photos", "mode photos, network sweep", made, needs=("network",))
         yield Case("groups", "photos that the network is given in two groups", in_groups(folder), needs=("network",))
 
 

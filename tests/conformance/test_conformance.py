@@ -79,7 +79,7 @@ def test_the_corpus_is_what_its_table_says() -> None:
     minors = {described(name)[0].read_bytes()[10] for name in names() if "refused" not in described(name)[1]}
     assert minors >= {0, 1, 2, 3, 4, 5}
     modes = {ts.inspect(described(name)[0].read_bytes())["mode"] for name in cases_for("python") if plain(name)}
-    assert modes == {"gaussians", "free", "lossless", "photos", "hybrid"}
+    assert modes == {"gaussians", "free", "lossless", "photos"}
     assert all(np.load(CASES / name / "expected.npz")["means"].ndim == 2 for name in names() if plain(name))
     assert json.dumps(found)
 

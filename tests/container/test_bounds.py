@@ -218,10 +218,10 @@ def _with_photos(
     *,
     depths: tuple[float, float] = (1.0, 2.0),
     network: bytes = b"net",
-    layer: bool = True,
+    layers: int = 0,
     **fields: int,
 ) -> bytes:
-    """A hybrid file, or one of photos alone, whose picture is no picture: what its metadata says is all that counts."""
+    """A file of photos whose picture is no picture: what its metadata says is all that counts."""
     camera = Camera([[100.0, 0, 0], [0, 100.0, 0], [0, 0, 1]], np.eye(4), 3, 2)
     values = {"format": 0, "qp": 20, "sets": 7, "length": 3, **fields}
     photos = struct.pack("<2I4B", *size, values["format"], values["qp"], values["sets"], 0)
@@ -231,18 +231,16 @@ def _with_photos(
         NewSection(b"HEVC", 7, b"sets"),
         NewSection(b"PICS", 0, b"abc"),
     ]
-    layers = [CodedLayer(2, 3, 0, LayerPlan((), 0, (1.0, 2.0)), (), b"", (camera,))] if layer else []
-    return write_container(layers, [camera], np.zeros(3), "fast", 0.0, extras)
+    return write_container([], [camera], np.zeros(3), "fast", 0.0, extras, layer_count=layers)
 
 
 @pytest.mark.parametrize(
     ("accepted", "refused", "words"),
     [
-        ({}, {"size": (3, 3)}, "3x3, layer 0 is 3x2"),
-        ({}, {"size": (2, 2)}, "2x2, layer 0 is 3x2"),
-        ({"layer": False, "size": (1, 1)}, {"layer": False, "size": (0, 1)}, "photos of 1x0"),
-        ({"layer": False, "size": (1, 65536)}, {"layer": False, "size": (1, 65537)}, "photos of 65537x1"),
-        ({"layer": False, "size": (65536, 1)}, {"layer": False, "size": (65537, 1)}, "photos of 1x65537"),
+        ({}, {"layers": 1}, "1 layers, accepted are 0 to 0"),
+        ({"size": (1, 1)}, {"size": (0, 1)}, "photos of 1x0"),
+        ({"size": (1, 65536)}, {"size": (1, 65537)}, "photos of 65537x1"),
+        ({"size": (65536, 1)}, {"size": (65537, 1)}, "photos of 1x65537"),
         ({"qp": 51}, {"qp": 52}, "QP 52, accepted are 0 to 51"),
         ({}, {"format": 1}, "photo format 1 is unknown"),
         ({}, {"sets": 8}, "parameter set 8 is missing"),
@@ -257,13 +255,13 @@ def _with_photos(
 )
 def test_every_number_of_photos_is_accepted_to_its_bound_and_no_further(accepted, refused, words):
     found = read_container(_with_photos(**accepted))
-    assert found.mode == ("hybrid" if accepted.get("layer", True) else "photos")
+    assert found.mode == "photos"
     with pytest.raises(FormatError, match=words):
         read_container(_with_photos(**refused))
 
 
 def test_photos_count_as_pixels():
-    data = _with_photos((5, 7), layer=False)
+    data = _with_photos((5, 7))
     assert read_container(data, Limits(max_pixels=35)).body.photos.height == 5
     with pytest.raises(FormatError, match="35 pixels of photos"):
         read_container(data, Limits(max_pixels=34))

@@ -18,15 +18,7 @@ from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.exact import EXACT, EXACT_FIXED
 from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_POINTS, FREE_TIER, TIER_FIXED
-from tinysplat_runtime.container.photos import (
-    NETWORK,
-    NETWORK_FIXED,
-    PHOTO_PICTURES,
-    PHOTOS,
-    PHOTOS_FIXED,
-    Hybrid,
-    Photos,
-)
+from tinysplat_runtime.container.photos import NETWORK, NETWORK_FIXED, PHOTO_PICTURES, PHOTOS, PHOTOS_FIXED, Photos
 from tinysplat_runtime.container.points import Points
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import StreamRef, UnitPictures
@@ -78,8 +70,7 @@ class Seed:
 
 
 def _photo_streams(container: Container) -> Sequence[StreamRef]:
-    body = container.body.photos if isinstance(container.body, Hybrid) else container.body
-    return body.photos.streams if isinstance(body, Photos) else ()
+    return container.body.photos.streams if isinstance(container.body, Photos) else ()
 
 
 def _point_streams(container: Container) -> Sequence[Sequence[StreamRef]]:

@@ -65,11 +65,11 @@ def free_seeds() -> tuple[Seed, ...]:
 
 @lru_cache(maxsize=1)
 def photo_file_seeds() -> tuple[Seed, ...]:
-    """Files of mode photos and hybrid, which the network `sweep` decodes."""
+    """Files of mode photos, which the network `sweep` decodes."""
     runtime = ts.Runtime(threads=1)
     with tempfile.TemporaryDirectory() as folder:
         scene = ts.load_scene(write_scene(Path(folder) / "scene", views=2, height=16, width=16))
-        files = [runtime.encode(scene, "sweep", "fast", mode=mode) for mode in ("photos", "hybrid")]
+        files = [runtime.encode(scene, "sweep", "fast", qp, mode="photos") for qp in (0, 12)]
     return tuple(Seed.of(data) for data in files)
 
 

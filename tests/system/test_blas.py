@@ -52,7 +52,7 @@ import tinysplat_runtime as ts
 runtime = ts.Runtime()
 flat, shiny = (make_smooth_gaussians(2, 24, 32, degree, layers=2) for degree in (0, 2))
 files = [runtime.compress(flat), runtime.compress(shiny, "paper"), runtime.compress(shiny, target_size=6000)]
-files.append(runtime.encode(ts.load_scene(sys.argv[2]), mode="hybrid"))
+files.append(runtime.encode(ts.load_scene(sys.argv[2]), mode="photos"))
 print(*(sha256(data).hexdigest() for data in files))
 """
 

@@ -17,7 +17,7 @@ from web.node import Decoder
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.photos import decode_photos
 from tinysplat_runtime.container.layers import intrinsics
-from tinysplat_runtime.container.photos import Hybrid, Photos
+from tinysplat_runtime.container.photos import Photos
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 
@@ -125,17 +125,15 @@ def test_workers_give_what_one_thread_gives(decoder: Decoder, runtime: ts.Runtim
     assert all(np.array_equal(alone[name], several[name]) for name in alone)
 
 
-def test_a_network_that_is_given_makes_photos_and_hybrid_files_gaussians(
-    decoder: Decoder, runtime: ts.Runtime, tmp_path: Path
-) -> None:
+def test_a_network_that_is_given_makes_photos_gaussians(decoder: Decoder, runtime: ts.Runtime, tmp_path: Path) -> None:
     grouped = CASES / "groups" / "groups.tsplat"
-    for files in ([seed.data for seed in corpus.photo_file_seeds()], [grouped.read_bytes()]):
-        hold_to_network(files, decoder, runtime, tmp_path)
+    for data in (corpus.photo_file_seeds()[0].data, grouped.read_bytes()):
+        hold_to_network(data, decoder, runtime, tmp_path)
 
 
-def hold_to_network(files: list[bytes], decoder: Decoder, runtime: ts.Runtime, tmp_path: Path) -> None:
-    """Files of one set of photos, the first of mode photos, decoded with what the runtime's network makes of it."""
-    predicted = runtime.decompress(files[0])
+def hold_to_network(data: bytes, decoder: Decoder, runtime: ts.Runtime, tmp_path: Path) -> None:
+    """A file of photos, decoded with what the runtime's network makes of it."""
+    predicted = runtime.decompress(data)
     layers = []
     for n, layer in enumerate(predicted.layers):
         for name in FIELDS:
@@ -147,19 +145,17 @@ def hold_to_network(files: list[bytes], decoder: Decoder, runtime: ts.Runtime, t
         height, width = layer.opacities.shape[1:]
         layers.append({"height": height, "width": width, "degree": layer.degree, "cameras": cameras})
     (tmp_path / "layers.json").write_text(json.dumps({"layers": layers, "origin": predicted.origin.tolist()}))
-    for data in files:
-        said, found = decoder(data, network=str(tmp_path))
-        assert "error" not in said
-        check(found, runtime.decompress(data))
-        body = read_container(data).body
-        photos = body.photos if isinstance(body, Hybrid) else body
-        assert isinstance(photos, Photos)
-        sets = read_container(data).parameter_sets[photos.photos.parameter_set]
-        wanted = decode_photos(photos.photos, sets, 1)
-        with np.load(tmp_path / "photos.npz") as shown:
-            assert np.abs(np.stack([shown[str(view)] for view in range(len(wanted))]) - wanted).max() < 1e-6
-        asked = json.loads((tmp_path / "asked.json").read_text())
-        assert asked == {"near": photos.network.near, "far": photos.network.far, "name": photos.network.name}
+    said, found = decoder(data, network=str(tmp_path))
+    assert "error" not in said
+    check(found, predicted)
+    photos = read_container(data).body
+    assert isinstance(photos, Photos)
+    sets = read_container(data).parameter_sets[photos.photos.parameter_set]
+    wanted = decode_photos(photos.photos, sets, 1)
+    with np.load(tmp_path / "photos.npz") as shown:
+        assert np.abs(np.stack([shown[str(view)] for view in range(len(wanted))]) - wanted).max() < 1e-6
+    asked = json.loads((tmp_path / "asked.json").read_text())
+    assert asked == {"near": photos.network.near, "far": photos.network.far, "name": photos.network.name}
 
 
 def test_some_views_are_decoded_from_their_byte_ranges(decoder: Decoder, runtime: ts.Runtime) -> None:

@@ -78,7 +78,7 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument(
         "--profile", dest="profiles", type=words, default=(), metavar="P,P", help="profiles; default the study's"
     )
-    of.add_argument("--modes", type=words, default=(), metavar="M,M", help="photos, hybrid; curves")
+    of.add_argument("--modes", type=words, default=(), metavar="M", help="photos; curves")
     of.add_argument("--peers", type=words, default=(), metavar="F,F", help="spz, sog; curves")
     of.add_argument("--qp", dest="qps", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
     of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of context views")

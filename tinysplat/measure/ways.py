@@ -21,7 +21,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 from .subjects.cases import Case
 
-MODES = ("photos", "hybrid")
+MODES = ("photos",)
 FORMATS = ("spz", "sog")
 
 NO_SETTING = 0.0

@@ -47,8 +47,6 @@ POSTER_SIDE = 400
 
 FOREIGN_HOST = "This page is for this machine: open it at http://127.0.0.1, or write it to a file with --html\n"
 
-NETWORK_MODES = ("photos", "hybrid")
-
 
 def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
@@ -181,7 +179,7 @@ def _file(file: str) -> tuple[bytes, Sequence[Camera]]:
             return compress(gaussians, qp=FINE_QP), gaussians.cameras
         data = read_limited(file, MAX_FILE_BYTES)
         container = read_container(data)
-        return (compress(decompress(data)) if container.mode in NETWORK_MODES else data), container.cameras
+        return (compress(decompress(data)) if container.mode == "photos" else data), container.cameras
     except TinySplatError as error:
         raise error.within(file) from None
 

@@ -31,11 +31,6 @@ def as_codes(planes: NDArray) -> tuple[NDArray, NDArray]:
     return codes, mix
 
 
-def add_colours(sh: NDArray, prediction: NDArray) -> NDArray:
-    """SH coefficients (…, B, 3) float32 of the sum; functions that the prediction lacks count as zeros."""
-    return sh + fitted_sh(prediction, sh.shape)
-
-
 def fitted_sh(sh: NDArray, shape: tuple[int, ...]) -> NDArray:
     """Coefficients (…, B', 3) as (…, B, 3) float32: cut, or filled with zeros."""
     count = min(sh.shape[-2], shape[-2])

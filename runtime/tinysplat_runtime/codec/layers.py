@@ -24,9 +24,6 @@ from .hevc import PlaneDecoder
 from .missing import PlaneRef, hidden_views, stand_in_code
 from .synthesis import LayerSynthesis, coded_channels
 
-Base = Callable[[int, LayerHeader], tuple[NDArray, NDArray]]
-"""By a layer's index and header: geometry planes (V, 11, H, W) and SH coefficients that its codes are added to."""
-
 
 @dataclass(frozen=True)
 class OpenFile:
@@ -49,23 +46,18 @@ class OpenFile:
     watch: Stopwatch
 
 
-def decode_layers(file: OpenFile, planes: Planes, base: Base | None = None) -> Gaussians:
-    """All layers of coded planes, on top of a base where there is one.
-
-    Without a base, views whose depth is missing are hidden.
-    """
+def decode_layers(file: OpenFile, planes: Planes) -> Gaussians:
+    """All layers of coded planes; views whose depth is missing are hidden."""
     container, watch = file.container, file.watch
     layers = []
     crew = Crew(file.threads)
     for index, header in enumerate(planes.layers):
         with watch.stage("synthesis"):
-            below = base(index, header) if base else None
-            synthesis = LayerSynthesis(header, container.origin, file.store, below)
+            synthesis = LayerSynthesis(header, container.origin, file.store)
         _decode_layer(_Pictures(container, header, index), synthesis, crew, file.missing, watch)
         with watch.stage("synthesis"):
             layers.append(synthesis.gaussians())
-        if base is None:
-            layers[-1].opacities[hidden_views(header, index, file.missing)] = 0
+        layers[-1].opacities[hidden_views(header, index, file.missing)] = 0
     return stacked(layers, container)
 
 

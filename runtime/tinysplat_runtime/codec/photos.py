@@ -1,4 +1,4 @@
-"""Photos as HEVC pictures: what a file of the modes `photos` and `hybrid` carries for its receiver's network.
+"""Photos as HEVC pictures: what a file of mode `photos` carries for its receiver's network.
 
 One intra picture per photo, BT.709 YCbCr of full range, 4:2:0 at 10 bits: at equal bytes 0.1 to 0.5 dB better than
 8 bits or 4:4:4; predicting one photo from another saved at most 8 %, and nothing on wide baselines. The conversions are

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 from ..gaussian.gaussians import Gaussians
@@ -25,7 +25,6 @@ from .analysis import ProjectedLayer
 from .depth_step.allocation import Steps
 from .paper import paper_colors, paper_plan
 from .profiles import AdaptiveSettings, PaperSettings, Profile
-from .residual import residual_plan
 
 
 @dataclass(frozen=True)
@@ -105,29 +104,6 @@ class AdaptivePlanner:
                 self._steps = scene_steps(self._prepared, settings, self._scene.threads)
             layers = zip(prepared, self._steps, known, colors, strict=True)
             return [adaptive_plan(layer, steps, [*a, *b], settings, qp) for layer, steps, a, b in layers]
-
-
-class ResidualPlanner:
-    """What a prediction lacks of the scene, in the steps that the scene's own planes would take; see `residual`."""
-
-    def __init__(self, scene: ProjectedScene, settings: AdaptiveSettings, prediction: Gaussians) -> None:
-        """`prediction` has the layers of the scene."""
-        self._scene, self._settings, self._prediction = scene, settings, prediction
-        self._steps: list[Steps] | None = None
-
-    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
-        """How to code each layer's difference at Q_g = `qp`."""
-        scene, settings = self._scene, self._settings
-        with scene.watch.stage("vabr"):
-            if self._steps is None:
-                copies = [replace(one, geometry=one.geometry.copy()) for one in scene.projected]
-                layers = _prepare(scene, [take_geometry(one) for one in copies], settings, 0.0)
-                self._steps = scene_steps(layers, settings, scene.threads)
-            all_layers = zip(scene.layers, scene.projected, self._prediction.layers, self._steps, strict=True)
-            return [
-                residual_plan(scene.store, layer, projected, predicted, steps, settings, qp)
-                for layer, projected, predicted, steps in all_layers
-            ]
 
 
 def planner_of(profile: Profile, scene: ProjectedScene) -> Planner:

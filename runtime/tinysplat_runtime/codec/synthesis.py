@@ -15,7 +15,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 from ..gaussian.quaternions import matrices_to_quats, multiply_quats
 from ..graphs.inference import GraphStore, as_input
-from .base import add_colours, as_codes
+from .base import as_codes
 
 STRIP_PX = 1 << 16
 """Pixels that the graph takes at a time: between its operators the numbers of so many stay in a core's share of the
@@ -25,19 +25,17 @@ cache, and the operators' own cost does not yet count (512×960: 19 in place of 
 class LayerSynthesis:
     """The Gaussians of one layer in the making; views and halves may come in any order, on any threads."""
 
-    def __init__(
-        self, layer: LayerMaps, origin: NDArray, store: GraphStore, base: tuple[NDArray, NDArray] | None
-    ) -> None:
+    def __init__(self, layer: LayerMaps, origin: NDArray, store: GraphStore, base: NDArray | None = None) -> None:
         """Fold the layer's numbers into matrices; `base` is what the codes are added to: geometry planes
-        (V, 11, H, W) and SH coefficients.
+        (V, 11, H, W).
         """
-        self._layer, self._origin, self._base = layer, origin, base
+        self._layer, self._origin = layer, origin
         self._graph = store.transform("synthesis")
         cameras, (geometry, colors) = layer.cameras, coded_channels(layer)
         mix = _geometry_mix(layer, geometry)
         self._base_codes: NDArray | None = None
         if base is not None:
-            self._base_codes, base_mix = as_codes(base[0])
+            self._base_codes, base_mix = as_codes(base)
             mix[:, -1] += base_mix[:, -1]
             mix = np.concatenate([base_mix[:, :-1], mix], axis=1)
         rotations = np.stack([camera.rotation.T for camera in cameras])
@@ -103,8 +101,6 @@ class LayerSynthesis:
     def gaussians(self) -> Gaussians:
         """The layer, once all views are done."""
         sh = self._sh.reshape(*self._sh.shape[:3], -1, 3)
-        if self._base is not None:
-            sh = add_colours(sh, self._base[1])
         return Gaussians.unchecked(**self._geometry, sh=sh, cameras=self._layer.cameras, origin=self._origin)
 
 

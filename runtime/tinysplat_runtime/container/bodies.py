@@ -6,17 +6,17 @@ from collections.abc import Collection
 
 from .body import Body
 from .exact import Exact
-from .photos import Hybrid, Photos
+from .photos import Photos
 from .planes import Planes
 from .points import Points
 
-BODIES: list[type[Body]] = [Points, Exact, Photos, Hybrid, Planes]
+BODIES: list[type[Body]] = [Points, Exact, Photos, Planes]
 """A file's body is of the first kind that its sections tell; by its name `codec/modes/` has what codes it."""
 
 
-def body_kind(kinds: Collection[bytes], layer_count: int) -> type[Body]:
-    """Which body a file with such sections and so many layers has."""
-    return next(body for body in BODIES if body.is_told_by(kinds, layer_count))
+def body_kind(kinds: Collection[bytes]) -> type[Body]:
+    """Which body a file with such sections has."""
+    return next(body for body in BODIES if body.is_told_by(kinds))
 
 
 def known_kinds() -> frozenset[bytes]:

@@ -54,13 +54,13 @@ class Opened:
         """Whether there is a section of the type."""
         return any(section.kind == kind for section in self.sections)
 
-    def check_counts(self, fewest_layers: int = 1) -> None:
+    def check_counts(self, has_layers: bool = True) -> None:
         """FormatError for numbers of views or layers beyond what a file with cameras may have."""
         most = self.limits.max_views
         require(1 <= self.views <= most, self.scene, f"{self.views} views, accepted are 1 to {most}")
-        most = self.limits.max_layers
-        accepted = f"{self.layer_count} layers, accepted are {fewest_layers} to {most}"
-        require(fewest_layers <= self.layer_count <= most, self.scene, accepted)
+        least, most = (1, self.limits.max_layers) if has_layers else (0, 0)
+        accepted = f"{self.layer_count} layers, accepted are {least} to {most}"
+        require(least <= self.layer_count <= most, self.scene, accepted)
 
     @cached_property
     def poses(self) -> tuple[tuple[NDArray, NDArray], ...]:
@@ -151,8 +151,8 @@ class Body(ABC):
     pictures: PlanePictures = field(default_factory=PlanePictures)
 
     @classmethod
-    def is_told_by(cls, kinds: Collection[bytes], layer_count: int) -> bool:
-        """Whether a file with such sections and so many layers is of this mode, unless one listed before it is."""
+    def is_told_by(cls, kinds: Collection[bytes]) -> bool:
+        """Whether a file with such sections is of this mode, unless one listed before it is."""
         return not cls.signs.isdisjoint(kinds)
 
     @classmethod

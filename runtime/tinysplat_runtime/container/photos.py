@@ -1,4 +1,4 @@
-"""Bodies `Photos` and `Hybrid`: a network and the photos that it runs on, alone or with layers that correct it.
+"""Body `Photos`: a network and the photos that it runs on.
 
 Layout: docs/FORMAT.md, sections NETW, GRPS and PHOT. Reading checks every number and length, as reader.py does.
 """
@@ -6,8 +6,8 @@ Layout: docs/FORMAT.md, sections NETW, GRPS and PHOT. Reading checks every numbe
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, ClassVar
 from zlib import crc32
@@ -16,10 +16,8 @@ from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
 from . import layout as L
 from .body import Body, Description, Opened, Piece
-from .planes import Planes
 from .records import StreamRef, read_streams
 from .sections import Cursor, NewSection
-from .units import UNIT_KINDS
 
 if TYPE_CHECKING:  # most files hold no photos
     from ..scene.neighbours import Group
@@ -122,14 +120,9 @@ class Photos(Body):
     photos: PhotoHeader
 
     @classmethod
-    def is_told_by(cls, kinds: Collection[bytes], layer_count: int) -> bool:
-        """With layers, the same sections are of mode hybrid."""
-        return super().is_told_by(kinds, layer_count) and layer_count == 0
-
-    @classmethod
     def read(cls, file: Opened) -> Photos:
         """Parse and check the sections NETW, PHOT and PICS."""
-        file.check_counts(fewest_layers=0)
+        file.check_counts(has_layers=False)
         network = _read_network(Cursor(file.only(NETWORK)))
         groups = _read_groups(Cursor(file.only(GROUPS)), file.views) if file.has(GROUPS) else _whole(file.views)
         pictures = file.only(PHOTO_PICTURES)
@@ -151,33 +144,6 @@ class Photos(Body):
             photos={**size, "bytes": len(photos.data), "bytes_by_view": lengths},
             pieces=tuple(Piece("photos", view, length) for view, length in enumerate(lengths)),
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hybrid(Body):
-    """Photos and their network, and layers whose planes correct what it gives."""
-
-    mode: ClassVar[str] = "hybrid"
-    kinds: ClassVar[frozenset[bytes]] = Photos.kinds | (Planes.kinds - UNIT_KINDS)
-    signs: ClassVar[frozenset[bytes]] = Photos.signs
-
-    photos: Photos
-    planes: Planes
-
-    @classmethod
-    def read(cls, file: Opened) -> Hybrid:
-        """Parse and check the sections of both, whose grids must agree."""
-        photos, planes = Photos.read(file), Planes.read(file)
-        found, wanted = photos.photos, planes.layers[0]
-        if (found.height, found.width) != (wanted.height, wanted.width):
-            size = f"{found.width}x{found.height}, layer 0 is {wanted.width}x{wanted.height}"
-            raise FormatError(size, where="section PHOT[0]")
-        return cls(cameras=planes.cameras, pictures=planes.pictures, photos=photos, planes=planes)
-
-    def describe(self) -> Description:
-        """What both say."""
-        photos = self.photos.describe()
-        return replace(self.planes.describe(), network=photos.network, photos=photos.photos, pieces=photos.pieces)
 
 
 def network_section(network: NetworkRef) -> NewSection:

@@ -35,7 +35,7 @@ class Planes(Body):
     layers: tuple[LayerHeader, ...]
 
     @classmethod
-    def is_told_by(cls, kinds: Collection[bytes], layer_count: int) -> bool:
+    def is_told_by(cls, kinds: Collection[bytes]) -> bool:
         """What no other body is told by."""
         return True
 

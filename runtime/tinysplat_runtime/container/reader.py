@@ -62,7 +62,7 @@ def read_container(
     cursor.finish()
     require(math.isfinite(qp), scene, "Q_g is not finite")
     require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
-    kind = body_kind({section.kind for section in sections}, layer_count)
+    kind = body_kind({section.kind for section in sections})
     for section in sections:
         require(section.kind in _SHARED | kind.kinds, section, f"does not belong in a file of mode {kind.mode}")
     all_views = tuple(range(view_count))

@@ -24,9 +24,6 @@ EACH_BYTES_PER_PIXEL, KEPT_BYTES_PER_PIXEL = 2200, 125
 """The same of a photo that goes through the network beside its partners, with what is kept of those about it, 2,145 as
 measured at 415×738; and what is kept of every pixel of all photos: photos, and Gaussians where there is no disk."""
 
-HYBRID_BYTES_PER_PIXEL = 460
-"""What mode hybrid adds: two sets of Gaussians, their planes, and what these lack."""
-
 CAPTURE_BYTES_PER_PIXEL = 150
 """What a capture takes of every pixel of its photos where there is no disk: Gaussians, and planes while they are
 coded."""
@@ -81,7 +78,6 @@ def check_memory(
         together = views if views in ALL_VIEWS else GROUP
         grouped = (NETWORK_BYTES[0] * together + NETWORK_BYTES[1]) * together
         network = EACH_BYTES_PER_PIXEL if each else grouped
-        hybrid = HYBRID_BYTES_PER_PIXEL * pixels if mode == "hybrid" else 0
         aside = ASIDE_BYTES_PER_PIXEL if pixels <= disk else None
         taken = [0.0]
         if refined and aside and together < views:
@@ -89,12 +85,12 @@ def check_memory(
         elif refined:
             taken.append((REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL) * pixels)
         if enlarger is None or pixels <= views * LARGE_PIXELS:
-            taken.append(network * pixels / views + hybrid + ((aside or KEPT_BYTES_PER_PIXEL) * pixels if each else 0))
+            taken.append(network * pixels / views + ((aside or KEPT_BYTES_PER_PIXEL) * pixels if each else 0))
         else:
             taken.append(network * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels)
             taken.append(LARGE_BYTES_PER_PIXEL * pixels)
         if together < views:
-            taken.append((aside or CAPTURE_BYTES_PER_PIXEL) * pixels + hybrid)
+            taken.append((aside or CAPTURE_BYTES_PER_PIXEL) * pixels)
         return BYTES_AT_ALL + max(taken)
 
     pixels = views * camera.width * camera.height

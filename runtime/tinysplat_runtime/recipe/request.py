@@ -49,7 +49,7 @@ class Coding:
         lossless: float16 planes, bit for bit (`codec.exact` has the guarantee).
         like: a file's bytes or its path, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay
             where nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
-        mode: what the file of photos carries: gaussians, photos, hybrid or auto (`codec.modes` says what they are).
+        mode: what the file of photos carries: gaussians, photos or auto (`codec.modes` says what they are).
         drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
         keep_all: of Gaussians of no pixels, all that show at all, in place of those alone that are worth their bytes.
 

@@ -41,13 +41,12 @@ const SHARED = ["SCEN", "NOTE", "REFI", "ANTI", "THIN"];
 const OF_PLANES = ["CAMS", "LAYR", "HEVC", "UNIT", "VIEW", ...PLANES];
 const OF_PHOTOS = ["CAMS", "HEVC", "NETW", "GRPS", "PHOT", "PICS"];
 
-/** @typedef {"gaussians" | "photos" | "hybrid" | "lossless" | "free"} Mode */
+/** @typedef {"gaussians" | "photos" | "lossless" | "free"} Mode */
 
 /** @type {Record<Mode, string[]>} */
 const SECTIONS = {
   gaussians: OF_PLANES,
   photos: OF_PHOTOS,
-  hybrid: [...OF_PLANES, ...OF_PHOTOS],
   lossless: ["CAMS", "EXAC", "EXAP"],
   free: ["FREE", "TIER", "FREP", "SEEN", "HEVC", ...PLANES],
 };
@@ -105,7 +104,7 @@ export function readContainer(bytes, reading) {
   scene.finish();
   scene.require(Number.isFinite(qp), "Q_g is not finite");
   requirePosition(scene, origin);
-  const mode = modeOf(sections, count);
+  const mode = modeOf(sections);
   for (const section of sections) {
     const belongs = SHARED.includes(section.type) || SECTIONS[mode].includes(section.type);
     require(belongs, `does not belong in a file of mode ${mode}`, label(section));
@@ -132,8 +131,8 @@ export function readContainer(bytes, reading) {
     return file;
   }
   scene.require(viewCount >= 1 && viewCount <= MAX_VIEWS, `${viewCount} views, accepted are 1 to ${MAX_VIEWS}`);
-  const fewest = mode === "photos" ? 0 : 1;
-  scene.require(count >= fewest && count <= limits.maxLayers, `${count} layers, at most ${limits.maxLayers}`);
+  const [fewest, most] = mode === "photos" ? [0, 0] : [1, limits.maxLayers];
+  scene.require(count >= fewest && count <= most, `${count} layers, accepted are ${fewest} to ${most}`);
   readViews(file, count, reading);
   let atHand = bytes.length;
   reading.fetched?.forEach((part) => (atHand += part.length));
@@ -154,12 +153,12 @@ export function isWorth({ layers, exact, photos, views }, atHand, limits) {
   return count <= FEW_GAUSSIANS || count <= limits.maxPerByte * atHand;
 }
 
-/** @param {Section[]} sections @param {number} count of layers @returns {Mode} */
-function modeOf(sections, count) {
+/** @param {Section[]} sections @returns {Mode} */
+function modeOf(sections) {
   const types = new Set(sections.map((section) => section.type));
   if (types.has("FREE")) return "free";
   if (types.has("EXAC") || types.has("EXAP")) return "lossless";
-  if (["NETW", "GRPS", "PHOT", "PICS"].some((type) => types.has(type))) return count ? "hybrid" : "photos";
+  if (["NETW", "GRPS", "PHOT", "PICS"].some((type) => types.has(type))) return "photos";
   return "gaussians";
 }
 
@@ -193,7 +192,7 @@ function readViews(file, count, reading) {
     requireLimits(file.viewCount * height * width, 0, "PHOT[0]");
     require(file.sets.has(set), "its parameter set is missing", "PHOT[0]");
   }
-  if (mode === "gaussians" || mode === "hybrid") {
+  if (mode === "gaussians") {
     for (let i = 0; i < count; i++) file.layers.push(readLayer(only(sections, "LAYR", i), poses, isInParts));
     if (isInParts) readUnits(file, poses, reading);
     else requireNone(sections, "VIEW");

@@ -6,7 +6,7 @@ import { TsplatError, require } from "./errors.js";
 import { decodeExact } from "./exact.js";
 import { decodeFree, listShape, tiersShown } from "./free.js";
 import { channelName } from "./layers.js";
-import { checkPrediction, codedSide, joinGroups, photoPixels, predictedBase } from "./photos.js";
+import { checkPrediction, codedSide, joinGroups, photoPixels } from "./photos.js";
 import { Synthesis, hidingRecord, newArrays, standInCode } from "./synthesis.js";
 
 /** @typedef {import("./cameras.js").Camera} Camera */
@@ -155,10 +155,9 @@ export async function decodeFile(pictures, network, pause) {
   if (file.mode === "lossless") return decodeLossless(file, pause);
   if (file.mode === "gaussians") {
     requireDepth(pictures);
-    return decodeLayers(pictures, undefined);
+    return decodeLayers(pictures);
   }
-  const prediction = await predicted(pictures, network);
-  return file.mode === "photos" ? joinedPrediction(file, prediction) : decodeLayers(pictures, prediction);
+  return joinedPrediction(file, await predicted(pictures, network));
 }
 
 /** @param {number} tier @param {Channel} channel */
@@ -230,20 +229,13 @@ function requireDepth(pictures) {
   require(isThere, "holds no intact depth picture", "file");
 }
 
-/**
- * @param {Pictures} pictures
- * @param {Prediction | undefined} prediction
- * @returns {Promise<Decoded>}
- */
-async function decodeLayers(pictures, prediction) {
+/** @param {Pictures} pictures @returns {Promise<Decoded>} */
+async function decodeLayers(pictures) {
   const { file } = pictures;
   const { shapes, out } = shapesOf(file.layers);
   const views = file.layers.flatMap((layer, index) => {
-    const below = prediction?.layers[index];
-    const isSame = below?.height === layer.height && below.width === layer.width;
-    require(!prediction || isSame, "the network gives another grid", `LAYR[${index}]`);
     const synthesis = new Synthesis(layer, file.origin, out, shapes[index].offset);
-    const hiding = prediction ? -1 : hidingRecord(layer);
+    const hiding = hidingRecord(layer);
     return layer.cameras.map(async (_, view) => {
       const codes = await Promise.all(
         layer.channels.map(async (channel, record) => {
@@ -251,8 +243,7 @@ async function decodeLayers(pictures, prediction) {
           return (await pictures.plane(index, record, view, layer, layer.set)) ?? standInCode(layer, record);
         }),
       );
-      const base = below && prediction ? predictedBase(below, view, prediction.origin) : undefined;
-      synthesis.run(view, codes, base);
+      synthesis.run(view, codes);
       if (hiding >= 0 && typeof codes[hiding] === "number") synthesis.hide(view);
     });
   });

@@ -101,8 +101,7 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
     };
     const [coarse, fine] = [numbers(0), numbers(1)];
     const rest = Array.from({ length: GEOMETRY - 2 }, (_, i) => numbers(i + 2));
-    const base = { channels: [coarse.map((value, i) => value + fine[i]), ...rest], sh: new Float32Array(0), coefficients: 0 };
-    synthesis.run(view, [], base);
+    synthesis.run(view, [], [coarse.map((value, i) => value + fine[i]), ...rest]);
     for (let i = 0; i < coefficients; i++) {
       const plane = numbers(GEOMETRY + i);
       const to = (first + view * pixels) * stride + i;

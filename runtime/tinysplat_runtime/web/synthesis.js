@@ -43,15 +43,6 @@ export function newArrays(count, degree) {
   };
 }
 
-/**
- * What a view's codes are added to: of every pixel eleven channels, and SH coefficients of the layer's degree.
- *
- * @typedef {object} Base
- * @property {Float64Array[]} channels
- * @property {Float32Array | Float64Array} sh pixel by pixel
- * @property {number} coefficients of a pixel in `sh`
- */
-
 /** What turns a view's channels into Gaussians, the same for all of its pixels. */
 class ViewFrame {
   /**
@@ -144,7 +135,7 @@ export class Synthesis {
   /**
    * @param {number} view
    * @param {(Uint16Array | number | undefined)[]} codes by record: a picture's, one for all pixels, or none of a constant
-   * @param {Base} [base]
+   * @param {Float64Array[]} [base] eleven channels that codes are added to
    */
   run(view, codes, base) {
     const { layer } = this;
@@ -154,14 +145,14 @@ export class Synthesis {
       this.gather(codes, base, rows, row * layer.width);
       this.place(frame, rows, row, this.first + (view * layer.height + row) * layer.width);
     }
-    this.paint(view, codes, base);
+    this.paint(view, codes);
   }
 
   /**
    * The channels of a row of pixels.
    *
    * @param {(Uint16Array | number | undefined)[]} codes
-   * @param {Base | undefined} base
+   * @param {Float64Array[] | undefined} base
    * @param {Float64Array[]} rows
    * @param {number} start
    */
@@ -170,7 +161,7 @@ export class Synthesis {
     for (let channel = 0; channel < CHANNELS; channel++) {
       const row = rows[channel];
       row.fill(added[channel]);
-      if (base) for (let x = 0; x < row.length; x++) row[x] += base.channels[channel][start + x];
+      if (base) for (let x = 0; x < row.length; x++) row[x] += base[channel][start + x];
       for (let i = 0; i < codes.length; i++) {
         const [weight, picture] = [weights[i][channel], codes[i]];
         if (weight === 0 || picture === undefined) continue;
@@ -233,9 +224,8 @@ export class Synthesis {
    *
    * @param {number} view
    * @param {(Uint16Array | number | undefined)[]} codes
-   * @param {Base} [base]
    */
-  paint(view, codes, base) {
+  paint(view, codes) {
     const { layer, out } = this;
     const pixels = layer.height * layer.width;
     const stride = 3 * (out.degree + 1) ** 2;
@@ -267,10 +257,6 @@ export class Synthesis {
         let sum = added[row];
         for (let i = 0; i < count; i++) sum += mix[at++] * values[i];
         sh[to + row] = sum;
-      }
-      if (base) {
-        const shared = Math.min(d, base.coefficients);
-        for (let row = 0; row < shared; row++) sh[to + row] += base.sh[pixel * base.coefficients + row];
       }
     }
   }

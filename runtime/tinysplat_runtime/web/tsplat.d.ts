@@ -44,7 +44,7 @@ export interface Scene {
   layers: LayerShape[];
   /** What the scene's maker says: unit, attribution, licence, refined, antialiased, thinned. */
   notes: Record<string, string>;
-  mode: "gaussians" | "photos" | "hybrid" | "lossless" | "free";
+  mode: "gaussians" | "photos" | "lossless" | "free";
   /** Of the whole file. */
   bytes: number;
   /** Names of pictures that are not at hand. */
@@ -101,7 +101,7 @@ export interface Options {
   limits?: Partial<Limits>;
   /** Decode what is intact of a damaged file. */
   recover?: boolean;
-  /** Runs the network of files of modes photos and hybrid. */
+  /** Runs the network of files of mode photos. */
   network?: (request: NetworkRequest) => Promise<Prediction>;
   /** Is told every picture once it is decoded. */
   onPicture?: (name: string) => void;

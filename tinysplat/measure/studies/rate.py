@@ -30,7 +30,6 @@ CURVE_QPS: Mapping[str, tuple[float, ...]] = {
     "paper": (-6, 0, 6, 12, 18),
     **dict.fromkeys(("fast", "balanced", "max"), (-4, 2, 8)),
     "photos": (-10, 2, 14),
-    "hybrid": (-4, 6),
 }
 """Q_g by what it belongs to: each steps around 40 dB, or down to sizes where photos still serve."""
 

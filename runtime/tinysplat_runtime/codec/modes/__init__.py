@@ -3,8 +3,6 @@
     gaussians   planes of the network's output; any receiver decodes it. The default.
     photos      the photos and the network's hash: a quarter to a half of the planes' bytes at equal Q_g, for receivers
                 that have the network.
-    hybrid      photos, and planes with the difference between what the network makes of the decoded photos and what it
-                made of the originals.
     lossless    planes as float16, bit for bit.
     free        Gaussians of no pixels: what `compress` makes of a trained or an edited scene.
 
@@ -16,5 +14,5 @@ DEFAULT_MODE = "gaussians"
 AUTO = "auto"
 """Choose between gaussians and photos; `choice` says how."""
 
-CHOICES = (DEFAULT_MODE, "photos", "hybrid", AUTO)
+CHOICES = (DEFAULT_MODE, "photos", AUTO)
 """What a scene of photos can be encoded as."""

@@ -1,7 +1,7 @@
 """Which mode a user gets of `auto`.
 
 `auto` takes photos where every installation has the network, it is quick, and the file comes out smaller; else
-gaussians. Hybrid files are for who asks for them: they are never the smallest.
+gaussians.
 """
 
 from __future__ import annotations

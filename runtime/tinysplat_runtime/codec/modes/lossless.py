@@ -58,10 +58,9 @@ def _decode_layer(file: OpenFile, exact: ExactLayer, where: str, crew: Crew) -> 
     # A layer without channels: all that it is stands in the base.
     maps = LayerMaps(cameras=exact.cameras, depth_limits=exact.depth_limits)
     with file.watch.stage("synthesis"):
-        synthesis = LayerSynthesis(maps, origin, file.store, (geometry, sh[..., :1, :]))
+        synthesis = LayerSynthesis(maps, origin, file.store, geometry)
         no_codes = np.ones((1, exact.height, exact.width), np.uint16)
-        for half in (partial(synthesis.run, geometry=no_codes), partial(synthesis.run, colors=no_codes)):
-            crew.map(half, range(len(exact.cameras)))
+        crew.map(partial(synthesis.run, geometry=no_codes), range(len(exact.cameras)))
         layer = synthesis.gaussians()
     fields = {name: getattr(layer, name) for name in FIELDS} | {"sh": sh}
     if not all(np.isfinite(array).all() for array in fields.values()):
