@@ -9,7 +9,9 @@ Everything is a function of its arguments: the same call gives the same arrays.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -256,6 +258,23 @@ def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) ->
     message = str(caught.value)
     assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 500
     return message
+
+
+def tells(message: str, words: str) -> bool:
+    """Whether a message has what another wording of `words` would have: its numbers, names and quoted values, which are
+    all that is no plain word.
+    """
+    parts = re.split(r"[\s,;:()]+", words.replace("\\", ""))
+    is_pattern = re.compile(r"[.\])][*+]|[|^]|\$$").search
+    return all(part in message for part in parts if re.search(r"[^a-z.…]", part) and not is_pattern(part))
+
+
+@contextmanager
+def refusing(kind: type[Exception], words: str) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """What must raise an error of that kind, which `tells` what stands in `words`."""
+    with pytest.raises(kind) as caught:
+        yield caught
+    assert tells(str(caught.value), words), str(caught.value)
 
 
 def agree(

@@ -14,6 +14,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from scenes import refusing
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container.free import decoding_bytes, free_sections
@@ -201,16 +202,16 @@ OVER = float(np.float32(1.01e30))
         ({}, {"points": b"abcdeg"}, "stream 5 of the positions was altered"),
         ({}, {"points": b"xbcdef"}, "stream 0 of the positions was altered"),
         ({}, {"points": b"abcdefg"}, "7 bytes of positions, 6 announced"),
-        ({"centre": (1e28, -1e28, 0)}, {"centre": (0, 0, math.inf)}, "centre .*, at most 1e.30 accepted"),
+        ({"centre": (1e28, -1e28, 0)}, {"centre": (0, 0, math.inf)}, "centre .*, at most 1e+30 accepted"),
         ({"radius": 1e-9}, {"radius": 0.0}, "radius 0 or cell 0.5 out of range"),
-        ({}, {"radius": 1e30}, "radius 1e.30 or cell"),
+        ({}, {"radius": 1e30}, "radius 1e+30 or cell"),
         ({"cell": 1.0}, {"cell": 1.0001}, "cell 1.0001 out of range"),
         ({"cell": 1e-9}, {"cell": 0.0}, "cell 0 out of range"),
         ({"radius": 1.0, "low": (-67.0, 0, 0)}, {"radius": 0.5, "low": (0, -67.1, 0)}, "positions can decode to more"),
         ({"radius": 0.99e30 / math.exp(5)}, {"radius": 1.01e30 / math.exp(5)}, "positions can decode to more"),
         ({"radius": 0.4e30 / math.exp(5), "centre": (0, -0.59e30, 0)},
          {"radius": 0.4e30 / math.exp(5), "centre": (0, -0.61e30, 0)}, "positions can decode to more"),
-        ({"middle": 69.0}, {"middle": 69.1}, r"the middle size is e.69.1, accepted are e.±69"),
+        ({"middle": 69.0}, {"middle": 69.1}, r"the middle size is 69.1, accepted are ±69"),
         ({"middle": -69.0}, {"middle": -69.1}, r"the middle size is"),
         ({}, {"middle": math.nan}, r"the middle size is"),
         ({"thresholds": ((0.5, 0.75), (), ())}, {"thresholds": ((0.5, 0.5), (), ())}, "thresholds do not rise"),
@@ -224,7 +225,7 @@ OVER = float(np.float32(1.01e30))
          "gains out of range"),
         ({"mean": (9e29, 0, 0)}, {"mean": (0, math.nan, 0)}, "a number of mean or basis is not finite"),
         ({}, {"basis": (math.inf, 0, 0)}, "a number of mean or basis is not finite"),
-        ({}, {"mean": (0, 0, -OVER)}, r"sh can decode to 1.01e.30"),
+        ({}, {"mean": (0, 0, -OVER)}, r"sh can decode to 1.01e+30"),
         ({}, one(0, name=(int(P.COLOR), 1)), "class 1, channel 1; expected color0"),
         ({}, one(2, name=(int(P.ROTATION), 0)), "expected scale0"),
         ({}, one(3, coding=2), "coding 2 is unknown"),
@@ -232,19 +233,19 @@ OVER = float(np.float32(1.01e30))
         (one(1, scale=-9e29), one(1, scale=OVER), "opacity0: scale, offset or centre out of range"),
         (one(1, offset=9e29), one(1, offset=-OVER), "opacity0: scale, offset or centre out of range"),
         (one(1, centre=9e29), one(1, centre=OVER), "opacity0: scale, offset or centre out of range"),
-        ({**ONES, **one(0, offset=-4.9e29)}, {**ONES, **one(0, offset=5.1e29)}, r"sh can decode to 1.02e.30"),
-        (one(1, offset=5e29, centre=-4.9e29), one(1, offset=5e29, centre=-5.1e29), r"opacities can decode to 1.01e.30"),
-        (one(2, offset=4.9e29), one(2, offset=5.1e29), r"scales 0 can decode to 1.02e.30"),
+        ({**ONES, **one(0, offset=-4.9e29)}, {**ONES, **one(0, offset=5.1e29)}, r"sh can decode to 1.02e+30"),
+        (one(1, offset=5e29, centre=-4.9e29), one(1, offset=5e29, centre=-5.1e29), r"opacities can decode to 1.01e+30"),
+        (one(2, offset=4.9e29), one(2, offset=5.1e29), r"scales 0 can decode to 1.02e+30"),
         (one(4, offset=9e29), {**one(4, offset=9e29), "orders": ((0, [1]), (0, [1.2]), (0, [1]))},
          "scales 2 can decode"),
-        (one(7, offset=9.9e14), one(7, offset=1.1e15), r"rotations can decode to 1.1e.15, accepted is at most 1e.15"),
-        (one(5, centre=-9.9e14), one(6, centre=-1.1e15), r"rotations can decode to 1.1e.15"),
+        (one(7, offset=9.9e14), one(7, offset=1.1e15), r"rotations can decode to 1.1e+15, accepted is at most 1e+15"),
+        (one(5, centre=-9.9e14), one(6, centre=-1.1e15), r"rotations can decode to 1.1e+15"),
         ({}, {"tail": b"x"}, "1 bytes too many"),
     ],
 )  # fmt: skip
 def test_every_number_is_accepted_to_its_bound_and_no_further(accepted, refused, words: str) -> None:
     assert read(Free(**accepted).file()).count == 20
-    with pytest.raises(FormatError, match=words):
+    with refusing(FormatError, words):
         read(Free(**refused).file())
 
 
@@ -262,7 +263,7 @@ def test_every_number_is_accepted_to_its_bound_and_no_further(accepted, refused,
 )
 def test_every_number_of_a_tier_is_accepted_to_its_bound_and_no_further(accepted, refused, words: str) -> None:
     assert len(read(with_tier(**accepted)).tiers) == 2
-    with pytest.raises(FormatError, match=words):
+    with refusing(FormatError, words):
         read(with_tier(**refused))
 
 
@@ -275,7 +276,7 @@ def test_limits_are_the_most_that_is_accepted() -> None:
         ({"max_pixels": 24}, r"25 Gaussians, accepted are 1 to 24 \(--max-pixels\)"),
         ({"max_memory_bytes": memory - 1}, f"{memory} bytes to decode, the limit is {memory - 1}"),
     ):
-        with pytest.raises(FormatError, match=words):
+        with refusing(FormatError, words):
             read(data, **limits)
     with pytest.raises(FormatError, match="0 Gaussians, accepted are 1 to"):
         read(Free(count=0, leaves=0, escapes=0).file())

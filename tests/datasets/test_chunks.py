@@ -13,7 +13,7 @@ import pytest
 import torch
 from datasets.chunks import camera_row, encoded, make_chunk_scene, write_chunks
 from PIL import Image
-from scenes import make_cameras, make_photo
+from scenes import make_cameras, make_photo, tells
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import fields_of_view, prepare_camera, prepare_image
@@ -116,7 +116,7 @@ def test_a_field_of_view_over_the_limit_is_not_evaluated(folder):
     ],
 )
 def test_scenes_that_break_the_layout_are_refused_with_what_is_wrong(tmp_path, fields, said):
-    assert said in refusal(changed(tmp_path, **fields))
+    assert tells(refusal(changed(tmp_path, **fields)), said)
 
 
 @pytest.mark.parametrize("content", [b"", b"junk" * 100, "cut", "list of numbers"])
@@ -186,7 +186,7 @@ def test_windows_that_name_no_frames_are_refused(tmp_path, entry, said):
     path.write_text(json.dumps({"a": entry}))
     with pytest.raises(InputError) as caught:
         read_paper_index(path)
-    assert said in str(caught.value)
+    assert tells(str(caught.value), said)
 
 
 @pytest.mark.parametrize("text", ["[]", "{", "[" * 100_000])

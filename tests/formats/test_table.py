@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians, make_smooth_gaussians
+from scenes import make_free_gaussians, make_smooth_gaussians, refusing
 
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.formats.table import find_format, load_gaussians, save_gaussians, save_points
@@ -73,7 +73,7 @@ def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:
 def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
     g = make_free_gaussians(5, 0, np.random.default_rng(0))
     for options, words in (({"sh_bits": (0, 4)}, "SH bits"), ({"spz_version": 9}, "SPZ version")):
-        with pytest.raises(InputError, match=words) as error:
+        with refusing(InputError, words) as error:
             save_gaussians(tmp_path / "a.spz", g, **options)
         assert str(error.value).count("a.spz") <= 1
     noted = g.with_notes(Notes("m", "us"))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdVol, Vt
+from scenes import refusing
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats import usd, usd_worker
@@ -70,7 +71,7 @@ def test_more_sh_than_gaussians_need_is_cut_and_less_is_refused(tmp_path: Path) 
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, changes: dict[str, int], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+    with refusing(ValueError, words):
         stage_arrays(stage_of(tmp_path / "a.usda", **changes), 1 << 20)
 
 

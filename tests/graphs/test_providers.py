@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import onnxruntime
 import pytest
-from scenes import make_smooth_gaussians
+from scenes import make_smooth_gaussians, refusing
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import InputError, ModelError
@@ -78,7 +78,7 @@ def test_a_plug_in_runs_on_its_device() -> None:
     ],
 )
 def test_what_a_plug_in_lacks_is_said(provider: str | tuple[str, dict[str, str]], message: str) -> None:
-    with pytest.raises(ModelError, match=message):
+    with refusing(ModelError, message):
         add_providers(NOT_BUILT_IN, onnxruntime.SessionOptions(), [provider])
 
 

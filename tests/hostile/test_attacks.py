@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hostile import corpus
 from hostile.containers import Part, Seed, join
-from scenes import make_smooth_gaussians
+from scenes import make_smooth_gaussians, refusing
 
 import tinysplat_runtime as ts
 from tinysplat_runtime import cli
@@ -175,7 +175,7 @@ def test_float64_beyond_float32_is_refused_by_name_without_a_warning(name: str) 
     g = make_smooth_gaussians(1, 2, 2, 0)
     arrays = {field: getattr(g, field).astype(np.float64) for field in FIELDS}
     arrays[name][0, 1, 1] = 1e39
-    with pytest.raises(InputError, match=name):
+    with refusing(InputError, name):
         ts.Gaussians(**arrays, cameras=g.cameras)
 
 

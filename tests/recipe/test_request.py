@@ -9,6 +9,7 @@ from typing import get_type_hints
 
 import numpy as np
 import pytest
+from scenes import tells
 
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
@@ -57,7 +58,7 @@ from tinysplat_runtime.recipe.words import AutoViews, Refinement
 def test_what_cannot_be_used_is_named_with_what_can(options, said: str) -> None:
     with pytest.raises(InputError) as caught:
         EncodeRequest.of("desk", **options)
-    assert said in str(caught.value) and "\n" not in str(caught.value)
+    assert tells(str(caught.value), said) and "\n" not in str(caught.value)
 
 
 def test_options_in_words_and_as_values_are_the_same_request() -> None:

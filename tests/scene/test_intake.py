@@ -14,7 +14,7 @@ import plyfile
 import pycolmap
 import pytest
 from PIL import Image
-from scenes import colmap_texts, make_cameras, make_photo, transforms_document, write_scene
+from scenes import colmap_texts, make_cameras, make_photo, tells, transforms_document, write_scene
 
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.cameras import Camera
@@ -162,7 +162,7 @@ def test_depths_come_from_the_point_cloud(folder: Path) -> None:
     ],
 )
 def test_faults_of_transforms_name_the_field(folder: Path, changes: dict[str, Any], words: str) -> None:
-    assert words in refusal(write_transforms(folder, transforms(**changes)))
+    assert tells(refusal(write_transforms(folder, transforms(**changes))), words)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_faults_of_transforms_name_the_field(folder: Path, changes: dict[str, An
 def test_faults_of_a_frame_name_it(folder: Path, changes: dict[str, Any], words: str) -> None:
     document = transforms()
     document["frames"][1].update(changes)
-    assert words in refusal(write_transforms(folder, document))
+    assert tells(refusal(write_transforms(folder, document)), words)
 
 
 # ---- COLMAP ------------------------------------------------------------------------------------------------------
@@ -283,7 +283,7 @@ def test_realestate_files_load_the_frames_that_have_photos(folder: Path) -> None
 def test_faults_of_realestate_files_name_the_line(folder: Path, line: str, words: str) -> None:
     path = write_realestate(folder)
     path.write_text(path.read_text() + line + "\n")
-    assert words in refusal(path)
+    assert tells(refusal(path), words)
 
 
 def test_realestate_files_without_photos_say_where_they_were_sought(folder: Path) -> None:
@@ -354,7 +354,7 @@ def test_the_process_that_reads_colmap_models_is_bounded(folder: Path) -> None:
 def test_what_no_camera_and_no_file_system_holds_is_named(folder: Path, frame: dict[str, Any], words: str) -> None:
     document = transforms()
     document["frames"][1].update(frame)
-    assert words in refusal(write_transforms(folder, document))
+    assert tells(refusal(write_transforms(folder, document)), words)
 
 
 # ---- LLFF and Blender ------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import FAR, NEAR, make_cameras, make_photo, scene_document, write_scene
+from scenes import FAR, NEAR, make_cameras, make_photo, refusing, scene_document, write_scene
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import resize_cover, write_png
@@ -72,7 +72,7 @@ def test_views_keep_the_order_given(folder: Path) -> None:
     [([0, 3], "view 3, but the scene's views are 0 to 2"), ([-1], "view -1"), ([1, 1], "twice"), ([], "at least one")],
 )
 def test_views_that_do_not_exist_are_refused(folder: Path, indices: list[int], words: str) -> None:
-    with pytest.raises(InputError, match=words) as caught:
+    with refusing(InputError, words) as caught:
         load_scene(folder).views(indices)
     assert caught.value.where == str(folder)
 
