@@ -126,6 +126,16 @@ def test_cameras_of_photos_come_back_where_there_is_room(form, ending, tmp_path)
 
 
 @EACH
+def test_a_gaussian_of_no_size_comes_back_small(form, ending, tmp_path) -> None:
+    path, g = named(tmp_path, ending), some(0)
+    scales = g.scales.copy()
+    scales[::3] = 0
+    saved(path, Gaussians(g.means, g.quats, scales, g.opacities, g.sh), form.extra)
+    read = load_gaussians(path)
+    assert np.isfinite(read.scales).all() and (np.sort(read.scales.max(axis=-1))[: len(scales[::3])] < 1e-2).all()
+
+
+@EACH
 def test_one_gaussian_comes_back_alone_and_none_is_refused(form, ending, tmp_path) -> None:
     path, g = named(tmp_path, ending), some(0)
     saved(path, Gaussians(g.means[:1], g.quats[:1], g.scales[:1], g.opacities[:1], g.sh[:1]), form.extra)

@@ -135,6 +135,17 @@ def test_where_near_views_show_nothing_the_others_do_and_nowhere_else(compiled):
     assert (whole[6:-6, 3:7] @ GREEN > 0.9).all() and (whole[6:-6, 3:7] @ RED < 0.05).all()
 
 
+def test_what_stands_behind_near_views_is_drawn_alike_by_both_renderers():
+    scene = walls([3.0] * 4 + [2.0] * 4, [GREEN] * 4 + [RED] * 4)
+    rows, columns = np.indices(scene.opacities.shape[1:])
+    holed = scene.opacities.copy()
+    holed[:4] *= (rows // 8 + columns // 8) % 2
+    scene = replace(scene, opacities=holed)
+    images = [Renderer(scene, 1, compiled=compiled).render(scene.cameras[0]) for compiled in (False, True)]
+    assert (images[0] @ RED > 0.1).any()
+    np.testing.assert_allclose(*images, atol=1e-4)
+
+
 def test_coarse_surfaces_are_those_of_the_views_around_and_change_with_the_camera_s_place():
     distances = 0.1 * np.arange(1, 41)
     views, camera = row(distances)
