@@ -46,9 +46,6 @@ def test_a_stereo_pair_is_encoded_with_focal_length_and_baseline(tmp_path: Path)
     assert done.returncode == 0 and "estimated from the photos" in done.stderr
 
 
-# ---- photos without cameras --------------------------------------------------------------------------------------
-
-
 def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
     photos = tmp_path / "photos"
     cameras = write_photos_of_walls(photos, views=5)

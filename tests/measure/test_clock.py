@@ -33,9 +33,3 @@ def test_cpu_seconds_count_children():
     burn = "import time; end = time.process_time() + 0.3\nwhile time.process_time() < end: pass"
     _, cpu = timed(lambda: subprocess.run([sys.executable, "-c", burn], check=True))
     assert cpu > 0.28
-
-
-# ---- rounds ------------------------------------------------------------------------------------------------------
-
-
-# ---- memory ------------------------------------------------------------------------------------------------------

@@ -143,6 +143,3 @@ def test_points_that_no_photo_observed_still_tell_depths(folder: Path) -> None:
     assert load_scene(folder, far=20.0).depth_range() == (near, 20.0)
     (folder / "sparse/images.txt").write_text("")
     assert "a model without a photo that has a pose" in refusal(folder)
-
-
-# ---- cameras of other files --------------------------------------------------------------------------------------
