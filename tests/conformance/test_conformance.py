@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -81,7 +80,6 @@ def test_the_corpus_is_what_its_table_says() -> None:
     modes = {ts.inspect(described(name)[0].read_bytes())["mode"] for name in cases_for("python") if plain(name)}
     assert modes == {"gaussians", "free", "lossless", "photos"}
     assert all(np.load(CASES / name / "expected.npz")["means"].ndim == 2 for name in names() if plain(name))
-    assert json.dumps(found)
 
 
 def plain(name: str) -> bool:
