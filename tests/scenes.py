@@ -262,11 +262,12 @@ def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) ->
 
 def tells(message: str, words: str) -> bool:
     """Whether a message has what another wording of `words` would have: its numbers, names and quoted values, which are
-    all that is no plain word.
+    all that is no plain word; where there are none of these, the words themselves, so that refusals are told apart.
     """
     parts = re.split(r"[\s,;:()]+", words.replace("\\", ""))
     is_pattern = re.compile(r"[.\])][*+]|[|^]|\$$").search
-    return all(part in message for part in parts if re.search(r"[^a-z.…]", part) and not is_pattern(part))
+    told = [part for part in parts if re.search(r"[^a-z.…]", part) and not is_pattern(part)]
+    return all(part in message for part in told) if told else bool(re.search(words, message))
 
 
 @contextmanager

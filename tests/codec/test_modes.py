@@ -82,7 +82,9 @@ def test_auto_weighs_size_time_and_availability():
 @pytest.mark.parametrize(
     ("options", "named"),
     [
+        ({"mode": "film"}, "gaussians, photos, auto"),
         ({"mode": "photos", "target_size": 9000}, "target"),
+        ({"mode": "photos", "target_psnr": 40.0}, "target"),
         ({"mode": "hybrid"}, "gaussians, photos, auto"),
         ({"mode": "photos", "qp": float("nan")}, "qp"),
     ],

@@ -19,3 +19,7 @@ def test_powers_are_those_of_large_captures(power: float) -> None:
     assert "Photos of 64×48" in text and "From 48 to 1,000 photos" in text
     assert f"by the power {power:.2f} of" in text and "bytes by 1.00, and memory by 0.00" in text
     assert [line.split("|")[1].strip() for line in text.splitlines()[-4:]] == ["4", "48", "200", "1,000"]
+
+
+def test_without_large_captures_no_powers_are_told() -> None:
+    assert "power" not in capture_table([capture(4, 1), capture(12, 1)]) and not capture_table([])

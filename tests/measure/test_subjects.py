@@ -10,7 +10,7 @@ import pytest
 
 import tinysplat_runtime as ts
 from tinysplat.measure.clock import measure_peak
-from tinysplat.measure.pictures import Drawing, photo_psnr
+from tinysplat.measure.pictures import Drawing, photo_psnr, rescaled
 from tinysplat.measure.subjects.cases import Window
 from tinysplat.measure.subjects.made import made_gaussians
 from tinysplat.measure.subjects.room import Room, photograph, room_cameras
@@ -35,6 +35,21 @@ def test_depths_of_the_room_agree_between_views() -> None:
 def test_network_like_gaussians_show_their_photos() -> None:
     gaussians, photos = made_gaussians(2, 64, 64, 1), Room(2).shots(Window("any", (0,), (1,)), (64, 64)).context
     assert photo_psnr(gaussians, gaussians.cameras, photos.images, Drawing()) > 20
+
+
+def test_rescaling_keeps_a_ramp() -> None:
+    ramp = np.arange(8.0)[:, None, None] * np.ones((1, 6, 3))
+    double = rescaled(ramp, 16, 12)
+    assert double.shape == (16, 12, 3)
+    assert np.allclose(double[4:-4, 0, 0], np.arange(3, 11) / 2 + 0.25, atol=1e-5)
+
+
+def test_peak_memory_grows_with_the_input_and_not_with_the_parent(tmp_path: Path) -> None:
+    ballast = np.ones(30_000_000)  # 240 MB that a child must not inherit
+    task = "tinysplat.measure.studies.growth.draw_cloud"
+    small, large = (measure_peak(task, tmp_path, count, 16, 16, "numpy", 1) for count in (500, 300_000))
+    assert small.total < ballast.nbytes
+    assert large.total > small.total + 5_000_000
 
 
 def test_a_child_that_fails_says_why(tmp_path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,23 @@ from scenes import make_gaussians
 
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.render.kernels_gradient import SH_RED
+from tinysplat_runtime.render.kernels_gradient import LOGIT, SH_RED
 from tinysplat_runtime.system.scratch import Shelf
 from tinysplat_runtime.system.threads import Crew
 
 RUN = Crew(1).map
+
+
+def test_opacities_at_their_ends_have_logits() -> None:
+    scene = make_gaussians(2, 2, 2, degree=0)
+    opacities = scene.opacities.copy()
+    opacities[0, 0] = 0, 1
+    field = MovableGaussians(replace(scene, opacities=opacities), RUN)
+    np.testing.assert_allclose(
+        1 / (1 + np.exp(-field.values[LOGIT, :2].astype(np.float64))), [1e-9, 1 - 1e-6], rtol=0.02
+    )
+    found = field.gaussians(replace(scene, opacities=opacities))
+    assert found.opacities[0, 0, 0] == 0 and found.opacities[0, 0, 1] == pytest.approx(1, abs=1e-5)
 
 
 def test_what_is_drawn_follows_the_values_whatever_was_drawn_before() -> None:
