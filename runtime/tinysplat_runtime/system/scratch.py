@@ -12,6 +12,7 @@ import mmap
 import os
 import tempfile
 import threading
+from collections import defaultdict
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -81,18 +82,19 @@ class Shelf:
 
     def __init__(self, most_bytes: int = SHELF_BYTES) -> None:
         """`most_bytes` stay in memory, or what is taken together if that is more."""
-        self._most, self._parts, self._taken = most_bytes, dict[Hashable, list[_Part]](), dict[Hashable, int]()
+        self._most, self._taken = most_bytes, dict[Hashable, int]()  # bytes, whoever was taken longest ago first
+        self._parts = defaultdict[Hashable, list[_Part]](list)
 
     def put(self, owner: Hashable, *parts: NDArray) -> None:
         """Contiguous parts of arrays become an owner's; of those that lie in memory alone nothing is kept."""
-        self._parts.setdefault(owner, []).extend(found for part in parts if (found := _Part.of(part)) is not None)
+        self._parts[owner].extend(found for part in parts if (found := _Part.of(part)) is not None)
         self.take((owner,))
 
     def take(self, owners: Sequence[Hashable]) -> None:
         """These are worked on next; what was not taken for the longest time is set aside for them."""
         for owner in owners:
             self._taken.pop(owner, None)  # goes to the end
-            self._taken[owner] = sum(part.size for part in self._parts.get(owner, ()))
+            self._taken[owner] = sum(part.size for part in self._parts[owner])
         held = sum(self._taken.values())
         for owner in list(self._taken)[: len(self._taken) - len(owners)]:
             if held <= self._most:
