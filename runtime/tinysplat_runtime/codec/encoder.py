@@ -15,7 +15,6 @@ from ..container.layers import CodedChannel, CodedLayer
 from ..container.layout import MAX_VIEWS
 from ..container.reader import read_container
 from ..container.records import Limits
-from ..container.sections import NewSection
 from ..container.writer import write_container
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
@@ -25,7 +24,7 @@ from ..system import scratch
 from ..system.stopwatch import Stopwatch
 from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, PlaneDecoder, encode_plane
-from .planning import Planner, ProjectedScene, planner_of
+from .planning import ProjectedScene, planner_of
 from .profiles import EncoderSettings, Profile
 from .quantise import CodeMap, choose_code_map, extent, mean_and_spread, without_outliers
 
@@ -138,21 +137,13 @@ class SceneEncoder:
         drop_invalid: bool = False,
         stats: EncodeStats | None = None,
         plane_coder: PlaneCoder | None = None,
-        planner: Callable[[ProjectedScene], Planner] | None = None,
-        sections: Sequence[NewSection] = (),
     ) -> None:
-        """Check and project the scene; arguments and errors are those of `encode_gaussians`.
-
-        Args:
-            planner: what makes plans of the scene; None for the profile's own.
-            sections: what the file holds besides planes.
-        """
+        """Check and project the scene; arguments and errors are those of `encode_gaussians`."""
         if not gaussians.is_per_pixel:
             raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
         if len(gaussians.cameras) > MAX_VIEWS:
             raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
         self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
-        self._sections = tuple(sections)
         self._coder = _OnceEach(plane_coder or encode_plane, profile.encoder)
         watch = self.stats.watch
         with watch.stage("vpt"):
@@ -161,7 +152,7 @@ class SceneEncoder:
                 for index, layer in enumerate(gaussians.layers)
             )
         scene = ProjectedScene(gaussians.layers, projected, store, threads, watch)
-        self._planner = planner(scene) if planner else planner_of(profile, scene)
+        self._planner = planner_of(profile, scene)
 
     def plan(self, qp: float) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
@@ -188,7 +179,7 @@ class SceneEncoder:
         with self.stats.watch.stage("write"):
             cameras, origin = self.gaussians.cameras, self.gaussians.origin
             notes = self.gaussians.notes
-            data = write_container(coded, cameras, origin, self.profile.name, qp, self._sections, notes=notes)
+            data = write_container(coded, cameras, origin, self.profile.name, qp, notes=notes)
             check_readable(data)
         return data
 

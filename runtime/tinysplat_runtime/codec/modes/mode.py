@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -15,11 +15,9 @@ from ...graphs.inference import GraphStore
 from ..layers import OpenFile
 
 if TYPE_CHECKING:  # who decodes loads no encoder
-    from ...container.sections import NewSection
     from ...scene.neighbours import Group
     from ...scene.scenes import Scene
     from ..encoder import EncodeStats, PlaneCoder, SceneEncoder
-    from ..planning import Planner, ProjectedScene
     from ..profiles import Profile
     from ..search import Coder
 
@@ -77,10 +75,8 @@ class Job:
     photos: PhotoScene | None = None
     plane_coder: PlaneCoder | None = None
 
-    def encoder(
-        self, planner: Callable[[ProjectedScene], Planner] | None = None, sections: Sequence[NewSection] = ()
-    ) -> SceneEncoder:
-        """The Gaussians' own encoder, under the profile; see `SceneEncoder` for the arguments."""
+    def encoder(self) -> SceneEncoder:
+        """The Gaussians' own encoder, under the profile."""
         from ..encoder import SceneEncoder
 
         return SceneEncoder(
@@ -91,8 +87,6 @@ class Job:
             drop_invalid=self.drop_invalid,
             stats=self.stats,
             plane_coder=self.plane_coder,
-            planner=planner,
-            sections=sections,
         )
 
 

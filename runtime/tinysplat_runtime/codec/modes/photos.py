@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...container.photos import CodedPhotos, Photos, group_sections, network_section, photo_sections
-from ...container.sections import NewSection
+from ...container.photos import Photos, group_sections, network_section, photo_sections
 from ...container.writer import write_container
 from ...gaussian.gaussians import Gaussians
 from ...graphs.walk import predict_grouped
 from ..encoder import check_qp
 from ..layers import OpenFile
 from ..photos import decode_photos, encode_photos
-from .mode import Job, Mode, PhotoScene
+from .mode import Job, Mode
 
 
 def encode(job: Job) -> bytes:
     """The file; InputError for a Q_g beyond ±60."""
-    sections, _ = coded_photos(job)
+    scene = job.photos
+    assert scene is not None
+    check_qp(job.qp)
+    with job.stats.watch.stage("x265"):
+        photos = encode_photos(scene.images, job.qp, job.profile.encoder, job.threads)
+    sections = (network_section(scene.network), *group_sections(scene.groups), *photo_sections(photos))
     cameras, notes = job.gaussians.cameras, job.gaussians.notes
     with job.stats.watch.stage("write"):
         return write_container([], cameras, np.zeros(3), job.profile.name, job.qp, sections, notes=notes)
@@ -37,21 +41,6 @@ def decode(file: OpenFile, body: Photos) -> Gaussians:
     with watch.stage("network"):
         graph = file.store.network_by_hash(network.name, network.sha256, file.model)
         return predict_grouped(images, container.cameras, network.near, network.far, graph, body.groups)
-
-
-def coded_photos(job: Job) -> tuple[tuple[NewSection, ...], CodedPhotos]:
-    """The sections of a job's photos and network, and the photos in them."""
-    scene = photos_of(job)
-    check_qp(job.qp)
-    with job.stats.watch.stage("x265"):
-        photos = encode_photos(scene.images, job.qp, job.profile.encoder, job.threads)
-    return (network_section(scene.network), *group_sections(scene.groups), *photo_sections(photos)), photos
-
-
-def photos_of(job: Job) -> PhotoScene:
-    """The job's photos, which it must have."""
-    assert job.photos is not None
-    return job.photos
 
 
 PHOTOS = Mode("photos", encode, decode)
