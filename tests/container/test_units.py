@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scenes import make_smooth_gaussians, refusing
 from sections import file_of, sections_of
+from web.node import Decoder
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
@@ -173,6 +174,8 @@ def test_an_index_that_lies_is_refused_in_one_line(data, case):
     with refusing(FormatError, words) as caught:
         read_container(_changed(data, kind, change, index))
     assert "\n" not in str(caught.value)
+    with Decoder() as tsplat_js:
+        assert tsplat_js(_changed(data, kind, change, index))[0]["error"] == "TsplatError"
 
 
 def test_views_stand_once_in_order_and_behind_all_else(data):

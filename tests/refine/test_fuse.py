@@ -12,7 +12,7 @@ from scenes import make_cameras, make_free_gaussians
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.thin import thinned
-from tinysplat_runtime.refine.descent import Pace
+from tinysplat_runtime.refine.descent import Descent, Pace
 from tinysplat_runtime.refine.free import FreeGaussians
 from tinysplat_runtime.refine.fuse import FADED, FuseStats, fused
 from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
@@ -76,6 +76,18 @@ def test_free_gaussians_are_what_they_were_until_they_move_and_lose_only_what_is
     kept = free.kept(np.arange(30) % 3 == 0)
     assert kept.count == 10
     np.testing.assert_allclose(kept.gaussians().means, start.means[::3] + np.array([0.5, 0, 0]), atol=1e-6)
+
+
+def test_a_step_moves_every_kind_of_value_down_its_slope_and_no_farther_than_its_size():
+    start, photo = before_a_camera(1.0), np.random.default_rng(6).uniform(size=(16, 18, 3)).astype(np.float32)
+    descent = Descent(FreeGaussians(start, np.full(30, 0.1, np.float32), Crew(2).map), Pace(), Crew(2).map)
+    before = descent.field.values[:, :30].copy()
+    descent.step(Target(make_cameras(3, 16, 18, spacing=0.5)[1], photo), 0.0)
+    slopes, change = descent.gradient[:, :30], descent.field.values[:, :30] - before
+    for kind, size in enumerate(Pace().step_sizes(0.0)):
+        steep = np.abs(slopes[kind]) > 0.1 * np.abs(slopes[kind]).max()
+        np.testing.assert_allclose(change[kind, steep], -size * np.sign(slopes[kind, steep]), rtol=0.1)
+        assert np.abs(change[kind]).max() <= 1.001 * size
 
 
 def capture() -> Gaussians:
