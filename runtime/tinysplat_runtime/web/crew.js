@@ -28,8 +28,8 @@ import { PictureDecoder } from "./hevc/picture.js";
 
 const NAME = "tsplat-pictures";
 const MOST_WORKERS = 8;
-/** Fewer bytes of pictures than this are decoded before a worker has started. */
-const WORTH_WORKERS = 1 << 15;
+/** Bytes of pictures, of all files so far, from which workers pay: each has to compile what is compiled here by then. */
+const WORTH_WORKERS = 1 << 19;
 const IDLE_MS = 10000;
 /** At most so long is nothing else done where there are no workers. */
 const SLICE_MS = 12;
@@ -169,22 +169,21 @@ class Crew {
     /** @type {Task[]} */
     this.queue = [];
     this.ids = 0;
+    /** Workers that there may be. */
+    this.wanted = 0;
+    /** Of all pictures so far. */
+    this.bytes = 0;
     this.isAtWork = false;
     this.canStart = true;
     /** @type {any} */
     this.timer = undefined;
   }
 
-  /**
-   * Ask for workers, if there is enough to do for them.
-   *
-   * @param {number} wanted
-   * @param {number} bytes of pictures
-   */
-  prepare(wanted, bytes) {
-    if (bytes < WORTH_WORKERS || !this.canStart) return;
+  /** Start the workers that are wanted, once they are worth it. */
+  hire() {
+    if (this.bytes < WORTH_WORKERS || !this.canStart) return;
     try {
-      while (this.helpers.length < Math.min(wanted, MOST_WORKERS)) this.helpers.push(new Helper(this));
+      while (this.helpers.length < Math.min(this.wanted, MOST_WORKERS)) this.helpers.push(new Helper(this));
     } catch {
       this.canStart = false; // a page's policy forbids them
     }
@@ -196,6 +195,8 @@ class Crew {
    * @returns {Promise<Uint16Array[]>}
    */
   run(job, signal) {
+    this.bytes += job.data.length;
+    this.hire();
     return new Promise((resolve, reject) => {
       this.queue.push({ job, signal, resolve, reject });
       this.feed();

@@ -71,7 +71,7 @@ async function decodeContainer(file, options, known) {
   options.signal?.throwIfAborted();
   const failed = new AbortController();
   const signal = options.signal ? anySignal(options.signal, failed.signal) : failed.signal;
-  crew.prepare(options.threads ?? processors(), options.threads === 0 ? 0 : file.total);
+  crew.wanted = options.threads ?? processors();
   const pictures = new Pictures(file, signal, options.recover ?? false, known);
   pictures.tell = options.onPicture;
   const pause = async () => {
