@@ -107,3 +107,6 @@ def test_a_photo_without_partners_is_named() -> None:
     cameras, (away,) = scene_of(8).cameras, scene_of(1, shift=900).cameras
     with pytest.raises(InputError, match="photo 4 shares nothing with the rest; leave it out"):
         capture_groups([*cameras[:3], away, *cameras[4:]], NEAR, FAR, NetworkLimits())
+    beyond = scene_of(1, shift=-900).cameras
+    with pytest.raises(InputError, match="photo 4 and 1 more share nothing with the rest; leave them out"):
+        capture_groups([*cameras[:3], away, *cameras[4:], *beyond], NEAR, FAR, NetworkLimits())

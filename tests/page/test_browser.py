@@ -43,9 +43,9 @@ def coded(views: int, degree: int = 1, height: int = 48, width: int = 64) -> byt
     return ts.compress(scene, qp=-6)
 
 
-@pytest.mark.parametrize("views", [2, 8])
-def test_pictures_at_views_are_the_rasteriser_s(browser: Browser, tmp_path: Path, views: int) -> None:
-    data = coded(views)
+@pytest.mark.parametrize(("views", "degree"), [(2, 0), (8, 1), (3, 2), (2, 3), (4, 4)])
+def test_pictures_at_views_are_the_rasteriser_s(browser: Browser, tmp_path: Path, views: int, degree: int) -> None:
+    data = coded(views, degree)
     gaussians = ts.decompress(data)
     (tmp_path / "page.html").write_text(scene_page(data, title="a <b>"))
     for view, times in ((0, 1), (1, 2)):

@@ -137,10 +137,12 @@ def test_the_same_steps_give_the_same_on_any_number_of_threads_and_what_fades_go
         np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
 
 
-def test_seconds_end_it():
-    stats = FuseStats()
-    fused(capture(), seconds=0.5, threads=1, stats=stats)
+def test_seconds_or_a_single_step_end_it():
+    stats, whole = FuseStats(), capture()
+    fused(whole, seconds=0.5, threads=1, stats=stats)
     assert 1 <= stats.steps < 10_000
+    fused(whole, steps=1, threads=1, stats=(stats := FuseStats()))
+    assert stats.steps == 1
 
 
 @pytest.mark.parametrize(
