@@ -26,10 +26,11 @@ import traceback
 import xml.etree.ElementTree as ET
 from collections import Counter
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mutations import Mutation, mutated, mutations
+from mutations import Mutation, has_effect, mutated, mutations
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "mutants"
@@ -165,7 +166,9 @@ def _sample(count: int, seed: str) -> list[Mutation]:
         # a number one up and one down are two, drawn each for itself
         found.sort(key=lambda mutation: sha256(f"{seed} {mutation.place} {mutation.occurrence}".encode()).digest())
     rounds = -(-count // len(by_room))
-    return [found[n] for n in range(rounds) for found in by_room.values() if n < len(found)][:count]
+    texts = {module: (ROOT / module).read_text(encoding="utf-8") for module in modules()}
+    drawn = [list(islice((m for m in found if has_effect(texts[m.path], m)), rounds)) for found in by_room.values()]
+    return [found[n] for n in range(rounds) for found in drawn if n < len(found)][:count]
 
 
 def _unnoticed(known: dict[str, list[dict[str, Any]]]) -> list[Mutation]:

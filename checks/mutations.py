@@ -7,6 +7,7 @@ shaders' text included.
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -74,6 +75,27 @@ def mutated(text: str, mutation: Mutation) -> str:
         return str(mutate_code(text, plugins.get_operator(f"core/{mutation.what}")(), mutation.occurrence))
     found = list(_tokens(text))[mutation.occurrence]
     return text[: found.start()] + _instead(found) + text[found.end() :]
+
+
+def has_effect(text: str, mutation: Mutation) -> bool:
+    """Whether a bug changes what a module does: not how a number is written, whether `zip` counts, how printing is
+    flushed, or which arguments may be told by name. What does not even compile is no bug."""
+    return mutation.path.suffix != ".py" or _does(mutated(text, mutation)) not in ("", _does(text))
+
+
+def _does(text: str) -> str:
+    try:
+        tree = ast.parse(text)
+    except SyntaxError:
+        return ""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            node.keywords = [word for word in node.keywords if word.arg not in ("strict", "flush")]
+        elif isinstance(node, ast.arguments):
+            node.args = [*node.posonlyargs, *node.args, *node.kwonlyargs]
+            node.defaults = [*node.defaults, *filter(None, node.kw_defaults)]
+            node.posonlyargs, node.kwonlyargs, node.kw_defaults = [], [], []
+    return ast.dump(tree)
 
 
 def _of_python(path: Path, text: str) -> Iterator[Mutation]:
