@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render.composite import ALPHA_MAX, TRANSMITTANCE_MIN
+from ..render.composite import ALPHA_MAX
 from ..render.kernels_blend import (
     AHEAD,
     LANES,
@@ -27,11 +27,12 @@ from ..render.kernels_blend import (
     Scratch,
     Tiles,
     Visible,
+    alpha_at,
+    blend,
     blend_tile,
     box,
     bring_near,
-    chord,
-    quick_exp,
+    columns_in,
     rows_of,
     tiles_of,
 )
@@ -73,7 +74,7 @@ WALK_STATE = TILE_HEIGHT * _WALK_ROW
 _BEHIND = tuple(_I((1 + channel) * _STRIDE) for channel in range(4))
 _LACK = tuple(_I((5 + channel) * _STRIDE) for channel in range(3))
 _ALL = _I(8 * _STRIDE)
-_ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
+_ALPHA_MIN, _ALPHA_MAX = _F(ALPHA_MIN), _F(ALPHA_MAX)
 _ZERO, _ONE, _HALF, _OPACITY = _F(0), _F(1), _F(0.5), _F(OPACITY_COLOUR)
 
 
@@ -164,34 +165,26 @@ def _turn_over(state: NDArray, walk: NDArray, wanted: NDArray, extent: Extent, i
 def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
     """Add a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
-    log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
+    log_opacity = splat[LOG_OPACITY]
     red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
-    tau = log_opacity - _LOG_ALPHA_MIN
-    left, right, top, bottom = box(splat, extent)
+    (left, right, top, bottom), is_wide = box(splat, extent), splat[REACH] > _ZERO
     cost = lack_red = lack_green = lack_blue = bound = _ZERO
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         w = gamma * dy
         fall = w * w
-        if reach > _ZERO:
-            if fall > tau:
-                continue
-            left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, extent.columns)
+        first, last = columns_in(splat, extent, dy) if is_wide else (left, right)
         start = _I((row - extent.row) * _WALK_ROW)
-        for column in range(left, right + 1, LANES):
+        for column in range(first, last + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             exponent = log_opacity - fall
             s_cost = s_red = s_green = s_blue = s_bound = _ZERO
             for lane in range(LANES):
                 at = start + _I(column) + _I(lane)
                 u = across + alpha_x * _F(lane)
-                alpha = min(quick_exp(max(exponent - u * u, _F(-80))), _ALPHA_MAX)
-                before = state[at]
-                weight = alpha * max(before, _ZERO) if alpha >= _ALPHA_MIN else _ZERO
-                after = before - weight
-                stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
-                weight = _ZERO if stops else weight
-                state[at] = -before if stops else after
+                full = alpha_at(u, exponent)
+                alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
+                weight, state[at] = blend(state[at], alpha)
                 more = alpha / (_ONE - alpha) if weight > _ZERO else _ZERO
                 behind_red = state[at + _BEHIND[0]] - weight * red
                 behind_green = state[at + _BEHIND[1]] - weight * green

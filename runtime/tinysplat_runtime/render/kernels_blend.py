@@ -362,20 +362,16 @@ def is_open(state: NDArray) -> bool:
 def blend_splat(splat: NDArray, extent: Extent, state: NDArray, in_front: bool) -> None:
     """Blend one splat, a record (16,) float32, into a tile (STATE,), and its share into the picture in front."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
-    log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
+    log_opacity = splat[LOG_OPACITY]
     colour = splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
-    tau = log_opacity - _LOG_ALPHA_MIN
-    left, right, top, bottom = box(splat, extent)
+    (left, right, top, bottom), is_wide = box(splat, extent), splat[REACH] > _ZERO
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         fall = gamma * dy * (gamma * dy)
-        if reach > _ZERO:
-            if fall > tau:
-                continue
-            left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, extent.columns)
+        first, last = columns_in(splat, extent, dy) if is_wide else (left, right)
         # Unsigned, as a signed index might be negative and count from the end, which no vector can.
         start = _I((row - extent.row) * ROW)
-        for column in range(left, right + 1, LANES):
+        for column in range(first, last + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             at, exponent = start + _I(column), log_opacity - fall
             if in_front:
@@ -396,10 +392,18 @@ def box(splat: NDArray, extent: Extent) -> tuple[Number, Number, Number, Number]
 
 
 @compiled
-def chord(middle: Number, half: Number, columns: Number) -> tuple[Number, Number]:
-    """First and last column of a tile whose centres lie within a chord, and a little around it."""
-    half += _MARGIN
-    return int(max(np.ceil(middle - half - _HALF), _ZERO)), int(min(np.floor(middle + half - _HALF), _F(columns - 1)))
+def columns_in(splat: NDArray, extent: Extent, dy: Number) -> tuple[Number, Number]:
+    """First and last column of a tile that a wide splat, with `REACH`, may reach in a row `dy` below its middle: the
+    ends of its chord, and a little around it.
+    """
+    reach, w, tau = splat[REACH], splat[GAMMA] * dy, splat[LOG_OPACITY] - _LOG_ALPHA_MIN
+    fall = w * w
+    if fall > tau:
+        return 0, -1
+    middle = splat[X] - _F(extent.column) - splat[BETA_X] * dy * reach
+    half = math.sqrt(tau - fall) * reach + _MARGIN
+    first, last = np.ceil(middle - half - _HALF), np.floor(middle + half - _HALF)
+    return int(max(first, _ZERO)), int(min(last, _F(extent.columns - 1)))
 
 
 @compiled
@@ -417,6 +421,24 @@ def quick_exp(x: Number) -> Number:
     return (p * r * r + r + _F(1)) * np.int32(biased << np.int32(23)).view(np.float32)
 
 
+@compiled
+def alpha_at(u: Number, exponent: Number) -> Number:
+    """Alpha of a splat, before it is cut, where its exponent in the middle of the row is so large and `u` away."""
+    return quick_exp(max(exponent - u * u, _F(-80)))
+
+
+@compiled
+def blend(before: Number, alpha: Number) -> tuple[Number, Number]:
+    """The rule of blending: an alpha's weight in a pixel, and the transmittance that it leaves of `before`.
+
+    A pixel whose transmittance would come under the least there is stops instead: from then on it is negative.
+    """
+    weight = alpha * max(before, _ZERO)
+    after = before - weight
+    stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
+    return _ZERO if stops else weight, -before if stops else after
+
+
 Colour = tuple[Number, Number, Number, Number]  # and depth
 
 
@@ -427,7 +449,7 @@ def _blend_lanes(
     """Blend one splat into the eight pixels whose planes begin at `start`; free of branches, so that it vectorises."""
     for lane in range(LANES):
         u = across + alpha_x * _F(lane)
-        full = quick_exp(max(exponent - u * u, _F(-80)))
+        full = alpha_at(u, exponent)
         alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
         _blend_pixel(pixels, start + _I(lane), alpha, colour)
 
@@ -439,7 +461,7 @@ def _blend_lanes_twice(
     """Blend all of it, and its share into the pixels in front."""
     for lane in range(LANES):
         u = across + alpha_x * _F(lane)
-        full = quick_exp(max(exponent - u * u, _F(-80)))
+        full = alpha_at(u, exponent)
         alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
         _blend_pixel(pixels, start + _I(lane), alpha, colour)
         _blend_pixel(pixels, start + _I(lane) + _FRONT, share * alpha, colour)
@@ -449,12 +471,7 @@ def _blend_lanes_twice(
 def _blend_pixel(pixels: NDArray, at: Number, alpha: Number, colour: Colour) -> None:
     """Blend an alpha into a pixel."""
     red, green, blue, depth = colour
-    before = pixels[at]
-    weight = alpha * max(before, _ZERO)
-    after = before - weight
-    stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
-    weight = _ZERO if stops else weight
-    pixels[at] = -before if stops else after
+    weight, pixels[at] = blend(pixels[at], alpha)
     pixels[at + _RED] += weight * red
     pixels[at + _GREEN] += weight * green
     pixels[at + _BLUE] += weight * blue

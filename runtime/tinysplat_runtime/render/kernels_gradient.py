@@ -10,13 +10,12 @@ Each pair of tile and splat has a place of its own for its nine sums, in the ord
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .composite import ALPHA_MAX, TRANSMITTANCE_MIN
+from .composite import ALPHA_MAX
 from .kernels_blend import (
     AHEAD,
     LANES,
@@ -26,11 +25,12 @@ from .kernels_blend import (
     Extent,
     Listed,
     Scratch,
+    alpha_at,
+    blend,
     blend_tile,
     box,
     bring_near,
-    chord,
-    quick_exp,
+    columns_in,
 )
 from .kernels_project import (
     ALPHA_X,
@@ -83,7 +83,7 @@ _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
 _RED, _GREEN, _BLUE, _BEHIND = (_I(plane * _STRIDE) for plane in range(1, PLANES))
 _FRONT = _I(PLANES * _STRIDE)
-_ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
+_ALPHA_MIN, _ALPHA_MAX = _F(ALPHA_MIN), _F(ALPHA_MAX)
 _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 _MEAN, _AXES, _OPACITY, _OWN_PIXEL = (_I(plane * CHUNK) for plane in (MEAN, AXES, OPACITY, OWN_PIXEL))
 _BASE_AXES, _BASE_OWN_PIXEL = _I(3 * CHUNK), _I(12 * CHUNK)
@@ -312,21 +312,17 @@ def _walk(splat: NDArray, in_front: bool, is_whole: bool, extent: Extent, state:
     pixels that `kernels_blend.blend_splat` visits.
     """
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
-    log_opacity, reach = splat[LOG_OPACITY], splat[REACH]
+    log_opacity = splat[LOG_OPACITY]
     colour = splat[RED], splat[GREEN], splat[BLUE]
-    tau = log_opacity - _LOG_ALPHA_MIN
-    left, right, top, bottom = box(splat, extent)
+    (left, right, top, bottom), is_wide = box(splat, extent), splat[REACH] > _ZERO
     pull = pull_u = pull_w = pull_uu = pull_uw = pull_ww = g_red = g_green = g_blue = _ZERO
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         w = gamma * dy
         fall = w * w
-        if reach > _ZERO:
-            if fall > tau:
-                continue
-            left, right = chord(x - beta_x * dy * reach, math.sqrt(tau - fall) * reach, extent.columns)
+        first, last = columns_in(splat, extent, dy) if is_wide else (left, right)
         start = _I((row - extent.row) * ROW)
-        for column in range(left, right + 1, LANES):
+        for column in range(first, last + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             at, exponent = start + _I(column), log_opacity - fall
             if in_front and is_whole:
@@ -366,7 +362,7 @@ def _lanes(
     for lane in range(LANES):
         at = start + _I(lane)
         u = across + alpha_x * _F(lane)
-        full = quick_exp(max(exponent - u * u, _F(-80)))
+        full = alpha_at(u, exponent)
         alpha = share * min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
         pulled, red, green, blue = _pass_by(state, at, alpha, colour)
         pulled = pulled if full <= _ALPHA_MAX else _ZERO
@@ -388,7 +384,7 @@ def _lanes_twice(
     for lane in range(LANES):
         at = start + _I(lane)
         u = across + alpha_x * _F(lane)
-        full = quick_exp(max(exponent - u * u, _F(-80)))
+        full = alpha_at(u, exponent)
         alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
         pulled, red, green, blue = _pass_by(state, at, alpha, colour)
         pulled_front, red_front, green_front, blue_front = _pass_by(state, at + _FRONT, share * alpha, colour)
@@ -407,15 +403,10 @@ def _pass_by(state: NDArray, at: Number, alpha: Number, colour: Colour) -> tuple
     """Take an alpha from what a pixel lets through: the gradient by its exponent, and weight by colour's gradient."""
     red, green, blue = colour
     before = state[at]
-    opened = max(before, _ZERO)
-    weight = alpha * opened
-    after = before - weight
-    stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
-    weight = _ZERO if stops else weight
-    state[at] = -before if stops else after
+    weight, state[at] = blend(before, alpha)
     d_red, d_green, d_blue = state[at + _RED], state[at + _GREEN], state[at + _BLUE]
     along = red * d_red + green * d_green + blue * d_blue
     behind = state[at + _BEHIND] - weight * along
     state[at + _BEHIND] = behind
-    pulled = alpha * (opened * along - behind / (_ONE - alpha))
+    pulled = alpha * (max(before, _ZERO) * along - behind / (_ONE - alpha))
     return pulled if weight > _ZERO else _ZERO, weight * d_red, weight * d_green, weight * d_blue
