@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0
 from ..render.kernels_blend import Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_chain import Moved
-from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW, exp, log_sigmoid
+from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW, exp, place_looks
 from ..render.kernels_project import (
     ALPHA_X,
     AXES,
@@ -19,7 +19,6 @@ from ..render.kernels_project import (
     GAMMA,
     GEOMETRY,
     MEAN,
-    OPACITY,
     RED,
     Number,
     ViewNumbers,
@@ -37,7 +36,7 @@ BASE = 13
 """Planes of a chunk of what does not change: mean (3) and rotation (9, row by row) as they began, and the unit."""
 
 _F, _I, _ZERO = np.float32, np.uint64, np.float32(0)
-_MEAN, _AXES, _OPACITY = (_I(plane * CHUNK) for plane in (MEAN, AXES, OPACITY))
+_MEAN, _AXES = _I(MEAN * CHUNK), _I(AXES * CHUNK)
 _TURNED, _UNIT = _I(3 * CHUNK), _I(12 * CHUNK)
 
 
@@ -52,7 +51,7 @@ def place(base: NDArray, values: NDArray, first: int, geometry: NDArray, sh: NDA
         geometry: (chunks, 14, 128) float32, written; see `kernels_project.project`.
         sh: (chunks, 3 S·128) float32, whose coefficients of degree 0 are written.
     """
-    start, out, colours, scales = base.ravel(), geometry.ravel(), sh.ravel(), np.empty(CHUNK, np.float32)
+    start, out, scales = base.ravel(), geometry.ravel(), np.empty(CHUNK, np.float32)
     for chunk in range(len(base)):
         row, at, to = _I(first + chunk * CHUNK), _I(chunk * BASE * CHUNK), _I(chunk * GEOMETRY * CHUNK)
         for axis in range(3):
@@ -67,14 +66,7 @@ def place(base: NDArray, values: NDArray, first: int, geometry: NDArray, sh: NDA
                 for lane in range(CHUNK):
                     i = _I(lane)
                     out[to + _AXES + turned + i] = scales[i] * start[at + _TURNED + turned + i]
-        logits = values[LOGIT]
-        for lane in range(CHUNK):
-            i = _I(lane)
-            out[to + _OPACITY + i] = _F(log_sigmoid(np.float64(logits[row + i])))
-        for channel in range(3):
-            colour, plane = values[SH_RED + channel], _I(chunk * sh.shape[1] + channel * CHUNK)
-            for lane in range(CHUNK):
-                colours[plane + _I(lane)] = colour[row + _I(lane)]
+    place_looks(values[LOGIT:], first, geometry, sh)
 
 
 @compiled

@@ -101,8 +101,7 @@ def place(base: NDArray, centre: NDArray, values: NDArray, first: int, geometry:
         geometry: (chunks, 14, 128) float32, written; see `kernels_project.project`.
         sh: (chunks, 3 S·128) float32, whose coefficients of degree 0 are written.
     """
-    log_depths, log_sizes, logits = values[LOG_DEPTH], values[LOG_SIZE], values[LOGIT]
-    ray, out, colours = base.ravel(), geometry.ravel(), sh.ravel()
+    log_depths, log_sizes, ray, out = values[LOG_DEPTH], values[LOG_SIZE], base.ravel(), geometry.ravel()
     away, grown = np.empty(CHUNK, np.float64), np.empty(CHUNK, np.float32)
     for chunk in range(len(base)):
         row, at, to = _I(first + chunk * CHUNK), _I(chunk * BASE * CHUNK), _I(chunk * GEOMETRY * CHUNK)
@@ -123,9 +122,24 @@ def place(base: NDArray, centre: NDArray, values: NDArray, first: int, geometry:
         for lane in range(CHUNK):
             i = _I(lane)
             out[to + _OWN_PIXEL + i] = _F(away[i] * ray[at + _BASE_OWN_PIXEL + i])
-            out[to + _OPACITY + i] = _F(log_sigmoid(np.float64(logits[row + i])))
+    place_looks(values[LOGIT:], first, geometry, sh)
+
+
+@compiled
+def place_looks(looks: NDArray, first: int, geometry: NDArray, sh: NDArray) -> None:
+    """Give a block's Gaussians the opacities and colours that their values say.
+
+    Args:
+        looks: (4, rows) float32: logits, and colours.
+        first, geometry, sh: as `place` has them.
+    """
+    logits, out, colours = looks[0], geometry.ravel(), sh.ravel()
+    for chunk in range(len(sh)):
+        row, to = _I(first + chunk * CHUNK), _I(chunk * GEOMETRY * CHUNK)
+        for lane in range(CHUNK):
+            out[to + _OPACITY + _I(lane)] = _F(log_sigmoid(np.float64(logits[row + _I(lane)])))
         for channel in range(3):
-            colour, plane = values[SH_RED + channel], _I(chunk * sh.shape[1] + channel * CHUNK)
+            colour, plane = looks[1 + channel], _I(chunk * sh.shape[1] + channel * CHUNK)
             for lane in range(CHUNK):
                 colours[plane + _I(lane)] = colour[row + _I(lane)]
 
