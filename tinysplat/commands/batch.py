@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import SUPPRESS, ArgumentParser, Namespace
 from collections import deque
 from functools import partial
 from pathlib import Path
@@ -31,10 +31,10 @@ def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
     parser.usage = "tinysplat batch MANIFEST -o DIR [options]"
     parser.description = (
-        "Codes every scene of a manifest (a path or URL per line, or JSON objects with scene, name and options) to"
-        f" DIR/NAME.tsplat and keeps DIR/{RESULTS}. Run again, it skips what is done and valid."
+        "Codes the scenes of MANIFEST (a path, URL or JSON object per line) to DIR/NAME.tsplat, and keeps"
+        f" DIR/{RESULTS}. Run again, it skips what is done and valid."
     )
-    parser.add_argument("manifest", metavar="MANIFEST", help="text file, a scene per line")
+    parser.add_argument("manifest", metavar="MANIFEST", help=SUPPRESS)  # the lines above tell what it is
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder or URL (s3://, gs://, memory://)")
     parser.add_argument("--evaluate", action="store_true", help="measure instead, to DIR/NAME.json")
     machines = parser.add_argument_group("machines and failures")
@@ -50,7 +50,7 @@ def configure(parser: ArgumentParser) -> None:
     )
     machines.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
     machines.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
-    add_photos(parser, parser.add_argument_group("video, depth"))
+    add_photos(parser)
     add_coding(parser.add_argument_group("bytes and quality"))
     add_notes(parser)
     add_provider(parser)

@@ -55,16 +55,10 @@ def configure(parser: ArgumentParser) -> None:
         metavar="FOLDER",
         help=f"the report's folder; default {DEFAULT_FOLDER}",
     )
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="the short form: smaller pictures, fewer variants, minutes not half an hour",
-    )
+    parser.add_argument("--quick", action="store_true", help="the short form: smaller pictures, fewer variants")
     parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
     parser.add_argument(
-        "--docs",
-        action="store_true",
-        help="fill the marked places of README and docs from rows; exit status 2 if code changed since",
+        "--docs", action="store_true", help="fill pages from committed rows; status 2 if code changed since"
     )
     parser.add_argument(
         "--model",

@@ -44,7 +44,7 @@ def add_refine(options: Options) -> None:
     )
 
 
-def add_photos(options: Options, rarer: Options) -> None:
+def add_photos(options: Options) -> None:
     """Which photos, how large, and what a network and a file make of them."""
     options.add_argument("--views", type=views, metavar="I,J-K|auto[:N]|all", help="photos; all of 6, else auto")
     options.add_argument(
@@ -60,10 +60,6 @@ def add_photos(options: Options, rarer: Options) -> None:
         help="as the network made them; captures are refined",
     )
     options.add_argument("--mode", choices=CHOICES, metavar="MODE", help=f"the file has: {', '.join(CHOICES)}")
-    rarer.add_argument("--poses", metavar="POSES", help="of a video: .txt, transforms.json, a folder")
-    rarer.add_argument("--first-number", type=int, choices=(0, 1), help="of frames that POSES names; default 0")
-    rarer.add_argument("--near", type=float, metavar="Z", help="nearest depth, not the scene's own")
-    rarer.add_argument("--far", type=float, metavar="Z", help="farthest depth, not the scene's own")
 
 
 def add_notes(options: Options) -> None:
