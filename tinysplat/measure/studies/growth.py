@@ -231,28 +231,42 @@ def _growing(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
     return grouped((row for row in rows if row.study.startswith("growth ") and row.costs), "study", "subject")
 
 
-def point_table(rows: Sequence[Row]) -> str:
-    """A line per task and axis: points, seconds, peaks."""
-    lines = []
-    for (study, axis), members in _growing(rows).items():
-        peaks = [megabytes(row.costs["peak_bytes"]) for row in members if "peak_bytes" in row.costs]
-        lines.append(
-            [
-                study.removeprefix("growth "),
-                axis,
-                ", ".join(f"{row.setting['x']:,}" for row in members),
-                ", ".join(duration(row.seconds) for row in members),
-                ", ".join(peaks),
-            ]
-        )
-    if not lines:
-        return ""
-    text = (
-        "Photos are the motorcycle pair, scaled; to a file and to a picture, and by stages. Peak memory is that of a"
-        " process of its own while it works, input and libraries included. Clouds are one picture each, of 7 million"
-        " Gaussians 420 MB already."
-    )
-    return f"{text}\n\n{format_table(['', 'axis', 'points', 'seconds', 'peak memory'], lines)}"
+AXES = {
+    "growth captures": "photos of a capture",
+    "growth photos, encode": "pixels of two photos, a file",
+    "growth photos, render": "the same, a picture of it",
+    "growth clouds, numpy": "a picture with numpy",
+    "growth clouds, compiled": "compiled",
+}
+"""What grows, by study, in the order of the table."""
+
+
+def growth_table(rows: Sequence[Row]) -> str:
+    """A line per axis: from where to where, seconds and peak memory there, and by what power seconds grow."""
+    growing, lines = _growing(rows), []
+    for study, said in AXES.items():
+        for axis in ("photos", "pixels of a photo", "Gaussians", "pixels of the picture"):
+            members = sorted(growing.get((study, axis), []), key=lambda row: row.setting["x"])
+            if len(members) < 2:
+                continue
+            seconds = [float(row.costs.get("cpu", row.seconds or 0.0)) for row in members]
+            middle, last = (len(members) - 1) // 2, len(members) - 1
+            lines.append(
+                [
+                    f"{axis}: {said}" if study.startswith("growth clouds") else said,
+                    *(f"{members[n].setting['x']:,}" for n in (0, last)),
+                    *(duration(seconds[n]) for n in (0, last)),
+                    *(megabytes(members[n].costs["peak_bytes"]) for n in (0, last)),
+                    _power(members[middle], members[last], seconds[middle], seconds[last]),
+                ]
+            )
+    heads = ["what grows", "from", "to", "seconds", "seconds", "memory", "memory", "power"]
+    return format_table(heads, lines) if lines else ""
+
+
+def _power(first: Row, last: Row, before: float, after: float) -> str:
+    times = math.log(after / before) / math.log(last.setting["x"] / first.setting["x"])
+    return f"{times:.2f}".replace("-", "−")
 
 
 def capture_table(rows: Sequence[Row]) -> str:
@@ -279,8 +293,7 @@ def capture_table(rows: Sequence[Row]) -> str:
         first, last = large[0], large[-1]
 
         def power(of: Callable[[Row], float]) -> str:
-            times = math.log(of(last) / of(first)) / math.log(last.setting["x"] / first.setting["x"])
-            return f"{times:.2f}".replace("-", "−")
+            return _power(first, last, of(first), of(last))
 
         photos = f"From {first.setting['x']} to {last.setting['x']:,} photos"
         grown = f"processor seconds grow by the power {power(lambda row: row.costs['cpu'])} of their number"
@@ -304,5 +317,5 @@ def photo_line(rows: Sequence[Row]) -> str:
 
 
 GROWTH = Study(
-    "Growth", growth_rows, {"growth": point_table, "growth captures": capture_table, "growth photos": photo_line}
+    "Growth", growth_rows, {"growth": growth_table, "growth captures": capture_table, "growth photos": photo_line}
 )
