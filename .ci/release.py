@@ -62,10 +62,10 @@ def bill_of_materials(name: str, wheel: bytes) -> bytes:
         subprocess.run([python, "-m", "pip", "install", "-q", str(file)], check=True)
         subprocess.run([python, "-m", "pip", "uninstall", "-q", "-y", "pip", "setuptools"], check=True)
         command = [sys.executable, "-m", "cyclonedx_py", "environment", "--output-reproducible", "--of", "JSON", python]
-        found = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
-    for component in found["components"]:  # where the wheel lay
+        bill = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    for component in bill["components"]:  # where the wheel lay
         component.pop("externalReferences", None)
-    return json.dumps(found, indent=1, sort_keys=True).encode() + b"\n"
+    return json.dumps(bill, indent=1, sort_keys=True).encode() + b"\n"
 
 
 def main() -> int:

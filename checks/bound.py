@@ -72,7 +72,7 @@ def readings(folder: Path, kind: str, side: float) -> list[HeldOutPhoto]:
     gaussians = ts.decompress(ts.encode(folder, views=given))
     views, scene, renderer = NearViews.of(gaussians), ts.load_scene(folder), Renderer(gaussians)
     assert views is not None
-    reach, size, found = bound_of(gaussians, views, side), gaussians.opacities.shape[1:], []
+    reach, size, rows = bound_of(gaussians, views, side), gaussians.opacities.shape[1:], []
     for number, frame in enumerate(scene.frames):
         seen = frame.resized(*size)
         off = seen.camera.centre - foot(seen.camera, views)
@@ -85,8 +85,8 @@ def readings(folder: Path, kind: str, side: float) -> list[HeldOutPhoto]:
         known = drawn["alpha"] > KNOWN
         if known.mean() > LEAST_COVERED:
             error = np.mean((drawn["rgb"][known].astype(np.float64) - seen.image()[known]) ** 2)
-            found.append(HeldOutPhoto(strain, float(known.mean()), float(-10 * np.log10(error))))
-    return sorted(found, key=lambda reading: reading.strain)
+            rows.append(HeldOutPhoto(strain, float(known.mean()), float(-10 * np.log10(error))))
+    return sorted(rows, key=lambda reading: reading.strain)
 
 
 def main() -> None:
@@ -97,11 +97,11 @@ def main() -> None:
     parser.add_argument("--side", type=float, default=0.035)
     args = parser.parse_args()
     for folder in args.scenes:
-        found = readings(folder, args.kind, args.side)
-        inside = [reading.psnr for reading in found if reading.strain <= 1]
+        held = readings(folder, args.kind, args.side)
+        inside = [reading.psnr for reading in held if reading.strain <= 1]
         loss = f"{max(inside) - min(inside):.1f} dB over {len(inside)} photos" if inside else "no photo"
         print(f"{folder.name}: {loss}")
-        print("  " + "  ".join(f"{reading.strain:.2f}: {reading.psnr:.1f}" for reading in found[:16]))
+        print("  " + "  ".join(f"{reading.strain:.2f}: {reading.psnr:.1f}" for reading in held[:16]))
 
 
 if __name__ == "__main__":

@@ -85,9 +85,9 @@ def nearest_tests(module: str) -> list[str]:
 
 def modules() -> list[Path]:
     """The modules that are tried, relative to the checkout: those of every room that has tests."""
-    found = [*(ROOT / RUNTIME).rglob("*.py"), *(ROOT / RUNTIME).rglob("*.js")]
-    found += [path for room in WITH_TORCH for path in (ROOT / "tinysplat" / room).rglob("*.py")]
-    inside = [path.relative_to(ROOT) for path in sorted(found) if path.stem != "__init__"]
+    paths = [*(ROOT / RUNTIME).rglob("*.py"), *(ROOT / RUNTIME).rglob("*.js")]
+    paths += [path for room in WITH_TORCH for path in (ROOT / "tinysplat" / room).rglob("*.py")]
+    inside = [path.relative_to(ROOT) for path in sorted(paths) if path.stem != "__init__"]
     return [path for path in inside if len(_inside(path).parts) > 1 and (ROOT / "tests" / _room(path)).is_dir()]
 
 
@@ -162,26 +162,28 @@ def _sample(count: int, seed: str) -> list[Mutation]:
     by_room: dict[str, list[Mutation]] = {}
     for module in modules():
         by_room.setdefault(_room(module), []).extend(mutations(ROOT, module))
-    for found in by_room.values():
+    for drawable in by_room.values():
         # a number one up and one down are two, drawn each for itself
-        found.sort(key=lambda mutation: sha256(f"{seed} {mutation.place} {mutation.occurrence}".encode()).digest())
+        drawable.sort(key=lambda mutation: sha256(f"{seed} {mutation.place} {mutation.occurrence}".encode()).digest())
     rounds = -(-count // len(by_room))
     texts = {module: (ROOT / module).read_text(encoding="utf-8") for module in modules()}
-    drawn = [list(islice((m for m in found if has_effect(texts[m.path], m)), rounds)) for found in by_room.values()]
-    return [found[n] for n in range(rounds) for found in drawn if n < len(found)][:count]
+    drawn = [
+        list(islice((m for m in drawable if has_effect(texts[m.path], m)), rounds)) for drawable in by_room.values()
+    ]
+    return [drawable[n] for n in range(rounds) for drawable in drawn if n < len(drawable)][:count]
 
 
 def _unnoticed(known: dict[str, list[dict[str, Any]]]) -> list[Mutation]:
     """The same changes of the same lines, wherever they stand now."""
-    found = []
+    survivors = []
     for tries in known.values():
         last = tries[-1]
         if last["outcome"] != "noticed" and (ROOT / last["path"]).is_file():
             text = (ROOT / last["path"]).read_text(encoding="utf-8")
             same = (m for m in mutations(ROOT, Path(last["path"])) if m.what == last["what"])
             again = next((m for m in same if _lines(text, m) == (last["old"], last["new"])), None)
-            found += [again] if again else []
-    return found
+            survivors += [again] if again else []
+    return survivors
 
 
 def _lines(text: str, mutation: Mutation) -> tuple[str, str]:
@@ -324,13 +326,13 @@ def _keep(row: dict[str, Any]) -> None:
 
 def _known() -> dict[str, list[dict[str, Any]]]:
     """All tries of every change, by the place where it was first put."""
-    found: dict[str, list[dict[str, Any]]] = {}
+    tries: dict[str, list[dict[str, Any]]] = {}
     places: dict[tuple[str, ...], str] = {}
     for line in RESULTS.read_text(encoding="utf-8").splitlines() if RESULTS.is_file() else ():
         row = json.loads(line)
         place = places.setdefault((row["path"], row["what"], row["old"], row["new"]), row["place"])
-        found.setdefault(place, []).append(row)
-    return found
+        tries.setdefault(place, []).append(row)
+    return tries
 
 
 def _report() -> str:

@@ -73,8 +73,8 @@ def mutated(text: str, mutation: Mutation) -> str:
     """The module's text with the bug in it."""
     if mutation.path.suffix == ".py":
         return str(mutate_code(text, plugins.get_operator(f"core/{mutation.what}")(), mutation.occurrence))
-    found = list(_tokens(text))[mutation.occurrence]
-    return text[: found.start()] + _instead(found) + text[found.end() :]
+    token = list(_tokens(text))[mutation.occurrence]
+    return text[: token.start()] + _instead(token) + text[token.end() :]
 
 
 def has_effect(text: str, mutation: Mutation) -> bool:
@@ -112,14 +112,14 @@ def _of_python(path: Path, text: str) -> Iterator[Mutation]:
 
 
 def _tokens(text: str) -> Iterator[re.Match[str]]:
-    return (found for found in TOKENS.finditer(text) if not found["skipped"])
+    return (token for token in TOKENS.finditer(text) if not token["skipped"])
 
 
-def _instead(found: re.Match[str]) -> str:
-    return WORDS[found["word"]] if found["word"] else str((float if "." in found[0] else int)(found[0]) + 1)
+def _instead(token: re.Match[str]) -> str:
+    return WORDS[token["word"]] if token["word"] else str((float if "." in token[0] else int)(token[0]) + 1)
 
 
 def _of_javascript(path: Path, text: str) -> Iterator[Mutation]:
-    for occurrence, found in enumerate(_tokens(text)):
-        line, column = text.count("\n", 0, found.start()) + 1, found.start() - text.rfind("\n", 0, found.start()) - 1
-        yield Mutation(path, line, column, f"`{found[0].strip()}` → `{_instead(found).strip()}`", occurrence)
+    for occurrence, token in enumerate(_tokens(text)):
+        line, column = text.count("\n", 0, token.start()) + 1, token.start() - text.rfind("\n", 0, token.start()) - 1
+        yield Mutation(path, line, column, f"`{token[0].strip()}` → `{_instead(token).strip()}`", occurrence)

@@ -80,12 +80,12 @@ def _worst(decoded: ts.Gaussians, name: str) -> tuple[float, str]:
 
 
 def _seconds(label: str, repeat: int, work: Callable[[], object]) -> None:
-    found = []
+    seconds = []
     for _ in range(repeat):
         start = time.perf_counter()
         work()
-        found.append(time.perf_counter() - start)
-    print(f"{label}: {np.median(found):.4f} s")
+        seconds.append(time.perf_counter() - start)
+    print(f"{label}: {np.median(seconds):.4f} s")
 
 
 if __name__ == "__main__":

@@ -45,13 +45,13 @@ def main(site: str = "site", screenshot: str | None = None) -> int:
             page.goto(path.as_uri())
             page.wait_for_load_state("networkidle")
         page.goto((Path(site).resolve() / "index.html").as_uri())
-        found = search(page)
+        addresses = search(page)
         if screenshot:
             page.screenshot(path=screenshot)
         browser.close()
     outside = sorted(url for url in requests if not url.startswith(("file:", "data:", "blob:")))
-    is_found = any(f"{PAGE}.html" in address for address in found)
-    print(f"{len(pages)} pages, {len(requests)} files; search for '{WORD}': {len(found)} results")
+    is_found = any(f"{PAGE}.html" in address for address in addresses)
+    print(f"{len(pages)} pages, {len(requests)} files; search for '{WORD}': {len(addresses)} results")
     for title, lines in (("outside", outside), ("failed", sorted(failed)), ("console", sorted(messages))):
         for line in lines:
             print(f"{title}: {line}")

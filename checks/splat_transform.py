@@ -45,16 +45,16 @@ def nearest(gaussians: Gaussians, means: NDArray) -> NDArray:
     return cKDTree(gaussians.means).query(means)[1]
 
 
-def errors(expected: Gaussians, found: Gaussians) -> tuple[float, ...]:
+def errors(expected: Gaussians, actual: Gaussians) -> tuple[float, ...]:
     """Largest differences, in the order of CASES; for SH the root mean square."""
-    rows = nearest(expected, found.means)
-    dots = np.abs((normalize_quats(expected.quats[rows]) * normalize_quats(found.quats)).sum(-1)).clip(0, 1)
+    rows = nearest(expected, actual.means)
+    dots = np.abs((normalize_quats(expected.quats[rows]) * normalize_quats(actual.quats)).sum(-1)).clip(0, 1)
     return (
-        float(np.abs(expected.means[rows] - found.means).max()),
+        float(np.abs(expected.means[rows] - actual.means).max()),
         float(np.degrees(2 * np.arccos(dots)).max()),
-        float(np.abs(expected.opacities[rows] - found.opacities).max()),
-        float(np.abs(np.log(expected.scales[rows] / found.scales)).max()),
-        float(np.sqrt(np.mean((expected.sh[rows] - found.sh) ** 2))),
+        float(np.abs(expected.opacities[rows] - actual.opacities).max()),
+        float(np.abs(np.log(expected.scales[rows] / actual.scales)).max()),
+        float(np.sqrt(np.mean((expected.sh[rows] - actual.sh) ** 2))),
     )
 
 
@@ -69,12 +69,12 @@ def main() -> int:
             seconds = time.perf_counter() - start
             command = ["splat-transform", "-q", "-w", str(folder / f"g{suffix}"), str(folder / "back.ply")]
             subprocess.run(command, check=True, capture_output=True)
-            found = errors(gaussians, load_gaussians(folder / "back.ply"))
-            ok = all(e <= t for e, t in zip(found, tolerances, strict=True))
+            differences = errors(gaussians, load_gaussians(folder / "back.ply"))
+            ok = all(e <= t for e, t in zip(differences, tolerances, strict=True))
             faults += not ok
             size = (folder / f"g{suffix}").stat().st_size
             label = f"{suffix} version {version}" if suffix == ".spz" else suffix
-            print(f"{label} {size} bytes {seconds:.2f} s", "ok" if ok else "WRONG", [f"{e:.3g}" for e in found])
+            print(f"{label} {size} bytes {seconds:.2f} s", "ok" if ok else "WRONG", [f"{e:.3g}" for e in differences])
     return 1 if faults else 0
 
 

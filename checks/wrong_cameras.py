@@ -96,13 +96,13 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
 def windows(folder: Path, count: int) -> dict[str, list[int]]:
     """Photos to look at by kind and number."""
     index = folder / "eval_index.json"
-    found: dict[str, list[int]] = {}
+    by_kind: dict[str, list[int]] = {}
     for window in json.loads(index.read_text())["windows"] if index.is_file() else ():
-        found.setdefault(f"{window['kind']} {len(window['context'])}", window["context"])
+        by_kind.setdefault(f"{window['kind']} {len(window['context'])}", window["context"])
     middle = count // 2 - 2
     if not index.is_file():
-        found = {"near 2": [middle, middle + 1], "four 4": [*range(middle, middle + 4)]}
-    return found
+        by_kind = {"near 2": [middle, middle + 1], "four 4": [*range(middle, middle + 4)]}
+    return by_kind
 
 
 def with_fault(scene: Scene, images, fault, folder: Path, only: int | None, k1: float = 0.0) -> Scene:
@@ -133,8 +133,8 @@ def main() -> None:
     tally, alarms, right, seconds = defaultdict(lambda: [0, 0, 0]), [], 0, []
     for folder in options.scenes:
         scene = ts.load_scene(folder)
-        found = windows(folder, len(scene.frames))
-        sets = [(kind, scene.views(views)) for kind, views in found.items()]
+        by_kind = windows(folder, len(scene.frames))
+        sets = [(kind, scene.views(views)) for kind, views in by_kind.items()]
         if len(scene.frames) >= 12:
             spread = np.linspace(0, len(scene.frames) - 1, 12).round().astype(int).tolist()
             sets.append(("spread 12", dataclasses.replace(scene.views(spread), near=None, far=None)))
@@ -155,8 +155,8 @@ def main() -> None:
                 print("alarm:", alarms[-1], flush=True)
         if options.right:
             continue
-        pair = next((views for views in found.values() if len(views) == 2), None)
-        four = next((views for views in found.values() if len(views) == 4), None)
+        pair = next((views for views in by_kind.values() if len(views) == 2), None)
+        four = next((views for views in by_kind.values() if len(views) == 4), None)
         if four is None:
             start = len(scene.frames) // 2 - 2
             four = list(range(start, start + 4))

@@ -116,11 +116,11 @@ def build(folder: Path, wheels: Path | None) -> dict[str, int]:
         if wheels is None:
             parts[package] = fill(lib, installed_files(package))
             continue
-        found = sorted(wheels.glob(f"{package}-*.whl"))
-        if not found:
+        built = sorted(wheels.glob(f"{package}-*.whl"))
+        if not built:
             raise FileNotFoundError(f"no {package}-*.whl in {wheels}")
-        parts[package] = fill(lib, wheel_files(found[-1]))
-        tag = found[-1].stem.split("-")[2]  # cp311, or for stable ABIs the oldest version that will do
+        parts[package] = fill(lib, wheel_files(built[-1]))
+        tag = built[-1].stem.split("-")[2]  # cp311, or for stable ABIs the oldest version that will do
         version = f"{tag[2]}.{tag[3:]}" if package == "numpy" else version
     parts["runtime and models"] = fill(lib, own_files())
     launcher = folder / "tinysplat"

@@ -55,7 +55,9 @@ def example_inputs(height: int, width: int, sources: int, seed: int = 0) -> dict
 
     generator = torch.Generator().manual_seed(seed)
     colours = waves(small_height, small_width)
-    found = torch.cat([0.33 + 0.02 * colours[:, :1], 0.6 + 0.1 * colours[:, 1:2], 0.4 + 0.1 * colours[:, 2:]], dim=1)
+    footprints = torch.cat(
+        [0.33 + 0.02 * colours[:, :1], 0.6 + 0.1 * colours[:, 1:2], 0.4 + 0.1 * colours[:, 2:]], dim=1
+    )
     change = 0.02 * torch.randn(1, 3, small_height, small_width, generator=generator)
     steps = torch.arange(1, sources + 1)
     translation = torch.zeros(sources, 3)
@@ -63,7 +65,7 @@ def example_inputs(height: int, width: int, sources: int, seed: int = 0) -> dict
     K_unit = torch.tensor([[1.0, 0.0, 0.5], [0.0, width / height, 0.5], [0.0, 0.0, 1.0]])
     return {
         "photo": waves(height, width),
-        "small": torch.cat([colours, found, change], dim=1),
+        "small": torch.cat([colours, footprints, change], dim=1),
         "rows": (torch.arange(height) + 0.5) * small_height / height - 0.5,
         "columns": (torch.arange(width) + 0.5) * small_width / width - 0.5,
         "K": (K_unit * torch.tensor([[width], [height], [1.0]]))[None],
@@ -102,9 +104,9 @@ def parity(module: Enlarge) -> dict[str, float]:
         inputs = example_inputs(*size)
         with torch.no_grad():
             expected = module(*inputs.values())
-        found = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
+        outputs = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
         for name, want in zip(OUTPUT_NAMES, expected, strict=True):
-            error = (torch.from_numpy(found[name]) - want).abs() / want.abs().max().clamp_min(1e-30)
+            error = (torch.from_numpy(outputs[name]) - want).abs() / want.abs().max().clamp_min(1e-30)
             quantile = float(torch.quantile(error.nan_to_num(nan=torch.inf).flatten(), PARITY_QUANTILE))
             worst[name] = max(worst.get(name, 0.0), quantile)
     return worst

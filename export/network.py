@@ -201,9 +201,9 @@ def measure_parity(network: Network, path: Path) -> dict[str, float]:
         inputs = example_inputs(*size)
         with torch.no_grad():
             expected = network.module(*inputs.values())
-        found = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
+        outputs = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
         for name, want in zip(network.outputs, expected, strict=True):
-            error = (torch.from_numpy(found[name]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
+            error = (torch.from_numpy(outputs[name]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
             error = error.nan_to_num(nan=torch.inf)  # else NaN would pass for parity
             rank = max(int(network.parity_quantile * error.numel()), 1)
             worst[name] = max(worst.get(name, 0.0), float(error.kthvalue(rank).values))

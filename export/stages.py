@@ -41,7 +41,7 @@ def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -
     """What each stage is given of the first of some views, whose neighbours are all others, and what it returns."""
     example = example_inputs(views, height, width)
     orders = [[v, *(u for u in range(views) if u != v)] for v in range(views)]
-    found: Recorded = {}
+    calls: Recorded = {}
     known = {"K": example["K"], "c2w": example["c2w"], "far": example["far"], "images": example["images"]}
     known["ranges"] = torch.stack([1 / example["far"], 1 / example["near"] - 1 / example["far"]], dim=1)
     known["shown"] = known["images"]
@@ -53,14 +53,14 @@ def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -
             with torch.no_grad():
                 values = stage(**given)
             results.append(values if isinstance(values, tuple) else (values,))
-            found.setdefault(name, (given, results[-1]))
+            calls.setdefault(name, (given, results[-1]))
         joined = {
             key: torch.cat(of_each) for key, of_each in zip(stage.outputs, zip(*results, strict=True), strict=True)
         }
         known |= {
             {"level": "levels", "agreement": "agreements", "opacity": "alphas"}.get(k, k): v for k, v in joined.items()
         }
-    return found
+    return calls
 
 
 def write(stage: Stage, name: str, given: Mapping[str, Tensor], path: Path, facts: Mapping[str, object]) -> None:
@@ -86,9 +86,9 @@ def parity(stage: Stage, name: str, path: Path, stages: Mapping[str, Stage]) -> 
     worst = dict.fromkeys(stage.outputs, 0.0)
     for size in SIZES:
         given, expected = recorded(stages, *size)[name]
-        found = graph.run({key: values.contiguous().numpy() for key, values in given.items()})
+        outputs = graph.run({key: values.contiguous().numpy() for key, values in given.items()})
         for key, want in zip(stage.outputs, expected, strict=True):
-            error = (torch.from_numpy(found[key]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
+            error = (torch.from_numpy(outputs[key]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
             rank = max(int(QUANTILE * error.numel()), 1)
             worst[key] = max(worst[key], float(error.nan_to_num(nan=torch.inf).kthvalue(rank).values))
     return worst

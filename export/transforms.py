@@ -181,11 +181,11 @@ def export(name: str, graph: GraphExport) -> dict[str, float]:
     for size in ((2, 6, 5, 2), (1, 1, 1, 1), (5, 17, 33, 4)):
         inputs = _positional(name, graph, size)
         expected = graph.module(*inputs.values())
-        found = session.run({n: t.numpy() for n, t in inputs.items()})
+        outputs = session.run({n: t.numpy() for n, t in inputs.items()})
         for key, want in zip(
             CONTRACTS[name].outputs, expected if isinstance(expected, tuple) else (expected,), strict=True
         ):
-            error = (torch.from_numpy(found[key]) - want).abs().max() / want.abs().max().clamp_min(1e-30)
+            error = (torch.from_numpy(outputs[key]) - want).abs().max() / want.abs().max().clamp_min(1e-30)
             worst[key] = max(worst.get(key, 0.0), float(error))
     if max(worst.values()) > PARITY_RTOL:
         raise SystemExit(f"{name}: torch and onnx differ by {worst}; nothing was registered")

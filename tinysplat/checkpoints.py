@@ -168,11 +168,11 @@ def load_network(
             another shape; names them.
     """
     checkpoint = read_checkpoint(path)
-    found, variant = identify(checkpoint, name)
+    identified, variant = identify(checkpoint, name)
     rule = scale_rule or (checkpoint.release.scale_rule if checkpoint.release else "2025-04")
-    module = build(found, variant, rule, sh_degree)
+    module = build(identified, variant, rule, sh_degree)
     module.load_state_dict(checkpoint.state, strict=True)
-    return LoadedNetwork(module.requires_grad_(False), found, variant, rule, checkpoint)
+    return LoadedNetwork(module.requires_grad_(False), identified, variant, rule, checkpoint)
 
 
 def identify(checkpoint: Checkpoint, name: str | None = None) -> tuple[str, str]:
@@ -185,17 +185,17 @@ def identify(checkpoint: Checkpoint, name: str | None = None) -> tuple[str, str]
     Raises:
         InputError: no known network fits exactly; compares with the one that comes closest.
     """
-    found = {tensor: tuple(value.shape) for tensor, value in checkpoint.state.items()}
-    fits = {key: _overlap(found, official_shapes(*key)) for key in OFFICIAL}
+    shapes = {tensor: tuple(value.shape) for tensor, value in checkpoint.state.items()}
+    fits = {key: _overlap(shapes, official_shapes(*key)) for key in OFFICIAL}
     best = max(fits, key=lambda key: fits[key])
     if fits[best] < FAMILIAR:
         known = ", ".join(f"{n} ({v})" for n, v in OFFICIAL)
         raise InputError(f"not a network known here; there are {known}", where=str(checkpoint.path))
-    if name is not None and best[0] != name and not _difference(found, official_shapes(*best)):
+    if name is not None and best[0] != name and not _difference(shapes, official_shapes(*best)):
         raise InputError(f"holds {best[0]} ({best[1]}), expected {name}", where=str(checkpoint.path))
     if name is not None and best[0] != name:
         best = max((key for key in OFFICIAL if key[0] == name), key=lambda key: fits[key])
-    difference = _difference(found, official_shapes(*best))
+    difference = _difference(shapes, official_shapes(*best))
     if difference:
         raise InputError(f"does not fit {best[0]} ({best[1]}): {difference}", where=str(checkpoint.path))
     return best
@@ -208,23 +208,23 @@ def official_shapes(name: str, variant: str) -> Mapping[str, tuple[int, ...]]:
         return {tensor: tuple(value.shape) for tensor, value in build(name, variant).state_dict().items()}
 
 
-def _overlap(found: Mapping[str, tuple[int, ...]], wanted: Mapping[str, tuple[int, ...]]) -> float:
+def _overlap(shapes: Mapping[str, tuple[int, ...]], wanted: Mapping[str, tuple[int, ...]]) -> float:
     """Share of the names that both have among those that either has, tensors of another shape counting half."""
-    common = found.keys() & wanted.keys()
-    same = sum(found[tensor] == wanted[tensor] for tensor in common)
-    return (len(common) + same) / 2 / len(found.keys() | wanted.keys())
+    common = shapes.keys() & wanted.keys()
+    same = sum(shapes[tensor] == wanted[tensor] for tensor in common)
+    return (len(common) + same) / 2 / len(shapes.keys() | wanted.keys())
 
 
-def _difference(found: Mapping[str, tuple[int, ...]], wanted: Mapping[str, tuple[int, ...]]) -> str:
+def _difference(shapes: Mapping[str, tuple[int, ...]], wanted: Mapping[str, tuple[int, ...]]) -> str:
     """What keeps tensors from loading strictly; empty if nothing."""
     reshaped = [
-        f"{tensor} is {found[tensor]}, expected {shape}"
+        f"{tensor} is {shapes[tensor]}, expected {shape}"
         for tensor, shape in wanted.items()
-        if tensor in found and found[tensor] != shape
+        if tensor in shapes and shapes[tensor] != shape
     ]
     kinds = {
-        "missing": [tensor for tensor in wanted if tensor not in found],
-        "unexpected": [tensor for tensor in found if tensor not in wanted],
+        "missing": [tensor for tensor in wanted if tensor not in shapes],
+        "unexpected": [tensor for tensor in shapes if tensor not in wanted],
         "of another shape": reshaped,
     }
     return "; ".join(

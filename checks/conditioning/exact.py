@@ -49,11 +49,11 @@ def largest(values: NDArray[Any]) -> float:
     return float(max(absolute(values).ravel(), default=mpmath.mpf(0)))
 
 
-def worst(found: ArrayLike, wanted: NDArray[Any], unit: ArrayLike | NDArray[Any] = 1.0) -> float:
+def worst(values: ArrayLike, wanted: NDArray[Any], unit: ArrayLike | NDArray[Any] = 1.0) -> float:
     """Largest |found − wanted| / unit of objects of one shape; infinite where something found is not finite."""
-    if not np.isfinite(np.asarray(found, np.float64)).all():
+    if not np.isfinite(np.asarray(values, np.float64)).all():
         return float("inf")
-    return largest((exact(found) - wanted) / exact(unit))
+    return largest((exact(values) - wanted) / exact(unit))
 
 
 def unit_quats(quats: ArrayLike) -> NDArray[Any]:

@@ -154,9 +154,9 @@ def _probes(axes: NDArray[Any], jacobian: NDArray[Any]) -> list[NDArray[Any]]:
 def _records(g: Gaussians, camera: Camera) -> NDArray:
     """(N, 8) records of the rasteriser's own projection."""
     (block,) = prepare(g)
-    found = projected(block, View.of(camera, g.origin, 0.01))
-    assert found is not None, "all of it lies before the near plane"
-    return found.planes.T
+    seen = projected(block, View.of(camera, g.origin, 0.01))
+    assert seen is not None, "all of it lies before the near plane"
+    return seen.planes.T
 
 
 def _inverted(axes: NDArray, jacobian: NDArray, d: NDArray, dtype: Any) -> NDArray:

@@ -177,16 +177,16 @@ def projection_rows(store: GraphStore) -> Iterator[Row]:
         held = E.project(kept, stored.scales.reshape(-1, 3), K, rotation, centre, pixels)
         turn = E.exact(matrices_to_quats(scene.camera.rotation))
         held["quat"] = true["quat"] = E.multiply_quats(turn[None], E.unit_quats(stored.quats.reshape(-1, 4)))
-        found = {
+        ways = {
             "plain": (run_plain(world), true),
             "ours": (run_projection(store, stored), held),
             "double": (project_view(stored, 0).reshape(11, -1), held),
         }
-        yield from _projection_measures(scene, held, found)
+        yield from _projection_measures(scene, held, ways)
 
 
 def _projection_measures(
-    scene: CameraGaussians, held: dict[str, NDArray[Any]], found: dict[str, tuple[NDArray, dict[str, NDArray[Any]]]]
+    scene: CameraGaussians, held: dict[str, NDArray[Any]], ways: dict[str, tuple[NDArray, dict[str, NDArray[Any]]]]
 ) -> Iterator[Row]:
     z = held["depth"]
     reach = E.absolute(held["ray"]) @ E.absolute(scene.rotation.T)  # (N, 3): what the dot products sum up
@@ -205,7 +205,7 @@ def _projection_measures(
     rows = {"depth": slice(0, 1), "offset": slice(1, 3), "scale": slice(3, 6), "quat": slice(6, 10)}
     for name, (condition, bound, unit) in bounds.items():
         errors = {}
-        for way, (geometry, reference) in found.items():
+        for way, (geometry, reference) in ways.items():
             wanted = reference[name].reshape(len(z), -1)
             values = geometry[rows[name]].T
             errors[way] = E.worst(values, wanted, wanted if unit == "relative" else 1.0)
@@ -263,7 +263,7 @@ def inverse_rows(store: GraphStore) -> Iterator[Row]:
         plain_inputs = synthesis_inputs(geometry, camera, far)
         tensors = [torch.from_numpy(plain_inputs[name]) for name in CONTRACTS["synthesis"].inputs]
         double = unproject_view(geometry.astype(np.float64).reshape(11, SIDE, SIDE), camera, scene.origin)
-        found = {
+        ways = {
             "plain": (Synthesis()(*tensors)[0].numpy().reshape(-1, 3), far),
             "ours": (store.transform("synthesis").run(inputs)["means"].reshape(-1, 3), near),
             "double": (double["means"].reshape(-1, 3), near),
@@ -271,7 +271,7 @@ def inverse_rows(store: GraphStore) -> Iterator[Row]:
         z = E.exact(geometry[0])[:, None]
         errors = {
             way: E.largest((E.exact(values) - E.exact(shift) - wanted["means"]) / z)
-            for way, (values, shift) in found.items()
+            for way, (values, shift) in ways.items()
         }
         K = np.abs(camera.K)
         slope = [(SIDE + K[1, 2]) / K[1, 1]]

@@ -171,8 +171,8 @@ def _spectrum_row(case: str, x: NDArray, wide: NDArray, delta: NDArray, weights:
 
     def excess(planes: NDArray, inverse: NDArray) -> float:
         rest = (wide - planes.astype(np.float64) @ inverse.astype(np.float64).T) @ weights.T
-        found = float(np.linalg.norm(rest)) / total
-        return float(np.sqrt(max(found**2 - best**2, 0.0)))
+        lost = float(np.linalg.norm(rest)) / total
+        return float(np.sqrt(max(lost**2 - best**2, 0.0)))
 
     ours = reduced(x, delta, k)
     exact = reduce_basis(weighted_spectrum(wide.T @ wide / len(wide), delta), delta, k)

@@ -373,8 +373,8 @@ def _check_is_scene(value: object) -> None:
 
 def _check_are_bytes(value: object) -> None:
     if not isinstance(value, bytes | bytearray | memoryview):
-        found = f"{type_of(value)}, expected bytes of a .tsplat file"
-        raise InputError(f"{found}; `load_gaussians` reads one by its path", where="data")
+        fault = f"{type_of(value)}, expected bytes of a .tsplat file"
+        raise InputError(f"{fault}; `load_gaussians` reads one by its path", where="data")
 
 
 def _check_are_gaussians(value: object) -> None:

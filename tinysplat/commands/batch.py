@@ -117,8 +117,8 @@ def run(args: Namespace) -> int:
 def _manifest(place: str) -> str:
     """A manifest's text; InputError where it is none."""
     if Path(place).is_dir():
-        found = "a folder, expected a manifest, a file with a scene per line"
-        raise InputError(f"{found}; `tinysplat encode {place} -o F.tsplat` encodes one scene")
+        fault = "a folder, expected a manifest, a file with a scene per line"
+        raise InputError(f"{fault}; `tinysplat encode {place} -o F.tsplat` encodes one scene")
     data = read(place)
     if data is None:
         raise InputError("no such file")

@@ -207,7 +207,7 @@ def _natural_size(sources: Sequence[Source]) -> tuple[int, int]:
     return SPECS[chunks[0].dataset].size if chunks else DEFAULT_SIZE
 
 
-def _write(folder: Path, copy: str | None, found: dict[str, Any]) -> None:
-    data = (json.dumps(found, indent=1, allow_nan=False) + "\n").encode()
+def _write(folder: Path, copy: str | None, document: dict[str, Any]) -> None:
+    data = (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()
     for path in [str(folder / RESULTS), *filter(None, [copy])]:
         write_atomically(path, data)

@@ -66,8 +66,8 @@ def run(args: Namespace) -> None:
         else:
             if twins := copies(source, names):
                 if len(twins) + 1 == len(names):
-                    found = f"{len(names)} copies of one photo, expected 2 photos or more"
-                    raise InputError(found, where=str(source))
+                    said = f"{len(names)} copies of one photo, expected 2 photos or more"
+                    raise InputError(said, where=str(source))
                 twin, first = next(iter(twins.items()))
                 more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
                 print(printable(f"{source}: {twin} is the very file {first} and is left out{more}"), file=sys.stderr)
@@ -85,8 +85,8 @@ def run(args: Namespace) -> None:
         entries = json.loads(arrays["entries"].tobytes())
         kept = np.array([entry["name"] not in placement.wrong for entry in entries])
         if kept.sum() < 2:
-            found = "the places that were found contradict the photos' own matches"
-            raise InputError(f"{found}: take photos that overlap more, from places farther apart", where=str(source))
+            said = "the places that were found contradict the photos' own matches"
+            raise InputError(f"{said}: take photos that overlap more, from places farther apart", where=str(source))
         views, points = arrays["observations"].T
         views, points = views[kept[views]], points[kept[views]]
         w2c = np.array([entry["w2c"] for entry in entries])  # (V, 3, 4)
@@ -96,19 +96,19 @@ def run(args: Namespace) -> None:
     missing = sorted(set(names) - set(placed))
     if missing:
         what = "frames" if is_video else "photos"
-        found = f"{source}: {len(missing)} of {len(names)} {what} could not be placed: {', '.join(missing)}"
-        print(printable(found), file=sys.stderr)
+        said = f"{source}: {len(missing)} of {len(names)} {what} could not be placed: {', '.join(missing)}"
+        print(printable(said), file=sys.stderr)
     if placement.wrong:
-        found = f"{len(placement.wrong)} of them lie elsewhere than their matches say, and are left out"
-        print(f"{source}: {found}", file=sys.stderr)
+        said = f"{len(placement.wrong)} of them lie elsewhere than their matches say, and are left out"
+        print(f"{source}: {said}", file=sys.stderr)
     if placement.others:
         sizes = ", ".join(map(str, placement.others[:4])) + (", …" if len(placement.others) > 4 else "")
         print(
             f"{source}: {len(placement.others)} further groups, of {sizes} photos, do not join these", file=sys.stderr
         )
     if placement.uncertain:
-        found = f"{len(placement.uncertain)} of {len(placed)} places are uncertain, {placement.uncertain[0]} the most"
-        print(printable(f"{source}: {found}: step aside where you only turned, and take more photos"), file=sys.stderr)
+        said = f"{len(placement.uncertain)} of {len(placed)} places are uncertain, {placement.uncertain[0]} the most"
+        print(printable(f"{source}: {said}: step aside where you only turned, and take more photos"), file=sys.stderr)
     if not args.quiet:
         depths = "" if near is None or far is None else f", near {near:.4g}, far {far:.4g}"
         print(f"{output}: {len(placed)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
@@ -124,8 +124,8 @@ def _frames(source: Path, photos: Path, count: int | None, *, quiet: bool) -> li
     video = open_video(source)
     chosen = choose_frames(video, count, quiet=quiet)
     if not quiet:
-        found = f"{len(chosen)} of {len(video.stamps)} frames, the sharpest of each step of the camera's way"
-        print(f"{source}: {found}", file=sys.stderr)
+        said = f"{len(chosen)} of {len(video.stamps)} frames, the sharpest of each step of the camera's way"
+        print(f"{source}: {said}", file=sys.stderr)
     names = []
     for index, picture in progress(video.frames(chosen), len(chosen), "taking frames", quiet=quiet):
         names.append(f"frame_{index:06}.jpg")
@@ -135,8 +135,8 @@ def _frames(source: Path, photos: Path, count: int | None, *, quiet: bool) -> li
 
 def _photo_names(folder: Path) -> list[str]:
     if not folder.is_dir():
-        found = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({_kinds()})"
-        raise InputError(found, where=str(folder))
+        fault = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({_kinds()})"
+        raise InputError(fault, where=str(folder))
     names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in PHOTO_SUFFIXES)
     heic = [path.name for path in folder.iterdir() if path.suffix.lower() in (".heic", ".heif")]
     if heic and len(names) < 2:

@@ -77,8 +77,8 @@ class ChunkScene:
             pixels = _decode(self.files[index], where)
             if pixels.shape[:2] not in self.spec.frame_shapes:
                 wanted = " or ".join(f"{w}x{h}" for h, w in self.spec.frame_shapes)
-                found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
-                raise InputError(f"{found}, {self.spec.name} has {wanted}", where=where)
+                fault = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
+                raise InputError(f"{fault}, {self.spec.name} has {wanted}", where=where)
             images.append(prepare_image(pixels, size))
             cameras.append(self._camera(index, size, pixels.shape[:2], where))
         return np.stack(images), tuple(cameras)

@@ -113,13 +113,13 @@ def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effor
                 base_times[i].append(timed(variant.baseline.run))
     gc.unfreeze()
     rows = []
-    for variant, found, own, base in zip(variants, figures, times, base_times, strict=True):
+    for variant, figured, own, base in zip(variants, figures, times, base_times, strict=True):
         setting, costs = {**variant.setting, "threads": variant.threads}, summarised(own)
         if variant.baseline is not None:
             setting["baseline"] = variant.baseline.name
             ratios = [statistics.median(a[i] / b[i] for a, b in zip(own, base, strict=True)) for i in (0, 1)]
             costs |= {"baseline_seconds": summarised(base)["seconds"], "ratio": ratios[0], "cpu_ratio": ratios[1]}
-        rows.append(Row(study, subject, variant.name, setting, found, costs))
+        rows.append(Row(study, subject, variant.name, setting, figured, costs))
     return [*rows, *refused]
 
 

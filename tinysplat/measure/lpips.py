@@ -205,8 +205,8 @@ def _take(weights: Mapping[str, Tensor], name: str, shape: tuple[int, ...], path
 
     value = weights.get(name)
     if not isinstance(value, torch.Tensor) or tuple(value.shape) != shape:
-        found = "missing" if value is None else f"of shape {tuple(getattr(value, 'shape', ()))}"
-        raise InputError(f"{found}, expected {shape}", where=f"{path}: {name}")
+        fault = "missing" if value is None else f"of shape {tuple(getattr(value, 'shape', ()))}"
+        raise InputError(f"{fault}, expected {shape}", where=f"{path}: {name}")
     return value.float()
 
 

@@ -87,11 +87,11 @@ class PictureJudge:
             against them and `db_lost` = `psnr_raw` − `psnr`.
         """
         images = self.render(decoded).images
-        found = {"psnr_decoded_raw": mean_psnr(images, self.raw.images)}
+        decibels = {"psnr_decoded_raw": mean_psnr(images, self.raw.images)}
         to_photo = self._to_photos(images)
         if to_photo is not None and self._raw_to_photo is not None:
-            found |= {"psnr": to_photo, "psnr_raw": self._raw_to_photo, "db_lost": self._raw_to_photo - to_photo}
-        return found
+            decibels |= {"psnr": to_photo, "psnr_raw": self._raw_to_photo, "db_lost": self._raw_to_photo - to_photo}
+        return decibels
 
     def _to_photos(self, images: Sequence[NDArray]) -> float | None:
         pairs = [(a, b) for a, b in zip(images, self.case.photos, strict=True) if b is not None]

@@ -216,8 +216,8 @@ def _refined(
             qp=coding.qp,
             stats=stats,
         )
-    found = {"psnr_before": before, "steps": stats.steps, "kept": stats.kept}
-    return replace(case, gaussians=better, seconds={**case.seconds, **watch.seconds}), found
+    told = {"psnr_before": before, "steps": stats.steps, "kept": stats.kept}
+    return replace(case, gaussians=better, seconds={**case.seconds, **watch.seconds}), told
 
 
 def nested_psnr(case: Case, runtime: Runtime, drawing: Drawing) -> dict[str, float]:
@@ -225,7 +225,7 @@ def nested_psnr(case: Case, runtime: Runtime, drawing: Drawing) -> dict[str, flo
     assert case.shots is not None
     context, targets = case.shots.context, case.shots.targets
     scenes: dict[tuple[int, ...], Gaussians] = {tuple(range(len(context.cameras))): case.gaussians}
-    found = {}
+    by_count = {}
     for count in (n for n in NESTED if n <= len(context.cameras)):
         psnrs = []
         for camera, photo in zip(targets.cameras, targets.images, strict=True):
@@ -236,8 +236,8 @@ def nested_psnr(case: Case, runtime: Runtime, drawing: Drawing) -> dict[str, flo
                 )
                 scenes[views] = predicted(case.name, case.model, replace(case.shots, context=fewer), runtime).gaussians
             psnrs.append(photo_psnr(scenes[views], [camera], [photo], drawing))
-        found[str(count)] = float(np.mean(psnrs))
-    return found
+        by_count[str(count)] = float(np.mean(psnrs))
+    return by_count
 
 
 def _measure_coding(
@@ -316,10 +316,10 @@ def _depth_scores(case: Case, sets: Mapping[str, Rendered]) -> dict[str, dict[st
     scores: dict[str, dict[str, float]] = {}
     for name, rendered in sets.items():
         pairs = zip(rendered.depths, case.depths, strict=True)
-        found = [depth_errors(d, t) for d, t in pairs if d is not None and t is not None and t.any()]
-        found = [errors for errors in found if errors["covered"] > 0]
-        if found:
-            scores[name] = {key: float(np.mean([errors[key] for errors in found])) for key in found[0]}
+        scored = [depth_errors(d, t) for d, t in pairs if d is not None and t is not None and t.any()]
+        scored = [errors for errors in scored if errors["covered"] > 0]
+        if scored:
+            scores[name] = {key: float(np.mean([errors[key] for errors in scored])) for key in scored[0]}
     return scores
 
 

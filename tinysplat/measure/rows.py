@@ -159,11 +159,11 @@ def model_fingerprint(model: str) -> str:
     artifact = find_artifact(model, "network")
     if artifact.sha256 is not None:
         return artifact.sha256[:_HASH_LENGTH]
-    found = hashlib.sha256(artifact.read())
+    digest = hashlib.sha256(artifact.read())
     for sibling in sorted(artifact.path.parent.glob(f"{artifact.path.name}*data")):
         stat = sibling.stat()
-        found.update(f"{sibling.name} {stat.st_size} {stat.st_mtime_ns}".encode())
-    return found.hexdigest()[:_HASH_LENGTH]
+        digest.update(f"{sibling.name} {stat.st_size} {stat.st_mtime_ns}".encode())
+    return digest.hexdigest()[:_HASH_LENGTH]
 
 
 @lru_cache(maxsize=1)
@@ -185,12 +185,12 @@ def code_files() -> list[Path]:
 
 def fingerprint(files: Iterable[Path], words: Iterable[str]) -> str:
     """Hash of files, their names and contents, and of words."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in files:
-        found.update(path.name.encode() + path.read_bytes())
+        digest.update(path.name.encode() + path.read_bytes())
     for word in words:
-        found.update(word.encode())
-    return found.hexdigest()[:_HASH_LENGTH]
+        digest.update(word.encode())
+    return digest.hexdigest()[:_HASH_LENGTH]
 
 
 def _parsed(data: bytes, path: Path) -> list[Row]:

@@ -239,10 +239,10 @@ class Edge(nn.Module):
             matches = match(half, terms, pairs, depths, s)
         estimate = self.estimate(half, K, terms, pairs, depths, matches, matches.level)
         views = MatchedViews(images, shown, K, c2w, far, depths)
-        found = self.seen(views, pairs, witnesses, estimate, estimate.level, estimate.agreement)
-        dressed = self.dress(found, depths)
+        surfaces = self.seen(views, pairs, witnesses, estimate, estimate.level, estimate.agreement)
+        dressed = self.dress(surfaces, depths)
         outputs, opacity = self.finish(dressed, views, witnesses, dressed.level, dressed.opacity)
-        return Prediction(outputs, found.logits, dressed.level, depths, dressed.footprint, opacity, dressed.colours)
+        return Prediction(outputs, surfaces.logits, dressed.level, depths, dressed.footprint, opacity, dressed.colours)
 
     def estimate(
         self,
@@ -257,15 +257,15 @@ class Edge(nn.Module):
         """Depth at half resolution; arguments as for `analyse`."""
         s = self.settings
         with _without_gradient():
-            found = analyse(half, K, terms, pairs, depths, matches, levels, s)
+            analysis = analyse(half, K, terms, pairs, depths, matches, levels, s)
         own = pairs.own(half)
-        logits = self._logits(own, found)
+        logits = self._logits(own, analysis)
         level, confidence = expected_level(logits)
-        features, coarse_features = self.unet(self._inputs(own, found, logits, level, confidence))
+        features, coarse_features = self.unet(self._inputs(own, analysis, logits, level, confidence))
         full = convex_upsampling(level, self.upsampling(features) + self.bilinear)
-        change = s.analysis.candidates / 8 * (level - found.level)
+        change = s.analysis.candidates / 8 * (level - analysis.level)
         return Estimate(
-            logits, level, found.agreement, features, coarse_features, full, torch.cat([confidence, change], dim=1)
+            logits, level, analysis.agreement, features, coarse_features, full, torch.cat([confidence, change], dim=1)
         )
 
     def seen(
@@ -324,14 +324,14 @@ class Edge(nn.Module):
 
     def dress(self, surfaces: Surfaces, depths: InverseDepths) -> Dressed:
         """What the heads at full resolution and of the coarse layer make of surfaces in the ranges of their views."""
-        s, found, images = self.settings, surfaces, surfaces.images
-        fine = self.fine(found.features)
-        opacity = double(found.opacity)
-        relief = (s.analysis.candidates / 4 * (found.level - box_mean(found.level, 9))).clamp(-2, 2)
-        change = self.head(torch.cat([fine, images - 0.5, found.details, relief, opacity], dim=1))
+        s, own, images = self.settings, surfaces, surfaces.images
+        fine = self.fine(own.features)
+        opacity = double(own.opacity)
+        relief = (s.analysis.candidates / 4 * (own.level - box_mean(own.level, 9))).clamp(-2, 2)
+        change = self.head(torch.cat([fine, images - 0.5, own.details, relief, opacity], dim=1))
 
         unit = s.depth_reach / (s.analysis.candidates - 1)
-        level = (found.level + unit * torch.tanh(change[:, :1])).clamp(0, 1)
+        level = (own.level + unit * torch.tanh(change[:, :1])).clamp(0, 1)
         opacity = OPACITY_CAP * torch.sigmoid(torch.logit(opacity / OPACITY_CAP, 1e-3) + change[:, 1:2])
         least = s.least_footprint**2
         spread = torch.exp(2 * s.log_footprint_reach * torch.tanh(change[:, 2:3]))
@@ -343,7 +343,7 @@ class Edge(nn.Module):
         first, second = s.analysis.sharpening
         colours = sharpened(images, weights, first + reach * gain, second + finer_reach * finer_gain)
         colours = colours + s.colour_reach * colour
-        return Dressed(level, opacity, footprint, colours, self.coarse(found.coarse_features, found.cells))
+        return Dressed(level, opacity, footprint, colours, self.coarse(own.coarse_features, own.cells))
 
     def finish(
         self, dressed: Dressed, views: MatchedViews, witnesses: ViewPairs, levels: Tensor, opacities: Tensor
@@ -378,40 +378,40 @@ class Edge(nn.Module):
         )
         return (*surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]), opacity
 
-    def _logits(self, half: Tensor, found: Analysis) -> Tensor:
+    def _logits(self, half: Tensor, analysis: Analysis) -> Tensor:
         """Logits (V, D, h, w) over candidates: the analysis's, and what the refiner adds at quarter resolution."""
         s = self.settings
         quarter = functional.avg_pool2d(half, 2)
         gray = quarter.mean(dim=1, keepdim=True)
         contrast = local_contrast(gray, s.analysis.contrast_window, floor=0.03)
-        agreement = functional.avg_pool2d(torch.cat([found.agreement, found.best_cost], dim=1), 2)
-        raw = functional.avg_pool2d(found.relative_cost, 2)
-        aggregated = functional.avg_pool2d(torch.exp(-s.likelihood * found.paths), 2)
-        coarse = torch.exp(-s.likelihood * found.coarse_paths)
+        agreement = functional.avg_pool2d(torch.cat([analysis.agreement, analysis.best_cost], dim=1), 2)
+        raw = functional.avg_pool2d(analysis.relative_cost, 2)
+        aggregated = functional.avg_pool2d(torch.exp(-s.likelihood * analysis.paths), 2)
+        coarse = torch.exp(-s.likelihood * analysis.coarse_paths)
         maps = torch.cat([quarter - 0.5, 0.5 * contrast, agreement], dim=1)
         added = self.refiner(torch.stack([raw, aggregated, coarse], dim=1), maps)
-        return self._prior(found) + double(added)
+        return self._prior(analysis) + double(added)
 
-    def _inputs(self, half: Tensor, found: Analysis, logits: Tensor, level: Tensor, confidence: Tensor) -> Tensor:
+    def _inputs(self, half: Tensor, analysis: Analysis, logits: Tensor, level: Tensor, confidence: Tensor) -> Tensor:
         """The U-Net's input (V, 4·look + 10, h, w): nothing in it tells absolute depth; all is of the order of one."""
         s = self.settings
         last = s.analysis.candidates - 1
         offsets = torch.arange(-s.look, s.look + 1, device=level.device)[:, None, None]
         index = (torch.round(last * level.detach()).long() + offsets).clamp(0, last)
         beside = (logits - logits.amax(dim=1, keepdim=True)).gather(1, index)
-        raw = found.relative_cost.gather(1, index)
+        raw = analysis.relative_cost.gather(1, index)
         contrast = local_contrast(half.mean(dim=1, keepdim=True), s.analysis.contrast_window, floor=0.03)
         relief = (last / 8 * (level - box_mean(level, 17))).clamp(-2, 2)
-        maps = [half - 0.5, 0.5 * contrast, relief, found.agreement, found.best_cost, confidence]
+        maps = [half - 0.5, 0.5 * contrast, relief, analysis.agreement, analysis.best_cost, confidence]
         return torch.cat([torch.exp(0.5 * beside), raw, *maps], dim=1)
 
-    def _prior(self, found: Analysis) -> Tensor:
+    def _prior(self, analysis: Analysis) -> Tensor:
         """Logits (V, D, h, w) of the analysis alone: its depth, and its costs with a learned weight."""
         s = self.settings
         count = s.analysis.candidates
-        index = torch.arange(count, dtype=found.level.dtype, device=found.level.device)[:, None, None]
-        distance = (index - (count - 1) * found.level) / s.prior_width
-        return (-0.5 * distance.square()).clamp_min(s.prior_floor) - self.trust_costs * found.paths.clamp_max(4)
+        index = torch.arange(count, dtype=analysis.level.dtype, device=analysis.level.device)[:, None, None]
+        distance = (index - (count - 1) * analysis.level) / s.prior_width
+        return (-0.5 * distance.square()).clamp_min(s.prior_floor) - self.trust_costs * analysis.paths.clamp_max(4)
 
 
 def _without_gradient() -> AbstractContextManager[None]:

@@ -75,8 +75,8 @@ class Enlarge(nn.Module):
         terms = sweep_coefficients(
             pixel_rays(K, *photo.shape[2:]).expand(sources.shape[0], -1, -1, -1), source_K, rotation, translation
         )
-        found = self._aligned(inverse_depth, photo, sources, terms, unit)
-        inverse_depth = torch.maximum(torch.minimum(found, 2 * inverse_depth), 0.5 * inverse_depth)
+        aligned = self._aligned(inverse_depth, photo, sources, terms, unit)
+        inverse_depth = torch.maximum(torch.minimum(aligned, 2 * inverse_depth), 0.5 * inverse_depth)
         weights = splat_weights(inverse_depth, opacity, footprint, s.surfaces)
         colours = sharpened(photo, weights, *s.sharpening) + change
         size = torch.tensor([[photo.shape[3]], [photo.shape[2]], [1]], dtype=K.dtype)

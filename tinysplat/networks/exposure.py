@@ -197,7 +197,7 @@ def _agreed(evidence: Tensor, difference: Tensor, pairs: ViewPairs, views: int, 
     right = (here - there).transpose(0, 1) @ (weight * difference.flatten(1))  # (V, 3)
     nailed = (torch.arange(views)[:, None] > 0).to(difference.dtype)
     diagonal = beside.sum(dim=1, keepdim=True) + still
-    power, found = nailed * beside / diagonal, nailed * right / diagonal
+    power, terms = nailed * beside / diagonal, nailed * right / diagonal
     for _ in range(6):
-        found, power = found + power @ found, power @ power
-    return found[:, :, None, None]
+        terms, power = terms + power @ terms, power @ power
+    return terms[:, :, None, None]

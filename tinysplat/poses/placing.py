@@ -71,12 +71,12 @@ class Placement:
 def copies(photos: Path, names: Sequence[str]) -> dict[str, str]:
     """Photos that are byte for byte others, by name, and which they are."""
     first: dict[bytes, str] = {}
-    found = {}
+    first_of = {}
     for name in names:
         seen = first.setdefault(hashlib.sha256((photos / name).read_bytes()).digest(), name)
         if seen != name:
-            found[name] = seen
-    return found
+            first_of[name] = seen
+    return first_of
 
 
 def upright_copies(photos: Path, names: Sequence[str], folder: Path) -> list[str]:

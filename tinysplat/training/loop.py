@@ -39,8 +39,8 @@ def use_bfloat16(network: Edge, device: torch.device) -> None:
     def narrowed(forward: Callable[..., Any]) -> Callable[..., Any]:
         def run(*maps: Tensor) -> Any:
             with torch.autocast(device.type, torch.bfloat16):
-                found = forward(*maps)
-            return tuple(part.float() for part in found) if isinstance(found, tuple) else found.float()
+                computed = forward(*maps)
+            return tuple(part.float() for part in computed) if isinstance(computed, tuple) else computed.float()
 
         return run
 
@@ -114,8 +114,8 @@ def train(
         say(f"skipped: {line}")
     folder.mkdir(parents=True, exist_ok=True)
     scenes = len(stream.photos.scenes)
-    found = f"{scenes} scenes, {len(stream.photos.skipped)} photos skipped" if scenes else "scenes made on the way"
-    say(f"{found}, from step {state.step} on {device}")
+    said = f"{scenes} scenes, {len(stream.photos.skipped)} photos skipped" if scenes else "scenes made on the way"
+    say(f"{said}, from step {state.step} on {device}")
     run = _Run(config, folder, state, device, say)
     try:
         with working("training", quiet=False, note=run.standing):
@@ -180,13 +180,13 @@ class _Run:
             Path(self.config.data.validation), VALIDATION_KINDS, VALIDATION_SIZE, self.config.run.validation_windows
         )
         with torch.device(self.device):
-            found = validate(self.state.averaged(), (sample.to(self.device) for sample in samples))
+            by_name = validate(self.state.averaged(), (sample.to(self.device) for sample in samples))
         means = {
-            f"validation {kind}": float(np.mean([v for name, v in found.items() if name.endswith(kind)]))
+            f"validation {kind}": float(np.mean([v for name, v in by_name.items() if name.endswith(kind)]))
             for kind in VALIDATION_KINDS
         }
         self.state.history.append({"step": self.state.step, **means})
-        self.say(f"step {self.state.step}: " + ", ".join(f"{k} {v:.3f} dB" for k, v in {**means, **found}.items()))
+        self.say(f"step {self.state.step}: " + ", ".join(f"{k} {v:.3f} dB" for k, v in {**means, **by_name}.items()))
 
     def save(self) -> None:
         """Checkpoint and curves."""
@@ -212,13 +212,13 @@ def train_step(
     with torch.device(device):
         for sample in batch:
             moved = sample.to(device)
-            loss, found = losses(state.network.predict(*moved.inputs()), moved, config.loss)
-            found["loss"] = float(loss.detach())
+            loss, terms = losses(state.network.predict(*moved.inputs()), moved, config.loss)
+            terms["loss"] = float(loss.detach())
             if not torch.isfinite(loss):  # torch's gradient of a bilinear read at NaN writes out of bounds
                 is_finite = False
                 break
             (loss / len(batch)).backward()
-            figures.append(found)
+            figures.append(terms)
     is_finite = is_finite and bool(
         torch.isfinite(torch.nn.utils.clip_grad_norm_(state.network.parameters(), settings.clip))
     )

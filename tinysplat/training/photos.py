@@ -90,8 +90,8 @@ class PhotoSet:
         paths = scene_folders(folder)
         scenes = tuple(scene for path in paths if (scene := _load_scene(path, skipped)).windows)
         if not scenes:
-            found = f"{len(paths)} scene folders, none with two views to train on" if paths else "no scene folders"
-            raise InputError(f"{found}, expected folders with {CAMERAS_FILE} and photos", where=str(folder))
+            fault = f"{len(paths)} scene folders, none with two views to train on" if paths else "no scene folders"
+            raise InputError(f"{fault}, expected folders with {CAMERAS_FILE} and photos", where=str(folder))
         return cls(scenes, tuple(skipped))
 
     def sample(self, rng: np.random.Generator, side: int, views: int, target_sides: Sequence[int]) -> Sample:
@@ -177,7 +177,7 @@ def _windows(c2w: NDArray, typical_depth: float) -> Sequence[tuple[int, int, NDA
     angle = np.degrees(np.arccos(np.clip(forward @ forward.T, -1, 1)))
     distance = np.linalg.norm(centre[:, None] - centre[None], axis=-1) / typical_depth
     fits = (distance > BASELINES[0]) & (distance < BASELINES[1]) & (angle < MAX_ANGLE)
-    found = []
+    windows = []
     for i, j in np.argwhere(np.triu(fits)):
         line = centre[j] - centre[i]
         along = (centre - centre[i]) @ line / (line @ line)
@@ -186,8 +186,8 @@ def _windows(c2w: NDArray, typical_depth: float) -> Sequence[tuple[int, int, NDA
         is_target &= np.maximum(angle[i], angle[j]) < MAX_ANGLE
         is_target[[i, j]] = False
         if is_target.any():
-            found.append((int(i), int(j), np.flatnonzero(is_target)))
-    return found
+            windows.append((int(i), int(j), np.flatnonzero(is_target)))
+    return windows
 
 
 def _crops(
@@ -222,11 +222,11 @@ def _recoloured(pictures: Sequence[Picture], rng: np.random.Generator) -> list[P
     power, gain = np.float32(1), np.ones(3, np.float32)
     if rng.random() < 0.6:
         power, gain = np.float32(rng.uniform(0.6, 1.6)), rng.uniform(0.5, 1.1, 3).astype(np.float32)
-    found = []
+    views = []
     for image, K, c2w in pictures:
         exposed = image[..., order] ** power * gain * np.float32(1 + rng.normal(0, 0.01))
-        found.append((np.clip(exposed, 0, 1).astype(np.float32), K, c2w))
-    return found
+        views.append((np.clip(exposed, 0, 1).astype(np.float32), K, c2w))
+    return views
 
 
 def _transposed(image: NDArray, K: NDArray, c2w: NDArray) -> Picture:

@@ -211,8 +211,8 @@ def _photographed(rng: np.random.Generator, images: Sequence[NDArray]) -> list[N
     """Tone curve, darkness, noise and small differences of exposure between the pictures."""
     power, gain = rng.uniform(0.7, 1.4), rng.uniform(0.25, 0.7) if rng.random() < 0.12 else 1.0
     noise = rng.uniform(0, 0.004)
-    found = []
+    photos = []
     for image in images:
         exposed = image**power * (gain * (1 + rng.normal(0, 0.006)))
-        found.append(np.clip(exposed + rng.normal(0, noise, image.shape), 0, 1).astype(np.float32))
-    return found
+        photos.append(np.clip(exposed + rng.normal(0, noise, image.shape), 0, 1).astype(np.float32))
+    return photos

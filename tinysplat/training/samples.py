@@ -83,9 +83,9 @@ class Sample:
         centre = np.asarray(c2w, np.float64)[:, :3, 3].mean(axis=0)
 
         def moved(pose: NDArray) -> Tensor:
-            found = np.array(pose, np.float64)
-            found[..., :3, 3] -= centre
-            return torch.from_numpy(found.astype(np.float32))
+            poses = np.array(pose, np.float64)
+            poses[..., :3, 3] -= centre
+            return torch.from_numpy(poses.astype(np.float32))
 
         return cls(
             name,

@@ -126,9 +126,11 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"not a checkpoint of tinysplat.training ({reason[:80]})", where=str(path)) from None
-    found = content.get("architecture") if isinstance(content, dict) else None
-    if found != ARCHITECTURE:
-        raise InputError(f"a checkpoint of {found or 'something else'}, expected {ARCHITECTURE}", where=str(path))
+    architecture = content.get("architecture") if isinstance(content, dict) else None
+    if architecture != ARCHITECTURE:
+        raise InputError(
+            f"a checkpoint of {architecture or 'something else'}, expected {ARCHITECTURE}", where=str(path)
+        )
     expected, stored = ({name: w.shape for name, w in m.items()} for m in (Edge().state_dict(), content["network"]))
     if stored != expected:  # what the analysis does may change under the same weights
         raise InputError("other sizes of the network than this version's", where=str(path))

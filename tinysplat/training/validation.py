@@ -52,10 +52,10 @@ def validation_samples(
 
 def validate(network: nn.Module, samples: Iterable[Sample]) -> dict[str, float]:
     """Mean PSNR in dB by name of the samples, drawn by the differentiable rasteriser."""
-    found = defaultdict(list)
+    decibels = defaultdict(list)
     with torch.no_grad():
         for sample in samples:
             outputs = network(*sample.inputs())
             for target in sample.targets:
-                found[sample.name].append(psnr(render_outputs(outputs, target.camera()), target.image))
-    return {name: float(np.mean(values)) for name, values in found.items()}
+                decibels[sample.name].append(psnr(render_outputs(outputs, target.camera()), target.image))
+    return {name: float(np.mean(values)) for name, values in decibels.items()}

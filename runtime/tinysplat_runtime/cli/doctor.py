@@ -121,10 +121,10 @@ def extras(package: str = "tinysplat") -> dict[str, list[str]]:
         package: whose extras.
     """
     try:
-        found, lines = importlib.metadata.metadata(package), importlib.metadata.requires(package) or []
+        metadata, lines = importlib.metadata.metadata(package), importlib.metadata.requires(package) or []
     except importlib.metadata.PackageNotFoundError:  # a folder of modules, as of small devices
         return {}
-    brought: dict[str, list[str]] = {extra: [] for extra in found.get_all("Provides-Extra") or []}
+    brought: dict[str, list[str]] = {extra: [] for extra in metadata.get_all("Provides-Extra") or []}
     for line in lines:
         name, _, marker = line.partition(";")
         extra, below = (re.search(f"{key} {sign} ['\"]([^'\"]+)", marker) for key, sign in _MARKERS)

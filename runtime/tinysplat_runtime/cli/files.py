@@ -96,13 +96,13 @@ def _other_format(file: str, data: bytes | None) -> Gaussians:
 def _suffix_of(data: bytes) -> str:
     """The ending that a file of these bytes would have."""
     starts = {b"ply": ".ply", b"PK": ".npz", b"\x1f\x8b": ".spz", b"NGSP": ".spz", b"glTF": ".glb"}
-    found = next((suffix for start, suffix in starts.items() if data.startswith(start)), None)
-    if found is None and data[8:9] == b"{":
-        found = ".safetensors"
-    if found is None:
+    ending = next((suffix for start, suffix in starts.items() if data.startswith(start)), None)
+    if ending is None and data[8:9] == b"{":
+        ending = ".safetensors"
+    if ending is None:
         accepted = ".tsplat, .npz, .safetensors, .ply, .spz or .glb"
         raise InputError(f"starts with {data[:4].hex(' ') or 'nothing'}, expected {accepted}", where="standard input")
-    return found
+    return ending
 
 
 def read_file(path: str) -> bytes:

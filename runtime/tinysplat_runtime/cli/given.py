@@ -60,8 +60,8 @@ def writing_of(args: Namespace) -> Writing:
 
 def given(args: Namespace, names: Iterable[str]) -> dict[str, Any]:
     """Those of some options that a command line gives, by name."""
-    found = {name: getattr(args, name, None) for name in names}
-    return {name: value for name, value in found.items() if value is not None and value is not False}
+    values = {name: getattr(args, name, None) for name in names}
+    return {name: value for name, value in values.items() if value is not None and value is not False}
 
 
 def coding_of(args: Namespace) -> Coding:

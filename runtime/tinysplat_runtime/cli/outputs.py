@@ -51,8 +51,8 @@ def check_outputs(args: Namespace) -> None:
         if path.endswith(("/", "\\")) and not target.is_dir() and not getattr(args, "networks", None):
             raise InputError(f"is the name of a folder, expected that of a file such as {target / 'scene'}", where=path)
         if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
-            found = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
-            raise InputError(found, where=path)
+            fault = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
+            raise InputError(fault, where=path)
         if args.command == "view" and not args.networks and target.suffix.lower() not in PAGES and not target.is_dir():
             raise InputError(f"'{target.suffix}', expected .html: {option} names a page", where=path)
         if target.is_dir() and not getattr(args, "networks", None):

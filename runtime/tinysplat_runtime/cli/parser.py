@@ -318,9 +318,9 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
     points, wants_help = entry_points(group=ENTRY_POINTS), bool({"-h", "--help"} & set(arguments))
     known = {*commands.choices, *EXTRAS, *(point.name for point in points)}
     if word not in known and not (word is None and wants_help):
-        found = f"'{word}'" if word else "none given"
+        fault = f"'{word}'" if word else "none given"
         more = "" if word else "; `tinysplat --help` says what they do"
-        raise InputError(f"{found}, accepted are {', '.join(sorted(known))}{more}", where="command")
+        raise InputError(f"{fault}, accepted are {', '.join(sorted(known))}{more}", where="command")
     for point in points:
         if word not in (None, point.name):
             continue

@@ -157,16 +157,16 @@ def _layer_cameras(arrays: Mapping[str, NDArray], prefix: str, lead: tuple[int, 
 def _viewpoints(arrays: Mapping[str, NDArray]) -> tuple[Camera, ...]:
     """Cameras of a list's photos; () where the file holds none."""
     names = "viewpoint_K", "viewpoint_c2w", "viewpoint_size"
-    found = [arrays[name] for name in names if name in arrays]
-    if not found:
+    stored = [arrays[name] for name in names if name in arrays]
+    if not stored:
         return ()
-    count = len(found[0]) if found[0].ndim else 0
-    if [array.shape for array in found] != [(count, 3, 3), (count, 4, 4), (count, 2)]:
+    count = len(stored[0]) if stored[0].ndim else 0
+    if [array.shape for array in stored] != [(count, 3, 3), (count, 4, 4), (count, 2)]:
         raise InputError(
-            f"shapes {[array.shape for array in found]}, expected (P, 3, 3), (P, 4, 4) and (P, 2)",
+            f"shapes {[array.shape for array in stored]}, expected (P, 3, 3), (P, 4, 4) and (P, 2)",
             where=", ".join(names),
         )
-    K, c2w, sizes = found
+    K, c2w, sizes = stored
     cameras = []
     for number in range(count):
         try:

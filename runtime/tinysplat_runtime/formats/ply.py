@@ -65,8 +65,8 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
     rest = [f"f_rest_{i}" for i in range(sum(_REST.fullmatch(name) is not None for name in names))]
     missing = [name for name in (*_MEANS, *_CONSTANT, *rest, *_OPACITY, *_SCALES, *_QUATS) if name not in names]
     if missing or len(rest) % 3:
-        found = f"lacks {', '.join(missing[:6])}" if missing else f"{len(rest)} f_rest properties"
-        raise InputError(f"{found}, expected vertices in the layout of 3D Gaussian Splatting")
+        fault = f"lacks {', '.join(missing[:6])}" if missing else f"{len(rest)} f_rest properties"
+        raise InputError(f"{fault}, expected vertices in the layout of 3D Gaussian Splatting")
     for doubt in _doubts(vertex):
         warn(f"{path}: {doubt}")
     with parsing(".ply file"), np.errstate(over="ignore", invalid="ignore"):
@@ -154,17 +154,17 @@ def _doubts(vertex: NDArray) -> list[str]:
     with np.errstate(over="ignore", invalid="ignore"):
         blocks = [_columns(vertex, names).astype(np.float64) for names in (_MEANS, _SCALES, _OPACITY, _CONSTANT)]
     means, scales, opacity, colours = (block[np.isfinite(block).all(axis=1)] for block in blocks)
-    found = []
+    doubts = []
     if means.size and scales.size and scales.min() >= 0:
         low, high = np.percentile(means, (5, 95), axis=0)
         if np.exp(np.median(scales)) > _WIDE * (high - low).max():
-            found.append("scale_0…2 hold no value below 0: linear scales, where their logarithms are expected?")
+            doubts.append("scale_0…2 hold no value below 0: linear scales, where their logarithms are expected?")
     if opacity.size and 0 <= opacity.min() < opacity.max() <= 1:
-        found.append("opacity lies within 0 and 1 everywhere: linear values, where logits are expected?")
+        doubts.append("opacity lies within 0 and 1 everywhere: linear values, where logits are expected?")
     if colours.size and 0 <= colours.min() < colours.max() and not _MAX_COLOUR >= colours.max() > 1:
         kind = "0 to 1" if colours.max() <= 1 else "0 to 255"
-        found.append(f"f_dc_0…2 hold no value below 0: colours of {kind}, where SH coefficients are expected?")
-    return found
+        doubts.append(f"f_dc_0…2 hold no value below 0: colours of {kind}, where SH coefficients are expected?")
+    return doubts
 
 
 def _check_header(path: Path, max_bytes: int) -> None:

@@ -159,8 +159,8 @@ def _webp(pixels: NDArray) -> bytes:
 
 def in_folder(path: Path) -> Path:
     """The file that a folder is read by, its `lod-meta.json` or `meta.json`; the path itself where there is neither."""
-    found = [path / name for name in (LEVELS, META) if (path / name).is_file()]
-    return found[0] if found else path
+    documents = [path / name for name in (LEVELS, META) if (path / name).is_file()]
+    return documents[0] if documents else path
 
 
 def read_sog(path: Path, max_bytes: int) -> dict[str, NDArray]:

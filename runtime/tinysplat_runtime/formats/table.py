@@ -176,8 +176,8 @@ def find_format(path: StrPath, *, written: bool) -> Format:
     accepted = endings(written=written)
     fitting = [ending for ending in accepted if name.endswith(ending)]
     if not fitting and Path(path).is_dir():
-        found = "a folder, expected a file; `tinysplat encode` makes one of a scene"
-        raise InputError(found, where=str(path))
+        fault = "a folder, expected a file; `tinysplat encode` makes one of a scene"
+        raise InputError(fault, where=str(path))
     if not fitting:
         raise InputError(f"suffix '{Path(path).suffix.lower()}', expected {', '.join(accepted)}", where=str(path))
     ending = max(fitting, key=len)
@@ -260,8 +260,8 @@ def save_gaussians(
     if not all(1 <= bits <= 8 for bits in sh_bits):
         raise InputError(f"{sh_bits}, expected two numbers of 1 to 8", where="SH bits")
     if isinstance(path, Gaussians) or not isinstance(gaussians, Gaussians):
-        found = f"a {type(path).__name__} and a {type(gaussians).__name__}, expected a path and then Gaussians"
-        raise InputError(found, where="save_gaussians")
+        fault = f"a {type(path).__name__} and a {type(gaussians).__name__}, expected a path and then Gaussians"
+        raise InputError(fault, where="save_gaussians")
     form = find_format(path, written=True)
     assert form.write is not None  # find_format
     unsaid = [name for name in gaussians.notes.given() if form.notes is None or name not in form.room]

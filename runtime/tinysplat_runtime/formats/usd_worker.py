@@ -76,11 +76,11 @@ def _prim_arrays(prim: Any, max_bytes: int) -> dict[str, NDArray]:
     def values(name: str, width: int) -> NDArray:
         for suffix in ("", "h"):  # float before half
             attribute = prim.GetAttribute(name + suffix)
-            found = attribute.Get() if attribute and attribute.HasAuthoredValue() else None
-            if found is not None and len(found):
-                if len(found) * width * 8 > max_bytes:
-                    raise ValueError(f"{name}: {len(found)} values, more than {max_bytes} bytes can hold")
-                return np.array(found, np.float64).reshape(len(found), -1)
+            value = attribute.Get() if attribute and attribute.HasAuthoredValue() else None
+            if value is not None and len(value):
+                if len(value) * width * 8 > max_bytes:
+                    raise ValueError(f"{name}: {len(value)} values, more than {max_bytes} bytes can hold")
+                return np.array(value, np.float64).reshape(len(value), -1)
         raise ValueError(f"lacks {name}")
 
     degree = prim.GetAttribute("radiance:sphericalHarmonicsDegree").Get()

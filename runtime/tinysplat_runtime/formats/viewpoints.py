@@ -27,8 +27,8 @@ def seen_from(gaussians: Gaussians, cameras: Sequence[Camera] | StrPath) -> Gaus
         InputError: Gaussians that are pixels of cameras, or a file at fault.
     """
     if gaussians.is_per_pixel:
-        found = "given, but the Gaussians are the pixels of cameras of their own; expected Gaussians of no pixels"
-        raise InputError(found, where="cameras")
+        fault = "given, but the Gaussians are the pixels of cameras of their own; expected Gaussians of no pixels"
+        raise InputError(fault, where="cameras")
     if not isinstance(cameras, Sequence) or isinstance(cameras, str):
         from ..scene.intake.layouts import load_cameras
 

@@ -30,19 +30,19 @@ def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[
     Raises:
         InputError: layers or shapes differ.
     """
-    found = {name: [0.0, 0.0, 0] for name in FIELDS}  # sum of squares, largest, count
+    sums = {name: [0.0, 0.0, 0] for name in FIELDS}  # sum of squares, largest, count
     for a, b in layer_pairs(original, decoded):
         for name in FIELDS:
             x, y = (_rows(layer, name) for layer in (a, b))
             shift = b.origin - a.origin if name == "means" else np.zeros(())
             for error in _differences(x, y, shift, _angles if name == "quats" else _padded_difference):
-                total, largest, count = found[name]
-                found[name] = [
+                total, largest, count = sums[name]
+                sums[name] = [
                     total + float(np.square(error).sum()),
                     max(largest, float(np.abs(error).max())),
                     count + error.size,
                 ]
-    return {name: {"rmse": math.sqrt(total / count), "max": largest} for name, (total, largest, count) in found.items()}
+    return {name: {"rmse": math.sqrt(total / count), "max": largest} for name, (total, largest, count) in sums.items()}
 
 
 def _rows(layer: Gaussians, name: str) -> NDArray:

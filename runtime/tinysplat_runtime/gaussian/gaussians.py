@@ -62,8 +62,8 @@ class Gaussians:
         sh_degree(self.sh.shape[-2])
         origin = np.array(self.origin, np.float64)
         if origin.shape != (3,) or not (np.abs(origin) <= MAX_POSITION).all():
-            found = str(np.array(self.origin).tolist())[:80]
-            raise InputError(f"{found}, expected three numbers of at most {MAX_POSITION:g}", where="origin")
+            fault = str(np.array(self.origin).tolist())[:80]
+            raise InputError(f"{fault}, expected three numbers of at most {MAX_POSITION:g}", where="origin")
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "cameras", tuple(self.cameras or ()))
         object.__setattr__(self, "extra_layers", tuple(self.extra_layers))

@@ -66,8 +66,8 @@ def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) 
     depths = [_depths(gaussians, view) for view in views]
     near = _near(gaussians.cameras, depths)
     parts = [(number, view) for number in range(len(gaussians.layers)) for view in views]
-    found = run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths, shown), parts)
-    opacities = np.concatenate(list(found))
+    kept = run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths, shown), parts)
+    opacities = np.concatenate(list(kept))
     flat = gaussians.flat()
     keep = opacities >= 0
     if not keep.any():
@@ -136,9 +136,9 @@ def _near(cameras: Sequence[Camera], depths: Sequence[NDArray]) -> list[list[int
     seen = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
     middle = float(np.median(seen)) if seen.size else 1.0
     places = view_places(cameras, middle, middle)
-    found = []
+    nearest = []
     for view in range(len(cameras)):
         distances = np.square(places - places[view]).sum(axis=1)
         distances[view] = np.inf
-        found.append(np.argsort(distances, kind="stable")[: min(LOOKED_AT, len(cameras) - 1)].tolist())
-    return found
+        nearest.append(np.argsort(distances, kind="stable")[: min(LOOKED_AT, len(cameras) - 1)].tolist())
+    return nearest

@@ -64,9 +64,9 @@ class Artifact:
         except OSError as error:
             raise ModelError(f"cannot be read ({error.strerror})", where=str(self.path)) from None
         if self.sha256 is not None:
-            found = hashlib.sha256(data).hexdigest()
-            if found != self.sha256:
-                raise ModelError(f"sha256 {found[:12]}…, manifest says {self.sha256[:12]}…", where=str(self.path))
+            actual = hashlib.sha256(data).hexdigest()
+            if actual != self.sha256:
+                raise ModelError(f"sha256 {actual[:12]}…, manifest says {self.sha256[:12]}…", where=str(self.path))
         return data
 
 

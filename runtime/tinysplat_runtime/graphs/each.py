@@ -204,11 +204,11 @@ class _Capture:
             levels.append(self._run("glance", v, cells=np.concatenate([cells[u] for u in star]))["level"])
         for v, star in enumerate(self.stars):
             among, beside = (np.concatenate([maps[u] for u in star]) for maps in (cells, levels))
-            found = self._run("settle", v, cells=among, levels=beside)
-            ranges.append(found["range"])
+            settled = self._run("settle", v, cells=among, levels=beside)
+            ranges.append(settled["range"])
             here = cells[v][0].reshape(3, -1).T
             for u, there, sound in zip(
-                star[1:], found["there"], found["sound"].reshape(len(star) - 1, -1), strict=True
+                star[1:], settled["there"], settled["sound"].reshape(len(star) - 1, -1), strict=True
             ):
                 tells = sound > LEAST_SOUND
                 pairs.append(Pair(v, u, here[tells], there.reshape(3, -1).T[tells], sound[tells], sound.size))

@@ -61,10 +61,10 @@ class Enlarger:
     @classmethod
     def of(cls, graph: Graph) -> Enlarger:
         """Read its metadata; ModelError if that is damaged."""
-        found: Any = graph.metadata
+        metadata: Any = graph.metadata
         try:
-            pixels, halo = int(found["pixels"]), int(found["halo"])
-            networks = tuple(str(name) for name in found["networks"])
+            pixels, halo = int(metadata["pixels"]), int(metadata["halo"])
+            networks = tuple(str(name) for name in metadata["networks"])
         except (KeyError, TypeError, ValueError) as error:
             raise ModelError(f"metadata lacks {error}", where=graph.name) from None
         if not (0 < pixels <= LARGE_PIXELS and halo > 0):
@@ -85,25 +85,25 @@ def predict_large(
     del images  # where the caller keeps none, photos go as soon as they have served
     for height, width in reversed(_sizes(photos[0].shape[1:3], limits, enlarger.pixels)):
         photos.append(np.stack([scaled(image, height, width) for image in photos[-1]]))
-    found = predict(photos[-1], _sized(cameras, photos[-1]), near, far, network)
-    if found.sh.shape[3] != 1:
+    gaussians = predict(photos[-1], _sized(cameras, photos[-1]), near, far, network)
+    if gaussians.sh.shape[3] != 1:
         raise ModelError("view-dependent colours, which cannot be enlarged", where=network.name)
-    origin, behind = found.origin, found.extra_layers
+    origin, behind = gaussians.origin, gaussians.extra_layers
     while len(photos) > 1:
-        maps, exposure = _looked_up(found, photos.pop())
-        del found
+        maps, exposure = _looked_up(gaussians, photos.pop())
+        del gaussians
         sized, exposed = _sized(cameras, photos[-1]), _exposed(photos[-1], exposure)
         if len(photos) == 1:
             photos.clear()
-        found = _enlarged(origin, maps, exposed, sized, near, enlarger)
-    return replace(found, cameras=tuple(cameras), extra_layers=behind)
+        gaussians = _enlarged(origin, maps, exposed, sized, near, enlarger)
+    return replace(gaussians, cameras=tuple(cameras), extra_layers=behind)
 
 
-def _looked_up(found: Gaussians, small: NDArray) -> tuple[list[NDArray], list[tuple[NDArray, NDArray]]]:
+def _looked_up(predicted: Gaussians, small: NDArray) -> tuple[list[NDArray], list[tuple[NDArray, NDArray]]]:
     """Of small photos (V, h, w, 3), a view each: what its `_maps` are, and `_exposure`."""
-    exposure = [_exposure(image, seen) for image, seen in zip(small, _colours(found), strict=True)]
+    exposure = [_exposure(image, seen) for image, seen in zip(small, _colours(predicted), strict=True)]
     pairs = enumerate(zip(small, exposure, strict=True))
-    return [_maps(found, image * gain + offset, view) for view, (image, (gain, offset)) in pairs], exposure
+    return [_maps(predicted, image * gain + offset, view) for view, (image, (gain, offset)) in pairs], exposure
 
 
 def _sizes(large: tuple[int, ...], limits: NetworkLimits, pixels: int) -> list[tuple[int, int]]:

@@ -120,15 +120,15 @@ def _agreed(evidence: NDArray, difference: NDArray, reference: NDArray, source: 
     weights = np.concatenate([evidence, evidence])
     wanted = np.concatenate([difference, -difference])
     diagonal = np.bincount(ends, weights, views) + STILL
-    found = np.zeros((views, 3))
+    terms = np.zeros((views, 3))
     for _ in range(SWEEPS):
-        pulls = weights[:, None] * (found[others] + wanted)
+        pulls = weights[:, None] * (terms[others] + wanted)
         after = np.stack([np.bincount(ends, pulls[:, c], views) for c in range(3)], axis=1) / diagonal[:, None]
         after[0] = 0
-        if np.abs(after - found).max() < 1e-7:
+        if np.abs(after - terms).max() < 1e-7:
             break
-        found = after
-    return found
+        terms = after
+    return terms
 
 
 def _odd(values: NDArray, nearest: Sequence[Sequence[int]]) -> NDArray:

@@ -366,7 +366,7 @@ def _tensors(nodes: Sequence[Any]) -> dict[str, tuple[str, int]]:
 
 
 def _check_contract(
-    graph: Graph, found: Mapping[str, Mapping[str, tuple[str, int]]], contract: Contract, where: str
+    graph: Graph, tensors: Mapping[str, Mapping[str, tuple[str, int]]], contract: Contract, where: str
 ) -> None:
     """ModelError unless the graph's tensors, by kind and name, are the contract's."""
     version = graph.metadata.get("contract", CONTRACT_VERSION)
@@ -374,13 +374,13 @@ def _check_contract(
         raise ModelError(f"contract version {str(version)[:40]}, this runtime speaks {CONTRACT_VERSION}", where=where)
     for kind, wanted in (("input", contract.inputs), ("output", contract.outputs)):
         for name, (dtype, rank) in wanted.items():
-            if name not in found[kind]:
-                have = ", ".join(other for other in found[kind] if other not in wanted) or "no other"
+            if name not in tensors[kind]:
+                have = ", ".join(other for other in tensors[kind] if other not in wanted) or "no other"
                 raise ModelError(f"{kind} '{name}' is missing; it has {have[:200]}", where=where)
-            found_dtype, found_rank = found[kind][name]
+            found_dtype, found_rank = tensors[kind][name]
             if (found_dtype, found_rank) != (dtype, rank):
                 is_, expected = f"{found_dtype} of rank {found_rank}", f"{dtype} of rank {rank}"
                 raise ModelError(f"{kind} '{name}' is {is_}, expected {expected}", where=where)
-        unknown = [name for name in found[kind] if name not in wanted]
+        unknown = [name for name in tensors[kind] if name not in wanted]
         if kind == "input" and unknown:
             raise ModelError(f"input '{unknown[0][:60]}' is not in the contract ({', '.join(wanted)})", where=where)

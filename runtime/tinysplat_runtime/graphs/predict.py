@@ -56,11 +56,11 @@ class NetworkLimits:
             raise ModelError(f"metadata 'size' is {str(size)[:40]}, accepted are [H, W]", where=graph.name)
         for name, value in [*values.items(), *(("size", side) for side in size or ())]:
             if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MAX_SIDE:
-                found, accepted = str(value)[:40], f"whole numbers from 1 to {MAX_SIDE}"
-                raise ModelError(f"metadata '{name}' is {found}, accepted are {accepted}", where=graph.name)
+                fault, accepted = str(value)[:40], f"whole numbers from 1 to {MAX_SIDE}"
+                raise ModelError(f"metadata '{name}' is {fault}, accepted are {accepted}", where=graph.name)
         if values["min_views"] > values["max_views"]:
-            found = f"{values['min_views']} to {values['max_views']} views"
-            raise ModelError(f"metadata says {found}, expected min_views <= max_views", where=graph.name)
+            fault = f"{values['min_views']} to {values['max_views']} views"
+            raise ModelError(f"metadata says {fault}, expected min_views <= max_views", where=graph.name)
         return cls(**values, size=tuple(size) if size else None)
 
 

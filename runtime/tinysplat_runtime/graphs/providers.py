@@ -73,15 +73,15 @@ def add_providers(library: Any, options: Any, providers: Sequence[Provider]) -> 
     Raises:
         ModelError: a provider is not there, or its plug-in cannot be loaded or has no device here.
     """
-    found: dict[str, tuple[dict[str, str], list[Any]]] = {}
+    chosen: dict[str, tuple[dict[str, str], list[Any]]] = {}
     for provider in providers:
         name, given = (provider, {}) if isinstance(provider, str) else provider
         full, own, devices = _find(library, name, given)
-        found.setdefault(full, (own, devices))
-    if not any(devices for _, devices in found.values()):
-        return [(name, own) for name, (own, _) in found.items()]
+        chosen.setdefault(full, (own, devices))
+    if not any(devices for _, devices in chosen.values()):
+        return [(name, own) for name, (own, _) in chosen.items()]
     try:
-        for name, (own, devices) in found.items():
+        for name, (own, devices) in chosen.items():
             if devices:
                 options.add_provider_for_devices(devices, own)
             else:
@@ -124,8 +124,8 @@ def _register(library: Any, name: str, full: str, path: str | None) -> None:
         have = ", ".join(known_providers(library))
         raise ModelError(f"execution provider {full} is not in this onnxruntime; it has {have}", where="provider")
     try:
-        found = str(Path(path).resolve()) if path else package.get_library_path()  # type: ignore[union-attr]
-        library.register_execution_provider_library(name, found)
+        plugin = str(Path(path).resolve()) if path else package.get_library_path()  # type: ignore[union-attr]
+        library.register_execution_provider_library(name, plugin)
     except Exception as error:
         raise ModelError(f"{full}: {first_line(error)}", where="provider") from error
 
@@ -134,15 +134,15 @@ def _plugins() -> dict[str, Any]:
     """Installed plug-in packages by the providers that they bring."""
     import pkgutil
 
-    found: dict[str, Any] = {}
+    packages: dict[str, Any] = {}
     for module in pkgutil.iter_modules():
         if module.name.startswith(_PACKAGES):
             try:
                 package = importlib.import_module(module.name)
-                found.update(dict.fromkeys(package.get_ep_names(), package))
+                packages.update(dict.fromkeys(package.get_ep_names(), package))
             except Exception:  # a package of that name that is no plug-in, or is broken: it brings nothing
                 continue
-    return found
+    return packages
 
 
 def nodes_by_provider(profile: str) -> dict[str, int]:

@@ -84,12 +84,12 @@ def predict_groups(
     for group, place in show(photos, len(photos), str):
         if place:
             continue
-        found = run(group.views)
+        predicted = run(group.views)
         if not joined:
-            joined = [_empty(layer, len(cameras)) for layer in found.layers]
+            joined = [_empty(layer, len(cameras)) for layer in predicted.layers]
             seen_by = [[None] * len(cameras) for _ in joined]
-        shift = found.origin - origin
-        for layer, arrays, its in zip(found.layers, joined, seen_by, strict=True):
+        shift = predicted.origin - origin
+        for layer, arrays, its in zip(predicted.layers, joined, seen_by, strict=True):
             for view in group.kept:
                 at = group.views.index(view)
                 for name in FIELDS:

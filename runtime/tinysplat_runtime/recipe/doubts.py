@@ -146,7 +146,7 @@ class _Thumbnails:
         scene.check_one_size()
         count = len(closer)
         looked = set(np.linspace(0, count - 1, min(count, FEW)).round().astype(int).tolist())
-        images, found = [], {}
+        images, corners_of = [], {}
         frames = list(zip(scene.frames, closer, small.cameras, strict=True))
         for v, (frame, close, target) in enumerate(show(frames, count, str)):
             photo, camera = None, frame.camera
@@ -156,14 +156,14 @@ class _Thumbnails:
             image = close.image(photo)
             images.append(resize_cover(image, target.height, target.width))
             if v in looked:
-                found[v] = corners(image)
+                corners_of[v] = corners(image)
         near, far = scene.depth_range()
         depths = 1 / np.linspace(1 / near, 1 / far, PLANES)
         names = tuple(f"photo {v + 1} ({frame.path.name})" for v, frame in enumerate(scene.frames))
         are_opengl = any((scene.path / name).is_file() for name in (FILE, BLENDER_FILE))
         looks = look(np.stack(images), small.cameras, depths)
         cameras = small.cameras
-        return cls(closer, np.stack(images), cameras, names, depths, looks, found, scene.is_estimated, are_opengl)
+        return cls(closer, np.stack(images), cameras, names, depths, looks, corners_of, scene.is_estimated, are_opengl)
 
     @cached_property
     def closer(self) -> dict[int, Camera]:
@@ -239,8 +239,8 @@ def _impossible(seen: _Thumbnails) -> list[str]:
         if text := _off_centre(camera):
             return [f"{name}: {text}"]
         if abs(skew) > STRAIGHT:
-            found = f"K has a skew of {skew:.0%} of the focal length, which photos do not have: K[0][1] is 0"
-            return [f"{name}: {found}"]
+            fault = f"K has a skew of {skew:.0%} of the focal length, which photos do not have: K[0][1] is 0"
+            return [f"{name}: {fault}"]
     return []
 
 
@@ -292,15 +292,15 @@ def _units(seen: _Thumbnails) -> list[str]:
                 return [_other_range(near, far, low, high)]
         return [_other_units(better[0])]
     if given > 0.97 * UNSEEN:
-        found = f"no photo shows what another does between near {seen.depths[0]:g} and far {seen.depths[-1]:g}"
-        return [f"{found}: the cameras look different ways, or the poses are wrong; --views takes photos that overlap"]
+        fault = f"no photo shows what another does between near {seen.depths[0]:g} and far {seen.depths[-1]:g}"
+        return [f"{fault}: the cameras look different ways, or the poses are wrong; --views takes photos that overlap"]
     return []
 
 
 def _alone(seen: _Thumbnails) -> list[str]:
     """Of three photos to `FEW`, the one that has hardly anything in common with any, where the others have much."""
     count = len(seen.cameras)
-    if not 3 <= count <= FEW or min(found.clear.mean() for found in seen.looks) >= TOLD:
+    if not 3 <= count <= FEW or min(look.clear.mean() for look in seen.looks) >= TOLD:
         return []
     beside = neighbours(seen.cameras)[:, :2].tolist()
     pairs = sorted({(min(v, u), max(v, u)) for v in range(count) for u in beside[v]})
@@ -369,8 +369,8 @@ def _misplaced(seen: _Thumbnails) -> list[str]:
         return []
     v = min({v for pair in astray for v in pair}, key=lambda v: share([pair for pair in rich if v in pair]))
     if seen.confirms([pair for pair in seen.places if v not in pair], CONFIRMED_ALONE):
-        found = "has much in common with others, but not where the cameras say"
-        return [f"{seen.names[v]} {found}: its pose or focal length is wrong; --views leaves it out"]
+        fault = "has much in common with others, but not where the cameras say"
+        return [f"{seen.names[v]} {fault}: its pose or focal length is wrong; --views leaves it out"]
     one, other = (seen.names[v] for v in astray[0])
     return [f"{one} and {other} have much in common, but not where the cameras say: poses or focal lengths are wrong"]
 
@@ -409,13 +409,13 @@ def _readings(seen: _Thumbnails, cameras: dict[int, Camera]) -> Iterator[tuple[s
 
 def _single(seen: _Thumbnails, view: int) -> Iterator[tuple[str, Corners, Camera]]:
     """Other ways to read one photo, with its corners and camera."""
-    name, camera, found = seen.names[view], seen.frames[view].camera, seen.corners[view]
+    name, camera, own = seen.names[view], seen.frames[view].camera, seen.corners[view]
     image = seen.frames[view].image()
     yield f"{name} is mirrored: with left for right", corners(image[:, ::-1]), camera
     yield f"{name} is upside down: turned by 180 degrees", corners(image[::-1, ::-1]), camera
-    yield f"{name} is a negative: with its colours inverted", Corners(found.places, -found.looks), camera
+    yield f"{name} is a negative: with its colours inverted", Corners(own.places, -own.looks), camera
     for degrees in ROLLS:
-        yield f"the pose of {name} is rolled: by {-degrees} degrees", found, _rolled(camera, degrees)
+        yield f"the pose of {name} is rolled: by {-degrees} degrees", own, _rolled(camera, degrees)
 
 
 def _off_centre(camera: Camera) -> str:
@@ -431,19 +431,19 @@ def _off_centre(camera: Camera) -> str:
 def _useless(seen: _Thumbnails) -> list[str]:
     """Photos of one colour, and the same photo given twice."""
     plain = [v for v, image in enumerate(seen.images) if np.ptp(image.mean(axis=-1)) < BLANK]
-    found = [f"{seen.names[v]} is of one colour, which shows nothing to find depth by" for v in plain]
+    lines = [f"{seen.names[v]} is of one colour, which shows nothing to find depth by" for v in plain]
     for v, image in enumerate(seen.images):
         twin = next((u for u in range(v) if np.array_equal(seen.images[u], image)), None)
         if twin is not None and v not in plain:
-            found.append(f"{seen.names[v]} is the same picture as {seen.names[twin]}, from another place")
-    return found
+            lines.append(f"{seen.names[v]} is the same picture as {seen.names[twin]}, from another place")
+    return lines
 
 
 def _odd(seen: _Thumbnails) -> list[str]:
     """Of three photos and more, those that match none of the others as these match each other."""
-    if len(seen.cameras) < 3 or max(found.cost for found in seen.looks) < ODD[0]:
+    if len(seen.cameras) < 3 or max(look.cost for look in seen.looks) < ODD[0]:
         return []
-    costs = np.array([found.cost for found in seen.looks])
+    costs = np.array([look.cost for look in seen.looks])
     looked = [v for v in costs.argsort()[::-1][:ODD_LOOKED].tolist() if costs[v] >= ODD[0]]
     for v in looked:
         costs[v] = _least_cost(seen, v)
@@ -515,7 +515,7 @@ def _match(seen: _Thumbnails, looks: Sequence[Look]) -> bool:
     """Whether pixels tell their depth, and any photo most often the depth that the one nearest to it has, too."""
     cameras = seen.cameras
     alike = max(agreed(looks[v], cameras[v], looks[u], cameras[u]) for v, u in enumerate(nearest(cameras)))
-    return alike >= ALIKE and max(found.clear.mean() for found in looks) >= HARDLY
+    return alike >= ALIKE and max(look.clear.mean() for look in looks) >= HARDLY
 
 
 def _inverse(camera: Camera) -> Camera:

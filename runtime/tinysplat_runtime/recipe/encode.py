@@ -112,10 +112,10 @@ def encode(
     plan = planned(scene, is_refined=bool(refinement), is_usual=request.coding == Coding())
     if is_worth_saying(plan, len(scene.frames)):
         listener.notice(f"{scene.path}: {plan}")
-    found = []
+    doubted = []
     if listener.doubt is not None:
-        found = doubts(scene, listener.counting("checking"))
-        for text in found:
+        doubted = doubts(scene, listener.counting("checking"))
+        for text in doubted:
             listener.doubt(scene, text)
     with listener.working("network"):
         gaussians = predict(scene, model, tools, whole=whole, watch=stats.watch, show=listener.predicting)
@@ -131,7 +131,7 @@ def encode(
         photos = PhotoScene.of(scene, model, tools.store) if whole else None
         data = code(gaussians, coding, tools, photos=photos, stats=stats)
     kept, done = gaussians if keep else None, refined if refinement else None
-    return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, tuple(found))
+    return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, tuple(doubted))
 
 
 def encode_predicted(

@@ -95,8 +95,8 @@ class ExportRequest:
     def __post_init__(self) -> None:
         check_types(self)
         if len(self.sh_bits) != 2:
-            found = f"{','.join(map(str, self.sh_bits))}, expected two numbers of 1 to 8"
-            raise InputError(found, where="sh_bits")
+            fault = f"{','.join(map(str, self.sh_bits))}, expected two numbers of 1 to 8"
+            raise InputError(fault, where="sh_bits")
         if self.crop is not None and len(self.crop) != 6:
             raise InputError(f"{shown(self.crop)}, expected 6 numbers", where="crop")
         if self.rotate is not None:
@@ -257,10 +257,10 @@ def _thinned(gaussians: Gaussians, tools: Tools, listener: ExportListener) -> Ga
         return gaussians
     from ..gaussian.thin import thinned
 
-    found = thinned(gaussians, Crew(tools.threads).map)
-    said = f"writes {found.count:,} of {gaussians.count:,} Gaussians, for viewers that draw all"
+    thin = thinned(gaussians, Crew(tools.threads).map)
+    said = f"writes {thin.count:,} of {gaussians.count:,} Gaussians, for viewers that draw all"
     listener.notice(f"{said}; --fuse makes them one, --keep-all keeps all")
-    return found
+    return thin
 
 
 def _fused(gaussians: Gaussians, seconds: float, tools: Tools, listener: ExportListener) -> Gaussians:
@@ -273,9 +273,9 @@ def _fused(gaussians: Gaussians, seconds: float, tools: Tools, listener: ExportL
     def show(steps: Iterator[int]) -> Iterator[int]:
         return listener.fusing(steps, stats.note)
 
-    found = fused(gaussians, seconds=seconds, threads=tools.threads, stats=stats, show=show)
+    joined = fused(gaussians, seconds=seconds, threads=tools.threads, stats=stats, show=show)
     listener.notice(stats.text)
-    return found
+    return joined
 
 
 def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, listener: ExportListener) -> Gaussians:
@@ -284,9 +284,9 @@ def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, listener: Export
         from ..prune.reduction import leave_out
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="prune") from None
-    found = leave_out(gaussians, amount, tools.threads)
-    listener.pruned(f"{found.text or 'none left out'}, in pictures as defined")
-    return found.gaussians
+    left = leave_out(gaussians, amount, tools.threads)
+    listener.pruned(f"{left.text or 'none left out'}, in pictures as defined")
+    return left.gaussians
 
 
 def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: StrPath | None) -> bytes:

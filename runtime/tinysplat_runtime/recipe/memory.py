@@ -98,9 +98,9 @@ def check_memory(
         return
     share = (_largest(needed, pixels, MEMORY_SHARE * free) / pixels) ** 0.5
     size = f"{int(camera.width * share)}x{int(camera.height * share)}"
-    found = f"{views} photos of {camera.width}x{camera.height} take about {needed(pixels) / 1e9:.1f} GB"
+    fault = f"{views} photos of {camera.width}x{camera.height} take about {needed(pixels) / 1e9:.1f} GB"
     advice = f"--size {size} would fit" if share * min(camera.height, camera.width) >= 64 else "free some first"
-    raise InputError(f"{found}, {free / 1e9:.1f} GB are free; {advice}", where=str(scene.path))
+    raise InputError(f"{fault}, {free / 1e9:.1f} GB are free; {advice}", where=str(scene.path))
 
 
 def _largest(needed: Callable[[float], float], most: float, free: float) -> float:

@@ -69,8 +69,8 @@ def prepared(
         return sized
     photos = len(sized.frames)
     if photos > MAX_VIEWS:
-        found = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
-        raise InputError(found, where=str(scene.path))
+        fault = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
+        raise InputError(fault, where=str(scene.path))
     others = "--views all takes every one" if photos < len(scene.frames) else "--views auto:N takes so many"
     say(f"{photos} of {len(scene.frames)} photos, {why}; {others}")
     return sized
@@ -96,12 +96,12 @@ def named_scene(request: EncodeRequest) -> Scene:
     if len(paths) == 1 and not given:
         return load_scene(paths[0], near=near, far=far)
     if len(paths) == 1:
-        found = "one path, expected the left and the right photo of a stereo pair"
-        raise InputError(f"{found}: a scene has its cameras", where=f"--{given[0]}")
+        fault = "one path, expected the left and the right photo of a stereo pair"
+        raise InputError(f"{fault}: a scene has its cameras", where=f"--{given[0]}")
     if len(paths) != 2 or request.focal is None or request.baseline is None:
         options = " and ".join(f"--{name}" for name in given) or "neither --focal nor --baseline"
-        found = f"{len(paths)} paths with {options}"
-        raise InputError(f"{found}, expected one scene, or two photos with --focal and --baseline", where="encode")
+        fault = f"{len(paths)} paths with {options}"
+        raise InputError(f"{fault}, expected one scene, or two photos with --focal and --baseline", where="encode")
     left, right = paths
     return stereo_scene(left, right, request.focal, request.baseline, near=near, far=far)
 
@@ -146,12 +146,12 @@ def _moving(scene: Scene) -> Scene:
     depth = 2 / (1 / scene.near + 1 / scene.far) if scene.near and scene.far else 0.0
     if extent > max(LEAST_BASELINE * depth, SAME_PLACE * float(np.abs(centres).max())):
         return scene
-    found = "the cameras only turn: photos from one place show no depth; take some from places beside each other"
+    fault = "the cameras only turn: photos from one place show no depth; take some from places beside each other"
     if extent > SAME_PLACE * float(np.abs(centres).max()):
         depths = f"depths from {scene.near:g} to {scene.far:g}, which do not show from there"
-        found = f"all cameras stand within {extent:.3g}, far too near for {depths}"
-        found += ": the cameras only turn, or near and far are in other units than the poses; --near and --far say so"
-    raise InputError(found, where=str(scene.path))
+        fault = f"all cameras stand within {extent:.3g}, far too near for {depths}"
+        fault += ": the cameras only turn, or near and far are in other units than the poses; --near and --far say so"
+    raise InputError(fault, where=str(scene.path))
 
 
 def _once(scene: Scene, say: Callable[[str], object]) -> Scene:
@@ -178,8 +178,8 @@ def _matching(scene: Scene, say: Callable[[str], object]) -> Scene:
     kept = [v for v, partners in enumerate(neighbours.partners) if partners]
     alone = [frame.path.name for v, frame in enumerate(scene.frames) if v not in kept]
     if not kept:
-        found = "no photo shows from another place what one does: cameras that stand at one place show no depth"
-        raise InputError(f"{found}, nor those that have nothing in common", where=str(scene.path))
+        fault = "no photo shows from another place what one does: cameras that stand at one place show no depth"
+        raise InputError(f"{fault}, nor those that have nothing in common", where=str(scene.path))
     if alone:
         say(f"left out {_listed(alone)}: nothing in common with other photos from other places")
         scene = scene.views(kept)
@@ -226,10 +226,10 @@ def _say_wide(scene: Scene, say: Callable[[str], None], counting: Callable[[str]
     if scene.is_estimated or far < WIDE * near:
         return
     try:
-        found = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene, counting))
+        seen = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene, counting))
     except InputError:
-        found = "about none"
-    say(f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {found}")
+        seen = "about none"
+    say(f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {seen}")
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:
@@ -255,8 +255,8 @@ def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> 
     if request.size:
         _say_crop((camera.height, camera.width), request.size, say)
     else:
-        found = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
-        say(f"{found}, the largest size that the network `{request.model}` handles well; --size full keeps all pixels")
+        said = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
+        say(f"{said}, the largest size that the network `{request.model}` handles well; --size full keeps all pixels")
     return scene.resized(*size)
 
 
@@ -267,9 +267,9 @@ def _say_crop(photo: tuple[int, int], size: tuple[int, int], say: Callable[[str]
     if lost < SAID_CROP:
         return
     side = "width" if photo[1] * scale > size[1] + 0.5 else "height"
-    found = f"{size[1]}x{size[0]} cuts off {lost:.0%} of the {side} of photos of {photo[1]}x{photo[0]}"
+    said = f"{size[1]}x{size[0]} cuts off {lost:.0%} of the {side} of photos of {photo[1]}x{photo[0]}"
     fitting = [(round(photo[0] * share), round(photo[1] * share)) for share in (scale, scale * (1 - lost))]
     whole = " and ".join(f"{width}x{height}" for height, width in fitting)
     if lost > MOST_CROP and size[0] != size[1]:
-        raise InputError(f"{found}; {whole} keep them whole", where="--size")
-    say(f"{found}; {whole} keep them whole")
+        raise InputError(f"{said}; {whole} keep them whole", where="--size")
+    say(f"{said}; {whole} keep them whole")

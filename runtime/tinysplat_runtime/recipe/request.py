@@ -84,8 +84,8 @@ class Coding:
                 only = "with a target, lossless or like, which only gaussians can be given"
                 raise InputError(f"'{self.mode}' {only}", where="mode")
             if self.profile is not None and given[0] in ("lossless", "like"):
-                found = f"given with {given[0]}, which leaves it no say; expected one of them"
-                raise InputError(found, where="profile")
+                fault = f"given with {given[0]}, which leaves it no say; expected one of them"
+                raise InputError(fault, where="profile")
         find_profile(self.profile or DEFAULT_PROFILE)
         if self.qp is not None:
             from ..codec.encoder import check_qp  # and with it numpy, which a default needs no more than a word does

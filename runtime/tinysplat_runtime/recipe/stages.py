@@ -110,8 +110,8 @@ def enlarger_of(scene: Scene, model: str, tools: Tools, *, whole: bool = False) 
     if whole or camera.width * camera.height <= LARGE_PIXELS:
         return None
     graph = tools.store.enlarger()
-    found = Enlarger.of(graph) if graph is not None else None
-    return found if found is not None and tools.store.shipped_network(model) in found.networks else None
+    enlarger = Enlarger.of(graph) if graph is not None else None
+    return enlarger if enlarger is not None and tools.store.shipped_network(model) in enlarger.networks else None
 
 
 def refine(
@@ -218,8 +218,8 @@ def _thinning(job: Job) -> Coder:
         from ..prune.thinning import ThinningEncoder
         from ..prune.views import views_of
     except ImportError as error:
-        found = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
-        warn(found)
+        fault = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
+        warn(fault)
         return encoder(job)
     views, doubt = views_of(visible(job.gaussians))
     if doubt:

@@ -82,8 +82,8 @@ class Camera:
         R = c2w[:3, :3].clip(-2, 2)  # no rotation has larger entries, and squares of them might overflow
         deviation = float(np.abs(R @ R.T - np.eye(3)).max())
         if deviation > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
-            found = "a mirrored rotation" if deviation <= ROTATION_TOLERANCE else f"|R Rᵀ − 1| = {deviation:.3g}"
-            raise InputError(f"no rotation in the upper left ({found}), expected orthonormal with det +1", where="c2w")
+            fault = "a mirrored rotation" if deviation <= ROTATION_TOLERANCE else f"|R Rᵀ − 1| = {deviation:.3g}"
+            raise InputError(f"no rotation in the upper left ({fault}), expected orthonormal with det +1", where="c2w")
         if (c2w[3] != (0, 0, 0, 1)).any():
             raise InputError(f"last row {c2w[3].tolist()}, expected [0, 0, 0, 1]", where="c2w")
         object.__setattr__(self, "K", K)
@@ -92,11 +92,11 @@ class Camera:
     @cached_property
     def rotation(self) -> NDArray:
         """(3, 3) float64 world-to-camera rotation: the exact rotation nearest to the transpose of c2w's."""
-        found = self.c2w[:3, :3].T
+        R = self.c2w[:3, :3].T
         # Newton's iteration for the polar factor; each step squares the error, which `ROTATION_TOLERANCE` bounds.
         for _ in range(_POLAR_STEPS):
-            found = 1.5 * found - 0.5 * product(found, product(found.T, found))
-        return found
+            R = 1.5 * R - 0.5 * product(R, product(R.T, R))
+        return R
 
     @property
     def centre(self) -> NDArray:
@@ -138,5 +138,5 @@ class Camera:
 def check_is_in_pixels(camera: Camera, where: str) -> None:
     """InputError where a camera's K was in all likelihood divided by the size of its image."""
     if camera.focal < UNIT_FOCAL_BELOW <= min(camera.height, camera.width) / 4:
-        found = f"focal length {camera.focal:.3g} px for an image of {camera.width}x{camera.height}"
-        raise InputError(f"{found}, expected pixels (is K divided by the image's size?)", where=where)
+        fault = f"focal length {camera.focal:.3g} px for an image of {camera.width}x{camera.height}"
+        raise InputError(f"{fault}, expected pixels (is K divided by the image's size?)", where=where)

@@ -63,8 +63,8 @@ class Video:
         nearest = int(np.argmin(np.abs(times - seconds)))
         tolerance = float(np.median(np.diff(times))) if len(times) > 1 else _LONE_FRAME_S
         if not abs(times[nearest] - seconds) <= tolerance:
-            found = f"no frame at {seconds:.3f} s, its {len(times)} frames are shown from 0 to {times[-1]:.3f} s"
-            raise InputError(found, where=str(self.path))
+            fault = f"no frame at {seconds:.3f} s, its {len(times)} frames are shown from 0 to {times[-1]:.3f} s"
+            raise InputError(fault, where=str(self.path))
         return nearest
 
     def check_index(self, index: int) -> int:
@@ -124,8 +124,8 @@ def open_video(path: StrPath) -> Video:
         for packet in container.demux(stream):
             if packet.size and not packet.is_discard:
                 if packet.pts is None or len(stamps) >= MAX_FRAMES:
-                    found = "frames without times" if packet.pts is None else f"more than {MAX_FRAMES} frames"
-                    raise InputError(f"{found}; `ffmpeg -i IN OUT.mp4` writes a part of it anew")
+                    fault = "frames without times" if packet.pts is None else f"more than {MAX_FRAMES} frames"
+                    raise InputError(f"{fault}; `ffmpeg -i IN OUT.mp4` writes a part of it anew")
                 stamps.add(packet.pts)
         if not stamps:
             raise InputError("a video without frames")

@@ -271,8 +271,8 @@ def _strip(data: bytes) -> _Stripped:
             "HEIC, expected JPEG or PNG: `heif-convert a.heic a.jpg`, or a phone's `most compatible` format"
         )
     other = next((name for name, start in _OTHERS.items() if re.match(start, data, re.DOTALL)), None)
-    found = f"{other}, expected" if other else f"starts with {data[:4].hex(' ') or 'nothing'}, expected"
-    raise InputError(f"{found} a JPEG or PNG image{f': `ffmpeg -i a.{other.lower()} a.png`' if other else ''}")
+    fault = f"{other}, expected" if other else f"starts with {data[:4].hex(' ') or 'nothing'}, expected"
+    raise InputError(f"{fault} a JPEG or PNG image{f': `ffmpeg -i a.{other.lower()} a.png`' if other else ''}")
 
 
 def _strip_png(data: bytes) -> _Stripped:

@@ -160,8 +160,8 @@ def _pycolmap(model: str) -> Any:
     try:
         return load_pycolmap()
     except ImportError:
-        found = f"a {model} camera has lens distortion"
-        raise InputError(f"{found}; {INSTALL} to undistort, or undistort the photos first") from None
+        fault = f"a {model} camera has lens distortion"
+        raise InputError(f"{fault}; {INSTALL} to undistort, or undistort the photos first") from None
 
 
 def _first_line(error: Exception) -> str:

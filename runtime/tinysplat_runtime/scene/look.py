@@ -113,7 +113,7 @@ def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths:
     return Look(_costs(image, camera, other, its, depths), depths)
 
 
-def agreed(found: Look, camera: Camera, other: Look, its: Camera) -> float:
+def agreed(look: Look, camera: Camera, other: Look, its: Camera) -> float:
     """Share of a photo's pixels in another's frame at whose best depth the other's own best depth lies, 0 to 1.
 
     Photos of different things often find colours that fit, but not at the same places from both sides.
@@ -122,7 +122,7 @@ def agreed(found: Look, camera: Camera, other: Look, its: Camera) -> float:
         found, camera: of the photo.
         other, its: of the other, looked at over the same depths.
     """
-    inside, same = _agreement(found, camera, other, its)
+    inside, same = _agreement(look, camera, other, its)
     return float(same.sum() / max(inside.sum(), 1))
 
 
@@ -220,10 +220,10 @@ def _depths_agreed(
     return told(here, cameras[v], there, cameras[u]), told(there, cameras[u], here, cameras[v])
 
 
-def _agreement(found: Look, camera: Camera, other: Look, its: Camera) -> tuple[NDArray, NDArray]:
+def _agreement(look: Look, camera: Camera, other: Look, its: Camera) -> tuple[NDArray, NDArray]:
     """Which pixels (H, W) lie in another photo's frame, and at which of these it finds the same depth; see `agreed`."""
-    inverse = 1 / found.depths
-    best = found.depths[found.costs.argmin(axis=0)]
+    inverse = 1 / look.depths
+    best = look.depths[look.costs.argmin(axis=0)]
     (point,) = _points(camera, its, best.shape, best[None, :, :, None])
     row, column, inside = _places(point, its)
     step = abs(inverse[-1] - inverse[0]) / (len(inverse) - 1)

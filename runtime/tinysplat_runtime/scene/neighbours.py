@@ -87,13 +87,13 @@ class Neighbours:
         partners: list[tuple[int, ...]] = []
         for v, nearest in enumerate(_nearest(places, min(CANDIDATES, len(cameras) - 1))):
             points = points_seen(cameras[v], near, far)
-            found = [
+            own = [
                 int(u)
                 for u in nearest
                 if np.linalg.norm(places[u, :3] - places[v, :3]) >= LEAST_BASELINE
                 and sees(cameras[u], points, near, far).mean() >= COMMON
             ]
-            partners.append(tuple(found))
+            partners.append(tuple(own))
         return cls(places, tuple(partners))
 
     def cost(self, view: int, views: Sequence[int]) -> float:
@@ -124,10 +124,10 @@ class Neighbours:
             for u in partners:
                 low, high = sorted((root(u), root(v)))
                 first[high] = low
-        found: dict[int, list[int]] = {}
+        by_root: dict[int, list[int]] = {}
         for v in range(len(first)):
-            found.setdefault(root(v), []).append(v)
-        return list(found.values())
+            by_root.setdefault(root(v), []).append(v)
+        return list(by_root.values())
 
 
 def view_places(cameras: Sequence[Camera], near: float, far: float) -> NDArray:
@@ -155,14 +155,14 @@ def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:
     centres = np.stack([camera.centre for camera in cameras])
     reach = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()) or 1.0
     places = view_places(cameras, reach, reach)
-    found = [int(np.argmin(np.square(places - places.mean(axis=0)).sum(axis=1)))]
+    chosen = [int(np.argmin(np.square(places - places.mean(axis=0)).sum(axis=1)))]
     away = np.full(len(places), np.inf)
-    while len(found) < count:
-        away = np.minimum(away, np.square(places - places[found[-1]]).sum(axis=1))
+    while len(chosen) < count:
+        away = np.minimum(away, np.square(places - places[chosen[-1]]).sum(axis=1))
         if not away.max() > 1e-12:
             break
-        found.append(int(np.argmax(away)))
-    return [cameras[number] for number in sorted(found)]
+        chosen.append(int(np.argmax(away)))
+    return [cameras[number] for number in sorted(chosen)]
 
 
 def grouped(neighbours: Neighbours, size: int = GROUP, least: int = 2, shared: float = np.inf) -> list[Group]:
@@ -210,12 +210,12 @@ def _cover(sets: Sequence[set[int]], costs: Sequence[float]) -> list[int]:
 
 def _nearest(places: NDArray, count: int) -> NDArray:
     """(V, count) int64: the nearest other places of each, nearest first, of two at one distance the first."""
-    found = np.empty((len(places), count), np.int64)
+    nearest = np.empty((len(places), count), np.int64)
     for start in range(0, len(places), _ROWS):
         rows = np.arange(start, min(start + _ROWS, len(places)))
         squares = np.zeros((len(rows), len(places)))
         for axis in places.T:
             squares += np.square(axis[rows, None] - axis)
         squares[np.arange(len(rows)), rows] = np.inf
-        found[rows] = np.argsort(squares, axis=1, kind="stable")[:, :count]
-    return found
+        nearest[rows] = np.argsort(squares, axis=1, kind="stable")[:, :count]
+    return nearest

@@ -106,13 +106,13 @@ class Frame:
         if pixels.shape[:2] == (stated.width, stated.height) != (stated.height, stated.width) and self.video is None:
             pixels = read_image(self.path, upright=False)
             if pixels.shape[:2] == (stated.height, stated.width):
-                found = f"taken as stored, {stated.width}x{stated.height}, as its camera is of that size"
-                warn(f"{self.path}: {found}; its Exif orientation turns it")
+                fault = f"taken as stored, {stated.width}x{stated.height}, as its camera is of that size"
+                warn(f"{self.path}: {fault}; its Exif orientation turns it")
         if pixels.shape[:2] != (stated.height, stated.width):
-            found = f"{pixels.shape[1]}x{pixels.shape[0]} pixels, but its camera states {stated.width}x{stated.height}"
+            fault = f"{pixels.shape[1]}x{pixels.shape[0]} pixels, but its camera states {stated.width}x{stated.height}"
             is_turned = pixels.shape[:2] == (stated.width, stated.height)
             turned = ": the photo was turned after its camera was found; turn it back" if is_turned else ""
-            raise InputError(f"{found}{turned}", where=str(self.path))
+            raise InputError(f"{fault}{turned}", where=str(self.path))
         return pixels if self.lens is None else self.lens.undistort(pixels)
 
     def _shrink(self, height: int, width: int) -> int:
@@ -242,8 +242,8 @@ class Scene:
         for frame in self.frames:
             width, height = frame.camera.width, frame.camera.height
             if (width, height) != (first.width, first.height):
-                found = f"{width}x{height} pixels, but {self.frames[0].path} has {first.width}x{first.height}"
-                raise InputError(f"{found}; choose one size with --size WxH", where=str(frame.path))
+                fault = f"{width}x{height} pixels, but {self.frames[0].path} has {first.width}x{first.height}"
+                raise InputError(f"{fault}; choose one size with --size WxH", where=str(frame.path))
 
     def depth_range(self) -> tuple[float, float]:
         """(near, far), or InputError naming the options when the scene does not state them."""

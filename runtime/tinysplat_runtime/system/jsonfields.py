@@ -40,16 +40,16 @@ def parse_json(data: bytes) -> Any:
         raise InputError("JSON nested too deeply") from None
     except ValueError as error:
         digits = re.match(r"Exceeds the limit \((\d+) digits\)", str(error))
-        found = f"a number of more than {digits[1]} digits" if digits else f"not JSON ({error})"
-        raise InputError(found if data.strip() else "an empty file, expected JSON") from None
+        fault = f"a number of more than {digits[1]} digits" if digits else f"not JSON ({error})"
+        raise InputError(fault if data.strip() else "an empty file, expected JSON") from None
 
 
 def frame_entries(document: dict[str, Any]) -> list[dict[str, Any]]:
     """The objects of a document's list `frames`, at least one."""
     frames = document.get("frames")
     if not isinstance(frames, list) or not frames:
-        found = "missing" if "frames" not in document else "empty" if frames == [] else f"a JSON {kind_of(frames)}"
-        raise InputError(f"{found}, expected a list of at least one frame", where="frames")
+        fault = "missing" if "frames" not in document else "empty" if frames == [] else f"a JSON {kind_of(frames)}"
+        raise InputError(f"{fault}, expected a list of at least one frame", where="frames")
     for i, entry in enumerate(frames):
         if not isinstance(entry, dict):
             raise InputError(f"a JSON {kind_of(entry)}, expected an object", where=f"frames[{i}]")
@@ -60,8 +60,8 @@ def photo_name(i: int, entry: dict[str, Any], key: str = "file") -> str:
     """The photo's name under `key`: relative, and inside the scene's folder on any system."""
     where, name = f"frames[{i}].{key}", entry.get(key)
     if not isinstance(name, str) or not name or "\0" in name:
-        found = "missing" if key not in entry else json.dumps(name)[:40]
-        raise InputError(f"{found}, expected the name of a photo", where=where)
+        fault = "missing" if key not in entry else json.dumps(name)[:40]
+        raise InputError(f"{fault}, expected the name of a photo", where=where)
     if "://" in name:
         raise InputError(f"'{name[:60]}', a URL; expected a photo in the scene's folder: download it", where=where)
     for path in (PurePosixPath(name), PureWindowsPath(name)):
@@ -69,8 +69,8 @@ def photo_name(i: int, entry: dict[str, Any], key: str = "file") -> str:
             raise InputError(f"'{name[:60]}' leaves the scene's folder, expected a path inside it", where=where)
     longest = max(len(part.encode("utf-8", "surrogatepass")) for part in name.split("/"))
     if longest > MAX_NAME_BYTES or len(name) > MAX_PATH_LENGTH:
-        found = f"a path of {len(name)} characters, its longest name of {longest} bytes"
-        raise InputError(f"{found}, accepted are {MAX_PATH_LENGTH} and {MAX_NAME_BYTES}", where=where)
+        fault = f"a path of {len(name)} characters, its longest name of {longest} bytes"
+        raise InputError(f"{fault}, accepted are {MAX_PATH_LENGTH} and {MAX_NAME_BYTES}", where=where)
     return name
 
 

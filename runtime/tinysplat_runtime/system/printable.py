@@ -27,10 +27,10 @@ def type_of(value: object) -> str:
 
 def unprinted(text: str) -> str | None:
     """The first character that does not print."""
-    found = _UNPRINTED.search(text)
-    return found[0] if found else None
+    match = _UNPRINTED.search(text)
+    return match[0] if match else None
 
 
 def printable(text: str) -> str:
     """The text in one line, with what does not print as Python would write it."""
-    return _UNPRINTED.sub(lambda found: repr(found[0])[1:-1], " ".join(text.split()))
+    return _UNPRINTED.sub(lambda match: repr(match[0])[1:-1], " ".join(text.split()))

@@ -87,7 +87,7 @@ class Shelf:
 
     def put(self, owner: Hashable, *parts: NDArray) -> None:
         """Contiguous parts of arrays become an owner's; of those that lie in memory alone nothing is kept."""
-        self._parts[owner].extend(found for part in parts if (found := _Part.of(part)) is not None)
+        self._parts[owner].extend(own for part in parts if (own := _Part.of(part)) is not None)
         self.take((owner,))
 
     def take(self, owners: Sequence[Hashable]) -> None:
@@ -153,10 +153,10 @@ def room() -> int:
     if not _is_possible():
         return 0
     try:
-        found = os.statvfs(_folder())
+        disk = os.statvfs(_folder())
     except OSError:
         return 0
-    return found.f_bavail * found.f_frsize
+    return disk.f_bavail * disk.f_frsize
 
 
 def _is_possible() -> bool:

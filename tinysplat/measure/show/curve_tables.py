@@ -42,8 +42,8 @@ def measured(rows: Sequence[Row], study: str) -> list[Row]:
 def _windows(rows: Sequence[Row], key: str = TO_RAW) -> Windows:
     return {
         case: {
-            way: [(row.figures["bytes"], row.figures[key]) for row in found if row.figures.get(key) is not None]
-            for (way,), found in grouped(members, "way").items()
+            way: [(row.figures["bytes"], row.figures[key]) for row in points if row.figures.get(key) is not None]
+            for (way,), points in grouped(members, "way").items()
         }
         for (case,), members in grouped(rows, "subject").items()
     }

@@ -112,12 +112,12 @@ class Chart:
 
     def panels(self, rows: Sequence[Row], level: float | None = None) -> list[Panel]:
         """A panel per value of `panel`, those without points left out."""
-        found = []
+        drawn = []
         for name, members in _parts(of_study(rows, self.study), self.panel).items():
             curves = [self._curve(label, group) for label, group in _parts(members, self.curve).items()]
             if any(curve.points for curve in curves):
-                found.append(Panel(name, self.x.label, self.y.label, curves, level, self.log))
-        return found
+                drawn.append(Panel(name, self.x.label, self.y.label, curves, level, self.log))
+        return drawn
 
     def _curve(self, name: str, rows: Sequence[Row]) -> Curve:
         points = {}

@@ -117,8 +117,8 @@ def result_sheets(a: Path, b: Path) -> list[Sheet]:
         InputError: a folder holds no results, or no window is in both with pictures.
     """
     records = [[r for r in read_results(folder) if r["pictures"]] for folder in (a, b)]
-    for folder, found in zip((a, b), records, strict=True):
-        if not found:
+    for folder, own in zip((a, b), records, strict=True):
+        if not own:
             raise InputError("results without pictures; make them with `tinysplat eval --pictures`", where=str(folder))
     sheets = []
     for first, second in matching(*records):

@@ -70,7 +70,7 @@ def _photo_rows(run: Run) -> Iterator[Row]:
     Rows `growth photos, TASK` of the whole and `growth photos, TASK: STAGE` of each stage, on photos of every size.
     """
     sizes = PHOTO_SIZES[:QUICK_SIZES] if run.quick else PHOTO_SIZES
-    found = []
+    rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for height, width in sizes:
@@ -85,14 +85,14 @@ def _photo_rows(run: Run) -> Iterator[Row]:
                 try:
                     peak = measure_peak(f"{__name__}.{task}_photos", folder, run.threads).total
                 except (TinySplatError, subprocess.TimeoutExpired) as error:
-                    found.append(replace(row, note=str(error)))
+                    rows.append(replace(row, note=str(error)))
                     break
                 stages = json.loads((folder / STAGES_FILE).read_text("utf-8"))
                 peak = max(peak, *(costs.get("peak_bytes", 0) for costs in stages.values()))
                 seconds = sum(costs["seconds"] for costs in stages.values())
-                found.append(replace(row, costs={"seconds": seconds, "peak_bytes": peak}))
-                found += [replace(row, study=f"{row.study}: {at}", costs=costs) for at, costs in stages.items()]
-    yield from sorted(found, key=lambda row: row.study)
+                rows.append(replace(row, costs={"seconds": seconds, "peak_bytes": peak}))
+                rows += [replace(row, study=f"{row.study}: {at}", costs=costs) for at, costs in stages.items()]
+    yield from sorted(rows, key=lambda row: row.study)
 
 
 def _cloud_rows(run: Run) -> Iterator[Row]:
@@ -143,8 +143,8 @@ def _capture_rows(run: Run) -> Iterator[Row]:
             except (TinySplatError, subprocess.TimeoutExpired) as error:
                 yield replace(row, note=str(error))
                 continue
-            found = json.loads((Path(folder) / STAGES_FILE).read_text("utf-8"))
-        yield replace(row, figures={"bytes": found.pop("bytes")}, costs={**found, "peak_bytes": peak.total})
+            costs = json.loads((Path(folder) / STAGES_FILE).read_text("utf-8"))
+        yield replace(row, figures={"bytes": costs.pop("bytes")}, costs={**costs, "peak_bytes": peak.total})
 
 
 def walk_capture(folder: str, count: str, height: str, width: str, model: str, threads: str) -> Callable[[], Any]:
@@ -164,11 +164,11 @@ def walk_capture(folder: str, count: str, height: str, width: str, model: str, t
             if find_spec("numba"):
                 gaussians = runtime.refine(gaussians, scene)
             data = runtime.compress(gaussians, drop_invalid=True)
-        found = {"bytes": len(data), "cpu": time.process_time() - before}
+        figures = {"bytes": len(data), "cpu": time.process_time() - before}
         with watch.stage("frame"), runtime.open(BytesIO(data)) as file:
             camera = scene.cameras[0]
             Renderer(file.near(camera), int(threads), compiled=False).render(camera)
-        (Path(folder) / STAGES_FILE).write_text(json.dumps({**watch.seconds, **found}), "utf-8")
+        (Path(folder) / STAGES_FILE).write_text(json.dumps({**watch.seconds, **figures}), "utf-8")
 
     return run
 
@@ -307,9 +307,9 @@ def photo_line(rows: Sequence[Row]) -> str:
     growing = _growing(rows)
     parts = []
     for task, made in (("encode", "a file"), ("render", "a picture of it")):
-        found = [row for (study, _), members in growing.items() if study == f"growth photos, {task}" for row in members]
-        if found:
-            last = max(found, key=lambda row: row.setting["x"])
+        taken = [row for (study, _), members in growing.items() if study == f"growth photos, {task}" for row in members]
+        if taken:
+            last = max(taken, key=lambda row: row.setting["x"])
             costs = f"{duration(last.seconds)} and {megabytes(last.costs['peak_bytes'])}"
             parts.append(f"{made} {costs}")
             _, width, height = last.way.split("x")

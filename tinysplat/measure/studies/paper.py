@@ -118,17 +118,17 @@ def paper_rows(run: Run) -> Iterator[Row]:
 
 def _data(run: Run) -> dict[str, list[Source]]:
     """Scenes by data set."""
-    found: dict[str, list[Source]] = {SCENES: list(run.sources)} if run.sources else {}
+    by_name: dict[str, list[Source]] = {SCENES: list(run.sources)} if run.sources else {}
     for name, folder, index in run.options.data:
         if name not in SPECS:
             raise InputError(f"'{name}', accepted are {', '.join(SPECS)}", where="--data")
         options = {"near": run.options.near, "far": run.options.far}
         sources, lost = find_sources([folder], index=index, dataset=name, **options)
-        found.setdefault(name, []).extend(sources)
+        by_name.setdefault(name, []).extend(sources)
         run.left_out += map(str, lost)
-    if not any(found.values()):
+    if not any(by_name.values()):
         raise InputError("nothing to measure; give INPUT or --data NAME FOLDER INDEX", where="paper")
-    return found
+    return by_name
 
 
 def _models(run: Run, data: str) -> tuple[str, ...]:
@@ -152,11 +152,11 @@ def network_name(model: str) -> str:
 
 def _measured(rows: Sequence[Row], views: int | None = None) -> dict[str, dict[str, list[Row]]]:
     """Rows by network and data set, of windows of so many views."""
-    found: dict[str, dict[str, list[Row]]] = {}
+    by_network: dict[str, dict[str, list[Row]]] = {}
     for row in (row for row in rows if row.study == STUDY and views in (None, row.setting["views"])):
         data = row.setting["kind"] if row.setting["kind"] in SPECS else SCENES
-        found.setdefault(network_name(row.setting["model"]), {}).setdefault(data, []).append(row)
-    return found
+        by_network.setdefault(network_name(row.setting["model"]), {}).setdefault(data, []).append(row)
+    return by_network
 
 
 def _at(rows: Iterable[Row], profile: str, qp: float = 0.0) -> list[Row]:
@@ -183,14 +183,14 @@ def views_table(rows: Sequence[Row]) -> str:
     by_views = {views: _measured(rows, views) for views in VIEWS}
     if not any(by_views.values()):
         return ""
-    groups = [data for measured in by_views.values() for found in measured.values() for data in found]
+    groups = [data for measured in by_views.values() for by_data in measured.values() for data in by_data]
     columns, lines = list(dict.fromkeys(["dl3dv", *groups])), []
     for views, printed in VIEWS.items():
         for codec, quality in printed.items():
             cells = (_printed(quality if data == "dl3dv" else None) for data in columns)
             lines.append([f"{views} DepthSplat", codec, "printed", *cells])
-        for network, found in by_views[views].items():
-            lines += _lines(f"{views} {network}", found, columns)
+        for network, by_data in by_views[views].items():
+            lines += _lines(f"{views} {network}", by_data, columns)
     header = ["views, network", "codec", "by", *(NAMES.get(data, data) for data in columns)]
     return _titled("Context views, Q_g = 0: PSNR dB / SSIM / LPIPS / MB", header, lines)
 

@@ -58,32 +58,32 @@ def _scene_row(name: str, scene: Scene, run: Run) -> Row:
         if done[0].returncode:
             line = (done[0].stderr.strip().splitlines() or [f"exit status {done[0].returncode}"])[-1]
             return Row(row.study, row.subject, row.way, row.setting, row.figures, costs, note=line)
-        found = {frame.path.stem: frame.camera.centre for frame in load_scene(output).frames}
+        placed = {frame.path.stem: frame.camera.centre for frame in load_scene(output).frames}
     places = np.array(list(known.values()))
     extent = float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
-    off = misplaced(np.array([found[stem] for stem in found]), np.array([known[stem] for stem in found]))
+    off = misplaced(np.array([placed[stem] for stem in placed]), np.array([known[stem] for stem in placed]))
     right = float((off <= TOLERANCE * extent).sum())
     return Row(
-        STUDY, name, "poses", row.setting, {"placed": len(found) / len(known), "right": right / len(known)}, costs
+        STUDY, name, "poses", row.setting, {"placed": len(placed) / len(known), "right": right / len(known)}, costs
     )
 
 
-def misplaced(found: NDArray, known: NDArray) -> NDArray:
+def misplaced(places: NDArray, known: NDArray) -> NDArray:
     """How far places lie from the known ones, both (N, 3) float64, under the similarity that fits half of them best."""
-    chosen = np.ones(len(found), bool)
+    chosen = np.ones(len(places), bool)
     for _ in range(ROUNDS):
-        off = np.linalg.norm(_fitted(found, known, chosen) - known, axis=1)
+        off = np.linalg.norm(_fitted(places, known, chosen) - known, axis=1)
         chosen = off <= np.median(off)
     return off
 
 
-def _fitted(found: NDArray, known: NDArray, chosen: NDArray) -> NDArray:
+def _fitted(places: NDArray, known: NDArray, chosen: NDArray) -> NDArray:
     """All places found, moved, turned and scaled as brings the chosen ones nearest (Umeyama 1991)."""
-    a, b = found[chosen], known[chosen]
+    a, b = places[chosen], known[chosen]
     u, spread, vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     scale = (spread * signs).sum() / max(float(((a - a.mean(axis=0)) ** 2).sum()), 1e-30)
-    return scale * (found - a.mean(axis=0)) @ (u * signs @ vt).T + b.mean(axis=0)
+    return scale * (places - a.mean(axis=0)) @ (u * signs @ vt).T + b.mean(axis=0)
 
 
 def _share(value: float) -> str:

@@ -69,12 +69,12 @@ def _scene_rows(name: str, scene: Scene, run: Run) -> Iterator[Row]:
 
 def _beside(whole: Row, rows: Sequence[Row]) -> dict[str, float]:
     """Bytes with cameras for as many dB as a file with all kept has, to photos and to the list."""
-    found: dict[str, float] = {}
+    reference: dict[str, float] = {}
     for name, db in (("bytes_pruned", "psnr"), ("bytes_pruned_raw", "psnr_decoded_raw")):
         points = [(row.figures["bytes"], row.figures[db]) for row in rows if row.way == SEEING]
         beside = bytes_at(points, whole.figures[db])
-        found |= {name: beside} if beside else {}
-    return found
+        reference |= {name: beside} if beside else {}
+    return reference
 
 
 def _one_list(name: str, others: Scene, run: Run) -> Gaussians:

@@ -70,11 +70,11 @@ def zoom_table(rows: Sequence[Row]) -> str:
         return ""
     lines = []
     for name, (_, mean) in means(rows).items():
-        for factor, found in (mean.get("zoom") or {}).items():
-            gain = found["psnr"] - found["psnr_enlarged"]
-            scale = found["photos_enlarged"]
+        for factor, zoomed in (mean.get("zoom") or {}).items():
+            gain = zoomed["psnr"] - zoomed["psnr_enlarged"]
+            scale = zoomed["photos_enlarged"]
             photos = "smaller than the picture, enlarged" if scale > 1.001 else "as large or larger"
-            cells = decibels(found["psnr_raw"]), decibels(found["psnr"]), decibels(found["psnr_enlarged"])
+            cells = decibels(zoomed["psnr_raw"]), decibels(zoomed["psnr"]), decibels(zoomed["psnr_enlarged"])
             lines.append([name, f"{factor} ×", *cells, f"{gain:+.2f}", f"{photos} ({scale:.2f} ×)"])
     return format_table(["scene", "size", "raw dB", "coded dB", "enlarged dB", "gain", "stored photos"], lines)
 
@@ -95,8 +95,8 @@ def nested_summary(rows: Sequence[Row]) -> str:
     """A line per group: means over scenes."""
     lines = []
     for identity, members in groups_of([row for row in rows if row.study == STUDY and "nested" in row.figures]):
-        found = mean_of_scenes(members)["nested"]
-        lines.append([f"windows of {identity['views']}", *(decibels(found.get(str(count))) for count in NESTED)])
+        nested = mean_of_scenes(members)["nested"]
+        lines.append([f"windows of {identity['views']}", *(decibels(nested.get(str(count))) for count in NESTED)])
     return format_table(["", *(f"nearest {count}, dB" for count in NESTED)], lines) if lines else ""
 
 
@@ -173,8 +173,8 @@ def _has_lpips(rows: Sequence[Row]) -> bool:
 def _tables(rows: Sequence[Row], table: Callable[[Sequence[Row]], str]) -> str:
     """A table per group."""
     chosen = [row for row in rows if row.study == STUDY]
-    found = [(title(identity), table(members)) for identity, members in groups_of(chosen)]
-    return "\n\n".join(f"**{name}**\n\n{text}" for name, text in found if text)
+    titled = [(title(identity), table(members)) for identity, members in groups_of(chosen)]
+    return "\n\n".join(f"**{name}**\n\n{text}" for name, text in titled if text)
 
 
 def summary_table(rows: Sequence[Row]) -> str:
@@ -195,9 +195,9 @@ def zoom_summary(rows: Sequence[Row]) -> str:
     """A line per group and multiple: means over scenes."""
     lines = []
     for identity, members in groups_of([row for row in rows if row.study == STUDY]):
-        for factor, found in (mean_of_scenes(members).get("zoom") or {}).items():
-            dB = (decibels(found[key]) for key in ("psnr_raw", "psnr", "psnr_enlarged"))
-            gain = f"{found['psnr'] - found['psnr_enlarged']:+.2f}"
+        for factor, zoomed in (mean_of_scenes(members).get("zoom") or {}).items():
+            dB = (decibels(zoomed[key]) for key in ("psnr_raw", "psnr", "psnr_enlarged"))
+            gain = f"{zoomed['psnr'] - zoomed['psnr_enlarged']:+.2f}"
             size = f"{identity['width']}×{identity['height']}, {factor} ×"
             lines.append([f"{identity['kind']}, {identity['views']} views, {identity['model']}", size, *dB, gain])
     return format_table(["", "coded at, drawn at", "raw dB", "coded dB", "enlarged dB", "gain"], lines) if lines else ""

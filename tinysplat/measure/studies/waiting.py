@@ -92,7 +92,7 @@ def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path
     works[FURTHER] = DEFAULT_PROFILE, partial(drawn.render, view_between(case.gaussians))
     for name, (profile, work) in works.items():
         setting = {"thing": name, "profile": profile, "qp": qp}
-        yield Variant(f"{name}, Q_g {qp:g}", work, lambda _, found=figures[profile]: found, setting, run.threads)  # type: ignore[misc]
+        yield Variant(f"{name}, Q_g {qp:g}", work, lambda _, figured=figures[profile]: figured, setting, run.threads)  # type: ignore[misc]
 
 
 def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
@@ -160,7 +160,7 @@ def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
         points.setdefault(row.setting["thing"], []).append((row.costs["cpu"], row.figures["psnr_decoded_raw"]))
     if not points:
         return False
-    curves = [Curve(thing, found) for thing, found in sorted(points.items(), key=lambda item: min(item[1]))]
+    curves = [Curve(thing, drawn) for thing, drawn in sorted(points.items(), key=lambda item: min(item[1]))]
     labels = "processor seconds, all threads", "dB of the file's pictures to those of the Gaussians"
     save_grid(path, "", [[Panel("How long it takes, by the quality of the file", *labels, curves)]])
     return True
@@ -176,11 +176,11 @@ def _megabytes(key: str) -> Callable[[Sequence[Row]], str]:
 
 def _longest(rows: Sequence[Row]) -> str:
     """A sentence: how long photos, and Gaussians, take to become a file of the default quality."""
-    found = {row.setting["thing"]: row for row in of_study(rows, "waits") if row.setting["qp"] == 0}
-    if PHOTOS not in found:
+    by_thing = {row.setting["thing"]: row for row in of_study(rows, "waits") if row.setting["qp"] == 0}
+    if PHOTOS not in by_thing:
         return ""
-    said_of = [duration(found[thing].costs["cpu"]) for thing in (PHOTOS, f"Gaussians to a file, {DEFAULT_PROFILE}")]
-    quick, thorough = (duration(found[f"Gaussians to a file, {name}"].costs["cpu"]) for name in ("fast", "max"))
+    said_of = [duration(by_thing[thing].costs["cpu"]) for thing in (PHOTOS, f"Gaussians to a file, {DEFAULT_PROFILE}")]
+    quick, thorough = (duration(by_thing[f"Gaussians to a file, {name}"].costs["cpu"]) for name in ("fast", "max"))
     return (
         f"two photos of 256×256 take {said_of[0]} of processor time, of which {said_of[1]} are coding"
         f" (`fast` {quick}, `max` {thorough})"

@@ -112,8 +112,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         seconds, cpu = (spent + coding).tolist()
         coded = drawn(runtime.decompress(data))
         more = {"bytes": len(data), "coded": statistics.fmean(coded), "coded_worst": min(coded)}
-        found = row(way, photos, asked, drawn(gaussians))
-        return replace(found, figures={**found.figures, **more}, costs={"seconds": seconds, "cpu": cpu})
+        known_row = row(way, photos, asked, drawn(gaussians))
+        return replace(known_row, figures={**known_row.figures, **more}, costs={"seconds": seconds, "cpu": cpu})
 
     known: dict[int, list[tuple[Row, Gaussians]]] = {}
     counts = {str(count): count for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS)}
@@ -129,11 +129,13 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             if count == COMPARED and capture.scene.near and capture.scene.far:
                 stated, made = _timed(partial(runtime.predict, capture.given(count), model))
                 known[photos].append((walked(STATED, photos, asked, stated, made), stated))
-        for found, gaussians in known[photos]:
-            if found.way == STATED and count != COMPARED:
+        for known_row, gaussians in known[photos]:
+            if known_row.way == STATED and count != COMPARED:
                 continue
             swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
-            yield replace(found, setting={**found.setting, "asked": asked}, figures={**found.figures, **swing})
+            yield replace(
+                known_row, setting={**known_row.setting, "asked": asked}, figures={**known_row.figures, **swing}
+            )
     given, compared = found_for(capture.given(COMPARED)), str(COMPARED)
     six = Capture(given, (), tuple(range(len(given.frames)))).given(6)
     yield row("six spread", 6, compared, drawn(runtime.predict(six, model)))
@@ -154,8 +156,8 @@ def found_for(scene: Scene) -> Scene:
 def _timed(work: Callable[[], T]) -> tuple[T, NDArray]:
     """What comes of it; seconds, and those of processors."""
     start = np.array([time.perf_counter(), time.process_time()])
-    found = work()
-    return found, np.array([time.perf_counter(), time.process_time()]) - start
+    result = work()
+    return result, np.array([time.perf_counter(), time.process_time()]) - start
 
 
 def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:

@@ -219,10 +219,10 @@ def find_sources(
     left_out: list[LeftOut] = []
     for path in map(Path, paths):
         try:
-            found, lost = _sources_at(path, index, dataset, near, far)
+            own, lost = _sources_at(path, index, dataset, near, far)
         except TinySplatError as error:
-            found, lost = [], [LeftOut(str(path), str(error))]
-        sources += found
+            own, lost = [], [LeftOut(str(path), str(error))]
+        sources += own
         left_out += lost
     return sources, left_out
 
@@ -233,8 +233,8 @@ def _sources_at(
     if path.is_file() and path.suffix.lower() in GAUSSIAN_SUFFIXES:
         return [FileSource(path)], []
     if not path.is_dir():
-        found = "no such folder" if not path.exists() else f"a file that ends in '{path.suffix}'"
-        raise InputError(f"{found}; accepted are scene folders, chunk folders and {', '.join(GAUSSIAN_SUFFIXES)}")
+        fault = "no such folder" if not path.exists() else f"a file that ends in '{path.suffix}'"
+        raise InputError(f"{fault}; accepted are scene folders, chunk folders and {', '.join(GAUSSIAN_SUFFIXES)}")
     if (path / CAMERAS_FILE).is_file():
         return [FolderSource(path, near, far)], []
     if (path / INDEX_FILE).is_file():
@@ -333,8 +333,8 @@ def read_depth(path: Path, scale: float, height: int, width: int) -> NDArray:
     try:
         with Image.open(path, formats=("PNG",)) as image:
             if image.mode not in ("I;16", "I;16B", "I") or image.width * image.height > MAX_PIXELS:
-                found = f"{image.width}x{image.height} of mode {image.mode}"
-                raise InputError(f"{found}, expected a 16-bit grey PNG", where=str(path))
+                fault = f"{image.width}x{image.height} of mode {image.mode}"
+                raise InputError(f"{fault}, expected a 16-bit grey PNG", where=str(path))
             stored = np.asarray(image).astype(np.float32)
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"cannot be decoded ({str(error)[:120]})", where=str(path)) from None

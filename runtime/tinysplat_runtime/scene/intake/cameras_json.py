@@ -94,8 +94,8 @@ def _camera(i: int, entry: dict[str, Any]) -> Camera:
             raise InputError("missing", where=f"frames[{i}].{name}")
     for name in ("width", "height"):
         if type(entry[name]) is not int:
-            found = f"{json.dumps(entry[name])[:40]} (a JSON {kind_of(entry[name])})"
-            raise InputError(f"{found}, expected a whole number", where=f"frames[{i}].{name}")
+            fault = f"{json.dumps(entry[name])[:40]} (a JSON {kind_of(entry[name])})"
+            raise InputError(f"{fault}, expected a whole number", where=f"frames[{i}].{name}")
     try:
         return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
     except InputError as error:

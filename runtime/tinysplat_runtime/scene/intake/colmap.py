@@ -64,10 +64,10 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
         frames = [_frame(photos, entries[i]) for i in order]
     except InputError as error:
         raise error.within(str(model)) from None
-    found = _observed_range(arrays, np.stack([np.array(entry["w2c"]) for entry in entries]))
-    if None in found:
-        found = depth_range_in_view(arrays["points"], [frame.camera for frame in frames])
-    near, far = (given if given is not None else own for given, own in zip((near, far), found, strict=True))
+    depths = _observed_range(arrays, np.stack([np.array(entry["w2c"]) for entry in entries]))
+    if None in depths:
+        depths = depth_range_in_view(arrays["points"], [frame.camera for frame in frames])
+    near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
     return Scene(folder, even_sizes(frames), near, far)
 
 

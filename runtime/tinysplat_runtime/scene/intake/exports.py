@@ -85,10 +85,10 @@ def _record3d(file: Path) -> dict[str, Any]:
 
 
 def _opensfm(file: Path) -> dict[str, Any]:
-    found = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
-    if not isinstance(found, list) or not found:
-        raise InputError(f"a JSON {kind_of(found)}, expected a list of one reconstruction or more")
-    parts = [_object(part, f"[{i}]") for i, part in enumerate(found)]
+    reconstructions = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
+    if not isinstance(reconstructions, list) or not reconstructions:
+        raise InputError(f"a JSON {kind_of(reconstructions)}, expected a list of one reconstruction or more")
+    parts = [_object(part, f"[{i}]") for i, part in enumerate(reconstructions)]
     shots = [_object(part.get("shots"), f"[{i}].shots") for i, part in enumerate(parts)]
     largest = max(range(len(parts)), key=lambda i: len(shots[i]))
     if len(parts) > 1:
@@ -118,8 +118,8 @@ def _c2w(shot: dict[str, Any], name: str) -> list[list[float]]:
 
 def _opensfm_lens(camera: dict[str, Any], name: str) -> dict[str, Any]:
     if camera.get("projection_type") not in _MODELS:
-        found = f"{str(camera.get('projection_type'))[:40]}, expected one of {', '.join(_MODELS)}"
-        raise InputError(found, where=f"{name}.projection_type")
+        fault = f"{str(camera.get('projection_type'))[:40]}, expected one of {', '.join(_MODELS)}"
+        raise InputError(fault, where=f"{name}.projection_type")
     values = {"c_x": 0.0, "c_y": 0.0, "k1": 0.0, "k2": 0.0, "k3": 0.0, "p1": 0.0, "p2": 0.0, **camera}
     if "focal" in camera:
         values = {"focal_x": camera["focal"], "focal_y": camera["focal"], **values}
@@ -152,17 +152,17 @@ def _numbers(fields: dict[str, Any], name: str, shape: tuple[int | None, ...], i
     if name not in fields:
         raise InputError("missing", where=where)
     try:
-        found = np.array(fields[name], np.float64)
+        array = np.array(fields[name], np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.full((0,) * (len(shape) + 1), np.nan)
-    fits = len(found.shape) == len(shape) and all(
+        array = np.full((0,) * (len(shape) + 1), np.nan)
+    fits = len(array.shape) == len(shape) and all(
         one == wanted if wanted is not None else 0 < one <= _MAX_FRAMES
-        for one, wanted in zip(found.shape, shape, strict=True)
+        for one, wanted in zip(array.shape, shape, strict=True)
     )
-    if not fits or not np.isfinite(found).all():
+    if not fits or not np.isfinite(array).all():
         size = "x".join("N" if wanted is None else str(wanted) for wanted in shape)
         raise InputError(f"expected {size} finite numbers" if size else "expected a finite number", where=where)
-    return found
+    return array
 
 
 def _rotation(w: float, x: float, y: float, z: float, where: str) -> NDArray:

@@ -105,7 +105,7 @@ def _cameras_file(path: Path) -> Path:
         tool = next(
             (f"cameras of {tool} are not read; " for sign, tool in NOT_READ.items() if any(path.glob(sign))), ""
         )
-        photos, folder = max(((_photos_in(folder), folder) for folder in _folders(path)), key=lambda found: found[0])
+        photos, folder = max(((_photos_in(folder), folder) for folder in _folders(path)), key=lambda pair: pair[0])
         only = ", only photos" if photos and folder == path else ""
         advice = f"{only}; `tinysplat poses {folder} -o SCENE` finds the photos' cameras" if photos else ""
         raise InputError(f"{tool}no {ACCEPTED} in this folder{advice}", where=str(path))

@@ -42,8 +42,8 @@ def load_llff(folder: Path, near: float | None, far: float | None) -> Scene:
         Frame(_camera(file, i, row, photo), photo) for i, (row, photo) in enumerate(zip(rows, photos, strict=True))
     )
     bounds = rows[:, 15:]
-    found = float(bounds[:, 0].min()), float(bounds[:, 1].max())
-    near, far = (given if given is not None else own for given, own in zip((near, far), found, strict=True))
+    depths = float(bounds[:, 0].min()), float(bounds[:, 1].max())
+    near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
     return Scene(folder, frames, near, far)
 
 
@@ -66,12 +66,12 @@ def _camera(file: Path, i: int, row: NDArray, photo: Path) -> Camera:
     down, right, backward, centre, (height, width, focal) = row[:15].reshape(3, 5).T
     c2w = np.eye(4)
     c2w[:3] = np.stack([right, down, -backward, centre], axis=1)
-    found = image_size(photo)
+    size = image_size(photo)
     if min(height, width) < 1:
         raise InputError(f"{width:g}x{height:g} pixels, expected 1 or more", where=f"{file}: row {i}")
-    fx, fy = focal * found[1] / width, focal * found[0] / height
-    K = np.array([[fx, 0, found[1] / 2], [0, fy, found[0] / 2], [0, 0, 1]])
+    fx, fy = focal * size[1] / width, focal * size[0] / height
+    K = np.array([[fx, 0, size[1] / 2], [0, fy, size[0] / 2], [0, 0, 1]])
     try:
-        return Camera(K, c2w, found[1], found[0])
+        return Camera(K, c2w, size[1], size[0])
     except InputError as error:
         raise InputError(error.message, where=f"{file}: row {i}, {error.where}") from None

@@ -49,8 +49,8 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
         near = depth(document, "near") if near is None else near
         far = depth(document, "far") if far is None else far
         if near is None or far is None:
-            found = _depths_of_points(file.parent, document, [frame.camera for frame in frames])
-            near, far = (given if given is not None else own for given, own in zip((near, far), found, strict=True))
+            depths = _depths_of_points(file.parent, document, [frame.camera for frame in frames])
+            near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
     except InputError as error:
         raise error if error.where and error.where.startswith(str(file.parent)) else error.within(str(file)) from None
     return Scene(file.parent, frames, near, far)

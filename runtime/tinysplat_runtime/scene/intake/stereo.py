@@ -35,8 +35,8 @@ def stereo_scene(
             raise InputError(f"{value:g}, expected a number above 0", where=name)
     sizes = [image_size(photo) for photo in (left, right)]
     if sizes[0] != sizes[1]:
-        found = " and ".join(f"{width}x{height}" for height, width in sizes)
-        raise InputError(f"photos of {found} pixels, expected a rectified pair of one size", where=str(right))
+        both = " and ".join(f"{width}x{height}" for height, width in sizes)
+        raise InputError(f"photos of {both} pixels, expected a rectified pair of one size", where=str(right))
     height, width = sizes[0]
     K = intrinsics(focal, focal, width / 2, height / 2)
     frames = []

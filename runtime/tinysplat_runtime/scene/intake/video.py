@@ -47,8 +47,8 @@ def video_scene(
         try:
             index = clip.check_index(_number(frame) - first_number)
             if (stated.height, stated.width) != (clip.height, clip.width):
-                found = f"{clip.width}x{clip.height} pixels, but the camera states {stated.width}x{stated.height}"
-                raise InputError(found, where=str(video))
+                fault = f"{clip.width}x{clip.height} pixels, but the camera states {stated.width}x{stated.height}"
+                raise InputError(fault, where=str(video))
         except InputError as error:
             raise error.within(f"{poses}: {frame.path.name}") from None
         frames.append(replace(frame, path=clip.path, video=clip, index=index))
