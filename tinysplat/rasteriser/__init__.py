@@ -2,7 +2,7 @@
 
     image, transmittance = render(means, quats, scales, opacities, colours, camera)
 
-`projection` is torch operations; `compositing` is numba's on the CPU where that is installed and torch's elsewhere.
+`projection` is torch operations; `compositing` draws with the runtime's compiled code, on the CPU.
 """
 
 from __future__ import annotations

@@ -37,12 +37,12 @@ class ProjectedSplats:
 
     Attributes:
         centres: (N, 2) pixels, x and y.
-        conics: (N, 3) entries A, B, C of Σ₂⁻¹ = [[A, B], [B, C]].
+        factors: (N, 3) αx, βx, γ of the exponent −(αx·dx + βx·dy)² − (γ·dy)², as in the runtime.
         depths: (N,) z in the camera frame.
     """
 
     centres: Tensor
-    conics: Tensor
+    factors: Tensor
     depths: Tensor
 
 
@@ -93,4 +93,6 @@ def project(means: Tensor, quats: Tensor, scales: Tensor, camera: PinholeCamera)
     b = (m[:, 0] * m[:, 1]).sum(dim=-1)
     c = m[:, 1].square().sum(dim=-1) + DILATION
     det = torch.linalg.cross(m[:, 0], m[:, 1]).square().sum(dim=-1) + DILATION * (a + c) - DILATION**2
-    return ProjectedSplats(centred + principal, torch.stack([c, -b, a], dim=-1) / det[:, None], depth.detach())
+    alpha_x = (0.5 * c / det).sqrt()
+    factors = torch.stack([alpha_x, -alpha_x * b / c, (0.5 / c).sqrt()], dim=-1)
+    return ProjectedSplats(centred + principal, factors, depth.detach())

@@ -223,7 +223,6 @@ def measure_tile(
         sums: (5,) float64, written.
         pairs: (pairs, 9) float32, written at the tile's places; (0, 9) where none are wanted.
     """
-    state, near = work.state, work.near
     if not _is_known(sought.photo, extent):
         sums[:] = 0
         if pairs.size:
@@ -231,9 +230,52 @@ def measure_tile(
                 pairs[key & _I(0xFFFFFFFF)] = 0
         return
     keys, count = blend_tile(records, rows, listed, extent, work, has_front)
-    _compare(state, sought, extent, has_front, sums)
-    if not pairs.size:
-        return
+    _compare(work.state, sought, extent, has_front, sums)
+    if pairs.size:
+        _walk_again(records, rows, keys, count, extent, work, has_front, sought.hidden, pairs)
+
+
+@compiled
+def differentiate_tile(
+    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, slopes: NDArray, pairs: NDArray
+) -> None:
+    """Draw a tile, and walk its splats again for sums of any loss.
+
+    Args:
+        records, rows, listed, extent, work: as `kernels_blend.blend_tile` has them.
+        slopes: (H, W, 4) float32, the loss's gradient with respect to the picture and its transmittance.
+        pairs: as `measure_tile` has them.
+    """
+    keys, count = blend_tile(records, rows, listed, extent, work, False)
+    state = work.state
+    for line in range(extent.rows):
+        for lane in range(extent.columns):
+            at, row, column = line * ROW + lane, extent.row + line, extent.column + lane
+            behind = abs(state[at]) * slopes[row, column, 3]
+            for channel in range(3):
+                plane, slope = at + (1 + channel) * _STRIDE, slopes[row, column, channel]
+                behind += slope * state[plane]
+                state[plane] = slope
+            state[at], state[at + 4 * _STRIDE] = _ONE, behind
+    _walk_again(records, rows, keys, count, extent, work, False, _ZERO, pairs)
+
+
+@compiled
+def _walk_again(
+    records: NDArray,
+    rows: NDArray,
+    keys: NDArray,
+    count: int,
+    extent: Extent,
+    work: Scratch,
+    has_front: bool,
+    hidden: Number,
+    pairs: NDArray,
+) -> None:
+    """Walk a tile's list, of which so many were blended, for its sums, where a pixel's state is full transmittance, the
+    gradient by its colour, and what lies behind the first splat.
+    """
+    state, near = work.state, work.near
     for key in keys:
         pairs[key & _I(0xFFFFFFFF)] = 0
     for start in range(0, count, AHEAD):
@@ -242,8 +284,8 @@ def measure_tile(
         for entry in range(end - start):
             splat = near[entry]
             at = _middle(splat, extent)
-            is_behind = max(state[at], _ZERO) < sought.hidden
-            in_front = has_front and splat[LAST] > _ZERO and max(state[at + int(_FRONT)], _ZERO) >= sought.hidden
+            is_behind = max(state[at], _ZERO) < hidden
+            in_front = has_front and splat[LAST] > _ZERO and max(state[at + int(_FRONT)], _ZERO) >= hidden
             if in_front or not is_behind:
                 _walk(splat, in_front, not is_behind, extent, state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
 

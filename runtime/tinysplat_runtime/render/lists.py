@@ -102,13 +102,16 @@ class SplatBuffers:
         if wide:
             _redo_wide(chunks.block().fainter(log_share), view, records, gaussians)
         records[:, LAST] = front
-        grid = _grid(view)
-        found = Visible(ids, boxes, np.zeros(grid.stop, np.int64))
-        shown = kernels_blend.list_visible(records, first, grid.columns, found)
+        visible = _visible(records, first, ids, boxes, view)
         if self._found is None:
             place = self._put(records)
-            return Visible(ids[:shown] + np.int32(place), boxes[:shown].copy(), found.counts)
-        return Visible(ids[:shown], boxes[:shown], found.counts)
+            return Visible(visible.ids + np.int32(place), visible.boxes.copy(), visible.counts)
+        return visible
+
+    def adopt(self, records: NDArray, view: View) -> Visible:
+        """List what is visible of records (rows, 16) float32 that were made elsewhere, and take the place of all."""
+        self.records = records
+        return _visible(records, 0, np.empty(len(records), np.int32), np.empty((len(records), 4), np.int16), view)
 
     def _put(self, records: NDArray) -> int:
         """Take in a block's records; their first row."""
@@ -185,6 +188,14 @@ def view_numbers(view: View, log_share: float = 0.0) -> ViewNumbers:
     numbers: list[Any] = [tuple(map(float, vector)) for vector in vectors]
     numbers += map(float, (view.near_plane, camera.width, camera.height, camera.focal, log_share))
     return ViewNumbers(*numbers)
+
+
+def _visible(records: NDArray, first: int, ids: NDArray, boxes: NDArray, view: View) -> Visible:
+    """What a view shows of records of which `first` is the first one's row; `ids` and `boxes` are written."""
+    grid = _grid(view)
+    found = Visible(ids, boxes, np.zeros(grid.stop, np.int64))
+    shown = kernels_blend.list_visible(records, first, grid.columns, found)
+    return Visible(ids[:shown], boxes[:shown], found.counts)
 
 
 def _grid(view: View) -> Tiles:
