@@ -148,7 +148,7 @@ def with_value(value: float) -> np.ndarray:
         (with_value(np.inf), ROW[:2], (NEAR, FAR), "images[1]: "),
         (with_value(-0.1), ROW[:2], (NEAR, FAR), "images[1]: "),
         (with_value(255), ROW[:2], (NEAR, FAR), "images[1]: "),
-        (grey(), (ROW[0], Camera(ROW[1].K, ROW[1].c2w, 24, 20)), (NEAR, FAR), "cameras[1]: "),
+        (grey(), (ROW[0], Camera(ROW[1].K, ROW[1].c2w, 24, 20)), (NEAR, FAR), "cameras[1]: 24x20, expected 24x16"),
         (np.zeros((2, 16, 24), np.float32), ROW[:2], (NEAR, FAR), "images: "),
         (np.zeros((2, 16, 24, 4), np.float32), ROW[:2], (NEAR, FAR), "images: "),
         (np.zeros((0, 16, 24, 3), np.float32), ROW[:2], (NEAR, FAR), "images: "),
