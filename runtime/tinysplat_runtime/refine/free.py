@@ -29,7 +29,7 @@ LEAST_SCALE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class RowBlock:
     """Rows that are worked on together.
 
     Attributes:
@@ -73,7 +73,7 @@ class FreeGaussians:
         geometry = np.zeros((len(planes), GEOMETRY, CHUNK), np.float32)
         sh = np.ascontiguousarray(sh).reshape(len(planes), -1)
         self.pieces = [
-            Piece(
+            RowBlock(
                 slice(CHUNK * first, CHUNK * min(first + step, len(planes))),
                 planes[first : first + step],
                 geometry[first : first + step],
@@ -148,11 +148,11 @@ class FreeGaussians:
             self._pairs = np.empty((int(pairs * 1.1), PAIR), np.float32)
         return self._pairs
 
-    def _project(self, piece: Piece, view: View) -> Visible:
+    def _project(self, piece: RowBlock, view: View) -> Visible:
         chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))
         return self._buffers.project(chunks, view, 0.0, 0.0)
 
-    def _block(self, piece: Piece) -> Block:
+    def _block(self, piece: RowBlock) -> Block:
         """A piece as it stands, for the code that works in float64."""
         rows = slice(piece.rows.start, min(piece.rows.stop, self.count))
         planes = piece.geometry.swapaxes(0, 1).reshape(GEOMETRY, -1)[:, : rows.stop - rows.start]

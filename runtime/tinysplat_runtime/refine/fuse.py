@@ -128,7 +128,7 @@ class _Fusing:
 
     def __init__(self, gaussians: Gaussians, threads: int | None, pace: Pace, stats: FuseStats) -> None:
         self._run = Crew(threads or available_cores()).map
-        self._pictures, self._pace, self._stats = _Pictures(gaussians, threads), pace, stats
+        self._pictures, self._pace, self._stats = _OwnPictures(gaussians, threads), pace, stats
         thin = thinned(gaussians, self._run, shown=1)
         thin = replace(thin, sh=thin.sh[:, :4])
         stats.given, stats.thinned = gaussians.count, thin.count
@@ -162,7 +162,7 @@ class _Fusing:
             self._descent.keep(keep)
 
 
-class _Pictures:
+class _OwnPictures:
     """What our own drawing shows from every view and halfway to its nearest, drawn when first asked for."""
 
     def __init__(self, gaussians: Gaussians, threads: int | None) -> None:

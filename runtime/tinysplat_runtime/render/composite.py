@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from .near import OPEN
 from .prepare import ALPHA_MIN
 from .project import BLUE, GAMMA, RECORD, RED, Splats
-from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Grid, Pairs, in_batches
+from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Pairs, TileGrid, in_batches
 
 ALPHA_MAX = np.float32(0.99)
 TRANSMITTANCE_MIN = np.float32(1e-4 * (1 - 2e-5))
@@ -83,7 +83,7 @@ class Band:
             drawn in front, where there is any. A tile's numbers lie together because tiles come and go in any order.
     """
 
-    def __init__(self, first_row: int, grid: Grid, with_depth: bool, has_front: bool) -> None:
+    def __init__(self, first_row: int, grid: TileGrid, with_depth: bool, has_front: bool) -> None:
         self.first_row, self.grid, self.with_depth, self.has_front = first_row, grid, with_depth, has_front
         self.planes = SUMS + N_COLOUR + (N_DEPTH if with_depth else 0)
         self.state = np.zeros((grid.count, self.planes * (1 + has_front), PIXELS), np.float32)

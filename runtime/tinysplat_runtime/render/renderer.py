@@ -21,7 +21,7 @@ from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews
 from .prepare import BLOCK_SIZE, Block, Part, Shelf, coarse_parts, parts
 from .project import Splats, View, may_show, parts_show, project
-from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, Grid, bands, depth_order, find_pairs, runs
+from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, TileGrid, bands, depth_order, find_pairs, runs
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
@@ -181,7 +181,7 @@ class Renderer:
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
         has_front = shares is not None and shares.has_front
 
-        def draw_band(place: tuple[int, Grid]) -> None:
+        def draw_band(place: tuple[int, TileGrid]) -> None:
             band = Band(*place, with_depth, has_front)
             self._composite(band, *whole)
             if behind[0].size:

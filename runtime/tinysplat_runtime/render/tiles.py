@@ -51,7 +51,7 @@ SLOPE, REACH, TAU, Y_RIGHTMOST, HALF_HEIGHT = 2, 3, 5, 6, 7
 
 
 @dataclass(frozen=True)
-class Grid:
+class TileGrid:
     """The tiles of an image of `width` × `height` pixels, numbered row by row; the last ones may overhang."""
 
     width: int
@@ -87,17 +87,17 @@ class Pairs:
     bounds: NDArray
 
 
-def bands(width: int, height: int, pairs: int) -> list[tuple[int, Grid]]:
+def bands(width: int, height: int, pairs: int) -> list[tuple[int, TileGrid]]:
     """First row of tiles and tiles of every band of a picture that has about so many (tile, splat) pairs.
 
     No pixel depends on where it is cut but for the rounding of sums.
     """
-    whole = Grid(width, height)
+    whole = TileGrid(width, height)
     wanted = max(-(-pairs // BAND_PAIRS), LEAST_BANDS)
     count = min(max(-(-whole.count // BAND), min(whole.count // LEAST_BAND, wanted), 1), whole.rows)
     edges = [whole.rows * n // count for n in range(count + 1)]
     ends = [min(edge * TILE_HEIGHT, height) for edge in edges]
-    return [(edges[n], Grid(width, ends[n + 1] - ends[n])) for n in range(count)]
+    return [(edges[n], TileGrid(width, ends[n + 1] - ends[n])) for n in range(count)]
 
 
 def depth_order(depths: NDArray, ids: NDArray) -> NDArray:
@@ -118,7 +118,7 @@ def runs(areas: NDArray, limit: int) -> Iterator[slice]:
         start, done = stop, int(ends[stop - 1])
 
 
-def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: Grid, open_tiles: NDArray | None) -> Pairs:
+def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: TileGrid, open_tiles: NDArray | None) -> Pairs:
     """List the tiles of a band that a run of splats reaches.
 
     Args:
@@ -153,7 +153,7 @@ def in_batches(ids: NDArray, counts: NDArray, blank: int) -> Pairs:
 
 
 @np.errstate(all="ignore")  # splats that reach to infinity
-def _pairs(splats: Splats, ids: NDArray, first_row: int, grid: Grid) -> tuple[NDArray, NDArray]:
+def _pairs(splats: Splats, ids: NDArray, first_row: int, grid: TileGrid) -> tuple[NDArray, NDArray]:
     """(tile, index into `ids`) for every tile in which a footprint may cover a pixel, in the order of `ids`."""
     spans = _spans(splats, ids)
     y, half_height = spans[Y], spans[HALF_HEIGHT]

@@ -83,11 +83,11 @@ class Shelf:
     def __init__(self, most_bytes: int = SHELF_BYTES) -> None:
         """`most_bytes` stay in memory, or what is taken together if that is more."""
         self._most, self._taken = most_bytes, dict[Hashable, int]()  # bytes, whoever was taken longest ago first
-        self._parts = defaultdict[Hashable, list[_Part]](list)
+        self._parts = defaultdict[Hashable, list[_Mapped]](list)
 
     def put(self, owner: Hashable, *parts: NDArray) -> None:
         """Contiguous parts of arrays become an owner's; of those that lie in memory alone nothing is kept."""
-        self._parts[owner].extend(own for part in parts if (own := _Part.of(part)) is not None)
+        self._parts[owner].extend(own for part in parts if (own := _Mapped.of(part)) is not None)
         self.take((owner,))
 
     def take(self, owners: Sequence[Hashable]) -> None:
@@ -105,7 +105,7 @@ class Shelf:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _Mapped:
     """Bytes of a mapping, from `start` on, with what is brought to memory along with them."""
 
     mapping: mmap.mmap
@@ -113,7 +113,7 @@ class _Part:
     size: int
 
     @classmethod
-    def of(cls, array: NDArray) -> _Part | None:
+    def of(cls, array: NDArray) -> _Mapped | None:
         """What a contiguous array takes of its mapping; None where it lies in memory alone."""
         mapping = _mapping(array)
         if mapping is None or not array.size:

@@ -125,7 +125,7 @@ class _Coded:
 
 
 @dataclass(frozen=True)
-class _Placed:
+class _PlacedTier:
     """Gaussians of a tier: where they lie, and their channels along the curve."""
 
     level: Level
@@ -225,11 +225,11 @@ class FreeEncoder(Coder):
         """
         factor = steps * 2 ** (qp / 6)
         grid, space = _grid_of(self._gaussians.means.astype(np.float64), self._sizes, factor)
-        placed = _Placed(WHOLE[0], grid, _cells(grid, space), to_columns(self._gaussians))
+        placed = _PlacedTier(WHOLE[0], grid, _cells(grid, space), to_columns(self._gaussians))
         scene, (coded,) = self._coded([placed], factor, None)
         return _decoded(placed, coded, scene, self._gaussians.origin)
 
-    def _placed(self, factor: float) -> list[_Placed]:
+    def _placed(self, factor: float) -> list[_PlacedTier]:
         """Tiers with their positions coded, each along the curve."""
         means = self._gaussians.means.astype(np.float64)
         whole, space = _grid_of(means, self._sizes, factor)
@@ -244,11 +244,11 @@ class FreeEncoder(Coder):
             points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
             leaves, escapes = points.leaves, points.escapes
             grid = replace(grid, levels=points.levels, leaves=leaves, escapes=escapes, streams=points.streams)
-            placed.append(_Placed(level, grid, cells[order], to_columns(_selected(tier, order))))
+            placed.append(_PlacedTier(level, grid, cells[order], to_columns(_selected(tier, order))))
         return placed
 
     def _coded(
-        self, placed: Sequence[_Placed], factor: float, settings: EncoderSettings | None
+        self, placed: Sequence[_PlacedTier], factor: float, settings: EncoderSettings | None
     ) -> tuple[FreeScene, list[list[_Coded]]]:
         """The scene, and the channels of each tier in the order of records; without settings rounded alone."""
         code = _ChannelCoder(factor, settings, self._threads, self.is_even, self._turn)
@@ -361,7 +361,7 @@ def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
     return order
 
 
-def _decoded(placed: _Placed, coded: Sequence[_Coded], scene: FreeScene, origin: NDArray) -> Gaussians:
+def _decoded(placed: _PlacedTier, coded: Sequence[_Coded], scene: FreeScene, origin: NDArray) -> Gaussians:
     """What a decoder will see of a tier, with the colours of a scene's basis."""
     values = {(c.channel.record.plane_class, c.channel.record.target): c.values for c in coded}
     fields = from_columns(columns_of(values, scene.size_middle, scene.mean, scene.basis))
