@@ -163,7 +163,7 @@ export class Synthesis {
       row.fill(added[channel]);
       if (base) for (let x = 0; x < row.length; x++) row[x] += base[channel][start + x];
       for (let i = 0; i < codes.length; i++) {
-        const [weight, picture] = [weights[i][channel], codes[i]];
+        const weight = weights[i][channel], picture = codes[i];
         if (weight === 0 || picture === undefined) continue;
         if (typeof picture === "number") for (let x = 0; x < row.length; x++) row[x] += weight * picture;
         else for (let x = 0; x < row.length; x++) row[x] += weight * picture[start + x];
@@ -203,7 +203,7 @@ export class Synthesis {
       scales[3 * g + 1] = s1[x] > 0 ? s1[x] * size : 0;
       scales[3 * g + 2] = s2[x] > 0 ? s2[x] * size : 0;
       opacities[g] = opacity[x] < 0 ? 0 : opacity[x] > 1 ? 1 : opacity[x];
-      let [w, i, j, k] = [r0[x], r1[x], r2[x], r3[x]];
+      let w = r0[x], i = r1[x], j = r2[x], k = r3[x];
       const squared = i * i + j * j + k * k;
       if (references) w = Math.sqrt(1 - squared > MIN_W2 ? 1 - squared : MIN_W2);
       let length = Math.sqrt(squared + w * w);

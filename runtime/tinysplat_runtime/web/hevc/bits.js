@@ -11,7 +11,8 @@ export function unescaped(unit) {
   const out = new Uint8Array(unit.length);
   let length = 0;
   let zeros = 0;
-  for (const byte of unit) {
+  for (let at = 0; at < unit.length; at++) {
+    const byte = unit[at];
     if (zeros === 2) {
       require(byte >= 3, "a NAL unit holds a start code", "picture");
       zeros = 0;

@@ -121,8 +121,8 @@ function isSmooth(s, at, a, curved, beta, tc) {
  * @param {number} tc2 2 · tC
  */
 function filterStrongly(s, at, a, tc2) {
-  const [p3, p2, p1, p0] = [s[at - 4 * a], s[at - 3 * a], s[at - 2 * a], s[at - a]];
-  const [q0, q1, q2, q3] = [s[at], s[at + a], s[at + 2 * a], s[at + 3 * a]];
+  const p3 = s[at - 4 * a], p2 = s[at - 3 * a], p1 = s[at - 2 * a], p0 = s[at - a];
+  const q0 = s[at], q1 = s[at + a], q2 = s[at + 2 * a], q3 = s[at + 3 * a];
   s[at - a] = clip((p2 + 2 * p1 + 2 * p0 + 2 * q0 + q1 + 4) >> 3, p0 - tc2, p0 + tc2);
   s[at - 2 * a] = clip((p2 + p1 + p0 + q0 + 2) >> 2, p1 - tc2, p1 + tc2);
   s[at - 3 * a] = clip((2 * p3 + 3 * p2 + p1 + p0 + q0 + 4) >> 3, p2 - tc2, p2 + tc2);
@@ -141,7 +141,7 @@ function filterStrongly(s, at, a, tc2) {
  * @param {boolean} isQ
  */
 function filterWeakly(s, at, a, tc, most, isP, isQ) {
-  const [p1, p0, q0, q1] = [s[at - 2 * a], s[at - a], s[at], s[at + a]];
+  const p1 = s[at - 2 * a], p0 = s[at - a], q0 = s[at], q1 = s[at + a];
   let delta = (9 * (q0 - p0) - 3 * (q1 - p1) + 8) >> 4;
   if (Math.abs(delta) >= 10 * tc) return;
   delta = clip(delta, -tc, tc);
@@ -193,7 +193,7 @@ function filterChroma(plane, edges, start, a, b, index) {
   const tc = TCS[clip(chromaQp(index) + INTRA_TC + edges.tcOffset, 0, 53)] << (bits - 8);
   const most = (1 << bits) - 1;
   for (let i = start; i <= start + b; i += b) {
-    const [p1, p0, q0, q1] = [s[i - 2 * a], s[i - a], s[i], s[i + a]];
+    const p1 = s[i - 2 * a], p0 = s[i - a], q0 = s[i], q1 = s[i + a];
     const delta = clip((4 * (q0 - p0) + p1 - q1 + 4) >> 3, -tc, tc);
     s[i - a] = clip(p0 + delta, 0, most);
     s[i] = clip(q0 - delta, 0, most);
@@ -229,7 +229,7 @@ export function offsetSamples(plane, sao, log2) {
   let at = 0;
   for (let y0 = 0; y0 < height; y0 += side) {
     for (let x0 = 0; x0 < width; x0 += side, at += SAO_FIELDS) {
-      const [bottom, right] = [Math.min(y0 + side, height), Math.min(x0 + side, width)];
+      const bottom = Math.min(y0 + side, height), right = Math.min(x0 + side, width);
       if (sao[at] === BAND) {
         bands.fill(0);
         for (let k = 0; k < 4; k++) bands[(sao[at + 1] + k) & 31] = sao[at + 2 + k];
@@ -241,8 +241,8 @@ export function offsetSamples(plane, sao, log2) {
       } else if (sao[at] === EDGE) {
         const [h, v] = DIRECTIONS[sao[at + 1]];
         const step = v * width + h;
-        const [top, low] = [Math.max(y0, v), Math.min(bottom, height - v)];
-        const [left, far] = [Math.max(x0, h === 0 ? 0 : 1), Math.min(right, width - (h === 0 ? 0 : 1))];
+        const top = Math.max(y0, v), low = Math.min(bottom, height - v);
+        const left = Math.max(x0, h === 0 ? 0 : 1), far = Math.min(right, width - (h === 0 ? 0 : 1));
         for (let y = top; y < low; y++) {
           for (let i = y * width + left; i < y * width + far; i++) {
             const sample = before[i];

@@ -112,7 +112,7 @@ function filtered(side, log2, mode, bits, isStrong) {
   const distance = Math.min(Math.abs(mode - DOWN), Math.abs(mode - ACROSS));
   if (mode === DC || distance <= FILTER_ABOVE[log2]) return border;
   const end = 4 * side;
-  const [low, corner, high] = [border[0], border[2 * side], border[end]];
+  const low = border[0], corner = border[2 * side], high = border[end];
   const limit = 1 << (bits - 5);
   smooth[0] = low;
   smooth[end] = high;

@@ -194,7 +194,7 @@ export class PictureDecoder {
     }
     const half = side >> 1;
     for (let i = 0; i < 4; i++) {
-      const [x, y] = [x0 + (i & 1) * half, y0 + (i >> 1) * half];
+      const x = x0 + (i & 1) * half, y = y0 + (i >> 1) * half;
       if (x < sps.width && y < sps.height) this.codingQuadtree(x, y, log2 - 1, depth + 1);
     }
   }
@@ -232,7 +232,7 @@ export class PictureDecoder {
     let flags = 0;
     for (let i = 0; i < parts; i++) flags |= cabac.bin(PREV_INTRA) << i;
     for (let i = 0; i < parts; i++) {
-      const [x, y] = [x0 + (i & 1) * side, y0 + (i >> 1) * side];
+      const x = x0 + (i & 1) * side, y = y0 + (i >> 1) * side;
       lumaModes[i] = this.lumaMode(x, y, (flags >> i) & 1);
       const units = side >> 2;
       const first = (y >> 2) * this.across4 + (x >> 2);
@@ -264,21 +264,20 @@ export class PictureDecoder {
     const at = (y >> 2) * across4 + (x >> 2);
     const a = x > 0 ? modes[at - 1] : DC;
     const b = y & ((1 << this.sps.log2Ctb) - 1) ? modes[at - across4] : DC;
-    let [first, second, third] = [a, b, PLANAR];
+    let first = a, second = b, third = PLANAR;
     if (a === b) {
-      if (a < 2) [first, second, third] = [PLANAR, DC, DOWN];
-      else [second, third] = [2 + ((a + 29) & 31), 2 + ((a - 1) & 31)];
+      first = a < 2 ? PLANAR : a;
+      second = a < 2 ? DC : 2 + ((a + 29) & 31);
+      third = a < 2 ? DOWN : 2 + ((a - 1) & 31);
     } else if (a === PLANAR || b === PLANAR) {
       third = a === DC || b === DC ? DOWN : DC;
     }
     if (isPredicted) return cabac.bypass() ? (cabac.bypass() ? third : second) : first;
-    if (first > second) [first, second] = [second, first];
-    if (first > third) [first, third] = [third, first];
-    if (second > third) [second, third] = [third, second];
+    const low = Math.min(first, second, third), high = Math.max(first, second, third);
     let mode = cabac.bypasses(5);
-    if (mode >= first) mode++;
-    if (mode >= second) mode++;
-    if (mode >= third) mode++;
+    if (mode >= low) mode++;
+    if (mode >= first + second + third - low - high) mode++;
+    if (mode >= high) mode++;
     return mode;
   }
 
@@ -355,7 +354,8 @@ export class PictureDecoder {
       this.done.fill(1, at, at + units);
     }
     if (!this.sps.chroma || (log2 === 2 && part < 3)) return;
-    const [x, y, size] = log2 === 2 ? [xBase >> 1, yBase >> 1, 2] : [x0 >> 1, y0 >> 1, log2 - 1];
+    const isLeast = log2 === 2; // four blocks of luma have one of chroma
+    const x = (isLeast ? xBase : x0) >> 1, y = (isLeast ? yBase : y0) >> 1, size = isLeast ? 2 : log2 - 1;
     for (let i = 1; i < 3; i++) {
       predict(this.planes[i], this.done, x, y, size, this.chromaMode, false);
       if (cbfChroma & i) this.addResidual(i, x, y, size, this.chromaMode);
@@ -407,7 +407,7 @@ export class PictureDecoder {
     this.isDeltaRead = true;
     const offset = 6 * (this.sps.bits - 8);
     const isInRange = value >= -(26 + offset / 2) && value <= 25 + offset / 2;
-    require(isInRange, `a QP delta of ${value}`, "picture", cabac.at);
+    require(isInRange, "a QP delta is out of range", "picture", cabac.at);
     this.qp = ((this.predictedQp + value + 52 + 2 * offset) % (52 + offset)) - offset;
   }
 

@@ -153,9 +153,8 @@ export class Coefficients {
   read(cabac, log2, isChroma, scan, qp, signHiding) {
     const prefixX = lastPrefix(cabac, LAST_X, log2, isChroma);
     const prefixY = lastPrefix(cabac, LAST_Y, log2, isChroma);
-    let lastX = lastPlace(cabac, prefixX);
-    let lastY = lastPlace(cabac, prefixY);
-    if (scan === 2) [lastX, lastY] = [lastY, lastX];
+    const across = lastPlace(cabac, prefixX), down = lastPlace(cabac, prefixY);
+    const lastX = scan === 2 ? down : across, lastY = scan === 2 ? across : down;
     const subLog2 = log2 - 2;
     const subs = OF_BLOCKS[scan][subLog2];
     const order = IN_BLOCK[scan];
@@ -171,7 +170,7 @@ export class Coefficients {
     let greater1 = 1;
     for (let i = lastSub; i >= 0; i--) {
       const sub = subs[i];
-      const [x, y] = [sub & (width - 1), sub >> subLog2];
+      const x = sub & (width - 1), y = sub >> subLog2;
       const neighbours = (x + 1 < width ? hasSub[sub + 1] : 0) | (y + 1 < width ? hasSub[sub + width] << 1 : 0);
       let isCoded = i === lastSub || i === 0;
       let isInferred = false;

@@ -46,7 +46,7 @@ function to16(value) {
  */
 function transformColumns(block, log2) {
   const { values, columns, rows } = block;
-  const [side, half, matrix] = [1 << log2, 1 << (log2 - 1), MATRICES[log2 - 2]];
+  const side = 1 << log2, half = 1 << (log2 - 1), matrix = MATRICES[log2 - 2];
   for (let x = 0; x < columns; x++) {
     for (let k = 0; k < half; k++) {
       let even = 64;
@@ -88,7 +88,7 @@ export function addCosines(block, log2, plane, start, stride) {
     return;
   }
   transformColumns(block, log2);
-  const [columns, half, matrix] = [block.columns, side >> 1, MATRICES[log2 - 2]];
+  const columns = block.columns, half = side >> 1, matrix = MATRICES[log2 - 2];
   for (let y = 0; y < side; y++) {
     const line = y << 5;
     const at = start + y * stride;
@@ -130,7 +130,7 @@ export function addSines(block, plane, start, stride) {
   const most = (1 << bits) - 1;
   const round = 1 << (shift - 1);
   for (let x = 0; x < 4; x++) {
-    const [a, b, c, d] = [values[x], values[32 + x], values[64 + x], values[96 + x]];
+    const a = values[x], b = values[32 + x], c = values[64 + x], d = values[96 + x];
     for (let k = 0; k < 4; k++) {
       const at = 4 * k;
       middle[32 * k + x] = to16((a * SINES[at] + b * SINES[at + 1] + c * SINES[at + 2] + d * SINES[at + 3] + 64) >> 7);
@@ -138,7 +138,7 @@ export function addSines(block, plane, start, stride) {
   }
   for (let y = 0; y < 4; y++) {
     const line = 32 * y;
-    const [a, b, c, d] = [middle[line], middle[line + 1], middle[line + 2], middle[line + 3]];
+    const a = middle[line], b = middle[line + 1], c = middle[line + 2], d = middle[line + 3];
     for (let k = 0; k < 4; k++) {
       const at = 4 * k;
       const sum = a * SINES[at] + b * SINES[at + 1] + c * SINES[at + 2] + d * SINES[at + 3];
