@@ -2,7 +2,7 @@
 
     python export/network.py sweep [-o models/sweep.onnx]
     python export/network.py edge [--checkpoint DIR/edge.pt]
-    python export/network.py mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights] [--static 2x256x256]
+    python export/network.py mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights]
 
 A new network is an entry in `NETWORKS`: how to build it, and what its artifact says about itself.
 Written outside models/, the file is complete but not listed; `--model FILE.onnx` takes it.
@@ -23,7 +23,6 @@ import extra  # noqa: F401  (first: names what is missing)
 import torch
 from inputs import INPUT_AXES, example_inputs
 from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
-from static import Size, fix_size, parse_size
 from torch import nn
 from torch.export import Dim
 
@@ -162,8 +161,8 @@ NETWORKS: dict[str, Callable[[argparse.Namespace], Network]] = {
 }
 
 
-def write_graph(network: Network, path: Path, half_weights: bool = False, static: Size | None = None) -> None:
-    """Export the module, for one size or any, and stamp its metadata into the file."""
+def write_graph(network: Network, path: Path, half_weights: bool = False) -> None:
+    """Export the module and stamp its metadata into the file."""
     inputs = example_inputs(3, 64, 96)
     stride = network.limits.stride  # told to the tracer, as half the shape arithmetic is then gone
     dims = {"V": Dim.DYNAMIC, "H": stride * Dim("h"), "W": stride * Dim("w")}
@@ -176,8 +175,6 @@ def write_graph(network: Network, path: Path, half_weights: bool = False, static
         papers["weights"] = f"float16, off by at most {official.halve_weights(model):.1e} of a tensor's largest"
     stamp(model, {"role": "network", **input_ranges(), **asdict(network.limits), **papers})
     official.save_model(model, path)
-    if static:
-        fix_size(path, path, static)
 
 
 def input_ranges() -> dict[str, Any]:
@@ -219,7 +216,6 @@ def main() -> None:
     parser.add_argument("--scale-rule", choices=SCALE_RULES, help="of DepthSplat (default: by the checkpoint's hash)")
     parser.add_argument("--sh-degree", type=int, help="of MVSplat: 3, exact for images (default), or 4")
     parser.add_argument("--half-weights", action="store_true", help="store weights as float16, compute in float32")
-    parser.add_argument("--static", type=parse_size, metavar="VxWxH", help="for photos of this size alone (NPUs)")
     options = parser.parse_args()
     try:
         export(options)
@@ -238,15 +234,11 @@ def export(options: argparse.Namespace) -> None:
     path = (options.output or MODELS / f"{options.name}.onnx").resolve()
     if not path.parent.is_dir():  # said before an export of minutes, not after it
         raise InputError(f"no folder {path.parent} to write to", where="--output")
-    if options.static and path.parent == MODELS:
-        raise InputError(f"{MODELS} holds networks for any size; name another folder", where="--output")
     network = NETWORKS[options.name](options)
-    if options.static:
-        network = replace(network, parity_sizes=(options.static,))
     if options.half_weights:  # rounded weights are other weights: sanity, not parity
         network = replace(network, parity_tolerance=HALF_TOLERANCE)
     with working("network to graph", quiet=False):
-        write_graph(network, path, options.half_weights, options.static)
+        write_graph(network, path, options.half_weights)
     with working("graph beside torch", quiet=False):
         worst = measure_parity(network, path)
     print(path, options.name, {name: f"{value:.1e}" for name, value in worst.items()})

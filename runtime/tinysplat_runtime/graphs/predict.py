@@ -38,30 +38,25 @@ class NetworkLimits:
         min_views, max_views: accepted numbers of views.
         stride: H and W of its input are multiples of it.
         min_side: smallest H and W of its input.
-        size: the one (H, W) that it takes; None for any.
     """
 
     min_views: int = 2
     max_views: int = 6
     stride: int = 1
     min_side: int = 1
-    size: tuple[int, int] | None = None
 
     @classmethod
     def of(cls, graph: Graph) -> NetworkLimits:
         """Read them from an opened graph; ModelError if one is not a whole number from 1 to MAX_SIDE."""
         values = {name: graph.metadata.get(name, default) for name, default in vars(cls()).items()}
-        size = values.pop("size")
-        if size is not None and not (isinstance(size, list) and len(size) == 2):
-            raise ModelError(f"metadata 'size' is {str(size)[:40]}, accepted are [H, W]", where=graph.name)
-        for name, value in [*values.items(), *(("size", side) for side in size or ())]:
+        for name, value in values.items():
             if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MAX_SIDE:
                 fault, accepted = str(value)[:40], f"whole numbers from 1 to {MAX_SIDE}"
                 raise ModelError(f"metadata '{name}' is {fault}, accepted are {accepted}", where=graph.name)
         if values["min_views"] > values["max_views"]:
             fault = f"{values['min_views']} to {values['max_views']} views"
             raise ModelError(f"metadata says {fault}, expected min_views <= max_views", where=graph.name)
-        return cls(**values, size=tuple(size) if size else None)
+        return cls(**values)
 
 
 def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float, graph: Graph) -> Gaussians:
@@ -138,9 +133,6 @@ def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: NetworkL
         raise InputError(f"{views} views, expected {limits.min_views} to {limits.max_views}", where="images")
     if len(cameras) != views:
         raise InputError(f"{len(cameras)} cameras for {views} images, expected one each", where="cameras")
-    if limits.size and images.shape[1:3] != limits.size:
-        found, wanted = (f"{width}x{height}" for height, width in (images.shape[1:3], limits.size))
-        raise InputError(f"{found}, this network was exported for {wanted} alone", where="images")
     for v, camera in enumerate(cameras):
         if (camera.height, camera.width) != images.shape[1:3]:
             raise InputError(
