@@ -76,7 +76,7 @@ def test_no_extra_is_forgotten() -> None:
     assert set(CASES) | SILENT == declared
     reported = extras()
     assert set(reported) == declared - {"docs", "dev", "release"}
-    assert {"scipy", "mpmath", "scikit-image", "torch"} <= set(reported["eval"]) and "zstandard" in reported["demo"]
+    assert {"scipy", "scikit-image", "torch"} <= set(reported["eval"]) and "zstandard" in reported["demo"]
     assert all("tinysplat" not in names for names in reported.values()) and extras("no such package") == {}
 
 
@@ -128,7 +128,7 @@ def test_a_missing_package_is_one_line_with_its_pip_install(
 
 @pytest.mark.parametrize("command", ["bench", "compare", "completion", "eval", "poses"])
 def test_help_needs_no_extra(folder: Path, command: str) -> None:
-    absent = "matplotlib,mpmath,PIL,pycolmap,scipy,shtab,torch,tqdm"
+    absent = "matplotlib,PIL,pycolmap,scipy,shtab,torch,tqdm"
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT, absent, *CLI, command, "--help"],
         cwd=folder,
