@@ -160,14 +160,14 @@ class Runtime:
         """Code Gaussians as a `.tsplat` file's bytes.
 
         Args:
-            gaussians: per pixel, with cameras; or belonging to no pixels, as of a trained or an edited scene, which
+            gaussians: per pixel, with cameras; or a list, as of a trained or an edited scene, which
                 mode `free` codes: as one list, in an order of its own, without those that pictures hardly need
                 (`keep_all` keeps them; so does a Python without numba, with a warning) and those of opacity
                 under 1/255. The file carries their notes and viewpoints.
             profile: see `recipe.request.Coding`.
             qp: see there.
-            cameras: of Gaussians of no pixels, those of the photos that they were made from, or what `load_cameras`
-                reads; in place of their viewpoints. What these cameras show stays. Without any an object is looked at
+            cameras: of a list, those of the photos that it was made from, or what `load_cameras`
+                reads; in place of its viewpoints. What these cameras show stays. Without any an object is looked at
                 from outside, and of a place, which was seen from within, all is kept, with a warning.
             stats: filled with what coding measured.
             **options: `target_size`, `target_psnr`, `lossless`, `like`, `drop_invalid`, `keep_all`; see there.
@@ -175,7 +175,7 @@ class Runtime:
         Raises:
             FormatError: `like` is damaged.
             InputError: an option of a wrong type or out of range, two options that contradict each other, a target that
-                cannot be reached; with `lossless` or `like`, Gaussians of no pixels, or of other grids than `like`.
+                cannot be reached; with `lossless` or `like`, a list, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
         from .recipe.request import coding_of
@@ -334,7 +334,7 @@ class Runtime:
 
         Raises:
             FormatError: damaged, foreign, or beyond the limits.
-            InputError: `source` cannot be read, its server gives no ranges, or it holds Gaussians of no pixels.
+            InputError: `source` cannot be read, its server gives no ranges, or it holds a list.
         """
         from .codec.parts import CACHE_BYTES, SceneFile
         from .codec.ranges import ranges_of
@@ -434,7 +434,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
 
     Args:
         path: `.tsplat`, or one of `formats.table.FORMATS`.
-        gaussians: any. Lists of points get of a capture, more than six views, each surface from two views, for viewers
+        gaussians: any. Lists get of a capture, more than six views, each surface from two views, for viewers
             that draw all they are given; `keep_all=True` keeps every Gaussian, as `.npz` and `.safetensors` do.
         *arguments: of a `.tsplat` file, those of `compress`; of others, `sh_bits` and `spz_version`.
         **options: likewise those of `compress`, or of `recipe.export.ExportRequest`.

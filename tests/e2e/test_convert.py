@@ -47,7 +47,7 @@ def test_gaussians_go_out_widened_and_are_drawn_as_one_likes(files: dict[str, Pa
     succeed("convert", files["npz"], "-o", tmp_path / "wide.npz", "--dilate")
     assert (ts.load_gaussians(tmp_path / "wide.npz").scales > ts.load_gaussians(files["npz"]).scales).all()
     succeed("convert", files["npz"], "-o", tmp_path / "g.ply")
-    assert "no photos" in fail("convert", tmp_path / "g.ply", "-o", tmp_path / "wide.ply", "--dilate", "0.2")
+    assert "no pixels" in fail("convert", tmp_path / "g.ply", "-o", tmp_path / "wide.ply", "--dilate", "0.2")
     pictures = []
     for options in ((), ("--dilation", "screen"), ("--order", "depth"), ("--dilation", "screen", "--order", "depth")):
         succeed("render", files["npz"], "-o", tmp_path / "x.png", "--size", "48x40", "--force", *options)

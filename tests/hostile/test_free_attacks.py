@@ -50,7 +50,7 @@ def field(at: int, code: str, value: float) -> Callable[[bytearray], None]:
 
 def test_views_and_layers_have_no_place_beside_them(seed: Seed) -> None:
     for at in (0, 2):
-        with pytest.raises(FormatError, match="of Gaussians without pixels"):
+        with pytest.raises(FormatError, match="of a list"):
             read_container(changed(seed, L.SCENE, field(at, "<u2", 1)))
 
 

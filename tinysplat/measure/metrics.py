@@ -126,7 +126,7 @@ def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> 
     errors: dict[str, list[NDArray]] = {c.label: [] for c in classes}
     for a, b in layer_pairs(original, decoded):
         if not a.is_per_pixel:
-            raise InputError("belong to no pixels; planes need cameras", where="gaussians")
+            raise InputError("a list; planes need cameras", where="gaussians")
         projected = [
             project_layer(store, layer.with_cameras(a.cameras), drop_invalid=True, where="gaussians")
             for layer in (a, b)

@@ -114,7 +114,7 @@ def _prefix_lines(prefixes: Sequence[dict[str, Any]]) -> list[str]:
 
 def _views_text(d: dict[str, Any]) -> str:
     if not d["views"]:
-        return f"{d['gaussians']} Gaussians of SH degree {d['sh_degree']}, k = {d['k']}, that belong to no pixels"
+        return f"a list of {d['gaussians']} Gaussians of SH degree {d['sh_degree']}, k = {d['k']}"
     return f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d)
 
 

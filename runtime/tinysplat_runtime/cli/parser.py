@@ -170,7 +170,7 @@ def _compress(commands: Commands) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     parser.add_argument("--keep-all", action="store_true", help="all of a trained scene; default: pruned (numba)")
     parser.add_argument("--cameras", metavar="SCENE", help="cameras of its photos: what pictures need")
-    parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a list of points")
+    parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a list")
     parser.add_argument("--photos", metavar="SCENE", help="photos by which --refine corrects the Gaussians")
     parser.add_argument("--mode", choices=CHOICES, help=argparse.SUPPRESS)
     coding = parser.add_argument_group("bytes and quality")

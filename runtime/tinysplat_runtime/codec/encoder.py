@@ -107,7 +107,7 @@ def encode_gaussians(
         The file.
 
     Raises:
-        InputError: Gaussians without pixels, more views than 4,096, a Q_g beyond ±60.
+        InputError: a list, more views than 4,096, a Q_g beyond ±60.
         NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
     """
     encoder = SceneEncoder(
@@ -140,7 +140,7 @@ class SceneEncoder:
     ) -> None:
         """Check and project the scene; arguments and errors are those of `encode_gaussians`."""
         if not gaussians.is_per_pixel:
-            raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+            raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
         if len(gaussians.cameras) > MAX_VIEWS:
             raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
         self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()

@@ -78,7 +78,7 @@ class SceneFile:
         else:
             whole = decode_gaussians(self._data, store, **self._options)
             if not whole.is_per_pixel:
-                raise InputError("a file whose Gaussians belong to no pixels has no views to choose from", where="file")
+                raise InputError("a file that holds a list has no views to choose from", where="file")
             self.cameras, self._depths = whole.cameras, _depths(whole)
             self._whole = whole
 

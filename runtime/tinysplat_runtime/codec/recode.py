@@ -114,7 +114,7 @@ def _checked(gaussians: Gaussians, container: Container) -> tuple[tuple[LayerHea
     if not isinstance(container.body, Planes):
         raise InputError(f"a file of mode {container.mode}, expected gaussians", where=_WHERE)
     if not gaussians.is_per_pixel:
-        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+        raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
     found = [layer.opacities.shape for layer in gaussians.layers]
     wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.body.layers]
     if found != wanted:

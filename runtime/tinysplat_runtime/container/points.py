@@ -48,7 +48,7 @@ class Points(Body):
     @classmethod
     def read(cls, file: Opened) -> Points:
         """Parse and check the sections FREE, TIER, FREP and SEEN."""
-        counts = f"{file.views} views and {file.layer_count} layers of Gaussians without pixels"
+        counts = f"{file.views} views and {file.layer_count} layers of a list"
         require(file.views == file.layer_count == 0, file.scene, counts)
         scene = read_free(file.sections, file.limits)
         channels = [tuple(channel.record for channel in tier.channels) for tier in scene.tiers]

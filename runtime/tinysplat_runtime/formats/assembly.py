@@ -1,4 +1,4 @@
-"""Arrays of a file to Gaussians, and Gaussians to the list of points that most formats hold.
+"""Arrays of a file to Gaussians, and Gaussians to the list that most formats hold.
 
 float64 means may not fit float32. Where rounding would move any Gaussian by more than ORIGIN_TOLERANCE of its distance
 to the nearest camera (without cameras: of the cloud's size), the mean camera centre (the mean of the means) becomes

@@ -3,7 +3,7 @@
 
 A format is a module beside this one, loaded when it is used, and a row of FORMATS. Its reader gives arrays, from which
 `assembly` makes Gaussians; its writer takes Gaussians of any shape and says what it could not keep. But for .npz and
-.safetensors, none knows pixels or layers: all layers become one list of points, and a list of points becomes a grid
+.safetensors, none knows pixels or layers: all layers become one list, and a list becomes a grid
 again where its order is given.
 """
 
@@ -127,36 +127,36 @@ FORMATS = (
         _from("arrays.read_safetensors"), _to("arrays.write_safetensors"), _from("file_notes.safetensors_notes"),
     ),
     Format(
-        "compressed PLY", (".compressed.ply",), "a list of points; 8 to 11 bits of their chunk's range, SH to degree 3",
+        "compressed PLY", (".compressed.ply",), "a list; 8 to 11 bits of their chunk's range, SH to degree 3",
         "gaussforge", "io",
         _from("ply.read_ply"), _to("compressed_ply.save_compressed_ply"), _from("file_notes.ply_notes"),
     ),
     Format(
-        "PLY (3DGS)", (".ply",), "a list of points, float, SH to degree 3", "plyfile, splat-transform", "io",
+        "PLY (3DGS)", (".ply",), "a list, float, SH to degree 3", "plyfile, splat-transform", "io",
         _from("ply.read_ply"), _to("ply.save_ply"), _from("file_notes.ply_notes"),
     ),
     Format(
-        "SPZ", (".spz",), "a list of points, 24-bit positions, bytes, SH to degree 3 (4 in version 4)",
+        "SPZ", (".spz",), "a list, 24-bit positions, bytes, SH to degree 3 (4 in version 4)",
         "gaussforge, splat-transform", "io",
         _from("spz.read_spz"), _spz, _from("spz.read_spz_notes"), ("antialiased",),
     ),
     Format(
-        "glTF", (".glb", ".gltf"), "a list of points, float, SH to degree 3; cameras, origin, notes",
+        "glTF", (".glb", ".gltf"), "a list, float, SH to degree 3; cameras, origin, notes",
         "three.js, Babylon.js, CesiumJS", "",
         _from("gltf_reader.read_gltf"), _gltf, _from("gltf_reader.read_gltf_notes"),
     ),
     Format(
-        "SOG", (".sog", "meta.json"), "a list of points, 16-bit positions, codebooks, SH to degree 3 from a palette",
+        "SOG", (".sog", "meta.json"), "a list, 16-bit positions, codebooks, SH to degree 3 from a palette",
         "gaussforge", "io",
         _from("sog.read_sog"), _to("sog.save_sog"), _from("sog.read_sog_notes"), ("antialiased",),
     ),
     Format(
-        "USD", (".usd", ".usda", ".usdc", ".usdz"), "a list of points, float, SH to degree 4, origin, notes",
+        "USD", (".usd", ".usda", ".usdc", ".usdz"), "a list, float, SH to degree 4, origin, notes",
         "usd-core", "usd",
         _from("usd.read_usd"), _to("usd.write_usd"), _from("usd.read_usd_notes"),
     ),
-    Format("splat", (".splat",), "a list of points, bytes, one colour", "gaussforge", "", _from("splat.read_splat")),
-    Format("ksplat", (".ksplat",), "a list of points, SH to degree 2", "gaussforge", "", _from("splat.read_ksplat")),
+    Format("splat", (".splat",), "a list, bytes, one colour", "gaussforge", "", _from("splat.read_splat")),
+    Format("ksplat", (".ksplat",), "a list, SH to degree 2", "gaussforge", "", _from("splat.read_ksplat")),
 )  # fmt: skip
 
 
@@ -194,7 +194,7 @@ def load_gaussians(
 
     Args:
         path: its ending tells the format, one of FORMATS.
-        grid: (V, H, W) that a flat list of points is the pixels of, in C order.
+        grid: (V, H, W) that a list is the pixels of, in C order.
         cameras: one per view, for files that hold none; they state the grid as well.
         max_bytes: most memory that the file's arrays may take.
 

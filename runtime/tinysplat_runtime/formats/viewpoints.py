@@ -21,13 +21,13 @@ SUFFIX = ".cameras.json"
 
 
 def seen_from(gaussians: Gaussians, cameras: Sequence[Camera] | StrPath) -> Gaussians:
-    """Gaussians of no pixels with the cameras of their photos, or with those that `load_cameras` reads.
+    """A list with the cameras of its photos, or with those that `load_cameras` reads.
 
     Raises:
         InputError: Gaussians that are pixels of cameras, or a file at fault.
     """
     if gaussians.is_per_pixel:
-        fault = "given, but the Gaussians are the pixels of cameras of their own; expected Gaussians of no pixels"
+        fault = "given, but the Gaussians are the pixels of cameras of their own; expected a list"
         raise InputError(fault, where="cameras")
     if not isinstance(cameras, Sequence) or isinstance(cameras, str):
         from ..scene.intake.layouts import load_cameras

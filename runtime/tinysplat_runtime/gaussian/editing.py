@@ -27,11 +27,11 @@ def select_views(gaussians: Gaussians, views: Iterable[int]) -> Gaussians:
     """The Gaussians of some views, all layers, as per-pixel Gaussians of those views.
 
     Raises:
-        InputError: Gaussians of no pixels, or a view that does not exist or is given twice.
+        InputError: a list, or a view that does not exist or is given twice.
     """
     chosen = list(views)
     if not gaussians.is_per_pixel:
-        raise InputError("Gaussians of no pixels have no views to choose from", where="views")
+        raise InputError("a list has no views to choose from", where="views")
     count = len(gaussians.cameras)
     if not chosen or len(set(chosen)) < len(chosen) or not all(0 <= view < count for view in chosen):
         raise InputError(f"{chosen}, expected different views of 0 to {count - 1}", where="views")
@@ -48,10 +48,10 @@ def trim_border(gaussians: Gaussians, pixels: int) -> Gaussians:
     """All layers as a list (N,), without the outermost `pixels` of every view of the first layer.
 
     Raises:
-        InputError: Gaussians of no pixels, or a border that leaves nothing.
+        InputError: a list, or a border that leaves nothing.
     """
     if not gaussians.is_per_pixel:
-        raise InputError("Gaussians of no pixels have no border", where="trim border")
+        raise InputError("a list has no border", where="trim border")
     _, height, width = gaussians.opacities.shape
     if not 0 <= 2 * pixels < min(height, width):
         raise InputError(f"{pixels} pixels of {width}x{height}, expected less than half of either", where="trim border")

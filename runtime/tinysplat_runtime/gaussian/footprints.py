@@ -40,10 +40,10 @@ def widened(gaussians: Gaussians, variance: float) -> Gaussians:
         variance: own pixels².
 
     Raises:
-        InputError: Gaussians of no photos, or a variance that is no finite number ≥ 0.
+        InputError: a list, or a variance that is no finite number ≥ 0.
     """
     if not gaussians.is_per_pixel:
-        raise InputError("Gaussians of no photos have no pixels of their own", where="dilate")
+        raise InputError("a list has no pixels of its own", where="dilate")
     if not (isinstance(variance, Real) and 0 <= variance < math.inf):
         raise InputError(f"{variance!r}, expected a finite number ≥ 0 in own pixels²", where="dilate")
 

@@ -29,7 +29,7 @@ class Gaussians:
         scales: (…, 3) standard deviations along the local axes, scene units, ≥ 0.
         opacities: (…) in [0, 1].
         sh: (…, B, 3) coefficients of the 3DGS basis, B = (degree + 1)².
-        cameras: one per view, sizes equal to (H, W); empty when the Gaussians belong to no pixels.
+        cameras: one per view, sizes equal to (H, W); empty of a list.
         origin: (3,) float64, world position that `means` are relative to.
         extra_layers: coarser grids behind this one, each a per-pixel Gaussians of its own cameras and no layers.
         notes: what their maker says about them; `with_notes` sets it.

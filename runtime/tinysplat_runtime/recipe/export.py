@@ -52,12 +52,12 @@ class ExportRequest:
         dilate: own pixels² by which Gaussians are widened for other viewers; True for 0.16.
         trim_border: without so many of the outermost pixels of each view.
         fuse: for how many seconds the Gaussians of a capture are made one surface (needs numba); True for 120.
-        keep_all: lists of points also get the Gaussians of a capture that other views show, `.tsplat` files also those
-            of no pixels that pictures hardly need.
+        keep_all: lists also get the Gaussians of a capture that other views show, `.tsplat` files also those
+            of a list that pictures hardly need.
         min_opacity: only Gaussians of this opacity or more.
         sh_degree: SH cut to this degree.
         crop: the box that is kept, x, y and z of two corners.
-        cameras: those of the photos that Gaussians of no pixels were made from, or what `load_cameras` reads.
+        cameras: those of the photos that a list was made from, or what `load_cameras` reads.
         rotate: a turn of the scene, `x,90` for an axis and degrees, or a quaternion `w,x,y,z`.
         scale: by how much the scene is then enlarged.
         translate: by how much it is then moved, x, y and z.

@@ -51,7 +51,7 @@ class Coding:
             where nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
         mode: what the file of photos carries: gaussians, photos or auto (`codec.modes` says what they are).
         drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
-        keep_all: of Gaussians of no pixels, all that show at all, in place of those alone that are worth their bytes.
+        keep_all: of a list, all that show at all, in place of those alone that are worth their bytes.
 
     Raises:
         InputError: a value of another type or out of range, or two that contradict each other.

@@ -28,10 +28,10 @@ def matched(gaussians: Gaussians, scene: Scene) -> Scene:
     """The scene's frames that the views of the Gaussians were taken as, of their size and in their order.
 
     Raises:
-        InputError: Gaussians of no pixels, or a view whose pose or intrinsics no frame has.
+        InputError: a list, or a view whose pose or intrinsics no frame has.
     """
     if not gaussians.is_per_pixel:
-        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+        raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
     if len(gaussians.cameras) < 2:
         raise InputError("one view, expected two or more: one photo says nothing about depth", where="gaussians")
     reach = reach_of(gaussians.cameras)

@@ -66,7 +66,7 @@ const SECTIONS = {
  * @property {Layer[]} layers of these views
  * @property {import("./extras.js").ExactLayer[]} exact
  * @property {import("./points.js").FreeScene | undefined} free
- * @property {Camera[]} viewpoints cameras of the photos that Gaussians without pixels were made from
+ * @property {Camera[]} viewpoints cameras of the photos that a list was made from
  * @property {import("./extras.js").Network | undefined} network
  * @property {import("./extras.js").Group[]} groups in which the network is given the photos
  * @property {import("./extras.js").Photos | undefined} photos
@@ -121,7 +121,7 @@ export function readContainer(bytes, reading) {
     file.sets.set(section.index, section.data);
   }
   if (mode === "free") {
-    scene.require(viewCount === 0 && count === 0, "views or layers of Gaussians without pixels");
+    scene.require(viewCount === 0 && count === 0, "views or layers of a list");
     file.free = readFree(sections, limits);
     file.viewpoints = readViewpoints(sections, origin);
     joinStreams(file, file.free.tiers.map((tier) => tier.channels));

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 STUDIES: dict[str, tuple[str, str]] = {
     "formats": ("interchange.INTERCHANGE", "bytes and dB of one scene in every format of Gaussian files"),
-    "free": ("freed.FREE", "Gaussians of no pixels, a user's files or a made scene, in .tsplat and other formats"),
+    "free": ("freed.FREE", "lists, a user's files or a made scene, in .tsplat and other formats"),
     "growth": ("growth.GROWTH", "seconds and memory by pixels of photos, photos of captures, Gaussians of clouds"),
     "waits": ("waiting.WAITING", "what users wait for, and commands beside those of another checkout (--beside)"),
     "curves": ("rate.CURVES", "rate–distortion of profiles, modes and formats"),

@@ -1,6 +1,6 @@
-"""What do Gaussians that belong to no pixels cost, in `.tsplat` and in other formats, at equal dB?
+"""What do lists cost, in `.tsplat` and in other formats, at equal dB?
 
-A trained scene's file, or the made room as a list of points, goes into mode free over Q_g: as it is by default, without
+A trained scene's file, or the made room as a list, goes into mode free over Q_g: as it is by default, without
 what pictures hardly need; without new colours for the rest; and whole. It goes into other formats as `convert` writes
 them, SPZ over the bits of its SH coefficients. A point is a file's bytes and the mean dB of pictures from all sides,
 at which removal did not look, against those of the Gaussians as they were read. A folder with photos behind a file is
@@ -189,13 +189,13 @@ _SCENES = Listing(
 )
 
 FREE = Study(
-    "Gaussians of no pixels",
+    "Lists of Gaussians",
     free_rows,
     {"free": _POINTS, "free in short": _SCENES},
     {
         "free": Chart(
             "free",
-            "Gaussians of no pixels: bytes against dB to their source, by format",
+            "Lists: bytes against dB to their source, by format",
             Axis("bytes", "KB", unit=1e-3),
             Axis("psnr_decoded_raw", "dB, decoded to raw", most=MOST_DB),
             panel="subject",

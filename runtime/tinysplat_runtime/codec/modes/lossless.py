@@ -25,12 +25,12 @@ def encode(job: Job) -> bytes:
     """The file; profile and Q_g play no part.
 
     Raises:
-        InputError: Gaussians without pixels.
+        InputError: a list.
         NumericError: Gaussians at or behind their own camera, or planes beyond float16.
     """
     gaussians = job.gaussians
     if not gaussians.is_per_pixel:
-        raise InputError("belong to no pixels; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+        raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
     sections: list[NewSection] = []
     with job.stats.watch.stage("zlib"):
         for index, layer in enumerate(gaussians.layers):
