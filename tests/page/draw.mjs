@@ -1,4 +1,4 @@
-// node draw.mjs FOLDER IN.json OUT.f32: draws Gaussians with the page's own arithmetic, pixel by pixel, as shaders do it by triangles.
+// node draw.mjs FOLDER IN.json OUT.f32: splats of Gaussians by the page's own arithmetic, in the order of drawing, twelve floats each.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 import { basisOf, functionsOf } from "./glsl.mjs";
@@ -21,7 +21,7 @@ const rows = [0, 3, 6].map((at) => vector(...projection.slice(at, at + 3)));
 
 const isNear = scene.order === "near" && views.length > 1;
 const share = isNear ? shares(distances(views, depth, camera), counted(views)) : { front: views.map(() => 0), all: views.map(() => 1), behind: [] };
-const z = camera.rotation[2], { sorted: order, whole: first } = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
+const z = camera.rotation[2], { sorted: order } = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
 const partOf = (i) => parts.find(({ from, to }) => from <= i && i < to);
 
 function colour(i, d) {
@@ -30,12 +30,10 @@ function colour(i, d) {
   return sum.map((value) => max(value, 0));
 }
 
-const [front, back] = [0, 1].map(() => ({ picture: new Float64Array(3 * width * height), left: new Float64Array(width * height).fill(1) }));
-let isOpen = null;
-for (const [place, entry] of order.entries()) {
-  if (place === first) isOpen = back.left.map((left, pixel) => left * front.left[pixel] > OPEN);
+const drawn = [];
+for (const entry of order) {
   const i = entry & 0x3fffffff, isCopy = entry > 0x7fffffff, isBehind = (entry & 0x40000000) !== 0, larger = isBehind ? EVERY : 1;
-  const { view } = partOf(i), { picture, left } = isCopy ? front : back;
+  const { view } = partOf(i);
   const at = [0, 1, 2].map((k) => means[3 * i + k] - camera.position[k]), ray = vector(...at);
   const point = rows.map((row) => glsl.dot3(row, ray)), u = point[0] / point[2], v = point[1] / point[2];
   const limit = (x, c, size) => max(-0.15 * size - c, Math.min(1.15 * size - c, x));
@@ -52,14 +50,7 @@ for (const [place, entry] of order.entries()) {
   [a, c] = [a + wider.x, c + wider.x];
   const opacity = opacities[i] * wider.y * (view < 0 ? 1 : isBehind ? share.behind[view] : share.all[view]), part = isCopy ? share.front[view] / share.all[view] : 1, reach = Math.log(opacity / glsl.LEAST_ALPHA);
   if (!(reach > 0)) continue;
-  const axes = glsl.halfAxes(a, b, c, det), long = [axes.x, axes.y], size = Math.hypot(...long), rgb = colour(i, unit(at));
-  const x0 = u + principal[0], y0 = v + principal[1], far = sqrt(reach) * size;
-  for (let y = max(0, Math.floor(y0 - far)); y < Math.min(height, y0 + far + 1); y++) for (let x = max(0, Math.floor(x0 - far)); x < Math.min(width, x0 + far + 1); x++) {
-    const dx = x + 0.5 - x0, dy = y + 0.5 - y0, along = (dx * long[0] + dy * long[1]) / (size * size), aside = (dy * long[0] - dx * long[1]) / (size * axes.z);
-    const whole = Math.min(opacity * Math.exp(-(along * along + aside * aside)), 0.99), alpha = whole * part, pixel = y * width + x;
-    if ((isBehind && !isOpen[pixel]) || whole < glsl.LEAST_ALPHA || left[pixel] * (1 - alpha) < 1e-4) continue;
-    for (let k = 0; k < 3; k++) picture[3 * pixel + k] += left[pixel] * alpha * rgb[k];
-    left[pixel] *= 1 - alpha;
-  }
+  const axes = glsl.halfAxes(a, b, c, det);
+  drawn.push(u + principal[0], v + principal[1], axes.x, axes.y, axes.z, opacity, part, isCopy, isBehind ? OPEN : 0, ...colour(i, unit(at)));
 }
-writeFileSync(output, Float32Array.from(front.picture, (value, at) => value + front.left[Math.floor(at / 3)] * back.picture[at]));
+writeFileSync(output, Float32Array.from(drawn));

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from reference.rasteriser import Picture
 from scenes import make_cameras, make_gaussians, make_smooth_gaussians
 from web.node import node
 
@@ -61,7 +63,25 @@ def drawn(tmp_path: Path, gaussians: Gaussians, camera: ts.Camera, *, dilation: 
     command = [node(), str(SCRIPT), str(PAGE), str(tmp_path / "in.json"), str(tmp_path / "out.f32")]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
-    return np.fromfile(tmp_path / "out.f32", np.float32).reshape(camera.height, camera.width, 3)
+    return blended(np.fromfile(tmp_path / "out.f32", np.float32).reshape(-1, 12), camera)
+
+
+def blended(splats: NDArray, camera: ts.Camera) -> NDArray:
+    """(H, W, 3) of splats in the order of drawing, by the reference: pixel of the middle, longer half axis (2), shorter
+    one, opacity, part of alpha, whether in front, transmittance that all before have to leave, colour (3).
+    """
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    back, front = pictures = Picture(x.shape), Picture(x.shape)
+    is_open = None
+    for x0, y0, *along, across, opacity, part, is_front, least, red, green, blue in splats.astype(np.float64):
+        if least and is_open is None:
+            is_open = front.left * back.left > least
+        long = math.hypot(*along)
+        u, v = (x - x0) * along[0] + (y - y0) * along[1], (y - y0) * along[0] - (x - x0) * along[1]
+        alpha = np.minimum(0.99, opacity * np.exp(-((u / long**2) ** 2) - (v / (long * across)) ** 2))
+        alpha = np.where((alpha >= 1 / 255) & (is_open if least else True), part * alpha, 0)
+        pictures[int(is_front)].blend(alpha, np.array([red, green, blue]), 0)
+    return front.rgb + front.left[..., None] * back.rgb
 
 
 def moved(camera: ts.Camera, by: tuple[float, float, float], turn: float) -> ts.Camera:
