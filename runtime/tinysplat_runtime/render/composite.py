@@ -196,8 +196,7 @@ def _those_in_front(band: Band, splats: Splats, batches: NDArray, rest: list[_Li
     owner = np.repeat(np.arange(tiles.size), counts)
     ids = batches.take(np.arange(owner.size) + (starts - (np.cumsum(counts) - counts)).take(owner), axis=0)
     shows = splats.fronts.take(ids) > 0
-    counts = np.bincount(owner, shows.sum(axis=1), tiles.size).astype(np.int64)
-    pairs = in_batches(ids[shows], counts, splats.blank)
+    pairs = in_batches(ids[shows], owner.repeat(shows.sum(axis=1)), tiles.size, splats.blank)
     longest_first = np.concatenate([np.zeros(0, np.int64), *tile_groups(pairs)])
     starts = pairs.bounds[longest_first]
     lengths = pairs.bounds[longest_first + 1] - starts

@@ -138,18 +138,18 @@ def find_pairs(splats: Splats, order: NDArray, first_row: int, grid: TileGrid, o
             tiles, owner = tiles.compress(takes), owner.compress(takes)
         blocks.append((tiles.astype(tile_type), ids.take(owner)))
     tiles, ids = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
-    by_tile = np.argsort(tiles, kind="stable")
-    return in_batches(ids.take(by_tile), np.bincount(tiles, minlength=grid.count), splats.blank)
+    return in_batches(ids, tiles, grid.count, splats.blank)
 
 
-def in_batches(ids: NDArray, counts: NDArray, blank: int) -> Pairs:
-    """Lists `ids` (M,) int32 of `counts` (tiles,) int64, one after the other, each filled up to whole batches."""
-    bounds = np.append(0, np.cumsum(-(-counts // BATCH)))
-    out = np.full(BATCH * bounds[-1], blank, np.int32)
-    places = np.repeat(BATCH * bounds[:-1] - (np.cumsum(counts) - counts), counts)
-    places += np.arange(places.size)
-    out[places] = ids
-    return Pairs(out.reshape(-1, BATCH), bounds)
+def in_batches(ids: NDArray, tiles: NDArray, count: int, blank: int) -> Pairs:
+    """Lists of `count` tiles: those of `ids` (M,) int32 that have its number in `tiles` (M,), uint16 where that holds
+    them, as they follow each other. Each is filled up to whole batches, by pairs that a stable sort leaves at its end.
+    """
+    counts = np.bincount(tiles, minlength=count)
+    tiles = np.concatenate([tiles, np.repeat(np.arange(count, dtype=tiles.dtype), -counts % BATCH)])
+    ids = np.concatenate([ids, np.full(tiles.size - ids.size, blank, np.int32)])
+    batches = ids.take(np.argsort(tiles, kind="stable")).reshape(-1, BATCH)
+    return Pairs(batches, np.append(0, np.cumsum(-(-counts // BATCH))))
 
 
 @np.errstate(all="ignore")  # splats that reach to infinity
