@@ -72,8 +72,6 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument(
         "--profile", dest="profiles", type=words, default=(), metavar="P,P", help="profiles; default the study's"
     )
-    of.add_argument("--modes", type=words, default=(), metavar="M", help="photos; curves")
-    of.add_argument("--peers", type=words, default=(), metavar="F,F", help="spz, sog; curves")
     of.add_argument("--qp", dest="qps", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
     of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of context views")
     of.add_argument("--kind", dest="kinds", type=words, default=(), metavar="K,K", help="kinds of window")
@@ -93,7 +91,6 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")
     of.add_argument("--lpips-backbone", metavar="F.pth", help="as for eval; paper, quality")
     of.add_argument("--lpips-linear", metavar="F.pth", help="as for eval; paper, quality")
-    of.add_argument("--beside", type=Path, metavar="CHECKOUT", help="timed in turns; waits")
     of.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time")
 
 

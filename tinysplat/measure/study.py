@@ -56,7 +56,7 @@ class Options:
 
     Attributes:
         models: networks; empty for all that ship.
-        profiles, modes, peers: ways to store Gaussians; empty for the study's own choice.
+        profiles: of the codec; empty for the study's own choice.
         qps: Q_g; empty for the study's own.
         kinds, views, limit: which windows of scenes.
         size: (height, width) of photos, or None for the study's own.
@@ -65,14 +65,11 @@ class Options:
         data: data sets in chunks: (name, folder, index).
         lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
         jobs: windows at a time.
-        beside: another checkout, whose commands are timed in turns with this one's.
         near, far: over the inputs' own.
     """
 
     models: tuple[str, ...] = ()
     profiles: tuple[str, ...] = ()
-    modes: tuple[str, ...] = ()
-    peers: tuple[str, ...] = ()
     qps: tuple[float, ...] = ()
     kinds: tuple[str, ...] = ()
     views: tuple[int, ...] = ()
@@ -84,7 +81,6 @@ class Options:
     lpips_backbone: Path | None = None
     lpips_linear: Path | None = None
     jobs: int = 1
-    beside: Path | None = None
     near: float | None = None
     far: float | None = None
 

@@ -10,17 +10,20 @@ should not have seen, and are held against these, too.
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
+from pathlib import Path
+from typing import Any
 
 from tinysplat_runtime.api import SUFFIX
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.free.encoder import FreeEncoder, visible
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.prune.removal import taken
 from tinysplat_runtime.prune.thinning import ThinningEncoder
@@ -37,7 +40,6 @@ from ..show.tables import ABSENT, Cell, Listing, decibels, duration, kilobytes, 
 from ..study import Run, Study
 from ..subjects.cases import Case
 from ..subjects.made import made_gaussians
-from ..ways import file_way, spz_ways
 
 VIEWS, QUICK_VIEWS = 6, 2
 QPS, QUICK_QPS = (0.0, -12.0, -6.0, 6.0), (-6.0, 0.0, 6.0)
@@ -48,6 +50,15 @@ _ROOM_VIEWS, _DEGREE = 2, 3
 
 OURS, UNFITTED, WHOLE = f"`{SUFFIX}`", f"`{SUFFIX}`, colours as they were", f"`{SUFFIX}`, all kept"
 
+FINEST = "SPZ v4, SH of 8 bits"
+OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
+    "SPZ v4": (".spz", {"spz_version": 4}),
+    FINEST: (".spz", {"spz_version": 4, "sh_bits": (8, 8)}),
+    "SOG": (".sog", {}),
+    "compressed PLY": (".compressed.ply", {}),
+}
+"""Other formats as `convert` writes them, and SPZ with all bits of SH coefficients: a suffix, and options."""
+
 MOST_DB = 90
 """Above it a file holds what it was read from, as its own format does; its dB would flatten the others on a plot."""
 
@@ -56,18 +67,20 @@ def free_rows(run: Run) -> Iterator[Row]:
     """A row per file and setting: bytes, bytes a Gaussian, how many are left, dB, and seconds of CPU of the first Q_g;
     of other formats also what ours takes at their dB.
     """
-    others = [*spz_ways(), file_way("SOG", ".sog"), file_way("compressed PLY", ".compressed.ply")]
     for case in _cases(run):
         pictures = PictureJudge(case, Drawing.as_defined(run.threads))
         curve = list(_own(run, pictures))
         points = [(row.figures["bytes"], row.figures["psnr_decoded_raw"]) for row in curve if row.way == OURS]
         yield from curve
-        for way in (one for one in others if not one.refuses(case)):
-            for setting in way.settings:
-                data = way.encode(case, setting)
-                row = _point(way.name, setting, pictures, data, way.decode(case, data))
-                beside = bytes_at(points, row.figures["psnr_decoded_raw"])
-                yield replace(row, figures={**row.figures, **({"bytes_ours": beside} if beside else {})})
+        for name, (suffix, more) in OTHERS.items():
+            if name == FINEST and not case.gaussians.degree:
+                continue
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder, f"g{suffix}")
+                save_gaussians(path, case.gaussians, **more)
+                row = _point(name, 0.0, pictures, path.read_bytes(), load_gaussians(path))
+            beside = bytes_at(points, row.figures["psnr_decoded_raw"])
+            yield replace(row, figures={**row.figures, **({"bytes_ours": beside} if beside else {})})
 
 
 def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
