@@ -1,4 +1,4 @@
-"""The one plotter: rows as charts, panels of curves and marks, and bars; drawn with matplotlib without a display."""
+"""The one plotter: rows as charts and panels of curves, drawn with matplotlib without a display."""
 
 from __future__ import annotations
 
@@ -16,42 +16,35 @@ from ..rows import Row, grouped, of_study
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis as MatplotlibAxis
     from matplotlib.figure import Figure
 
 _COLOURS = ("#1b6ca8", "#d1495b", "#2a9d54", "#8f5bb5", "#c7861f", "#4d4d4d", "#12a0a8", "#a33d8f", "#7a6a00")
 _MARKERS = "osD^vPX*d"
 _DPI = 100
-_MAX_NAMED = 12
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Named points (x, y), joined by a line in their order unless they are marks.
+    """Named points (x, y), joined by a line in their order.
 
     Attributes:
         name: in the legend; one name has one colour and mark throughout a picture.
-        points: finite, above 0 on a logarithmic axis.
-        is_line: whether they are joined.
-        labels: a word beside each point, or nothing.
+        points: finite, x above 0.
     """
 
     name: str
     points: Sequence[tuple[float, float]]
-    is_line: bool = True
-    labels: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves that share axes.
+    """Curves that share axes, of which x is logarithmic.
 
     Attributes:
         title: above it.
         x_label, y_label: of the axes.
         curves: what is drawn.
         level: a dashed line across, or None.
-        log: which axes are logarithmic: "x", "y", "xy" or "".
     """
 
     title: str
@@ -59,22 +52,20 @@ class Panel:
     y_label: str
     curves: Sequence[Curve]
     level: float | None = None
-    log: str = "x"
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What an axis shows of rows: a figure, cost or setting, as `kind` says, times `unit`; none above `most`."""
+    """What an axis shows of rows: a figure times `unit`; none above `most`."""
 
     key: str
     label: str
-    kind: str = "figures"
     unit: float = 1.0
     most: float = math.inf
 
     def of(self, rows: Sequence[Row]) -> float | None:
         """Mean over rows, or None where it is finite in none."""
-        values = [getattr(row, self.kind).get(self.key) for row in rows]
+        values = [row.figures.get(self.key) for row in rows]
         known = [value for value in values if value is not None and math.isfinite(value)]
         found = [self.unit * value for value in known if value <= self.most]
         return statistics.fmean(found) if found else None
@@ -82,16 +73,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Chart:
-    """A study's rows as curves.
+    """A study's rows as curves: one per way, with a point per Q_g at the mean of its rows.
 
     Attributes:
         study: whose rows.
         title: of the picture.
         x, y: what is drawn against what.
         panel: attribute or setting that has a panel per value; empty for one panel.
-        curve: what has a curve per value; empty for marks with the names of `point` beside them, where they are few.
-        point: rows of one value are a point, at their mean.
-        log: as in `Panel`.
     """
 
     study: str
@@ -99,9 +87,6 @@ class Chart:
     x: Axis
     y: Axis
     panel: str = ""
-    curve: str = "way"
-    point: str = "qp"
-    log: str = "x"
 
     def __call__(self, path: Path, rows: Sequence[Row]) -> bool:
         """Draw a PNG file; False where no row is of the study."""
@@ -114,19 +99,14 @@ class Chart:
         """A panel per value of `panel`, those without points left out."""
         drawn = []
         for name, members in _parts(of_study(rows, self.study), self.panel).items():
-            curves = [self._curve(label, group) for label, group in _parts(members, self.curve).items()]
+            curves = [self._curve(label, group) for label, group in _parts(members, "way").items()]
             if any(curve.points for curve in curves):
-                drawn.append(Panel(name, self.x.label, self.y.label, curves, level, self.log))
+                drawn.append(Panel(name, self.x.label, self.y.label, curves, level))
         return drawn
 
     def _curve(self, name: str, rows: Sequence[Row]) -> Curve:
-        points = {}
-        for label, group in _parts(rows, self.point).items():
-            x, y = self.x.of(group), self.y.of(group)
-            if x is not None and y is not None:
-                points[label] = x, y
-        labels = list(points) if not self.curve and len(points) <= _MAX_NAMED else []
-        return Curve(name, sorted(points.values()) if self.curve else list(points.values()), bool(self.curve), labels)
+        points = [(self.x.of(group), self.y.of(group)) for group in _parts(rows, "qp").values()]
+        return Curve(name, sorted((x, y) for x, y in points if x is not None and y is not None))
 
 
 def _parts(rows: Sequence[Row], name: str) -> dict[str, list[Row]]:
@@ -162,13 +142,8 @@ def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Art
         n = names.index(curve.name)
         x, y = zip(*curve.points, strict=True)
         colour, marker = _COLOURS[n % len(_COLOURS)], _MARKERS[n % len(_MARKERS)]
-        width = 1.2 if curve.is_line else 0
-        (drawn[curve.name],) = axes.plot(x, y, color=colour, marker=marker, markersize=4, lw=width)
-        for at, label in zip(curve.points, curve.labels, strict=False):
-            axes.annotate(label, at, xytext=(4, 4), textcoords="offset points", fontsize=6.5, alpha=0.85)
-    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-        if name in panel.log:
-            _logarithmic(axes, name, axis)
+        (drawn[curve.name],) = axes.plot(x, y, color=colour, marker=marker, markersize=4, lw=1.2)
+    _logarithmic(axes)
     axes.margins(0.08, 0.1)
     axes.set_title(panel.title, fontsize=9)
     axes.set_xlabel(panel.x_label, fontsize=9)
@@ -178,15 +153,17 @@ def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Art
     return drawn
 
 
-def _logarithmic(axes: Axes, name: str, axis: MatplotlibAxis) -> None:
-    """A log scale whose ticks are plain numbers; 1, 2 and 5 of every decade where there are few decades."""
+def _logarithmic(axes: Axes) -> None:
+    """A log scale of x whose ticks are plain numbers; 1, 2 and 5 of every decade where there are few decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axes.set(**{f"{name}scale": "log"})
-    low, high = axis.get_data_interval()
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 1e3 * max(low, 1e-300) else (1,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}" if value < 1e4 else f"{value / 1000:g}k"))
-    axis.set_minor_formatter(NullFormatter())
+    axes.set_xscale("log")
+    low, high = axes.xaxis.get_data_interval()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 1e3 * max(low, 1e-300) else (1,)))
+    axes.xaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:g}" if value < 1e4 else f"{value / 1000:g}k")
+    )
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _save(path: Path, figure: Figure) -> None:

@@ -18,7 +18,7 @@ from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.errors import InputError
 
 from ..quality import ProfileQp, Quality, decode_seconds, encode_seconds, mean_of_rows
-from ..rows import Row, grouped, of_study
+from ..rows import Row, grouped
 from ..runner import RunPlan, run_jobs
 from ..show.tables import ABSENT, format_table, number
 from ..study import Run, Study
@@ -90,12 +90,6 @@ BITS: dict[int, tuple[float, dict[str, float]]] = {
     12: (47.90, {"position": 20.0, "scale": 20.1, "rotation": 8.4, "color": 39.0, "opacity": 12.6}),
 }
 """DepthSplat on 200 scenes of RE10K: Q_g to KB and the share of each class in percent."""
-
-ELSEWHERE = (
-    ("CodecSplat", "RealEstate10K", "3.37–12.51 KiB", "24.76–27.05", "arXiv 2605.25563; its decoder runs a network"),
-    ("CodecSplat", "DL3DV", "20–108 KiB", "23.56–26.36", "arXiv 2605.25563; its decoder runs a network"),
-)
-"""Method, data, size, dB to photo and source of what other papers print."""
 
 # ---- measured -----------------------------------------------------------------------------------------------------
 
@@ -232,13 +226,6 @@ def time_table(rows: Sequence[Row]) -> str:
     return _titled(title, ["codec", "by", "encode", "VPT", "VABR", "HEVC", "decode", "network"], lines) if ours else ""
 
 
-def elsewhere_table(rows: Sequence[Row]) -> str:
-    """What yet others print, on other networks, scenes and machines; shown beside measured rows alone."""
-    text = "Published figures, **quoted, not measured here**; other networks, scenes and machines"
-    heads = ["", "data", "size", "dB to photo", "source"]
-    return _titled(text, heads, ELSEWHERE) if of_study(rows, STUDY) else ""
-
-
 def _lines(label: str, ours: dict[str, list[Row]], columns: Sequence[str]) -> list[list[str]]:
     if not ours:
         return []
@@ -285,11 +272,5 @@ def _titled(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) ->
 PAPER = Study(
     "The paper's tables",
     paper_rows,
-    {
-        "paper main": main_table,
-        "paper views": views_table,
-        "paper bits": bits_table,
-        "paper time": time_table,
-        "paper elsewhere": elsewhere_table,
-    },
+    {"paper main": main_table, "paper views": views_table, "paper bits": bits_table, "paper time": time_table},
 )

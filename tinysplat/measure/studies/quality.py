@@ -128,17 +128,6 @@ def refined_summary(rows: Sequence[Row]) -> str:
     return format_table(heads, lines) if lines else ""
 
 
-def refined_line(rows: Sequence[Row]) -> str:
-    """What a page says in a line of more than two photos: dB before and after, means over scenes."""
-    refined = [row for row in rows if row.study == STUDY and "refined" in row.figures and row.setting["views"] > 2]
-    parts, scenes = [], {row.setting["scene"] for row in refined}
-    for identity, members in groups_of(refined):
-        mean = mean_of_scenes(members)
-        before, after = decibels(mean["refined"]["psnr_before"]), decibels(mean["psnr_raw"])
-        parts.append(f"{identity['views']} photos {before} → {after} dB")
-    return f"mean of {len(scenes)} scenes: {', '.join(parts)}" if parts else ""
-
-
 def title(identity: Mapping[str, Any]) -> str:
     """What the rows of a group have in common, in words."""
     size = f"{identity['width']}x{identity['height']}"
@@ -213,7 +202,6 @@ QUALITY = Study(
         "zoom": lambda rows: _tables(rows, zoom_table),
         "nested summary": nested_summary,
         "nested": lambda rows: _tables(rows, nested_table),
-        "refined line": refined_line,
         "refined summary": refined_summary,
         "refined": lambda rows: _tables(rows, refined_table),
     },

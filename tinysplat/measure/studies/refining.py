@@ -19,9 +19,6 @@ from ..show.plots import Axis, Chart, save_grid
 from ..show.tables import decibels, format_table
 from ..study import Run, Study
 
-STUDY = "refine"
-SECONDS, QUICK_SECONDS = (0, 2, 5, 10, 20, 40), (0, 2)
-VIEWS = (3, 4, 6)
 
 CURVES = "refined curves"
 CURVE_QPS, QUICK_CURVE_QPS = (-6.0, 2.0, 12.0, 22.0), (0.0, 12.0)
