@@ -19,7 +19,6 @@ from ..show.plots import Axis, Chart, save_grid
 from ..show.tables import decibels, format_table
 from ..study import Run, Study
 
-
 CURVES = "refined curves"
 CURVE_QPS, QUICK_CURVE_QPS = (-6.0, 2.0, 12.0, 22.0), (0.0, 12.0)
 CURVE_VIEWS = (4,)
