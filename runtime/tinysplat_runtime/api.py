@@ -437,7 +437,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
         gaussians: any. Lists get of a capture, more than six views, each surface from two views, for viewers
             that draw all they are given; `keep_all=True` keeps every Gaussian, as `.npz` and `.safetensors` do.
         *arguments: of a `.tsplat` file, those of `compress`; of others, `sh_bits` and `spz_version`.
-        **options: likewise those of `compress`, or of `recipe.export.ExportRequest`.
+        **options: those of `recipe.export.ExportRequest`, and of a `.tsplat` file those of `compress`, too.
 
     Returns:
         What the format could not keep, one line each.
@@ -447,14 +447,21 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
     """
     _check_is_path(path, "path")
     _check_are_gaussians(gaussians)
-    if not os.fspath(path).lower().endswith(SUFFIX):
-        from .recipe.export import ExportRequest, exported, write
+    from .gaussian.editing import select_views
+    from .recipe.export import HOW, ExportRequest, exported, names, write
 
-        request, runtime = (
-            ExportRequest.of(**dict(zip(("sh_bits", "spz_version"), arguments, strict=False)), **options),
-            _shared(),
-        )
-        return write(path, exported([("", gaussians)], os.fspath(path), request, runtime), request, runtime)
+    is_ours, chosen = os.fspath(path).lower().endswith(SUFFIX), options
+    if is_ours:
+        chosen = {name: options.pop(name) for name in names() - {*HOW, "keep_all", "cameras"} if name in options}
+    else:
+        chosen |= dict(zip(("sh_bits", "spz_version"), arguments, strict=False))
+    request = ExportRequest.of(**chosen)
+    gaussians = gaussians if request.views is None else select_views(gaussians, request.views)
+    gaussians = exported([("", gaussians)], os.fspath(path), request, _shared())
+    if not is_ours:
+        return write(path, gaussians, request, _shared())
+    if request.prune is not None:
+        options.setdefault("keep_all", True)
     write_atomically(path, compress(gaussians, *arguments, **options))
     return []
 

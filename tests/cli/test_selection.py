@@ -115,6 +115,14 @@ def test_joined_files_and_saved_gaussians_are_the_commands_too(capture, tmp_path
     assert main(["convert", file, "-o", str(tmp_path / "c.ply"), "-q"]) == 0
     ts.save_gaussians(tmp_path / "d.ply", wall)
     assert (tmp_path / "c.ply").read_bytes() == (tmp_path / "d.ply").read_bytes()
+    ts.save_gaussians(tmp_path / "e.tsplat", wall, views=[0, 2, 5], min_opacity=0.1, unit="metre", profile="fast")
+    ts.convert(file, tmp_path / "chosen.npz", views=[0, 2, 5], min_opacity=0.1, unit="metre")
+    chosen = ts.load_gaussians(tmp_path / "chosen.npz")
+    assert (tmp_path / "e.tsplat").read_bytes() == ts.compress(chosen, "fast")
+    ts.save_gaussians(tmp_path / "some.npz", wall, views=[0, 2, 5], min_opacity=0.1, unit="metre")
+    assert (tmp_path / "some.npz").read_bytes() == (tmp_path / "chosen.npz").read_bytes()
+    with pytest.raises(ts.InputError, match="sh_bits"):
+        ts.save_gaussians(tmp_path / "f.tsplat", wall, sh_bits=(5, 4))
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from scenes import write_scene
 import tinysplat_runtime as ts
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import run_processes, run_ray
-from tinysplat.batch.jobs import BatchJob, encode, is_done, read_manifest
+from tinysplat.batch.jobs import CODE, OPTIONS, BatchJob, encode, is_done, read_manifest
 from tinysplat.batch.run import run_batch
 from tinysplat.batch.storage import local_folder, read, write
 from tinysplat_runtime.errors import InputError
@@ -231,11 +231,13 @@ def test_what_was_done_before_there_were_requests_is_not_done_again() -> None:
 
 
 def test_every_option_changes_the_fingerprint() -> None:
-    (plain,) = read_manifest("/a", "out", {})
-    others = ['{"scene": "/a", "qp": 1}', '{"scene": "/a", "views": [0, 1]}', "/b/a", '{"scene": "/a", "size": [8, 8]}']
-    others += ['{"scene": "/a", "refine": "5"}', '{"scene": "/a", "refine": "5s"}']
-    prints = {read_manifest(text, "out", {})[0].fingerprint for text in others}
-    assert len(prints | {plain.fingerprint}) == 7
+    said = {"views": [0, 1], "size": [8, 8], "refine": "5", "mode": "photos", "lossless": True, "drop_invalid": True}
+    said |= {"target_size": 900, "target_psnr": 40, "near": 2, "far": 9, "qp": 1, "profile": "fast", "first_number": 1}
+    said |= {"provider": "cuda", "report": True, "save_gaussians": True, "auto": 3}
+    options = [{name: said.get(name, f"/{name}.x")} for name in OPTIONS]  # paths and texts
+    texts = [json.dumps({"scene": "/a", **one}) for one in [{}, *options, {"refine": "5s"}, {"refine": "6"}]]
+    jobs = [read_manifest(text, "out", {}, allowed=CODE)[0] for text in [*texts, "/b/a"]]
+    assert len({job.fingerprint for job in jobs}) == len(jobs) == len(OPTIONS) + 4
     with pytest.raises(InputError, match="line 1: refine: 'soon', expected "):
         read_manifest('{"scene": "/a", "refine": "soon"}', "out", {})
 

@@ -138,7 +138,8 @@ def test_compare_takes_files_of_gaussians_and_pictures(tmp_path):
     scene = write_eval_scene(tmp_path / "plane")
     raw, coded = tmp_path / "raw.npz", tmp_path / "coded.tsplat"
     run("encode", scene, "--views", "0,3", "-o", coded, "--save-gaussians", raw, "-q")
-    for a, b, rows in ((raw, coded, 3), (scene / "0.png", scene / "1.png", 1)):
+    run("convert", coded, "-o", tmp_path / "c.spz", "-q")
+    for a, b, rows in ((raw, coded, 3), (coded, tmp_path / "c.spz", 3), (scene / "0.png", scene / "1.png", 1)):
         done = run("compare", a, b, "-o", tmp_path / "sheets")
         assert done.stdout.count("| comparison |") == rows
         assert (tmp_path / "sheets" / "comparison.png").is_file()

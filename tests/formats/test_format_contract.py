@@ -12,10 +12,11 @@ from formats.foreign import on_order_of
 from scenes import make_gaussians, make_skewed_cameras
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats.table import FORMATS, load_gaussians, save_gaussians
+from tinysplat_runtime.formats.table import FORMATS, endings, load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.notes import Notes
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
+from tinysplat_runtime.scene.intake.layouts import OTHER_FILES
 
 NOTES = {"unit": "metre", "attribution": "Jo Doe", "licence": "CC-BY-4.0", "antialiased": "yes"}
 
@@ -174,3 +175,8 @@ def test_damaged_files_give_one_line_or_valid_gaussians(form, ending, tmp_path) 
             refused += 1
             assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
     assert refused >= len(damaged) // 3
+
+
+def test_who_takes_a_file_of_gaussians_for_a_scene_is_told_what_it_is() -> None:
+    suffixes = {Path(ending).suffix or ending for ending in endings(written=False)}
+    assert suffixes - {".json"} <= set(OTHER_FILES)  # SOG's; most are cameras

@@ -15,7 +15,6 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.modes import DEFAULT_MODE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.formats.table import save_gaussians
@@ -66,6 +65,10 @@ class Keep:
         check_types(self)
 
 
+_NAMED = {"scene", "coding", "refinement", "notes"}
+"""Fields of a request whose parts a fingerprint names otherwise."""
+
+
 @dataclass(frozen=True)
 class BatchJob:
     """A scene to code or evaluate.
@@ -111,16 +114,13 @@ class BatchJob:
             "qp": 0.0 if coding.qp is None else coding.qp,
         }
         rest = {
-            **{name: getattr(coding, name) for name in ("target_size", "target_psnr", "lossless", "like")},
-            "drop_invalid": coding.drop_invalid,
-            "mode": None if coding.mode == DEFAULT_MODE else coding.mode,
-            "refine": str(request.refinement or ""),
-            "poses": request.poses,
-            "first_number": request.first_number,
-            **request.notes.given(),
-            **asdict(self.keep),
+            one.name: value
+            for part in (coding, request)
+            for one in fields(part)
+            if one.name not in {*always, *_NAMED} and (value := getattr(part, one.name)) != one.default
         }
-        return {**always, **{name: value for name, value in rest.items() if value}}
+        named = {"refine": str(request.refinement or ""), **request.notes.given(), **asdict(self.keep)}
+        return {**always, **rest, **{name: value for name, value in named.items() if value}}
 
 
 def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:

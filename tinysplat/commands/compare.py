@@ -9,22 +9,22 @@ from typing import Any
 
 from tinysplat.measure.show.sheets import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
 from tinysplat.measure.show.tables import format_table, number
-from tinysplat_runtime.api import decompress
+from tinysplat_runtime.api import load_gaussians
 from tinysplat_runtime.cli.arguments import size
-from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.container.layout import SUFFIX
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.table import endings
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_cameras
-from tinysplat_runtime.system.files import read_limited, write_atomically
+from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.progress import progress
 
 HELP = "two results side by side, with maps of their error"
 NEEDS = ("matplotlib", "PIL")
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
-GAUSSIAN_SUFFIXES = (".tsplat", ".npz", ".safetensors", ".ply")
-_MAX_FILE_BYTES = 1 << 31
+GAUSSIAN_SUFFIXES = (SUFFIX, *endings(written=False))
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -33,8 +33,7 @@ def configure(parser: ArgumentParser) -> None:
         "A and B are two pictures, two files of Gaussians, or two folders of `tinysplat eval --pictures`. Gaussians are"
         " rendered at the views of A and midway between neighbouring ones."
     )
-    names = ", ".join((*GAUSSIAN_SUFFIXES, *PICTURE_SUFFIXES))
-    parser.add_argument("a", metavar="A", help=f"{names}, or a folder of results")
+    parser.add_argument("a", metavar="A", help=".tsplat, .ply or other Gaussians, .png, .jpg, or a folder of results")
     parser.add_argument("b", metavar="B", help="the same kind of thing as A")
     parser.add_argument("-o", "--output", default="comparison", metavar="FOLDER", help="default comparison")
     parser.add_argument("--cameras", metavar="cameras.json", help="where to look from; default: the views of A, or B")
@@ -69,7 +68,7 @@ def _sheets(a: Path, b: Path, cameras: str | None, size: tuple[int, int] | None)
         return result_sheets(a, b)
     if kinds[0] == "picture":
         return [picture_sheet(a, b)]
-    gaussians = (_load(a), _load(b))
+    gaussians = (load_gaussians(a), load_gaussians(b))
     return [gaussian_sheet(gaussians, (a.name, b.name), _cameras(cameras, gaussians), size)]
 
 
@@ -79,19 +78,10 @@ def _kind(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix in PICTURE_SUFFIXES:
         return "picture"
-    if suffix in GAUSSIAN_SUFFIXES:
+    if path.name.lower().endswith(GAUSSIAN_SUFFIXES):
         return "file of Gaussians"
     accepted = ", ".join((*GAUSSIAN_SUFFIXES, *PICTURE_SUFFIXES))
     raise InputError(f"'{suffix}', accepted are {accepted} and folders of results", where=str(path))
-
-
-def _load(path: Path) -> Gaussians:
-    if path.suffix.lower() != ".tsplat":
-        return load_gaussians(path)
-    try:
-        return decompress(read_limited(path, _MAX_FILE_BYTES))
-    except TinySplatError as error:
-        raise error.within(str(path)) from None
 
 
 def _cameras(named: str | None, gaussians: tuple[Gaussians, Gaussians]) -> list[Camera]:

@@ -136,9 +136,6 @@ PROFILES: dict[str, Profile] = {
 
 DEFAULT_PROFILE = "balanced"
 
-ADAPTIVE_PROFILES = tuple(name for name, profile in PROFILES.items() if isinstance(profile.settings, AdaptiveSettings))
-"""Profiles whose steps say something of differences, too."""
-
 
 def find_profile(name: str) -> Profile:
     """The profile of that name; InputError lists those there are."""

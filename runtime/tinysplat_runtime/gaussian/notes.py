@@ -16,7 +16,7 @@ MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "a
 """Longest text of a field in UTF-8."""
 
 OPTIONS = ("unit", "attribution", "licence")
-"""Those that whoever makes a file says; the file carries them as they are."""
+"""Notes that the author of a file sets; they are stored unchanged."""
 
 YES = "yes"
 

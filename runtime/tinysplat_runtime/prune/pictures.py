@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -19,6 +18,7 @@ from ..render.prepare import parts
 from ..render.project import View
 from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
+from ..system.decibels import decibels
 from . import kernels
 
 
@@ -71,7 +71,7 @@ class Pictures:
 
     def psnr(self, gaussians: Gaussians) -> float:
         """dB over all views; 150 where none differs."""
-        return -10 * math.log10(max(sum(self.errors(gaussians)) / self.values, 1e-15))
+        return decibels(sum(self.errors(gaussians)) / self.values)
 
     def _drawn(self, gaussians: Gaussians, views: Sequence[int]) -> Iterator[tuple[int, _Drawn]]:
         """What views show, one after the other; each takes the place of the one before."""

@@ -40,6 +40,9 @@ KEEPS_VIEWS = (SUFFIX, ".npz", ".safetensors")
 KEEPS_CAMERAS = (*KEEPS_VIEWS, ".glb", ".gltf")
 """Endings of files that have room for cameras of photos."""
 
+HOW = ("points", "sh_bits", "spz_version", "gltf_spz")
+"""Fields of a request that say how other files than `.tsplat` are written."""
+
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
@@ -109,10 +112,9 @@ class ExportRequest:
         Raises:
             InputError: an option that there is not, and what the class refuses.
         """
-        known = {one.name for one in fields(cls)} - {"notes"} | set(OPTIONS)
-        unknown = sorted(set(options) - known)
+        unknown = sorted(set(options) - names())
         if unknown:
-            raise InputError(f"unknown {', '.join(unknown)[:80]}, accepted are {', '.join(sorted(known))}")
+            raise InputError(f"unknown {', '.join(unknown)[:80]}, accepted are {', '.join(sorted(names()))}")
         usual = {"dilate": OWN_VARIANCE, "fuse": FUSE_SECONDS}
         given: dict[str, Any] = {
             name: usual[name] if value is True and name in usual else value for name, value in options.items()
@@ -123,6 +125,11 @@ class ExportRequest:
             given["prune"] = Amount.of(str(given["prune"]))
         notes = {name: text for name in OPTIONS if (text := given.pop(name, None)) is not None}
         return cls(notes=notes, **given)
+
+
+def names() -> set[str]:
+    """Of the options of an `ExportRequest`, the notes among them."""
+    return {one.name for one in fields(ExportRequest)} - {"notes"} | set(OPTIONS)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..system import scratch
+from ..system.decibels import decibels
 from . import kernels_chain, kernels_gradient
 from .kernels_blend import Extent, Listed, Scratch, Visible
 from .kernels_chain import Moved
@@ -77,7 +78,7 @@ class PhotoError:
     @property
     def psnr(self) -> float:
         """In dB; NaN where no pixel is known."""
-        return -10 * math.log10(max(self.squared / (3 * self.known), 1e-15)) if self.known else math.nan
+        return decibels(self.squared / (3 * self.known)) if self.known else math.nan
 
 
 @dataclass(frozen=True, eq=False)

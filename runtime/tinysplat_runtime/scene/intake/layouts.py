@@ -33,9 +33,9 @@ NOT_READ = {
 _MOST_FOLDERS = 200  # that are searched for photos
 
 POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
+GAUSSIAN_FILES = ".ply .npz .spz .splat .ksplat .sog .glb .gltf .safetensors .usd .usda .usdc .usdz"
 OTHER_FILES = dict.fromkeys(
-    (".ply", ".npz", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".gltf", ".safetensors", ".usd", ".usda", ".usdz"),
-    "Gaussians, which `tinysplat compress {path} -o F.tsplat` codes",
+    GAUSSIAN_FILES.split(), "holds Gaussians; `tinysplat compress {path} -o F.tsplat` codes them"
 ) | {".tsplat": "coded already, `tinysplat view {path}` shows it", ".zip": "an archive; unpack it and name the folder"}
 """Endings of what is often taken for a scene, and what to do with it."""
 
