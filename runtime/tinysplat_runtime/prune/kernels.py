@@ -1,11 +1,12 @@
 """What every Gaussian does to a picture, as compiled code: what its removal would change, and what its colour should.
 
-A pixel is linear in each α. Without splat i it is C + ΔC with ΔC = −α ∂C/∂α = α/(1 − α)·behind − w·c, w = α·T its
-weight, c its colour, behind what is blended after it; its square is what one removal costs (POTR, arXiv 2601.14821).
-Opacity counts as a fourth colour, so that nothing is left out for being as black as the background.
+A pixel is linear in each α. Without splat i it is C + ΔC with ΔC = −α ∂C/∂α = α/(1 − α)·(R − T·c), T what comes through
+to it, c its colour, R what it and all behind it add; its square is what one removal costs (POTR, arXiv 2601.14821).
+Opacity counts as a fourth colour, so that nothing is left out for being as black as the background; of it, R − T·c is
+what the pixel lets through in the end.
 
-A tile is blended as for a picture, and walked again front to back; each pair of tile and splat has a place of its own
-for its sums (`kernels_blend.list_by_tile`), so that results do not depend on threads.
+A tile is blended as for a picture, and its state is walked again front to back; each pair of tile and splat has a
+place of its own for its sums (`kernels_blend.list_by_tile`), so that results do not depend on threads.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from ..render.kernels_blend import (
     AHEAD,
     LANES,
     ROW,
-    TILE_HEIGHT,
     TILE_WIDTH,
     Extent,
     Listed,
@@ -53,10 +53,8 @@ from ..render.kernels_project import (
 )
 from ..render.prepare import ALPHA_MIN
 
-CHANNELS = 4
-"""Red, green, blue, and opacity times `OPACITY_COLOUR`."""
-
 OPACITY_COLOUR = 0.5
+"""Opacity counts as a fourth colour that is so bright."""
 
 SUMS = 5
 """Of a pair: Σ |ΔC|²; Σ w·(wanted − C) of three colours; Σ w·(all weights of the pixel), which bounds what colours
@@ -64,18 +62,13 @@ change together."""
 
 COST, LACK, BOUND = 0, 1, 4
 
-WALK_PLANES = 9
-"""Second walk: transmittance; four of what is behind; three of wanted − C; the sum of all weights."""
-
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
-_WALK_ROW = WALK_PLANES * _STRIDE
-WALK_STATE = TILE_HEIGHT * _WALK_ROW
-_BEHIND = tuple(_I((1 + channel) * _STRIDE) for channel in range(4))
-_LACK = tuple(_I((5 + channel) * _STRIDE) for channel in range(3))
-_ALL = _I(8 * _STRIDE)
+_RED, _GREEN, _BLUE, _LEFT, _LACK_RED, _LACK_GREEN, _LACK_BLUE = (_I(plane * _STRIDE) for plane in range(1, 8))
+"""Planes of the second walk behind transmittance: R by colour; what the pixel lets through; wanted − C by colour."""
+
 _ALPHA_MIN, _ALPHA_MAX = _F(ALPHA_MIN), _F(ALPHA_MAX)
-_ZERO, _ONE, _HALF, _OPACITY = _F(0), _F(1), _F(0.5), _F(OPACITY_COLOUR)
+_ZERO, _ONE, _HALF, _OPACITY = _F(0), _F(1), _F(0.5), _F(OPACITY_COLOUR**2)
 
 
 @compiled
@@ -85,7 +78,6 @@ def score_tile(
     listed: Listed,
     extent: Extent,
     work: Scratch,
-    walk: NDArray,
     wanted: NDArray,
     is_first: bool,
     pairs: NDArray,
@@ -94,34 +86,30 @@ def score_tile(
 
     Args:
         records, rows, listed, extent, work: as `kernels_blend.blend_tile` has them.
-        walk: (`WALK_STATE`,) float32, the thread's.
-        wanted: (H, W, 4) float32: the picture that is wanted, its last channel opacity times `OPACITY_COLOUR`.
+        wanted: (H, W, 3) float32: the picture that is wanted.
         is_first: the picture as drawn is what is wanted; `wanted` is written.
         pairs: (pairs, 5) float32, written at the tile's places.
     """
     keys, count = blend_tile(records, rows, listed, extent, work, False)
-    _turn_over(work.state, walk, wanted, extent, is_first)
-    for key in keys:
+    _turn_over(work.state, wanted, extent, is_first)
+    for key in keys[count:]:
         pairs[key & _I(0xFFFFFFFF)] = 0
     for start in range(0, count, AHEAD):
         end = min(start + AHEAD, count)
         bring_near(records, rows, keys[start:end], work.near)
         for entry in range(end - start):
-            _walk(work.near[entry], extent, walk, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
+            _walk(work.near[entry], extent, work.state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
 
 
 @compiled
 def show_tile(records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, picture: NDArray) -> None:
-    """Draw a tile into `picture` (H, W, 4) float32, whose last channel is opacity times `OPACITY_COLOUR`; other
-    arguments as those of `score_tile`.
-    """
+    """Draw a tile into `picture` (H, W, 3) float32; other arguments as those of `score_tile`."""
     blend_tile(records, rows, listed, extent, work, False)
     for line in range(extent.rows):
         for lane in range(extent.columns):
             at = line * ROW + lane
             for channel in range(3):
                 picture[extent.row + line, extent.column + lane, channel] = work.state[at + (1 + channel) * _STRIDE]
-            picture[extent.row + line, extent.column + lane, 3] = _OPACITY * (_ONE - abs(work.state[at]))
 
 
 @compiled
@@ -142,28 +130,23 @@ def error_of_tile(
 
 
 @compiled
-def _turn_over(state: NDArray, walk: NDArray, wanted: NDArray, extent: Extent, is_first: bool) -> None:
+def _turn_over(state: NDArray, wanted: NDArray, extent: Extent, is_first: bool) -> None:
     """From a drawn tile to what its second walk begins with."""
-    walk[:] = 0
     for line in range(extent.rows):
         for lane in range(extent.columns):
-            at, to = line * ROW + lane, line * _WALK_ROW + lane
-            covered = _ONE - abs(state[at])
-            walk[to] = _ONE
-            walk[to + 8 * _STRIDE] = covered
-            for channel in range(CHANNELS):
-                found = _OPACITY * covered if channel == 3 else state[at + (1 + channel) * _STRIDE]
+            at = line * ROW + lane
+            state[at + 4 * _STRIDE], state[at] = abs(state[at]), _ONE
+            for channel in range(3):
+                found = state[at + (1 + channel) * _STRIDE]
                 if is_first:
                     wanted[extent.row + line, extent.column + lane, channel] = found
-                walk[to + (1 + channel) * _STRIDE] = found
-                if channel < 3:
-                    aim = wanted[extent.row + line, extent.column + lane, channel]
-                    walk[to + (5 + channel) * _STRIDE] = aim - found
+                aim = wanted[extent.row + line, extent.column + lane, channel]
+                state[at + (5 + channel) * _STRIDE] = aim - found
 
 
 @summing
 def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
-    """Add a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
+    """Write a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity = splat[LOG_OPACITY]
     red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
@@ -174,7 +157,7 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
         w = gamma * dy
         fall = w * w
         first, last = columns_in(splat, extent, dy) if is_wide else (left, right)
-        start = _I((row - extent.row) * _WALK_ROW)
+        start = _I((row - extent.row) * ROW)
         for column in range(first, last + 1, LANES):
             across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
             exponent = log_opacity - fall
@@ -184,33 +167,27 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
                 u = across + alpha_x * _F(lane)
                 full = alpha_at(u, exponent)
                 alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
-                weight, state[at] = blend(state[at], alpha)
+                before, left_over = state[at], state[at + _LEFT]
+                weight, state[at] = blend(before, alpha)
                 more = alpha / (_ONE - alpha) if weight > _ZERO else _ZERO
-                behind_red = state[at + _BEHIND[0]] - weight * red
-                behind_green = state[at + _BEHIND[1]] - weight * green
-                behind_blue = state[at + _BEHIND[2]] - weight * blue
-                behind_opacity = state[at + _BEHIND[3]] - weight * _OPACITY
-                state[at + _BEHIND[0]], state[at + _BEHIND[1]] = behind_red, behind_green
-                state[at + _BEHIND[2]], state[at + _BEHIND[3]] = behind_blue, behind_opacity
-                change_red, change_green = more * behind_red - weight * red, more * behind_green - weight * green
-                change_blue = more * behind_blue - weight * blue
-                change_opacity = more * behind_opacity - weight * _OPACITY
-                s_cost += change_red * change_red + change_green * change_green
-                s_cost += change_blue * change_blue + change_opacity * change_opacity
-                s_red += weight * state[at + _LACK[0]]
-                s_green += weight * state[at + _LACK[1]]
-                s_blue += weight * state[at + _LACK[2]]
-                s_bound += weight * state[at + _ALL]
+                rest_red, rest_green, rest_blue = state[at + _RED], state[at + _GREEN], state[at + _BLUE]
+                state[at + _RED] = rest_red - weight * red
+                state[at + _GREEN] = rest_green - weight * green
+                state[at + _BLUE] = rest_blue - weight * blue
+                apart_red, apart_green = rest_red - before * red, rest_green - before * green
+                apart_blue = rest_blue - before * blue
+                squared = apart_red * apart_red + apart_green * apart_green + apart_blue * apart_blue
+                s_cost += more * more * (squared + _OPACITY * left_over * left_over)
+                s_red += weight * state[at + _LACK_RED]
+                s_green += weight * state[at + _LACK_GREEN]
+                s_blue += weight * state[at + _LACK_BLUE]
+                s_bound += weight * (_ONE - left_over)
             cost += s_cost
             lack_red += s_red
             lack_green += s_green
             lack_blue += s_blue
             bound += s_bound
-    out[COST] += cost
-    out[LACK] += lack_red
-    out[LACK + 1] += lack_green
-    out[LACK + 2] += lack_blue
-    out[BOUND] += bound
+    out[COST], out[LACK], out[LACK + 1], out[LACK + 2], out[BOUND] = cost, lack_red, lack_green, lack_blue, bound
 
 
 @compiled

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -35,14 +34,14 @@ class Pictures:
 
     Attributes:
         cameras: of the views.
-        wanted: (H, W, 4) float32 by view, filled when it is first measured: what later pictures are held against.
+        wanted: (H, W, 3) float32 by view, filled when it is first measured: what later pictures are held against.
     """
 
     def __init__(self, cameras: Sequence[Camera], run_jobs: Callable) -> None:
         """`run_jobs` maps a function over a list, on any number of threads."""
         self.cameras = tuple(cameras)
         self.wanted: dict[int, NDArray] = {}
-        self._run, self._local = run_jobs, threading.local()
+        self._run = run_jobs
 
     @property
     def values(self) -> int:
@@ -93,7 +92,7 @@ class Pictures:
         buffers, camera = drawn.buffers, self.cameras[number]
         is_first = number not in self.wanted
         if is_first:
-            self.wanted[number] = np.empty((camera.height, camera.width, kernels.CHANNELS), np.float32)
+            self.wanted[number] = np.empty((camera.height, camera.width, 3), np.float32)
         wanted, sums = self.wanted[number], np.zeros((len(buffers.records), kernels.SUMS), np.float32)
         for lists in buffers.lists(drawn.visible, drawn.view):
             pairs = np.empty((lists.rows.size, kernels.SUMS), np.float32)
@@ -106,9 +105,7 @@ class Pictures:
                 lists: TileLists = lists,
                 pairs: NDArray = pairs,
             ) -> None:
-                kernels.score_tile(
-                    buffers.records, lists.rows, listed, extent, scratch, self._walk(), wanted, is_first, pairs
-                )
+                kernels.score_tile(buffers.records, lists.rows, listed, extent, scratch, wanted, is_first, pairs)
 
             def add_up(block: tuple[Visible, NDArray], lists: TileLists = lists, pairs: NDArray = pairs) -> None:
                 kernels.add_up(block[0], lists.tiles, block[1], pairs, sums)
@@ -119,7 +116,7 @@ class Pictures:
 
     def _shown(self, drawn: _Drawn, number: int) -> NDArray:
         buffers, camera = drawn.buffers, self.cameras[number]
-        picture = np.empty((camera.height, camera.width, kernels.CHANNELS), np.float32)
+        picture = np.empty((camera.height, camera.width, 3), np.float32)
         for lists in buffers.lists(drawn.visible, drawn.view):
 
             def show(tile: int, listed: Listed, extent: Extent, scratch: Scratch, lists: TileLists = lists) -> None:
@@ -139,9 +136,3 @@ class Pictures:
 
             buffers.work_on(lists, drawn.view, compare)
         return float(errors.sum())
-
-    def _walk(self) -> NDArray:
-        if not hasattr(self._local, "walk"):
-            self._local.walk = np.empty(kernels.WALK_STATE, np.float32)
-        walk: NDArray = self._local.walk
-        return walk

@@ -198,9 +198,8 @@ class Remover:
         return pictures
 
     def _corrected(self, gaussians: Gaussians) -> Gaussians:
-        cameras = self._pictures.cameras
-        wanted = [self._pictures.wanted[number][..., :3] for number in range(len(cameras))]
-        return corrected(gaussians, cameras, wanted, self._run)
+        wanted = [self._pictures.wanted[number] for number in range(len(self._pictures.cameras))]
+        return corrected(gaussians, self._pictures.cameras, wanted, self._run)
 
     def _look(self, gaussians: Gaussians, views: Sequence[int]) -> _Seen:
         shape = gaussians.opacities.size, len(views) if gaussians.degree else 1
