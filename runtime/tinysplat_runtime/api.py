@@ -27,12 +27,8 @@ from .system.threads import available_cores
 
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
-    from typing import Unpack
-
     from .codec.encoder import EncodeStats
     from .codec.parts import SceneFile
-    from .graphs.enlarge import Enlarger
-    from .recipe.request import CompressOptions, SceneOptions
     from .refine.stats import RefineStats
     from .scene.cameras import Camera
     from .scene.scenes import Scene
@@ -99,16 +95,7 @@ class Runtime:
         from .recipe import stages
 
         _check_is_scene(scene)
-        return stages.predict(scene, model, self, whole=whole, watch=watch)
-
-    def enlarger(self, scene: Scene, model: str = DEFAULT_MODEL, *, whole: bool = False) -> Enlarger | None:
-        """What brings to all pixels of the scene's photos what the network finds on small copies of them.
-
-        Arguments and errors are those of `predict`; None where it runs the network on the photos as they are.
-        """
-        from .recipe import stages
-
-        return stages.enlarger_of(scene, model, self, whole=whole)
+        return stages.predict(scene, model, self, stages.Way.of(scene, model, self, whole=whole), watch=watch)
 
     def refine(
         self,
@@ -155,7 +142,7 @@ class Runtime:
         *,
         cameras: Sequence[Camera] | StrPath | None = None,
         stats: EncodeStats | None = None,
-        **options: Unpack[CompressOptions],
+        **options: Any,
     ) -> bytes:
         """Code Gaussians as a `.tsplat` file's bytes.
 
@@ -197,7 +184,7 @@ class Runtime:
         *,
         gaussians: Gaussians | None = None,
         stats: EncodeStats | None = None,
-        **options: Unpack[SceneOptions],
+        **options: Any,
     ) -> bytes:
         """Photos to a `.tsplat` file's bytes: the very bytes that `tinysplat encode` writes of the same options.
 

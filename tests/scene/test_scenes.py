@@ -86,7 +86,6 @@ def test_resized_scene_delivers_the_size_its_cameras_state(folder: Path) -> None
         assert (camera.height, camera.width) == (10, 20)
         np.testing.assert_allclose(camera.K, original.resized(10, 20).K)
     np.testing.assert_array_equal(images[1], resize_cover(make_photo(24, 32, seed=1), 10, 20))
-    np.testing.assert_array_equal(images, scene.images(size=(10, 20)))
 
 
 def test_a_resized_photo_is_read_once(folder: Path) -> None:
@@ -117,7 +116,7 @@ def test_photos_of_several_sizes_need_one_chosen(folder: Path) -> None:
     scene = load_scene(folder)
     with pytest.raises(InputError, match=r"40x24 pixels, but .*0000\.png has 32x24; choose one size with --size"):
         scene.images()
-    assert scene.images(size=(16, 16)).shape == (3, 16, 16, 3)
+    assert scene.resized(16, 16).images().shape == (3, 16, 16, 3)
     assert scene.views([2]).images().shape == (1, 24, 40, 3)
 
 

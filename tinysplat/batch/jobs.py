@@ -23,7 +23,7 @@ from tinysplat_runtime.graphs.providers import providers_of
 from tinysplat_runtime.recipe.encode import Listener
 from tinysplat_runtime.recipe.encode import encode as encode_photos
 from tinysplat_runtime.recipe.report import encode_report
-from tinysplat_runtime.recipe.request import RATE, EncodeOptions, EncodeRequest, rates_of
+from tinysplat_runtime.recipe.request import ENCODE_OPTIONS, RATE, EncodeRequest, rates_of
 from tinysplat_runtime.recipe.types import check_types
 from tinysplat_runtime.recipe.words import AutoViews
 from tinysplat_runtime.scene.scenes import Scene
@@ -35,7 +35,7 @@ SUFFIXES = {"encode": ".tsplat", "evaluate": ".json"}
 """What can be done with a scene, and how the name of its output ends."""
 
 
-OPTIONS = {*EncodeOptions.__annotations__, "auto", "provider", "report", "save_gaussians"} - {"focal", "baseline"}
+OPTIONS = {*ENCODE_OPTIONS, "auto", "provider", "report", "save_gaussians"} - {"focal", "baseline"}
 """What a manifest's entry may say of its scene; `auto` is how many views to choose."""
 
 CODE = ("model", "provider")

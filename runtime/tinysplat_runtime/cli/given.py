@@ -66,15 +66,15 @@ def given(args: Namespace, names: Iterable[str]) -> dict[str, Any]:
 
 def coding_of(args: Namespace) -> Coding:
     """How `compress` is to code; InputError names the option at fault."""
-    from ..recipe.request import Coding, CompressOptions, EncodeOptions
+    from ..recipe.request import ENCODE_OPTIONS, Coding
 
-    with named(EncodeOptions.__annotations__):
-        return Coding(**given(args, ("profile", "qp", "mode", *CompressOptions.__annotations__)))
+    with named(ENCODE_OPTIONS):
+        return Coding(**given(args, (one.name for one in fields(Coding))))
 
 
 def request_of(args: Namespace) -> EncodeRequest:
     """What `encode` is to do; InputError names the option at fault."""
-    from ..recipe.request import EncodeOptions, EncodeRequest
+    from ..recipe.request import ENCODE_OPTIONS, EncodeRequest
 
-    with named(EncodeOptions.__annotations__):
-        return EncodeRequest.of(args.scene, **given(args, EncodeOptions.__annotations__))
+    with named(ENCODE_OPTIONS):
+        return EncodeRequest.of(args.scene, **given(args, ENCODE_OPTIONS))

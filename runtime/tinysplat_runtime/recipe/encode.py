@@ -14,7 +14,7 @@ from ..refine.stats import RefineStats
 from ..scene.scenes import Scene
 from ..system.progress import Show, plain
 from .request import Coding, EncodeRequest
-from .stages import Tools, code, enlarger_of, predict, refine, takes_each
+from .stages import Tools, Way, code, predict, refine
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,8 @@ def encode(
     coding = replace(coding, like=coding.example())
     scene = prepared(request, listener.notice, listener.counting)
     model, whole = request.model, coding.mode != DEFAULT_MODE
-    enlarger = enlarger_of(scene, model, tools, whole=whole)
-    each = takes_each(scene, model, tools, whole=whole)
-    refinement = chosen(request, scene, enlarger, listener.notice, each=each)
+    way = Way.of(scene, model, tools, whole=whole)
+    refinement = chosen(request, scene, way, listener.notice)
     plan = planned(scene, is_refined=bool(refinement), is_usual=request.coding == Coding())
     if is_worth_saying(plan, len(scene.frames)):
         listener.notice(f"{scene.path}: {plan}")
@@ -118,7 +117,7 @@ def encode(
         for text in doubted:
             listener.doubt(scene, text)
     with listener.working("network"):
-        gaussians = predict(scene, model, tools, whole=whole, watch=stats.watch, show=listener.predicting)
+        gaussians = predict(scene, model, tools, way, watch=stats.watch, show=listener.predicting)
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes.given()))
     if listener.predicted:
         listener.predicted(gaussians)

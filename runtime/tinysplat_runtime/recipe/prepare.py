@@ -215,7 +215,7 @@ def _range_seen(scene: Scene, counting: Callable[[str], Show]) -> tuple[float, f
     side = LOOK_WIDTH if len(scene.frames) in ALL_VIEWS else RANGE_SIDE
     small = scene.resized(*thumbnail_size(scene.cameras[0], side))
     try:
-        return range_seen(small.images(show=counting("reading")), small.cameras, counting("depths"))
+        return range_seen(small.images(counting("reading")), small.cameras, counting("depths"))
     except InputError as error:
         raise error.within(str(scene.path)) from None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 from ..codec.modes import CHOICES, DEFAULT_MODE
 from ..codec.profiles import DEFAULT_PROFILE, Profile, find_profile
@@ -23,8 +23,6 @@ from .types import check_types, shown
 from .words import AutoViews, Refinement
 
 if TYPE_CHECKING:
-    from typing import Unpack
-
     from ..scene.scenes import Scene
 
 RATE = ("qp", "target_size", "target_psnr", "lossless", "like")
@@ -109,10 +107,13 @@ class Coding:
         )
 
 
-def coding_of(profile: str | None, qp: float | None, **options: Unpack[CompressOptions]) -> Coding:
-    """How `compress` is to code, of its options by name; errors as those of `Coding`."""
-    given = _read(CompressOptions, dict(options))
-    return Coding(profile, qp, **given)
+COMPRESS_OPTIONS = tuple(one.name for one in fields(Coding) if one.name != "mode")
+"""Options of `compress` by name: what codes Gaussians, which come with no photos that a mode could carry."""
+
+
+def coding_of(**options: Any) -> Coding:
+    """How `compress` is to code, of its options by name, some in words; errors as those of `Coding`."""
+    return Coding(**_read(COMPRESS_OPTIONS, options))
 
 
 @dataclass(frozen=True)
@@ -168,13 +169,13 @@ class EncodeRequest:
             raise InputError(only, where="refine")
 
     @classmethod
-    def of(cls, scene: Scene | StrPath | Sequence[StrPath], **options: Unpack[EncodeOptions]) -> EncodeRequest:
-        """A request of options by name, as `EncodeOptions` has them; those that are left out keep their defaults.
+    def of(cls, scene: Scene | StrPath | Sequence[StrPath], **options: Any) -> EncodeRequest:
+        """A request of `ENCODE_OPTIONS` by name, some in words; those that are left out keep their defaults.
 
         Raises:
             InputError: an option that there is not, and what the classes refuse.
         """
-        given = _read(EncodeOptions, dict(options))
+        given = _read(ENCODE_OPTIONS, options)
         refine = given.pop("refine", None)
         if isinstance(refine, bool):
             refine = Refinement(steps=None if refine else 0)
@@ -188,6 +189,17 @@ class EncodeRequest:
         return cls(scene, coding=coding, refinement=refine, notes=notes, **given)
 
 
+_PARTS = {"scene", "coding", "refinement", "notes"}
+
+ENCODE_OPTIONS = (
+    *(one.name for one in fields(EncodeRequest) if one.name not in _PARTS),
+    *(one.name for one in fields(Coding) if one.name != "keep_all"),
+    "refine",
+    *OPTIONS,
+)
+"""Options of `encode` by name: the fields of `EncodeRequest`, `Coding` and `Notes`. Pixels of photos are all kept."""
+
+
 def _whole_numbers(name: str, values: Any) -> tuple[int, ...]:
     """A list's whole numbers; InputError names the option."""
     is_list = isinstance(values, Sequence) and not isinstance(values, str | bytes)
@@ -196,12 +208,11 @@ def _whole_numbers(name: str, values: Any) -> tuple[int, ...]:
     return tuple(int(value) for value in values)
 
 
-def _read(accepted: Any, options: dict[str, Any]) -> dict[str, Any]:
+def _read(accepted: Sequence[str], options: dict[str, Any]) -> dict[str, Any]:
     """Options by name with their words read; InputError for one that there is not."""
-    known = set(accepted.__annotations__)
-    unknown = sorted(set(options) - known)
+    unknown = sorted(set(options) - set(accepted))
     if unknown:
-        raise InputError(f"unknown {', '.join(unknown)[:80]}, accepted are {', '.join(sorted(known))}")
+        raise InputError(f"unknown {', '.join(unknown)[:80]}, accepted are {', '.join(sorted(accepted))}")
     in_words = {
         "views": words.views,
         "size": words.size_or_full,
@@ -215,46 +226,3 @@ def _read(accepted: Any, options: dict[str, Any]) -> dict[str, Any]:
             except InputError as error:
                 raise error.within(name) from None
     return options
-
-
-class CodingOptions(TypedDict, total=False):
-    """Options of `compress` and `encode` by name besides profile and qp: fields of `Coding`, one also in words."""
-
-    target_size: int | str | None
-    target_psnr: float | None
-    lossless: bool
-    like: bytes | StrPath | None
-    drop_invalid: bool
-
-
-class CompressOptions(CodingOptions, total=False):
-    """Options of `compress` by name besides profile and qp."""
-
-    keep_all: bool
-
-
-class SceneOptions(CodingOptions, total=False):
-    """Options of `encode` by name besides model, profile and qp: the fields of `EncodeRequest`, `Coding` and `Notes`,
-    some of them in words too."""
-
-    mode: str
-    views: Sequence[int] | AutoViews | str | None
-    size: Sequence[int] | str | None
-    near: float | None
-    far: float | None
-    focal: float | None
-    baseline: float | None
-    poses: StrPath | None
-    first_number: int
-    refine: Refinement | bool | int | str | None
-    unit: str | None
-    attribution: str | None
-    licence: str | None
-
-
-class EncodeOptions(SceneOptions, total=False):
-    """All options of `encode` by name."""
-
-    model: str
-    profile: str | None
-    qp: float | None

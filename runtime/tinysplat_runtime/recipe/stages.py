@@ -6,11 +6,10 @@ Each is given `Tools`, which a `Runtime` is.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..codec.decoder import decode_gaussians
 from ..codec.encoder import EncodeStats
@@ -62,15 +61,41 @@ class Tools(Protocol):
     limits: Limits
 
 
+@dataclass(frozen=True)
+class Way:
+    """How photos go through a network.
+
+    Attributes:
+        enlarger: brings what the network finds on small copies of large photos to every pixel; None where it runs on
+            the photos as they are.
+        is_each: whether photos go one by one, and not group by group: those of a capture, which are not large, where
+            the network has stages, and where no file is to keep groups.
+    """
+
+    enlarger: Enlarger | None
+    is_each: bool
+
+    @classmethod
+    def of(cls, scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> Way:
+        """See `Runtime.predict` for the arguments."""
+        if whole:
+            return cls(None, False)
+        camera = scene.cameras[0]
+        graph = tools.store.enlarger() if camera.width * camera.height > LARGE_PIXELS else None
+        enlarger = Enlarger.of(graph) if graph is not None else None
+        if enlarger is not None and tools.store.shipped_network(model) in enlarger.networks:
+            return cls(enlarger, False)
+        return cls(None, tools.store.has_stages(model, len(scene.frames)))
+
+
 def predict(
-    scene: Scene, model: str, tools: Tools, *, whole: bool = False, watch: Stopwatch | None = None, show: Show = plain
+    scene: Scene, model: str, tools: Tools, way: Way, *, watch: Stopwatch | None = None, show: Show = plain
 ) -> Gaussians:
     """Gaussians of all views of a scene; see `Runtime.predict`."""
     watch = watch or Stopwatch()
     near, far = scene.depth_range()
     scene.check_one_size()
-    enlarger = enlarger_of(scene, model, tools, whole=whole)
-    stages = tools.store.stages(model) if takes_each(scene, model, tools, whole=whole) else None
+    stages = tools.store.stages(model) if way.is_each else None
     graph = stages["glance"] if stages else tools.store.network(model)
     try:
         shared = CLOSE if stages else np.inf  # one by one, groups of their own cost no calls
@@ -79,39 +104,17 @@ def predict(
         raise error.within(str(scene.path)) from None
     if stages:
         with watch.stage("network"):
-            return predict_each(_reading(scene), scene.cameras, near, far, stages, groups, show)
+            return predict_each(lambda view: scene.frames[view].image(), scene.cameras, near, far, stages, groups, show)
 
     def run(views: Sequence[int]) -> Gaussians:
         part = scene.views(views)
         images = [part.images()]
         with watch.stage("network"):
-            if enlarger is not None:
-                return predict_large(images.pop(), part.cameras, near, far, graph, enlarger)
+            if way.enlarger is not None:
+                return predict_large(images.pop(), part.cameras, near, far, graph, way.enlarger)
             return run_network(images.pop(), part.cameras, near, far, graph)
 
     return predict_groups(scene.cameras, near, groups, run, show)
-
-
-def _reading(scene: Scene) -> Callable[[int], NDArray]:
-    return lambda view: scene.frames[view].image()
-
-
-def takes_each(scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> bool:
-    """Whether photos go through a network one by one, and not group by group: those of a capture, which are not large,
-    where it has stages, and where no file is to keep groups.
-    """
-    is_small = enlarger_of(scene, model, tools, whole=whole) is None
-    return is_small and not whole and tools.store.has_stages(model, len(scene.frames))
-
-
-def enlarger_of(scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> Enlarger | None:
-    """See `Runtime.enlarger`."""
-    camera = scene.cameras[0]
-    if whole or camera.width * camera.height <= LARGE_PIXELS:
-        return None
-    graph = tools.store.enlarger()
-    enlarger = Enlarger.of(graph) if graph is not None else None
-    return enlarger if enlarger is not None and tools.store.shipped_network(model) in enlarger.networks else None
 
 
 def refine(

@@ -218,11 +218,10 @@ class Scene:
         resized = (frame.resized(int(height), int(width), keep=i < room) for i, frame in enumerate(self.frames))
         return replace(self, frames=tuple(resized))
 
-    def images(self, size: tuple[int, int] | None = None, show: Show = plain) -> NDArray:
+    def images(self, show: Show = plain) -> NDArray:
         """Read the photos.
 
         Args:
-            size: (height, width) to resize to, as `resized` does, or None for the frames' own size.
             show: is given a photo at a time.
 
         Returns:
@@ -231,10 +230,12 @@ class Scene:
         Raises:
             InputError: names the photo that cannot be read or has another size than its camera or the first frame.
         """
-        if size is not None:
-            return self.resized(*size).images(show=show)
         self.check_one_size()
-        return np.stack([frame.image() for frame in show(self.frames, len(self.frames), str)])
+        camera = self.frames[0].camera
+        images = np.empty((len(self.frames), camera.height, camera.width, 3), np.float32)
+        for v, frame in enumerate(show(self.frames, len(self.frames), str)):
+            images[v] = frame.image()
+        return images
 
     def check_one_size(self) -> None:
         """InputError that names a photo whose camera is of another size than the first one's."""
