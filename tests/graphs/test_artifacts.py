@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -114,19 +113,6 @@ def test_files_that_are_no_graphs_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x.onnx").write_bytes(b"nothing")
     with pytest.raises(ModelError, match=r"x\.onnx: not a graph onnxruntime can run: "):
         inference.open_graph(Artifact("x", tmp_path / "x.onnx"), "network")
-
-
-class Session:
-    """Returns what it is asked for, or fails."""
-
-    def __init__(self) -> None:
-        self.asked: list[Any] = []
-
-    def run(self, names: list[str], inputs: dict[str, Any], *options: Any) -> list[str]:
-        self.asked.append((names, inputs, len(options)))
-        if "bad" in names:
-            raise RuntimeError("first line\nsecond")
-        return [name.upper() for name in names]
 
 
 # ---- providers ------------------------------------------------------------------------------------------------------

@@ -106,9 +106,14 @@ def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) ->
         doubt=lambda scene, text: told.append(text[:5]),
         working=lambda label: told.append(label) or warnings.catch_warnings(),  # any context
         predicted=lambda gaussians: told.append(str(gaussians.opacities.shape)),
+        refined=lambda stats: told.append(f"refined in {stats.steps}"),
     )
     coded = encode(EncodeRequest(scene, model="sweep"), RUNTIME, listener, keep=True)
     assert told[-3:] == ["network", "(2, 32, 48)", "coding"] and len(told) == 3 + len(coded.doubts) > 3
+    assert coded.refinement is None
+    coded = encode(EncodeRequest.of(scene, model="sweep", refine=1), RUNTIME, listener, keep=True)
+    assert told[-3:] == ["(2, 32, 48)", "refined in 1", "coding"]
+    assert coded.refinement and coded.refinement.steps == 1 and coded.stats.watch.seconds["refine"] > 0
     assert coded.gaussians is not None and coded.raw_bytes > len(coded.data) and coded.seconds > 0
     assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None
 

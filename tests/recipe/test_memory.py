@@ -15,9 +15,14 @@ from scenes import make_gaussians, make_smooth_gaussians
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.memory import check_memory
 from tinysplat_runtime.recipe.own import looked_at, near_of, own_psnr
+from tinysplat_runtime.recipe.refinement import chosen
+from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.recipe.stages import Way
+from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 Says = Callable[..., None]
+WAY = Way(None, is_each=True)
 
 
 def capture(count: int, height: int, width: int) -> Scene:
@@ -110,6 +115,54 @@ def test_a_capture_is_held_against_some_of_its_photos() -> None:
     seen = [gaussians.cameras[v] for v in (1, 5)]
     assert own_psnr(lambda _: gaussians, seen, pictures, None) == pytest.approx(150)
     assert own_psnr(lambda _: gaussians, seen[::-1], pictures, None) < 60
+
+
+def test_a_band_across_large_photos_is_drawn_with_all_that_shows_in_it() -> None:
+    """Of photos of 2 megapixels 16 rows of 32; Gaussians lie in ten times as many, a few pixels wide."""
+    gaussians = make_smooth_gaussians(7, 320, 24)
+    cameras = []
+    for own in gaussians.cameras:
+        K = own.K * [[0.1], [0.1], [1]]
+        K[0, 2] += 100
+        cameras.append(ts.Camera(K, own.c2w, 1 << 16, 32))
+    photos = np.zeros((1, 32, 1 << 16, 3), np.float32)
+    photos[0] = ts.render(gaussians, cameras[3])
+    assert own_psnr(lambda _: gaussians, cameras[3:4], photos, None) > 90
+    photos[:, 8:24] += 0.1
+    assert own_psnr(lambda _: gaussians, cameras[3:4], photos, None) == pytest.approx(20, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("asked", "wanted"),
+    [({}, Refinement()), ({"refine": "no"}, None), ({"refine": 3}, Refinement(3)), ({"mode": "photos"}, None)],
+    ids=str,
+)
+def test_captures_are_refined_unless_somebody_says_otherwise(asked, wanted, free_memory: Says) -> None:
+    free_memory(int(60e9))
+    for count in (2, 40):
+        lines: list[str] = []
+        found = chosen(EncodeRequest.of(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, lines.append)
+        assert found == (wanted if asked or count > 6 else None)
+        assert len(lines) == (not asked and count > 6) and all("--no-refine" in line for line in lines)
+
+
+def test_without_numba_or_memory_a_capture_is_not_refined_and_it_is_said(
+    free_memory: Says, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
+    scene, lines = capture(40, 480, 640), list[str]()
+    request = EncodeRequest.of(scene)
+    plain, refined = (needed(scene, free_memory, each=True, refined=refined) for refined in (False, True))
+    free_memory(int((plain + refined) / 2 * 1e9))
+    assert chosen(request, scene, WAY, lines.append) is None
+    assert "capture: not refined by its photos: 40 photos of 640x480 take about" in lines[0]
+    with pytest.raises(ts.InputError, match="GB are free"):
+        chosen(EncodeRequest.of(scene, refine=True), scene, WAY, lines.append)
+    monkeypatch.setitem(sys.modules, "numba", None)
+    assert chosen(request, scene, WAY, lines.append) is None and 'pip install "tinysplat[fast]"' in lines[1]
+    free_memory(int(plain / 2 * 1e9))
+    with pytest.raises(ts.InputError, match="GB are free"):
+        chosen(request, scene, WAY, lines.append)
 
 
 def test_a_look_at_a_capture_decodes_the_views_about_a_camera() -> None:

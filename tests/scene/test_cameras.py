@@ -62,15 +62,6 @@ def test_a_rotation_written_with_few_digits_is_made_exact():
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
 
 
-def test_resizing_covers_and_crops_around_the_centre():
-    camera = Camera(K, np.eye(4), 64, 48)
-    resized = camera.resized(96, 96)
-    assert (resized.height, resized.width) == (96, 96)
-    # The image's centre stays the image's centre, and the scale is that of the side that just covers.
-    np.testing.assert_allclose(resized.K @ [0, 0, 1], [2 * 32 - 16, 48, 1])
-    assert resized.K[0, 0] == 200 and resized.K[1, 1] == 220
-
-
 def test_w2c_undoes_c2w():
     c2w = np.eye(4)
     c2w[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]

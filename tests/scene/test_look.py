@@ -15,7 +15,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.own import own_psnr
 from tinysplat_runtime.scene.lenses import opencv_lens
-from tinysplat_runtime.scene.look import range_guessed, range_seen
+from tinysplat_runtime.scene.look import UNSEEN, agreed, look_at, nearest, neighbours, range_guessed, range_seen, told
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
 
 DEPTHS = (2.0, 5.0)
@@ -64,6 +64,38 @@ def scene(tmp_path: Path) -> Scene:
     return stored(tmp_path, views, [photo(view) for view in views])
 
 
+def test_a_look_is_what_each_pixel_costs_at_each_depth() -> None:
+    """Colour by colour and pixel by pixel, in float64; then means over windows of 5×5 whose borders are repeated."""
+    rng = np.random.default_rng(0)
+    one, other = (
+        ts.Camera([[9, 0, 5], [0, 8, 3.5], [0, 0, 1]], view.c2w, 11, 7) for view in (camera(-0.2), camera(0.3, 0.1))
+    )
+    image, its, depths = rng.random((7, 11, 3)), rng.random((7, 11, 3)), np.array([1.0, 2.5, 7.0])
+    costs = np.full((3, 7, 11), UNSEEN)
+    for p, v, u in np.ndindex(costs.shape):
+        ray = one.rotation.T @ np.linalg.inv(one.K) @ [u + 0.5, v + 0.5, 1]
+        x, y, z = other.K @ other.rotation @ (one.centre + depths[p] * ray - other.centre)
+        if z > 0 and 0 <= x / z < 11 and 0 <= y / z < 7:
+            costs[p, v, u] = np.abs(its[int(y / z), int(x / z)] - image[v, u]).mean()
+    padded = np.pad(costs, ((0, 0), (2, 2), (2, 2)), mode="edge")
+    smooth = np.lib.stride_tricks.sliding_window_view(padded, (5, 5), axis=(1, 2)).mean(axis=(3, 4))
+    found = look_at(image, one, its, other, depths)
+    np.testing.assert_allclose(found.costs, smooth, atol=1e-6)
+    assert found.cost == pytest.approx(np.minimum(smooth.min(axis=0), UNSEEN).mean(), abs=1e-6)
+
+
+def test_photos_of_two_walls_tell_depths_and_agree_from_both_sides(scene: Scene) -> None:
+    images, cameras = scene.images(), scene.cameras
+    depths = 1 / np.linspace(1 / 1.5, 1 / 6, 48)
+    here, there = (look_at(images[a], cameras[a], images[b], cameras[b], depths) for a, b in ((0, 1), (1, 0)))
+    assert agreed(here, cameras[0], there, cameras[1]) > 0.8 and here.clear.mean() > 0.6
+    (share,) = told(images, cameras, [(0, 1)], depths)
+    (other,) = told(np.stack([images[0], images[0][::-1]]), cameras, [(0, 1)], depths)
+    assert share > 0.6 > 4 * other
+    assert nearest([camera(x) for x in (0, 1, 3, 3.5)]) == [1, 0, 3, 2]
+    assert neighbours([camera(x) for x in (0, 1, 3)]).tolist() == [[1, 2], [0, 2], [1, 0]]
+
+
 def changed(scene: Scene, change) -> Scene:
     def moved(i: int, frame: Frame) -> Frame:
         c2w = change(i, frame.camera.c2w.copy())
@@ -103,7 +135,7 @@ def test_photos_that_look_different_ways_are_told(tmp_path: Path) -> None:
     views = [camera(-0.15), camera(0.15, np.pi)]
     behind = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
     (fault,) = doubts(stored(tmp_path, views, [photo(views[0]), behind]))
-    assert "no photo shows what another does" in fault and "the cameras look different ways" in fault
+    assert "what another does between near 1.5 and far 6: the cameras look different ways" in fault
 
 
 def with_intrinsics(scene: Scene, change) -> Scene:
@@ -138,6 +170,7 @@ def centred_at(x: float, y: float):
         (centred_at(W, H), "principal point lies at (100 %, 100 %)"),
         (centred_at(W / 2, 0.95 * H), "(50 %, 95 %)"),
         (centred_at(0.4 * W, 0.6 * H), "the principal point is off: with cx and cy in the middle of the photo"),
+        (centred_at(H / 2, W / 2), "the principal point is off: with cx and cy exchanged"),
         (zoomed(1.02), None),
     ],
 )
@@ -208,6 +241,18 @@ def test_a_photo_of_another_scene_is_named(tmp_path: Path) -> None:
     assert doubt.startswith("photo 2 (1.png) hardly matches the others")
 
 
+def test_axes_are_told_by_the_convention_of_the_file(scene: Scene) -> None:
+    (scene.path / "transforms.json").touch()
+    (fault,) = doubts(changed(scene, lambda i, c2w: c2w @ np.diag([1.0, -1, -1, 1])))
+    assert "transform_matrix has OpenCV axes" in fault
+
+
+def test_mirrored_photos_are_told(tmp_path: Path) -> None:
+    views = [camera(-0.3, 0.14), camera(0.3, -0.12)]
+    (fault,) = doubts(stored(tmp_path, views, [photo(view)[:, ::-1] for view in views]))
+    assert "photos are mirrored, or the world of the cameras is" in fault
+
+
 def test_poses_rolled_against_their_photos_are_told(tmp_path: Path) -> None:
     views = [camera(-0.3, 0.14), camera(0.3, -0.12)]
     scene = stored(tmp_path, views, [photo(view) for view in views])
@@ -267,6 +312,7 @@ def test_a_depth_range_that_is_far_off_is_told(tmp_path: Path, near: float, far:
     assert doubts(scene) == []
     (doubt,) = doubts(dataclasses.replace(scene, near=near, far=far))
     assert words in doubt
+    assert doubts(dataclasses.replace(scene, near=near, far=far, is_estimated=True)) == []
 
 
 @pytest.mark.parametrize("wrong", [0, 1])
@@ -274,8 +320,11 @@ def test_two_photos_of_different_things_are_named(tmp_path: Path, wrong: int) ->
     views = [camera(-0.15, 0.05), camera(0.15, -0.05)]
     photos = [photo(view) for view in views]
     photos[wrong] = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
-    (doubt,) = doubts(stored(tmp_path, views, photos))
-    assert doubt.startswith("photo 1 (0.png) and photo 2 (1.png) do not match at any depth from 1.5 to 6")
+    scene = stored(tmp_path, views, photos)
+    for is_estimated, wrong_ in ((False, "near and far, the poses or the photos"), (True, "the poses or the photos")):
+        (doubt,) = doubts(dataclasses.replace(scene, is_estimated=is_estimated))
+        assert doubt.startswith("photo 1 (0.png) and photo 2 (1.png) do not match at any depth from 1.5 to 6")
+        assert f"or {wrong_} are wrong" in doubt
 
 
 def test_a_range_that_begins_far_too_near_is_told_of_many_depths(scene: Scene) -> None:

@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import camera_at
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.frusta import sees
 from tinysplat_runtime.scene.viewchoice import choose_views, needed_views, sharpness_of
-
-K = [[100, 0, 64], [0, 100, 48], [0, 0, 1]]
-
-
-def camera_at(x: float, turn: float = 0.0) -> Camera:
-    """At (x, 0, 0), turned by `turn` radians about y."""
-    c2w = np.eye(4)
-    c2w[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
-    c2w[0, 3] = x
-    return Camera(K, c2w, 128, 96)
 
 
 def test_two_views_of_a_row_stand_at_a_stereo_baseline() -> None:
@@ -35,7 +26,7 @@ def test_views_of_two_places_cover_both() -> None:
 
 
 def test_a_camera_that_only_turns_adds_nothing_to_its_twin() -> None:
-    cameras = [camera_at(0.0), camera_at(0.0, 0.02), camera_at(0.3), camera_at(0.0, 0.04)]
+    cameras = [camera_at(0.0), camera_at(0.0, turn=0.02), camera_at(0.3), camera_at(0.0, turn=0.04)]
     assert 2 in choose_views(cameras, 2.0, 4.0, 2)
 
 
@@ -60,7 +51,7 @@ def test_impossible_numbers_are_refused(count: int) -> None:
 
 def test_photos_of_one_place_are_refused() -> None:
     with pytest.raises(InputError, match="no two photos see the same place from different ones"):
-        choose_views([camera_at(0.0, 0.1 * i) for i in range(3)], 1.0, 2.0, 2)
+        choose_views([camera_at(0.0, turn=0.1 * i) for i in range(3)], 1.0, 2.0, 2)
 
 
 def test_a_camera_sees_its_picture_from_half_of_near_to_twice_far() -> None:
@@ -110,7 +101,7 @@ def test_so_many_are_kept_as_are_asked_for_and_they_are_spread() -> None:
 def test_a_photo_that_matches_nothing_is_not_needed() -> None:
     assert needed_views([*row(8, 0.3), camera_at(900.0)], NEAR, FAR) == list(range(8))
     with pytest.raises(InputError, match="no two photos see the same place"):
-        needed_views([camera_at(0.0, turn) for turn in (0.0, 0.1, 0.2)], NEAR, FAR)
+        needed_views([camera_at(0.0, turn=turn) for turn in (0.0, 0.1, 0.2)], NEAR, FAR)
 
 
 def test_blurred_photos_give_way_to_sharper_ones_beside_them() -> None:
