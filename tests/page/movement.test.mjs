@@ -104,19 +104,61 @@ test("a free drag orbits, or looks around while it flies", () => {
     free.flies = flies;
     free.turn(60, -35);
     close(flies ? camera.position : camera.target, flies ? [0, 0, 0] : target);
+    const { focal } = camera.fitted(...WINDOW), [x, y] = [0, 1].map((k) => focal * dot(camera.rotation[k], add(target, camera.position, -1)) / 4);
+    if (flies) assert.ok(Math.abs(x - 60) < 1 && Math.abs(y + 35) < 1, "what was in the middle goes with the hand");
+    else assert.ok(camera.position[0] < -0.5 && camera.position[1] > 0.3, "the camera goes the other way");
+  }
+});
+
+test("a free slide carries along what lies at the point that is orbited", () => {
+  const { camera } = start([view(0, 0.3)]), free = new FreeMover(camera, UP, () => WINDOW, 4), { target } = camera, { focal } = camera.fitted(...WINDOW);
+  free.slide(31, -17);
+  const point = add(target, camera.position, -1);
+  close(camera.rotation.map((row) => dot(row, point)), [31 * 4 / focal, -17 * 4 / focal, 4]);
+});
+
+test("free keys go along the camera's axes or turn its head, farther in a hurry, and undo each other", () => {
+  const { camera } = start([view(0, 0.3)]), free = new FreeMover(camera, UP, () => WINDOW, 4), from = [...camera.position], { rotation } = camera;
+  for (let key = 0; key < 5; key++) {
+    const gone = [false, true].map((isFast) => {
+      const keys = [0, 0, 0, 0, 0];
+      keys[key] = 1;
+      free.keys(keys, 0.2, isFast);
+      const off = add(camera.position, from, -1), axes = rotation.map((row) => dot(row, off)), turn = rotation.map((row) => dot(row, camera.rotation[2]));
+      keys[key] = -1;
+      free.keys(keys, 0.2, isFast);
+      close([camera.position, camera.rotation], [from, rotation]);
+      const moved = [...axes, turn[0], turn[1]];
+      moved.forEach((value, k) => assert.ok(k === key ? value > 0.05 : Math.abs(value) < 1e-9, `key ${key} does ${moved}`));
+      return moved[key];
+    });
+    assert.ok(gone[1] > 1.5 * gone[0]);
   }
 });
 
 test("arrows and letters turn as a drag to the other side does", () => {
   const after = (act) => {
-    const { camera, mover } = start([view(0), view(0.4)]);
+    const { camera, mover } = start([view(0, 0.1), view(0.4, 0.1)]);
+    camera.zoom = 1.4; // so that the picture goes on beyond the window, to all sides
     act(mover);
-    return camera.position;
+    return [camera.position, camera.rotation];
   };
-  const dragged = after((mover) => mover.turn(-0.1 * 0.35 * WINDOW[0], 0)), still = after(() => {});
-  for (const keys of [[1, 0, 0, 0, 0], [0, 0, 0, 1, 0]]) close(after((mover) => mover.keys(keys, 0.1, false)), dragged);
-  close(after((mover) => mover.keys([1, 0, 0, -1, 0], 0.1, false)), still);
-  assert.ok(length(add(dragged, still, -1)) > 1e-3);
+  const keyed = (keys, isFast = false) => after((mover) => mover.keys(keys, 0.1, isFast)), still = after(() => {});
+  const far = (pose) => length(add(pose[0], still[0], -1)), step = 0.1 * 0.35 * WINDOW[0];
+  for (const [way, dx, dy] of [[0, -step, 0], [1, 0, -step]]) {
+    const keys = [0, 0, 0, 0, 0], dragged = after((mover) => mover.turn(dx, dy));
+    keys[way] = 1;
+    close(keyed(keys), dragged);
+    assert.ok(far(dragged) > 1e-3 && far(keyed(keys, true)) > 1.3 * far(dragged));
+    keys[way + 3] = 1;
+    close(keyed(keys), after((mover) => mover.turn(2 * dx, 2 * dy)));
+    keys[way] = 0;
+    close(keyed(keys), dragged);
+    keys[way] = -1;
+    close(keyed(keys), still);
+  }
+  const [closer, away] = [1, -1].map((forward) => keyed([0, 0, forward, 0, 0])[0]);
+  assert.ok(closer[2] > still[0][2] && away[2] < still[0][2]);
 });
 
 test("windows are filled where little is lost", () => {

@@ -16,6 +16,7 @@ from scenes import make_cameras
 from web.node import node
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.container.layers import intrinsics
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.inference import Graph
 from tinysplat_runtime.graphs.predict import NetworkLimits, network_inputs, predict
@@ -65,9 +66,9 @@ def asked(images: NDArray, cameras: tuple[ts.Camera, ...]) -> dict[str, Any]:
 def placed(cameras: Iterable[ts.Camera], away: tuple[float, float, float]) -> list[ts.Camera]:
     """Elsewhere, and with sensors that are not quite rectangular."""
     found = []
-    for camera in cameras:
+    for n, camera in enumerate(cameras):
         K, c2w = np.array(camera.K), np.array(camera.c2w)
-        K[0, 1] = 0.75
+        K += np.array([[n, 0.75 - n, 3 * n], [0, 2 * n, n / 2], [0, 0, 0]])
         c2w[:3, 3] += away
         found.append(ts.Camera(K, c2w, camera.width, camera.height))
     return found
@@ -113,7 +114,10 @@ def test_outputs_become_the_host_s_gaussians(away: tuple[float, float, float]) -
         for name in FIELDS:
             array = getattr(wanted, name)
             np.testing.assert_allclose(np.array(layer[name]).reshape(array.shape), array, rtol=1e-6)
-        assert [camera["fx"] for camera in layer["cameras"]] == pytest.approx([c.K[0, 0] for c in wanted.cameras])
+        for camera, its in zip(layer["cameras"], wanted.cameras, strict=True):
+            np.testing.assert_allclose(
+                [camera[name] for name in ("fx", "fy", "cx", "cy", "skew")], intrinsics(its.K), rtol=1e-6
+            )
         assert (layer["height"], layer["width"]) == (wanted.cameras[0].height, wanted.cameras[0].width)
 
 

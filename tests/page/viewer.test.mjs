@@ -175,6 +175,11 @@ test("a point is on the nearest of what shows there", () => {
   cloud.opacities[4] = 0.1; // hardly shows
   const far = (x, y) => add(viewer.pointAt(x, y), camera.position, -1)[2] / camera.ray(x, y, 400, 250)[2];
   close([far(211, 97), far(20, 30)], [3, 4], 1e-5);
+  const walk = made([...Array(12)].map((_, n) => view(n)), { cloud });
+  walk.select(11, true);
+  const { position } = walk.camera;
+  cloud.means.fill(0).set(add(position, walk.camera.ray(211, 97, 400, 250), 3));
+  close(walk.pointAt(211, 97)[2], 4); // what is of a view so far away is not drawn
 });
 
 test("a double click turns to what shows there, or returns", () => {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,10 @@ import pytest
 from conformance.run import CASES
 from golden.cases import DATA
 from hostile import corpus
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
+from property.test_laws import PROFILE, captures, clouds
 from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians
 from web.node import Decoder
 
@@ -100,10 +104,23 @@ def test_a_damaged_tier_is_left_out_as_in_python(decoder: Decoder, runtime: ts.R
     assert said["missing"] == lost
 
 
-def test_notes_come_along(decoder: Decoder) -> None:
-    said, _ = decoder(corpus.tsplat_seeds()[-1].data)
-    wanted = {"unit": "metre", "attribution": "Jörg Müller", "licence": "CC-BY-4.0", "refined": "20 steps"}
-    assert said["notes"] == wanted
+@given(
+    g=st.one_of(captures(views=3, side=16), clouds()),
+    profile=PROFILE,
+    qp=st.sampled_from([-12, 0, 24]),
+    is_exact=st.booleans(),
+)
+@settings(max_examples=12)
+def test_whatever_is_encoded_decodes_as_in_python(
+    decoder: Decoder, runtime: ts.Runtime, g, profile, qp, is_exact
+) -> None:
+    g = replace(g, opacities=np.maximum(g.opacities, np.float32(0.02)))  # lists leave out what nobody sees
+    options = {"lossless": True} if is_exact and g.cameras else {"profile": profile, "qp": qp}
+    file = runtime.compress(g, **options)
+    said, found = decoder(file)
+    wanted = runtime.decompress(file)
+    check(found, wanted)
+    assert said["notes"] == {name: value for name, value in asdict(wanted.notes).items() if value}
 
 
 def test_a_damaged_picture_is_refused_or_recovered_as_in_python(decoder: Decoder, runtime: ts.Runtime) -> None:

@@ -2,44 +2,61 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
+import struct
 import subprocess
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
+from random import Random
 from typing import Any
+from zlib import crc32
 
 import pytest
+from conformance.run import CASES
 from golden.cases import DATA
 from hostile import corpus
+from hostile.containers import PLANE_KINDS, Part, Seed, damage_table, join, rearrange_sections
+from hostile.damage import VALUES
 from web.node import node
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.exact import EXACT_PLANES
+from tinysplat_runtime.container.free import FREE_POINTS
+from tinysplat_runtime.container.photos import PHOTO_PICTURES
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import Limits
 
+PICTURES = {L.PARAMETER_SETS, EXACT_PLANES, FREE_POINTS, PHOTO_PICTURES, *PLANE_KINDS}
 WEB = Path(ts.__file__).parent / "web"
-FILES = {path.stem: path for path in sorted(DATA.glob("*.tsplat"))}
+FILES = [path.read_bytes() for path in sorted(DATA.glob("*.tsplat"))]
 
 CODE = """
 import { inspect } from "./tsplat.js";
 import { readFileSync } from "node:fs";
 const asked = JSON.parse(readFileSync(0, "utf8"));
-console.log(JSON.stringify(asked.map(({ file, limits }) => {
-  try { return inspect(readFileSync(file), limits); } catch ({ message, section }) { return { message, section }; }
+console.log(JSON.stringify(asked.map(([file, limits]) => {
+  try { return inspect(Buffer.from(file, "base64"), limits); } catch ({ name, message }) { return { name, message }; }
 })));
 """
 
 
-def inspected(*asked: dict[str, Any]) -> list[dict[str, Any]]:
+def inspected(files: Iterable[bytes], limits: Iterable[dict[str, int]] = repeat({})) -> list[dict[str, Any]]:
     command = [node(), "--input-type=module", "-e", CODE]
-    done = subprocess.run(command, cwd=WEB, input=json.dumps(asked), capture_output=True, text=True, check=True)
+    asked = json.dumps([[base64.b64encode(file).decode(), given] for file, given in zip(files, limits, strict=False)])
+    done = subprocess.run(command, cwd=WEB, input=asked, capture_output=True, text=True, check=True)
     found: list[dict[str, Any]] = json.loads(done.stdout)
     return found
 
 
 def test_a_file_is_described_as_in_python() -> None:
-    for path, found in zip(FILES.values(), inspected(*({"file": str(p)} for p in FILES.values())), strict=True):
-        wanted = ts.inspect(path.read_bytes())
+    for file, found in zip(FILES, inspected(FILES), strict=True):
+        wanted = ts.inspect(file)
         assert {name: found[name] for name in ("mode", "bytes", "qp")} == {
             n: wanted[n] for n in ("mode", "bytes", "qp")
         }
@@ -51,8 +68,8 @@ def test_a_file_is_described_as_in_python() -> None:
 
 def test_steps_are_the_ends_of_passes_and_the_first_view_s_own_light() -> None:
     seen = 0
-    for path, found in zip(FILES.values(), inspected(*({"file": str(p)} for p in FILES.values())), strict=True):
-        wanted = [prefix["bytes"] for prefix in ts.inspect(path.read_bytes())["prefixes"]]
+    for file, found in zip(FILES, inspected(FILES), strict=True):
+        wanted = [prefix["bytes"] for prefix in ts.inspect(file)["prefixes"]]
         if found["mode"] != "gaussians" or not wanted:
             continue
         more = [step for step in found["steps"] if step not in wanted]
@@ -68,28 +85,67 @@ def test_steps_are_the_ends_of_passes_and_the_first_view_s_own_light() -> None:
     ("ours", "theirs", "words"),
     [("max_memory_bytes", "maxMemory", r"(\d+) bytes to decode"), ("max_pixels", "maxPixels", r"(\d+) Gaussians")],
 )
-def test_what_limits_count_is_counted_as_in_python(ours: str, theirs: str, words: str, tmp_path: Path) -> None:
-    files = dict(FILES)
-    for n, seed in enumerate(corpus.tsplat_seeds()):
-        files[str(n)] = tmp_path / f"{n}.tsplat"
-        files[str(n)].write_bytes(seed.data)
-
-    def counted(path: Path, limit: int) -> list[str]:
+def test_what_limits_count_is_counted_as_in_python(ours: str, theirs: str, words: str) -> None:
+    def counted(file: bytes, limit: int) -> list[str]:
         """What Python says is too much."""
         try:
-            read_container(path.read_bytes(), Limits(**{ours: limit}))
+            read_container(file, Limits(**{ours: limit}))
         except ts.FormatError as error:
             return re.findall(words, str(error))
         return []
 
-    asked, wanted = [], []
-    for path in files.values():
+    files, limits, wanted = [], [], []
+    for file in [*FILES, *(seed.data for seed in corpus.tsplat_seeds())]:
         limit = 1
         while limit:  # of each layer, just too little; then enough
-            found = counted(path, limit)
+            found = counted(file, limit)
             for one in {limit, *(int(number) - 1 for number in found)}:
-                asked.append({"file": str(path), "limits": {theirs: one}})
-                wanted.append(counted(path, one))
+                files.append(file)
+                limits.append({theirs: one})
+                wanted.append(counted(file, one))
             limit = int(found[0]) if found else 0
-    assert len(asked) > 20
-    assert [re.findall(words, answer.get("message", "")) for answer in inspected(*asked)] == wanted
+    assert len(files) > 20
+    assert [re.findall(words, answer.get("message", "")) for answer in inspected(files, limits)] == wanted
+
+
+def fields_at_edges(seed: Seed, part: Part, rng: Random) -> Iterator[Part]:
+    """A section of metadata, or the head of one of pictures, with one number at a value that readers break at."""
+    start, end = 0, len(part.data)
+    if part.kind == L.VIEW:
+        start, end = 4, min(offset for n, offset, _ in seed.pictures if seed.parts[n] == part)
+    for width, times in ((1, 1), (2, 1), (4, 2), (8, 1)):
+        for _ in range(20 * times if end - start >= width else 0):
+            data, at = bytearray(part.data), start + width * rng.randrange((end - start) // width)
+            data[at : at + width] = rng.choice(VALUES[width])
+            if width == 1 and rng.random() < 0.5:
+                data[at] = (part.data[at] + rng.choice((-1, 1))) & 255
+            if part.kind == L.VIEW:
+                data[:4] = struct.pack("<I", crc32(data[4:end]))
+            yield replace(part, data=bytes(data))
+    for data in (part.data[:-1], part.data + b"\0") if part.kind != L.VIEW else ():
+        yield replace(part, data=data)
+
+
+def test_metadata_is_accepted_and_refused_as_in_python() -> None:
+    rng, files, tried = Random(1), [], Counter[bytes]()
+    for folder in sorted(CASES.iterdir()):
+        if (folder / "expected.npz").exists():
+            seed = Seed.of((folder / f"{folder.name}.tsplat").read_bytes())
+            files += [damage(seed, rng) for damage in (damage_table, rearrange_sections) for _ in range(10)]
+            for i, part in enumerate(seed.parts):
+                if tried[part.kind] < 12 and part.kind not in PICTURES:
+                    tried[part.kind] += 1
+                    edges = fields_at_edges(seed, part, rng)
+                    files += [join([*seed.parts[:i], one, *seed.parts[i + 1 :]]) for one in edges]
+    reasons = []
+    for file in files:
+        try:
+            read_container(file, is_prefix=True)
+            reasons.append(None)
+        except ts.FormatError as error:
+            reasons.append(str(error))
+    answers = inspected(files)
+    differing = [(found, why) for found, why in zip(answers, reasons, strict=True) if ("message" in found) != bool(why)]
+    assert differing == []
+    assert {found["name"] for found in answers if "name" in found} == {"TsplatError"}
+    assert 0.3 < sum(why is None for why in reasons) / len(reasons) < 0.7

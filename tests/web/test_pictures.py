@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from page.scripts import run
 from web.node import SCRIPT, node
 
 from tinysplat_runtime.codec.hevc import CodedPlane, PictureDecoder, encode_picture, encode_plane, pad_plane
@@ -43,7 +44,21 @@ def planes() -> dict[str, tuple[CodedPlane, list[NDArray]]]:
                     grid = -(-height // 16), -(-width // 16)
                     offsets = np.random.default_rng(q).integers(-6, 7, grid).astype(np.int8)
                 made[f"{profile.name}_{height}x{width}_{q}"] = (encode_plane(codes, q, settings, offsets), [codes])
+    for params in OTHERS:
+        codes = surface(64, 144, 9)
+        made["_".join(params)] = (encode_plane(codes, 22, EncoderSettings("medium", params)), [codes])
     return made
+
+
+OTHERS = [
+    ("sar=2:1", "overscan=show", "videoformat=pal", "range=full", "colorprim=bt709", "chromaloc=2"),
+    ("log2-max-poc-lsb=12", "no-deblock=1"),
+    ("ctu=16", "deblock=-2,3"),
+    ("ctu=32", "min-cu-size=16", "sao=0"),
+    ("ctu=64", "max-tu-size=16", "signhide=0"),
+    ("tu-intra-depth=4", "strong-intra-smoothing=0", "qg-size=64"),
+]
+"""What no profile asks of x265, and parameter sets and pictures may hold."""
 
 
 def photos() -> dict[str, tuple[CodedPlane, list[NDArray]]]:
@@ -86,4 +101,13 @@ def decoded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[NDArray
 def test_every_picture_is_libavcodecs_sample_by_sample(decoded: dict[str, tuple[NDArray, NDArray]]) -> None:
     differing = [name for name, (theirs, ours) in decoded.items() if not np.array_equal(theirs, ours)]
     assert not differing, " ".join(differing)
-    assert len(decoded) == 16 * len(PROFILES) + 4
+    assert len(decoded) == 16 * len(PROFILES) + len(OTHERS) + 4
+
+
+@pytest.mark.parametrize("param", ["tskip=1", "lossless=1", "scaling-list=default"])
+def test_parts_of_hevc_that_no_file_uses_are_refused(param: str) -> None:
+    sets = encode_plane(surface(16, 16, 1), 20, EncoderSettings("medium", (param,))).parameter_sets
+    module = SCRIPT.parents[2] / "runtime/tinysplat_runtime/web/hevc/picture.js"
+    code = f'new PictureDecoder(Uint8Array.from({list(sets)}), 16, 16, 0, 12); return ""'
+    start = f'import {{ PictureDecoder }} from "{module.as_uri()}";'
+    assert "no part of HEVC" in run(f"try {{ {code} }} catch (error) {{ return error.message; }}", start)
