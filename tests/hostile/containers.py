@@ -6,12 +6,16 @@ Without right checksums no reader gets past its first test, and libavcodec is ne
 from __future__ import annotations
 
 import struct
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from pathlib import Path
 from random import Random
 from zlib import crc32
 
+import numpy as np
 from sections import sections_of
 
 from tinysplat_runtime.container import layout as L
@@ -110,6 +114,46 @@ def join(parts: Sequence[Part], *, major: int = L.MAJOR, minor: int = L.MINOR) -
 def _with_header(count: int, table: bytes, major: int = L.MAJOR, minor: int = L.MINOR) -> bytes:
     head = L.HEADER.pack(L.MAGIC, major, minor, count, 0, 0)[:-4]
     return head + struct.pack("<I", crc32(table, crc32(head))) + table
+
+
+def changed(seed: Seed, kind: bytes, change: Callable[[bytearray], None], index: int = 0) -> bytes:
+    """The file with one section changed and every checksum right."""
+    parts = list(seed.parts)
+    at = next(i for i, p in enumerate(parts) if (p.kind, p.index) == (kind, index))
+    data = bytearray(parts[at].data)
+    change(data)
+    parts[at] = replace(parts[at], data=bytes(data))
+    return join(parts)
+
+
+def field(at: int, code: str, value: float) -> Callable[[bytearray], None]:
+    """Writes a number of numpy's type `code` at a byte."""
+    packed = np.array(value, code).tobytes()
+
+    def change(data: bytearray) -> None:
+        data[at : at + len(packed)] = packed
+
+    return change
+
+
+_GROWTH = """
+import resource, sys
+import tinysplat_runtime as ts
+runtime = ts.Runtime(threads=2)
+runtime.decompress(open(sys.argv[1], "rb").read())
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+runtime.decompress(open(sys.argv[2], "rb").read())
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+"""
+
+
+def memory_of_decoding(folder: Path, small: bytes, large: bytes) -> int:
+    """Bytes by which decoding a large file adds to the largest memory of a process that has decoded a small one."""
+    command = [sys.executable, "-c", _GROWTH]
+    for name, data in (("small", small), ("large", large)):
+        (folder / name).write_bytes(data)
+        command.append(str(folder / name))
+    return int(subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout)
 
 
 # ---- ways to damage a file -----------------------------------------------------------------------------------------

@@ -103,7 +103,7 @@ test("two quick taps of a finger at one place pick, and a third is a first one a
       return send("pointerup", at(x, y, { timeStamp: start + long, pointerType: type }));
     });
   };
-  assert.deepEqual(taps([[0, 100, 10, 10], [200, 100, 15, 12]]), [["picked", 14, 10]]);
+  assert.deepEqual(taps([[0, 100, 310, 410], [200, 100, 315, 412]]), [["picked", 314, 410]]);
   assert.equal(taps([0, 100, 200, 300].map((start) => [start, 20, 5, 5])).length, 2);
   for (const [name, list, type] of [
     ["held", [[0, 900, 10, 10], [950, 10, 10, 10]]], ["late", [[0, 10, 10, 10], [900, 5, 10, 10]]],

@@ -12,11 +12,8 @@ const ANGLES = [
   13, 17, 21, 26, 32,
 ];
 
-/** invAngle by mode, of modes 11 to 25 (table 8-6). */
-const INVERSES = [
-  0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, -4096, -1638, -910, -630, -482, -390, -315, -256, -315, -390, -482, -630, -910, -1638,
-  -4096,
-];
+/** invAngle of modes 11 to 25 (table 8-6). */
+const INVERSES = [-4096, -1638, -910, -630, -482, -390, -315, -256, -315, -390, -482, -630, -910, -1638, -4096];
 
 /** intraHorVerDistThres by log2 of the side (table 8-4). */
 const FILTER_ABOVE = [99, 99, 99, 7, 1, 0];
@@ -223,7 +220,7 @@ function angular(p, plane, start, log2, mode, isEdged) {
   const [along, across] = isDown ? [1, stride] : [stride, 1];
   for (let i = 0; i <= side; i++) reference[32 + i] = p[corner + way * i];
   if (angle < 0) {
-    const inverse = INVERSES[mode];
+    const inverse = INVERSES[mode - 11];
     for (let i = (side * angle) >> 5; i < 0; i++) {
       reference[32 + i] = p[corner - way * ((i * inverse + 128) >> 8)];
     }
