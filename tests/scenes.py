@@ -28,7 +28,7 @@ from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
-from tinysplat_runtime.render import DEFINITION, render
+from tinysplat_runtime.render import DEFINITION, between, render
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import write_png
 
@@ -161,6 +161,37 @@ def _smooth_pixels(cameras: list[Camera], degree: int, seed: int, origin: NDArra
     functions = (degree + 1) ** 2
     sh = rng.standard_normal((*grid, functions, 3)) * 0.5 / (1 + np.arange(functions))[:, None]
     return Gaussians(means, quats, scales, rng.uniform(0.1, 1, grid), sh, tuple(cameras), origin)
+
+
+@st.composite
+def photographed(draw: st.DrawFn, degrees: int = 2) -> tuple[Gaussians, Camera, dict[str, str]]:
+    """Gaussians of photos, where to look at them from, and how they are drawn.
+
+    From one photo to a capture of which some are not drawn at all; with holes or closed; from points to several pixels
+    wide; from afar, at their size or enlarged; from a photo's place, between two, inside the scene or turned away.
+    """
+    views = draw(st.sampled_from([1, 2, 6, 7, 8, 14]))
+    height, width = draw(st.sampled_from([(1, 1), (4, 3), (8, 11)]))
+    rng = np.random.default_rng(draw(st.integers(0, 1 << 16)))
+    layers, degree = draw(st.sampled_from([1, 2])), draw(st.integers(0, degrees))
+    made = make_gaussians(views, height, width, degree, layers, int(rng.integers(99)))
+    size, opacity = draw(st.sampled_from([1e-5, 1.0, 4.0])), draw(st.sampled_from([0.02, 0.5, 1.0]))
+    holes = draw(st.sampled_from([0.0, 0.5, 1.0])) * (draw(st.booleans()) or np.arange(views) < 0.6 * views)
+    first, *others = (
+        Gaussians(
+            **{name: getattr(layer, name) for name in ("means", "quats", "sh", "cameras")},
+            scales=size * layer.scales,
+            opacities=opacity * layer.opacities * (rng.random(layer.opacities.shape) >= np.reshape(holes, (-1, 1, 1))),
+        )
+        for layer in made.layers
+    )
+    camera = made.cameras[draw(st.integers(0, views - 1))] if draw(st.booleans()) else between(made.cameras, 5)[1]
+    c2w = camera.c2w.copy()
+    c2w[:3, 3] += rng.normal(size=3) * draw(st.sampled_from([0, 0.2, 3]))
+    shown = draw(st.sampled_from([(1, 2), (height, width), (18, 25)]))
+    drawing = {"dilation": draw(st.sampled_from(["own", "screen"])), "order": draw(st.sampled_from(["near", "depth"]))}
+    camera = Camera(camera.K, c2w, width, height).resized(*shown)
+    return Gaussians(**{**vars(first), "extra_layers": tuple(others)}), camera, drawing
 
 
 def make_free_gaussians(count: int, degree: int, rng: np.random.Generator, size: float = 1.0) -> Gaussians:

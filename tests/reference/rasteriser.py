@@ -61,25 +61,39 @@ def own_pixels(gaussians: Gaussians) -> NDArray:
 
 def shares(gaussians: Gaussians, camera: Camera) -> tuple[NDArray, NDArray]:
     """(N,) each: the share of its opacity that each Gaussian is drawn first with, and then."""
+    front, whole, _ = _shares_of_views(gaussians, camera)
+    sizes = [(n, layer.opacities[0].size) for n, layer in enumerate(gaussians.layers)]
+    first = [np.repeat(front * (n == 0), size) for n, size in sizes]
+    return np.concatenate(first), np.concatenate([np.repeat(whole, size) for _, size in sizes])
+
+
+def _shares_of_views(gaussians: Gaussians, camera: Camera) -> NDArray:
+    """(3, V) by view: what of it is drawn first, what then, and of its coarse surface behind all that."""
     photos = gaussians.cameras
+    if len(photos) < 2:
+        return np.array([[0.0], [1.0], [0.0]])
     z = [
         (gaussians.means[v].astype(np.float64) + gaussians.origin - photo.c2w[:3, 3]) @ photo.c2w[:3, 2]
         for v, photo in enumerate(photos)
     ]
     depth = 1 / np.mean(1 / np.concatenate([part[part > 0] for part in z]))
-    distance = [
-        math.hypot(*((camera.c2w - photo.c2w)[:3, 3] / depth), *(camera.c2w - photo.c2w)[:3, 2]) for photo in photos
-    ]
-    by_distance = sorted(distance)
-    reach = 1.5 * by_distance[1] if len(photos) <= 6 else by_distance[4]
-    of_view = np.array([min(max((reach - d) / (reach - by_distance[0]), 0), 1) for d in distance])
-    first = [np.repeat(of_view**2 * (n == 0), layer[0].size) for n, layer in _opacities(gaussians)]
-    then = of_view if len(photos) > 6 else np.ones(len(photos))
-    return np.concatenate(first), np.concatenate([np.repeat(then, layer[0].size) for _, layer in _opacities(gaussians)])
+    distance = np.array(
+        [math.hypot(*((camera.c2w - photo.c2w)[:3, 3] / depth), *(camera.c2w - photo.c2w)[:3, 2]) for photo in photos]
+    )
+    ranked = np.sort(distance)
+    if len(photos) <= 6:
+        front = np.clip((1.5 * ranked[1] - distance) / (1.5 * ranked[1] - ranked[0]), 0, 1)
+        return np.stack([front**2, np.ones(len(photos)), np.zeros(len(photos))])
+    whole, behind = np.clip((ranked[4] - distance) / (ranked[4] - ranked[0]), 0, 1), np.ones(len(photos))
+    if len(photos) > 12:
+        behind = np.clip((ranked[12] - distance) / (ranked[12] - ranked[4]), 0, 1)
+    return np.stack([whole**2, whole, behind])
 
 
-def _opacities(gaussians: Gaussians) -> list[tuple[int, NDArray]]:
-    return [(n, layer.opacities) for n, layer in enumerate(gaussians.layers)]
+def _coarse(gaussians: Gaussians) -> NDArray:
+    """Rows of `flat()` of which coarse surfaces are made: of layer 0, every fourth pixel of every fourth row."""
+    grid = gaussians.opacities.shape
+    return np.arange(math.prod(grid)).reshape(grid)[:, 2::4, 2::4].ravel()
 
 
 def render_reference(
@@ -91,31 +105,46 @@ def render_reference(
     order: str = "depth",
     share: tuple[NDArray, NDArray] | None = None,
 ) -> dict[str, NDArray]:
-    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` in place of
-    `shares`.
+    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` in place of `shares`,
+    and then without coarse surfaces.
     """
     flat = gaussians.flat()
     own = own_pixels(gaussians) if dilation == "own" else np.zeros(flat.opacities.size)
-    means = flat.means.astype(np.float64) + (flat.origin - camera.centre)
+    rows, size = np.arange(flat.opacities.size), np.ones(flat.opacities.size)
+    front, whole = np.zeros(rows.size), np.ones(rows.size)
+    if order == "near" and gaussians.cameras:
+        front, whole = shares(gaussians, camera) if share is None else share
+        if share is None and len(gaussians.cameras) > 6:  # coarse surfaces, four times as large, behind all else
+            coarse = _coarse(gaussians)
+            behind = np.repeat(_shares_of_views(gaussians, camera)[2], coarse.size // len(gaussians.cameras))
+            rows, size = np.append(rows, coarse), np.append(size, np.full(coarse.size, 4.0))
+            front, whole = np.append(front, 0 * behind), np.append(whole, behind)
+    means = flat.means[rows].astype(np.float64) + (flat.origin - camera.centre)
     points = means @ camera.rotation.T
     basis = sh_basis(means / np.linalg.norm(means, axis=-1, keepdims=True), flat.degree)
-    colours = np.maximum(0.5 + np.einsum("nb,nbc->nc", basis, flat.sh.astype(np.float64)), 0)
+    colours = np.maximum(0.5 + np.einsum("nb,nbc->nc", basis, flat.sh[rows].astype(np.float64)), 0)
 
     pixels = np.stack(np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5), axis=-1)
-    front, whole = np.zeros_like(points[:, 2]), np.ones_like(points[:, 2])
-    if order == "near":
-        front, whole = shares(gaussians, camera) if share is None else share
-    pictures = [Picture(pixels.shape[:2]) for _ in range(2)]
-    for i in np.argsort(points[:, 2], kind="stable"):
+    pictures = before, behind_it = Picture(pixels.shape[:2]), Picture(pixels.shape[:2])
+    is_open = None
+    for i in np.lexsort((points[:, 2], size)):
         z = points[i, 2]
         if z <= near_plane or whole[i] == 0:
             continue
+        if size[i] > 1 and is_open is None:
+            is_open = before.left * behind_it.left > 1 / 64
         to_pixels = jacobian(camera, points[i]) @ camera.rotation
-        axes = to_pixels @ rotation_matrix(flat.quats[i].astype(np.float64)) * flat.scales[i].astype(np.float64)
-        opacity = whole[i] * flat.opacities[i]
+        axes = (
+            to_pixels
+            @ rotation_matrix(flat.quats[rows[i]].astype(np.float64))
+            * (size[i] * flat.scales[rows[i]].astype(np.float64))
+        )
+        opacity = whole[i] * flat.opacities[rows[i]]
         footprint = axes @ axes.T + 0.3 * np.eye(2)
-        if own[i] > 0:
-            pixel = max(own[i] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8)  # its width on the screen
+        if own[rows[i]] > 0:
+            pixel = max(
+                size[i] * own[rows[i]] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8
+            )  # its width on the screen
             if pixel > 1:
                 lacks = 0.3 * pixel**2 - np.linalg.eigvalsh(axes @ axes.T)[0]
                 footprint = axes @ axes.T + max(lacks, 0.3) * np.eye(2)
@@ -126,11 +155,12 @@ def render_reference(
         d = pixels - (camera.K @ points[i])[:2] / z
         alpha = np.minimum(0.99, opacity * np.exp(-0.5 * np.einsum("hwi,ij,hwj->hw", d, inverse, d)))
         alpha[alpha < 1 / 255] = 0
+        if size[i] > 1:
+            alpha = alpha * is_open
         for picture, part in zip(pictures, (front[i] / whole[i], 1), strict=True):
             picture.blend(part * alpha, colours[i], z)
-    before, behind = pictures
-    rgb, depth = (getattr(before, name) + (before.left.T * getattr(behind, name).T).T for name in ("rgb", "depth"))
-    left = before.left * behind.left
+    rgb, depth = (getattr(before, name) + (before.left.T * getattr(behind_it, name).T).T for name in ("rgb", "depth"))
+    left = before.left * behind_it.left
     alpha = 1 - left
     depth = np.divide(depth, alpha, out=np.zeros_like(depth), where=alpha > 0)
     return {"rgb": rgb + left[..., None] * np.asarray(background, np.float64), "depth": depth, "alpha": alpha}

@@ -4,7 +4,6 @@ capture only what is near is drawn."""
 from __future__ import annotations
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,42 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import make_cameras, make_gaussians
 
-from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between, render
 from tinysplat_runtime.render.near import NearViews
 from tinysplat_runtime.scene.cameras import Camera
-
-C0 = 0.28209479177387814
-
-
-def walls(depths, colours, height=16, width=20):
-    """One opaque wall of a colour per view, each at its own depth."""
-    cameras = make_cameras(len(depths), height, width)
-    y, x = np.mgrid[:height, :width] + 0.5
-    pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
-    means = [d * (pixels @ np.linalg.inv(c.K).T) @ c.rotation + c.centre for d, c in zip(depths, cameras, strict=True)]
-    lead = (len(depths), height, width)
-    sh = np.broadcast_to((np.array(colours, float) - 0.5)[:, None, None, None] / C0, (*lead, 1, 3))
-    scales = np.broadcast_to(np.array(depths)[:, None, None, None] / (1.1 * width), (*lead, 3))
-    quats = np.broadcast_to([1.0, 0, 0, 0], (*lead, 4))
-    return Gaussians(np.stack(means), quats, scales, np.full(lead, 0.95), sh, cameras)
-
-
-RED, GREEN, BLUE = np.eye(3)
-
-
-def centre(image):
-    return image[image.shape[0] // 2, image.shape[1] // 2]
-
-
-@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
-def test_a_near_view_covers_wrong_surfaces_before_its_own(compiled):
-    scene = walls([3.0, 2.0, 2.5], [RED, GREEN, BLUE])
-    for view, colour in enumerate((RED, GREEN, BLUE)):
-        image = Renderer(scene, 1, compiled=compiled).render(scene.cameras[view])
-        assert centre(image) @ colour > 0.4
-    by_depth = Renderer(scene, 1, order="depth", compiled=compiled).render(scene.cameras[0])
-    assert centre(by_depth) @ RED < 0.01
 
 
 def test_gaussians_of_no_view_and_of_one_are_drawn_by_depth():
@@ -122,30 +88,6 @@ def test_shares_of_a_capture_are_continuous(places, seed):
     assert np.abs(shares[1] - shares[0]).max() <= 4e-6 / min(room) + 1e-12
 
 
-@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
-def test_where_near_views_show_nothing_the_others_do_and_nowhere_else(compiled):
-    """The four nearest of eight views see nothing on the left; the others' wall is red, and stands before theirs."""
-    scene = walls([3.0] * 4 + [2.0] * 4, [GREEN] * 4 + [RED] * 4)
-    holed = scene.opacities.copy()
-    holed[:4, :, :14] = 0
-    camera = scene.cameras[0]
-    image = Renderer(replace(scene, opacities=holed), 1, compiled=compiled).render(camera)
-    assert (image[6:-6, 3:7] @ RED > 0.6).all() and (image[6:-6, 3:7] @ GREEN < 0.01).all()
-    whole = Renderer(scene, 1, compiled=compiled).render(camera)
-    assert (whole[6:-6, 3:7] @ GREEN > 0.9).all() and (whole[6:-6, 3:7] @ RED < 0.05).all()
-
-
-def test_what_stands_behind_near_views_is_drawn_alike_by_both_renderers():
-    scene = walls([3.0] * 4 + [2.0] * 4, [GREEN] * 4 + [RED] * 4)
-    rows, columns = np.indices(scene.opacities.shape[1:])
-    holed = scene.opacities.copy()
-    holed[:4] *= (rows // 8 + columns // 8) % 2
-    scene = replace(scene, opacities=holed)
-    images = [Renderer(scene, 1, compiled=compiled).render(scene.cameras[0]) for compiled in (False, True)]
-    assert (images[0] @ RED > 0.1).any()
-    np.testing.assert_allclose(*images, atol=1e-4)
-
-
 def test_coarse_surfaces_are_those_of_the_views_around_and_change_with_the_camera_s_place():
     distances = 0.1 * np.arange(1, 41)
     views, camera = row(distances)
@@ -155,15 +97,6 @@ def test_coarse_surfaces_are_those_of_the_views_around_and_change_with_the_camer
     assert (few.shares(camera).behind == 1).all()
     six, camera = row(distances[:6])
     assert not six.shares(camera).behind.any()
-
-
-@pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
-@pytest.mark.parametrize("views", [2, 8])
-def test_gaussians_none_of_which_can_show_are_drawn_as_nothing(compiled, views):
-    scene = make_gaussians(views, 6, 7)
-    clear = replace(scene, opacities=np.full_like(scene.opacities, 1e-3))
-    found = Renderer(clear, 1, compiled=compiled).render(scene.cameras[0], outputs=("rgb", "alpha"))
-    assert not found["rgb"].any() and not found["alpha"].any()
 
 
 def test_a_frame_of_a_capture_takes_memory_for_the_near_views_alone():

@@ -16,11 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from reference.rasteriser import render_reference
-from scenes import make_cameras, make_gaussians
+from scenes import make_cameras, make_gaussians, photographed
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
-from tinysplat_runtime.render import DEFINITION, Renderer, between
+from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 ATOL = 1e-4
@@ -103,6 +103,12 @@ def test_clouds_are_drawn_as_they_are_defined(gaussians: Gaussians, camera: Came
     agree(gaussians, camera)
 
 
+@settings(max_examples=150)
+@given(photographed())
+def test_photos_gaussians_are_drawn_as_they_are_defined(made: tuple[Gaussians, Camera, dict[str, str]]) -> None:
+    agree(*made)
+
+
 # ---- scenes that stay ----------------------------------------------------------------------------------------------
 
 
@@ -161,16 +167,6 @@ SCENES: dict[str, Callable[[], tuple[Gaussians, Camera]]] = {
 @pytest.mark.parametrize("name", SCENES)
 def test_pictures_agree_with_the_reference(name):
     agree(*SCENES[name]())
-
-
-@pytest.mark.parametrize("order", ["near", "depth"])
-@pytest.mark.parametrize("size", [(7, 9), (12, 16), (38, 50)], ids=["from afar", "as it was", "enlarged"])
-@pytest.mark.parametrize("views", [2, 4, 8])
-def test_own_pixels_and_near_views_agree_with_the_reference(views, size, order):
-    """Of eight views, a capture, only the near ones are drawn."""
-    gaussians = make_gaussians(views=views, height=12, width=16, degree=1, layers=2, seed=5)
-    camera = between(make_cameras(views, 12, 16), 6)[1].resized(*size)
-    agree(gaussians, camera, {"dilation": "own", "order": order})
 
 
 def test_gaussians_from_very_near_agree_with_the_reference():
