@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import subprocess
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from tinysplat.measure.clock import Effort, Variant, measure
+from tinysplat.measure.clock import Baseline, Effort, Variant, measure
 from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, git
 from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages, filled, pages
 from tinysplat.measure.studies import STUDIES, find_study
@@ -26,12 +27,26 @@ def row(way: str, seconds: float = 1.0, **figures: float) -> Row:
 # ---- the clock ---------------------------------------------------------------------------------------------------
 
 
+def spin(seconds: float) -> None:
+    """Work for so many CPU seconds, which a machine that others use does not stretch."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
 def test_rounds_interleave_variants_after_one_that_warms_up_and_gives_figures():
     calls: list[str] = []
     variants = [Variant(name, lambda n=name: calls.append(n) or n, lambda n: {"name": n}) for name in "AB"]
     rows = measure("s", "c", variants, Effort(rounds=3))
     assert "".join(calls) == "AB" + "ABABAB"
     assert [(r.costs["rounds"], r.figures["name"]) for r in rows] == [(3, "A"), (3, "B")]
+
+
+def test_a_baseline_runs_beside_its_variant_and_gives_the_ratio():
+    variant = Variant("slow", lambda: spin(0.02), baseline=Baseline("fast", lambda: spin(0.01)))
+    (found,) = measure("s", "c", [variant], Effort(rounds=5))
+    assert found.setting["baseline"] == "fast"
+    assert 1.5 < found.costs["cpu_ratio"] < 2.5 and found.costs["ratio"] > 0
 
 
 # ---- shown -------------------------------------------------------------------------------------------------------

@@ -39,6 +39,19 @@ Times = tuple[float, float]
 
 
 @dataclass(frozen=True)
+class Baseline:
+    """Work that a variant is held against, run right after it in every round.
+
+    Attributes:
+        name: what it is, for instance `libx265 alone`.
+        run: the work.
+    """
+
+    name: str
+    run: Callable[[], Any]
+
+
+@dataclass(frozen=True)
 class Variant:
     """One way to do some work.
 
@@ -48,6 +61,7 @@ class Variant:
         figures: errors and bytes of `run`'s result: all that two runs on one machine must agree on exactly.
         setting: what sets it apart, for tables and plots.
         threads: how many it may use.
+        baseline: work in whose units its time is given too.
     """
 
     name: str
@@ -55,6 +69,7 @@ class Variant:
     figures: Callable[[Any], Figures] = lambda _: {}
     setting: Mapping[str, Any] = field(default_factory=dict)
     threads: int = 1
+    baseline: Baseline | None = None
 
 
 @dataclass(frozen=True)
@@ -73,21 +88,39 @@ class Effort:
 
 
 def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effort) -> list[Row]:
-    """A row per variant; `costs` are `seconds`, `low`, `high` (median and quartiles), `cpu` and `rounds`."""
-    figures = [variant.figures(variant.run()) for variant in variants]
+    """A row per variant, in their order; one that cannot work is a row that says why, behind the others.
+
+    `costs` are `seconds`, `low`, `high` (median and quartiles), `cpu` and `rounds`; with a baseline also
+    `baseline_seconds`, and `ratio` and `cpu_ratio`, medians over rounds of the variant's time by its baseline's.
+    """
+    figures, refused = [], []
+    for variant in variants:
+        try:
+            figures.append(variant.figures(variant.run()))
+        except TinySplatError as error:
+            refused.append(Row(study, subject, variant.name, variant.setting, note=str(error)))
+    variants = [variant for variant in variants if all(row.way != variant.name for row in refused)]
     times: list[list[Times]] = [[] for _ in variants]
+    base_times: list[list[Times]] = [[] for _ in variants]
     gc.freeze()  # so that collecting before every call looks at what the calls made, not at all of torch
     start = time.perf_counter()
     for done in range(effort.rounds):
         if done >= effort.least and time.perf_counter() - start > effort.budget_s:
             break
-        for variant, own in zip(variants, times, strict=True):
-            own.append(timed(variant.run))
+        for i, variant in enumerate(variants):
+            times[i].append(timed(variant.run))
+            if variant.baseline is not None:
+                base_times[i].append(timed(variant.baseline.run))
     gc.unfreeze()
-    return [
-        Row(study, subject, v.name, {**v.setting, "threads": v.threads}, of_result, summarised(own))
-        for v, of_result, own in zip(variants, figures, times, strict=True)
-    ]
+    rows = []
+    for variant, figured, own, base in zip(variants, figures, times, base_times, strict=True):
+        setting, costs = {**variant.setting, "threads": variant.threads}, summarised(own)
+        if variant.baseline is not None:
+            setting["baseline"] = variant.baseline.name
+            ratios = [statistics.median(a[i] / b[i] for a, b in zip(own, base, strict=True)) for i in (0, 1)]
+            costs |= {"baseline_seconds": summarised(base)["seconds"], "ratio": ratios[0], "cpu_ratio": ratios[1]}
+        rows.append(Row(study, subject, variant.name, setting, figured, costs))
+    return [*rows, *refused]
 
 
 def timed(run: Callable[[], Any]) -> Times:

@@ -1,4 +1,4 @@
-"""The table of rate–distortion rows: bytes at equal dB, and BD-rate.
+"""Tables of rate–distortion rows: bytes at equal dB, BD-rate, and what each idea gains.
 
 The first way of a group of rows is the reference. Figures are taken window by window and then averaged, shares of bytes
 geometrically, because windows differ in the dB that they reach. Where curves do not meet, the table says so.
@@ -59,6 +59,30 @@ def overview_table(rows: Sequence[Row]) -> str:
             sizes = [_size_cell(windows, way, db) for way in ways]
             table.append([name, f"KB at {db:g} dB", *sizes])
     return format_table(["", "", *ways], table)
+
+
+def gain_table(rows: Sequence[Row]) -> str:
+    """What every idea gains: bytes of the codec without it over those with it at the same dB, by network and views."""
+    rows = measured(rows, "ideas")
+    groups = grouped(rows, "network", "views")
+    ways = list(dict.fromkeys(row.way for row in rows))[1:]
+    table = [[way, *(_gain_cell(_windows(members), way) for members in groups.values())] for way in ways]
+    return format_table(["undone", *(f"{network}, {views} views" for network, views in groups)], table) if table else ""
+
+
+def _gain_cell(windows: Windows, way: str) -> str:
+    """Mean share of bytes above the reference's at the dB of a way's points; a point itself where there is none."""
+    gains, beyond = [], []
+    for curves in windows.values():
+        for size, db in curves.get(way, ()):
+            reference = bytes_at(_reference(curves), db)
+            if reference is None:
+                beyond.append(f"{size / 1000:.0f} KB at {db:.1f} dB")
+            else:
+                gains.append(size / reference - 1)
+    if not gains:
+        return beyond[0] if beyond else ABSENT
+    return f"{statistics.fmean(gains):+.1%}{_range(gains)}"
 
 
 def _size_cell(windows: Windows, way: str, db: float) -> str:

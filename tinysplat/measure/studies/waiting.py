@@ -1,27 +1,32 @@
-"""What does a user wait for? Everything between photos and a picture, in processor seconds beside dB."""
+"""What does a user wait for? Everything between photos and a picture, in processor seconds beside dB; and commands as
+they are started, each beside the same command of another checkout.
+"""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
+from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import Renderer
 
-from ..clock import Variant, measure
+from ..clock import Baseline, Variant, measure
 from ..pictures import PictureJudge
 from ..rows import Row, of_study
 from ..show.plots import Curve, Panel, save_grid
 from ..show.tables import Listing, duration, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.cases import Case
-from ..subjects.made import view_between
+from ..subjects.made import made_gaussians, view_between
 
 QPS = (-6.0, 0.0, 6.0, 12.0)
 PROFILES = ("fast", DEFAULT_PROFILE, "max")
@@ -33,9 +38,18 @@ PHOTOS, DECODE, FIRST, FURTHER = (
     "further pictures",
 )
 
+MAIN = "import sys; sys.path.insert(0, sys.argv.pop(1)); from {} import main; sys.exit(main())"
+"""A command of a checkout's runtime, whose folder is the first word."""
+
+PEAK = (
+    "import os, sys; pid = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ);"
+    " print(1024 * os.wait4(pid, 0)[2].ru_maxrss)"
+)
+"""Runs a command and prints its peak; in a small process, since one begins with the peak of who started it."""
+
 
 def waiting_rows(run: Run) -> Iterator[Row]:
-    """Rows of the real photos, or what there is."""
+    """Rows of `waits` of the real photos, or what there is; then of `commands`."""
     case = run.case
     pictures = PictureJudge(case, run.drawing)
     variants: list[Variant] = []
@@ -43,6 +57,8 @@ def waiting_rows(run: Run) -> Iterator[Row]:
         for qp in run.options.qps or (QPS[1:2] if run.quick else QPS):
             variants += _waits(run, case, pictures, qp, Path(folder))
         yield from measure("waits", case.name, variants, run.effort)
+        if run.options.beside is not None:
+            yield from command_rows(run, run.options.beside, Path(folder))
 
 
 def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path) -> Iterator[Variant]:
@@ -53,8 +69,7 @@ def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path
         files[profile] = runtime.compress(case.gaussians, profile, qp, drop_invalid=True)
         psnr = pictures.figures(runtime.decompress(files[profile]))["psnr_decoded_raw"]
         figures[profile] = {"bytes": len(files[profile]), "psnr_decoded_raw": psnr}
-    path = folder / f"{qp:g}.tsplat"
-    command = [sys.executable, "-m", "tinysplat_runtime", "render", path, "-o", folder / "p.png", "-q", "--force"]
+    path, picture = folder / f"{qp:g}.tsplat", folder / "p.png"
     path.write_bytes(files[DEFAULT_PROFILE])
     drawn = Renderer(runtime.decompress(files[DEFAULT_PROFILE]), run.threads)
     works: dict[str, tuple[str, Callable[[], Any]]] = {
@@ -72,12 +87,70 @@ def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path
             return runtime.compress(gaussians, qp=qp, drop_invalid=True)
 
         works[PHOTOS] = DEFAULT_PROFILE, encode
-    works[FIRST] = DEFAULT_PROFILE, partial(subprocess.run, command, check=True)
+    works[FIRST] = DEFAULT_PROFILE, call_of(_own_root(), ["render", path, "-o", picture])
     works[DECODE] = DEFAULT_PROFILE, partial(runtime.decompress, files[DEFAULT_PROFILE])
     works[FURTHER] = DEFAULT_PROFILE, partial(drawn.render, view_between(case.gaussians))
     for name, (profile, work) in works.items():
         setting = {"thing": name, "profile": profile, "qp": qp}
         yield Variant(f"{name}, Q_g {qp:g}", work, lambda _, figured=figures[profile]: figured, setting, run.threads)  # type: ignore[misc]
+
+
+def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
+    """Commands of this checkout in turns with those of another."""
+    source, file = folder / "g.npz", folder / "f.tsplat"
+    gaussians = made_gaussians(2, run.side, run.side, 4)
+    save_gaussians(source, gaussians)
+    file.write_bytes(run.runtime.compress(gaussians, drop_invalid=True))
+    target, coded, picture = folder / "out.npz", folder / "out.tsplat", folder / "p.png"
+    commands: dict[str, list[str | Path]] = {
+        "info": ["info", file],
+        "decode": ["decode", file, "-o", target],
+        "render": ["render", file, "-o", picture],
+        "compress": ["compress", source, "-o", coded],
+        "compress --profile fast": ["compress", source, "-o", coded, "--profile", "fast"],
+    }
+    shots = run.case.shots
+    if shots is not None:
+        photos = folder / "photos"
+        photos.mkdir()
+        shots.write(photos)
+        commands[f"encode of {len(shots.context.cameras)} photos"] = ["encode", photos, "-o", coded]
+    variants = []
+    for name, words in commands.items():
+        sizes = {"bytes": file.stat().st_size}
+        baseline = Baseline(beside.name, call_of(beside, words))
+        variants.append(Variant(name, call_of(_own_root(), words), lambda _, n=sizes: n, {}, run.threads, baseline))  # type: ignore[misc]
+    for row in measure("commands", f"2×{run.side}×{run.side}, SH degree 4", variants, run.effort):
+        peaks = [peak_bytes(root, commands[row.way]) for root in (_own_root(), beside)]
+        yield replace(row, costs={**row.costs, "peak_bytes": peaks[0], "baseline_peak_bytes": peaks[1]})
+
+
+def _own_root() -> Path:
+    return Path(__file__).resolve().parents[3]
+
+
+def _words(root: Path, words: Sequence[str | Path]) -> tuple[list[str], dict[str, str]]:
+    """A command of a checkout, and its environment."""
+    runtime = root / "runtime"
+    entry = (runtime / "tinysplat_runtime" / "__main__.py").read_text("utf-8")
+    module = "tinysplat_runtime.__main__" if "def main" in entry else "tinysplat_runtime.cli"
+    quiet = [] if words[0] == "info" else ["-q", "--force"]
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment["TINYSPLAT_MODELS"] = str(root / "models")
+    return [sys.executable, "-c", MAIN.format(module), str(runtime), *map(str, words), *quiet], environment
+
+
+def call_of(root: Path, words: Sequence[str | Path]) -> Callable[[], object]:
+    """A command of a checkout, to be run as a process."""
+    command, environment = _words(root, words)
+    return partial(subprocess.run, command, env=environment, stdout=subprocess.DEVNULL, check=True)
+
+
+def peak_bytes(root: Path, words: Sequence[str | Path]) -> int:
+    """Its peak memory in bytes."""
+    command, environment = _words(root, words)
+    helper = [sys.executable, "-S", "-c", PEAK, *command]
+    return int(subprocess.run(helper, env=environment, capture_output=True, check=True).stdout.split()[-1])
 
 
 def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
@@ -91,6 +164,14 @@ def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
     labels = "processor seconds, all threads", "dB of the file's pictures to those of the Gaussians"
     save_grid(path, "", [[Panel("How long it takes, by the quality of the file", *labels, curves)]])
     return True
+
+
+def _ratio(key: str) -> Callable[[Sequence[Row]], str]:
+    return mean(key, lambda value: f"{value:.2f}", "costs")
+
+
+def _megabytes(key: str) -> Callable[[Sequence[Row]], str]:
+    return mean(key, lambda value: f"{value / 1e6:.0f}", "costs")
 
 
 def _longest(rows: Sequence[Row]) -> str:
@@ -117,6 +198,14 @@ WAITING = Study(
              "dB to raw": mean("psnr_decoded_raw", lambda value: f"{value:.2f}")},
             sections="subject",
             text="Medians of interleaved rounds, processor seconds of all threads.",
+        ),
+        "commands": Listing(
+            "commands",
+            {"command": said("way"), "processor time": mean("cpu", duration, "costs"),
+             "by the other's": _ratio("cpu_ratio"), "on the clock, by the other's": _ratio("ratio"),
+             "MB": _megabytes("peak_bytes"), "the other's MB": _megabytes("baseline_peak_bytes")},
+            sections="subject",
+            text="Commands as processes, in turns with those of another checkout.",
         ),
         "encoding time": _longest,
     },

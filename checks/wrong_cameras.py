@@ -1,0 +1,194 @@
+"""How many wrong cameras and photos are warned of, and how many right ones are.
+
+Each fault is put into a pair and into four photos of each scene. A scene is a folder with cameras.json; of those with
+an eval_index.json its windows are taken, of others photos beside each other. Right cameras are looked at in a window of
+each kind and in twelve photos spread over the scene, whose range is found.
+
+    python checks/wrong_cameras.py SCENES/* [--right]
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import tinysplat_runtime as ts
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.recipe.doubts import doubts
+from tinysplat_runtime.recipe.prepare import prepared
+from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.scene.lenses import opencv_lens
+from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
+
+
+def rolled(c2w, degrees):
+    turn, angle = np.eye(4), np.radians(degrees)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return c2w @ turn
+
+
+def moved_up(c2w, by):
+    moved = c2w.copy()
+    moved[:3, 3] -= by * c2w[:3, 1]
+    return moved
+
+
+def mirrored(c2w):
+    flip = np.diag([-1.0, 1, 1, 1])
+    return flip @ c2w @ flip
+
+
+def turned(image, K):
+    """A photo and its K turned to the left, once."""
+    width = image.shape[1]
+    return np.rot90(image), np.array([[K[1, 1], 0, K[1, 2]], [0, K[0, 0], width - K[0, 2]], [0, 0, 1]])
+
+
+def scaled(K, x, y):
+    K = K.copy()
+    K[0, 0], K[1, 1] = x * K[0, 0], y * K[1, 1]
+    return K
+
+
+def with_entries(K, entries):
+    K = K.copy()
+    for place, value in entries.items():
+        K[place] = value
+    return K
+
+
+TURNS, FOCAL, ONE = ("turned", "rolled", "upside", "their side"), ("focal",), ("photo 2",)
+FAULTS = {  # each photo, K and pose, and what a line that names the cause says one of
+    "world mirrored": (lambda i, K, p: (i, K, mirrored(p)), ("mirrored",)),
+    "photos mirrored": (lambda i, K, p: (i[:, ::-1], K, p), ("mirrored",)),
+    "photos and K turned by 90°": (lambda i, K, p: (*turned(i, K), p), TURNS),
+    "photos and K turned by 270°": (lambda i, K, p: (*turned(*turned(*turned(i, K))), p), TURNS),
+    "poses rolled by 90°": (lambda i, K, p: (i, K, rolled(p, 90)), TURNS),
+    "poses rolled by 180°": (lambda i, K, p: (i, K, rolled(p, 180)), TURNS),
+    "photos turned by 180°": (lambda i, K, p: (i[::-1, ::-1], K, p), TURNS),
+    "focal length × 0.5": (lambda i, K, p: (i, scaled(K, 0.5, 0.5), p), FOCAL),
+    "focal length × 2": (lambda i, K, p: (i, scaled(K, 2, 2), p), FOCAL),
+    "focal length × 1.3": (lambda i, K, p: (i, scaled(K, 1.3, 1.3), p), FOCAL),
+    "fx alone × 1.5": (lambda i, K, p: (i, scaled(K, 1.5, 1), p), ("fx",)),
+    "cx and cy swapped": (lambda i, K, p: (i, with_entries(K, {(0, 2): K[1, 2], (1, 2): K[0, 2]}), p), ("principal",)),
+    "cx and cy 10 % off": (
+        lambda i, K, p: (i, with_entries(K, {(n, 2): K[n, 2] + i.shape[1 - n] / 10 for n in (0, 1)}), p),
+        ("principal",),
+    ),
+    "skew of 20 px of 480": (lambda i, K, p: (i, with_entries(K, {(0, 1): 20 / 480 * i.shape[1]}), p), ("skew",)),
+    "k1 of 50": (lambda i, K, p: (i, K, p), ("distortion",)),
+    "one photo turned by 180°": (lambda i, K, p: (i[::-1, ::-1], K, p), ONE),
+    "one photo mirrored": (lambda i, K, p: (i[:, ::-1], K, p), ONE),
+    "one photo negative": (lambda i, K, p: (255 - i, K, p), ONE),
+    "one pose rolled by 10°": (lambda i, K, p: (i, K, rolled(p, 10)), ONE),
+    "one pose moved up by 0.3": (lambda i, K, p: (i, K, moved_up(p, 0.3)), ONE),  # median depths are about 4
+}
+
+
+def windows(folder: Path, count: int) -> dict[str, list[int]]:
+    """Photos to look at by kind and number."""
+    index = folder / "eval_index.json"
+    by_kind: dict[str, list[int]] = {}
+    for window in json.loads(index.read_text())["windows"] if index.is_file() else ():
+        by_kind.setdefault(f"{window['kind']} {len(window['context'])}", window["context"])
+    middle = count // 2 - 2
+    if not index.is_file():
+        by_kind = {"near 2": [middle, middle + 1], "four 4": [*range(middle, middle + 4)]}
+    return by_kind
+
+
+def with_fault(scene: Scene, images, fault, folder: Path, only: int | None, k1: float = 0.0) -> Scene:
+    frames = []
+    for v, (frame, image) in enumerate(zip(scene.frames, images, strict=True)):
+        K, c2w = frame.camera.K, frame.camera.c2w
+        if only is None or v == only:
+            image, K, c2w = fault(image, K, c2w)
+        path = folder / f"{v}.png"
+        Image.fromarray(np.ascontiguousarray(image)).save(path, compress_level=1)
+        if k1:
+            lens = opencv_lens((K[0, 0], K[1, 1]), K[:2, 2], (k1, 0, 0, 0, 0, 0), image.shape[:2], fisheye=False)
+            frames.append(Frame(lens.camera(c2w), path, lens=lens))
+        else:
+            frames.append(Frame(ts.Camera(K, c2w, image.shape[1], image.shape[0]), path))
+    if k1:
+        frames = even_sizes(frames)
+    return dataclasses.replace(scene, frames=tuple(frames))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", type=Path)
+    parser.add_argument("--right", action="store_true", help="right cameras only")
+    parser.add_argument("--faults", default="", help="only faults whose names hold this")
+    parser.add_argument("--verbose", action="store_true")
+    options = parser.parse_args()
+    tally, alarms, right, seconds = defaultdict(lambda: [0, 0, 0]), [], 0, []
+    for folder in options.scenes:
+        scene = ts.load_scene(folder)
+        by_kind = windows(folder, len(scene.frames))
+        sets = [(kind, scene.views(views)) for kind, views in by_kind.items()]
+        if len(scene.frames) >= 12:
+            spread = np.linspace(0, len(scene.frames) - 1, 12).round().astype(int).tolist()
+            sets.append(("spread 12", dataclasses.replace(scene.views(spread), near=None, far=None)))
+        for kind, chosen in sets:
+            if options.faults:
+                continue
+            try:
+                ready = prepared(EncodeRequest(chosen), lambda text: None)
+            except InputError as error:
+                print(f"{folder.name} {kind}: refused, {error}")
+                continue
+            began = time.process_time()
+            lines = doubts(ready)
+            seconds.append(time.process_time() - began)
+            right += 1
+            if lines:
+                alarms.append(f"{folder.name} {kind}: {lines[0]}")
+                print("alarm:", alarms[-1], flush=True)
+        if options.right:
+            continue
+        pair = next((views for views in by_kind.values() if len(views) == 2), None)
+        four = next((views for views in by_kind.values() if len(views) == 4), None)
+        if four is None:
+            start = len(scene.frames) // 2 - 2
+            four = list(range(start, start + 4))
+        for size, views in (("pair", pair), ("four", four)):
+            if views is None:
+                continue
+            window = scene.views(views)
+            if window.near is None:
+                window = prepared(EncodeRequest(window), lambda text: None)
+            images = [np.rint(255 * image).astype(np.uint8) for image in window.images()]
+            for name, (fault, words) in FAULTS.items():
+                if (options.faults not in name) or (name.startswith("one ") and size == "pair"):
+                    continue
+                with tempfile.TemporaryDirectory() as place:
+                    only = 1 if name.startswith("one ") else None
+                    began = time.process_time()
+                    lines = doubts(with_fault(window, images, fault, Path(place), only, 50.0 * (name == "k1 of 50")))
+                    seconds.append(time.process_time() - began)
+                row = tally[name, size]
+                row[0] += bool(lines)
+                row[1] += any(word in line for line in lines for word in words)
+                row[2] += 1
+                if options.verbose:
+                    print(f"{folder.name} {size}, {name}: {lines[0][:150] if lines else '-'}", flush=True)
+    for (name, size), (seen, named, of) in tally.items():
+        print(f"{name}, {size}: found {seen}, named {named} of {of}")
+    if tally:
+        seen, named, of = np.sum([*tally.values()], axis=0)
+        print(f"all: found {seen}, named {named} of {of}")
+    print(f"right cameras: {len(alarms)} of {right} warned of")
+    print(f"CPU s of a look: median {np.median(seconds):.2f}, most {max(seconds):.2f}")
+
+
+if __name__ == "__main__":
+    main()
