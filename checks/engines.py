@@ -133,13 +133,13 @@ def check_splat_transform(data: bytes, folder: Path) -> bool:
     subprocess.run([program, "-q", adapter, "-p", f"file={folder / 'scene.tsplat'}", out], check=True)
     theirs, ours = ts.load_gaussians(out), ts.decompress(data).flat()
     quats = np.abs(np.sum(normalize_quats(theirs.quats) * normalize_quats(ours.quats), axis=1))
-    differences = {
+    found = {
         name: float(np.abs(getattr(theirs, name) - getattr(ours, name)).max()) for name in ("means", "scales", "sh")
     }
-    differences["opacities"] = float(np.abs(theirs.opacities - ours.opacities).max())
-    differences["quats"] = float((1 - quats).max())
-    print("splat-transform's .ply differs by", {name: f"{value:.1g}" for name, value in differences.items()})
-    return max(differences.values()) < TOLERANCE
+    found["opacities"] = float(np.abs(theirs.opacities - ours.opacities).max())
+    found["quats"] = float((1 - quats).max())
+    print("splat-transform's .ply differs by", {name: f"{value:.1g}" for name, value in found.items()})
+    return max(found.values()) < TOLERANCE
 
 
 def middles(pictures: list[NDArray]) -> list[Image.Image]:

@@ -144,9 +144,9 @@ def walk(out: Path, runtime: ts.Runtime) -> str:
     photos, drawn = scene.views(left_out).images(), [renderer.render(scene.cameras[i]) for i in left_out]
     write_png(out / "walk.png", np.concatenate([np.concatenate(list(row), axis=1) for row in (photos, drawn)]))
     write_video(out / "walk.mp4", map(renderer.render, between(given.cameras, WALK_FRAMES)))
-    dB = np.mean([psnr(picture, photo) for picture, photo in zip(drawn, photos, strict=True)])
+    found = np.mean([psnr(picture, photo) for picture, photo in zip(drawn, photos, strict=True)])
     size = f"a walk, {len(given.frames)} photos of {WALK_SIDE}x{WALK_SIDE}: {len(data) / 1000:.0f} KB"
-    return f"{size} in {watch.seconds['encode']:.1f} s; photos left out are drawn at {dB:.1f} dB"
+    return f"{size} in {watch.seconds['encode']:.1f} s; photos left out are drawn at {found:.1f} dB"
 
 
 def print_table(rows: list[dict[str, object]]) -> None:
