@@ -42,7 +42,7 @@ from tinysplat_runtime.gaussian.editing import similarity
 from tinysplat_runtime.gaussian.footprints import widened
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.render import DEFINITION, Renderer
-from tinysplat_runtime.scene.images import to_uint8
+from tinysplat_runtime.scene.pictures import to_uint8
 
 ENGINES = ("three", "spark", "babylon")
 LEAST_DB = 36.0

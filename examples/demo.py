@@ -24,8 +24,8 @@ from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.video import write_video
-from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.stopwatch import Stopwatch
 

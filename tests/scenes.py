@@ -30,7 +30,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from tinysplat_runtime.render import DEFINITION, between, render
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 
 NEAR, FAR = 1.5, 8.0
 

@@ -16,7 +16,8 @@ from scenes import make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.scene.images import read_image, write_png
+from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.scene.pictures import write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 

@@ -12,7 +12,8 @@ from datasets.chunks import make_chunk_scene, write_chunks
 from measure.evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, write_eval_scene
 
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.scene.images import read_image, write_png
+from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.scene.pictures import write_png
 
 OPTIONS = ("--size", "64x48", "--lpips", "none", "--threads", "1")
 

@@ -11,8 +11,8 @@ from console import fail, tinysplat
 from poses.walls import HEIGHT, WIDTH, write_photos_of_walls
 from scenes import write_scene
 
-from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.pictures import write_png
 
 
 @pytest.fixture(scope="module")

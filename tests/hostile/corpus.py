@@ -29,7 +29,7 @@ from scenes import (
 import tinysplat_runtime as ts
 from tinysplat_runtime.graphs.artifacts import models_dir
 from tinysplat_runtime.render.video import write_video
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 
 from .containers import Seed
 

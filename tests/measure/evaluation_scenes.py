@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 
 HEIGHT, WIDTH, FOCAL = 48, 64, 60.0
 PLANE_Z, SPACING = 4.0, 0.2  # 3 pixels from view to view

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scenes import make_cameras, scene_document
 
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 
 WALL_Z, SQUARE_Z, SQUARE_HALF = 6.0, 3.0, 0.55
 NEAR, FAR = 2.0, 12.0

@@ -13,8 +13,9 @@ from scenes import make_cameras, make_photo
 
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.placing import upright_copies
-from tinysplat_runtime.scene.images import read_image, write_png
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.pictures import write_png
 
 CAMERAS = make_cameras(3, 24, 32)
 POINTS = (np.array([[0.1, 0, 3.0], [0, 0.1, 5.0]]), np.array([[1, 2, 3], [255, 0, 9]], np.uint8), np.array([0.5, 1.0]))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from poses.walls import write_photos_of_walls
 
 from tinysplat.poses.placing import Placement, coloured_points, contradicted, copies, pairs_of_many, place, uncertainty
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 
 
 @pytest.fixture(scope="module")

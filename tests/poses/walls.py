@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scenes import make_cameras
 
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 
 HEIGHT, WIDTH, FOCAL = 240, 320, 300.0
 

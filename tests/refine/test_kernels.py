@@ -11,7 +11,7 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.refine import kernels
 from tinysplat_runtime.refine.photos import sizes_of
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 

@@ -15,9 +15,9 @@ from tinysplat_runtime.cli import main
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import DEFINITION, Renderer
-from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 SIZE = 40, 48

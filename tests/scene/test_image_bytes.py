@@ -10,7 +10,7 @@ from PIL import Image
 from scenes import make_photo
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import jpeg_bytes, png_bytes
+from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
 
 
 @pytest.mark.parametrize("quantiser", [2, 3, 8])

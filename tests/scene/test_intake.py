@@ -18,10 +18,11 @@ from scenes import colmap_texts, make_cameras, make_photo, tells, transforms_doc
 
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import read_image, write_png
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.depths import depth_range, depth_range_in_view
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.intake.stereo import stereo_scene
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Scene
 
 HEIGHT, WIDTH = 24, 32

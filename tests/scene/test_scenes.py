@@ -12,8 +12,9 @@ import pytest
 from scenes import FAR, NEAR, make_cameras, make_photo, refusing, scene_document, write_scene
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import resize_cover, write_png
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
+from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.resampling import resize_cover
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 

@@ -23,7 +23,7 @@ from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.state import TrainingState, read_checkpoint
 from tinysplat.training.textures import SIZE, texture_bank
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 
 TINY = DataSettings(side=32, large_side=32, textures=6, photo_share=0.5)
 QUICK = OptimiserSettings(batch=1, steps=4, warmup=2, cooldown=2)

@@ -29,7 +29,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips

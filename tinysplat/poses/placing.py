@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import image_size, is_turned, jpeg_bytes, png_bytes, read_image
+from tinysplat_runtime.scene.images import image_size, is_turned, read_image
 from tinysplat_runtime.scene.lenses import load_pycolmap
+from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
 from tinysplat_runtime.system.progress import progress, working
 
 ALL_PAIRS = 100

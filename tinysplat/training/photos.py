@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import read_image, resize_cover
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.resampling import resize_cover
 
 from .samples import Picture, Sample
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import read_image, resize_cover
+from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.scene.resampling import resize_cover
 
 SIZE = 192
 """Side of a texture, pixels."""

@@ -15,7 +15,7 @@ from ..gaussian.gaussians import Gaussians
 from ..render import Renderer, between, orbit
 from ..render.paths import outside
 from ..scene.cameras import Camera
-from ..scene.images import png_bytes
+from ..scene.pictures import png_bytes
 from ..system.progress import progress
 from ..system.stopwatch import Stopwatch
 from .files import write_file

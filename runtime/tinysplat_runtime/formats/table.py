@@ -283,7 +283,7 @@ def save_points(path: StrPath, gaussians: Gaussians) -> None:
     """
     if Path(path).suffix.lower() != ".ply":
         raise InputError(f"suffix '{Path(path).suffix.lower()}', expected .ply", where=str(path))
-    from ..scene.images import to_uint8
+    from ..scene.pictures import to_uint8
     from .assembly import PointCloud
     from .file_notes import ply_comments
     from .ply import write_points

@@ -20,7 +20,7 @@ from ..errors import ModelError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
-from ..scene.images import scaled
+from ..scene.resampling import scaled
 from .inference import Graph, as_input
 from .predict import NetworkLimits, checked_inputs, predict
 

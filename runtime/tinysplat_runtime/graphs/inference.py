@@ -346,9 +346,9 @@ def _stage_files(network: str) -> dict[str, str]:
     return {name: f"{network}_{name}" for name in names}
 
 
-def as_input(array: NDArray | Sequence[Any] | float, dtype: type = np.float32) -> NDArray:
-    """A C-contiguous array of the graph's dtype, any shape."""
-    return np.asarray(array, dtype=dtype, order="C")
+def as_input(array: NDArray | Sequence[Any] | float) -> NDArray:
+    """A C-contiguous float32 array, any shape."""
+    return np.asarray(array, dtype=np.float32, order="C")
 
 
 def _metadata(session: Any) -> Mapping[str, Any]:

@@ -18,7 +18,7 @@ from string import Template
 from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
-from ..scene.images import jpeg_bytes
+from ..scene.pictures import jpeg_bytes
 from ..web import bundled
 
 _POLICY = (

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..scene.cameras import Camera
-from ..scene.images import resize_cover
 from ..scene.intake.nerfstudio import BLENDER_FILE, FILE
 from ..scene.look import (
     LOOK_WIDTH,
@@ -29,6 +28,7 @@ from ..scene.look import (
     told,
 )
 from ..scene.matches import Corners, corners, depths_told, fit, matched
+from ..scene.resampling import resize_cover
 from ..scene.scenes import Frame, Scene
 from ..system.progress import Show, plain
 

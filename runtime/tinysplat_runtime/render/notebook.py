@@ -6,7 +6,7 @@ import base64
 from html import escape
 
 from ..gaussian.gaussians import Gaussians
-from ..scene.images import png_bytes
+from ..scene.pictures import png_bytes
 from .renderer import render
 
 LONGEST_SIDE = 384

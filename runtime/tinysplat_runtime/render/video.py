@@ -18,7 +18,7 @@ from av.video.reformatter import ColorRange
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..scene.images import to_uint8
+from ..scene.pictures import to_uint8
 from ..system.files import StrPath, atomic_path
 
 ENCODERS = ("libx264", "libopenh264")

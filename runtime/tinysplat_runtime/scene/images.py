@@ -1,4 +1,4 @@
-"""Photos in and pictures out: JPEG and PNG files, and the resize that cameras know about.
+"""Photos read from JPEG and PNG files; `pictures` writes them and `resampling` resizes.
 
 Trust boundary: a file's own headers are walked first. Its size in pixels is checked before anything is decoded, a
 file cut short is refused, and only the parts that pixels depend on go to libavcodec, so neither a compressed text nor
@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import av
@@ -19,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..system.files import StrPath, read_limited, write_atomically
-from .cameras import MAX_IMAGE_SIDE, Camera
+from ..system.files import StrPath, read_limited
+from .cameras import MAX_IMAGE_SIDE
 
 MAX_PIXELS = 1 << 26
-"""Largest photo decoded unless the caller allows more: 67 megapixels, 200 MB of RGB."""
+"""Largest photo decoded: 67 megapixels, 200 MB of RGB."""
 
 MAX_FILE_BYTES = 8 * MAX_PIXELS
 """No photo within the limit is larger: 16-bit RGBA takes 8 bytes a pixel."""
@@ -57,10 +56,6 @@ _SIXTY_FOURTHS_OF_GREEN_PER_CR = np.rint(-0.714136 * 64 * _CHROMA_LEVELS).astype
 _ORIENTATION_TAG = 0x0112
 _FIRST_TRANSPOSED = 5  # Exif orientations 5 to 8 swap rows and columns
 
-LANCZOS_LOBES = 3
-
-_RGB_TO_JPEG = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])  # JFIF
-
 
 @dataclass(frozen=True)
 class _Stripped:
@@ -74,7 +69,7 @@ class _Stripped:
     orientation: int
 
 
-def read_image(path: StrPath, max_pixels: int = MAX_PIXELS, *, upright: bool = True, shrink: int = 1) -> NDArray:
+def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArray:
     """Decode a JPEG or PNG file.
 
     Grey and palette images become RGB; 16-bit samples are rounded to 8 bits; transparency is composited over black,
@@ -86,11 +81,11 @@ def read_image(path: StrPath, max_pixels: int = MAX_PIXELS, *, upright: bool = T
         (H, W, 3) uint8, sRGB, or as many times fewer rows and columns.
 
     Raises:
-        InputError: names the file, which is missing, cut short, damaged, over `max_pixels`, or of another kind.
+        InputError: names the file, which is missing, cut short, damaged, over MAX_PIXELS, or of another kind.
     """
     data = read_limited(path, MAX_FILE_BYTES)
     try:
-        stripped = _checked(data, max_pixels)
+        stripped = _checked(data)
         pixels = _to_rgb(_decode(stripped, shrink), stripped.is_16_bit)
         return _orient(pixels, stripped.orientation) if upright else pixels
     except InputError as error:
@@ -116,148 +111,17 @@ def is_turned(path: StrPath) -> bool:
 def _headers(path: StrPath) -> _Stripped:
     data = read_limited(path, MAX_FILE_BYTES)
     try:
-        return _checked(data, MAX_PIXELS)
+        return _checked(data)
     except InputError as error:
         raise error.within(str(path)) from None
 
 
-def write_png(path: StrPath, image: NDArray) -> None:
-    """Write a PNG file, atomically; see `png_bytes` for the image.
-
-    Raises:
-        InputError: another shape or type, or NaN.
-        OSError: the file cannot be written.
-    """
-    try:
-        data = png_bytes(image)
-    except InputError as error:
-        raise error.within(str(path)) from None
-    write_atomically(path, data)
-
-
-def png_bytes(image: NDArray) -> bytes:
-    """An image as a PNG file's bytes.
-
-    Args:
-        image: (H, W, 3) RGB or (H, W) grey; uint8, or floating point in [0, 1], which is clipped and rounded. Grey of
-            uint16 gives 16 bits a sample.
-
-    Raises:
-        InputError: another shape or type, or NaN.
-    """
-    deep = np.asarray(image).dtype == np.uint16 and np.ndim(image) == 2
-    pixels = np.ascontiguousarray(image) if deep else to_uint8(image)
-    if pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)) or 0 in pixels.shape:
-        raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3) or (H, W)")
-    pix_fmt = "gray16le" if deep else "rgb24" if pixels.ndim == 3 else "gray"
-    codec: Any = av.CodecContext.create("png", "w")
-    codec.height, codec.width = pixels.shape[:2]
-    codec.pix_fmt, codec.time_base = "gray16be" if deep else pix_fmt, Fraction(1, 1)  # PNG is big-endian
-    # Level 6, zlib's own, takes four times as long (18 ms for 256×256) for 5 % fewer bytes.
-    codec.options = {"pred": "mixed", "compression_level": "4"}
-    frame: Any = av.VideoFrame.from_ndarray(pixels, format=pix_fmt)
-    packets = [*codec.encode(frame.reformat(format="gray16be") if deep else frame), *codec.encode(None)]
-    return b"".join(bytes(packet) for packet in packets)
-
-
-def jpeg_bytes(image: NDArray, quantiser: int = 3) -> bytes:
-    """An image as a JPEG file's bytes, colours at full resolution.
-
-    Args:
-        image: (H, W, 3) RGB; uint8, or floating point in [0, 1], which is clipped and rounded.
-        quantiser: of libavcodec, 2 (best) to 31.
-
-    Raises:
-        InputError: another shape or type, or NaN.
-    """
-    pixels = to_uint8(image)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
-        raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3)")
-    ycc = pixels @ _RGB_TO_JPEG.T + (0.0, 128.0, 128.0)
-    planes = np.rint(ycc).clip(0, 255).astype(np.uint8).transpose(2, 0, 1)
-    codec: Any = av.CodecContext.create("mjpeg", "w")
-    codec.height, codec.width = pixels.shape[:2]
-    codec.pix_fmt, codec.time_base = "yuvj444p", Fraction(1, 1)
-    codec.options = {"qmin": str(quantiser), "qmax": str(quantiser)}  # PyAV has attributes for them from 14 on
-    frame: Any = av.VideoFrame.from_ndarray(np.ascontiguousarray(planes), format="yuvj444p")
-    return b"".join(bytes(packet) for packet in [*codec.encode(frame), *codec.encode(None)])
-
-
-def to_uint8(image: NDArray) -> NDArray:
-    """Round an image of any shape, float in [0, 1], to uint8, clipping what lies outside; uint8 passes as it is."""
-    image = np.ascontiguousarray(image)
-    if image.dtype == np.uint8:
-        return image
-    if not np.issubdtype(image.dtype, np.floating):
-        raise InputError(f"image of {image.dtype}, expected uint8 or floating point in [0, 1]")
-    if np.isnan(image).any():
-        raise InputError("image holds NaN, expected numbers in [0, 1]")
-    return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
-
-
-def resize_cover(image: NDArray, height: int, width: int, whole: tuple[int, int] | None = None) -> NDArray:
-    """Scale an image to cover height × width and crop it around its centre: the picture that `Camera.resized` sees.
-
-    A Lanczos filter of three lobes, widened when shrinking so that nothing aliases, and normalised at the border
-    over the pixels that exist. Sums run in a fixed order on one thread: the same input gives the same bits.
-
-    Args:
-        image: (H, W, 3) uint8, or floating point in [0, 1].
-        height: rows wanted.
-        width: columns wanted.
-        whole: (H, W) of the photo that was shrunk to `image` by `read_image`; None for the image's own.
-
-    Returns:
-        (height, width, 3) float32 in [0, 1].
-    """
-    rows, columns = whole or image.shape[:2]
-    # The camera of the image with unit intrinsics: where it puts a pixel is the definition of where we put it.
-    to_output = Camera(np.eye(3), np.eye(4), width=columns, height=rows).resized(height, width).K
-    shrink = rows // image.shape[0]
-    return _moved(image, height, width, to_output @ np.diag([shrink, shrink, 1.0]))
-
-
-def scaled(image: NDArray, height: int, width: int) -> NDArray:
-    """As `resize_cover`, but stretches all of (H, W, 3) to (height, width, 3), each side by its own factor."""
-    return _moved(image, height, width, np.diag([width / image.shape[1], height / image.shape[0], 1.0]))
-
-
-def _moved(image: NDArray, height: int, width: int, to_output: NDArray) -> NDArray:
-    """The (H, W, 3) image where `to_output` (3, 3), a scaling and a shift, puts it: (height, width, 3) float32."""
-    white = np.float32(255 if image.dtype == np.uint8 else 1)
-    rows = _resample(image, *_lanczos_taps(image.shape[0], height, to_output[1, 1], to_output[1, 2]))  # (height, W, 3)
-    columns = _resample(
-        rows.swapaxes(0, 1), *_lanczos_taps(image.shape[1], width, to_output[0, 0], to_output[0, 2])
-    )  # (width, height, 3)
-    return np.ascontiguousarray(np.clip(columns / white, 0, 1).swapaxes(0, 1))
-
-
-def _lanczos_taps(n_in: int, n_out: int, scale: float, shift: float) -> tuple[NDArray, NDArray]:
-    """Source indices and weights, both (taps, n_out), of outputs at x_out = scale·x_in + shift, centres at half."""
-    centre = (np.arange(n_out) + 0.5 - shift) / scale
-    stretch = max(1 / scale, 1.0)
-    radius = LANCZOS_LOBES * stretch
-    index = np.floor(centre - radius).astype(np.int64) + np.arange(int(np.ceil(2 * radius)) + 1)[:, None]
-    distance = (index + 0.5 - centre) / stretch
-    weight = np.where(np.abs(distance) < LANCZOS_LOBES, np.sinc(distance) * np.sinc(distance / LANCZOS_LOBES), 0)
-    weight[(index < 0) | (index >= n_in) | (np.abs(weight) < 1e-9)] = 0  # sinc's zeros: whole-pixel crops copy
-    return index.clip(0, n_in - 1), (weight / weight.sum(axis=0)).astype(np.float32)
-
-
-def _resample(image: NDArray, index: NDArray, weight: NDArray) -> NDArray:
-    """Weighted sums (n_out, …) float32 of an image's (n_in, …) rows."""
-    out = np.zeros((index.shape[1], *image.shape[1:]), np.float32)
-    for rows, factors in zip(index, weight, strict=True):
-        out += image[rows] * factors[:, None, None]
-    return out
-
-
-def _checked(data: bytes, max_pixels: int) -> _Stripped:
+def _checked(data: bytes) -> _Stripped:
     stripped = _strip(data)
     if not (0 < stripped.width <= MAX_IMAGE_SIDE and 0 < stripped.height <= MAX_IMAGE_SIDE):
         raise InputError(f"{stripped.width}x{stripped.height} pixels, expected sides of 1 to {MAX_IMAGE_SIDE}")
-    if stripped.width * stripped.height > max_pixels:
-        raise InputError(f"{stripped.width}x{stripped.height} pixels, expected at most {max_pixels} in all")
+    if stripped.width * stripped.height > MAX_PIXELS:
+        raise InputError(f"{stripped.width}x{stripped.height} pixels, expected at most {MAX_PIXELS} in all")
     return stripped
 
 

@@ -20,8 +20,9 @@ from ..system.printable import type_of
 from ..system.progress import Show, plain
 from .cameras import Camera, check_is_in_pixels
 from .footage import Video
-from .images import read_image, resize_cover
+from .images import read_image
 from .lenses import Lens
+from .resampling import resize_cover
 
 MAX_CAMERAS_BYTES = 64 * 1000 * 1000
 """A frame takes about 500 bytes, so this is more than 100,000 of them."""

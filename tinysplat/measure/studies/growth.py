@@ -24,7 +24,7 @@ from tinysplat_runtime import Runtime, load_scene
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.scene.images import write_png
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from ..clock import high_water_mark, measure_peak, reset_high_water_mark

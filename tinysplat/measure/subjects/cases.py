@@ -16,8 +16,8 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import write_png
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.stopwatch import Stopwatch
 

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import resize_cover, write_png
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
+from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.resampling import resize_cover
 
 from .cases import Case, LeftOut, PhotoSource, PhotoViews, Shots, Window
 
