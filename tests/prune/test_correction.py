@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from prune.looks import error
 from scenes import make_free_gaussians
 
 pytest.importorskip("numba")
@@ -21,13 +22,6 @@ from tinysplat_runtime.system.threads import Crew
 def drawn(gaussians, cameras):
     renderer = Renderer(gaussians, 1, **DEFINITION)
     return [renderer.render(camera) for camera in cameras]
-
-
-def errors(gaussians, cameras, wanted):
-    return [
-        float(np.square(np.minimum(found, 1) - np.minimum(one, 1)).mean())
-        for found, one in zip(drawn(gaussians, cameras), wanted, strict=True)
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +45,7 @@ def test_pictures_come_nearer_to_those_wanted_from_unseen_places_too(scene):
     cameras, unseen = [camera.resized(96, 96) for camera in views_about(true, 12)], ring(true, 4)
     found = corrected(off, cameras, drawn(true, cameras), Crew(1).map)
     for views in (cameras, unseen):
-        wanted = drawn(true, views)
-        before, after = np.mean(errors(off, views, wanted)), np.mean(errors(found, views, wanted))
+        before, after = error(off, true, views), error(found, true, views)
         assert after < 0.6 * before, after / before
     assert np.array_equal(found.quats, off.quats) and np.array_equal(found.sh[:, 1:], off.sh[:, 1:])
     assert not np.array_equal(found.means, off.means) and not np.array_equal(found.scales, off.scales)

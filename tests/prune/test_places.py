@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from prune.looks import psnr
 from scenes import make_free_gaussians
 
 import tinysplat_runtime as ts
@@ -17,7 +17,6 @@ from tinysplat_runtime.cli import main
 from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.free.evenness import is_uneven, sizes_about
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.render.paths import looking_along
 from tinysplat_runtime.scene.cameras import Camera
 
@@ -45,14 +44,6 @@ def cameras_within(count: int, start: float = 0.0, moved: float = 0.0, focal: fl
         c2w[:3, 3] = [0.1 * np.sin(2 * turn) + moved, 0, 0.1 * np.cos(turn)]
         cameras.append(Camera(np.array([[focal, 0, 48], [0, focal, 36], [0, 0, 1.0]]), c2w, 96, 72))
     return cameras
-
-
-def psnr(gaussians: Gaussians, reference: Gaussians, cameras: Sequence[Camera]) -> float:
-    drawn = [
-        [Renderer(one, 1, **DEFINITION).render(camera).clip(0, 1) for camera in cameras]
-        for one in (gaussians, reference)
-    ]
-    return float(-10 * np.log10(np.mean(np.square(np.subtract(*drawn)))))
 
 
 def test_a_place_without_cameras_keeps_all_and_says_how_to_have_it_smaller(place):
@@ -111,16 +102,10 @@ def test_cameras_that_do_not_show_a_place_leave_nothing_out(place, strange):
         "one": cameras_within(1),
     }[strange]
     if strange == "in a wall":
-        wall = Gaussians(**{name: getattr(place, name)[:500] for name in FIELDS})
-        wall = replace(
-            wall,
-            means=0.3 * wall.means / np.linalg.norm(wall.means, axis=1, keepdims=True),
-            scales=np.full((500, 3), 0.06),
-            opacities=np.ones(500),
-        )
-        place = replace(
-            place, **{name: np.concatenate([getattr(one, name) for one in (place, wall)]) for name in FIELDS}
-        )
+        towards = place.means[:500] / np.linalg.norm(place.means[:500], axis=1, keepdims=True)
+        wall = {"means": 0.3 * towards, "scales": np.full((500, 3), 0.06), "opacities": np.ones(500)}
+        wall |= {name: getattr(place, name)[:500] for name in ("quats", "sh")}
+        place = Gaussians(**{name: np.concatenate([getattr(place, name), wall[name]]) for name in FIELDS})
     with pytest.warns(ts.InputWarning, match="cameras? shows? too little"):
         data = ts.compress(place, cameras=cameras)
     found = ts.decompress(data)
@@ -135,24 +120,16 @@ def test_of_ten_thousand_cameras_a_spread_is_taken(place):
     assert len(directions) >= 12
 
 
-def inria(camera: Camera, number: int) -> dict[str, object]:
-    return {
-        "id": number,
-        "img_name": f"{number:05d}",
-        "width": camera.width,
-        "height": camera.height,
-        "position": camera.centre.tolist(),
-        "rotation": camera.c2w[:3, :3].tolist(),
-        "fx": camera.K[0, 0],
-        "fy": camera.K[1, 1],
-    }
-
-
 def test_a_list_in_the_folders_of_3dgs_finds_its_cameras(place, tmp_path: Path, capsys):
     folder = tmp_path / "model" / "point_cloud" / "iteration_30000"
     folder.mkdir(parents=True)
     ts.save_gaussians(folder / "point_cloud.ply", place)
-    entries = [inria(camera, number) for number, camera in enumerate(cameras_within(12))]
+    entries = [
+        {"id": number, "img_name": f"{number:05d}", "width": camera.width, "height": camera.height}
+        | {"position": camera.centre.tolist(), "rotation": camera.rotation.T.tolist()}
+        | {"fx": camera.K[0, 0], "fy": camera.K[1, 1]}
+        for number, camera in enumerate(cameras_within(12))
+    ]
     (tmp_path / "model" / "cameras.json").write_text(json.dumps(entries))
     out = tmp_path / "place.tsplat"
     assert main(["compress", str(folder / "point_cloud.ply"), "-o", str(out)]) == 0

@@ -6,10 +6,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from prune.looks import psnr
 from scenes import make_free_gaussians, make_gaussians
 
 import tinysplat_runtime as ts
@@ -18,7 +20,6 @@ from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.prune.amount import Amount
-from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.system.threads import Crew
 
@@ -55,25 +56,21 @@ def ball() -> Gaussians:
     return joined(shell, inside)
 
 
-def psnr(gaussians: Gaussians, reference: Gaussians, frames: int = 3) -> float:
-    errors = []
-    for camera in [camera.resized(96, 96) for camera in ring(reference, frames)]:
-        images = [Renderer(g, threads=1, compiled=True, **DEFINITION).render(camera) for g in (gaussians, reference)]
-        errors.append(np.mean((images[0] - images[1]) ** 2))
-    return float(-10 * np.log10(np.mean(errors)))
+def around(gaussians: Gaussians, frames: int = 3) -> list[ts.Camera]:
+    return [camera.resized(96, 96) for camera in ring(gaussians, frames)]
 
 
 def test_what_nobody_sees_goes_first(ball):
     found = Remover(ball, views_about(ball, 8), Crew(2).map).thin_to(600)
     distance = np.linalg.norm(found.gaussians.means, axis=1)
     assert found.left_out == 600 and (distance > 0.9).mean() > 0.97
-    assert found.psnr > 42 and psnr(found.gaussians, ball) > 40
+    assert found.psnr > 42 and psnr(found.gaussians, ball, around(ball)) > 40
 
 
 def test_colours_make_up_for_what_went_at_views_that_nobody_looked_at(ball):
     haze = replace(ball, opacities=np.full(1200, 0.2), scales=2 * ball.scales, sh=0.3 * ball.means[:, None])
     found = Remover(haze, views_about(haze, 20), Crew(2).map).thin_to(500)
-    corrected, as_it_was = psnr(found.gaussians, haze), psnr(taken(haze, found.rows), haze)
+    corrected, as_it_was = (psnr(one, haze, around(haze)) for one in (found.gaussians, taken(haze, found.rows)))
     assert corrected > as_it_was + 0.15, (corrected, as_it_was)
 
 
@@ -84,6 +81,11 @@ def test_a_higher_worth_leaves_out_more_and_costs_more():
     left = [one.left_out for one in thinned]
     assert left[0] == 0 and left[0] < left[1] < left[2] < left[3] < 800
     assert thinned[1].psnr > thinned[2].psnr + 3
+    assert all(set(more.rows) > set(fewer.rows) for more, fewer in pairwise(thinned))  # what goes does not come back
+    few = remover.thin_to(60).rows
+    assert few.size == 60 and (remover.dearest(np.arange(800), 60) == few).all()
+    assert set(few) < set(thinned[2].rows) and (thinned[1].rows[remover.dearest(thinned[1].rows, 60)] == few).all()
+    assert remover.worth_at(30) > remover.worth_at(50) > 0
 
 
 def test_nothing_depends_on_threads(ball):
@@ -103,7 +105,8 @@ def test_compress_leaves_out_says_so_and_keeps_all_where_asked(ball):
     assert about["thinned"] == f"{stats.left_out:,} of 1,200 left out: {stats.left_out_psnr:.1f} dB"
     assert ts.inspect(whole)["thinned"] is None
     # all of them, in as many bytes by coarser steps, would look worse
-    assert psnr(thin, ball) > psnr(ts.decompress(ts.compress(ball, keep_all=True, target_size=len(data))), ball)
+    coarse = ts.decompress(ts.compress(ball, keep_all=True, target_size=len(data)))
+    assert psnr(thin, ball, around(ball)) > psnr(coarse, ball, around(ball))
 
 
 def test_finer_steps_leave_out_less():

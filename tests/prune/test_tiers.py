@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from prune.looks import error
 from scenes import make_free_gaussians
 
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.system.threads import Crew
 
@@ -41,14 +41,6 @@ def ball() -> Gaussians:
     return replace(some, means=means * np.where(is_large, 0.95, 1), scales=scales, opacities=np.full(1000, 0.9))
 
 
-def errors(found: Gaussians, wanted: Gaussians) -> float:
-    pictures = [
-        [Renderer(g, threads=1, compiled=True, **DEFINITION).render(c.resized(96, 96)) for c in ring(wanted, 3)]
-        for g in (found, wanted)
-    ]
-    return float(np.mean([(a - b) ** 2 for a, b in zip(*pictures, strict=True)]))
-
-
 def test_the_first_tiers_are_what_pictures_need_most(ball: Gaussians) -> None:
     remover = Remover(ball, views_about(ball, 8), Crew(2).map)
     found = tiers_of(remover, remover.whole)
@@ -58,7 +50,8 @@ def test_the_first_tiers_are_what_pictures_need_most(ball: Gaussians) -> None:
     assert found.growths[0] >= found.growths[1] >= 0 and found.growths[0] > 0.1
     first = replace(ball, **{name: getattr(ball, name)[found.numbers == 0] for name in FIELDS})
     grown = replace(first, scales=first.scales * np.float32(np.exp(found.growths[0])))
-    assert errors(grown, ball) < 0.95 * errors(first, ball)
+    cameras = [camera.resized(96, 96) for camera in ring(ball, 3)]
+    assert error(grown, ball, cameras) < 0.95 * error(first, ball, cameras)
 
 
 def test_few_gaussians_are_one_tier(ball: Gaussians) -> None:

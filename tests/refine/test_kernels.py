@@ -1,18 +1,28 @@
-"""Slopes of what refinement adds to a photo's error, against finite differences and torch's Adam."""
+"""Slopes of what refinement adds to a photo's error, against finite differences and torch's Adam; its order of work."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from scenes import make_smooth_gaussians
 
+from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.refine import kernels
 from tinysplat_runtime.refine.photos import sizes_of
+from tinysplat_runtime.refine.price import plane_prices
+from tinysplat_runtime.refine.schedule import held_back, order, turn
+from tinysplat_runtime.refine.settings import Settings
+from tinysplat_runtime.render.gradient import MovableGaussians
+from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.system.threads import Crew
 
 
 def test_steps_are_those_of_torchs_adam_and_end_at_the_limits() -> None:
@@ -50,3 +60,80 @@ def test_photos_of_twice_the_size_are_looked_at_too(tmp_path: Path, factor: floa
         for target, camera in zip(targets, gaussians.cameras, strict=True):
             assert (target.camera.height, target.camera.width) == target.photo.shape[:2]
             np.testing.assert_allclose(target.camera.K_unit, camera.K_unit, atol=0.03)
+
+
+def assert_is_slope(found: np.ndarray, cost: Callable[[np.ndarray], float], values: np.ndarray) -> None:
+    """`found` is the gradient of a cost at values, of the same shape."""
+    wanted = np.zeros(values.shape)
+    for place in np.ndindex(values.shape):
+        shift = np.zeros(values.shape)
+        shift[place] = 1e-5
+        wanted[place] = (cost(values + shift) - cost(values - shift)) / 2e-5
+    np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-4 * np.abs(wanted).max())
+
+
+def bits(plane: np.ndarray) -> float:
+    """What a plane takes in a file, about."""
+    return float(sum(0.5 * np.log2(1 + np.diff(plane, axis=axis) ** 2).sum() for axis in (0, 1)))
+
+
+def test_changes_of_depth_cost_their_variation_by_the_weight_of_every_edge() -> None:
+    rng = np.random.default_rng(0)
+    change, across, down, before = rng.uniform(0, 0.01, (4, 4, 5)).astype(np.float32)
+
+    def cost(change: np.ndarray) -> float:
+        pairs = [(np.diff(change), across[:, :-1]), (np.diff(change, axis=0), down[:-1])]
+        return float(sum((weight * np.sqrt(d**2 + 1e-6)).sum() for d, weight in pairs))
+
+    found = before.copy()
+    kernels.add_variation(change, across, down, 3.0, found)
+    assert_is_slope((found - before) / 3, cost, change.astype(np.float64))
+
+
+def test_changes_cost_bits_of_the_planes_that_are_coded() -> None:
+    gaussians, rng = make_smooth_gaussians(2, 5, 6, degree=0), np.random.default_rng(1)
+    grids = MovableGaussians(gaussians, Crew(1).map).grids
+    price, coarse = (
+        plane_prices(gaussians, grids, find_profile("balanced"), qp, bit)[grids[1]] for qp, bit in ((0, 0.3), (6, 0.3))
+    )
+    camera = gaussians.cameras[1]
+    z = (gaussians.means[1] - camera.centre) @ camera.rotation[2]
+    sizes = gaussians.scales[1].mean(axis=-1) * camera.focal / z
+    for plane, half, values in zip(price.planes, coarse.planes, (1 / z, sizes), strict=True):
+        np.testing.assert_allclose(plane / plane[0, 0], values / values[0, 0], rtol=1e-4)  # in steps of any length
+        np.testing.assert_allclose(half, plane / 2, rtol=1e-5)  # which double over six of Q
+    assert (coarse.opacity, coarse.color) == pytest.approx((2 * price.opacity, 2 * price.color))
+
+    def cost(values: np.ndarray) -> float:
+        opacities = 1 / (1 + np.exp(-values[LOGIT]))
+        planes = [price.planes[0] * np.exp(-values[LOG_DEPTH]), price.planes[1] * np.exp(values[LOG_SIZE])]
+        planes += [opacities / price.opacity, *(values[SH_RED:] / price.color)]
+        return 0.3 * sum(bits(plane) for plane in planes)
+
+    values, before = rng.normal(0, 0.3, (2, 6, 5, 6)).astype(np.float32)
+    gradient = before.copy()
+    price.add_gradient(values, gradient)
+    assert_is_slope(gradient - before, cost, values.astype(np.float64))
+
+
+@given(st.integers(1, 300), st.integers(0, 300), st.integers(1, 40))
+def test_every_step_takes_every_photo_once_and_photos_that_judge_are_spread(
+    photos: int, step: int, one_of: int
+) -> None:
+    taken, held = order(step, photos), held_back(photos + 3, one_of)
+    assert sorted(taken) == list(range(photos)) and taken[0] == step % photos
+    apart = np.abs(np.diff(taken))
+    assert photos < 7 or np.minimum(apart, photos - apart).min() > photos / 5
+    edges = np.diff([0, *held, photos + 2])
+    assert len(held) == max(round((photos + 3) / one_of), 2) and held_back(photos, 0) == []
+    assert edges.max() - edges.min() <= 1 and (one_of == 1 or edges.min() > 0)
+
+
+@pytest.mark.parametrize("sizes", [1, 2, 3])
+def test_every_size_is_drawn_both_ways_by_turns_and_steps_shorten(sizes: int) -> None:
+    turns = [turn(step, sizes) for step in range(6 * sizes)]
+    for size in range(sizes):
+        assert [one.place for one in turns if one.size == size] == [0, None, 1, None, 2, None]
+    assert [one.size for one in turns[:sizes]] == list(range(sizes))
+    steps = Settings(log_depth=1.0, log_size=2.0, logit=3.0, sh=4.0, half_after=5.0)
+    assert steps.step_sizes(0) == (1, 2, 3, 4, 4, 4) and steps.step_sizes(5) == (0.5, 1, 1.5, 2, 2, 2)

@@ -12,13 +12,20 @@ from scenes import make_cameras, make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
+from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.refine.loop import Loop
+from tinysplat_runtime.refine.photos import sizes_of
+from tinysplat_runtime.refine.price import plane_prices
+from tinysplat_runtime.refine.settings import settings_for
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import DEFINITION, Renderer
+from tinysplat_runtime.render.gradient import MovableGaussians
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
+from tinysplat_runtime.system.threads import Crew
 
 SIZE = 40, 48
 
@@ -112,6 +119,25 @@ def test_a_capture_whose_photos_agree_about_nothing_more_is_left_as_it_is(
     assert stats.steps > 0 and stats.kept == 0 and stats.reason
 
 
+def test_photos_exposed_otherwise_are_seen_so_and_change_no_colours(tmp_path: Path) -> None:
+    """One photo is brighter than the scene and one darker; the mean of all stays as it is."""
+    whole, offsets = truth(3), np.array([0.06, -0.06, 0.0])
+    field, run = MovableGaussians(whole, Crew(1).map), Crew(1).map
+    photos = photographed(tmp_path, whole, list(whole.cameras))
+    ((*targets,),) = sizes_of(whole, photos)
+    targets = [replace(one, photo=one.photo + np.float32(offset)) for one, offset in zip(targets, offsets, strict=True)]
+    prices = plane_prices(whole, field.grids, find_profile("balanced"), 0.0, 0.0)
+    loop = Loop(field, [targets], prices, settings_for(3), run)
+    check = loop.check()
+    for _ in range(8):
+        loop.step()
+    found = loop.exposures[:, 0] * 0.5 + loop.exposures[:, 1] - 0.5
+    assert found[0] > found[2] + 0.005 > found[1] + 0.01 and np.abs(found).max() < 0.06
+    np.testing.assert_allclose(loop.exposures.mean(axis=0), (1, 0), atol=1e-9)
+    assert loop.check() > check + 1 and len(loop.errors) == 3
+    assert psnr(field.gaussians(whole), photos) > 28  # where the photos that were shown lie at 24
+
+
 def test_results_are_the_same_on_any_number_of_threads(case: tuple[ts.Gaussians, Scene, Scene]) -> None:
     start, photos, _ = case
     one, other = (ts.Runtime(threads=n).refine(start, photos, 3) for n in (1, 3))
@@ -185,13 +211,6 @@ def test_photos_that_do_not_fit_are_refused_by_view(case: tuple[ts.Gaussians, Sc
         ts.refine(replace(start, **fields, cameras=start.cameras[:1]), photos)
 
 
-def test_photos_without_a_file_are_refused(case: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path) -> None:
-    start, photos, _ = case
-    lost = replace(photos, frames=(*photos.frames[:2], replace(photos.frames[2], path=tmp_path / "lost.png")))
-    with pytest.raises(ts.InputError, match=r"lost\.png"):
-        ts.refine(start, lost, 1)
-
-
 @pytest.mark.parametrize("budget", [{"steps": 0}, {"steps": 1.5}, {"seconds": -1.0}, {"steps": 3, "seconds": 3.0}])
 def test_budgets_out_of_range_are_refused(case: tuple[ts.Gaussians, Scene, Scene], budget: dict) -> None:
     with pytest.raises(ts.InputError, match=r"^(steps|seconds|refine): "):
@@ -223,9 +242,8 @@ def test_the_commands_refine_report_and_say_so(
     assert "refined: 3 steps on 3 photos" in capsys.readouterr().out
     assert main(["info", out, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["refined"].startswith("3 steps on 3 photos")
-    for words in (["--refine", "3"], scene, [*scene, "--refine", "0"], [*scene, "--refine", "3x"]):
-        with pytest.raises(SystemExit) if "--refine" in words and words[-1] != "3" else _nothing():
-            assert main(["compress", raw, "-o", str(tmp_path / "x.tsplat"), *words]) == 2
+    for words in (["--refine", "3"], scene):
+        assert main(["compress", raw, "-o", str(tmp_path / "x.tsplat"), *words]) == 2
     assert not (tmp_path / "x.tsplat").exists()
 
 
@@ -239,9 +257,3 @@ def test_captures_are_refined_unless_that_is_left_out(tmp_path: Path, capsys: py
     assert main([*command, "--no-refine", "--force"]) == 0
     assert "--no-refine" not in capsys.readouterr().err and "refine" not in json.loads(report.read_text())
     assert out.read_bytes() == ts.Runtime(threads=1).encode(scene, "sweep", views="all", refine=False)
-
-
-def _nothing():
-    import contextlib
-
-    return contextlib.nullcontext()
