@@ -143,15 +143,40 @@ def test_a_poster_is_shown_before_the_scene(browser: Browser, tmp_path: Path) ->
     tab.close()
 
 
-def test_switches_change_the_picture(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "page.html").write_text(scene_page(coded(2), title="scene"))
+def test_switches_change_the_picture_and_back(browser: Browser, tmp_path: Path) -> None:
+    photo = np.full((48, 64, 3), 0.5)
+    (tmp_path / "page.html").write_text(scene_page(coded(3), title="scene", photos={0: photo}))
     tab = browser.open((tmp_path / "page.html").as_uri(), 160, 120)
     tab.ready()
+    tab.evaluate("page.camera.shift(0.2, 0.1, -0.6), page.move(), 0")  # from where the cameras are seen
+    tab.ready()
     before = picture(tab)
-    for change in ("depth.click()", "depth.click(), opacity.value = 0.9, opacity.dispatchEvent(new Event('input'))"):
+    clicks = {name: (f"{name}.click()", f"{name}.click()") for name in ("depth", "near", "own", "lines")}
+    slides = {name: tuple(f"{name}.value = {value}, {name}.oninput()" for value in given)
+              for name, given in {"opacity": (0.9, 0), "degree": (0, 1)}.items()}  # fmt: skip
+    for name, (change, undone) in (clicks | slides).items():
         tab.evaluate(f"{change}; 0")
         tab.ready()
-        assert np.abs(picture(tab) - before).mean() > 0.01
+        assert np.abs(picture(tab) - before).mean() > 1e-3, name
+        tab.evaluate(f"{undone}; 0")
+        tab.ready()
+        np.testing.assert_array_equal(picture(tab), before, err_msg=name)
+    shown = "photoPlace.value = PLACE, photoPlace.onchange(), [photo.hidden, photoRow.hidden, photo.className]"
+    for place, wanted in (
+        ("beside", [False, False, "beside"]),
+        ("off", [True, False, "off"]),
+        ("over", [False, False, "over"]),
+    ):
+        assert tab.evaluate(shown.replace("PLACE", repr(place))) == wanted
+    tab.evaluate("after.click(), 0")  # of that place there is no photo
+    assert tab.evaluate("[photo.hidden, photoRow.hidden]") == [True, True]
+    rows = "[freeRow, fliesRow, linesRow, nearRow, ownRow, degreeRow].map((row) => row.hidden)"
+    assert tab.evaluate(f"free.click(), {rows}") == [False] * 6 and tab.evaluate("page.mover === page.free")
+    assert tab.evaluate("flies.click(), page.free.flies") and tab.evaluate(f"free.click(), {rows}")[1]
+    cells = "[...classes.querySelectorAll('td')].map((cell) => cell.textContent)"
+    texts = tab.evaluate(f"[summary.textContent, caption.textContent, {cells}]")
+    assert texts[0].startswith(f"{ts.decompress(coded(3)).count:,} Gaussians, colours of degree 1, mode gaussians")
+    assert texts[1].startswith("3 photos · ") and {"distances", "colours", "description"} <= set(texts[2])
     tab.close()
 
 
