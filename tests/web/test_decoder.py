@@ -11,6 +11,7 @@ import pytest
 from conformance.run import CASES
 from golden.cases import DATA
 from hostile import corpus
+from hostile.containers import Seed, changed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from web.node import Decoder
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.photos import decode_photos
+from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.layers import intrinsics
 from tinysplat_runtime.container.photos import Photos
 from tinysplat_runtime.container.reader import read_container
@@ -59,37 +61,40 @@ def test_golden_files(decoder: Decoder, runtime: ts.Runtime, path: Path) -> None
     check(decoder(path.read_bytes())[1], runtime.decompress(path.read_bytes()))
 
 
-def test_every_prefix_decodes_as_in_python_or_is_refused_as_there(decoder: Decoder, runtime: ts.Runtime) -> None:
-    data = (DATA / "degree1_balanced.tsplat").read_bytes()
-    whole, refused = runtime.decompress(data), 0
-    for length in range(900, len(data) + 400, 700):
-        said, found = decoder(data, maxBytes=length)
-        try:
-            wanted = runtime.decompress(data, max_bytes=length)
-        except ts.FormatError:
-            assert said["error"] == "TsplatError"
-            refused += 1
-            continue
-        check(found, wanted, whole)
-    assert 0 < refused < 10
+def held_to(decoder: Decoder, runtime: ts.Runtime, file: bytes, length: int, whole: ts.Gaussians) -> int:
+    """Hold a prefix to Python's reading of it; how many Gaussians it has, 0 where it is refused."""
+    said, found = decoder(file, maxBytes=length)
+    try:
+        wanted = runtime.decompress(file, max_bytes=length)
+    except ts.FormatError:
+        assert said["error"] == "TsplatError"
+        return 0
+    check(found, wanted, whole)
+    return wanted.count
 
 
-@pytest.mark.parametrize("name", ["one", "three"])
-def test_prefixes_of_free_files(decoder: Decoder, runtime: ts.Runtime, name: str) -> None:
-    data = (DATA / "free_balanced.tsplat").read_bytes()
-    if name == "three":
-        data = free_in_tiers(make_free_gaussians(600, 1, np.random.default_rng(2)), 9.0)
-    whole, counts = runtime.decompress(data), set()
-    for length in range(1000, len(data), 300):
-        said, found = decoder(data, maxBytes=length)
-        try:
-            wanted = runtime.decompress(data, max_bytes=length)
-        except ts.FormatError:
-            assert said["error"] == "TsplatError"
-        else:
-            check(found, wanted, whole)
-            counts.add(wanted.count)
-    assert len(counts) == (1 if name == "one" else 3)
+@pytest.mark.parametrize("name", ["degree1_balanced", "free_balanced", "tiers"])
+def test_prefixes_decode_as_in_python_or_are_refused_as_there(decoder: Decoder, runtime: ts.Runtime, name: str) -> None:
+    file = free_in_tiers(make_free_gaussians(600, 1, np.random.default_rng(2)), 9.0)
+    if name != "tiers":
+        file = (DATA / f"{name}.tsplat").read_bytes()
+    whole = runtime.decompress(file)
+    counts = [held_to(decoder, runtime, file, n, whole) for n in range(900, len(file) + 400, 500)]
+    assert len(set(counts)) == (4 if name == "tiers" else 2)  # refused, and one more for each tier
+
+
+@pytest.mark.parametrize("dropped", range(8))
+def test_every_flag_of_a_layer_counts_by_itself(decoder: Decoder, runtime: ts.Runtime, dropped: int) -> None:
+    seed = Seed.of(runtime.compress(make_smooth_gaussians(2, 16, 16, 1), "balanced"))
+
+    def drop(data: bytearray) -> None:
+        assert data[10] & 7 == 7  # inverse depth, rotations relative to two quaternions, a scale mix
+        data[10] &= ~dropped
+        at = L.LAYER_FIXED.size
+        del data[at + 32 * (not dropped & 2) : at + 32 + 48 * bool(dropped & 4)]
+
+    file = changed(seed, L.LAYER, drop)
+    check(decoder(file)[1], runtime.decompress(file))
 
 
 def test_a_damaged_tier_is_left_out_as_in_python(decoder: Decoder, runtime: ts.Runtime) -> None:
