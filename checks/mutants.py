@@ -65,7 +65,12 @@ ACROSS = {
     "render": ("parity/test_differentiable_rasteriser.py", "property/test_metamorphic.py"),
     "scene": ("hostile/test_fuzz.py", "e2e/test_intake.py"),
     "system": ("hostile/test_manifests.py", "hostile/test_shown.py"),
-    "web": ("conformance/test_conformance.py", "page/test_javascript.py", "hostile/test_shown.py"),
+    "web": (
+        "conformance/test_conformance.py",
+        "page/test_javascript.py",
+        "hostile/test_shown.py",
+        "hostile/test_fuzz.py",
+    ),
 }
 """By room, what tests of several rooms say of it: each runs behind the room's own."""
 

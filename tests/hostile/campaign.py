@@ -27,7 +27,7 @@ from tinysplat_runtime.errors import InputWarning
 from .targets import TARGETS, attack, prepare
 
 COUNTS = {
-    "container": 1_000_000, "info": 50_000, "decode": 100_000, "free": 20_000, "picture": 400_000,
+    "container": 1_000_000, "info": 50_000, "decode": 100_000, "javascript": 20_000, "free": 20_000, "picture": 400_000,
     "parameter_sets": 200_000,
     "npz": 20_000, "safetensors": 20_000, "ply": 20_000, "spz": 20_000, "cameras": 20_000, "transforms": 20_000,
     "compressed.ply": 20_000, "glb": 20_000, "gltf": 20_000, "glb_spz": 20_000, "sog": 20_000, "sog_folder": 20_000,

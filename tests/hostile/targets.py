@@ -50,6 +50,7 @@ from .documents import (
     damage_text,
 )
 from .graphs import damage_network, network_seeds
+from .javascript import attack_javascript
 from .worker import forked_usd_worker, forked_worker
 
 LIMITS = Limits(max_pixels=1 << 14, max_memory_bytes=16 << 20)
@@ -292,6 +293,7 @@ TARGETS: dict[str, Target] = {
         Target("container", _container, (FormatError,)),
         Target("info", _info, (FormatError,)),
         Target("decode", _decode, (FormatError,)),
+        Target("javascript", lambda rng: attack_javascript(rng, LIMITS), (FormatError,)),
         Target("free", _free, (FormatError,)),
         Target("picture", _picture, (FormatError,)),
         Target("parameter_sets", _parameter_sets, (FormatError,)),

@@ -11,6 +11,7 @@ SHARE = {
     "container": 1500,
     "info": 300,
     "decode": 400,
+    "javascript": 400,
     "picture": 1000,
     "parameter_sets": 500,
     "photos": 60,
