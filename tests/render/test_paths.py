@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from scenes import make_free_gaussians
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.render import between, orbit
+from tinysplat_runtime.render.paths import outside, ring
 from tinysplat_runtime.scene.cameras import Camera
 
 
@@ -124,6 +127,41 @@ def test_cameras_far_apart_pull_no_loop_between_near_ones():
     assert (np.diff([one.centre[0] for one in path]) > 0).all()
 
 
-def test_sizes_that_differ_are_named() -> None:
-    with pytest.raises(InputError, match=r"images of \[\(30, 40\), \(30, 41\)\]"):
-        between([camera(), camera(width=41)], 3)
+def test_gaussians_without_views_are_seen_from_outside_and_from_all_sides() -> None:
+    """Whatever one in forty of them does: the box of the others fills much of a view, upright and in its middle."""
+    rng = np.random.default_rng(0)
+    means = rng.uniform(-1, 1, (4000, 3)) * (3, 1, 2)
+    means[::40] *= 1000
+    origin = np.array([5.0, -40, 7])
+    scene = replace(make_free_gaussians(4000, 0, rng), means=means, origin=origin)
+    corners = 0.9 * np.stack(np.meshgrid([-3, 3], [-1, 1], [-2, 2]), axis=-1).reshape(-1, 3) + origin
+    front, *sides = outside(scene), *ring(scene, 6)
+    for view in (front, *sides):
+        points = (corners - view.centre) @ view.rotation.T
+        u, v = (points @ view.K.T)[:, :2].T / points[:, 2]
+        assert points[:, 2].min() > 0
+        far = max(np.abs(2 * u / view.width - 1).max(), np.abs(2 * v / view.height - 1).max())
+        assert 0.4 < far < 1
+        middle = view.K @ view.rotation @ (origin - view.centre)
+        np.testing.assert_allclose(middle[:2] / middle[2], (view.width / 2, view.height / 2), atol=0.05 * view.height)
+        assert view.rotation[0, 1] == pytest.approx(0, abs=1e-12) and view.rotation[1, 1] > 0.9
+    assert (front.width, front.height) == (800, 600) and (front.rotation == np.eye(3)).all()
+    away = np.stack([view.centre for view in sides]) - _middle_of(sides)
+    turns = np.unwrap(np.arctan2(away[:, 0], away[:, 2]))
+    np.testing.assert_allclose(np.diff(turns), math.pi / 3, atol=0.02)
+    assert (away[::2, 1] * away[1::2, 1] < 0).all()
+    assert outside(replace(scene, means=np.zeros_like(means))).centre @ (0, 0, 1) < 7
+
+
+def _middle_of(views):
+    return np.mean([view.centre for view in views], axis=0)
+
+
+def test_an_orbit_s_camera_is_the_mean_whatever_turns_there_are() -> None:
+    """Two that look apart by a right angle are met in the middle, and their intrinsics are."""
+    pair = [camera(about_y(a), focal=focal) for a, focal in ((math.pi / 4, 40), (-math.pi / 4, 60))]
+    path = orbit([*pair, camera(-np.array(about_y(0.0)))], 4, depth=2.0)
+    np.testing.assert_allclose(_middle_of(path), 0, atol=1e-12)
+    for one in path:
+        assert one.K[0, 0] == pytest.approx(50) and one.rotation @ (np.array([0, 0, 2.0]) - one.centre) @ (0, 0, 1) > 0
+    np.testing.assert_allclose([path[0].centre[0], path[1].centre[1]], [0.08, 0.04], atol=1e-12)

@@ -115,10 +115,9 @@ def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
 
 def outside(gaussians: Gaussians) -> Camera:
     """A view of Gaussians that have none, 800×600: in front of all but strays, y down as .ply scenes have it."""
-    flat = gaussians.flat()
-    low, high = np.percentile(flat.means.astype(np.float64) + flat.origin, (5, 95), axis=0)
+    middle, length = _bulk(gaussians)
     c2w = np.eye(4)
-    c2w[:3, 3] = (low + high) / 2 - (0, 0, 1.5 * float(np.linalg.norm(high - low)) or 1.0)
+    c2w[:3, 3] = middle - (0, 0, 1.5 * length or 1.0)
     return Camera(np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]]), c2w, 800, 600)
 
 
@@ -127,9 +126,8 @@ def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
 
     The scene's bulk (`outside`) fills most of a view.
     """
-    flat = gaussians.flat()
-    low, high = np.percentile(flat.means.astype(np.float64) + flat.origin, (5, 95), axis=0)
-    target, distance = (low + high) / 2, 1.2 * float(np.linalg.norm(high - low)) or 1.0
+    target, length = _bulk(gaussians)
+    distance = 1.2 * length or 1.0
     K = np.array([[RING_SIDE, 0, RING_SIDE / 2], [0, RING_SIDE, RING_SIDE / 2], [0, 0, 1]])
     views = []
     for number in range(frames):
@@ -140,6 +138,13 @@ def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
         c2w[:3, 3] = target + distance * towards
         views.append(Camera(K, c2w, RING_SIDE, RING_SIDE))
     return views
+
+
+def _bulk(gaussians: Gaussians) -> tuple[NDArray, float]:
+    """Middle (3,) and diagonal, scene units, of the box about all Gaussians but strays."""
+    flat = gaussians.flat()
+    low, high = np.percentile(flat.means.astype(np.float64) + flat.origin, (5, 95), axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low))
 
 
 def _check(cameras: Sequence[Camera], frames: int) -> None:
@@ -159,9 +164,7 @@ def _camera(*, like: Camera, K: NDArray, rotation: NDArray, centre: NDArray) -> 
 
 
 def _slerp(a: NDArray, b: NDArray, s: float) -> NDArray:
-    """Unit quaternion a share s of the shorter way from a to b."""
-    if (a * b).sum() < 0:
-        b = -b
+    """Unit quaternion a share s of the way from a to b."""
     # twice the half chord's arcsine is exact for small angles, where the arccosine of a dot product is not
     angle = 2 * math.asin(min(math.sqrt(np.square(b - a).sum()) / 2, 1.0))
     if angle == 0:
