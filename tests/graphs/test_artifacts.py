@@ -40,7 +40,12 @@ def test_a_manifest_names_files_roles_and_hashes(folder: Path) -> None:
     assert found["a"].file_sha256() == HASHES["a"] == Artifact("own", folder / "a.onnx").file_sha256()
 
 
-@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"artifacts": 3}', '{"artifacts": {"a": {"file": "x"}}}'])
+ENTRY = {"file": "x", "role": "network", "sha256": "0", "optimised": {"file": "y"}}  # whose stored graph has no hash
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", "{}", '{"artifacts": 3}', '{"artifacts": {"a": {}}}', json.dumps({"artifacts": {"a": ENTRY}})]
+)
 def test_what_is_no_manifest_is_refused(folder: Path, text: str) -> None:
     (folder / "manifest.json").write_text(text)
     with pytest.raises(ModelError) as error:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scenes import make_photo
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.errors import InputError, NumericError
+from tinysplat_runtime.errors import NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.graphs.predict import predict
@@ -92,13 +92,6 @@ def test_swapped_photos_give_swapped_gaussians(model: str) -> None:
 def test_any_two_different_poses_give_finite_gaussians(model: str, name: str) -> None:
     cameras = POSES[name]
     _assert_usable(predict(_photos(), cameras, 1.0, 8.0, STORE.network(model)), cameras)
-
-
-@pytest.mark.parametrize("offset", [0.0, 1e-7])
-def test_views_of_one_pose_are_refused_by_number(offset: float) -> None:
-    cameras = [_camera((0, 0, 0)), _camera((0.5, 0, 0)), _camera((offset, 0, 0))]
-    with pytest.raises(InputError, match="views 0 and 2 have the same pose"):
-        predict(_photos(3), cameras, 1.0, 8.0, STORE.network("sweep"))
 
 
 @every_network

@@ -144,6 +144,7 @@ def with_value(value: float) -> np.ndarray:
         (grey(1), ROW[:1], (NEAR, FAR), "one view where two are needed"),
         (grey(7), ROW, (NEAR, FAR), "2 to 6"),
         (grey(3), (*ROW[:2], ROW[0]), (NEAR, FAR), "cameras: views 0 and 2"),
+        (grey(3), (*ROW[:2], *moved(ROW[1:2], np.full(3, 1e-7))), (NEAR, FAR), "cameras: views 1 and 2"),
         (with_value(np.nan), ROW[:2], (NEAR, FAR), "images[1]: "),
         (with_value(np.inf), ROW[:2], (NEAR, FAR), "images[1]: "),
         (with_value(-0.1), ROW[:2], (NEAR, FAR), "images[1]: "),

@@ -50,14 +50,6 @@ def test_where_it_does_not_open_the_graph_itself_does(folder, is_listed) -> None
         open_graph(artifact, NAME)
 
 
-def test_an_entry_without_its_hash_is_no_manifest(folder) -> None:
-    manifest = json.loads((folder / "manifest.json").read_text())
-    del manifest["artifacts"][NAME]["optimised"]["sha256"]
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(ModelError, match="not a manifest of artifacts"):
-        load_manifest(folder)
-
-
 def test_what_is_stored_of_the_network_computes_what_it_does() -> None:
     rng, views = np.random.default_rng(3), 2
     pose = np.eye(4, dtype=np.float32)[None].repeat(views, 0)

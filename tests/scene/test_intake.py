@@ -154,12 +154,16 @@ def test_depths_come_from_the_point_cloud(folder: Path) -> None:
         ({"fl_x": 0, "fl_y": 0}, "camera_angle_x"),
         ({"camera_model": "EQUIRECTANGULAR"}, "camera_model: EQUIRECTANGULAR, expected one of"),
         ({"k1": "a"}, "k1: a"),
-        ({"k4": 0.1}, "k4: 0.1, expected 0 unless"),
-        ({"camera_model": "OPENCV_FISHEYE", "p1": 0.1}, "expected 0 in a fisheye"),
         ({"w": 31.5}, "w: 31.5"),
         ({"w": 0}, "width: 0, expected"),
         ({"near": None}, "--near"),
         ({"camera_angle_x": 4.0}, "camera_angle_x: 4"),
+        ({"fl_x": 1e9}, "fl_x: 1000000000.0 (number), expected a number"),
+        ({"fl_x": True}, "fl_x: True (boolean)"),
+        ({"h": 24.5}, "w: 32x24.5, expected whole numbers"),
+        ({"fl_x": 0, "fl_y": 0, "camera_angle_x": 3.15}, "camera_angle_x: 3.15, expected an angle of view between 0"),
+        ({"fl_x": 0, "fl_y": 0, "camera_angle_y": -0.1}, "camera_angle_y: -0.1"),
+        ({"p2": 0.1, "is_fisheye": True}, "expected 0 in a fisheye"),
     ],
 )
 def test_faults_of_transforms_name_the_field(folder: Path, changes: dict[str, Any], words: str) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scenes import colmap_texts, make_cameras, tells, transforms_document, write_scene
+from scenes import colmap_texts, make_cameras, tells, write_scene
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.intake.layouts import load_scene
@@ -51,32 +50,6 @@ def test_photos_alone_are_told_what_finds_their_cameras(folder: Path, tmp_path: 
     assert "Bundler" in refusal(folder) and f"`tinysplat poses {folder / 'images'} -o SCENE`" in refusal(folder)
     (tmp_path / "empty").mkdir()
     assert "tinysplat poses" not in refusal(tmp_path / "empty")
-
-
-# ---- transforms.json ---------------------------------------------------------------------------------------------
-
-
-def write_transforms(folder: Path, change: Any = None) -> Path:
-    document: dict[str, Any] = transforms_document(CAMERAS)
-    if change:
-        change(document)
-    (folder / "transforms.json").write_text(json.dumps(document))
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"fl_x": 1e9}, "fl_x: 1000000000.0 (number), expected a number"),
-        ({"fl_x": True}, "fl_x: True (boolean)"),
-        ({"h": 24.5}, "w: 32x24.5, expected whole numbers"),
-        ({"fl_x": 0, "fl_y": 0, "camera_angle_x": 3.15}, "camera_angle_x: 3.15, expected an angle of view between 0"),
-        ({"fl_x": 0, "fl_y": 0, "camera_angle_y": -0.1}, "camera_angle_y: -0.1"),
-        ({"p2": 0.1, "is_fisheye": True}, "expected 0 in a fisheye"),
-    ],
-)
-def test_numbers_out_of_range_are_named(folder: Path, change: dict[str, Any], words: str) -> None:
-    assert tells(refusal(write_transforms(folder, lambda document: document.update(change))), words)
 
 
 # ---- LLFF --------------------------------------------------------------------------------------------------------

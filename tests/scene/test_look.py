@@ -13,7 +13,6 @@ from scenes import tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
-from tinysplat_runtime.recipe.own import own_psnr
 from tinysplat_runtime.scene.lenses import opencv_lens
 from tinysplat_runtime.scene.look import UNSEEN, agreed, look_at, nearest, neighbours, range_guessed, range_seen, told
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
@@ -356,12 +355,3 @@ def test_cameras_around_a_thing_look_at_it_and_parallel_ones_far_ahead() -> None
     assert range_guessed([at(angle) for angle in (0, 1, 2)]) == pytest.approx((2, 8), rel=1e-6)
     near, far = range_guessed([camera(0), camera(0.2)])
     assert near == pytest.approx(0.3) and far == pytest.approx(6)
-
-
-def test_own_psnr_is_that_of_the_render_to_photos() -> None:
-    from scenes import make_smooth_gaussians
-
-    gaussians = make_smooth_gaussians(2, 24, 32)
-    pictures = np.stack([ts.render(gaussians, view) for view in gaussians.cameras])
-    assert own_psnr(lambda _: gaussians, gaussians.cameras, pictures, None) == pytest.approx(150)
-    assert own_psnr(lambda _: gaussians, gaussians.cameras, pictures + 0.1, None) == pytest.approx(20, abs=1e-3)

@@ -58,6 +58,8 @@ def test_corners_of_a_shifted_picture_are_the_same_ones_shifted() -> None:
     off = np.abs(both[:, 3:5] - both[:, :2] - [5, -7])
     assert np.mean(off.max(axis=1) < 0.01) > 0.9
     assert len(matched(one, corners(picture[:, ::-1]))) < 0.2 * len(both)
+    swapped = corners(picture[:-7, 5:].swapaxes(0, 1)).places[:, ::-1]
+    assert np.linalg.norm(swapped[:, None] - one.places, axis=-1).min(axis=1).max() < 1e-3
     blank = corners(np.full((40, 50, 3), 0.5))
     assert blank.places.shape == (0, 2) and matched(one, blank).shape == matched(blank, one).shape == (0, 6)
 
