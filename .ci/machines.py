@@ -43,7 +43,7 @@ RUNS: tuple[tuple[str, ...], ...] = (
 )
 
 NO_NUMBERS = (
-    "tests/project", "tests/faults", "tests/export", "tests/page/test_browser.py", "tests/web/test_browser.py",
+    "tests/project", "tests/faults", "tests/page/test_browser.py", "tests/web/test_browser.py",
     "tests/web/test_fuzz.py", "tests/hostile/test_fuzz.py", "tests/e2e/test_pages.py", "tests/e2e/test_wheel.py",
     "tests/e2e/test_notebook.py", "tests/e2e/test_privacy.py", "tests/e2e/test_extras.py",
 )  # fmt: skip

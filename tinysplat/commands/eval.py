@@ -12,10 +12,10 @@ from typing import Any
 
 from tinysplat.datasets import SPECS
 from tinysplat.measure.lpips import BACKBONE_FILES, LpipsFiles, find_lpips
-from tinysplat.measure.quality import ProfileQp, Quality, document, record
+from tinysplat.measure.quality import ProfileQp, Quality, document
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile, run_row
 from tinysplat.measure.runner import RunOutcome, RunPlan, run_jobs
-from tinysplat.measure.show.tables import csv_text, within
+from tinysplat.measure.show.tables import within
 from tinysplat.measure.studies.quality import results_text
 from tinysplat.measure.subjects.cases import LeftOut, Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
@@ -23,7 +23,6 @@ from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import budget, indices, size
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.render.renderer import DILATIONS, ORDERS
 from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.threads import available_cores
 
@@ -34,8 +33,6 @@ DEFAULT_FOLDER = "eval_results"
 TERMINAL = 100
 """Columns that tables on the terminal fit."""
 DEFAULT_SIZE = (256, 256)
-DRAW_OPTIONS = {"dilation": DILATIONS, "order": ORDERS}
-DRAW_WORDS = ", ".join(f"{name}={'|'.join(accepted)}" for name, accepted in DRAW_OPTIONS.items())
 MIN_ZOOM, MAX_ZOOM = 1 / 16, 16.0
 
 
@@ -102,13 +99,9 @@ def configure(parser: ArgumentParser) -> None:
         metavar="STEPS|10s",
         help="correct Gaussians against their photos first, as `encode --refine` does",
     )
-    parser.add_argument(
-        "--draw", type=drawing, default=(), metavar="K=V,K=V", help=f"how pictures are drawn: {DRAW_WORDS}"
-    )
     parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
-    parser.add_argument("--csv", metavar="F.csv", help="write a row per window and coding")
 
 
 def words(text: str) -> tuple[str, ...]:
@@ -125,15 +118,6 @@ def numbers(text: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise ArgumentTypeError(f"'{text}', expected numbers such as 0,6,12") from None
-
-
-def drawing(text: str) -> tuple[tuple[str, str], ...]:
-    """`order=depth` to options of `Renderer`."""
-    pairs = tuple(tuple(part.strip() for part in word.partition("=")[::2]) for word in text.split(","))
-    for name, value in pairs:
-        if value not in DRAW_OPTIONS.get(name, ()):
-            raise ArgumentTypeError(f"'{text}', expected some of {DRAW_WORDS}")
-    return pairs  # type: ignore[return-value]
 
 
 def run(args: Namespace) -> None:
@@ -162,7 +146,7 @@ def run(args: Namespace) -> None:
         raise InputError("is a file, expected a folder for results", where=args.output)
     folder.mkdir(parents=True, exist_ok=True)
     codings = tuple(ProfileQp(p, q) for p in args.profile for q in args.qp)
-    quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested, args.refine, args.draw)
+    quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested, args.refine)
     threads = args.threads or max(1, available_cores() // args.jobs)
     began, store = time.perf_counter(), RowFile(folder / ROWS)
     outcome = run_jobs(plan, quality, store, threads=threads, processes=args.jobs, quiet=args.quiet)
@@ -172,9 +156,6 @@ def run(args: Namespace) -> None:
     if not outcome.rows:
         raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
     _write(folder, args.json, document(outcome, lpips_text, threads, args.jobs))
-    if args.csv:
-        objects = [{k: v for k, v in record(row).items() if k != "per_image"} for row in outcome.rows]
-        write_atomically(args.csv, csv_text(objects).encode())
     if not args.quiet:
         print(within(results_text(outcome.rows, has_lpips=lpips is not None), TERMINAL))
         print(f"\n{summary_line(outcome)}; {lpips_text}; results in {folder}")

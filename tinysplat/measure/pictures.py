@@ -23,11 +23,10 @@ PictureMetric = Callable[[NDArray, NDArray], float]
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """How Gaussians are drawn: threads, and what `Renderer` and its `render` are told beside the camera."""
+    """How Gaussians are drawn: threads, and what `Renderer` is told."""
 
     threads: int = 1
     prepare: Mapping[str, Any] = field(default_factory=dict)
-    render: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def as_defined(cls, threads: int) -> Drawing:
@@ -37,7 +36,7 @@ class Drawing:
     def renderer(self, gaussians: Gaussians) -> Callable[..., Any]:
         """A call that draws them from a camera; `outputs` as `Renderer.render` has it."""
         renderer = Renderer(gaussians, self.threads, **self.prepare)
-        return lambda camera, **options: renderer.render(camera, **self.render, **options)
+        return lambda camera, **options: renderer.render(camera, **options)
 
 
 @dataclass(frozen=True, eq=False)

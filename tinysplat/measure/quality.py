@@ -75,7 +75,6 @@ class Quality:
         nested: draw targets from the scenes of their nearest photos too, in windows of more than two.
         refine: steps or seconds to correct Gaussians of scene folders for, before all else; None to leave them. Their
             bytes are counted as the first coding's.
-        draw: options of `Renderer` by name.
         study: what its rows are of.
     """
 
@@ -86,15 +85,13 @@ class Quality:
     zooms: tuple[float, ...] = ()
     nested: bool = False
     refine: Refinement | None = None
-    draw: tuple[tuple[str, str], ...] = ()
     study: str = "quality"
 
     def wanted(self, job: WindowJob) -> list[Row]:
         """See `runner.Work`."""
-        options = [str(self.lpips or ""), self.pictures, self.zooms, self.nested, str(self.refine), self.draw]
+        options = [str(self.lpips or ""), self.pictures, self.zooms, self.nested, str(self.refine)]
         stamp = job.stamp(*options)
         chosen = {"refine": str(self.refine)} if self.refine else {}
-        chosen |= {"draw": ",".join(map("=".join, self.draw))} if self.draw else {}
         window = job.window
         identity = {
             "scene": job.source.name,
@@ -175,7 +172,7 @@ class Prepared:
     @classmethod
     def of(cls, job: WindowJob, runtime: Runtime, quality: Quality, lpips: PictureMetric | None = None) -> Prepared:
         """Bring a window to Gaussians, render them as they are and score them and the photo baseline."""
-        case, drawing, shared = job.case(runtime), Drawing(runtime.threads, dict(quality.draw)), {}
+        case, drawing, shared = job.case(runtime), Drawing(runtime.threads), {}
         if quality.refine is not None:
             case, shared["refined"] = _refined(case, quality.refine, quality.codings[0], runtime, drawing)
         pictures = PictureJudge(case, drawing)

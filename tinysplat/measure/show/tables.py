@@ -1,12 +1,10 @@
-"""Rows as tables for people and for spreadsheets, and how numbers are written in them.
+"""Rows as tables, and how numbers are written in them.
 
 A `Listing` has a line per group of rows.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -61,17 +59,6 @@ def _narrowed(table: Sequence[str], width: int) -> list[str]:
     ]
 
 
-def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
-    """A line per object: nested figures as `seconds.x265` and the like, lists joined by spaces."""
-    flat = [dict(_flat("", row)) for row in rows]
-    columns = list(dict.fromkeys(name for row in flat for name in row))
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, columns, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(flat)
-    return buffer.getvalue()
-
-
 def number(value: Any, digits: int) -> str:
     """A number with so many digits behind the point, or a dash."""
     if value is None:
@@ -103,14 +90,6 @@ def duration(value: float | None) -> str:
     if value >= 1:
         return f"{value:.2f} s"
     return f"{1000 * value:.1f} ms" if value >= 1e-3 else f"{1e6 * value:.0f} µs"
-
-
-def _flat(name: str, value: Any) -> Iterable[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        for key, inner in value.items():
-            yield from _flat(f"{name}.{key}" if name else key, inner)
-    else:
-        yield name, " ".join(map(str, value)) if isinstance(value, list | tuple) else value
 
 
 # ---- listings -----------------------------------------------------------------------------------------------------
