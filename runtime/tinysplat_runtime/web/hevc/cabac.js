@@ -13,25 +13,23 @@ const LPS_RANGES = Uint8Array.of(
   16, 20, 23, 27, 15, 19, 22, 25, 14, 18, 21, 24, 14, 17, 20, 23, 13, 16, 19, 22, 12, 15, 18, 21,
   12, 14, 17, 20, 11, 14, 16, 19, 11, 13, 15, 18, 10, 12, 15, 17, 10, 12, 14, 16, 9, 11, 13, 15,
   9, 11, 12, 14, 8, 10, 12, 14, 8, 9, 11, 13, 7, 9, 11, 12, 7, 9, 10, 12, 7, 8, 10, 11,
-  6, 8, 9, 11, 6, 7, 9, 10, 6, 7, 8, 9, 2, 2, 2, 2,
+  6, 8, 9, 11, 6, 7, 9, 10, 6, 7, 8, 9,
 );
 
 /** transIdxLps by pStateIdx (table 9-53). */
 const AFTER_LPS = [
   0, 0, 1, 2, 2, 4, 4, 5, 6, 7, 8, 9, 9, 11, 11, 12, 13, 13, 15, 15, 16, 16, 18, 18, 19, 19, 21, 21, 22, 22, 23, 24,
-  24, 25, 26, 26, 27, 27, 28, 29, 29, 30, 30, 30, 31, 32, 32, 33, 33, 33, 34, 34, 35, 35, 35, 36, 36, 36, 37, 37, 37, 38, 38, 63,
+  24, 25, 26, 26, 27, 27, 28, 29, 29, 30, 30, 30, 31, 32, 32, 33, 33, 33, 34, 34, 35, 35, 35, 36, 36, 36, 37, 37, 37, 38, 38,
 ];
 
-/** States are 2 · pStateIdx + valMps; what follows the more and the less probable symbol. */
-const NEXT_MPS = new Uint8Array(128);
-const NEXT_LPS = new Uint8Array(128);
-for (let state = 0; state < 128; state++) {
+/** States are 2 · pStateIdx + valMps, pStateIdx at most 62; what follows the more and the less probable symbol. */
+const NEXT_MPS = new Uint8Array(126);
+const NEXT_LPS = new Uint8Array(126);
+for (let state = 0; state < 126; state++) {
   const [index, mps] = [state >> 1, state & 1];
   NEXT_MPS[state] = 2 * Math.min(index + 1, 62) + mps;
   NEXT_LPS[state] = 2 * AFTER_LPS[index] + (index === 0 ? 1 - mps : mps);
 }
-NEXT_MPS[126] = 126;
-NEXT_MPS[127] = 127;
 
 /** The decoder may look ahead so many bytes beyond a slice's last. */
 const AHEAD = 2;
