@@ -7,7 +7,7 @@ process, with default settings.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
 from numbers import Integral
@@ -107,7 +107,6 @@ class Runtime:
         profile: str | None = None,
         qp: float | None = None,
         stats: RefineStats | None = None,
-        show: Callable[..., Iterator[int]] | None = None,
     ) -> Gaussians:
         """Correct Gaussians until they show the photos that they were made of; needs numba (`tinysplat[fast]`).
 
@@ -118,7 +117,6 @@ class Runtime:
             seconds: for how long at most, in place of `steps`.
             profile, qp: what the result will be coded with, in whose steps its bytes are counted.
             stats: filled with what was done.
-            show: see `refine.refine.refine`.
 
         Returns:
             Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
@@ -132,7 +130,7 @@ class Runtime:
         from .recipe.words import Refinement
 
         budget = None if steps is None and seconds is None else Refinement(steps, seconds)
-        return stages.refine(gaussians, scene, budget, Coding(profile, qp), self, stats=stats, show=show)
+        return stages.refine(gaussians, scene, budget, Coding(profile, qp), self, stats=stats)
 
     def compress(
         self,

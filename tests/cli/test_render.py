@@ -12,7 +12,7 @@ from PIL import Image
 from scenes import make_cameras, make_free_gaussians, make_smooth_gaussians, scene_document
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli.render import depth_map
+from tinysplat_runtime.cli.render import depth_colours, depth_map
 from tinysplat_runtime.render.paths import outside
 from tinysplat_runtime.scene.images import read_image
 
@@ -37,6 +37,24 @@ def test_depths_become_numbers_and_what_reaches_beyond_is_said(capsys: pytest.Ca
     assert "o.png: 2 pixels" in said and "--depth-scale" in said
     assert depth_map("o.png", np.array([[65.535, 1]], np.float32), 1000).tolist() == [[65535, 1000]]
     assert capsys.readouterr().err == ""
+
+
+def test_depths_are_red_near_blue_far_and_green_halfway_in_inverse_depth() -> None:
+    inverse = np.linspace(1, 1 / 3, 201)
+    near, middle, far, nothing = depth_colours(np.append(1 / inverse, 0).astype(np.float32)[None])[
+        0, [3, 100, 197, 201]
+    ]
+    for found, wanted in ((near, (1, 0, 0)), (middle, (0, 1, 0)), (far, (0, 0, 1))):
+        assert found.argmax() == np.argmax(wanted) and np.abs(found * (1 - np.array(wanted))).max() < 0.8
+    assert middle[1] == 1 and near[2] == far[0] == 0 and not nothing.any()
+
+
+def test_a_video_has_60_frames_or_8_from_view_to_view(folder: Path, tmp_path: Path) -> None:
+    cameras = make_cameras(10, 16, 24)
+    (tmp_path / "many.json").write_text(json.dumps(scene_document(cameras)))
+    for words, count in (((), 60), (("--path", "orbit"), 60), (("--camera", f"{tmp_path / 'many.json'}:0"), 72)):
+        said = console.succeed("render", folder / "g.npz", "-o", tmp_path / "o.mp4", "--force", *words)
+        assert f"{count} frames" in said
 
 
 @pytest.mark.parametrize(

@@ -121,13 +121,6 @@ def test_a_decoded_scene_is_coded_like_its_file_without_loss(encoded, tmp_path):
         assert words in fail("compress", tmp_path / "g.npz", "-o", tmp_path / "x.tsplat", "--like", wrong)
 
 
-def test_info_is_an_object_without_decoding(encoded):
-    described = json.loads(succeed("info", encoded["file"], "--json"))
-    assert described["bytes"] == encoded["file"].stat().st_size
-    assert {"planes", "bytes_by_class", "left_out"} <= set(described)
-    assert "depth" in succeed("info", encoded["file"])
-
-
 def test_a_prefix_of_a_file_decodes_and_renders(encoded, tmp_path):
     prefixes = json.loads(succeed("info", encoded["file"], "--json"))["prefixes"]
     data = encoded["file"].read_bytes()

@@ -109,20 +109,6 @@ def test_a_point_cloud_has_positions_and_colours(files: dict[str, Path], tmp_pat
     assert ".ply" in fail("decode", files["tsplat"], "-o", tmp_path / "p.spz", "--points")
 
 
-def test_a_depth_map_is_z_in_16_bits(files: dict[str, Path], tmp_path: Path) -> None:
-    succeed("render", files["npz"], "-o", tmp_path / "d.png", "--depth-values")
-    gaussians = ts.load_gaussians(files["npz"])
-    depth = ts.render(gaussians, gaussians.cameras[0], outputs=("depth",))["depth"]
-    assert (tmp_path / "d.png").read_bytes()[24:26] == b"\x10\x00"  # bits and colour type of IHDR
-    image = np.array(Image.open(tmp_path / "d.png"))
-    np.testing.assert_allclose(image / 1000, depth, atol=5.1e-4)
-    done = succeed(
-        "render", files["npz"], "-o", tmp_path / "d.png", "--depth-values", "--depth-scale", "30000", "--force"
-    )
-    assert "deeper than 2.1845 units" in done.stderr
-    assert "expected an output that ends in .png" in fail("render", files["npz"], "-o", tmp_path / "d.mp4", "--depth")
-
-
 def test_check_says_bytes_and_loss(files: dict[str, Path], tmp_path: Path) -> None:
     done = succeed("convert", files["npz"], "-o", tmp_path / "g.spz", "--check")
     last = done.stdout.splitlines()[-1]

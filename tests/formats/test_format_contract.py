@@ -13,7 +13,7 @@ from scenes import make_gaussians, make_skewed_cameras
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import FORMATS, endings, load_gaussians, save_gaussians
-from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.notes import Notes
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
 from tinysplat_runtime.scene.intake.layouts import OTHER_FILES
@@ -150,10 +150,11 @@ def test_one_gaussian_comes_back_alone_and_none_is_refused(form, ending, tmp_pat
 
 @EACH
 def test_nothing_is_read_past_what_a_caller_allows(form, ending, tmp_path) -> None:
-    path = named(tmp_path, ending)
+    path, taken = named(tmp_path, ending), sum(getattr(some(1), name).nbytes for name in FIELDS)
     saved(path, some(1), form.extra)
+    assert load_gaussians(path, max_bytes=4 * taken).count == some(1).count  # of twice the digits, twice
     with pytest.raises(InputError):
-        load_gaussians(path, max_bytes=100)
+        load_gaussians(path, max_bytes=taken // 3)
 
 
 @EACH

@@ -57,15 +57,6 @@ def test_written_file_has_the_reference_layout(tmp_path: Path) -> None:
     np.testing.assert_allclose(vertex["rot_0"], normalize_quats(made.quats)[:, 0], atol=1e-7)
 
 
-def test_points_become_pixels_again(tmp_path: Path) -> None:
-    made = make_gaussians()
-    save_gaussians(tmp_path / "g.ply", made)
-    loaded = load_gaussians(tmp_path / "g.ply", cameras=made.cameras)
-    assert loaded.is_per_pixel and loaded.cameras == made.cameras
-    np.testing.assert_array_equal(loaded.means, made.means)
-    assert "(192,) are not the pixels of a 2x8x8 grid" in refusal(tmp_path / "g.ply", grid=(2, 8, 8))
-
-
 def test_limits_of_opacity_and_scale_stay_finite(tmp_path: Path) -> None:
     made = make_gaussians().flat()
     fields = {name: getattr(made, name).copy() for name in FIELDS}

@@ -115,12 +115,6 @@ def levels_folder(folder: Path, **changes: Any) -> Path:
     return folder
 
 
-def test_a_folder_stands_for_its_meta_json(tmp_path: Path) -> None:
-    made = some(1)
-    save_gaussians(tmp_path / "meta.json", made)
-    np.testing.assert_array_equal(load_gaussians(tmp_path).means, load_gaussians(tmp_path / "meta.json").means)
-
-
 @pytest.mark.parametrize("named", [".", "lod-meta.json"])
 def test_of_levels_of_detail_the_finest_rows_are_read(tmp_path: Path, named: str) -> None:
     loaded = load_gaussians(levels_folder(tmp_path / "lod") / named)

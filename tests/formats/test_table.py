@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians, make_smooth_gaussians, refusing
+from scenes import make_free_gaussians, refusing
 
-from tinysplat_runtime.errors import InputError, InputWarning
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import find_format, load_gaussians, save_gaussians, save_points
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.notes import Notes
@@ -31,24 +31,6 @@ def test_grids_are_three_numbers_of_one_or_more(tmp_path: Path, grid: Any) -> No
     with pytest.raises(InputError) as error:
         load_gaussians(tmp_path / "g.npz", grid)
     assert str(error.value) == f"grid: {grid}, expected (V, H, W), each at least 1"
-
-
-def test_cameras_state_the_grid(tmp_path: Path) -> None:
-    g = make_smooth_gaussians(2, 4, 6)
-    save_gaussians(tmp_path / "g.ply", g)
-    found = load_gaussians(tmp_path / "g.ply", cameras=g.cameras)
-    assert found.opacities.shape == (2, 4, 6) and found.cameras == g.cameras
-
-
-def test_an_empty_file_and_numbers_that_are_none(tmp_path: Path) -> None:
-    (tmp_path / "a.npz").touch()
-    with pytest.raises(InputError, match=r"a\.npz: an empty file, expected npz"):
-        load_gaussians(tmp_path / "a.npz")
-    g = make_free_gaussians(5, 0, np.random.default_rng(0))
-    opacities = np.array([0.1, np.nan, 0.3, np.inf, 0.5], np.float32)
-    np.savez(tmp_path / "b.npz", means=g.means, quats=g.quats, scales=g.scales, sh=g.sh, opacities=opacities)
-    with pytest.warns(InputWarning, match=r"b\.npz: 2 of 5 Gaussians "):
-        assert load_gaussians(tmp_path / "b.npz").count == 3
 
 
 def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:

@@ -45,6 +45,9 @@ def test_a_moved_scene_looks_the_same_from_its_moved_cameras(origin: np.ndarray 
     before, after = (render(g, g.cameras[1], near_plane=n) for g, n in ((scene, 0.01), (moved, 0.025)))
     np.testing.assert_allclose(after, before, atol=2e-3)
     assert moved.is_per_pixel and len(moved.layers) == 2
+    listed = similarity(scene.flat(), ROTATION, 2.5, (3.0, -1.0, 0.5))  # whose photos' cameras move along
+    for one, other in zip(listed.viewpoints, moved.cameras, strict=True):
+        np.testing.assert_array_equal(one.c2w, other.c2w)
 
 
 def test_a_movement_by_nothing_changes_nothing() -> None:
@@ -63,6 +66,8 @@ def test_selections_keep_what_they_say() -> None:
     opaque = drop_transparent(scene, 0.5)
     assert opaque.opacities.min() >= 0.5 and opaque.count == (scene.flat().opacities >= 0.5).sum()
     box = crop(scene, (-1, -1, 2), (1, 1, 3))
+    corners = np.sort(scene.flat().means[[5, 80]], axis=0)  # what lies on the box's sides stays
+    assert {5, 80} <= {*np.flatnonzero(np.isin(scene.flat().means[:, 0], crop(scene, *corners).means[:, 0]))}
     assert 0 < box.count < scene.count and (np.abs(box.means - (0, 0, 2.5)) <= (1, 1, 0.5)).all()
 
 
@@ -80,6 +85,7 @@ def test_merged_scenes_keep_their_places_and_degrees() -> None:
     assert both.count == near.count + far.count and both.degree == 2
     np.testing.assert_allclose(both.means[near.count :], far.means + np.array([0, 0, 10]), rtol=1e-6)
     np.testing.assert_array_equal(both.sh[: near.count, 1:], 0)
+    assert both.viewpoints == near.viewpoints + shifted.viewpoints and near.viewpoints
 
 
 @pytest.mark.parametrize(

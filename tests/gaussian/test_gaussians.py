@@ -9,6 +9,7 @@ import pytest
 from scenes import make_cameras, make_smooth_gaussians, tells
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.editing import select_views
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
 
@@ -63,10 +64,12 @@ def test_flat_holds_all_layers_and_pads_lower_degrees():
 
 def test_layers_must_be_per_pixel_and_share_the_origin():
     g = make_smooth_gaussians(2, 8, 9, layers=2)
-    with pytest.raises(InputError):
-        replace(g, extra_layers=(replace(g.extra_layers[0], cameras=()),))
-    with pytest.raises(InputError):
-        replace(g, extra_layers=(replace(g.extra_layers[0], origin=np.ones(3)),))
+    (layer,) = g.extra_layers
+    nested, of_another = replace(layer, extra_layers=(layer,)), select_views(layer, [0])
+    for wrong in (replace(layer, cameras=()), replace(layer, origin=np.ones(3)), nested, of_another):
+        with pytest.raises(InputError) as caught:
+            replace(g, extra_layers=(wrong,))
+        assert caught.value.where.startswith("layer1")
 
 
 def free(count=3, **fields):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from scenes import write_scene
 
-from tinysplat_runtime.system.blas import product, symmetric_eigen
+from tinysplat_runtime.system.blas import product, single_thread, symmetric_eigen
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e20])
@@ -36,6 +37,21 @@ def test_degenerate_matrices_have_eigenvectors_too():
 def test_matrices_that_are_not_finite_are_left_to_lapack():
     values, _ = symmetric_eigen(np.full((2, 2), np.nan))
     assert np.isnan(values).all()
+
+
+def test_a_block_on_one_thread_gives_back_those_there_were():
+    libraries = list((Path(np.__file__).parents[1] / "numpy.libs").glob("*openblas*"))
+    if not libraries:
+        pytest.skip("numpy without OpenBLAS keeps its threads")
+    library = ctypes.CDLL(str(libraries[0]))
+    threads, put = library.scipy_openblas_get_num_threads64_, library.scipy_openblas_set_num_threads64_
+    usual = threads()
+    put(2)
+    with pytest.raises(ZeroDivisionError), single_thread():
+        assert threads() == 1
+        raise ZeroDivisionError
+    assert threads() == 2
+    put(usual)
 
 
 def test_products_are_those_of_matrices():

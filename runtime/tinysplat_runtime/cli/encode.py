@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from collections.abc import Sequence
 from typing import Any
 
 from ..api import Runtime
@@ -18,7 +17,6 @@ from ..recipe import stages
 from ..recipe.encode import Encoded, Listener, raw_bytes
 from ..recipe.encode import encode as encode_photos
 from ..refine.stats import RefineStats
-from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.printable import printable
 from ..system.progress import Show, progress, working
@@ -81,7 +79,11 @@ def compress(args: Namespace) -> None:
         one, missing = ("--refine", "--photos SCENE") if args.refine else ("--photos", "--refine STEPS")
         raise InputError(f"needs {missing} too", where=one)
     grid = grid_option(args.grid)
-    cameras = _load_cameras(args.cameras) if args.cameras else None
+    cameras = None
+    if args.cameras:
+        from ..scene.intake.layouts import load_cameras  # every layout of folders there is
+
+        cameras = load_cameras(args.cameras)
     gaussians = None if grid else reading_of(args).load(args.gaussians, Stopwatch())
     if gaussians is None or (cameras and gaussians.count == sum(camera.width * camera.height for camera in cameras)):
         gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
@@ -107,12 +109,6 @@ def compress(args: Namespace) -> None:
         _write(voice_of(args), coded, args.report, runtime, model=args.model)
     except TinySplatError as error:
         raise error.within(args.gaussians) from None
-
-
-def _load_cameras(source: str) -> Sequence[Camera]:
-    from ..scene.intake.layouts import load_cameras  # every layout of folders there is
-
-    return load_cameras(source)
 
 
 def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, model: str | None) -> None:

@@ -45,6 +45,17 @@ class PointCloud:
         return cls(flat, means, bool(flat.origin.any()) and _loses_digits(means, _centres(gaussians.cameras)))
 
 
+def joined(parts: Sequence[Mapping[str, NDArray]]) -> dict[str, NDArray]:
+    """Arrays (N, …) of several parts of a file as those of one list; lower SH degrees are padded with zeros."""
+    functions = max(part["sh"].shape[1] for part in parts)
+
+    def of(part: Mapping[str, NDArray], name: str) -> NDArray:
+        array = part[name]
+        return np.pad(array, ((0, 0), (0, functions - array.shape[1]), (0, 0))) if name == "sh" else array
+
+    return {name: np.concatenate([of(part, name) for part in parts]) for name in parts[0]}
+
+
 def cut_degree_note(gaussians: Gaussians, highest: int, suffix: str) -> list[str]:
     """What to say where a format knows SH up to `highest` alone."""
     degree = max(layer.degree for layer in gaussians.layers)

@@ -30,6 +30,7 @@ from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..scene.cameras import Camera
 from ..system.files import parsing, read_limited
 from .arrays import viewpoint_arrays
+from .assembly import joined
 from .axes import half_turned
 from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK, SPZ_EXTENSION
 from .placement import placed
@@ -72,11 +73,7 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
         parts += [placed(arrays, matrix) for arrays in meshes[index]]
     if not parts:
         raise InputError(f"no primitive with {EXTENSION}")
-    functions = max(part["sh"].shape[1] for part in parts)
-    for part in parts:
-        part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
-    arrays = half_turned({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    return {**arrays, **viewpoint_arrays(views)}
+    return {**half_turned(joined(parts)), **viewpoint_arrays(views)}
 
 
 def read_gltf_notes(path: Path) -> dict[str, Any]:

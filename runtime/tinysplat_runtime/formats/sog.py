@@ -31,7 +31,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..system.files import parsing, read_limited, write_atomically
-from .assembly import PointCloud, cut_degree_note, far_note
+from .assembly import PointCloud, cut_degree_note, far_note, joined
 from .palette import codebook, nearest, palette
 
 META = "meta.json"
@@ -201,10 +201,7 @@ def _read_levels(path: Path, max_bytes: int) -> dict[str, NDArray]:
             if left < 0 or (piece.stop or 0) > len(arrays["means"]):
                 raise InputError(f"rows {piece.start} to {piece.stop}, which it does not have", where=names[index][:60])
             parts.append(part)
-    functions = max(part["sh"].shape[1] for part in parts)
-    for part in parts:
-        part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return joined(parts)
 
 
 def _finest(tree: Any, files: int) -> dict[int, list[slice]]:

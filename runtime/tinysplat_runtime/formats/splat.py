@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.sh import C0
 from ..system.files import read_limited
+from .assembly import joined
 
 _RECORD = 32
 
@@ -81,10 +82,7 @@ def read_ksplat(path: Path, max_bytes: int) -> dict[str, NDArray]:
         at += section.size
     if not parts:
         raise InputError("no Gaussians")
-    functions = max(part["sh"].shape[1] for part in parts)
-    for part in parts:
-        part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return joined(parts)
 
 
 @dataclass(frozen=True)

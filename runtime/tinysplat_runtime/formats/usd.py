@@ -111,7 +111,7 @@ def _read(path: Path, max_bytes: int) -> dict[str, NDArray]:
 
 
 def _stage(path: Path, gaussians: Gaussians) -> None:
-    from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdVol, Vt
+    from pxr import Gf, Tf, Usd, UsdGeom, UsdVol, Vt
 
     path.unlink(missing_ok=True)  # the temporary file that stands here is empty, which is no layer
     try:
@@ -143,7 +143,6 @@ def _stage(path: Path, gaussians: Gaussians) -> None:
     for name, text in gaussians.notes.given().items():
         prim.GetPrim().SetCustomDataByKey(NOTE_KEY + name, text)
     stage.GetRootLayer().comment = "tinysplat"
-    assert isinstance(stage.GetRootLayer(), Sdf.Layer)
     stage.GetRootLayer().Save()
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.notes import NAMES
 from ..system.bounds import bound_process
+from .assembly import joined
 from .placement import placed
 
 TYPE = "ParticleField3DGaussianSplat"
@@ -43,10 +44,7 @@ def stage_arrays(path: str, max_bytes: int) -> dict[str, NDArray]:
             parts.append(_placed(_prim_arrays(prim, max_bytes), np.array(cache.GetLocalToWorldTransform(prim)).T, z_up))
     if not parts:
         raise ValueError(f"no prim of type {TYPE}")
-    functions = max(part["sh"].shape[1] for part in parts)
-    for part in parts:
-        part["sh"] = np.pad(part["sh"], ((0, 0), (0, functions - part["sh"].shape[1]), (0, 0)))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return joined(parts)
 
 
 def stage_notes(path: str) -> dict[str, str]:

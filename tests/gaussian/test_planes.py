@@ -1,0 +1,50 @@
+"""Planes as the paper, HEVC and docs/FORMAT.md have them: sizes, steps, channels."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tinysplat_runtime.gaussian.planes import (
+    CODING_ORDER,
+    GEOMETRY,
+    GEOMETRY_CHANNELS,
+    PLANE_CLASSES,
+    PlaneClass,
+    hevc_step,
+    padded_size,
+    qp_block_side,
+)
+
+SIDE = st.integers(1, 70) | st.integers(1, 5000)
+
+
+@given(SIDE, SIDE)
+def test_planes_are_coded_at_the_next_multiple_of_8_from_16_on(height: int, width: int) -> None:
+    for side, padded in zip((height, width), padded_size(height, width), strict=True):
+        assert padded % 8 == 0 and max(16, side) <= padded < max(17, side + 8)
+
+
+@given(SIDE, SIDE)
+def test_blocks_with_a_qp_are_the_smallest_of_which_a_plane_has_1024_at_most(height: int, width: int) -> None:
+    side = 16
+    while -(-height // side) * -(-width // side) > 1024:
+        side *= 2
+    assert qp_block_side(height, width) == side
+
+
+def test_a_step_is_one_code_of_8_bits_at_qp_4_and_doubles_every_six() -> None:
+    assert hevc_step(4) == 2 ** (12 - 8)
+    assert [hevc_step(qp + 6) / hevc_step(qp) for qp in (-4, 0, 22.5, 45)] == pytest.approx([2] * 4)
+
+
+def test_every_channel_of_the_geometry_tensor_is_of_one_class() -> None:
+    channels = sorted(n for where in GEOMETRY.values() for n in range(where.start, where.stop))
+    assert channels == list(range(GEOMETRY_CHANNELS)) and set(CODING_ORDER) - set(GEOMETRY) == {PlaneClass.COLOR}
+
+
+def test_alpha_and_qp_of_classes_are_those_of_the_papers_table() -> None:
+    found = {one.label: (facts.alpha, facts.class_qp) for one, facts in PLANE_CLASSES.items()}
+    assert found.pop("depth") == (2048, -4) and found.pop("color") == (1024, 3)
+    assert found == {"opacity": (256, 0), "scale": (256, 0), "rotation": (256, 9), "offset": (256, 12)}
