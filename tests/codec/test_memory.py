@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.codec.encoder import SceneEncoder, encode_gaussians
+from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.graphs.inference import GraphStore
@@ -51,5 +51,5 @@ def test_bytes_do_not_depend_on_where_arrays_lie(tmp_path: Path, monkeypatch: py
     scene, store, files = make_smooth_gaussians(9, 512, 256), GraphStore(), []
     for folder in (tmp_path, tmp_path / "missing"):  # without it, all lies in memory
         monkeypatch.setenv("TMPDIR", str(folder))
-        files.append(encode_gaussians(scene, PROFILES["fast"], 0, store, threads=2))
+        files.append(SceneEncoder(scene, PROFILES["fast"], store, threads=2).encode(0))
     assert files[0] == files[1]

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors, layer_pairs
-from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 
 def test_errors_of_every_attribute_by_hand() -> None:
@@ -46,7 +45,7 @@ def test_errors_of_every_attribute_by_hand() -> None:
 
 def test_places_are_compared_in_the_world() -> None:
     whole = make_gaussians(1, 3, 4).flat()
-    moved = Gaussians.unchecked(**{**vars(whole), "origin": np.array([1.0, -2, 0.5])})
+    moved = whole.changed(origin=np.array([1.0, -2, 0.5]))
     assert attribute_errors(whole, moved)["means"]["max"] == pytest.approx(2, rel=1e-6)
     assert attribute_errors(whole, moved)["means"]["rmse"] == pytest.approx(np.sqrt(5.25 / 3), rel=1e-6)
     same = replace(moved, means=whole.means - np.float32([1, -2, 0.5]))

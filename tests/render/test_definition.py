@@ -134,7 +134,7 @@ def test_size_means_the_camera_scaled_to_it():
 
 def test_all_layers_are_drawn_and_may_have_different_degrees():
     front, back = make_gaussians(2, 8, 12, degree=2, seed=1), make_gaussians(2, 4, 6, degree=0, seed=2)
-    layered = Gaussians(**{**vars(front), "extra_layers": (back,)})
+    layered = Gaussians.stacked([front, back])
     camera = make_cameras(1, 8, 12)[0]
     picture = render(layered, camera, **DEFINITION)
     np.testing.assert_allclose(picture, render(layered.flat(), camera), atol=1e-6)

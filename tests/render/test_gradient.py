@@ -63,7 +63,7 @@ def moved(gaussians: Gaussians, values: np.ndarray) -> Gaussians:
         }
         layers.append(Gaussians.unchecked(**fields, cameras=layer.cameras, origin=layer.origin))
         first += count
-    return Gaussians.unchecked(**{**vars(layers[0]), "extra_layers": tuple(layers[1:])})
+    return Gaussians.stacked(layers)
 
 
 def compact(field: MovableGaussians, rows: np.ndarray) -> np.ndarray:

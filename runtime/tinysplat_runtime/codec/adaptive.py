@@ -121,7 +121,7 @@ def prepare_layer(
         for fewer, every in zip(scratch.by_view(sh), scratch.by_view(layer.sh), strict=True):
             fewer[:] = every[..., :functions, :]
         # a look at every number takes 8 ms
-        layer = Gaussians.unchecked(**{**vars(layer), "sh": sh, "extra_layers": ()})
+        layer = layer.changed(sh=sh, extra_layers=())
     weighting = second_moment_weighting(directions, degree)
     spectrum = weighted_spectrum(moment[: 3 * functions, : 3 * functions], weighting)
     reduction = reduce_basis(spectrum, weighting, kept_components(spectrum[0], finest, settings))

@@ -23,7 +23,7 @@ from ..graphs.inference import GraphStore
 from ..system import scratch
 from ..system.stopwatch import Stopwatch
 from .analysis import MAX_PLANE, project_layer
-from .hevc import CodedPlane, PlaneDecoder, encode_plane
+from .hevc import CodedPlane, encode_plane
 from .planning import ProjectedScene, planner_of
 from .profiles import EncoderSettings, Profile
 from .quantise import CodeMap, choose_code_map, extent, mean_and_spread, without_outliers
@@ -80,42 +80,6 @@ class MappedChannel:
         return self.code_map.quantise(values)[0], int(np.count_nonzero((values < low) | (values > high)))
 
 
-def encode_gaussians(
-    gaussians: Gaussians,
-    profile: Profile,
-    qp: float,
-    store: GraphStore,
-    *,
-    threads: int,
-    drop_invalid: bool = False,
-    stats: EncodeStats | None = None,
-    plane_coder: PlaneCoder | None = None,
-) -> bytes:
-    """Code all layers.
-
-    Args:
-        gaussians: per pixel, with cameras.
-        profile: what to do.
-        qp: Q_g; every quantiser step is multiplied by 2^(qp/6).
-        store: opens the analysis graphs.
-        threads: planes coded at a time; never changes the bytes.
-        drop_invalid: make Gaussians that VPT cannot represent transparent in place of refusing them.
-        stats: filled with what was measured.
-        plane_coder: what codes a plane; None for `hevc.encode_plane`.
-
-    Returns:
-        The file.
-
-    Raises:
-        InputError: a list, more views than 4,096, a Q_g beyond ±60.
-        NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
-    """
-    encoder = SceneEncoder(
-        gaussians, profile, store, threads=threads, drop_invalid=drop_invalid, stats=stats, plane_coder=plane_coder
-    )
-    return encoder.encode(qp)
-
-
 def check_qp(qp: float) -> None:
     """InputError for a Q_g beyond ±60."""
     if not -MAX_GLOBAL_QP <= qp <= MAX_GLOBAL_QP:  # also refuses NaN
@@ -138,7 +102,21 @@ class SceneEncoder:
         stats: EncodeStats | None = None,
         plane_coder: PlaneCoder | None = None,
     ) -> None:
-        """Check and project the scene; arguments and errors are those of `encode_gaussians`."""
+        """Check and project the scene.
+
+        Args:
+            gaussians: per pixel, with cameras.
+            profile: what to do.
+            store: opens the analysis graphs.
+            threads: planes coded at a time; never changes the bytes.
+            drop_invalid: make Gaussians that VPT cannot represent transparent in place of refusing them.
+            stats: filled with what was measured.
+            plane_coder: what codes a plane; None for `hevc.encode_plane`.
+
+        Raises:
+            InputError: a list, more views than 4,096.
+            NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
+        """
         if not gaussians.is_per_pixel:
             raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
         if len(gaussians.cameras) > MAX_VIEWS:
@@ -309,9 +287,7 @@ def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool:
     rest = scratch.zeros(values.shape)
 
     def decode(view: int) -> None:
-        plane, (_, height, width) = coded[view], values.shape
-        decoded = np.empty((height, width), np.uint16)
-        PlaneDecoder(plane.parameter_sets, height, width).decode_into(plane.payload, decoded)
+        decoded = coded[view].decoded(*values.shape[1:])
         np.subtract(values[view], code_map.dequantise(decoded), out=rest[view])
         scratch.set_aside(values, rest)
 

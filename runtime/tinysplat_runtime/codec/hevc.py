@@ -66,6 +66,12 @@ class CodedPlane:
     parameter_sets: bytes
     payload: bytes
 
+    def decoded(self, height: int, width: int) -> NDArray:
+        """(H, W) uint16 of the picture of a plane of that size; errors of `PlaneDecoder`."""
+        out = np.empty((height, width), np.uint16)
+        PlaneDecoder(self.parameter_sets, height, width).decode_into(self.payload, out)
+        return out
+
 
 def pad_plane(codes: NDArray) -> NDArray:
     """Extend a plane (H, W) of any dtype to `padded_size` by repeating its last row and column."""

@@ -16,7 +16,7 @@ from ..container.layers import LayerHeader
 from ..container.planes import Planes
 from ..container.records import ChannelRecord
 from ..errors import FormatError
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
@@ -58,14 +58,7 @@ def decode_layers(file: OpenFile, planes: Planes) -> Gaussians:
         with watch.stage("synthesis"):
             layers.append(synthesis.gaussians())
         layers[-1].opacities[hidden_views(header, index, file.missing)] = 0
-    return stacked(layers, container)
-
-
-def stacked(layers: Sequence[Gaussians], container: Container) -> Gaussians:
-    """A file's layers as one object, with the file's cameras and origin."""
-    first = {name: getattr(layers[0], name) for name in FIELDS}
-    rest = tuple(layers[1:])
-    return Gaussians.unchecked(**first, cameras=container.cameras, origin=container.origin, extra_layers=rest)
+    return Gaussians.stacked(layers).changed(cameras=container.cameras)
 
 
 @dataclass(frozen=True)

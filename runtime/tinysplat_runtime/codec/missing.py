@@ -69,8 +69,7 @@ def stand_in_code(layer: LayerHeader, channel: int) -> int:
     nothing instead: it takes the code whose value is nearest to 0.
     """
     record = layer.channels[channel]
-    earlier = ((c.plane_class, c.target) for c in layer.channels[:channel])
-    is_refinement = (record.plane_class, record.target) in earlier
+    is_refinement = record.key in (earlier.key for earlier in layer.channels[:channel])
     if not is_refinement or record.scale == 0:
         return MID_CODE
     return min(max(round(-record.offset / record.scale), 0), MAX_CODE)

@@ -61,7 +61,7 @@ def as_seen(layer: Gaussians, budget: float) -> Gaussians | None:
             scratch.set_aside(sh, layer.means, layer.sh)
     if not is_finite:
         return None
-    return Gaussians.unchecked(**{**vars(layer), "sh": sh, "extra_layers": ()})
+    return layer.changed(sh=sh, extra_layers=())
 
 
 def disagreement(layer: Gaussians) -> float:

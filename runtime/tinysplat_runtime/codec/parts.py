@@ -198,5 +198,4 @@ def _joined(views: Sequence[Gaussians]) -> Gaussians:
         fields: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS}
         cameras = tuple(camera for part in parts for camera in part.cameras)
         layers.append(Gaussians.unchecked(**fields, cameras=cameras, origin=views[0].origin))
-    first = {**vars(layers[0]), "extra_layers": tuple(layers[1:]), "notes": views[0].notes}
-    return Gaussians.unchecked(**first)
+    return Gaussians.stacked(layers).with_notes(views[0].notes)

@@ -26,11 +26,10 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
 from ..graphs.inference import GraphStore
 from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
-from .base import fitted_sh
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
 from .decoder import decode_gaussians
 from .encoder import EncodeStats, check_readable
-from .hevc import PlaneDecoder, encode_plane
+from .hevc import CodedPlane, encode_plane
 from .one_colour import as_seen
 from .profiles import EncoderSettings, PaperSettings, Profile, find_profile
 from .quantise import CodeMap
@@ -77,7 +76,7 @@ def encode_like(
         store: opens the graphs.
         threads: planes coded at a time; never changes the bytes.
         limits: what to accept of the file.
-        drop_invalid: as `encode_gaussians`.
+        drop_invalid: as `SceneEncoder`.
         stats: filled with what was measured.
 
     Returns:
@@ -86,7 +85,7 @@ def encode_like(
     Raises:
         FormatError: the file is damaged.
         InputError: it is of another mode, or of a profile that is none; other views, layers or grids.
-        NumericError: as `encode_gaussians`.
+        NumericError: as `SceneEncoder`.
     """
     stats = stats or EncodeStats()
     with stats.watch.stage("parse"):
@@ -151,7 +150,7 @@ def _targets(
         _align_signs(wanted, decoded)
     finest: dict[tuple[PlaneClass, int], float] = {}
     for channel in header.channels:
-        key = channel.plane_class, channel.target
+        key = channel.key
         finest[key] = min(finest.get(key, np.inf), channel.scale if channel.streams else np.inf)
     targets = {}
     for key, scale in finest.items():
@@ -184,7 +183,10 @@ def _colours(
 ) -> dict[tuple[PlaneClass, int], NDArray]:
     if header.degree == 0:
         layer = as_seen(layer, np.inf) or layer
-    sh = fitted_sh(layer.sh, (*layer.sh.shape[:-2], (header.degree + 1) ** 2, 3))
+    functions = (header.degree + 1) ** 2
+    sh = np.zeros((*layer.sh.shape[:-2], functions, 3), np.float32)
+    kept = layer.sh[..., :functions, :]
+    sh[..., : kept.shape[-2], :] = kept
     if reduction is None:
         planes = np.moveaxis(sh[..., 0, :], -1, 1)
     else:
@@ -254,14 +256,14 @@ class _LayerCoder:
         """All channels, and the parameter sets of the pictures that were coded anew."""
         channels, sets = [], set[bytes]()
         for record in self._header.channels:
-            target = targets[record.plane_class, record.target]
+            target = targets[record.key]
             if record.streams:
                 with self._stats.watch.stage("x265"):
                     channels.append(self._coded(record, target, sets))
             else:
                 is_same, mean = target.same.all(), float(target.rest.mean(dtype=np.float64))
                 value = record.offset if is_same else mean
-                channels.append(CodedChannel(record.plane_class, record.target, record.qp, record.scale, value))
+                channels.append(CodedChannel(*record.key, record.qp, record.scale, value))
         return channels, sets
 
     def _coded(self, record: ChannelRecord, target: _Target, sets: set[bytes]) -> CodedChannel:
@@ -269,35 +271,24 @@ class _LayerCoder:
         codes, clipped = code_map.quantise(target.rest)
         label = record.plane_class.label
         self._stats.clipped[label] = self._stats.clipped.get(label, 0) + clipped
-        payloads, decoded = [], []
-        for payload, picture, fresh in self._pool.map(
-            lambda view: self._picture(record, codes[view], target.same[view], view), range(len(codes))
-        ):
-            payloads.append(payload)
-            decoded.append(picture)
-            if fresh is not None:
-                sets.add(fresh)
-                target.same[len(payloads) - 1] = False  # what a second channel adds to this one changes with it
-        target.rest = target.rest - code_map.dequantise(np.stack(decoded))
-        return CodedChannel(record.plane_class, record.target, record.qp, record.scale, record.offset, tuple(payloads))
+        views = range(len(codes))
+        coded = list(self._pool.map(lambda view: self._picture(record, codes[view], target.same[view], view), views))
+        for view, (plane, _, is_fresh) in enumerate(coded):
+            if is_fresh:
+                sets.add(plane.parameter_sets)
+                target.same[view] = False  # what a second channel adds to this one changes with it
+        target.rest = target.rest - code_map.dequantise(np.stack([decoded for _, decoded, _ in coded]))
+        payloads = tuple(plane.payload for plane, _, _ in coded)
+        return CodedChannel(*record.key, record.qp, record.scale, record.offset, payloads)
 
     def _picture(
         self, record: ChannelRecord, codes: NDArray, same: NDArray, view: int
-    ) -> tuple[bytes, NDArray, bytes | None]:
-        """A picture's slice, what it decodes to, and its parameter sets where it was coded anew."""
-        earlier = bytes(self._container.pictures.payload(self._index, record, view))
-        decoded = self._decoded(self._file_sets, earlier, codes)
+    ) -> tuple[CodedPlane, NDArray, bool]:
+        """A picture, what it decodes to, and whether it was coded anew."""
+        sets = self._container.parameter_sets[self._header.parameter_set]
+        earlier = CodedPlane(sets, bytes(self._container.pictures.payload(self._index, record, view)))
+        decoded = earlier.decoded(*codes.shape)
         if same.all():
-            return earlier, decoded, None
+            return earlier, decoded, False
         coded = encode_plane(np.where(same, decoded, codes), record.qp, self._settings)
-        return coded.payload, self._decoded(coded.parameter_sets, coded.payload, codes), coded.parameter_sets
-
-    @property
-    def _file_sets(self) -> bytes:
-        return self._container.parameter_sets[self._header.parameter_set]
-
-    @staticmethod
-    def _decoded(parameter_sets: bytes, payload: bytes, like: NDArray) -> NDArray:
-        out = np.empty_like(like)
-        PlaneDecoder(parameter_sets, *like.shape).decode_into(payload, out)
-        return out
+        return coded, coded.decoded(*codes.shape), True

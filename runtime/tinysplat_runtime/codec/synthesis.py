@@ -15,11 +15,12 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY, GEOMETRY_CHANNELS, PlaneClass
 from ..gaussian.quaternions import matrices_to_quats, multiply_quats
 from ..graphs.inference import GraphStore, as_input
-from .base import as_codes
 
 STRIP_PX = 1 << 16
 """Pixels that the graph takes at a time: between its operators the numbers of so many stay in a core's share of the
 cache, and the operators' own cost does not yet count (512×960: 19 in place of 27 ms for a view)."""
+
+_HALF_RANGE = 1 << 16
 
 
 class LayerSynthesis:
@@ -35,7 +36,7 @@ class LayerSynthesis:
         mix = _geometry_mix(layer, geometry)
         self._base_codes: NDArray | None = None
         if base is not None:
-            self._base_codes, base_mix = as_codes(base)
+            self._base_codes, base_mix = _as_codes(base)
             mix[:, -1] += base_mix[:, -1]
             mix = np.concatenate([base_mix[:, :-1], mix], axis=1)
         rotations = np.stack([camera.rotation.T for camera in cameras])
@@ -147,3 +148,26 @@ def _colour_mix(layer: LayerMaps, coded: list[int]) -> NDArray:
             if index in coded:
                 mix[coded.index(index)] = inverse[:, channel.target] * channel.scale
     return mix
+
+
+def _as_codes(planes: NDArray) -> tuple[NDArray, NDArray]:
+    """Float planes in the form that the synthesis graph adds up: 16-bit codes and what one is worth.
+
+    Args:
+        planes: (V, C, H, W) float32.
+
+    Returns:
+        codes (V, 2C, H, W) uint16, upper halves first, and mix (C, 2C + 1) float64: planes = mix · (codes, 1), to
+        2⁻³² of each channel's range.
+    """
+    count = planes.shape[1]
+    low = planes.min(axis=(0, 2, 3)).astype(np.float64)
+    span = np.maximum(planes.max(axis=(0, 2, 3)) - low, 1e-30)
+    unit = span / (_HALF_RANGE**2 - 1)
+    steps = np.rint((planes - low[:, None, None]) / unit[:, None, None]).astype(np.uint32)
+    codes = np.concatenate([steps >> 16, steps & (_HALF_RANGE - 1)], axis=1).astype(np.uint16)
+    mix = np.zeros((count, 2 * count + 1))
+    mix[:, :count] = np.diag(unit * _HALF_RANGE)
+    mix[:, count:-1] = np.diag(unit)
+    mix[:, -1] = low
+    return codes, mix

@@ -115,7 +115,7 @@ def _packed_channels(tier: FreeTier, payloads: Mapping[tuple[PlaneClass, int], b
     parts = []
     for channel in tier.channels:
         record = channel.record
-        payload = payloads.get((record.plane_class, record.target))
+        payload = payloads.get(record.key)
         coding = CONSTANT if payload is None else INTRA
         parts.append(CHANNEL.pack(record.plane_class, record.target, coding, record.qp, record.scale, record.offset))
         parts.append(CENTRE.pack(channel.centre))
@@ -277,7 +277,7 @@ def range_fault(scene: FreeScene) -> tuple[str, str] | None:
 
 
 def _channel_fault(scene: FreeScene, tier: FreeTier) -> tuple[str, str] | None:
-    reach = {(c.record.plane_class, c.record.target): _reach(scene, c) for c in tier.channels}
+    reach = {c.record.key: _reach(scene, c) for c in tier.channels}
     colours = np.array([reach[PlaneClass.COLOR, target] for target in range(scene.basis.shape[1])])
     sh = np.abs(scene.mean.astype(np.float64)) + np.abs(scene.basis.astype(np.float64)) @ colours
     values = [
@@ -306,7 +306,7 @@ def _grid_fault(grid: PointGrid, levels: int) -> str:
 def _reach(scene: FreeScene, channel: FreeChannel) -> float:
     """Largest magnitude that a channel can decode to."""
     record = channel.record
-    order = order_of(record.plane_class, record.target)
+    order = order_of(*record.key)
     gain = max(map(abs, scene.orders[order - 1].gains)) if order else 1.0
     coded = abs(record.offset) + (MAX_CODE * abs(record.scale) if record.streams else 0.0)
     return gain * coded + abs(channel.centre)

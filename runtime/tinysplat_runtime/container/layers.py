@@ -293,7 +293,7 @@ def _read_channels(
             f"{plane_class.label}{target}: scale or offset out of range",
         )
         require(not channels or plane_class >= channels[-1].plane_class, section, "channels are out of order")
-        is_first = all((plane_class, target) != (c.plane_class, c.target) for c in channels)
+        is_first = all((plane_class, target) != c.key for c in channels)
         require(is_first or plane_class == PlaneClass.DEPTH, section, f"{plane_class.label}{target} stands twice")
         streams: list[StreamRef] = []
         if apart is not None:

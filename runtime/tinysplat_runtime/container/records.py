@@ -72,6 +72,11 @@ class ChannelRecord:
     streams: tuple[StreamRef, ...] = ()
 
     @property
+    def key(self) -> tuple[PlaneClass, int]:
+        """Its class and target."""
+        return self.plane_class, self.target
+
+    @property
     def name(self) -> str:
         """For messages and reports."""
         return f"{self.plane_class.label}{self.target}"
@@ -253,7 +258,7 @@ class FreeTier:
 
     def channel(self, plane_class: PlaneClass, target: int) -> FreeChannel:
         """One of the channels, each of which there is."""
-        return next(c for c in self.channels if (c.record.plane_class, c.record.target) == (plane_class, target))
+        return next(c for c in self.channels if c.record.key == (plane_class, target))
 
 
 @dataclass(frozen=True)

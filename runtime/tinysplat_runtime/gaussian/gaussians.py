@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -111,6 +111,15 @@ class Gaussians:
             object.__setattr__(self, name, value)
         return self
 
+    @classmethod
+    def stacked(cls, layers: Sequence[Gaussians]) -> Gaussians:
+        """Layers as one object, with what the first one has besides."""
+        return layers[0].changed(extra_layers=tuple(layers[1:]))
+
+    def changed(self, **fields: object) -> Gaussians:
+        """The same with other fields, `unchecked`."""
+        return Gaussians.unchecked(**{**vars(self), **fields})
+
     @property
     def is_per_pixel(self) -> bool:
         """Whether there is one Gaussian per pixel of known cameras."""
@@ -172,7 +181,7 @@ class Gaussians:
 
     def with_notes(self, notes: Notes) -> Gaussians:
         """The same Gaussians with other words of their maker's."""
-        return Gaussians.unchecked(**{**vars(self), "notes": notes})
+        return self.changed(notes=notes)
 
 
 def _float32(name: str, value: ArrayLike) -> NDArray:

@@ -102,7 +102,7 @@ def predict_groups(
         Gaussians.unchecked(**arrays, cameras=tuple(its), origin=origin)
         for arrays, its in zip(joined, seen_by, strict=True)
     ]
-    return Gaussians.unchecked(**{**vars(layers[0]), "extra_layers": tuple(layers[1:])})
+    return Gaussians.stacked(layers)
 
 
 def _origin(cameras: Sequence[Camera], near: float) -> NDArray:

@@ -111,4 +111,4 @@ def _about(gaussians: Gaussians, band: Camera) -> Gaussians:
     rows = slice(max(int(reached[0]) - 1, 0) * _SAMPLED, last)
     arrays = {name: np.ascontiguousarray(getattr(gaussians, name)[:, rows]) for name in FIELDS}
     cameras = tuple(_rows_of(camera, rows) for camera in gaussians.cameras)
-    return Gaussians.unchecked(**{**vars(gaussians), **arrays, "cameras": cameras})
+    return gaussians.changed(**arrays, cameras=cameras)

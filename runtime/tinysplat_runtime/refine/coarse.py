@@ -33,7 +33,7 @@ def halved(gaussians: Gaussians) -> Gaussians:
         )
         for layer in gaussians.layers
     ]
-    return Gaussians.unchecked(**{**vars(layers[0]), "extra_layers": tuple(layers[1:])})
+    return Gaussians.stacked(layers)
 
 
 def halved_camera(camera: Camera) -> Camera:

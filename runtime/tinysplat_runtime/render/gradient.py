@@ -227,8 +227,8 @@ class MovableGaussians:
                     its = {name: array[grid.view, None] for name, array in fields.items()}
                     Gaussians(**its, quats=layer.quats[grid.view, None])  # refuses what float32 does not hold
                     scratch.set_aside(*arrays.values(), *fields.values())
-            layers.append(Gaussians.unchecked(**{**vars(layer), **fields, "extra_layers": ()}))
-        return Gaussians.unchecked(**{**vars(layers[0]), "extra_layers": tuple(layers[1:]), "notes": start.notes})
+            layers.append(layer.changed(**fields, extra_layers=()))
+        return Gaussians.stacked(layers).with_notes(start.notes)
 
     def _fill(self, fields: dict[str, NDArray], layer: Gaussians, grid: Grid) -> None:
         """Write a grid's part of a layer's arrays."""

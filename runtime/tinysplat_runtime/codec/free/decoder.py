@@ -16,7 +16,7 @@ from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import PlaneClass
 from ...system.blas import product
-from ..hevc import PlaneDecoder
+from ..hevc import CodedPlane
 from ..missing import PlaneRef
 from .attributes import Columns, expanded, from_columns, uncontracted
 from .octree import cells_of, decode_points
@@ -58,10 +58,9 @@ class _Tier:
             return np.full(self.own.count, channel.centre)
         if not record.streams:
             return channel_values(channel, None, order)
-        codes = np.empty(plane_shape(len(order.rows)), np.uint16)
-        payload = self.container.pictures.payload(self.number, record, 0)
-        PlaneDecoder(self.container.parameter_sets[self.number], *codes.shape).decode_into(payload, codes)
-        return channel_values(channel, codes, order)
+        payload = bytes(self.container.pictures.payload(self.number, record, 0))
+        picture = CodedPlane(self.container.parameter_sets[self.number], payload)
+        return channel_values(channel, picture.decoded(*plane_shape(len(order.rows))), order)
 
 
 def decode_free(container: Container, scene: FreeScene, missing: Collection[PlaneRef], threads: int) -> Gaussians:
@@ -106,7 +105,7 @@ def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArra
         found[name] = tier.values(channel, orders[place])
         counts += reached([found[name]], scene.thresholds[place : place + 1])
         orders.append(order_by(counts, scene.orders[place]))
-    rest = {(c.record.plane_class, c.record.target): c for c in own.channels}
+    rest = {c.record.key: c for c in own.channels}
     rest = {name: channel for name, channel in rest.items() if name not in found}
     jobs = [(channel, orders[order_of(*name)]) for name, channel in rest.items()]
     found |= dict(zip(rest, pool.map(lambda job: tier.values(*job), jobs), strict=True))

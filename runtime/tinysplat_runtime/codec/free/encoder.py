@@ -28,7 +28,7 @@ from ...gaussian.planes import PlaneClass
 from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
 from ..encoder import EncodeStats, check_qp
-from ..hevc import PlaneDecoder, encode_plane
+from ..hevc import encode_plane
 from ..profiles import EncoderSettings, Profile
 from ..quantise import choose_code_map, without_outliers
 from ..search import Coder
@@ -203,10 +203,7 @@ class FreeEncoder(Coder):
         fault = range_fault(scene)
         if fault is not None:
             raise InputError(fault[1], where=fault[0])
-        payloads = [
-            {(c.channel.record.plane_class, c.channel.record.target): c.payload for c in tier if c.payload is not None}
-            for tier in coded
-        ]
+        payloads = [{c.channel.record.key: c.payload for c in tier if c.payload is not None} for tier in coded]
         sets = [next((c.parameter_sets for c in tier if c.payload is not None), b"") for tier in coded]
         with self._stats.watch.stage("write"):
             sections = free_sections(scene, payloads, sets)
@@ -272,7 +269,7 @@ class FreeEncoder(Coder):
             part = slice(ends[number] - len(tier.cells), ends[number])
             jobs = [(PlaneClass.COLOR, target, values[part]) for target, values in enumerate(components)]
             channels = [*shape.coded, *code.all(jobs, shape.orders, tier.level.steps)]
-            channels.sort(key=lambda c: (c.channel.record.plane_class, c.channel.record.target))
+            channels.sort(key=lambda c: c.channel.record.key)
             growth = self._tiers.growths[number - 1] if number else 0.0
             tiers.append(FreeTier(len(tier.cells), tier.grid, tuple(c.channel for c in channels), growth))
             coded.append(channels)
@@ -363,7 +360,7 @@ def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
 
 def _decoded(placed: _PlacedTier, coded: Sequence[_Coded], scene: FreeScene, origin: NDArray) -> Gaussians:
     """What a decoder will see of a tier, with the colours of a scene's basis."""
-    values = {(c.channel.record.plane_class, c.channel.record.target): c.values for c in coded}
+    values = {c.channel.record.key: c.values for c in coded}
     fields = from_columns(columns_of(values, scene.size_middle, scene.mean, scene.basis))
     return Gaussians.unchecked(means=means_of(placed.grid, placed.cells), **fields, origin=origin)
 
@@ -475,8 +472,7 @@ def _code_channel(
     code_map = choose_code_map(low, high, mean, step)
     codes, _ = code_map.quantise(to_plane(order.sorted(numbers)))
     coded = encode_plane(codes, code_map.qp, settings)
-    decoded = np.empty_like(codes)
-    PlaneDecoder(coded.parameter_sets, *codes.shape).decode_into(coded.payload, decoded)
+    decoded = coded.decoded(*codes.shape)
     record = ChannelRecord(plane_class, target, code_map.qp, code_map.scale, code_map.offset)
     channel = FreeChannel(record, centre)
     return _Coded(channel, coded.payload, coded.parameter_sets, channel_values(channel, decoded, order))

@@ -16,7 +16,7 @@ from ...errors import FormatError, InputError
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...system.threads import Crew
 from ..exact import decode_exact, exact_planes, pack
-from ..layers import OpenFile, stacked
+from ..layers import OpenFile
 from ..synthesis import LayerSynthesis
 from .mode import Job, Mode
 
@@ -48,7 +48,7 @@ def decode(file: OpenFile, body: Exact) -> Gaussians:
     """The file's Gaussians; FormatError where they are not those that were written."""
     crew = Crew(file.threads)
     layers = [_decode_layer(file, exact, f"layer {n}", crew) for n, exact in enumerate(body.layers)]
-    return stacked(layers, file.container)
+    return Gaussians.stacked(layers).changed(cameras=file.container.cameras)
 
 
 def _decode_layer(file: OpenFile, exact: ExactLayer, where: str, crew: Crew) -> Gaussians:
