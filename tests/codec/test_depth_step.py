@@ -1,29 +1,29 @@
-"""Steps: the stand-in for the video codec, the probe of depth, and what they choose."""
+"""Steps of depth and opacity: the stand-in for the video codec, what errors do to pictures, and what follows."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scenes import make_smooth_gaussians
+from scipy.fft import dctn, idctn
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.adaptive import prepare_layer, scene_steps, take_geometry
 from tinysplat_runtime.codec.analysis import project_layer
+from tinysplat_runtime.codec.depth_step.allocation import FARTHEST, measured_depth_step, measured_opacity_step
+from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
+from tinysplat_runtime.codec.depth_step.contrast import block_offsets, contrast
 from tinysplat_runtime.codec.depth_step.probe import Probe
 from tinysplat_runtime.codec.profiles import ADAPTIVE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.graphs.inference import GraphStore
-
-
-def _prepared(gaussians: Gaussians, store: GraphStore):
-    return [
-        prepare_layer(store, g, take_geometry(project_layer(store, g, drop_invalid=False, where="")), ADAPTIVE, 0)
-        for g in gaussians.layers
-    ]
+from tinysplat_runtime.render import DEFINITION, Renderer, between
 
 
 @pytest.fixture(scope="module")
@@ -31,30 +31,125 @@ def store():
     return GraphStore()
 
 
-@pytest.fixture(scope="module")
-def layers(store):
-    return _prepared(make_smooth_gaussians(2, 40, 48, degree=1, layers=2), store)
+def _inverse(layer: Gaussians) -> NDArray:
+    """−1/z of a layer's Gaussians in their own cameras, in float64."""
+    pairs = zip(layer.means.astype(np.float64) + layer.origin, layer.cameras, strict=True)
+    return np.stack([-1 / ((means - camera.centre) @ camera.rotation[2]) for means, camera in pairs])
 
 
-def _probe(layers, stripes=2, threads=1):
-    inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
-    shown = [layer.shown for layer in layers]
-    return Probe([layer.layer for layer in layers], inverse, shown, stripes, threads), inverse
+def _probe(scene: Gaussians, stripes: int) -> Probe:
+    inverse = [_inverse(layer).astype(np.float32) for layer in scene.layers]
+    return Probe(scene.layers, inverse, [contrast(layer) for layer in scene.layers], stripes, 1)
 
 
-def test_no_error_is_no_damage_and_more_error_is_more(layers):
-    probe, inverse = _probe(layers)
+def _changed(layer: Gaussians, errors: NDArray, kind: str) -> Gaussians:
+    """What a decoder makes of errors in −1/z or in opacity."""
+    if kind == "opacity":
+        return replace(layer, opacities=np.clip(layer.opacities + errors, 0, 1), extra_layers=())
+    inverse = _inverse(layer)
+    ratio = (inverse / np.clip(inverse + errors, inverse.min(), inverse.max()))[..., None]
+    centres = np.stack([camera.centre - layer.origin for camera in layer.cameras])[:, None, None]
+    return replace(layer, means=centres + (layer.means - centres) * ratio, scales=layer.scales * ratio, extra_layers=())
+
+
+def _difference(scene: Gaussians, errors: list[NDArray], kind: str) -> float:
+    """Mean squared difference of a picture from midway between the first two cameras."""
+    layers = [_changed(layer, error, kind) for layer, error in zip(scene.layers, errors, strict=True)]
+    pictures = [
+        Renderer(g, 1, compiled=False, **DEFINITION).render(between(scene.cameras[:2], 3)[1]).clip(0, 1)
+        for g in (scene, Gaussians.stacked(layers))
+    ]
+    return float(np.square(pictures[0] - pictures[1]).mean(dtype=np.float64))
+
+
+@pytest.mark.parametrize("kind", ["depth", "opacity"])
+@pytest.mark.parametrize(("height", "layers", "slack"), [(24, 2, 0.03), (24, 1, 0.03), (96, 1, 0.5)])
+def test_damage_is_what_errors_do_to_the_picture_between_the_cameras(height, layers, slack, kind):
+    scene = make_smooth_gaussians(2, height, 40, degree=2, layers=layers, origin=np.array([30.0, -5, 100]))
     rng = np.random.default_rng(0)
-    noise = [rng.standard_normal(planes.shape).astype(np.float32) * 1e-3 for planes in inverse]
-    found = [probe.damage([factor * errors for errors in noise]) for factor in (0, 1, 8)]
-    assert found[0] < 1e-12 < found[1] < found[2]
-    assert probe.damage([np.zeros_like(noise[0]), 8 * noise[1]]) > 1e-12  # layers behind the first count, too
+    errors = [rng.normal(0, 0.02, layer.opacities.shape).astype(np.float32) for layer in scene.layers]
+    probe = _probe(scene, 1)  # a stripe is the whole picture, where that is low
+    found = (probe.damage if kind == "depth" else probe.opacity_damage)(errors)
+    assert found == pytest.approx(_difference(scene, errors, kind), rel=slack)
+    assert (probe.damage if kind == "depth" else probe.opacity_damage)([0 * error for error in errors]) < 1e-12
+
+
+@pytest.mark.parametrize("offsets", [None, np.arange(-4, 4).reshape(2, 2, 2)])
+def test_the_stand_in_rounds_a_dct_of_eight_by_eight_with_a_dead_zone(offsets):
+    planes = np.cumsum(np.random.default_rng(0).normal(size=(2, 19, 29)), axis=2).astype(np.float32)
+    wide = np.pad(planes.astype(np.float64), ((0, 0), (0, 5), (0, 3)), mode="edge").reshape(2, 3, 8, 4, 8)
+    frequencies = dctn(wide, axes=(2, 4), norm="ortho")
+    steps = np.full((2, 3, 1, 4, 1), 0.7)
+    if offsets is not None:
+        steps *= 2 ** (offsets.repeat(2, axis=1)[:, :3].repeat(2, axis=2)[:, :, None, :, None] / 6)
+    levels = np.sign(frequencies) * np.floor(np.abs(frequencies / steps) + 1 / 3)
+    wanted = (idctn(levels * steps, axes=(2, 4), norm="ortho") - wide).reshape(2, 24, 32)[:, :19, :29]
+    found = BlockSpectrum.of(planes).coding_error(0.7, offsets)
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+    chosen = np.zeros((2, 3, 4), bool)
+    chosen[1, 2, 3] = True
+    part = BlockSpectrum.of(planes, chosen).coding_error(0.7, offsets)
+    np.testing.assert_allclose(part[1, 16:, 24:], wanted[1, 16:, 24:], atol=1e-4)
+    assert not part[0].any() and not part[:, :16].any() and not part[:, :, :24].any()
+
+
+def test_contrast_is_how_much_neighbours_differ_where_they_are_opaque():
+    scene = make_smooth_gaussians(2, 70, 12, degree=1)
+    colours = (0.5 + C0 * scene.sh[..., 0, :].astype(np.float64)).clip(0, 1)
+    wanted = np.zeros(scene.opacities.shape)
+    wanted[:, :, :-1] += np.square(np.diff(colours, axis=2)).sum(axis=-1)
+    wanted[:, :-1] += np.square(np.diff(colours, axis=1)).sum(axis=-1)
+    np.testing.assert_allclose(contrast(scene), wanted * scene.opacities.astype(np.float64) ** 2, atol=1e-6)
+
+
+def test_blocks_are_coded_more_coarsely_the_less_they_show():
+    shown = np.full((2, 40, 50), 1.0, np.float32)
+    shown[0, :16, :16], shown[1, 32:, 48:] = 100.0, 0.0  # the last block has 8 rows and 2 columns
+    offsets = block_offsets(shown)
+    assert offsets.shape == (2, 3, 4) and np.abs(offsets).max() <= 8
+    assert offsets[0, 0, 0] == offsets.min() < 0 < offsets[1, 2, 3] == offsets.max()
+    others = np.delete(offsets.ravel(), [0, 23])
+    assert (others == others[0]).all() and not block_offsets(np.zeros_like(shown)).any()
+
+
+@dataclass
+class Linear:
+    """Pictures whose error is so many times the root of the mean squared error of planes, to a power."""
+
+    gain: float
+    power: float
+    reached: list[NDArray]
+    looked: int = 0
+
+    def damage(self, errors):
+        self.looked += 1
+        return self.gain * float(np.square(errors[0]).mean()) ** (self.power / 2)
+
+    opacity_damage = damage
+
+
+@pytest.mark.parametrize("gain", [1e-3, 0.3, 1.0, 3.0, 1e3])
+def test_steps_go_to_where_errors_cost_what_they_may(gain):
+    planes = [np.random.default_rng(0).normal(size=(1, 64, 64)).astype(np.float32)]
+    reached, at = [np.ones((1, 8, 8), bool)], BlockSpectrum.of(planes[0]).coding_error(0.1)
+    probe = Linear(gain, 1.0, reached)
+    plain = Linear(1.0, 1.0, reached).damage([at])
+    found = measured_depth_step(probe, planes, [np.zeros((1, 4, 4), int)], 0.1, plain, 6)
+    assert found / 0.1 == pytest.approx(np.clip(1 / gain, 1 / FARTHEST, FARTHEST), rel=0.03)
+    assert probe.looked <= 2  # an error that goes with the step is met at once
+    target = Linear(1.0, 1.7, reached).damage([at])
+    found = measured_opacity_step(Linear(gain, 1.7, reached), planes, 0.1, target)
+    assert found / 0.1 == pytest.approx(np.clip(gain ** (-1 / 1.7), 1 / FARTHEST, 1), rel=0.03)
+    assert measured_depth_step(Linear(gain, 1.0, reached), planes, [np.zeros((1, 4, 4), int)], 0.1, plain, 0) == 0.1
 
 
 def test_depth_is_coded_more_finely_where_gaussians_are_opaque(store):
     scene = make_smooth_gaussians(2, 40, 48, degree=0)
-    solid, faint = (replace(scene, opacities=np.full_like(scene.opacities, o)) for o in (0.9, 0.05))
-    steps = [scene_steps(_prepared(g, store), ADAPTIVE, 1)[0] for g in (solid, faint)]
+    steps = []
+    for opacity in (0.9, 0.05):
+        g = replace(scene, opacities=np.full_like(scene.opacities, opacity))
+        geometry = take_geometry(project_layer(store, g, drop_invalid=False, where=""))
+        steps += scene_steps([prepare_layer(store, g, geometry, ADAPTIVE, 0)], ADAPTIVE, 1)
     assert steps[0][PlaneClass.DEPTH] < steps[1][PlaneClass.DEPTH]
 
 

@@ -1,0 +1,110 @@
+"""Searches for a size and a fidelity, on curves that a formula draws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tinysplat_runtime.codec.profiles import PROFILES, Profile
+from tinysplat_runtime.codec.search import PSNR_TOLERANCE, SIZE_TOLERANCE, Coder, code_to_psnr, code_to_size
+from tinysplat_runtime.errors import InputError
+
+LIMIT, LARGEST = 60.0, 1 << 18
+
+
+@dataclass
+class Curve(Coder):
+    """Files of as many bytes as a curve has at Q_g, which they begin with; `start` is where it says to look first."""
+
+    size: Callable[[float], float]
+    start: float = 0.0
+    second: Coder | None = None
+    profile: Profile = PROFILES["balanced"]
+    asked: list[float] = field(default_factory=list)
+
+    def code(self, qp: float) -> bytes:
+        assert -LIMIT <= qp <= LIMIT
+        self.asked.append(qp)
+        return repr(qp).encode().ljust(min(round(self.size(qp)), LARGEST), b" ")
+
+    def expect(self, size: float) -> tuple[float, float]:
+        return self.start, 0.1
+
+    def other(self, qp: float) -> Coder | None:
+        return self.second
+
+
+def octaves(middle: float, slope: float, bend: float) -> Callable[[float], float]:
+    """Sizes that fall by `slope` octaves of 40,000 bytes by Q_g, faster or more slowly away from `middle`."""
+    return lambda qp: 4_000 * 2 ** -(slope * (qp - middle) + bend * math.tanh((qp - middle) / 8))
+
+
+def quality(data: bytes) -> float:
+    """40 dB at Q_g = 0, 0.95 less by each."""
+    return 40 - 0.95 * float(data)
+
+
+SIZES = st.builds(octaves, st.floats(-20, 20), st.floats(0.06, 0.18), st.floats(0, 0.5))
+
+
+@given(size=SIZES, share=st.floats(0.1, 8), start=st.floats(-30, 30))
+def test_the_largest_file_within_a_size_is_found_soon(size, share, start):
+    target, coder = int(4_000 * share), Curve(size, start)
+    data = code_to_size(coder, target)
+    assert (1 - SIZE_TOLERANCE) * target <= len(data) + 1 <= target + 1
+    assert len(coder.asked) <= 12 and coder.asked[0] == start
+    assert len(data) == max(len(Curve(size).code(qp)) for qp in coder.asked if len(Curve(size).code(qp)) <= target)
+
+
+@given(slope=st.floats(0.05, 0.2), away=st.floats(-25, 25))
+def test_a_straight_curve_near_the_expected_slope_takes_few_files(slope, away):
+    coder = Curve(octaves(away, slope, 0))
+    code_to_size(coder, 4_000)
+    assert len(coder.asked) <= 4
+
+
+@given(fall=st.floats(0.5, 1.9), at=st.floats(-40, 40), wanted=st.floats(20, 60))
+def test_the_fidelity_is_reached_and_hardly_passed(fall, at, wanted):
+    coder = Curve(octaves(0, 0.1, 0))
+    asked = []
+
+    def measure(data: bytes) -> float:
+        asked.append(min(max(40 - fall * (float(data) - at), 0), 100))
+        return asked[-1]
+
+    if not -LIMIT < at + (40 - wanted - PSNR_TOLERANCE) / fall < at + (40 - wanted) / fall < LIMIT:
+        return  # beyond the ends of Q_g
+    data = code_to_psnr(coder, wanted, measure)
+    assert wanted <= measure(data) <= wanted + PSNR_TOLERANCE
+    assert len(coder.asked) <= 8
+
+
+def test_curves_that_jump_give_the_nearest_file_on_the_right_side():
+    coder = Curve(lambda qp: 1000 if qp > 3 else 5000)
+    assert len(code_to_size(coder, 4000)) == 1000
+    data = code_to_psnr(Curve(octaves(0, 0.1, 0)), 30.0, lambda data: 50.0 if float(data) < 3 else 20.0)
+    assert 2 < float(data) < 3
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_another_coder_is_taken_where_its_file_is_smaller(better):
+    one, two = Curve(octaves(0, 0.1, 0)), Curve(octaves(-1 if better else 1, 0.1, 0))
+    one.second = two
+    data = code_to_psnr(one, 38.0, quality)
+    assert quality(data) >= 38 and two.asked
+    assert data == min(
+        (coder.code(qp) for coder in (one, two) for qp in [*coder.asked] if 40 - 0.95 * qp >= 38), key=len
+    )
+
+
+def test_what_no_file_reaches_is_refused_with_the_nearest():
+    with pytest.raises(InputError, match="target_size: 100 bytes; profile balanced codes this scene to 500 at least"):
+        code_to_size(Curve(lambda qp: 500 + 1000 * 2 ** (-qp)), 100)
+    with pytest.raises(InputError, match=r"target_psnr: 99 dB; profile balanced reaches 97.00 dB here at most"):
+        code_to_psnr(Curve(octaves(0, 0.1, 0)), 99, lambda data: 40 - 0.95 * float(data))
+    assert len(code_to_size(Curve(lambda qp: 900.0), 5000)) == 900
