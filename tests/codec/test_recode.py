@@ -130,5 +130,5 @@ def test_what_does_not_fit_is_told() -> None:
         ts.compress(g, qp=3, like=data)
     with pytest.raises(FormatError, match=r"^like: "):
         ts.compress(g, like=data[:-1])
-    with pytest.raises(InputError, match="pixels"):
+    with pytest.raises(InputError, match="gaussians"):
         ts.compress(g.flat(), like=data)
