@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import onnx
 import pytest
+from hostile.graphs import network_seeds
+from scenes import refusing
 
 from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.graphs import DEFAULT_MODEL, inference, providers
 from tinysplat_runtime.graphs.artifacts import Artifact, find_artifact, load_manifest, models_dir, network_by_hash
 from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore
 from tinysplat_runtime.graphs.providers import nodes_by_provider
+
+Change = Callable[[onnx.ModelProto], object]
 
 DATA = {"a": b"first", "b": b"second", "s": b"third"}
 HASHES = {name: hashlib.sha256(data).hexdigest() for name, data in DATA.items()}
@@ -120,6 +127,54 @@ def test_files_that_are_no_graphs_are_refused(tmp_path: Path) -> None:
         inference.open_graph(Artifact("x", tmp_path / "x.onnx"), "network")
 
 
+def rank(name: str, number: int) -> Change:
+    return lambda model: next(one for one in model.graph.input if one.name == name).type.tensor_type.shape.dim.extend(
+        [onnx.TensorShapeProto.Dimension()] * number
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda model: model.graph.output.pop(), "output 'sh' is missing; it has no other"),
+        (rank("near", 1), "input 'near' is tensor(float) of rank 2, expected tensor(float) of rank 1"),
+        (
+            lambda model: model.graph.input.append(onnx.helper.make_tensor_value_info("extra", 6, [1])),
+            "input 'extra' is not in the contract (images, K, c2w, near, far)",
+        ),
+        (
+            lambda model: onnx.helper.set_model_props(model, {"tinysplat": '{"contract": 2}'}),
+            "contract version 2, this",
+        ),
+    ],
+)
+def test_a_graph_says_what_breaks_its_contract(tmp_path: Path, change: Change, said: str) -> None:
+    model = onnx.load_from_string(network_seeds()[0])
+    change(model)
+    (tmp_path / "x.onnx").write_bytes(model.SerializeToString())
+    with refusing(ModelError, said) as caught:
+        inference.open_graph(Artifact("x", tmp_path / "x.onnx"), "network")
+    assert caught.value.where == str(tmp_path / "x.onnx")
+
+
+def test_a_graph_runs_and_writes_into_arrays_and_says_in_a_line_what_it_cannot(tmp_path: Path) -> None:
+    (tmp_path / "x.onnx").write_bytes(network_seeds()[0])
+    graph = inference.open_graph(Artifact("x", tmp_path / "x.onnx"), "network", threads=1)
+    assert graph.metadata["stride"] == 4 and set(graph.output_names) == set(CONTRACTS["network"].outputs)
+    images = np.random.default_rng(0).random((2, 3, 8, 12), np.float32)
+    inputs = {"images": images, "K": np.zeros((2, 3, 3)), "c2w": np.zeros((2, 4, 4)), "near": [1, 1], "far": [9, 9]}
+    inputs = {name: inference.as_input(array) for name, array in inputs.items()}
+    found = graph.run(inputs)
+    np.testing.assert_allclose(found["means"], images.transpose(0, 2, 3, 1) + np.float32([0, 0, 2]), rtol=1e-6)
+    means = np.zeros_like(found["means"])
+    graph.run_into(inputs, {"means": means})
+    assert np.array_equal(means, found["means"]) and graph.run(inputs, ["sh"]).keys() == {"sh"}
+    wrong = {**inputs, "near": np.float64([1, 1])}
+    for run in (lambda: graph.run(wrong), lambda: graph.run_into({"images": images[0]}, {"means": means})):
+        with pytest.raises(ModelError, match=r"^x: onnxruntime: [^\n]+$"):
+            run()
+
+
 # ---- providers ------------------------------------------------------------------------------------------------------
 
 
@@ -144,8 +199,6 @@ def test_nodes_are_counted_by_provider(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", [name for name in CONTRACTS if name != "network"])
 def test_shipped_graphs_are_within_their_contracts(name: str) -> None:
     """And have every input at its rank and type, as onnx says it."""
-    import onnx
-
     role, _, stage = name.partition("_")
     is_stage = role == "stage"
     graph = GraphStore().stages(DEFAULT_MODEL)[stage] if is_stage else GraphStore().transform(name)

@@ -1,11 +1,38 @@
-"""What files are held against for a wanted quality: which views, and how their pictures differ."""
+"""Which way photos go through a network, and what a report says of the file that they became."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+from networks.two_planes import row_of_cameras
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.graphs.artifacts import models_dir
 from tinysplat_runtime.recipe.encode import raw_bytes
+from tinysplat_runtime.recipe.stages import Way
+from tinysplat_runtime.scene.scenes import Frame, Scene
+
+
+@pytest.mark.parametrize(
+    ("count", "side", "model", "is_large", "is_each"),
+    [
+        (6, 480, "edge", False, False),
+        (7, 480, "edge", False, True),
+        (7, 480, "sweep", False, False),
+        (2, 600, "edge", True, False),
+        (7, 600, "edge", True, False),
+        (7, 600, "models/edge.onnx", False, False),
+    ],
+)
+def test_captures_go_photo_by_photo_and_large_photos_in_small(count, side, model, is_large, is_each) -> None:
+    model = str(models_dir() / model.split("/")[1]) if "/" in model else model
+    cameras = row_of_cameras(count, side, side)
+    scene = Scene(Path("made"), tuple(Frame(camera, Path("x.png")) for camera in cameras), 1.0, 2.0)
+    way = Way.of(scene, model, ts.Runtime(threads=1))
+    assert (way.enlarger is not None, way.is_each) == (is_large, is_each)
+    assert Way.of(scene, model, ts.Runtime(threads=1), whole=True) == Way(None, is_each=False)
 
 
 def test_a_report_says_what_was_measured() -> None:
