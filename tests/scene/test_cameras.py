@@ -62,13 +62,6 @@ def test_a_rotation_written_with_few_digits_is_made_exact():
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
 
 
-def test_w2c_undoes_c2w():
-    c2w = np.eye(4)
-    c2w[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    c2w[:3, 3] = [1, 2, 3]
-    np.testing.assert_allclose(Camera(K, c2w, 64, 48).w2c @ c2w, np.eye(4), atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("size", "scale", "crop"),
     [

@@ -18,7 +18,6 @@ from scenes import colmap_texts, make_cameras, make_photo, tells, transforms_doc
 
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.depths import depth_range, depth_range_in_view
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.intake.stereo import stereo_scene
@@ -379,15 +378,6 @@ def test_a_blender_scene_needs_no_option(tmp_path: Path) -> None:
     np.testing.assert_allclose(scene.cameras[1].K, [[20, 0, 10], [0, 20, 10], [0, 0, 1]])
     np.testing.assert_allclose(scene.cameras[1].c2w[:3, :3], np.diag([1, -1, -1]))
     assert scene.images().shape == (2, 20, 20, 3)
-
-
-def test_heic_photos_and_lone_photos_are_told_what_to_do(tmp_path: Path) -> None:
-    photo = tmp_path / "a.jpg"
-    photo.write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
-    with pytest.raises(InputError, match=r"HEIC, expected JPEG or PNG: `heif-convert"):
-        read_image(photo)
-    with pytest.raises(InputError, match="one photo, expected a scene"):
-        load_scene(photo)
 
 
 # ---- photos that are missing or turned --------------------------------------------------------------------------
