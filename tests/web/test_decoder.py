@@ -97,6 +97,11 @@ def test_every_flag_of_a_layer_counts_by_itself(decoder: Decoder, runtime: ts.Ru
     check(decoder(file)[1], runtime.decompress(file))
 
 
+def test_long_lists_lie_in_tiles(decoder: Decoder, runtime: ts.Runtime) -> None:
+    file = runtime.compress(make_free_gaussians(9000, 0, np.random.default_rng(3)), "fast", keep_all=True)
+    check(decoder(file)[1], runtime.decompress(file))
+
+
 def test_a_damaged_tier_is_left_out_as_in_python(decoder: Decoder, runtime: ts.Runtime) -> None:
     made = free_in_tiers(make_free_gaussians(600, 1, np.random.default_rng(2)), 9.0)
     data = bytearray(made)
