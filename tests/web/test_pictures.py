@@ -51,7 +51,7 @@ def planes() -> dict[str, tuple[CodedPlane, list[NDArray]]]:
 
 
 OTHERS = [
-    ("sar=99:98", "overscan=show", "videoformat=pal", "range=full", "colorprim=bt709", "chromaloc=2"),
+    ("sar=2", "overscan=show", "videoformat=pal", "range=full", "colorprim=bt709", "chromaloc=2"),
     ("log2-max-poc-lsb=12", "no-deblock=1"),
     ("ctu=16", "deblock=-2,3"),
     ("ctu=32", "min-cu-size=16", "sao=0"),
