@@ -22,34 +22,15 @@ def ycc(rgb: NDArray) -> NDArray:
 
 
 def test_planes_are_luma_and_means_of_four_colours_in_ten_bits() -> None:
-    image = np.random.default_rng(0).random((17, 30, 3), np.float32)
+    image = 1.4 * np.random.default_rng(0).random((17, 30, 3), np.float32) - np.float32(0.2)  # some beyond full range
     planes = picture_planes(image)
     assert [plane.shape for plane in planes] == [(32, 32), (16, 16), (16, 16)]
     assert {plane.dtype for plane in planes} == {np.dtype(np.uint16)}
     whole = ycc(image[np.minimum(np.arange(32), 16)][:, np.minimum(np.arange(32), 29)])
-    assert np.abs(planes[0] - whole[..., 0] * 1023).max() <= 0.5 + 1e-3
+    assert np.abs(planes[0] - (whole[..., 0] * 1023).clip(0, 1023)).max() <= 0.5 + 1e-3
     for plane, values in zip(planes[1:], np.moveaxis(whole[..., 1:], -1, 0), strict=True):
         wanted = [[values[2 * i : 2 * i + 2, 2 * j : 2 * j + 2].mean() for j in range(16)] for i in range(16)]
-        assert np.abs(plane - (np.array(wanted) * 1023 + 512)).max() <= 0.5 + 1e-3
-
-
-def test_black_white_and_primaries_have_the_codes_of_full_range() -> None:
-    codes = {}
-    for name, rgb in {
-        "black": (0, 0, 0),
-        "white": (1, 1, 1),
-        "red": (1, 0, 0),
-        "blue": (0, 0, 1),
-        "over": (2, 2, 2),
-    }.items():
-        codes[name] = tuple(int(plane[0, 0]) for plane in picture_planes(np.full((16, 16, 3), rgb, np.float32)))
-    assert codes == {
-        "black": (0, 512, 512),
-        "white": (1023, 512, 512),
-        "red": (217, 395, 1023),
-        "blue": (74, 1023, 465),
-        "over": (1023, 512, 512),
-    }
+        assert np.abs(plane - (np.array(wanted) * 1023 + 512).clip(0, 1023)).max() <= 0.5 + 1e-3
 
 
 def test_an_image_is_made_of_luma_and_of_chroma_between_its_neighbours() -> None:

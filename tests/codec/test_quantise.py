@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tinysplat_runtime.codec.encoder import map_channel
-from tinysplat_runtime.codec.quantise import MAX_MAPPED_QP, choose_code_map, without_outliers
+from tinysplat_runtime.codec.quantise import (
+    MAX_MAPPED_QP,
+    OUTLIER_RATIO,
+    OUTLIER_SHARE,
+    choose_code_map,
+    without_outliers,
+)
 from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass, hevc_step
 
 STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
@@ -50,23 +56,26 @@ def test_dequantising_undoes_quantising_to_half_a_code():
     assert np.abs(code_map.dequantise(codes) - values).max() <= 0.51 * code_map.scale
 
 
-REACH = 4095 / hevc_step(0)
-"""Steps that 12 bits hold."""
-
-
-def _values(spread: float, *strays: float) -> np.ndarray:
-    """10,000 values from 0 to `spread` steps of 1, the last of them replaced."""
-    values = np.linspace(0, spread, 10_000)
-    return np.concatenate([values[: len(values) - len(strays)], strays]).astype(np.float32)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_few_strays_far_out_are_cut_and_half_a_range_is_left_about_the_rest(sign):
-    values = sign * _values(REACH, *[40 * REACH] * 4)
-    low, high = without_outliers(values, float(values.min()), float(values.max()), 1.0)
-    near, far = (low, high) if sign > 0 else (-high, -low)
-    assert near == pytest.approx(0, abs=0.01 * REACH)  # never beyond what there is
-    assert far == pytest.approx(1.5 * REACH, rel=0.01)
+@given(
+    count=st.integers(1, 5000),
+    strays=st.lists(st.floats(-300, 300), max_size=4),
+    spread=st.floats(0.1, 30),
+    step=st.sampled_from([1.0, 1e-4, 1e4]),
+)
+def test_strays_are_cut_where_four_times_finer_codes_are_the_gain(count, strays, spread, step):
+    """`spread` and strays in ranges of 12 bits at the step."""
+    reach = step * MAX_CODE / hevc_step(0)
+    values = reach * np.concatenate([np.linspace(0, spread, count), strays])
+    low, high = float(values.min()), float(values.max())
+    kept = without_outliers(values, low, high, step)
+    few, ordered = max(1, int(len(values) * OUTLIER_SHARE / 2)), np.sort(values)
+    assert low <= kept[0] < kept[1] <= high or kept == (low, high)
+    assert np.count_nonzero(values < kept[0]) <= few and np.count_nonzero(values > kept[1]) <= few
+    inner = float(ordered[-1 - few] - ordered[few]) if len(values) > 2 * few + 1 else high - low
+    if kept != (low, high):
+        assert OUTLIER_RATIO * max(kept[1] - kept[0], reach) < high - low and inner < kept[1] - kept[0]
+    else:
+        assert high - low <= OUTLIER_RATIO * 2 * max(inner, reach)
 
 
 def test_what_a_window_leaves_out_is_counted_and_what_lies_on_its_ends_is_not():

@@ -142,19 +142,6 @@ def test_coding_is_a_function_of_its_input(g, profile):
     assert_same(four.decompress(file), one.decompress(file))
 
 
-@given(degree=st.integers(0, 2), profile=PROFILE, seed=st.integers(0, 20))
-@settings(max_examples=8)
-def test_a_finer_qp_costs_more_bytes_and_loses_less(degree, profile, seed):
-    g = make_smooth_gaussians(2, 32, 40, degree, seed=seed)
-    sizes, errors = [], []
-    for qp in (-6, 6, 18):
-        file = ts.compress(g, profile, qp)
-        sizes.append(len(file))
-        errors.append(float(np.mean((ts.decompress(file).means - g.means) ** 2)))
-    assert sizes[0] > sizes[1] > sizes[2]
-    assert errors[0] < errors[2]
-
-
 @given(shift=st.tuples(*[st.floats(-1e6, 1e6)] * 3), seed=st.integers(0, 20))
 @settings(max_examples=8)
 def test_a_scene_far_from_the_origin_codes_like_one_at_the_origin(shift, seed):
