@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -381,11 +381,11 @@ def _readings(seen: _Thumbnails, cameras: dict[int, Camera]) -> Iterator[tuple[s
     def each(change: Callable[..., Camera], *values: float) -> Callable[[int], Camera]:
         return {v: change(camera, *values) for v, camera in cameras.items()}.__getitem__
 
-    yield "c2w holds world-to-camera matrices (w2c): with their inverses", each(_inverse)
+    yield "c2w holds world-to-camera matrices (w2c): with their inverses", each(lambda c: replace(c, c2w=c.w2c))
     axes = "c2w has OpenGL axes (y up, z backward) where OpenCV's are expected: with y and z turned"
     if seen.are_opengl:
         axes = "transform_matrix has OpenCV axes (y down, z forward) where OpenGL's are expected: with y and z turned"
-    yield axes, each(_flipped)
+    yield axes, each(lambda c: replace(c, c2w=c.c2w @ np.diag([1.0, -1.0, -1.0, 1.0])))
     yield "photos are mirrored, or the world of the cameras is: with left for right", each(_mirrored)
     for degrees, way in ((90, "right"), (-90, "left"), (180, "upside down")):
         cause = "photos are turned, by their Exif orientation or for want of it, or poses rolled"
@@ -396,8 +396,9 @@ def _readings(seen: _Thumbnails, cameras: dict[int, Camera]) -> Iterator[tuple[s
         yield f"focal lengths are off, or of another size of photo: times {factor:.2g}", each(_zoomed, factor, factor)
         yield f"fx does not go with fy: fx times {factor:.2g}", each(_zoomed, factor, 1.0)
     if any(abs(c.K[0, 2] - c.K[1, 2]) > 0.02 * c.width for c in cameras.values()):
-        yield "the principal point is off: with cx and cy exchanged", each(_swapped)
-    yield "the principal point is off: with cx and cy in the middle of the photo", each(_centred)
+        yield "the principal point is off: with cx and cy exchanged", each(lambda c: _aimed(c, c.K[1, 2], c.K[0, 2]))
+    middle = each(lambda c: _aimed(c, c.width / 2, c.height / 2))
+    yield "the principal point is off: with cx and cy in the middle of the photo", middle
     order = [frame.camera for frame in seen.frames]
     count = len(order)
     swapped = "swapped (left for right?)" if count == 2 else "in the reverse order of their cameras"
@@ -518,49 +519,34 @@ def _match(seen: _Thumbnails, looks: Sequence[Look]) -> bool:
     return alike >= ALIKE and max(look.clear.mean() for look in looks) >= HARDLY
 
 
-def _inverse(camera: Camera) -> Camera:
-    return Camera(camera.K, camera.w2c, camera.width, camera.height)
-
-
-def _flipped(camera: Camera) -> Camera:
-    return Camera(camera.K, camera.c2w @ np.diag([1.0, -1.0, -1.0, 1.0]), camera.width, camera.height)
-
-
 def _zoomed(camera: Camera, x: float, y: float) -> Camera:
+    return replace(camera, K=camera.K * np.array([[x, 1, 1], [1, y, 1], [1, 1, 1]]))
+
+
+def _aimed(camera: Camera, x: float, y: float) -> Camera:
+    """With the principal point there, pixels."""
     K = camera.K.copy()
-    K[0, 0], K[1, 1] = x * K[0, 0], y * K[1, 1]
-    return Camera(K, camera.c2w, camera.width, camera.height)
+    K[:2, 2] = x, y
+    return replace(camera, K=K)
 
 
 def _mirrored(camera: Camera) -> Camera:
-    K, flip = camera.K.copy(), np.diag([-1.0, 1.0, 1.0, 1.0])
-    K[0, 2] = camera.width - K[0, 2]
-    return Camera(K, flip @ camera.c2w @ flip, camera.width, camera.height)
-
-
-def _swapped(camera: Camera) -> Camera:
-    K = camera.K.copy()
-    K[0, 2], K[1, 2] = camera.K[1, 2], camera.K[0, 2]
-    return Camera(K, camera.c2w, camera.width, camera.height)
-
-
-def _centred(camera: Camera) -> Camera:
-    K = camera.K.copy()
-    K[:2, 2] = camera.width / 2, camera.height / 2
-    return Camera(K, camera.c2w, camera.width, camera.height)
+    flip = np.diag([-1.0, 1.0, 1.0, 1.0])
+    x, y = camera.K[:2, 2]
+    return replace(_aimed(camera, camera.width - x, y), c2w=flip @ camera.c2w @ flip)
 
 
 def _rolled(camera: Camera, degrees: float) -> Camera:
     turn = np.eye(4)
     cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     turn[:2, :2] = [[cos, -sin], [sin, cos]]
-    return Camera(camera.K, camera.c2w @ turn, camera.width, camera.height)
+    return replace(camera, c2w=camera.c2w @ turn)
 
 
 def _scaled(camera: Camera, factor: float) -> Camera:
     c2w = camera.c2w.copy()
     c2w[:3, 3] *= factor
     try:
-        return Camera(camera.K, c2w, camera.width, camera.height)
+        return replace(camera, c2w=c2w)
     except InputError:  # beyond what a camera may have
         return camera

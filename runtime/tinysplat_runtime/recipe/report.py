@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from ..codec.decoder import decode_gaussians
 from ..container.inspection import inspect_bytes
 from ..gaussian.difference import attribute_errors
-from ..gaussian.gaussians import Gaussians
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 
 if TYPE_CHECKING:  # who decodes loads no encoder
@@ -42,15 +41,14 @@ def encode_report(coded: Encoded, tools: Tools, *, model: str | None) -> dict[st
     """
     assert coded.gaussians is not None
     # Gaussians of no pixels come back in another order, and not all of them.
-    decoded = None if coded.stats.mode == "free" else _decoded(coded.data, tools, model)
+    errors = {}
+    if coded.stats.mode != "free":
+        decoded = decode_gaussians(coded.data, tools.store, threads=tools.threads, limits=tools.limits, model=model)
+        errors = attribute_errors(coded.gaussians, decoded)
     return {
         **file_report(inspect_bytes(coded.data), coded.stats.watch),
         "clipped": coded.stats.clipped,
-        "error_by_attribute": attribute_errors(coded.gaussians, decoded) if decoded else {},
+        "error_by_attribute": errors,
         "reason": coded.stats.reason,
         **({"refine": asdict(coded.refinement)} if coded.refinement else {}),
     }
-
-
-def _decoded(data: bytes, tools: Tools, model: str | None) -> Gaussians:
-    return decode_gaussians(data, tools.store, threads=tools.threads, limits=tools.limits, model=model)

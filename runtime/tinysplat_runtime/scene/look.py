@@ -119,7 +119,7 @@ def agreed(look: Look, camera: Camera, other: Look, its: Camera) -> float:
     Photos of different things often find colours that fit, but not at the same places from both sides.
 
     Args:
-        found, camera: of the photo.
+        look, camera: of the photo.
         other, its: of the other, looked at over the same depths.
     """
     inside, same = _agreement(look, camera, other, its)
