@@ -11,10 +11,13 @@ from pathlib import Path
 import pytest
 
 from tinysplat.measure.clock import Baseline, Effort, Variant, measure
-from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, git
+from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, git, read_rows
 from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages, filled, pages
 from tinysplat.measure.studies import STUDIES, find_study
+from tinysplat.measure.subjects.made import made_gaussians
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.formats.check import file_loss
+from tinysplat_runtime.formats.table import save_gaussians
 
 ROOT = Path(__file__).parents[2]
 
@@ -129,3 +132,28 @@ def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp
 def test_every_marked_figure_is_that_of_the_committed_rows(page):
     text = page.read_text("utf-8")
     assert filled(text, ROOT, page.name) == text, "tinysplat bench --docs fills it"
+
+
+def test_what_the_paper_prints_is_quoted_as_in_the_committed_report_and_ours_stands_beside() -> None:
+    folder = ROOT / "benchmarks" / "reports" / "2026-11-22" / "scenes" / "paper"
+
+    def cells(text: str) -> list[list[str]]:
+        lines = [line for line in text.splitlines() if line.startswith("|") and not line.startswith("|-")]
+        return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+    rows, quoted = read_rows(folder), cells((folder / "report.md").read_text("utf-8"))
+    for name, table in find_study("paper").tables.items():
+        lines = cells(table(rows))
+        assert len(lines) > 4 and [line for line in lines if line not in quoted] == [], name
+
+
+@pytest.mark.parametrize(("way", "suffix"), [("SPZ", ".spz"), ("compressed PLY", ".compressed.ply")])
+def test_formats_are_measured_on_the_scene_that_committed_figures_are_of(tmp_path, way, suffix):
+    """Writers may become better; another scene of the same name would make figures that do not compare."""
+    rows = read_rows(ROOT / "benchmarks" / "reports" / "2026-11-24" / "formats.jsonl")
+    committed = next(row.figures for row in rows if row.way == way)
+    gaussians = made_gaussians(2, 128, 128, 3)
+    save_gaussians(tmp_path / f"g{suffix}", gaussians)
+    loss = file_loss(tmp_path / f"g{suffix}", gaussians)
+    assert loss.bytes == pytest.approx(committed["bytes"], rel=0.02)
+    assert loss.psnr == pytest.approx(committed["psnr_decoded_raw"], abs=0.1)
