@@ -92,7 +92,7 @@ test("a view is flown to, or reached at once by who wants stillness", () => {
 
 test("a page moves by itself along its views until it is touched", () => {
   const viewer = made(VIEWS, { isStill: false }), places = [];
-  for (let n = 0; n < 80; n++) { pass(250); places.push(viewer.camera.position[0]); } // so that it is at the ends, too
+  for (let n = 0; n < 160; n++) { pass(125); places.push(viewer.camera.position[0]); } // so that it is at the ends, too
   assert.ok(Math.max(...places) > 1.4 && Math.min(...places) < 0.1 && Math.max(...places) <= 1.5 && Math.min(...places) >= 0);
   listeners.keydown({ code: "KeyW", preventDefault() {} });
   listeners.keyup({ code: "KeyW" });
