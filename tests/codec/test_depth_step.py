@@ -11,24 +11,14 @@ from scenes import make_smooth_gaussians
 from scipy.fft import dctn, idctn
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.adaptive import prepare_layer, scene_steps, take_geometry
-from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.depth_step.allocation import FARTHEST, measured_depth_step, measured_opacity_step
 from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
 from tinysplat_runtime.codec.depth_step.contrast import block_offsets, contrast
 from tinysplat_runtime.codec.depth_step.probe import Probe
-from tinysplat_runtime.codec.profiles import ADAPTIVE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.gaussian.sh import C0
-from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.render import DEFINITION, Renderer, between
-
-
-@pytest.fixture(scope="module")
-def store():
-    return GraphStore()
 
 
 def _inverse(layer: Gaussians) -> NDArray:
@@ -143,14 +133,11 @@ def test_steps_go_to_where_errors_cost_what_they_may(gain):
     assert measured_depth_step(Linear(gain, 1.0, reached), planes, [np.zeros((1, 4, 4), int)], 0.1, plain, 0) == 0.1
 
 
-def test_depth_is_coded_more_finely_where_gaussians_are_opaque(store):
-    scene = make_smooth_gaussians(2, 40, 48, degree=0)
-    steps = []
-    for opacity in (0.9, 0.05):
-        g = replace(scene, opacities=np.full_like(scene.opacities, opacity))
-        geometry = take_geometry(project_layer(store, g, drop_invalid=False, where=""))
-        steps += scene_steps([prepare_layer(store, g, geometry, ADAPTIVE, 0)], ADAPTIVE, 1)
-    assert steps[0][PlaneClass.DEPTH] < steps[1][PlaneClass.DEPTH]
+def test_depth_is_coded_more_finely_where_gaussians_are_opaque():
+    scene, runtime = make_smooth_gaussians(2, 40, 48, degree=0), Runtime(threads=1)
+    files = [runtime.compress(replace(scene, opacities=np.full_like(scene.opacities, o))) for o in (0.9, 0.05)]
+    solid, faint = (inspect_bytes(data)["bytes_by_class"]["depth"] for data in files)
+    assert solid > faint > 0
 
 
 def test_sh_bands_that_nobody_sees_are_left_out_and_listed():

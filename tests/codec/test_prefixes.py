@@ -65,13 +65,6 @@ def test_absent_opacity_is_the_mean_and_absent_depth_refinement_adds_nothing(gau
     np.testing.assert_allclose(decoded.means, whole.means, atol=0.05)
 
 
-def test_a_prefix_within_the_metadata_says_what_the_metadata_takes(data):
-    section = read_container(data).pictures.sections[0]
-    end = section.end - section.length
-    with pytest.raises(FormatError, match=str(end)):
-        ts.decompress(data, max_bytes=end - 1)
-
-
 def test_parts_of_a_class_that_are_missing_or_out_of_order_are_refused(data):
     sections = sections_of(data)
     parts = [i for i, s in enumerate(sections) if s[0] == L.PLANES[1] and s[2] % L.PART == 0]

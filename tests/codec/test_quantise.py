@@ -40,20 +40,10 @@ def test_codes_never_overflow_and_steps_are_as_wanted_unless_12_bits_are_too_few
     assert ends.min() >= -slack and ends.max() <= MAX_CODE + slack
     finest = hevc_step(0) * span / MAX_CODE
     assert code_map.step == pytest.approx(max(step, finest), rel=1e-5)
-
-
-def test_values_outside_the_range_are_clipped_and_counted():
-    code_map = choose_code_map(0.0, 1.0, 0.5, 1e-4)
-    codes, clipped = code_map.quantise(np.float32([-5, 0, 0.5, 1, 5]))
-    assert clipped == 2
-    assert codes[0] == 0 and codes[-1] == MAX_CODE
-
-
-def test_dequantising_undoes_quantising_to_half_a_code():
-    code_map = choose_code_map(-3.0, 7.0, 1.0, 1e-3)
-    values = np.linspace(-3, 7, 1001, dtype=np.float32)
-    codes, _ = code_map.quantise(values)
-    assert np.abs(code_map.dequantise(codes) - values).max() <= 0.51 * code_map.scale
+    values = np.linspace(low + 0.05 * span, high - 0.05 * span, 50, dtype=np.float32)
+    codes, clipped = code_map.quantise(values)
+    rounding = 5e-7 * max(abs(low), abs(high))
+    assert clipped == 0 and np.abs(code_map.dequantise(codes) - values).max() <= 0.51 * code_map.scale + rounding
 
 
 @given(
