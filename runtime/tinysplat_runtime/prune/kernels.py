@@ -102,34 +102,6 @@ def score_tile(
 
 
 @compiled
-def show_tile(records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, picture: NDArray) -> None:
-    """Draw a tile into `picture` (H, W, 3) float32; other arguments as those of `score_tile`."""
-    blend_tile(records, rows, listed, extent, work, False)
-    for line in range(extent.rows):
-        for lane in range(extent.columns):
-            at = line * ROW + lane
-            for channel in range(3):
-                picture[extent.row + line, extent.column + lane, channel] = work.state[at + (1 + channel) * _STRIDE]
-
-
-@compiled
-def error_of_tile(
-    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, wanted: NDArray
-) -> Number:
-    """Draw a tile: Σ (C − wanted)² of red, green and blue of at most 1; arguments as those of `score_tile`."""
-    blend_tile(records, rows, listed, extent, work, False)
-    squared = 0.0
-    for line in range(extent.rows):
-        for lane in range(extent.columns):
-            for channel in range(3):
-                found = work.state[line * ROW + lane + (1 + channel) * _STRIDE]
-                aim = wanted[extent.row + line, extent.column + lane, channel]
-                apart = np.float64(min(found, _ONE) - min(aim, _ONE))
-                squared += apart * apart
-    return squared
-
-
-@compiled
 def _turn_over(state: NDArray, wanted: NDArray, extent: Extent, is_first: bool) -> None:
     """From a drawn tile to what its second walk begins with."""
     for line in range(extent.rows):

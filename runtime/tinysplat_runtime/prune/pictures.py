@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
 from ..render.compiled import pack
-from ..render.kernels_blend import Extent, Listed, Scratch, Visible
+from ..render.kernels_blend import Extent, Listed, Picture, Scratch, Visible, composite_tile
 from ..render.kernels_project import CHUNK
 from ..render.lists import Chunks, SplatBuffers, TileLists
 from ..render.prepare import parts
@@ -66,7 +66,8 @@ class Pictures:
     def errors(self, gaussians: Gaussians) -> Iterator[float]:
         """By view: Σ of squared errors of red, green and blue of at most 1."""
         for number, drawn in self._drawn(gaussians, range(len(self.cameras))):
-            yield self._error(drawn, number)
+            apart = np.minimum(self._shown(drawn, number), 1) - np.minimum(self.wanted[number], 1)
+            yield float(np.square(apart, dtype=np.float64).sum())
 
     def psnr(self, gaussians: Gaussians) -> float:
         """dB over all views; 150 where none differs."""
@@ -116,23 +117,12 @@ class Pictures:
 
     def _shown(self, drawn: _Drawn, number: int) -> NDArray:
         buffers, camera = drawn.buffers, self.cameras[number]
-        picture = np.empty((camera.height, camera.width, 3), np.float32)
+        shape = camera.height, camera.width
+        picture = Picture(np.empty((*shape, 3), np.float32), np.empty(shape, np.float32), np.empty((0, 0), np.float32))
         for lists in buffers.lists(drawn.visible, drawn.view):
 
             def show(tile: int, listed: Listed, extent: Extent, scratch: Scratch, lists: TileLists = lists) -> None:
-                kernels.show_tile(buffers.records, lists.rows, listed, extent, scratch, picture)
+                composite_tile(buffers.records, lists.rows, listed, extent, scratch, picture, False)
 
             buffers.work_on(lists, drawn.view, show)
-        return picture
-
-    def _error(self, drawn: _Drawn, number: int) -> float:
-        buffers, errors = drawn.buffers, np.zeros(drawn.visible[0].counts.size)
-        for lists in buffers.lists(drawn.visible, drawn.view):
-
-            def compare(tile: int, listed: Listed, extent: Extent, scratch: Scratch, lists: TileLists = lists) -> None:
-                errors[tile] = kernels.error_of_tile(
-                    buffers.records, lists.rows, listed, extent, scratch, self.wanted[number]
-                )
-
-            buffers.work_on(lists, drawn.view, compare)
-        return float(errors.sum())
+        return picture.colour

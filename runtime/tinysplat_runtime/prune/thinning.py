@@ -51,11 +51,6 @@ BYTES_EACH = 4.0
 OCTAVES_PER_QP = 0.1
 
 
-RECOLOURINGS = 1
-"""Fits of colours to what is decoded of all else, where they do not depend on the view: those that do would
-be fitted to errors of the views looked at."""
-
-
 class ThinningEncoder(Coder):
     """Codes one set of Gaussians at any Q_g without those that are not worth their bytes at it.
 
@@ -83,9 +78,7 @@ class ThinningEncoder(Coder):
         kept = thinned.gaussians.with_notes(replace(self._notes, thinned=thinned.text))
 
         def recolour(decoded: Gaussians) -> NDArray:
-            for _ in range(RECOLOURINGS):
-                decoded = self._remover.recoloured(decoded, penalties)
-            return decoded.sh
+            return self._remover.recoloured(decoded, penalties).sh
 
         coder = FreeEncoder(
             kept,
@@ -93,7 +86,7 @@ class ThinningEncoder(Coder):
             threads=self._threads,
             stats=self._stats,
             tiers=tiers,
-            recolour=None if kept.degree else recolour,
+            recolour=None if kept.degree else recolour,  # by direction, colours would be fitted to views' errors
         )
         return coder.code(qp, self._terms.steps)
 

@@ -66,12 +66,6 @@ class Descent:
 
     def step(self, target: Target, way: float) -> PhotoError:
         """Towards one picture, at a share of the way; what it lacked before."""
-        error = self.correct(target, way)
-        self.field.place()
-        return error
-
-    def correct(self, target: Target, way: float) -> PhotoError:
-        """As `step`, but what is drawn is not yet brought up to date."""
         self.gradient[:] = 0
         error = self.field.measure(target, gradient=self.gradient)
         self.count += 1
@@ -82,6 +76,7 @@ class Descent:
             kernels.adam(self.field.values[kind], self.gradient[kind], *self.means[:, kind], numbers)
 
         self._run(move, range(VALUES))
+        self.field.place()
         return error
 
     def keep(self, keep: NDArray) -> None:

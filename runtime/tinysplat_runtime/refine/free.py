@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,12 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
-from ..render import kernels_gradient
-from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, PhotoError, Target
-from ..render.kernels_blend import Extent, Listed, Scratch, Visible
+from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, Comparer, PhotoError, Target
+from ..render.kernels_blend import Visible
 from ..render.kernels_chain import Moved
-from ..render.kernels_gradient import PAIR, SUMS, Exposure, Sought
+from ..render.kernels_gradient import Exposure, Sought
 from ..render.kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
-from ..render.lists import Chunks, SplatBuffers, TileLists, view_numbers
+from ..render.lists import Chunks, TileLists, view_numbers
 from ..render.prepare import BLOCK_SIZE, Block
 from ..render.project import View
 from ..render.renderer import NEAR_PLANE
@@ -82,8 +82,7 @@ class FreeGaussians:
             for step in [BLOCK_SIZE // CHUNK]
             for first in range(0, len(planes), step)
         ]
-        self._buffers, self._run = SplatBuffers(rows, run_jobs), run_jobs
-        self._pairs = np.empty((0, PAIR), np.float32)
+        self._comparer, self._run = Comparer(rows, run_jobs), run_jobs
         self.place()
 
     def place(self) -> None:
@@ -125,32 +124,16 @@ class FreeGaussians:
             gradient: (10, rows) float32 that gradients with respect to `values` are added to, or None.
             weight: what a unit of |error| counts in `gradient`.
         """
-        view, buffers = View.of(target.camera, self._start.origin, NEAR_PLANE), self._buffers
+        view = View.of(target.camera, self._start.origin, NEAR_PLANE)
         visible = self._run(lambda piece: self._project(piece, view), self.pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
         sought = Sought(target.photo, exposure, np.empty((0, 0, 0), np.float32))
-        sums = np.zeros((visible[0].counts.size, SUMS))
-
-        def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
-            kernels_gradient.measure_tile(
-                buffers.records, lists.rows, listed, extent, scratch, sought, False, sums[tile], pairs
-            )
-
-        for lists in buffers.lists(visible, view):
-            pairs = self._pairs[:0] if gradient is None else self._room(lists.rows.size)
-            buffers.work_on(lists, view, measure)
-            if gradient is not None:
-                self._add_up(visible, lists, view, gradient)
-        return PhotoError(*sums.sum(axis=0).tolist())
-
-    def _room(self, pairs: int) -> NDArray:
-        if len(self._pairs) < pairs:
-            self._pairs = np.empty((int(pairs * 1.1), PAIR), np.float32)
-        return self._pairs
+        add_up = None if gradient is None else partial(self._add_up, visible, view, gradient)
+        return self._comparer.compare(visible, view, sought, add_up)
 
     def _project(self, piece: RowBlock, view: View) -> Visible:
         chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))
-        return self._buffers.project(chunks, view, 0.0, 0.0)
+        return self._comparer.buffers.project(chunks, view, 0.0, 0.0)
 
     def _block(self, piece: RowBlock) -> Block:
         """A piece as it stands, for the code that works in float64."""
@@ -161,17 +144,19 @@ class FreeGaussians:
         means, opacities = planes[MEAN : MEAN + 3], planes[OPACITY]
         return Block(means, nothing, opacities, nothing, self._start.quats[rows], scales, planes[OWN_PIXEL])
 
-    def _add_up(self, visible: Sequence[Visible], lists: TileLists, view: View, gradient: NDArray) -> None:
+    def _add_up(
+        self, visible: Sequence[Visible], view: View, gradient: NDArray, lists: TileLists, pairs: NDArray
+    ) -> None:
         numbers, nowhere = view_numbers(view), np.zeros(3)
 
         def add(number: int) -> None:
             piece = self.pieces[number]
             kernels_free.add_up(
-                self._buffers.records,
+                self._comparer.buffers.records,
                 visible[number],
                 lists.tiles,
                 lists.starts[number],
-                self._pairs,
+                pairs,
                 Moved(piece.rows.start, piece.geometry, nowhere, self.values[:, piece.rows]),
                 piece.base[:, 12],
                 numbers,

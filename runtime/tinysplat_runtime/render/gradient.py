@@ -15,6 +15,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -144,6 +145,43 @@ class _Placed:
     geometry: NDArray
 
 
+class Comparer:
+    """What holding pictures against photos takes.
+
+    Attributes:
+        buffers: of the splats.
+    """
+
+    def __init__(self, rows: int, run_jobs: Callable) -> None:
+        """For at most so many Gaussians; `run_jobs` maps a function over a list, on any number of threads."""
+        self.buffers, self._pairs = SplatBuffers(rows, run_jobs), np.empty((0, PAIR), np.float32)
+
+    def compare(
+        self,
+        visible: Sequence[Visible],
+        view: View,
+        sought: Sought,
+        add_up: Callable[[TileLists, NDArray], None] | None = None,
+        has_front: bool = False,
+    ) -> PhotoError:
+        """Hold what `buffers` have projected against a photo; `add_up` gets sums (pairs, 9) of lists' pairs."""
+        sums = np.zeros((visible[0].counts.size, SUMS))
+
+        def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
+            kernels_gradient.measure_tile(
+                self.buffers.records, lists.rows, listed, extent, scratch, sought, has_front, sums[tile], pairs
+            )
+
+        for lists in self.buffers.lists(visible, view):
+            if add_up and len(self._pairs) < lists.rows.size:
+                self._pairs = np.empty((int(lists.rows.size * 1.1), PAIR), np.float32)
+            pairs = self._pairs if add_up else self._pairs[:0]
+            self.buffers.work_on(lists, view, measure)
+            if add_up:
+                add_up(lists, pairs)
+        return PhotoError(*sums.sum(axis=0).tolist())
+
+
 class MovableGaussians:
     """Per-pixel Gaussians, their values, and what drawing them takes.
 
@@ -174,7 +212,7 @@ class MovableGaussians:
             self._take(layer, [grid for grid in self.grids if grid.layer == number], gaussians.cameras)
         self._run = run_jobs
         self._geometry = np.empty((0, GEOMETRY, CHUNK), np.float32)
-        self._buffers, self._pairs = SplatBuffers(0, run_jobs), np.empty((0, PAIR), np.float32)
+        self._comparer = Comparer(0, run_jobs)
 
     def _take(self, layer: Gaussians, grids: Sequence[Grid], photos: Sequence[Camera]) -> None:
         """Make pieces of a layer's Gaussians."""
@@ -271,43 +309,26 @@ class MovableGaussians:
         view = View.of(target.camera, self.origin, NEAR_PLANE)
         self.shelf.take([grid for grid in self.grids if shares is None or shares.whole[grid.view] > 0])
         pieces = self._placed([one for one in self._pieces if shares is None or shares.whole[one.grid.view] > 0])
-        buffers = self._buffers
         visible = self._run(lambda placed: self._project(placed, view, shares), pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
         room = np.empty((0, 0, 0), np.float32) if shown is None else shown
         sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden))
         has_front = shares is not None and shares.has_front
-        sums = np.zeros((visible[0].counts.size, SUMS))
-
-        def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
-            kernels_gradient.measure_tile(
-                buffers.records, lists.rows, listed, extent, scratch, sought, has_front, sums[tile], pairs
-            )
-
-        for lists in buffers.lists(visible, view):
-            pairs = self._room(lists.rows.size) if gradients else self._pairs[:0]
-            buffers.work_on(lists, view, measure)
-            if gradients:
-                self._add_up(pieces, visible, lists, view, gradients)
+        add_up = partial(self._add_up, pieces, visible, view, gradients) if gradients else None
+        error = self._comparer.compare(visible, view, sought, add_up, has_front)
         scratch.set_aside(target.photo)
-        return PhotoError(*sums.sum(axis=0).tolist())
+        return error
 
     def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
         """What a camera's picture is drawn with, of all views but some."""
         return Shares.by_depth(np.ones(1)) if self._near is None else self._near.shares(camera, without)
-
-    def _room(self, pairs: int) -> NDArray:
-        """Sums for at least so many pairs."""
-        if len(self._pairs) < pairs:
-            self._pairs = np.empty((int(pairs * 1.1), PAIR), np.float32)
-        return self._pairs
 
     def _placed(self, pieces: Sequence[_Piece]) -> list[_Placed]:
         """Places for what is drawn: few views of a capture are, and what drawing takes is as large as all they hold."""
         chunks = [0, *np.cumsum([len(piece.base) for piece in pieces]).tolist()]
         if len(self._geometry) < chunks[-1]:
             self._geometry = np.empty((chunks[-1], GEOMETRY, CHUNK), np.float32)
-            self._buffers = SplatBuffers(CHUNK * chunks[-1], self._run)
+            self._comparer = Comparer(CHUNK * chunks[-1], self._run)
         starts = itertools.pairwise(chunks)
         return [
             _Placed(piece, CHUNK * first, self._geometry[first:stop])
@@ -319,7 +340,7 @@ class MovableGaussians:
         kernels_gradient.place(piece.base, piece.centre, self.values, piece.start, geometry, piece.sh)
         share, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
         chunks = Chunks(placed.start, geometry.ravel(), piece.sh, lambda: self._block(placed))
-        return self._buffers.project(chunks, view, share, front)
+        return self._comparer.buffers.project(chunks, view, share, front)
 
     def _block(self, placed: _Placed) -> Block:
         """A piece as it stands, for the code that works in float64."""
@@ -334,9 +355,10 @@ class MovableGaussians:
         self,
         pieces: list[_Placed],
         visible: list[Visible],
-        lists: TileLists,
         view: View,
         gradients: Mapping[Grid, NDArray],
+        lists: TileLists,
+        pairs: NDArray,
     ) -> None:
         numbers = view_numbers(view)
 
@@ -344,11 +366,11 @@ class MovableGaussians:
             placed, piece = pieces[number], pieces[number].piece
             first = piece.start - piece.grid.rows.start
             kernels_chain.add_up(
-                self._buffers.records,
+                self._comparer.buffers.records,
                 visible[number],
                 lists.tiles,
                 lists.starts[number],
-                self._pairs,
+                pairs,
                 Moved(placed.start, placed.geometry, piece.centre, self.values[:, piece.rows]),
                 numbers,
                 gradients[piece.grid][:, first : first + CHUNK * len(piece.base)],
