@@ -99,6 +99,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> tuple[ts.Gaussians, Sce
 def test_a_capture_comes_nearer_to_photos_that_it_never_saw(capture: tuple[ts.Gaussians, Scene, Scene]) -> None:
     found, photos, between = capture
     start, stats = worn(found), RefineStats()
+    start = replace(start, sh=start.sh - 0.35)  # too dark, too
     refined = ts.refine(start, photos, stats=stats)
     assert psnr(refined, between) > psnr(start, between) + 1
     assert stats.kept > 0 and dict(stats.looks)[stats.kept] > dict(stats.looks)[0] + 0.5
