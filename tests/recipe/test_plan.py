@@ -36,7 +36,9 @@ def test_a_plan_names_every_step_in_the_order_of_work() -> None:
     assert whole.total == pytest.approx(sum(whole.seconds.values()))
     assert re.findall(r"(\w+) \d+(?=,|$)", str(whole)) == [name for name in STEPS if whole.seconds[name] >= 1]
     assert plan(scene, is_refined=False).seconds["refining"] == 0
-    assert " KB" in str(whole) and " KB" not in str(plan(scene, is_usual=False))
+    kilobytes = re.search(r"([\d,]+) KB", str(whole))
+    assert kilobytes and 200 < int(kilobytes[1]) < 2000 and " KB" not in str(plan(scene, is_usual=False))
+    assert all(0.8 < seconds < 30 for seconds in whole.seconds.values())  # each took some on two cores
 
 
 def test_more_photos_larger_ones_and_fewer_cores_take_longer() -> None:
@@ -46,6 +48,11 @@ def test_more_photos_larger_ones_and_fewer_cores_take_longer() -> None:
         [plan(photos(24, 256, 256), cores=cores) for cores in (8, 2, 1)],
     ):
         assert all(less.total < more.total for less, more in pairwise(series))
+
+
+def test_the_network_is_given_large_photos_in_small() -> None:
+    small, large = (plan(photos(24, side, side)).seconds for side in (640, 2000))
+    assert large["network"] < 2 * small["network"] and large["coding"] == pytest.approx(small["coding"] * 3.125**2)
 
 
 def test_reading_files_larger_than_what_the_network_gets_is_in_the_plan() -> None:

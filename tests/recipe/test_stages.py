@@ -39,6 +39,7 @@ def test_a_report_says_what_was_measured() -> None:
     from tinysplat_runtime.codec.encoder import EncodeStats
     from tinysplat_runtime.recipe.encode import Encoded
     from tinysplat_runtime.recipe.report import encode_report
+    from tinysplat_runtime.refine.stats import RefineStats
 
     runtime, gaussians, stats = ts.Runtime(threads=1), make_smooth_gaussians(2, 16, 24, 1), EncodeStats()
     data = runtime.compress(gaussians, stats=stats)
@@ -52,3 +53,8 @@ def test_a_report_says_what_was_measured() -> None:
         and "refine" not in report
         and coded.seconds == sum(stats.watch.seconds.values())
     )
+    stats = EncodeStats()
+    data = runtime.compress(gaussians.flat(), stats=stats, keep_all=True)
+    coded = Encoded(data, gaussians.flat(), raw_bytes(gaussians), stats, RefineStats(steps=3))
+    report = encode_report(coded, runtime, model=None)
+    assert report["mode"] == "free" and report["error_by_attribute"] == {} and report["refine"]["steps"] == 3

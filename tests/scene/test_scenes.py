@@ -12,8 +12,10 @@ import pytest
 from scenes import FAR, NEAR, make_cameras, make_photo, refusing, scene_document, write_scene
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
-from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.pictures import jpeg_bytes, write_png
 from tinysplat_runtime.scene.resampling import resize_cover
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
@@ -95,6 +97,22 @@ def test_a_resized_photo_is_read_once(folder: Path) -> None:
     image = frame.image()
     frame.path.unlink()
     np.testing.assert_array_equal(frame.image(), image)
+
+
+def test_large_photos_are_read_smaller_where_that_is_enough(tmp_path: Path) -> None:
+    """Twice as large as the picture that is wanted, or larger; the whole photo where that is not."""
+    y, x = np.mgrid[:1040, :1200] / 40
+    path = tmp_path / "a.jpg"
+    path.write_bytes(jpeg_bytes(np.stack([np.sin(x), np.cos(y), np.sin(x + y)], axis=-1) / 2 + 0.5))
+    K, whole = [[900, 0, 600], [0, 900, 520], [0, 0, 1]], read_image(path)
+    frame = Frame(Camera(K, np.eye(4), 1200, 1040), path)
+    for least, shrink in (((130, 150), 4), ((131, 150), 2), ((260, 299), 2), ((260, 301), 1), ((520, 600), 1)):
+        assert frame.photo(least).shape == (1040 // shrink, 1200 // shrink, 3)
+    np.testing.assert_array_equal(frame.resized(600, 600).image(), resize_cover(whole, 600, 600))
+    np.testing.assert_allclose(frame.resized(104, 110).image(), resize_cover(whole, 104, 110), atol=0.02)
+    for width in (1198, 1204):
+        with pytest.raises(InputError, match=f"1200x1040 pixels, but its camera states {width}x1040"):
+            Frame(Camera(K, np.eye(4), width, 1040), path).resized(104, 120).image()
 
 
 def test_resizing_twice_starts_from_the_photo_again(folder: Path) -> None:

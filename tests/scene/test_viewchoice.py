@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scenes import camera_at
 
 from tinysplat_runtime.errors import InputError
@@ -57,21 +58,15 @@ def test_photos_of_one_place_are_refused() -> None:
 def test_a_camera_sees_its_picture_from_half_of_near_to_twice_far() -> None:
     camera = camera_at(0.0)
 
-    def point(u: float, v: float, z: float) -> list[float]:
-        return [(u - 64) / 100 * z, (v - 48) / 100 * z, z]
+    def points(*places: tuple[float, float, float]) -> NDArray:
+        u, v, z = np.array(places).T
+        return np.stack([(u - 64) / 100 * z, (v - 48) / 100 * z, z], axis=1)
 
-    seen = [point(0.1, 0.1, 3), point(127.9, 95.9, 3), point(64, 48, 1.01), point(64, 48, 11.9)]
-    unseen = [
-        point(-0.1, 48, 3),
-        point(128.1, 48, 3),
-        point(64, -0.1, 3),
-        point(64, 96.1, 3),
-        point(64, 48, 0.99),
-        point(64, 48, 12.1),
-        point(64, 48, -3),
-    ]
-    assert sees(camera, np.array(seen), 2.0, 6.0).all()
-    assert not sees(camera, np.array(unseen), 2.0, 6.0).any()
+    seen = points((0.1, 0.1, 3), (127.9, 95.9, 3), (64, 48, 1.01), (64, 48, 11.9))
+    beside = points((-0.1, 48, 3), (128.1, 48, 3), (64, -0.1, 3), (64, 96.1, 3))
+    before_or_behind = points((64, 48, 0.99), (64, 48, 12.1), (64, 48, -3))
+    assert sees(camera, seen, 2.0, 6.0).all()
+    assert not sees(camera, np.concatenate([beside, before_or_behind]), 2.0, 6.0).any()
 
 
 def row(count: int, step: float) -> list[Camera]:
