@@ -6,12 +6,10 @@ import base64
 import hashlib
 import io
 import json
-import re
 import subprocess
 import sys
 import urllib.error
 import urllib.request
-from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -91,16 +89,6 @@ def test_the_page_carries_the_file_as_it_is(size: int) -> None:
 def test_a_page_takes_little_more_than_its_file() -> None:
     data = bytes(131_000)
     assert len(scene_page(data, title="a")) < len(data) * 4 / 3 + 95_000
-
-
-def test_names_at_the_top_of_modules_are_unique() -> None:
-    names = r"^(?:export )?(?:async )?(?:function\*?|class) (\w+)|^(?:export )?(?:const|let) (?:.*, )?(\w+) ="
-    pattern = re.compile(names, re.MULTILINE)
-    folder = Path(ts.__file__).parent / "page"
-    texts = [path.read_text("utf-8") for path in folder.glob("*.js") if path.name != "start.js"]
-    found = Counter(first or other for text in texts for first, other in pattern.findall(text))
-    assert len(found) > 80
-    assert [name for name, count in found.items() if count > 1] == []
 
 
 def test_photos_and_cameras_are_in_the_page() -> None:
