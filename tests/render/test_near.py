@@ -99,6 +99,12 @@ def test_coarse_surfaces_are_those_of_the_views_around_and_change_with_the_camer
     assert not six.shares(camera).behind.any()
 
 
+def test_one_view_that_is_left_is_drawn_whole_and_by_depth():
+    views, camera = row([0.1, 0.2, 0.3])
+    shares = views.shares(camera, without=[0, 2])
+    np.testing.assert_array_equal((shares.front, shares.whole, shares.behind), ([0, 0, 0], [0, 1, 0], [0, 0, 0]))
+
+
 def test_a_frame_of_a_capture_takes_memory_for_the_near_views_alone():
     sizes = []
     for views in (8, 40):

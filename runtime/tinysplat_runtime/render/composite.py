@@ -53,11 +53,6 @@ class Canvas:
         self.left = np.empty((height, width), np.float32)
         self.depth = np.empty((N_DEPTH, height, width) if with_depth else (N_DEPTH, 0, 0), np.float32)
 
-    @property
-    def with_depth(self) -> bool:
-        """Whether depth is gathered."""
-        return self.depth.size > 0
-
     def colours(self) -> NDArray:
         """(H, W, 3) float32 that the splats add."""
         return self.colour

@@ -227,8 +227,3 @@ def _cut(
     for start in range(0, count, BLOCK_SIZE):
         rows = {name: array[start : start + BLOCK_SIZE] for name, array in flat.items()}
         yield Part(view, is_surface, rows, origin, photo)
-
-
-def prepare(gaussians: Gaussians, *, by_view: bool = False) -> Iterator[Block]:
-    """Blocks of all Gaussians but those that can never show; arguments as `parts` has them."""
-    return (block for part in parts(gaussians, by_view=by_view) if (block := part.block()).size)
