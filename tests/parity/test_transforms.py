@@ -8,6 +8,7 @@ import torch
 from scenes import make_smooth_gaussians
 
 from tinysplat import transforms as T
+from tinysplat.reference import transforms as reference
 from tinysplat.reference.transforms import project_view, unproject_view
 from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes
 from tinysplat_runtime.codec.basis import (
@@ -67,9 +68,9 @@ def test_vpt_graph_matches_its_torch_twin_and_float64(size):
     twin = T.ViewProjection()(*(torch.from_numpy(inputs[n]) for n in CONTRACTS["analysis_vpt"].inputs))
     np.testing.assert_allclose(found["geometry"], twin[0].numpy(), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(found["rotation_moment"], twin[1].numpy(), rtol=1e-5, atol=1e-5)
-    reference = np.stack([project_view(g, v) for v in range(size[0])])
+    wanted = np.stack([project_view(g, v) for v in range(size[0])])
     # Pixel offsets are differences of numbers as large as the image: 1e-5 px is an ulp of a few hundred.
-    np.testing.assert_allclose(found["geometry"], reference, rtol=1e-5, atol=3e-5)
+    np.testing.assert_allclose(found["geometry"], wanted, rtol=1e-5, atol=3e-5)
 
 
 def _round_trip(g: Gaussians) -> dict[str, float]:
@@ -118,14 +119,11 @@ def test_vabr_round_trip_with_all_components_is_within_1e_5(degree, weighting):
 
 def test_moment_and_projection_match_float64():
     g = make_smooth_gaussians(3, 20, 17, 4)
-    x = g.sh.reshape(-1, 75).astype(np.float64)
-    moment = coefficient_moment(STORE, g)
-    wanted = x.T @ x / len(x)
-    np.testing.assert_allclose(moment, wanted, atol=1e-6 * np.abs(wanted).max())
+    wanted = reference.coefficient_moment(g.sh)
+    np.testing.assert_allclose(coefficient_moment(STORE, g), wanted, atol=1e-6 * np.abs(wanted).max())
     projection = np.random.default_rng(0).standard_normal((75, 6))
-    planes = color_planes(STORE, g, projection)
-    reference = np.moveaxis((x @ projection).reshape(3, 20, 17, 6), -1, 1)
-    np.testing.assert_allclose(planes, reference, atol=2e-6 * np.abs(reference).max())
+    planes = reference.project_coefficients(g.sh, projection)
+    np.testing.assert_allclose(color_planes(STORE, g, projection), planes, atol=2e-6 * np.abs(planes).max())
 
 
 @pytest.mark.parametrize("forms", [(0.0, 0.0), (1.0, 1.0)])
@@ -163,8 +161,7 @@ def test_synthesis_graph_matches_its_torch_twin_and_float64(forms):
     if forms[1]:
         values[:, 6] = np.sqrt(np.maximum(1 - (values[:, 7:10] ** 2).sum(1), T.MIN_W**2))
     for v, camera in enumerate(g.cameras):
-        reference = unproject_view(values[v], camera, np.zeros(3))
-        for key, want in reference.items():
+        for key, want in unproject_view(values[v], camera, np.zeros(3)).items():
             want = np.maximum(want, 0) if key == "scales" else np.clip(want, 0, 1) if key == "opacities" else want
             np.testing.assert_allclose(found[key][v], want, rtol=1e-5, atol=2e-5, err_msg=key)
     coefficients = np.einsum("vkhw,kd->vhwd", inputs["color_codes"].astype(np.float64), np.float32(color_mix))
