@@ -51,15 +51,6 @@ def test_pictures_come_nearer_to_those_wanted_from_unseen_places_too(scene):
     assert not np.array_equal(found.means, off.means) and not np.array_equal(found.scales, off.scales)
 
 
-def test_the_result_is_the_same_on_any_number_of_threads(scene):
-    true, off = scene
-    cameras = [camera.resized(64, 64) for camera in views_about(true, 6)]
-    wanted = drawn(true, cameras)
-    one, three = (corrected(off, cameras, wanted, Crew(threads).map) for threads in (1, 3))
-    for name in ("means", "scales", "opacities", "sh"):
-        assert np.array_equal(getattr(one, name), getattr(three, name)), name
-
-
 def test_what_is_not_wanted_fades_but_stays_what_may_show(scene):
     true, _ = scene
     cameras = [camera.resized(64, 64) for camera in views_about(true, 6)]

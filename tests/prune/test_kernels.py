@@ -75,14 +75,6 @@ def test_a_lack_of_colour_is_the_gradient_of_the_error(cloud):
     assert sums[row, kernels.LACK] == pytest.approx(-(errors[1] - errors[0]) / (4 * step), rel=2e-3)
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_sums_do_not_depend_on_threads(cloud, threads):
-    cameras = ring(cloud, 2)
-    one, more = (list(Pictures(cameras, Crew(n).map).measure(cloud, range(2))) for n in (1, threads))
-    for sums, others in zip(one, more, strict=True):
-        assert (sums == others).all()
-
-
 def test_colours_are_fitted_as_least_squares_has_them():
     rng = np.random.default_rng(2)
     basis, weights = rng.normal(size=(5, 9, 4)), rng.uniform(0.1, 2, (5, 9))

@@ -52,6 +52,15 @@ def test_two_become_one_of_their_mass_mean_and_covariance(pairs: Gaussians) -> N
     np.testing.assert_allclose(found.opacities, np.minimum(mass.sum(axis=0) / area, 0.999), rtol=1e-3)
 
 
+def test_what_goes_becomes_part_of_what_is_likest(pairs: Gaussians) -> None:
+    again = replace(pairs, sh=pairs.sh + 0.05 * (np.arange(4) == 0)[:, None])
+    both = Gaussians(**{name: np.concatenate([getattr(one, name) for one in (pairs, again)]) for name in FIELDS})
+    found = merged(both, np.arange(80), np.arange(120, 160))  # copies of the second of every two
+    assert all((getattr(found, name)[:40] == getattr(pairs, name)[:40]).all() for name in FIELDS)
+    assert (found.opacities[40:] > 1.2 * pairs.opacities[40:]).mean() > 0.7
+    np.testing.assert_allclose(found.sh[40:, 0], pairs.sh[40:, 0] + 0.025, atol=1e-5)
+
+
 @pytest.mark.parametrize("change", ["far", "thin", "bright"])
 def test_what_is_unlike_stays_as_it_is(pairs: Gaussians, change: str) -> None:
     is_gone = (np.arange(80) >= 40)[:, None]

@@ -28,6 +28,7 @@ pytest.importorskip("numba")
 from tinysplat_runtime.prune import views
 from tinysplat_runtime.prune.reduction import leave_out
 from tinysplat_runtime.prune.removal import Remover, taken
+from tinysplat_runtime.prune.thinning import band_penalties
 from tinysplat_runtime.prune.views import views_about
 
 
@@ -113,6 +114,16 @@ def test_finer_steps_leave_out_less():
     cloud = make_free_gaussians(900, 1, np.random.default_rng(6))
     counts = [ts.decompress(ts.compress(cloud, qp=qp)).count for qp in (-18.0, 0.0, 12.0)]
     assert counts[0] > counts[1] > counts[2]
+
+
+def test_coefficients_are_dear_where_bits_are_and_where_their_degree_is_small():
+    cloud = make_free_gaussians(50, 2, np.random.default_rng(1))
+    once = np.array(band_penalties(cloud, 1.0))
+    louder = replace(cloud, sh=cloud.sh * np.where(np.arange(9) < 4, 1, 2)[:, None].astype(np.float32))
+    np.testing.assert_allclose(band_penalties(louder, 3.0), 3 * once / [1, 4], rtol=1e-5)
+    squares = [float(np.square(cloud.sh[:, band]).mean()) for band in (slice(1, 4), slice(4, 9))]
+    # x²/(2σ² ln 2) bits, an eighth of which are bytes
+    np.testing.assert_allclose(once, 1 / (16 * np.log(2) * np.array(squares)), rtol=1e-5)
 
 
 def test_targets_are_met_without_what_is_left_out(ball):

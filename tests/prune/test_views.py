@@ -10,7 +10,7 @@ from scenes import make_free_gaussians
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.views import SIDE, views_about, views_of
+from tinysplat_runtime.prune.views import JUDGES, MOST_DECIDING, SIDE, views_about, views_of
 from tinysplat_runtime.render.paths import ring
 
 
@@ -59,9 +59,16 @@ def test_rooms_are_seen_from_within_too():
     assert not [c for c in views_about(sparse, 18) if np.linalg.norm(c.centre) < 1]
 
 
-def test_large_photos_are_looked_at_small():
+def test_photos_are_looked_at_small_and_those_between_them_judge():
     cloud = make_free_gaussians(500, 0, np.random.default_rng(0))
-    photos = tuple(camera.resized(1800, 3200) for camera in ring(cloud, 6))
-    views, _ = views_of(replace(cloud, viewpoints=photos))
+    shapes = [(1800, 3200), (1800, 3200), (3200, 1800)]
+    photos = tuple(camera.resized(*shapes[number % 3]) for number, camera in enumerate(ring(cloud, 60)))
+    views, reason = views_of(replace(cloud, viewpoints=photos))
     sizes = [(camera.width, camera.height) for camera in (*views.deciding, *views.judging)]
-    assert sizes and all(width * height <= 1.02 * SIDE**2 and width > height for width, height in sizes)
+    assert reason == "" and all(width * height <= 1.02 * SIDE**2 and width != height for width, height in sizes)
+    assert len(views.deciding) <= MOST_DECIDING and 2 <= len(views.judging) <= JUDGES
+    own = np.stack([camera.centre for camera in (*photos, *views.deciding)])
+    assert all(np.linalg.norm(own - camera.centre, axis=1).min() > 1e-6 for camera in views.judging)
+    radius = max(np.linalg.norm(camera.centre) for camera in photos)
+    for camera in (*views.deciding, *views.judging):  # about the scene, as the photos are, and towards it
+        assert np.linalg.norm(camera.centre) < 1.05 * radius and camera.rotation[2] @ camera.centre < 0

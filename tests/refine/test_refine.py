@@ -246,15 +246,3 @@ def test_the_commands_refine_report_and_say_so(
     for words in (["--refine", "3"], scene):
         assert main(["compress", raw, "-o", str(tmp_path / "x.tsplat"), *words]) == 2
     assert not (tmp_path / "x.tsplat").exists()
-
-
-def test_captures_are_refined_unless_that_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import json
-
-    scene, out, report = write_eval_scene(tmp_path / "plane", frames=8), tmp_path / "a.tsplat", tmp_path / "r.json"
-    command = ["encode", str(scene), "-o", str(out), "--views", "all", "--model", "sweep", "--report", str(report)]
-    assert main([*command, "--threads", "1"]) == 0
-    assert capsys.readouterr().err.count("--no-refine") == 1 and json.loads(report.read_text())["refine"]["steps"] > 0
-    assert main([*command, "--no-refine", "--force"]) == 0
-    assert "--no-refine" not in capsys.readouterr().err and "refine" not in json.loads(report.read_text())
-    assert out.read_bytes() == ts.Runtime(threads=1).encode(scene, "sweep", views="all", refine=False)
