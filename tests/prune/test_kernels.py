@@ -60,19 +60,21 @@ def test_errors_are_those_of_the_pictures_and_of_what_they_were_first(cloud):
 
 def test_a_lack_of_colour_is_the_gradient_of_the_error(cloud):
     """Σ w·(wanted − C) is half of what the error falls by with a Gaussian's colour."""
-    dim = replace(cloud, sh=0.3 * cloud.sh)
-    camera, row, step = ring(dim, 1)[0].resized(80, 80), 17, 2e-2
-    wanted = taken(dim, np.arange(300))
+    dim, step = replace(cloud, sh=0.3 * cloud.sh), 2e-2
+    camera = ring(dim, 1)[0].resized(80, 80)
     pictures = Pictures([camera], Crew(1).map)
-    next(pictures.measure(wanted, [0]))
-    sums = next(pictures.measure(dim, [0]))
-    row = int(np.argmax(np.abs(sums[:, kernels.LACK])))
-    errors = []
-    for sign in (-1, 1):
-        sh = dim.sh.copy()
-        sh[row, 0, 0] += sign * step / C0
-        errors.append(next(pictures.errors(replace(dim, sh=sh))))
-    assert sums[row, kernels.LACK] == pytest.approx(-(errors[1] - errors[0]) / (4 * step), rel=2e-3)
+    pictures.keep(taken(dim, np.arange(300)))
+    sums = next(pictures.measure(dim, [0])).astype(np.float64)
+    for channel in range(3):
+        row = int(np.argmax(np.abs(sums[:, kernels.LACK + channel])))
+        errors = []
+        for sign in (-1, 1):
+            sh = dim.sh.copy()
+            sh[row, 0, channel] += sign * step / C0
+            errors.append(next(pictures.errors(replace(dim, sh=sh))))
+        assert sums[row, kernels.LACK + channel] == pytest.approx(-(errors[1] - errors[0]) / (4 * step), rel=2e-3)
+    opacity = drawn(dim, camera)[..., 3] / kernels.OPACITY_COLOUR
+    assert sums[:, kernels.BOUND].sum() == pytest.approx(np.square(opacity).sum(), rel=1e-4)
 
 
 def test_colours_are_fitted_as_least_squares_has_them():
