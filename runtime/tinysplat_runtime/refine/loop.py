@@ -203,13 +203,9 @@ class Loop:
 
     def _expose(self, view: int, error: PhotoError) -> None:
         """A step of Adam for a photo's gain and offset, by mean |error|; then the mean of all goes back."""
-        settings, means = self.settings, self._exposure_means[:, view]
-        slope = np.array([error.by_gain, error.by_offset]) / (3 * error.known)
-        betas = settings.momentum, settings.memory
-        for mean, beta, power in zip(means, betas, (slope, slope**2), strict=True):
-            mean += (1 - beta) * (power - mean)
-        first, second = (mean / (1 - beta ** (self._count + 1)) for mean, beta in zip(means, betas, strict=True))
-        self.exposures[view] -= settings.exposure * first / (np.sqrt(second) + 1e-3)
+        settings, slope = self.settings, np.array([error.by_gain, error.by_offset]) / (3 * error.known)
+        numbers = (settings.exposure, settings.momentum, settings.memory, 1e-3, self._count + 1.0, -np.inf, np.inf)
+        kernels.adam(self.exposures[view], slope, *self._exposure_means[:, view], numbers)
         others = [view for view in range(len(self.exposures)) if view not in self.held]
         self.exposures[others] -= self.exposures[others].mean(axis=0) - (1, 0)
 
