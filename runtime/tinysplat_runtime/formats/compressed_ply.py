@@ -40,40 +40,29 @@ _SH_COUNTS = (0, 9, 24, 45)  # of degrees 0 to 3, without the first band
 
 
 def save_compressed_ply(path: Path, gaussians: Gaussians) -> list[str]:
-    """Write Gaussians of any shape; see `write_compressed_ply`. Returns what is lost, one line each."""
-    points, notes = PointCloud.of(gaussians), cut_degree_note(gaussians, MAX_DEGREE, ".compressed.ply")
-    write_compressed_ply(path, points.gaussians, points.means, ply_comments(gaussians.notes))
-    return [*notes, *far_note(points)]
-
-
-def write_compressed_ply(path: Path, gaussians: Gaussians, means: NDArray, comments: Sequence[str] = ()) -> None:
-    """Write points in Morton order; SH above degree MAX_DEGREE is left out.
-
-    Args:
-        path: the file.
-        gaussians: (N,), without layers.
-        means: (N, 3) float64 world positions.
-        comments: lines of ASCII for the header.
+    """Write Gaussians of any shape as points in Morton order, SH up to degree MAX_DEGREE; what is lost, one line each.
 
     Raises:
         ImportError: plyfile is not installed.
     """
     import plyfile
 
+    points = PointCloud.of(gaussians)
+    listed, means = points.gaussians, points.means
     order = morton_order(means)
     count, chunks = len(order), -(-len(order) // CHUNK)
     padded = np.concatenate([order, np.full(chunks * CHUNK - count, order[-1])])
-    sh = gaussians.sh[:, : (MAX_DEGREE + 1) ** 2]
-    log_scales = np.log(gaussians.scales.clip(np.finfo(np.float32).tiny)).clip(-_LOG_SCALE_LIMIT, _LOG_SCALE_LIMIT)
+    sh = listed.sh[:, : (MAX_DEGREE + 1) ** 2]
+    log_scales = np.log(listed.scales.clip(np.finfo(np.float32).tiny)).clip(-_LOG_SCALE_LIMIT, _LOG_SCALE_LIMIT)
     columns, words = [], []
     for values, bits in ((means, (11, 10, 11)), (log_scales, (11, 10, 11)), (0.5 + C0 * sh[:, 0], (8, 8, 8))):
         low, high, codes = _in_chunks(values[padded].reshape(chunks, CHUNK, 3), bits)
         columns += [low, high]
         words.append(codes.reshape(-1, 3)[:count])
-    opacity = np.rint(gaussians.opacities[order] * 255.0).astype(np.uint32)
+    opacity = np.rint(listed.opacities[order] * 255.0).astype(np.uint32)
     packed = [
         _joined(words[0], (11, 10, 11)),
-        _packed_rotation(gaussians.quats[order]),
+        _packed_rotation(listed.quats[order]),
         _joined(words[1], (11, 10, 11)),
         _joined(np.concatenate([words[2], opacity[:, None]], axis=1), (8, 8, 8, 8)),
     ]
@@ -86,7 +75,8 @@ def write_compressed_ply(path: Path, gaussians: Gaussians, means: NDArray, comme
         codes = np.floor((higher / 8 + 0.5) * 256).clip(0, 255)
         names = [f"f_rest_{i}" for i in range(higher.shape[1])]
         elements.append(_element("sh", names, codes, np.dtype(np.uint8)))
-    plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
+    plyfile.PlyData(elements, byte_order="<", comments=ply_comments(gaussians.notes)).write(str(path))
+    return [*cut_degree_note(gaussians, MAX_DEGREE, ".compressed.ply"), *far_note(points)]
 
 
 def is_compressed(elements: Any) -> bool:

@@ -80,19 +80,18 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
         }
 
 
-def write_ply(path: Path, gaussians: Gaussians, means: NDArray, comments: Sequence[str] = ()) -> None:
-    """Write points; SH above degree MAX_PLY_DEGREE is left out, opacities 0 and 1 and scales 0 move by less than 1e-7.
+def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
+    """Write Gaussians of any shape as points; what is lost or unusual, one line each.
 
-    Args:
-        path: the file.
-        gaussians: (N,), without layers.
-        means: (N, 3) world positions, float32 or float64; the file's type for them follows.
-        comments: lines of ASCII for the header.
+    SH above degree MAX_PLY_DEGREE is left out, opacities 0 and 1 and scales 0 move by less than 1e-7. Positions are
+    double where float would lose digits of them.
     """
-    import plyfile
-
-    sh = gaussians.sh[:, : (MAX_PLY_DEGREE + 1) ** 2]  # (N, B, 3)
-    opacities = gaussians.opacities.astype(np.float64).clip(_OPACITY_MARGIN, 1 - _OPACITY_MARGIN)
+    points, notes = PointCloud.of(gaussians), cut_degree_note(gaussians, MAX_PLY_DEGREE, ".ply")
+    if points.is_far:
+        notes.append("x, y, z written as double: too far from the world's origin for float")
+    means, listed = points.means if points.is_far else points.means.astype(np.float32), points.gaussians
+    sh = listed.sh[:, : (MAX_PLY_DEGREE + 1) ** 2]  # (N, B, 3)
+    opacities = listed.opacities.astype(np.float64).clip(_OPACITY_MARGIN, 1 - _OPACITY_MARGIN)
     higher = sh[:, 1:].swapaxes(1, 2).reshape(len(sh), -1)
     blocks: list[tuple[Sequence[str], NDArray]] = [
         (_MEANS, means),
@@ -100,25 +99,15 @@ def write_ply(path: Path, gaussians: Gaussians, means: NDArray, comments: Sequen
         (_CONSTANT, sh[:, 0]),
         ([f"f_rest_{i}" for i in range(higher.shape[1])], higher),
         (_OPACITY, (np.log(opacities) - np.log1p(-opacities))[:, None]),
-        (_SCALES, np.log(gaussians.scales.clip(np.finfo(np.float32).tiny))),
-        (_QUATS, normalize_quats(gaussians.quats)),
+        (_SCALES, np.log(listed.scales.clip(np.finfo(np.float32).tiny))),
+        (_QUATS, normalize_quats(listed.quats)),
     ]
     types = [(name, means.dtype if block is means else np.float32) for names, block in blocks for name in names]
     vertex = np.empty(len(means), types)
     for names, block in blocks:
         for name, column in zip(names, block.T, strict=True):
             vertex[name] = column
-    elements = [plyfile.PlyElement.describe(vertex, "vertex")]
-    plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
-
-
-def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
-    """Write Gaussians of any shape; see `write_ply`. Returns what is lost or unusual, one line each."""
-    points, notes = PointCloud.of(gaussians), cut_degree_note(gaussians, MAX_PLY_DEGREE, ".ply")
-    comments = ply_comments(gaussians.notes)
-    if points.is_far:
-        notes.append("x, y, z written as double: too far from the world's origin for float")
-    write_ply(path, points.gaussians, points.means if points.is_far else points.means.astype(np.float32), comments)
+    _write(path, vertex, ply_comments(gaussians.notes))
     return notes
 
 
@@ -131,13 +120,17 @@ def write_points(path: Path, means: NDArray, colours: NDArray, comments: Sequenc
         colours: (N, 3) uint8 RGB.
         comments: lines of ASCII for the header.
     """
-    import plyfile
-
     types = [(axis, means.dtype) for axis in "xyz"] + [(name, np.uint8) for name in ("red", "green", "blue")]
     vertex = np.empty(len(means), types)
     for i in range(3):
         vertex["xyz"[i]] = means[:, i]
         vertex[("red", "green", "blue")[i]] = colours[:, i]
+    _write(path, vertex, comments)
+
+
+def _write(path: Path, vertex: NDArray, comments: Sequence[str]) -> None:
+    import plyfile
+
     elements = [plyfile.PlyElement.describe(vertex, "vertex")]
     plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
 

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Sequence
 from numbers import Real
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,9 @@ from .near import NearViews
 from .prepare import BLOCK_SIZE, Block, Part, Shelf, coarse_parts, parts
 from .project import Splats, View, may_show, parts_show, project
 from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, TileGrid, bands, depth_order, find_pairs, runs
+
+if TYPE_CHECKING:
+    from typing import Unpack
 
 OUTPUTS = ("rgb", "depth", "alpha")
 
@@ -213,17 +216,23 @@ class Renderer:
         return workspace
 
 
+class PictureOptions(TypedDict, total=False):
+    """Options of every picture by name; `render` says what they are."""
+
+    outputs: Sequence[str]
+    background: ArrayLike
+    near_plane: float
+
+
 def render(
     gaussians: Gaussians,
     camera: Camera,
     size: tuple[int, int] | None = None,
     *,
-    outputs: Sequence[str] = ("rgb",),
-    background: ArrayLike = (0.0, 0.0, 0.0),
-    near_plane: float = NEAR_PLANE,
     dilation: str = "own",
     order: str = "near",
     threads: int | None = None,
+    **options: Unpack[PictureOptions],
 ) -> Any:
     """Render Gaussians by exact EWA splatting, without 3DGS's 3σ cut, and fit to be seen from closer and between views.
 
@@ -238,14 +247,14 @@ def render(
         gaussians: all layers are rendered together; equal depths are drawn in their order.
         camera: where from; K may be skewed and its principal point anywhere.
         size: (H, W) to render at instead of the camera's, which is scaled to cover it and cropped.
-        outputs: any of "rgb", "depth", "alpha".
-        background: (3,) colour behind the Gaussians.
-        near_plane: scene units.
         dilation: "own" widens a splat by the photo's pixel that it stands for, so that surfaces stay closed from
             however near, and from afar hide no more than they should; "screen" by 0.3 px² of the picture's.
         order: "near" draws the surfaces of near views before everything else, and of more than six views the nearest
             four alone (`near.py` says how much of which); "depth" all Gaussians by depth.
         threads: how many to use, None for one per available core; the picture is the same, bit for bit.
+        outputs: any of "rgb", "depth", "alpha".
+        background: (3,) colour behind the Gaussians.
+        near_plane: scene units.
 
     Returns:
         (H, W, 3) float32 in [0, 1] where "rgb" alone is asked for, otherwise a dictionary of arrays by name: "rgb",
@@ -257,7 +266,7 @@ def render(
     """
     # Loading compiled code takes longer than drawing one picture without it.
     renderer = Renderer(gaussians, threads, dilation=dilation, order=order, compiled=False, keep=False)
-    return renderer.render(camera, size, outputs=outputs, background=background, near_plane=near_plane)
+    return renderer.render(camera, size, **options)
 
 
 def _in_order(splats: Splats, ids: list[NDArray]) -> tuple[NDArray, NDArray]:
