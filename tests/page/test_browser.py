@@ -168,6 +168,8 @@ def test_switches_change_the_picture_and_back(browser: Browser, tmp_path: Path) 
         ("over", [False, False, "over"]),
     ):
         assert tab.evaluate(shown.replace("PLACE", repr(place))) == wanted
+    tab.evaluate("for (const way of ['keydown', 'keyup']) view.dispatchEvent(new KeyboardEvent(way, { code: 'KeyA' }))")
+    assert tab.evaluate("photo.hidden")  # in the scene's place, but not of what is seen from here
     tab.evaluate("after.click(), 0")  # of that place there is no photo
     assert tab.evaluate("[photo.hidden, photoRow.hidden]") == [True, True]
     rows = "[freeRow, fliesRow, linesRow, nearRow, ownRow, degreeRow].map((row) => row.hidden)"
