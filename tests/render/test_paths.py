@@ -53,9 +53,11 @@ def test_centres_and_intrinsics_move_straight_and_rotations_turn_evenly():
     np.testing.assert_allclose(turns, angle_between(path[0], path[-1]) / 8, atol=1e-7)
 
 
-def test_rotations_take_the_shorter_way():
-    path = between([camera(about_y(3.0)), camera(about_y(-3.0))], 3)
-    assert path[1].rotation.T[:, 2] @ [0, 0, -1] == pytest.approx(1)  # through π, not through 0
+@pytest.mark.parametrize("angles", [(3.0, 2 * math.pi - 3.0), (4.54, 4.89), (4.2, 4.6, 5.0)])
+def test_rotations_take_the_shorter_way_whatever_signs_quaternions_have(angles):
+    path = between([camera(about_y(angle)) for angle in angles], 2 * len(angles) - 1)
+    for (a, b), middle in zip(pairwise(angles), path[1::2], strict=True):
+        np.testing.assert_allclose(middle.rotation, camera(about_y((a + b) / 2)).rotation, atol=0.01)
 
 
 @pytest.mark.parametrize("frames", [1, 2, 7])
