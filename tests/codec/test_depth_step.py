@@ -132,7 +132,6 @@ def test_steps_go_to_where_errors_cost_what_they_may(gain):
     target = Linear(1.0, 1.7, reached).damage([at])
     found = measured_opacity_step(Linear(gain, 1.7, reached), planes, 0.1, target)
     assert found / 0.1 == pytest.approx(np.clip(gain ** (-1 / 1.7), 1 / FARTHEST, 1), rel=0.03)
-    assert measured_depth_step(Linear(gain, 1.0, reached), planes, [np.zeros((1, 4, 4), int)], 0.1, plain, 0) == 0.1
 
 
 def test_depth_is_coded_more_finely_where_gaussians_are_opaque():

@@ -14,7 +14,7 @@ from tinysplat_runtime.codec.exact import decode_exact, exact_planes
 from tinysplat_runtime.container import exact as records
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.errors import FormatError, InputError, NumericError
+from tinysplat_runtime.errors import FormatError, NumericError
 from tinysplat_runtime.graphs.inference import GraphStore
 
 
@@ -53,12 +53,6 @@ def test_depths_that_float16_rounds_to_nothing_are_refused():
     far = ts.Gaussians(g.means * 2.0**25, g.quats, g.scales, g.opacities, g.sh, g.cameras)
     with pytest.raises(NumericError, match="depths up to"):
         ts.compress(far, lossless=True)
-
-
-@pytest.mark.parametrize("options", [{"qp": 0}, {"target_size": 1000}, {"target_psnr": 40.0}])
-def test_lossless_contradicts_a_rate(gaussians, options):
-    with pytest.raises(InputError, match="lossless"):
-        ts.compress(gaussians, lossless=True, **options)
 
 
 def test_values_beyond_float16_are_refused():

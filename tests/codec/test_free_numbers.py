@@ -1,15 +1,12 @@
-"""Mode free by hand: octrees byte by byte, channels number by number, classes of weight, grids and steps."""
+"""Mode free by hand: octrees byte by byte, and lists as pictures."""
 
 from __future__ import annotations
 
 import lzma
-import math
 from typing import Any
 
 import numpy as np
-import pytest
 
-from tinysplat_runtime.codec.free.attributes import Columns, from_columns
 from tinysplat_runtime.codec.free.octree import CodedPoints, encode_points, morton_keys
 from tinysplat_runtime.codec.free.planes import plane_shape, to_plane
 
@@ -55,28 +52,3 @@ def test_lists_are_pictures_along_a_z() -> None:
     assert plane[0, 16] == 256 and plane[16, 0] == 299 and plane[31, 31] == 299
     wide = to_plane(np.arange(9000))
     assert wide.shape == (128, 128) and [wide[0, 64], wide[64, 0], wide[64, 64]] == [4096, 8192, 8999]
-
-
-# ---- channels -------------------------------------------------------------------------------------------------------
-
-
-def columns(**fields: Any) -> Columns:
-    plain = {"roots": 0.5, "sizes": 0.0, "lengths": 0.0, "thins": 0.0}
-    arrays = {name: np.array([fields.get(name, value)], float) for name, value in plain.items()}
-    return Columns(**arrays, turns=np.array([fields.get("turns", [0, 0, 0])], float), sh=np.zeros((1, 3)))
-
-
-def test_gaussians_of_channels_by_hand() -> None:
-    found = from_columns(columns(sizes=1.0, lengths=0.5, thins=0.25, turns=[0.1, 0.2, 0.3]))
-    np.testing.assert_allclose(np.log(found["scales"]), [[1.25, 0.75, 0.5]], rtol=1e-6)
-    np.testing.assert_allclose(found["quats"], [[math.sqrt(1 - 0.14), 0.1, 0.2, 0.3]], rtol=1e-6)
-    assert found["opacities"].tolist() == [0.25] and found["sh"].shape == (1, 1, 3)
-    np.testing.assert_allclose(np.log(from_columns(columns(sizes=1.0), 0.5)["scales"]), [[1.5] * 3], rtol=1e-6)
-    assert from_columns(columns(roots=1.5))["opacities"] == 1 and from_columns(columns(roots=-1.0))["opacities"] == 0
-    found = from_columns(columns(lengths=-3.0, thins=-1.0, turns=[0, 3, 4]))
-    np.testing.assert_allclose(found["scales"], [[1, 1, 1]])
-    np.testing.assert_allclose(found["quats"], [[0, 0, 0.6, 0.8]], rtol=1e-6)
-    sphere = columns(sizes=1.0, lengths=0.6, thins=0.3, turns=[0.1, 0, 0]).as_spheres()
-    assert (sphere.sizes[0], sphere.lengths[0], sphere.thins[0]) == pytest.approx((0.8, 0, 0))
-    whole = np.log(from_columns(columns(sizes=1.0, lengths=0.6, thins=0.3))["scales"]).sum()
-    assert 3 * sphere.sizes[0] == pytest.approx(whole, rel=1e-5)  # the same volume

@@ -32,22 +32,6 @@ def test_planes_of_any_size_come_back_within_the_step(size):
     assert np.sqrt((error**2).mean()) <= 0.5 * hevc_step(10)
 
 
-def test_parameter_sets_depend_on_the_size_and_settings_alone():
-    planes = [encode_plane(smooth_codes(32, 48, seed), qp, MEDIUM) for seed, qp in ((0, 0), (1, 24), (2, 51))]
-    sets = {plane.parameter_sets for plane in planes}
-    assert len(sets) == 1
-
-
-def test_one_decoder_serves_planes_of_all_qps():
-    planes = [smooth_codes(32, 32, seed) for seed in range(4)]
-    coded = [encode_plane(codes, qp, MEDIUM) for codes, qp in zip(planes, (0, 8, 16, 24), strict=True)]
-    shared = PlaneDecoder(coded[0].parameter_sets, 32, 32)
-    for plane in coded:
-        together = np.zeros((32, 32), np.uint16)
-        shared.decode_into(plane.payload, together)
-        assert (plane.decoded(32, 32) == together).all()
-
-
 def test_a_stream_of_another_size_is_refused_before_it_is_decoded():
     big = encode_plane(smooth_codes(256, 256), 20, MEDIUM)
     decoder = PlaneDecoder(big.parameter_sets, 32, 32)

@@ -67,6 +67,7 @@ def test_a_target_psnr_is_reached_and_passed_by_at_most_a_fifth_of_a_decibel(gau
         ({"qp": 0, "target_size": 1000}, "target_size: given with qp"),
         ({"target_psnr": 40, "target_size": 1000}, "target_psnr: given with target_size"),
         ({"target_size": 0}, "target_size"),
+        *(({"lossless": True, name: value}, "lossless") for name, value in (("qp", 0), ("target_size", 1000))),
         ({"target_psnr": float("nan")}, "target_psnr"),
     ],
 )
