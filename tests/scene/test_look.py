@@ -237,7 +237,7 @@ def test_a_photo_is_not_named_for_looking_aside(tmp_path: Path, turn: float) -> 
 def test_a_photo_of_another_scene_is_named(tmp_path: Path) -> None:
     other = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
     (doubt,) = doubts(four(tmp_path, lambda photos: other))
-    assert doubt.startswith("photo 2 (1.png) hardly matches the others")
+    assert doubt.startswith("photo 2 (1.png) hardly matches the others, which match each other well")
 
 
 def test_axes_are_told_by_the_convention_of_the_file(scene: Scene) -> None:
