@@ -252,6 +252,14 @@ def test_mirrored_photos_are_told(tmp_path: Path) -> None:
     assert "photos are mirrored, or the world of the cameras is" in fault
 
 
+def test_of_many_photos_one_of_another_scene_is_named(tmp_path: Path) -> None:
+    views = [camera(x, -x / 4) for x in np.linspace(-0.6, 0.6, 13)]
+    photos = [photo(view) for view in views]
+    photos[6] = texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
+    (doubt,) = doubts(stored(tmp_path, views, photos))
+    assert doubt.startswith("photo 7 (6.png) hardly matches the others")
+
+
 def test_poses_rolled_against_their_photos_are_told(tmp_path: Path) -> None:
     views = [camera(-0.3, 0.14), camera(0.3, -0.12)]
     scene = stored(tmp_path, views, [photo(view) for view in views])
