@@ -95,20 +95,6 @@ def test_a_decoded_view_looks_like_the_raw_one(encoded, tmp_path):
     assert -10 * np.log10(np.mean((a - b) ** 2)) > 40.5
 
 
-def test_a_path_becomes_a_video(encoded, tmp_path):
-    for path in ("between", "orbit"):
-        said = succeed("render", encoded["file"], "-o", tmp_path / f"{path}.mp4", "--path", path, "--frames", 4)
-        assert "4 frames, " in said and " frames/s" in said
-        assert (tmp_path / f"{path}.mp4").stat().st_size > 500
-
-
-def test_a_camera_of_another_file_can_be_rendered_at_another_size(encoded, scene, tmp_path):
-    succeed(
-        "render", encoded["file"], "-o", tmp_path / "x.png", "--camera", f"{scene}/cameras.json:1", "--size", "30x20"
-    )
-    assert read_image(tmp_path / "x.png").shape == (20, 30, 3)
-
-
 def test_a_decoded_scene_is_coded_like_its_file_without_loss(encoded, tmp_path):
     succeed("decode", encoded["file"], "-o", tmp_path / "g.npz")
     report = tmp_path / "r.json"
@@ -178,30 +164,6 @@ def test_models_lists_networks_and_graphs():
 
 def test_quiet_commands_print_nothing(encoded, tmp_path):
     assert succeed("decode", encoded["file"], "-o", tmp_path / "g.npz", "-q") == ""
-
-
-def _cameras(scene: Path, change) -> str:
-    document = json.loads((scene / "cameras.json").read_text())
-    change(document)
-    return json.dumps(document)
-
-
-BAD_SCENES = {
-    "missing image": (lambda d: d["frames"][1].update(file="gone.png"), "gone.png"),
-    "size unlike the photo": (lambda d: d["frames"][0].update(width=65), "0.png"),
-    "one view": (lambda d: d["frames"].pop(), "one photo"),
-}
-
-
-@pytest.mark.parametrize("case", BAD_SCENES)
-def test_bad_scenes_are_one_line_and_no_file(scene, tmp_path, case):
-    change, named = BAD_SCENES[case]
-    for index in range(2):
-        (tmp_path / f"{index}.png").write_bytes((scene / f"{index}.png").read_bytes())
-    (tmp_path / "cameras.json").write_text(_cameras(scene, change))
-    message = fail("encode", tmp_path, "-o", tmp_path / "out.tsplat")
-    assert named in message, message
-    assert not (tmp_path / "out.tsplat").exists()
 
 
 def _bad_gaussians(field: str, value: float) -> dict[str, np.ndarray]:
@@ -276,17 +238,6 @@ def test_nothing_is_overwritten_without_being_told_to(encoded, tmp_path):
     assert target.read_bytes() == before
     succeed("render", encoded["file"], "-o", target, "--camera", "1", "--force")
     assert target.read_bytes() != before
-
-
-def test_info_and_orbit_take_files_without_views(encoded, tmp_path):
-    ply, film = tmp_path / "g.ply", tmp_path / "g.mp4"
-    succeed("decode", encoded["file"], "-o", ply)
-    about = json.loads(succeed("info", ply, "--json"))
-    assert about["gaussians"] == ts.load_gaussians(ply).count and about["views"] == []
-    assert "PLY" in succeed("info", ply)
-    succeed("render", ply, "-o", film, "--path", "orbit", "--frames", "2", "--size", "64x48")
-    assert film.stat().st_size > 500
-    assert "no views" in fail("render", ply, "-o", tmp_path / "h.mp4", "--path", "between")
 
 
 def test_depth_is_a_picture_in_colours_too(encoded, tmp_path):

@@ -10,18 +10,10 @@ import pytest
 from scenes import make_free_gaussians, refusing
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats.table import find_format, load_gaussians, save_gaussians, save_points
+from tinysplat_runtime.formats.table import load_gaussians, save_gaussians, save_points
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.notes import Notes
 from tinysplat_runtime.gaussian.sh import C0
-
-
-def test_folders_are_refused_as_such(tmp_path: Path) -> None:
-    for call in (lambda: find_format(tmp_path, written=False), lambda: load_gaussians(tmp_path)):
-        with pytest.raises(InputError) as error:
-            call()
-        said = "a folder, expected a file; `tinysplat encode` makes one of a scene"
-        assert str(error.value) == f"{tmp_path}: {said}"
 
 
 @pytest.mark.parametrize("grid", [(1, 2), (1, 2, 3, 4), (0, 4, 6), (2, 4, -1)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from pxr import Gf, Usd, UsdGeom, UsdVol, Vt
 from scenes import refusing
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats import usd, usd_worker
+from tinysplat_runtime.formats import usd
 from tinysplat_runtime.formats.usd_worker import stage_arrays, stage_notes
 
 
@@ -75,10 +74,6 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, changes: dict[str, i
         stage_arrays(stage_of(tmp_path / "a.usda", **changes), 1 << 20)
 
 
-def test_degree_4_is_read(tmp_path: Path) -> None:
-    assert stage_arrays(stage_of(tmp_path / "a.usda", (4,)), 1 << 20)["sh"].shape == (2, 25, 3)
-
-
 def test_arrays_take_no_more_than_allowed(tmp_path: Path) -> None:
     """Two times three numbers of eight bytes are positions; two times four, orientations."""
     file = stage_of(tmp_path / "a.usda")
@@ -104,8 +99,3 @@ def test_what_a_reader_does_not_survive_is_one_line(tmp_path: Path, processes: C
     processes(waits)
     with pytest.raises(InputError, match=r"^not read within 300 seconds$"):
         usd.read_usd(tmp_path / "a.usd", 100)
-
-
-def test_the_module_is_a_program(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", usd_worker.__name__, stage_of(tmp_path / "a.usda"), str(tmp_path / "o.npz"), "0"]
-    assert subprocess.run(command, check=False).returncode == 0 and (tmp_path / "o.npz").is_file()
