@@ -26,8 +26,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
     parser.add_argument("--start", type=Path, metavar="CHECKPOINT", help="begin with these weights")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="in place of the configuration's")
-    for name, text in (("photos", "scene folders"), ("validation", "scenes to validate on")):
-        parser.add_argument(f"--{name}", type=Path, metavar="PATH", help=f"folder of {text}, likewise")
+    for name, text in (("photos", "scene folders"), ("pictures", "textures"), ("validation", "scenes to validate on")):
+        parser.add_argument(f"--{name}", type=Path, metavar="PATH", help=f"folder or .zip of {text}, likewise")
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
             from .config import load_config
             from .loop import train
 
-        given = {name: getattr(options, name) for name in ("photos", "validation", "device")}
+        given = {name: getattr(options, name) for name in ("photos", "pictures", "validation", "device")}
         config = load_config(options.config, **{name: str(value) for name, value in given.items() if value is not None})
         train(
             config,

@@ -25,7 +25,9 @@ class DataSettings:
     """Where samples come from; relative folders are relative to the configuration file.
 
     Attributes:
-        photos: folder of scene folders whose photos are targets and textures, or empty for procedural scenes alone.
+        photos: folder of scene folders whose photos are targets and textures, or a .zip of one (`pack`), or empty for
+            procedural scenes alone.
+        pictures: folder of further photos for textures, searched to the bottom, or a .zip, or empty for none.
         validation: folder of scene folders with eval_index.json, or empty for none.
         seed: of weights, textures and samples.
         side: of the square crops, pixels; a multiple of 16.
@@ -40,6 +42,7 @@ class DataSettings:
     """
 
     photos: str = ""
+    pictures: str = ""
     validation: str = ""
     seed: int = 0
     side: int = 160
@@ -117,7 +120,7 @@ class Config:
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers and strings, for the checkpoint; of folders only their names."""
         content = asdict(self)
-        for name in ("photos", "validation"):
+        for name in ("photos", "pictures", "validation"):
             content["data"][name] = Path(content["data"][name]).name
         return content
 
@@ -127,7 +130,7 @@ def load_config(path: Path, **given: str) -> Config:
 
     Args:
         path: of the file.
-        given: `photos`, `validation` and `device` that take the place of the file's, folders as they are.
+        given: `photos`, `pictures`, `validation` and `device` that take the place of the file's, folders as they are.
 
     Raises:
         InputError: names the key that is unknown or of the wrong type, or the line that is not TOML.
@@ -147,7 +150,7 @@ def load_config(path: Path, **given: str) -> Config:
             message = f"{side}, expected a multiple of {STRIDE} from {MIN_SIDE} on"
             raise InputError(message, where=f"{path}: data.{name}")
     data = asdict(config.data)
-    for name in ("photos", "validation"):
+    for name in ("photos", "pictures", "validation"):
         if data[name]:
             data[name] = str(folder / data[name])
     return Config(DataSettings(**{**data, **given}), config.loss, config.optimiser, replace(config.run, device=device))

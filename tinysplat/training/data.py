@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 
 from .config import DataSettings
+from .pack import unpacked
 from .photos import PhotoSet, scene_folders
 from .procedural import procedural_sample
 from .samples import Sample
@@ -32,15 +32,17 @@ class SampleStream:
         settings: what to draw from.
 
     Raises:
-        InputError: the folder of photos holds nothing to train on.
+        InputError: the folder of photos holds nothing to train on, or that of pictures no picture.
     """
 
     def __init__(self, settings: DataSettings) -> None:
         self.settings = settings
-        folder = Path(settings.photos) if settings.photos else None
-        self.photos = PhotoSet.load(folder) if folder else PhotoSet((), ())
-        scenes = scene_folders(folder) if folder else []
-        self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK))
+        self.photos, scenes = PhotoSet((), ()), []
+        with unpacked(settings.photos) as folder, unpacked(settings.pictures) as pictures:
+            if folder is not None:
+                self.photos = PhotoSet.load(folder)
+                scenes = scene_folders(folder)
+            self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK), pictures)
 
     def _generator(self, index: int) -> np.random.Generator:
         return np.random.default_rng([self.settings.seed, index])

@@ -1,6 +1,6 @@
 """What training minimises.
 
-photometric: L1, logarithm of the squared error, and gradient L1 of rendered target views.
+photometric: L1, squared error and gradient L1 of rendered target views.
 depth: cross-entropy of the candidates' logits at half resolution, and smooth L1 of the final depth, where it is known.
 rate: what the planes cost to code, as total variation in quantiser steps: Σ_planes mean log2(1 + |∇plane| / step).
 """
@@ -40,7 +40,7 @@ class LossWeights:
     """Factors of the terms.
 
     Attributes:
-        l1, gradient: of the photometric term.
+        l1, squared, gradient: of the photometric term.
         decibel: of the logarithm of the mean squared error in it: every picture counts alike, however hard it is.
         logits: cross-entropy of candidates.
         depth: smooth L1 of the final depth, candidates.
@@ -48,6 +48,7 @@ class LossWeights:
     """
 
     l1: float = 0.5
+    squared: float = 0.0
     gradient: float = 0.25
     decibel: float = 0.3
     logits: float = 0.01
@@ -84,11 +85,13 @@ def _kind(zoom: float) -> str:
 
 
 def photometric(image: Tensor, target: Tensor, weights: LossWeights) -> Tensor:
-    """Weighted L1, logarithm of the mean squared error, and L1 of the gradients' differences of pictures (3, H, W)."""
+    """Weighted L1, mean squared error, its logarithm, and L1 of the differences' gradients of pictures (3, H, W)."""
     error = image - target
     slopes = (error[:, 1:] - error[:, :-1]).abs().mean() + (error[:, :, 1:] - error[:, :, :-1]).abs().mean()
-    decibel = torch.log(error.square().mean() / ERROR_FLOOR + 1)
-    return weights.l1 * error.abs().mean() + weights.decibel * decibel + weights.gradient * slopes
+    squared = error.square().mean()
+    decibel = torch.log(squared / ERROR_FLOOR + 1)
+    parts = (weights.l1 * error.abs().mean(), weights.squared * squared, weights.decibel * decibel)
+    return torch.stack(parts).sum() + weights.gradient * slopes
 
 
 def candidate_truth(prediction: Prediction, depth: Tensor) -> tuple[Tensor, Tensor]:

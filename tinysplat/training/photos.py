@@ -1,7 +1,12 @@
-"""Windows of real posed photos: two to four views, others between them to predict, crops about a common point."""
+"""Windows of real posed photos: two to four views, others between them to predict, crops about a common point.
+
+A scene's folder may hold labels of depth beside its photos: `depth_mvs/NAME.png` of 16 bits, inverse z in units of
+`step` of `depth_mvs/depth.json`, 0 where nothing is known. They are looked at by the losses alone.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +36,8 @@ ASIDE = 0.6
 FARTHEST_MORE = 0.6
 """Distance of a third or fourth view from the first, in units of the scene's typical depth."""
 
+LABELS = "depth_mvs"
+
 
 @dataclass(frozen=True)
 class TrainingScene:
@@ -43,6 +50,7 @@ class TrainingScene:
         c2w: (N, 4, 4).
         near, far: scene units.
         windows: (i, j, candidates for targets), i < j.
+        depths: z of every frame, (H, W) float32, 0 where it is not known; None for a frame without labels.
     """
 
     name: str
@@ -52,6 +60,7 @@ class TrainingScene:
     near: float
     far: float
     windows: tuple[tuple[int, int, NDArray], ...]
+    depths: tuple[NDArray | None, ...]
 
 
 def scene_folders(folder: Path, file: str = CAMERAS_FILE) -> list[Path]:
@@ -108,20 +117,21 @@ class PhotoSet:
         wanted = min(smallest, max(side, *target_sides))
         crop = round(wanted / rng.uniform(wanted / smallest, 1.0))
         crop = min(crop, smallest)
-        pictures = _crops(scene, frames, crop, [side] * count + [min(size, crop) for size in target_sides], rng)
+        pictures, depth = _crops(scene, frames, crop, [side] * count + [min(size, crop) for size in target_sides], rng)
         if rng.random() < 0.5:
-            pictures = [_mirrored(*picture) for picture in pictures]
+            pictures, depth = [_mirrored(*picture) for picture in pictures], [z[:, ::-1] for z in depth]
         if rng.random() < 0.5:
-            pictures = [_transposed(*picture) for picture in pictures]
+            pictures, depth = [_transposed(*picture) for picture in pictures], [z.T for z in depth]
         pictures = _recoloured(pictures, rng)
         depth_range = (scene.near * rng.uniform(0.75, 1.05), scene.far * rng.uniform(0.95, 1.3))
-        return Sample.of(scene.name, pictures[:count], pictures[count:], depth_range)
+        known = np.stack(depth[:count]) if any(scene.depths[f] is not None for f in frames[:count]) else None
+        return Sample.of(scene.name, pictures[:count], pictures[count:], depth_range, known)
 
 
 def _load_scene(path: Path, skipped: list[str]) -> TrainingScene:
     scene = load_scene(path)
     near, far = scene.depth_range()
-    images, cameras = [], []
+    images, cameras, depths = [], [], []
     for frame in scene.frames:
         try:
             pixels = read_image(frame.path)
@@ -132,11 +142,26 @@ def _load_scene(path: Path, skipped: list[str]) -> TrainingScene:
             continue
         images.append(pixels)
         cameras.append(frame.camera)
+        depths.append(_labels(path / LABELS / f"{Path(frame.path).stem}.png", pixels.shape[:2]))
     if not cameras:
-        return TrainingScene(path.name, (), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), near, far, ())
+        return TrainingScene(path.name, (), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), near, far, (), ())
     K, c2w = np.stack([camera.K for camera in cameras]), np.stack([camera.c2w for camera in cameras])
     windows = _windows(c2w, (near * far) ** 0.5)
-    return TrainingScene(path.name, tuple(images), K, c2w, near, far, tuple(windows))
+    return TrainingScene(path.name, tuple(images), K, c2w, near, far, tuple(windows), tuple(depths))
+
+
+def _labels(path: Path, size: tuple[int, ...]) -> NDArray | None:
+    """Labels of depth of a photo of this size: z (H, W) float32, 0 where it is not known; None where there are none."""
+    if not path.is_file():
+        return None
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        codes = np.asarray(picture)
+    if codes.shape != size:
+        raise InputError(f"{codes.shape}, expected the photo's size {size}", where=str(path))
+    step = json.loads((path.parent / "depth.json").read_text("utf-8"))["step"]
+    return np.where(codes > 0, 1 / np.maximum(codes * np.float32(step), 1e-9), 0).astype(np.float32)
 
 
 def _near_to(scene: TrainingScene, first: int, taken: set[int]) -> list[int]:
@@ -168,14 +193,14 @@ def _windows(c2w: NDArray, typical_depth: float) -> Sequence[tuple[int, int, NDA
 
 def _crops(
     scene: TrainingScene, frames: Sequence[int], crop: int, sides: Sequence[int], rng: np.random.Generator
-) -> list[Picture]:
-    """Square crops of `crop` pixels about where a random point of the first view appears, scaled to `sides`."""
+) -> tuple[list[Picture], list[NDArray]]:
+    """Square crops of `crop` pixels about where a random point of the first view appears, scaled to `sides`; and z."""
     first = frames[0]
     size = np.array(scene.images[first].shape[1::-1])
     pixel = crop / 2 + rng.random(2) * (size - crop)
     depth = 1.3 * 2 / (1 / scene.near + 1 / scene.far)
     point = scene.c2w[first] @ np.append(np.linalg.solve(scene.K[first], np.append(pixel, 1)) * depth, 1)
-    pictures = []
+    pictures, depths = [], []
     for frame, side in zip(frames, sides, strict=True):
         local = np.linalg.inv(scene.c2w[frame]) @ point
         shown = scene.K[frame] @ local[:3]
@@ -186,7 +211,10 @@ def _crops(
         K[:2, 2] -= x, y
         K[:2] *= side / crop
         pictures.append((resize_cover(scene.images[frame][inside], side, side), K, scene.c2w[frame]))
-    return pictures
+        at = ((np.arange(side) + 0.5) * (crop / side)).astype(int)
+        known = scene.depths[frame]
+        depths.append(np.zeros((side, side), np.float32) if known is None else known[inside][at[:, None], at])
+    return pictures, depths
 
 
 def _recoloured(pictures: Sequence[Picture], rng: np.random.Generator) -> list[Picture]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.scene.resampling import resize_cover
 
 SIZE = 192
 """Side of a texture, pixels."""
@@ -21,18 +22,30 @@ PHOTOS = (
 """Pictures of scikit-image, all CC0 or in the public domain; those that would have to be fetched are left out."""
 
 CROPS = 8
-"""Crops of a picture of scikit-image at each of two scales."""
+"""Crops of a picture of scikit-image at each of two scales, and of a further picture."""
+
+PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
-def texture_bank(folders: Sequence[Path], count: int, rng: np.random.Generator) -> NDArray:
+SCALED_SIDES = (240, 800)
+"""Shorter sides, pixels, that further pictures are scaled to before they are cut up."""
+
+
+def texture_bank(
+    folders: Sequence[Path], count: int, rng: np.random.Generator, pictures: Path | None = None
+) -> NDArray:
     """Textures (count, SIZE, SIZE, 3) uint8: at most half of them crops of photos, the others patterns.
 
     Args:
         folders: scene folders whose photos may be cut up; photos that cannot be read are passed over.
         count: how many textures.
         rng: of the crops and patterns.
+        pictures: folder searched to the bottom for further photos, or None.
+
+    Raises:
+        InputError: there is no picture in that folder.
     """
-    crops = [*_skimage_crops(rng), *_photo_crops(folders, rng)]
+    crops = [*_skimage_crops(rng), *_photo_crops(folders, rng), *_picture_crops(pictures, rng)]
     chosen = [crops[i] for i in rng.permutation(len(crops))[: (2 * count) // 3]]
     patterns = [_PATTERNS[rng.integers(len(_PATTERNS))](rng) for _ in range(count - len(chosen))]
     return np.stack([*chosen, *(np.clip(pattern, 0, 255).astype(np.uint8) for pattern in patterns)])
@@ -77,6 +90,26 @@ def _skimage_crops(rng: np.random.Generator) -> list[NDArray]:
             if min(width, height) >= SIZE:
                 scaled = np.asarray(photo.resize((width, height), Image.Resampling.LANCZOS))
                 crops += [_crop(scaled, rng) for _ in range(CROPS)]
+    return crops
+
+
+def _picture_crops(folder: Path | None, rng: np.random.Generator) -> list[NDArray]:
+    """Crops of photos of any size, each at `CROPS` random scales."""
+    crops = []
+    for path in sorted(folder.rglob("*")) if folder else []:
+        if path.suffix.lower() not in PICTURE_SUFFIXES:
+            continue
+        try:
+            picture = read_image(path)
+        except (InputError, OSError):
+            continue
+        for _ in range(CROPS):
+            side = int(rng.integers(*SCALED_SIDES))
+            shrink = side / min(picture.shape[:2])
+            size = (max(SIZE, round(shrink * picture.shape[0])), max(SIZE, round(shrink * picture.shape[1])))
+            crops.append(_crop((255 * resize_cover(picture, *size)).round().astype(np.uint8), rng))
+    if folder is not None and not crops:
+        raise InputError("no picture that can be read, expected a folder with some", where=str(folder))
     return crops
 
 
