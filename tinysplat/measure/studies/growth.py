@@ -232,34 +232,34 @@ def _growing(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
 
 
 AXES = {
-    "growth captures": "photos of a capture",
-    "growth photos, encode": "pixels of two photos, a file",
-    "growth photos, render": "the same, a picture of it",
-    "growth clouds, numpy": "a picture with numpy",
-    "growth clouds, compiled": "compiled",
+    ("growth captures", "photos"): "photos of a capture to a file",
+    ("growth photos, encode", "pixels of a photo"): "pixels of each of two photos, to a file",
+    ("growth photos, render", "pixels of a photo"): "the same, to a picture",
+    ("growth clouds, numpy", "Gaussians"): "Gaussians of a picture, numpy",
+    ("growth clouds, compiled", "Gaussians"): "Gaussians of a picture, compiled",
+    ("growth clouds, compiled", "pixels of the picture"): "pixels of a picture, compiled",
 }
-"""What grows, by study, in the order of the table."""
+"""What grows, by study and axis, in the order of the table."""
 
 
 def growth_table(rows: Sequence[Row]) -> str:
     """A line per axis: from where to where, seconds and peak memory there, and by what power seconds grow."""
     growing, lines = _growing(rows), []
-    for study, said in AXES.items():
-        for axis in ("photos", "pixels of a photo", "Gaussians", "pixels of the picture"):
-            members = sorted(growing.get((study, axis), []), key=lambda row: row.setting["x"])
-            if len(members) < 2:
-                continue
-            seconds = [float(row.costs.get("cpu", row.seconds or 0.0)) for row in members]
-            middle, last = (len(members) - 1) // 2, len(members) - 1
-            lines.append(
-                [
-                    f"{axis}: {said}" if study.startswith("growth clouds") else said,
-                    *(f"{members[n].setting['x']:,}" for n in (0, last)),
-                    *(duration(seconds[n]) for n in (0, last)),
-                    *(megabytes(members[n].costs["peak_bytes"]) for n in (0, last)),
-                    _power(members[middle], members[last], seconds[middle], seconds[last]),
-                ]
-            )
+    for axis, said in AXES.items():
+        members = sorted(growing.get(axis, []), key=lambda row: row.setting["x"])
+        if len(members) < 2:
+            continue
+        seconds = [float(row.costs.get("cpu", row.seconds or 0.0)) for row in members]
+        middle, last = (len(members) - 1) // 2, len(members) - 1
+        lines.append(
+            [
+                said,
+                *(f"{members[n].setting['x']:,}" for n in (0, last)),
+                *(duration(seconds[n]) for n in (0, last)),
+                *(megabytes(members[n].costs["peak_bytes"]) for n in (0, last)),
+                _power(members[middle], members[last], seconds[middle], seconds[last]),
+            ]
+        )
     heads = ["what grows", "from", "to", "seconds", "seconds", "memory", "memory", "power"]
     return format_table(heads, lines) if lines else ""
 
