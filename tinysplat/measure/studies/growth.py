@@ -201,7 +201,7 @@ def encode_photos(folder: str, threads: str) -> Callable[[], Any]:
     scene, runtime, stats = load_scene(folder), Runtime(threads=int(threads)), EncodeStats(watch=watch)
 
     def run() -> None:
-        (Path(folder) / "f.tsplat").write_bytes(runtime.encode(scene, stats=stats))
+        (Path(folder) / "f.tsplat").write_bytes(runtime.encode(scene, size="full", stats=stats))
         stages = {name: {"seconds": s, "peak_bytes": watch.peaks[name]} for name, s in watch.seconds.items()}
         (Path(folder) / STAGES_FILE).write_text(json.dumps(stages), "utf-8")
 
