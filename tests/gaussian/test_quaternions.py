@@ -19,6 +19,12 @@ def test_three_components_are_kept_in_order_beside_the_largest_which_is_positive
     np.testing.assert_allclose(from_smallest_three(largest, three), signs * HAND, atol=1e-15)
 
 
+def test_the_parts_of_a_rotation_give_it_back() -> None:
+    quats = normalize_quats(np.random.default_rng(1).normal(size=(99, 4)))
+    found = from_smallest_three(*smallest_three(quats))
+    np.testing.assert_allclose(np.abs((found * quats).sum(axis=1)), 1, rtol=1e-14)
+
+
 def test_three_that_are_longer_than_1_leave_the_largest_nothing() -> None:
     found = from_smallest_three(np.array([2, 0]), np.array([[0.8, 0.8, 0.1], [0.6, 0.0, 0.8]]))
     np.testing.assert_allclose(found, [[0.8, 0.8, 0, 0.1], [0, 0.6, 0, 0.8]], atol=1e-7)

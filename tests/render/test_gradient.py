@@ -29,6 +29,7 @@ from tinysplat_runtime.system.threads import Crew
 
 RTOL, ATOL = 1e-3, 2e-4
 STEP = 1e-6
+LIFT = np.array([[0, 0, 0, 0], [0, 0, 0, 0.2], [0, 0, 0, -0.1], [0, 0, 0, 0]])  # no centre has a coordinate that is 0
 
 
 def scene(**changes) -> Gaussians:
@@ -41,7 +42,8 @@ def scene(**changes) -> Gaussians:
 def dressed(layer: Gaussians, size=1.0, stretch=(1, 1, 1), opacity=None) -> Gaussians:
     opacities = 0.2 + 0.6 * layer.opacities if opacity is None else np.full_like(layer.opacities, opacity)
     scales = layer.scales * np.array(stretch) * size
-    return replace(layer, scales=scales, opacities=opacities, extra_layers=())
+    cameras = tuple(replace(c, c2w=c.c2w + LIFT * (v + 1)) for v, c in enumerate(layer.cameras))
+    return replace(layer, scales=scales, opacities=opacities, cameras=cameras, extra_layers=())
 
 
 def moved(gaussians: Gaussians, values: np.ndarray) -> Gaussians:

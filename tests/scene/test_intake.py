@@ -119,6 +119,12 @@ def test_distortion_without_the_package_names_the_remedy(folder: Path, monkeypat
     assert "lens distortion" in message and 'pip install "tinysplat[poses]"' in message
 
 
+def test_only_what_lies_before_the_camera_counts_for_the_depth_range() -> None:
+    nowhere = np.array([0, -2, -0.5, np.nan, np.inf])
+    assert depth_range(nowhere) == (None, None)
+    assert depth_range(np.append(nowhere, [2, 2.5, 8])) == depth_range(np.array([2, 2.5, 8]))
+
+
 def test_depths_are_those_of_points_in_some_picture() -> None:
     camera = Camera([[20.0, 0, 16], [0, 20, 12], [0, 0, 1]], np.eye(4), WIDTH, HEIGHT)
     c2w = np.eye(4)
