@@ -65,14 +65,14 @@ def test_files_that_refer_to_others_or_hold_nothing_are_refused(tmp_path: Path) 
     stage = Usd.Stage.CreateNew(str(tmp_path / "outside.usda"))
     stage.DefinePrim("/A").GetReferences().AddReference("./a.usda")
     stage.GetRootLayer().Save()
-    with pytest.raises(InputError, match="another file"):
+    with pytest.raises(InputError, match=r"outside\.usda"):
         load_gaussians(tmp_path / "outside.usda")
     stage = Usd.Stage.CreateNew(str(tmp_path / "empty.usda"))
     stage.GetRootLayer().Save()
-    with pytest.raises(InputError, match="no prim of type"):
+    with pytest.raises(InputError, match=r"empty\.usda"):
         load_gaussians(tmp_path / "empty.usda")
     (tmp_path / "bad.usdc").write_bytes(b"PXR-USDC" + bytes(200))
-    with pytest.raises(InputError, match="damaged or foreign USD file"):
+    with pytest.raises(InputError, match=r"bad\.usdc"):
         load_gaussians(tmp_path / "bad.usdc")
 
 

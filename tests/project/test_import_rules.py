@@ -150,12 +150,11 @@ def project_graph() -> imports_of_project.Graph:
     return imports_of_project.import_graph(imports_of_project.modules())
 
 
-def test_the_only_import_circle_is_gaussians_that_show_themselves() -> None:
+def test_the_only_import_circle_that_may_be_is_gaussians_that_show_themselves() -> None:
     """Imports inside functions and for types alone count; ARCHITECTURE.md says why this one may stay."""
     graph = project_graph()
     runtime = {name: found for name, found in graph.items() if name.startswith("tinysplat_runtime")}
     shown, notebook = "tinysplat_runtime.gaussian.gaussians", "tinysplat_runtime.render.notebook"
-    assert notebook in runtime[shown] and len(imports_of_project.circles(runtime)) == 1
     assert imports_of_project.circles({**runtime, shown: runtime[shown] - {notebook}}) == []
 
 
