@@ -3,37 +3,33 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from console import fail
 from measure.tiny_runs import rows_of, tiny_run
+from scenes import refusing, tells
 
 from tinysplat.commands.bench import measure_studies, split_words
 from tinysplat.measure.rows import Row, read_rows
 from tinysplat.measure.show.pages import write_report
-from tinysplat.measure.studies import ORDINARY, STUDIES, growth
+from tinysplat.measure.studies import ORDINARY, STUDIES
+from tinysplat.measure.studies.growth import capture_rows, cloud_rows, photo_rows
 from tinysplat_runtime.errors import InputError
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("bench") / "report"
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in (
-            ("QUICK_SIZES", 1),
-            ("PHOTO_SIZES", ((64, 64),)),
-            ("CAPTURES", (7,)),
-            ("CAPTURE_PHOTOS", 6),
-            ("CAPTURE_SIDE", 32),
-            ("CLOUDS", (500, 900)),
-            ("CLOUD_PICTURES", ((16, 16), (32, 48))),
-        ):
-            patch.setattr(growth, name, value)
-        run = tiny_run(root, rounds=1)
-        measure_studies(run, ORDINARY, quiet=True)
-        write_report(root, list(run.store), run.left_out)
-        assert run.left_out == []
+    run = tiny_run(root, rounds=1)
+    measure_studies(run, ("waits", "formats"), quiet=True)
+    run.options = replace(run.options, size=(32, 32))
+    growth = (photo_rows(run, [(64, 64)]), capture_rows(run, [3]), cloud_rows(run, (500, 900), [(16, 16), (32, 48)]))
+    for row in (row for rows in growth for row in rows):
+        run.store.add(row)
+    write_report(root, list(run.store), run.left_out)
+    assert run.left_out == []
     return root
 
 
@@ -43,18 +39,16 @@ def rows(folder: Path) -> list[Row]:
 
 
 def test_every_study_leaves_rows_that_have_figures_or_costs_or_say_why(rows: list[Row]) -> None:
-    studied = {"waits", "formats", "growth photos", "growth captures", "growth clouds", "run"}
-    assert {row.study.partition(",")[0] for row in rows} == studied
+    studied = {row.study.partition(",")[0] for row in rows}
+    assert {"waits", "formats", "growth photos", "growth captures", "growth clouds", "run"} <= studied
     assert not [row for row in rows if not row.figures and not row.costs and not row.note]
     machine = next(row.figures for row in rows if row.study == "run")
     assert machine["onnxruntime"] and machine["cores"] >= 1
 
 
 def test_the_report_shows_every_plot_that_it_embeds(folder: Path) -> None:
-    text = (folder / "report.md").read_text()
-    plots = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text)
-    assert plots == ["plots/waits.png"]
-    assert all(1000 < (folder / plot).stat().st_size < 400_000 for plot in plots)
+    plots = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", (folder / "report.md").read_text())
+    assert plots and all((folder / plot).read_bytes().startswith(b"\x89PNG") for plot in plots)
 
 
 def test_two_runs_agree_in_everything_but_time(rows: list[Row], tmp_path: Path) -> None:
@@ -65,7 +59,7 @@ def test_two_runs_agree_in_everything_but_time(rows: list[Row], tmp_path: Path) 
 def test_words_are_studies_and_then_inputs(tmp_path: Path) -> None:
     assert split_words([]) == (ORDINARY, [])
     assert split_words(["waits", "formats", str(tmp_path)]) == (("waits", "formats"), [str(tmp_path)])
-    with pytest.raises(InputError, match="neither a study"):
+    with refusing(InputError, "waits"):
         split_words([str(tmp_path), "waits"])
     assert set(ORDINARY) < set(STUDIES)
 
@@ -74,9 +68,9 @@ def test_words_are_studies_and_then_inputs(tmp_path: Path) -> None:
     ("arguments", "fault"),
     [
         (("waits", "--against", "/nowhere"), "/nowhere"),
-        (("/nowhere",), "/nowhere: neither a study"),
-        (("waits", "--model", "nonsense", "--quick"), "nonsense"),
+        (("/nowhere",), "/nowhere"),
+        (("waits", "--model", "nonsense", "--quick"), "'nonsense'"),
     ],
 )
 def test_bad_options_are_one_line_and_status_2(tmp_path: Path, arguments: tuple[str, ...], fault: str) -> None:
-    assert fault in fail("bench", "-q", "-o", tmp_path / "out", *arguments)
+    assert tells(fail("bench", "-q", "-o", tmp_path / "out", *arguments), fault)

@@ -1,32 +1,76 @@
-"""What is measured of time and memory is the work's own: children's seconds counted, what was loaded before it not."""
+"""What is measured of time and memory is the work's own: turns are taken, children's seconds counted, what was loaded
+before the work not.
+"""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scenes import refusing
 
-from tinysplat.measure.clock import measure_peak, timed
+from tinysplat.measure.clock import Effort, Variant, measure, measure_apart, timed
+from tinysplat_runtime.errors import TinySplatError
 
 HOG = """
 import numpy as np
 def load(megabytes):
     first = np.ones(int(megabytes) << 20, np.uint8)  # touched, and let go before the work begins
     del first
-    return lambda: np.ones(20 << 20, np.uint8)
+    def work():
+        np.ones(20 << 20, np.uint8)
+        return {"megabytes": megabytes}
+    return work
 """
+
+
+def spin(seconds: float) -> None:
+    """Work for so many CPU seconds, which a machine that others use does not stretch."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+def test_rounds_interleave_variants_after_one_that_warms_up_and_gives_figures():
+    calls: list[str] = []
+    variants = [Variant(name, lambda n=name: calls.append(n) or n, lambda n: {"name": n}) for name in "AB"]
+    rows = measure("s", "c", variants, Effort(rounds=3))
+    assert "".join(calls) == "AB" + "ABABAB"
+    assert [(row.costs["rounds"], row.figures["name"]) for row in rows] == [(3, "A"), (3, "B")]
+
+
+def test_a_baseline_runs_beside_its_variant_and_gives_the_ratio():
+    variant = Variant("slow", lambda: spin(0.02), baseline=lambda: spin(0.01))
+    (found,) = measure("s", "c", [variant], Effort(rounds=5))
+    assert 1.5 < found.costs["cpu_ratio"] < 2.5 and found.costs["ratio"] > 0
 
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the mark can be set back on Linux alone")
 def test_what_was_let_go_before_the_work_is_not_in_its_peak(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "hog.py").write_text(HOG)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
-    small, large = (measure_peak("hog.load", megabytes) for megabytes in (1, 300))
+    small, large = (measure_apart("hog.load", megabytes) for megabytes in (1, 300))
     assert abs(large.total - small.total) < 30e6
     assert large.total - large.before > 15e6
+    assert large.figures == {"megabytes": "300"} and large.seconds > 0
+
+
+def test_peak_memory_grows_with_the_input_and_not_with_the_parent() -> None:
+    ballast = np.ones(30_000_000)  # 240 MB that a child must not inherit
+    task = "tinysplat.measure.studies.growth.draw_cloud"
+    small, large = (measure_apart(task, count, 16, 16, "numpy", 1) for count in (500, 300_000))
+    assert small.total < ballast.nbytes
+    assert large.total > small.total + 5_000_000
+
+
+def test_a_child_that_fails_says_why(tmp_path: Path) -> None:
+    with refusing(TinySplatError, str(tmp_path / "missing")):
+        measure_apart("tinysplat.measure.studies.growth.encode_photos", tmp_path / "missing", 1)
 
 
 def test_cpu_seconds_count_children():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scenes import make_photo, make_smooth_gaussians
+from scenes import make_photo, make_smooth_gaussians, refusing
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import nn
 
@@ -67,7 +67,7 @@ def test_pictures_of_unlike_shapes_are_refused(metric, other):
 
 
 def test_ssim_refuses_pictures_smaller_than_its_window():
-    with pytest.raises(InputError, match="sides of 11"):
+    with refusing(InputError, "11"):
         ssim(photo(10, 30), photo(10, 30))
 
 
@@ -174,20 +174,20 @@ def test_lpips_follows_its_definition(net, tmp_path):
 def test_lpips_reads_files_and_names_what_does_not_fit(tmp_path):
     files, _, backbone, _ = save_weights(tmp_path)
     metric = Lpips(files)
-    with pytest.raises(InputError, match="sides ≥ 31"):
+    with refusing(InputError, "31"):
         metric(photo(30, 40), photo(30, 40))
-    with pytest.raises(InputError, match=r"lin0.model.1.weight"):
+    with refusing(InputError, "lin0.model.1.weight"):
         Lpips(LpipsFiles("alex", files.backbone, files.backbone))
     torch.save({**backbone, "features.3.weight": torch.zeros(2, 2)}, files.backbone)
-    with pytest.raises(InputError, match=r"backbone.pth: 3.weight: of shape \(2, 2\), expected \(192, 64, 5, 5\)"):
+    with refusing(InputError, "backbone.pth 3.weight 2 192, 64, 5, 5"):
         Lpips(files)
     files.backbone.write_bytes(b"not weights")
-    with pytest.raises(InputError, match="unreadable weights"):
+    with refusing(InputError, "backbone.pth"):
         Lpips(files)
 
 
 def test_a_weights_file_that_was_named_must_exist(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
+    with refusing(InputError, "missing.pth"):
         find_lpips("vgg", backbone=tmp_path / "missing.pth")
-    with pytest.raises(InputError, match="accepted are vgg, alex"):
+    with refusing(InputError, "'squeeze' vgg, alex"):
         find_lpips("squeeze")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from measure.evaluation_scenes import NEAR_WINDOW, write_eval_scene
-from scenes import make_smooth_gaussians
+from scenes import make_smooth_gaussians, refusing
 
 from tinysplat.measure.subjects.cases import Window
 from tinysplat.measure.subjects.sources import FileSource, find_sources
@@ -69,11 +69,11 @@ def test_a_gaussian_file_is_judged_midway_between_its_views(tmp_path: Path, view
     before = source.fingerprint(source.windows()[0][0])
     os.utime(source.path, ns=(0, 7))
     assert source.fingerprint(source.windows()[0][0]) != before
-    with pytest.raises(InputError, match="a Gaussian file has no photos"):
+    with refusing(InputError, str(tmp_path / "g.npz")):
         source.shots(Window("file", (), ()), (8, 8))
 
 
 def test_a_file_without_cameras_has_no_targets(tmp_path: Path) -> None:
     save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 8, 12, 0).flat())
-    with pytest.raises(InputError, match=r"no cameras, expected K and c2w per view"):
+    with refusing(InputError, f"{tmp_path / 'g.npz'} K c2w"):
         FileSource(tmp_path / "g.npz").windows()

@@ -240,7 +240,7 @@ def test_only_parsing_and_commands_themselves_take_arguments_of_argparse() -> No
 MEASURE = ROOT / "tinysplat" / "measure"
 GROUND = ("rows", "metrics", "lpips", "clock", "subjects", "curves")
 ON_GROUND = ("pictures", "show")
-ABOVE = ("runner", "ideas", "quality", "study")
+ABOVE = ("runner", "quality", "study")
 PAGES = ("show/pages.py",)
 """A report asks the list of studies for their tables."""
 

@@ -2,7 +2,7 @@
 
     ground     rows, metrics, lpips, clock, curves, subjects/
     on it      pictures, show/
-    on these   runner, ideas, quality, study
+    on these   runner, quality, study
     on top     studies/, one question each; none imports another
 
 Networks, rasteriser, reference, export and runtime never import this package, and it uses no private name of theirs

@@ -1,5 +1,5 @@
 """The one clock: ways to do the same work, timed in interleaved rounds (A B C A B C …), so that a machine's mood falls
-on all alike; and the peak memory of a piece of work in a process of its own.
+on all alike; and seconds and peak memory of a piece of work in a process of its own.
 
 The first round warms up and is not counted; its results are what the figures are taken from. Wall-clock medians come
 with their quartiles and with the CPU seconds of this process and its children, which neighbours on a shared machine
@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,26 +29,14 @@ from .rows import Row
 
 Figures = dict[str, Any]
 
-PEAK_TIMEOUT_S = 3600
+TIMEOUT_S = 3600
+"""Of work in a process of its own."""
 
 SETTLE_S = 0.03
 """Idle threads of a BLAS spin for about 20 ms after their work; a call begins when they have stopped."""
 
 Times = tuple[float, float]
 """Wall-clock and CPU seconds of one call."""
-
-
-@dataclass(frozen=True)
-class Baseline:
-    """Work that a variant is held against, run right after it in every round.
-
-    Attributes:
-        name: what it is, for instance `libx265 alone`.
-        run: the work.
-    """
-
-    name: str
-    run: Callable[[], Any]
 
 
 @dataclass(frozen=True)
@@ -61,7 +49,7 @@ class Variant:
         figures: errors and bytes of `run`'s result: all that two runs on one machine must agree on exactly.
         setting: what sets it apart, for tables and plots.
         threads: how many it may use.
-        baseline: work in whose units its time is given too.
+        baseline: work in whose units its time is given too, done right after it in every round.
     """
 
     name: str
@@ -69,7 +57,7 @@ class Variant:
     figures: Callable[[Any], Figures] = lambda _: {}
     setting: Mapping[str, Any] = field(default_factory=dict)
     threads: int = 1
-    baseline: Baseline | None = None
+    baseline: Callable[[], Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -88,18 +76,15 @@ class Effort:
 
 
 def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effort) -> list[Row]:
-    """A row per variant, in their order; one that cannot work is a row that says why, behind the others.
+    """A row per variant, in their order.
 
     `costs` are `seconds`, `low`, `high` (median and quartiles), `cpu` and `rounds`; with a baseline also
     `baseline_seconds`, and `ratio` and `cpu_ratio`, medians over rounds of the variant's time by its baseline's.
+
+    Raises:
+        TinySplatError: a variant cannot work.
     """
-    figures, refused = [], []
-    for variant in variants:
-        try:
-            figures.append(variant.figures(variant.run()))
-        except TinySplatError as error:
-            refused.append(Row(study, subject, variant.name, variant.setting, note=str(error)))
-    variants = [variant for variant in variants if all(row.way != variant.name for row in refused)]
+    figures = [variant.figures(variant.run()) for variant in variants]
     times: list[list[Times]] = [[] for _ in variants]
     base_times: list[list[Times]] = [[] for _ in variants]
     gc.freeze()  # so that collecting before every call looks at what the calls made, not at all of torch
@@ -107,20 +92,19 @@ def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effor
     for done in range(effort.rounds):
         if done >= effort.least and time.perf_counter() - start > effort.budget_s:
             break
-        for i, variant in enumerate(variants):
-            times[i].append(timed(variant.run))
+        for variant, own, base in zip(variants, times, base_times, strict=True):
+            own.append(timed(variant.run))
             if variant.baseline is not None:
-                base_times[i].append(timed(variant.baseline.run))
+                base.append(timed(variant.baseline))
     gc.unfreeze()
     rows = []
     for variant, figured, own, base in zip(variants, figures, times, base_times, strict=True):
-        setting, costs = {**variant.setting, "threads": variant.threads}, summarised(own)
-        if variant.baseline is not None:
-            setting["baseline"] = variant.baseline.name
+        costs = summarised(own)
+        if base:
             ratios = [statistics.median(a[i] / b[i] for a, b in zip(own, base, strict=True)) for i in (0, 1)]
             costs |= {"baseline_seconds": summarised(base)["seconds"], "ratio": ratios[0], "cpu_ratio": ratios[1]}
-        rows.append(Row(study, subject, variant.name, setting, figured, costs))
-    return [*rows, *refused]
+        rows.append(Row(study, subject, variant.name, {**variant.setting, "threads": variant.threads}, figured, costs))
+    return rows
 
 
 def timed(run: Callable[[], Any]) -> Times:
@@ -155,54 +139,50 @@ def _cpu_seconds() -> float:
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
-# ---- memory --------------------------------------------------------------------------------------------------------
+# ---- in a process of its own ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Peak:
-    """What a child measured.
+class Taken:
+    """What a piece of work took in a fresh process.
 
     Attributes:
-        total: largest resident memory while it worked, its input and libraries included.
-        before: resident memory when the work began.
+        total: largest resident memory in bytes while it worked, its input and libraries included.
+        before: resident memory in bytes when the work began.
+        seconds, cpu: of the work, on the clock and of all its threads.
+        figures: what the work returned of itself.
     """
 
     total: int
     before: int
+    seconds: float
+    cpu: float
+    figures: Figures
 
 
-def measure_peak(task: str, *arguments: object) -> Peak:
-    """Peak memory of a piece of work in a fresh process.
+def measure_apart(task: str, *arguments: object) -> Taken:
+    """Memory and seconds of a piece of work in a fresh process.
 
     Args:
         task: dotted name of a function of strings, such as `tinysplat.measure.studies.growth.draw_cloud`, that loads
-            what is needed and returns the work as a call.
+            what is needed and returns the work as a call, which returns figures or nothing.
         arguments: the strings.
 
     Raises:
-        TinySplatError: the child failed; its last line says why.
+        TinySplatError: the process failed, and its last line says why, or took longer than `TIMEOUT_S`.
     """
     command = [sys.executable, "-m", __name__, task, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PEAK_TIMEOUT_S)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        raise TinySplatError(f"took more than {TIMEOUT_S} s", where=task) from None
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
-        raise TinySplatError(lines[-1], where=f"peak memory of {task}")
-    return Peak(**json.loads(done.stdout))
+        raise TinySplatError(lines[-1], where=task)
+    return Taken(**json.loads(done.stdout))
 
 
-def find_task(dotted: str) -> Callable[..., Callable[[], Any]]:
-    """The function of a dotted name."""
-    module, _, name = dotted.rpartition(".")
-    return getattr(importlib.import_module(module), name)
-
-
-def reset_high_water_mark() -> None:
-    """From here on, `high_water_mark` says what is resident from here on; on Linux, elsewhere nothing happens."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def high_water_mark() -> int:
+def _high_water_mark() -> int:
     """Peak resident memory of this process, bytes.
 
     On Linux `VmHWM` of /proc/self/status: `ru_maxrss` would start at the parent's size, which exec hands down.
@@ -215,12 +195,15 @@ def high_water_mark() -> int:
 
 
 def _child(task: str, *arguments: str) -> None:
-    """Do one task in this process and print its `Peak` as JSON."""
-    work = find_task(task)(*arguments)
-    reset_high_water_mark()
-    before = high_water_mark()
-    work()
-    print(json.dumps({"total": high_water_mark(), "before": before}))
+    """Do one task in this process and print what it took as JSON."""
+    module, _, name = task.rpartition(".")
+    work = getattr(importlib.import_module(module), name)(*arguments)
+    with contextlib.suppress(OSError):  # not on Linux: the peak of loading counts too
+        Path("/proc/self/clear_refs").write_text("5")
+    before, start = _high_water_mark(), (time.perf_counter(), time.process_time())
+    figures = work() or {}
+    seconds, cpu = time.perf_counter() - start[0], time.process_time() - start[1]
+    print(json.dumps(asdict(Taken(_high_water_mark(), before, seconds, cpu, figures))))
 
 
 if __name__ == "__main__":

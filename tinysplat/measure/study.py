@@ -14,7 +14,7 @@ from .clock import Effort
 from .lpips import LpipsFiles, find_lpips
 from .pictures import Drawing
 from .rows import Row, RowFile
-from .runner import RunPlan, WindowJob, list_jobs
+from .runner import RunOutcome, RunPlan, WindowJob, list_jobs
 from .show.plots import Chart
 from .show.tables import Listing
 from .subjects.cases import Case, Source, Window
@@ -144,17 +144,16 @@ class Run:
         """LPIPS with VGG, the paper's, where its weights are at hand."""
         return find_lpips("vgg", self.options.lpips_backbone, self.options.lpips_linear)[0]
 
-    def plan(self, views: Sequence[int] = (), kinds: Sequence[str] = ()) -> RunPlan:
-        """Which of the user's windows are measured."""
+    def plan(self, kinds: Sequence[str] = ()) -> RunPlan:
+        """Which of the user's windows are measured; of these kinds, where the command line names none."""
         options = self.options
-        return RunPlan(
-            self.sources,
-            self.models[:1] if not options.models else options.models,
-            self.size,
-            options.kinds or kinds,
-            options.views or views,
-            options.limit or 1,
-        )
+        models = options.models or self.models[:1]
+        return RunPlan(self.sources, models, self.size, options.kinds or kinds, options.views, options.limit or 1)
+
+    def done(self, outcome: RunOutcome) -> list[Row]:
+        """The rows of windows; what was left out is noted."""
+        self.left_out += [*map(str, outcome.left_out), *outcome.notes]
+        return outcome.rows
 
     def jobs(self, views: Sequence[int]) -> Iterator[WindowJob]:
         """For every scene and number of photos the first windows of so many, or the first photos of larger ones."""

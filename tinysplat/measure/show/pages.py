@@ -23,6 +23,7 @@ import re
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from heapq import nlargest
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,9 @@ from ..studies import STUDIES, find_study
 
 REPORT_MD = "report.md"
 REPORTS = Path("benchmarks", "reports")
+
+SLOWEST = 5
+"""Rows whose times moved most, named where two runs are compared."""
 
 _MARK = re.compile(
     r"(?<!`)(?P<open><!-- measured (?P<file>[^\s:]+): (?P<table>[^>]+?) -->)(?P<text>.*?)(?P<close><!-- end -->)",
@@ -92,11 +96,9 @@ def agreement(before: Sequence[Row], now: Sequence[Row]) -> list[str]:
             for a, b in pairs
             if a.costs.get(cost) and cost in b.costs
         }
-        if len(ratios) > 1:
-            low, middle, high = statistics.quantiles(ratios.values(), n=4, method="inclusive")
-            lines.append(f"{label} now over before: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}.")
-            slowest = sorted(ratios.items(), key=lambda item: -item[1])[:5]
-            lines += [f"  {name}: {ratio:.2f} × the {label} of before" for name, ratio in slowest if ratio > 1.25]
+        if ratios:
+            lines.append(f"{label} now over before: median {statistics.median(ratios.values()):.2f}, the largest:")
+            lines += [f"  {name}: {ratios[name]:.2f}" for name in nlargest(SLOWEST, ratios, key=ratios.__getitem__)]
     return lines
 
 

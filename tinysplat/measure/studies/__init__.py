@@ -17,7 +17,6 @@ STUDIES: dict[str, tuple[str, str]] = {
     "growth": ("growth.GROWTH", "seconds and memory by pixels of photos, photos of captures, Gaussians of clouds"),
     "waits": ("waiting.WAITING", "what users wait for, and commands beside those of another checkout (--beside)"),
     "curves": ("rate.CURVES", "rate–distortion of profiles"),
-    "ideas": ("rate.IDEAS", "what each idea of the codec gains and costs"),
     "paper": ("paper.PAPER", "the paper's tables, ours beside"),
     "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
     "walk": ("walking.WALK", "whole captures: photos left out, drawn from 12, 24, 48 and all others"),

@@ -1,22 +1,19 @@
 """What do lists cost, in `.tsplat` and in other formats, at equal dB?
 
-A trained scene's file, or the made room as a list, goes into mode free over Q_g: as it is by default, without
-what pictures hardly need; without new colours for the rest; and whole. It goes into other formats as `convert` writes
-them, SPZ over the bits of its SH coefficients. A point is a file's bytes and the mean dB of pictures from all sides,
-at which removal did not look, against those of the Gaussians as they were read. A folder with photos behind a file is
-the scene that it was trained on: then pictures are taken from every eighth photo, from the fifth on, which training
-should not have seen, and are held against these, too.
+A trained scene's file, or the made room as a list, goes into mode free over Q_g: as it is by default, without what
+pictures hardly need, and whole. It goes into other formats as `convert` writes them. A point is a file's bytes and the
+mean dB of pictures from all sides, at which removal did not look, against those of the Gaussians as they were read. A
+folder with photos behind a file is the scene that it was trained on: then pictures are taken from every eighth photo,
+from the fifth on, which training should not have seen, and are held against these, too.
 """
 
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
 from tinysplat_runtime.api import SUFFIX
 from tinysplat_runtime.codec.encoder import EncodeStats
@@ -25,7 +22,6 @@ from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.prune.removal import taken
 from tinysplat_runtime.prune.thinning import ThinningEncoder
 from tinysplat_runtime.prune.views import views_of
 from tinysplat_runtime.render.paths import ring
@@ -36,7 +32,7 @@ from ..curves import bytes_at
 from ..pictures import Drawing, PictureJudge
 from ..rows import Row
 from ..show.plots import Axis, Chart
-from ..show.tables import ABSENT, Cell, Listing, decibels, duration, kilobytes, mean, said
+from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.cases import Case
 from ..subjects.made import made_gaussians
@@ -48,66 +44,45 @@ UNSEEN = slice(4, None, 8)
 
 _ROOM_VIEWS, _DEGREE = 2, 3
 
-OURS, UNFITTED, WHOLE = f"`{SUFFIX}`", f"`{SUFFIX}`, colours as they were", f"`{SUFFIX}`, all kept"
+OURS, WHOLE = f"`{SUFFIX}`", f"`{SUFFIX}`, all kept"
 
-FINEST = "SPZ v4, SH of 8 bits"
-OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
-    "SPZ v4": (".spz", {"spz_version": 4}),
-    FINEST: (".spz", {"spz_version": 4, "sh_bits": (8, 8)}),
-    "SOG": (".sog", {}),
-    "compressed PLY": (".compressed.ply", {}),
-}
-"""Other formats as `convert` writes them, and SPZ with all bits of SH coefficients: a suffix, and options."""
+OTHERS = {"SPZ v4": ".spz", "SOG": ".sog", "compressed PLY": ".compressed.ply"}
+"""Other formats as `convert` writes them: suffixes."""
 
 MOST_DB = 90
 """Above it a file holds what it was read from, as its own format does; its dB would flatten the others on a plot."""
 
 
 def free_rows(run: Run) -> Iterator[Row]:
-    """A row per file and setting: bytes, bytes a Gaussian, how many are left, dB, and seconds of CPU of the first Q_g;
-    of other formats also what ours takes at their dB.
-    """
+    """A row per file and setting: bytes, how many are left, dB; of other formats also what ours takes at their dB."""
     for case in _cases(run):
         pictures = PictureJudge(case, Drawing.as_defined(run.threads))
         curve = list(_own(run, pictures))
         points = [(row.figures["bytes"], row.figures["psnr_decoded_raw"]) for row in curve if row.way == OURS]
         yield from curve
-        for name, (suffix, more) in OTHERS.items():
-            if name == FINEST and not case.gaussians.degree:
-                continue
+        for name, suffix in OTHERS.items():
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder, f"g{suffix}")
-                save_gaussians(path, case.gaussians, **more)
+                save_gaussians(path, case.gaussians, spz_version=4)
                 row = _point(name, 0.0, pictures, path.read_bytes(), load_gaussians(path))
             beside = bytes_at(points, row.figures["psnr_decoded_raw"])
             yield replace(row, figures={**row.figures, **({"bytes_ours": beside} if beside else {})})
 
 
 def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
-    """Files of ours; what pictures need is ranked once, in the seconds of the first."""
+    """Files of ours; what pictures need is ranked once."""
     gaussians, profile = pictures.case.gaussians, find_profile(DEFAULT_PROFILE)
-
-    def point(way: str, qp: float, code: Callable[[float], bytes], since: float) -> Row:
-        data = code(qp)
-        costs = {"cpu": time.process_time() - since}
-        return replace(_point(way, qp, pictures, data, run.runtime.decompress(data)), costs=costs)
-
-    begin = time.process_time()
     views, _ = views_of(visible(gaussians))
     thinning = ThinningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
-    for number, qp in enumerate(run.options.qps or (QUICK_QPS if run.quick else QPS)):
-        ranked = point(OURS, qp, thinning.code, begin)
-        yield ranked if not number else replace(ranked, costs={})
+    for qp in run.options.qps or (QUICK_QPS if run.quick else QPS):
         whole = FreeEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats())
-        yield point(WHOLE, qp, whole.code, time.process_time())
-        if not number:
-            rows = thinning.thinned(qp)[0].rows
-            some = FreeEncoder(taken(visible(gaussians), rows), profile, threads=run.threads, stats=EncodeStats())
-            yield point(UNFITTED, qp, some.code, time.process_time())
+        for way, encoder in ((OURS, thinning), (WHOLE, whole)):
+            data = encoder.code(qp)
+            yield _point(way, qp, pictures, data, run.runtime.decompress(data))
 
 
 def _point(way: str, setting: float, pictures: PictureJudge, data: bytes, decoded: Gaussians) -> Row:
-    figures = {"bytes": len(data), "bytes_each": len(data) / pictures.case.gaussians.count, "kept": decoded.count}
+    figures = {"bytes": len(data), "kept": decoded.count}
     return Row("free", pictures.case.name, way, {"qp": setting}, figures | pictures.figures(decoded))
 
 
@@ -140,18 +115,6 @@ def _seen(name: str, gaussians: Gaussians, cameras: tuple[Camera, ...]) -> Case:
     return Case(name, name, gaussians, cameras, nothing, nothing)
 
 
-def _each(rows: Sequence[Row]) -> str:
-    return f"{rows[0].figures['bytes_each']:.2f}"
-
-
-def _setting(rows: Sequence[Row]) -> str:
-    return f"{rows[0].setting['qp']:g}" if rows[0].way.startswith(OURS) else ABSENT
-
-
-def _kept(rows: Sequence[Row]) -> str:
-    return f"{rows[0].figures['kept']:,}"
-
-
 def _share(rows: Sequence[Row]) -> str:
     """What ours takes at the same dB, between its own points."""
     figures = rows[0].figures
@@ -165,26 +128,25 @@ def _in_short(way: str, qp: float | None = None) -> Cell:
         chosen = [row for row in rows if row.way == way and qp in (None, row.setting["qp"])][:1]
         if not chosen:
             return ABSENT
-        size, level, share = mean("bytes", kilobytes)(chosen), _DB(chosen), _share(chosen)
+        size, level, share = (
+            mean("bytes", kilobytes)(chosen),
+            mean("psnr_decoded_raw", decibels)(chosen),
+            _share(chosen),
+        )
         return f"{size} KB, {level} dB" + (f" (ours {share})" if share != ABSENT else "")
 
     return cell
 
 
-_DB = mean("psnr_decoded_raw", decibels)
-_TO_PHOTOS, _CPU = mean("psnr", decibels), mean("cpu", duration, "costs")
 _POINTS = Listing(
     "free",
     {
         "format": said("way"),
-        "Q_g": _setting,
+        "Q_g": said("qp", "{:g}".format),
         "KB": mean("bytes", kilobytes),
-        "bytes a Gaussian": _each,
-        "Gaussians": _kept,
-        "dB to its source": _DB,
-        "dB to photos": _TO_PHOTOS,
+        "dB to its source": mean("psnr_decoded_raw", decibels),
+        "dB to photos": mean("psnr", decibels),
         "ours at that dB": _share,
-        "CPU": _CPU,
     },
     sections="subject",
 )
@@ -196,7 +158,7 @@ _SCENES = Listing(
         f"{OURS}, Q_g 0": _in_short(OURS, 0.0),
         "Q_g 6": _in_short(OURS, 6.0),
         "all kept, Q_g 0": _in_short(WHOLE, 0.0),
-        **{name: _in_short(name) for name in ("SPZ v4", "SOG", "compressed PLY")},
+        **{name: _in_short(name) for name in OTHERS},
     },
     by=("subject",),
 )

@@ -11,7 +11,6 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from tinysplat.datasets import SPECS
 from tinysplat_runtime.api import DEFAULT_MODEL
@@ -34,45 +33,37 @@ CLASSES = ("position", "scale", "rotation", "color", "opacity")
 
 # ---- printed ------------------------------------------------------------------------------------------------------
 
+# Cells: PSNR in dB, SSIM, LPIPS (VGG), and size in MB (raw sizes are rounded there, and count 2^20 bytes).
 
-class Printed(NamedTuple):
-    """One cell: PSNR in dB, SSIM, LPIPS (VGG), and size in MB (raw sizes are rounded there, and count 2^20 bytes)."""
-
-    psnr: float
-    ssim: float
-    lpips: float
-    megabytes: float
-
-
-MAIN: dict[str, dict[str, dict[str, Printed]]] = {
+MAIN: dict[str, dict[str, dict[str, str]]] = {
     "MVSplat": {
-        "raw": {"re10k": Printed(26.36, 0.8679, 0.1291, 43), "acid": Printed(28.21, 0.8419, 0.1448, 43)},
-        "FCGS": {"re10k": Printed(25.90, 0.8586, 0.1533, 2.650), "acid": Printed(27.61, 0.8298, 0.1800, 2.596)},
-        "TinySplat": {"re10k": Printed(26.32, 0.8671, 0.1349, 0.216), "acid": Printed(28.13, 0.8401, 0.1528, 0.229)},
+        "raw": {"re10k": "26.36 / 0.8679 / 0.1291 / 43", "acid": "28.21 / 0.8419 / 0.1448 / 43"},
+        "FCGS": {"re10k": "25.90 / 0.8586 / 0.1533 / 2.650", "acid": "27.61 / 0.8298 / 0.1800 / 2.596"},
+        "TinySplat": {"re10k": "26.32 / 0.8671 / 0.1349 / 0.216", "acid": "28.13 / 0.8401 / 0.1528 / 0.229"},
     },
     "DepthSplat": {
-        "raw": {"re10k": Printed(27.50, 0.8900, 0.1125, 19), "acid": Printed(28.37, 0.8481, 0.1417, 19)},
-        "FCGS": {"re10k": Printed(27.35, 0.8863, 0.1201, 2.674), "acid": Printed(28.27, 0.8454, 0.1466, 2.666)},
-        "TinySplat": {"re10k": Printed(27.43, 0.8886, 0.1192, 0.166), "acid": Printed(28.29, 0.8470, 0.1501, 0.181)},
+        "raw": {"re10k": "27.50 / 0.8900 / 0.1125 / 19", "acid": "28.37 / 0.8481 / 0.1417 / 19"},
+        "FCGS": {"re10k": "27.35 / 0.8863 / 0.1201 / 2.674", "acid": "28.27 / 0.8454 / 0.1466 / 2.666"},
+        "TinySplat": {"re10k": "27.43 / 0.8886 / 0.1192 / 0.166", "acid": "28.29 / 0.8470 / 0.1501 / 0.181"},
     },
 }
 """Two views, Q_g = 0: network, codec, data set."""
 
-VIEWS: dict[int, dict[str, Printed]] = {
+VIEWS: dict[int, dict[str, str]] = {
     2: {
-        "raw": Printed(19.62, 0.6265, 0.2986, 33),
-        "FCGS": Printed(19.26, 0.6183, 0.3061, 4.518),
-        "TinySplat": Printed(19.52, 0.6196, 0.3147, 0.615),
+        "raw": "19.62 / 0.6265 / 0.2986 / 33",
+        "FCGS": "19.26 / 0.6183 / 0.3061 / 4.518",
+        "TinySplat": "19.52 / 0.6196 / 0.3147 / 0.615",
     },
     4: {
-        "raw": Printed(23.16, 0.7792, 0.1745, 66),
-        "FCGS": Printed(22.23, 0.7619, 0.1897, 9.054),
-        "TinySplat": Printed(22.99, 0.7694, 0.1923, 1.275),
+        "raw": "23.16 / 0.7792 / 0.1745 / 66",
+        "FCGS": "22.23 / 0.7619 / 0.1897 / 9.054",
+        "TinySplat": "22.99 / 0.7694 / 0.1923 / 1.275",
     },
     6: {
-        "raw": Printed(24.16, 0.8191, 0.1456, 100),
-        "FCGS": Printed(22.74, 0.7943, 0.1672, 13.561),
-        "TinySplat": Printed(23.95, 0.8085, 0.1633, 1.892),
+        "raw": "24.16 / 0.8191 / 0.1456 / 100",
+        "FCGS": "22.74 / 0.7943 / 0.1672 / 13.561",
+        "TinySplat": "23.95 / 0.8085 / 0.1633 / 1.892",
     },
 }
 """DL3DV, DepthSplat: number of context views, codec."""
@@ -105,9 +96,7 @@ def paper_rows(run: Run) -> Iterator[Row]:
             plan = RunPlan(sources, models, size, kinds, (views,), run.options.limit or (1 if run.quick else None))
             qps = (0.0,) if views > 2 or run.quick else tuple(map(float, BITS))
             work = Quality(tuple(ProfileQp(p, qp) for p in profiles for qp in qps), run.folder, run.lpips, study=STUDY)
-            outcome = run_jobs(plan, work, run.store, threads=run.threads, processes=run.options.jobs)
-            run.left_out += [*map(str, outcome.left_out), *outcome.notes]
-            yield from outcome.rows
+            yield from run.done(run_jobs(plan, work, run.store, threads=run.threads, processes=run.options.jobs))
 
 
 def _data(run: Run) -> dict[str, list[Source]]:
@@ -127,12 +116,11 @@ def _data(run: Run) -> dict[str, list[Source]]:
 
 def _models(run: Run, data: str) -> tuple[str, ...]:
     """Networks of a data set: those named `DATA:MODEL`, else those without a data set's name."""
-    split = [
-        name.rpartition(":") if name.split(":")[0] in (*SPECS, SCENES) else ("", "", name)
-        for name in run.options.models
-    ]
-    own = tuple(model for prefix, _, model in split if prefix == data)
-    return own or tuple(model for prefix, _, model in split if not prefix) or (DEFAULT_MODEL,)
+    named: dict[str, list[str]] = {}
+    for name in run.options.models:
+        prefix, _, model = name.rpartition(":") if name.split(":")[0] in (*SPECS, SCENES) else ("", "", name)
+        named.setdefault(prefix, []).append(model)
+    return tuple(named.get(data) or named.get("") or [DEFAULT_MODEL])
 
 
 # ---- tables -------------------------------------------------------------------------------------------------------
@@ -166,10 +154,10 @@ def main_table(rows: Sequence[Row]) -> str:
     lines = []
     for network in dict.fromkeys([*MAIN, *measured]):
         for codec, cells in MAIN.get(network, {}).items():
-            lines.append([network, codec, "printed", *(_printed(cells.get(data)) for data in columns)])
+            lines.append([network, codec, "printed", *(cells.get(data, ABSENT) for data in columns)])
         lines += _lines(network, measured.get(network, {}), columns)
     header = ["network", "codec", "by", *(NAMES.get(data, data) for data in columns)]
-    return _titled("Two views, Q_g = 0: PSNR dB / SSIM / LPIPS / MB", header, lines)
+    return f"Two views, Q_g = 0: PSNR dB / SSIM / LPIPS / MB\n\n{format_table(header, lines)}"
 
 
 def views_table(rows: Sequence[Row]) -> str:
@@ -180,13 +168,13 @@ def views_table(rows: Sequence[Row]) -> str:
     groups = [data for measured in by_views.values() for by_data in measured.values() for data in by_data]
     columns, lines = list(dict.fromkeys(["dl3dv", *groups])), []
     for views, printed in VIEWS.items():
-        for codec, quality in printed.items():
-            cells = (_printed(quality if data == "dl3dv" else None) for data in columns)
+        for codec, cell in printed.items():
+            cells = (cell if data == "dl3dv" else ABSENT for data in columns)
             lines.append([f"{views} DepthSplat", codec, "printed", *cells])
         for network, by_data in by_views[views].items():
             lines += _lines(f"{views} {network}", by_data, columns)
     header = ["views, network", "codec", "by", *(NAMES.get(data, data) for data in columns)]
-    return _titled("Context views, Q_g = 0: PSNR dB / SSIM / LPIPS / MB", header, lines)
+    return f"Context views, Q_g = 0: PSNR dB / SSIM / LPIPS / MB\n\n{format_table(header, lines)}"
 
 
 def bits_table(rows: Sequence[Row]) -> str:
@@ -207,7 +195,7 @@ def bits_table(rows: Sequence[Row]) -> str:
                 lines.append([f"{qp:g}", label, "here", number(mean["bytes"] / 1000, 2), *cells])
     header = ["Q_g", "codec", "by", "KB", *CLASSES]
     title = "Share of each class in percent of the planes' bytes"
-    return _titled(title, header, lines) if measured else ""
+    return f"{title}\n\n{format_table(header, lines)}" if measured else ""
 
 
 def time_table(rows: Sequence[Row]) -> str:
@@ -223,7 +211,8 @@ def time_table(rows: Sequence[Row]) -> str:
         network = number(costs.get("network"), 3)
         lines.append([profile, "here", *(number(cells.get(column), 3) for column in TIMES["TinySplat"]), network])
     title = "Seconds, medians over windows. Printed: i7-13700K with an RTX 4090; here: CPU threads of this run"
-    return _titled(title, ["codec", "by", "encode", "VPT", "VABR", "HEVC", "decode", "network"], lines) if ours else ""
+    header = ["codec", "by", "encode", "VPT", "VABR", "HEVC", "decode", "network"]
+    return f"{title}\n\n{format_table(header, lines)}" if ours else ""
 
 
 def _lines(label: str, ours: dict[str, list[Row]], columns: Sequence[str]) -> list[list[str]]:
@@ -234,13 +223,6 @@ def _lines(label: str, ours: dict[str, list[Row]], columns: Sequence[str]) -> li
         cells = (_coded_cell(_at(ours.get(data, ()), profile)) for data in columns)
         lines.append([label, profile, "here", *cells])
     return lines
-
-
-def _printed(quality: Printed | None) -> str:
-    if quality is None:
-        return ABSENT
-    digits = 3 if quality.megabytes < 15 else 0
-    return _cell(number(quality.psnr, 2), quality.ssim, quality.lpips, number(quality.megabytes, digits))
 
 
 def _raw_cell(rows: Sequence[Row] | None) -> str:
@@ -254,19 +236,13 @@ def _coded_cell(rows: Sequence[Row]) -> str:
     if not rows:
         return ABSENT
     mean = mean_of_rows(rows)
-    megabytes = number(mean["bytes"] / 1e6, 3)
-    if mean["psnr"] is None:
-        against_raw = f"{mean['psnr_decoded_raw']:.2f}†"
-        return _cell(against_raw, mean["ssim_decoded_raw"], mean["lpips_decoded_raw"], megabytes)
-    return _cell(number(mean["psnr"], 2), mean["ssim"], mean["lpips"], megabytes)
+    against, mark = ("_decoded_raw", "†") if mean["psnr"] is None else ("", "")
+    psnr, ssim, lpips = (mean[f"{metric}{against}"] for metric in ("psnr", "ssim", "lpips"))
+    return _cell(f"{psnr:.2f}{mark}", ssim, lpips, number(mean["bytes"] / 1e6, 3))
 
 
 def _cell(psnr: str, ssim: float | None, lpips: float | None, megabytes: str) -> str:
     return f"{psnr} / {number(ssim, 4)} / {number(lpips, 4)} / {megabytes}"
-
-
-def _titled(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return f"{title}\n\n{format_table(header, rows)}"
 
 
 PAPER = Study(

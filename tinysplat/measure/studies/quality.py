@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from ..quality import (
     NESTED,
@@ -18,7 +18,7 @@ from ..quality import (
 from ..rows import Row, grouped
 from ..runner import run_jobs
 from ..show.tables import decibels, format_table, kilobytes, number
-from ..study import Run, Study
+from ..study import Run, Study, Table
 
 STUDY = "quality"
 
@@ -29,9 +29,59 @@ def quality_rows(run: Run) -> Iterator[Row]:
     codings = tuple(ProfileQp(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
     zooms = (1.0, 2.0) if run.quick else (0.5, 1.0, 2.0)
     work = Quality(codings, run.folder, run.lpips, zooms=zooms, nested=not run.quick)
-    outcome = run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)
-    run.left_out += [*map(str, outcome.left_out), *outcome.notes]
-    yield from outcome.rows
+    yield from run.done(
+        run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)
+    )
+
+
+class Part(NamedTuple):
+    """A line of a table: rows of one size, and the means of their figures."""
+
+    name: str
+    rows: Sequence[Row]
+    mean: dict[str, Any]
+
+    @property
+    def size(self) -> str:
+        """Of its pictures."""
+        return f"{self.rows[0].figures['width']}×{self.rows[0].figures['height']}"
+
+
+def by_scene(rows: Sequence[Row]) -> list[Part]:
+    """A group's scenes, and the means over scenes and over windows where these are others."""
+    scenes = grouped(rows, "scene")
+    parts = [Part(name, members, mean_of_rows(members)) for (name,), members in scenes.items()]
+    if len(scenes) > 1:
+        parts.append(Part("mean of scenes", rows, mean_of_scenes(rows)))
+    if len(rows) > len(scenes):
+        parts.append(Part("mean of windows", rows, mean_of_rows(rows)))
+    return parts
+
+
+def by_group(table: Callable[[Sequence[Part]], str], name: str, figure: str = "bytes") -> Table:
+    """A table with a line per group of rows that have a figure, of means over scenes; `name` has words of
+    `quality.IDENTITY` in braces.
+    """
+
+    def of(rows: Sequence[Row]) -> str:
+        groups = groups_of([row for row in rows if row.study == STUDY and figure in row.figures])
+        return table([Part(name.format(**identity), members, mean_of_scenes(members)) for identity, members in groups])
+
+    return of
+
+
+def results_text(rows: Sequence[Row], *, has_lpips: bool) -> str:
+    """Every group's tables by scene."""
+    sections = []
+    for identity, members in groups_of(rows):
+        coded = "{kind}, {views} views, {model}, {profile} at Q_g {qp:g}, {width}x{height}".format(**identity)
+        parts = by_scene(members)
+        tables = [
+            every_figure(parts, has_lpips),
+            *(table(parts) for table in (zoom_table, nested_table, refined_table)),
+        ]
+        sections.append(f"{coded}\n" + "\n\n".join(filter(None, tables)))
+    return "\n\n".join(sections)
 
 
 _COLUMNS: dict[str, Callable[[dict[str, Any]], str]] = {
@@ -53,156 +103,63 @@ _COLUMNS: dict[str, Callable[[dict[str, Any]], str]] = {
 }
 
 
-def results_text(rows: Sequence[Row], *, has_lpips: bool) -> str:
-    """Every group's table: a row per scene, and the means over scenes and over windows; and its other tables."""
-    sections = []
-    for identity, members in groups_of(rows):
-        tables = [group_table(members, has_lpips), zoom_table(members), nested_table(members), refined_table(members)]
-        sections.append(f"{title(identity)}\n" + "\n\n".join(filter(None, tables)))
-    return "\n\n".join(sections)
-
-
-def zoom_table(rows: Sequence[Row]) -> str:
-    """dB of pictures at multiples of the coded size, and of the coded size's pictures brought to them; empty where
-    nothing was zoomed.
-    """
-    if not any("zoom" in row.figures for row in rows):
-        return ""
-    lines = []
-    for name, (_, mean) in means(rows).items():
-        for factor, zoomed in (mean.get("zoom") or {}).items():
-            gain = zoomed["psnr"] - zoomed["psnr_enlarged"]
-            scale = zoomed["photos_enlarged"]
-            photos = "smaller than the picture, enlarged" if scale > 1.001 else "as large or larger"
-            cells = decibels(zoomed["psnr_raw"]), decibels(zoomed["psnr"]), decibels(zoomed["psnr_enlarged"])
-            lines.append([name, f"{factor} ×", *cells, f"{gain:+.2f}", f"{photos} ({scale:.2f} ×)"])
-    return format_table(["scene", "size", "raw dB", "coded dB", "enlarged dB", "gain", "stored photos"], lines)
-
-
-def nested_table(rows: Sequence[Row]) -> str:
-    """dB of the same targets from the nearest 2, 4 and 6 photos; empty where that was not measured."""
-    rows = [row for row in rows if "nested" in row.figures]
-    if not rows:
-        return ""
-    lines = [
-        [name, *(decibels(mean["nested"].get(str(count))) for count in NESTED)]
-        for name, (_, mean) in means(rows).items()
-    ]
-    return format_table(["scene", *(f"nearest {count} photos, dB" for count in NESTED)], lines)
-
-
-def nested_summary(rows: Sequence[Row]) -> str:
-    """A line per group: means over scenes."""
-    lines = []
-    for identity, members in groups_of([row for row in rows if row.study == STUDY and "nested" in row.figures]):
-        nested = mean_of_scenes(members)["nested"]
-        lines.append([f"windows of {identity['views']}", *(decibels(nested.get(str(count))) for count in NESTED)])
-    return format_table(["", *(f"nearest {count}, dB" for count in NESTED)], lines) if lines else ""
-
-
-def refined_table(rows: Sequence[Row]) -> str:
-    """dB at held-out photos before and after refinement, by scene; empty where nothing was refined."""
-    rows = [row for row in rows if "refined" in row.figures]
-    if not rows:
-        return ""
-    lines = []
-    for name, (count, mean) in means(rows).items():
-        before, after = mean["refined"]["psnr_before"], mean["psnr_raw"]
-        cells = decibels(before), decibels(after), f"{after - before:+.2f}", decibels(mean["psnr"])
-        lines.append([name, str(count), *cells, kilobytes(mean["bytes"]), number(mean["seconds"].get("refine"), 1)])
-    heads = ["scene", "windows", "before, dB", "refined, dB", "gain", "coded, dB", "KB", "refine s"]
-    return format_table(heads, lines)
-
-
-def refined_summary(rows: Sequence[Row]) -> str:
-    """A line per group: means over scenes, and the window that gains least."""
-    lines = []
-    for identity, members in groups_of([row for row in rows if row.study == STUDY and "refined" in row.figures]):
-        mean = mean_of_scenes(members)
-        before, after = mean["refined"]["psnr_before"], mean["psnr_raw"]
-        least = min(row.figures["psnr_raw"] - row.figures["refined"]["psnr_before"] for row in members)
-        cells = decibels(before), decibels(after), f"{after - before:+.2f}", f"{least:+.2f}", decibels(mean["psnr"])
-        kind = f"{identity['kind']}, {identity['views']} views"
-        lines.append([kind, str(len(members)), *cells, kilobytes(mean["bytes"])])
-    heads = ["", "windows", "before, dB", "refined, dB", "gain", "least gain", "coded, dB", "KB"]
-    return format_table(heads, lines) if lines else ""
-
-
-def title(identity: Mapping[str, Any]) -> str:
-    """What the rows of a group have in common, in words."""
-    size = f"{identity['width']}x{identity['height']}"
-    coded = f"{identity['profile']} at Q_g {identity['qp']:g}"
-    return f"{identity['kind']}, {identity['views']} views, {identity['model']}, {coded}, {size}"
-
-
-def means(rows: Sequence[Row]) -> dict[str, tuple[int, dict[str, Any]]]:
-    """Number of windows and means, by scene and over all."""
-    scenes = grouped(rows, "scene")
-    means = {name: (len(members), mean_of_rows(members)) for (name,), members in scenes.items()}
-    if len(scenes) > 1:
-        means["mean of scenes"] = len(rows), mean_of_scenes(rows)
-    if len(rows) > len(scenes):
-        means["mean of windows"] = len(rows), mean_of_rows(rows)
-    return means
-
-
-def group_table(rows: Sequence[Row], has_lpips: bool) -> str:
-    """Every figure of a group's pictures by scene, and their means."""
+def every_figure(parts: Sequence[Part], has_lpips: bool) -> str:
+    """All that was measured of pictures and bytes, and the seconds."""
     columns = {**_COLUMNS} if has_lpips else {**_COLUMNS, "LPIPS": lambda _: "no weights"}
-    lines = [
-        [name, str(count), *(cell(mean) for cell in columns.values())] for name, (count, mean) in means(rows).items()
-    ]
+    lines = [[part.name, str(len(part.rows)), *(cell(part.mean) for cell in columns.values())] for part in parts]
     return format_table(["scene", "windows", *columns], lines)
 
 
-def _has_lpips(rows: Sequence[Row]) -> bool:
-    return any(row.figures["lpips"] is not None for row in rows)
-
-
-def _tables(rows: Sequence[Row], table: Callable[[Sequence[Row]], str]) -> str:
-    """A table per group."""
-    chosen = [row for row in rows if row.study == STUDY]
-    titled = [(title(identity), table(members)) for identity, members in groups_of(chosen)]
-    return "\n\n".join(f"**{name}**\n\n{text}" for name, text in titled if text)
-
-
-def summary_table(rows: Sequence[Row]) -> str:
-    """A line per group: means over scenes, each scene's the mean of its windows."""
+def summary_table(parts: Sequence[Part]) -> str:
+    """What matters most of pictures and bytes, and how much was measured."""
     lines = []
-    for identity, members in groups_of([row for row in rows if row.study == STUDY]):
-        mean, scenes = mean_of_scenes(members), len(grouped(members, "scene"))
-        name = f"{identity['kind']}, {identity['views']} views"
-        how = f"{identity['model']}, {identity['profile']} {identity['qp']:g}, {identity['width']}×{identity['height']}"
+    for part in parts:
+        setting, mean, scenes = part.rows[0].setting, part.mean, len(grouped(part.rows, "scene"))
+        how = f"{setting['model']}, {setting['profile']} {setting['qp']:g}, {part.size}"
         cells = (decibels(mean[key]) for key in ("psnr_photo", "psnr_raw", "psnr", "psnr_covered"))
-        counts = str(scenes), str(len(members))
-        lines.append([name, how, *counts, *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
+        counts = str(scenes), str(len(part.rows))
+        lines.append([part.name, how, *counts, *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
     heads = ["", "network, coding", "scenes", "windows", "photo dB", "raw dB", "coded dB", "covered dB", "SSIM", "KB"]
     return format_table(heads, lines) if lines else ""
 
 
-def zoom_summary(rows: Sequence[Row]) -> str:
-    """A line per group and multiple: means over scenes."""
+def zoom_table(parts: Sequence[Part]) -> str:
+    """dB of pictures at multiples of the coded size, and of the coded size's pictures brought to them."""
     lines = []
-    for identity, members in groups_of([row for row in rows if row.study == STUDY]):
-        for factor, zoomed in (mean_of_scenes(members).get("zoom") or {}).items():
-            dB = (decibels(zoomed[key]) for key in ("psnr_raw", "psnr", "psnr_enlarged"))
+    for part in parts:
+        for factor, zoomed in (part.mean.get("zoom") or {}).items():
+            cells = (decibels(zoomed[key]) for key in ("psnr_raw", "psnr", "psnr_enlarged"))
             gain = f"{zoomed['psnr'] - zoomed['psnr_enlarged']:+.2f}"
-            size = f"{identity['width']}×{identity['height']}, {factor} ×"
-            lines.append([f"{identity['kind']}, {identity['views']} views, {identity['model']}", size, *dB, gain])
+            lines.append([part.name, f"{part.size}, {factor} ×", *cells, gain])
     return format_table(["", "coded at, drawn at", "raw dB", "coded dB", "enlarged dB", "gain"], lines) if lines else ""
+
+
+def nested_table(parts: Sequence[Part]) -> str:
+    """dB of the same targets from the nearest 2, 4 and 6 photos."""
+    known = [(part.name, part.mean["nested"]) for part in parts if part.mean.get("nested")]
+    lines = [[name, *(decibels(nested.get(str(count))) for count in NESTED)] for name, nested in known]
+    return format_table(["", *(f"nearest {count}, dB" for count in NESTED)], lines) if lines else ""
+
+
+def refined_table(parts: Sequence[Part]) -> str:
+    """dB at held-out photos before and after refinement, and the window that gains least."""
+    lines = []
+    for part in (part for part in parts if part.mean.get("refined")):
+        mean, before, after = part.mean, part.mean["refined"]["psnr_before"], part.mean["psnr_raw"]
+        least = min(row.figures["psnr_raw"] - row.figures["refined"]["psnr_before"] for row in part.rows)
+        cells = decibels(before), decibels(after), f"{after - before:+.2f}", f"{least:+.2f}", decibels(mean["psnr"])
+        lines.append([part.name, str(len(part.rows)), *cells, kilobytes(mean["bytes"])])
+    heads = ["", "windows", "before, dB", "refined, dB", "gain", "least gain", "coded, dB", "KB"]
+    return format_table(heads, lines) if lines else ""
 
 
 QUALITY = Study(
     "Pictures",
     quality_rows,
     {
-        "quality summary": summary_table,
-        "quality": lambda rows: _tables(rows, lambda members: group_table(members, _has_lpips(members))),
-        "zoom summary": zoom_summary,
-        "zoom": lambda rows: _tables(rows, zoom_table),
-        "nested summary": nested_summary,
-        "nested": lambda rows: _tables(rows, nested_table),
-        "refined summary": refined_summary,
-        "refined": lambda rows: _tables(rows, refined_table),
+        "quality summary": by_group(summary_table, "{kind}, {views} views"),
+        "zoom summary": by_group(zoom_table, "{kind}, {views} views, {model}"),
+        "nested summary": by_group(nested_table, "windows of {views}", "nested"),
+        "refined summary": by_group(refined_table, "{kind}, {views} views", "refined"),
     },
 )

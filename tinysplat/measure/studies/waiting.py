@@ -19,27 +19,21 @@ from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import Renderer
 
-from ..clock import Baseline, Variant, measure
+from ..clock import Variant, measure
 from ..pictures import PictureJudge
 from ..rows import Row, of_study
 from ..show.plots import Curve, Panel, save_grid
-from ..show.tables import Listing, duration, kilobytes, mean, said
+from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean, megabytes, said
 from ..study import Run, Study
 from ..subjects.cases import Case
 from ..subjects.made import made_gaussians, view_between
 
+ROOT = Path(__file__).resolve().parents[3]
+
 QPS = (-6.0, 0.0, 6.0, 12.0)
 PROFILES = ("fast", DEFAULT_PROFILE, "max")
 
-PHOTOS, DECODE, FIRST, FURTHER = (
-    "photos to a file",
-    "a file to Gaussians",
-    "first picture, a command",
-    "further pictures",
-)
-
-MAIN = "import sys; sys.path.insert(0, sys.argv.pop(1)); from {} import main; sys.exit(main())"
-"""A command of a checkout's runtime, whose folder is the first word."""
+PHOTOS = "photos to a file"
 
 PEAK = (
     "import os, sys; pid = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ);"
@@ -87,9 +81,9 @@ def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path
             return runtime.compress(gaussians, qp=qp, drop_invalid=True)
 
         works[PHOTOS] = DEFAULT_PROFILE, encode
-    works[FIRST] = DEFAULT_PROFILE, call_of(_own_root(), ["render", path, "-o", picture])
-    works[DECODE] = DEFAULT_PROFILE, partial(runtime.decompress, files[DEFAULT_PROFILE])
-    works[FURTHER] = DEFAULT_PROFILE, partial(drawn.render, view_between(case.gaussians))
+    works["first picture, a command"] = DEFAULT_PROFILE, call_of(ROOT, ["render", path, "-o", picture])
+    works["a file to Gaussians"] = DEFAULT_PROFILE, partial(runtime.decompress, files[DEFAULT_PROFILE])
+    works["further pictures"] = DEFAULT_PROFILE, partial(drawn.render, view_between(case.gaussians))
     for name, (profile, work) in works.items():
         setting = {"thing": name, "profile": profile, "qp": qp}
         yield Variant(f"{name}, Q_g {qp:g}", work, lambda _, figured=figures[profile]: figured, setting, run.threads)  # type: ignore[misc]
@@ -115,29 +109,22 @@ def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
         photos.mkdir()
         shots.write(photos)
         commands[f"encode of {len(shots.context.cameras)} photos"] = ["encode", photos, "-o", coded]
-    variants = []
-    for name, words in commands.items():
-        sizes = {"bytes": file.stat().st_size}
-        baseline = Baseline(beside.name, call_of(beside, words))
-        variants.append(Variant(name, call_of(_own_root(), words), lambda _, n=sizes: n, {}, run.threads, baseline))  # type: ignore[misc]
+    figures, setting = {"bytes": file.stat().st_size}, {"baseline": beside.name}
+    variants = [
+        Variant(name, call_of(ROOT, words), lambda _: figures, setting, run.threads, call_of(beside, words))
+        for name, words in commands.items()
+    ]
     for row in measure("commands", f"2×{run.side}×{run.side}, SH degree 4", variants, run.effort):
-        peaks = [peak_bytes(root, commands[row.way]) for root in (_own_root(), beside)]
+        peaks = [peak_bytes(root, commands[row.way]) for root in (ROOT, beside)]
         yield replace(row, costs={**row.costs, "peak_bytes": peaks[0], "baseline_peak_bytes": peaks[1]})
-
-
-def _own_root() -> Path:
-    return Path(__file__).resolve().parents[3]
 
 
 def _words(root: Path, words: Sequence[str | Path]) -> tuple[list[str], dict[str, str]]:
     """A command of a checkout, and its environment."""
-    runtime = root / "runtime"
-    entry = (runtime / "tinysplat_runtime" / "__main__.py").read_text("utf-8")
-    module = "tinysplat_runtime.__main__" if "def main" in entry else "tinysplat_runtime.cli"
     quiet = [] if words[0] == "info" else ["-q", "--force"]
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    environment["TINYSPLAT_MODELS"] = str(root / "models")
-    return [sys.executable, "-c", MAIN.format(module), str(runtime), *map(str, words), *quiet], environment
+    environment |= {"TINYSPLAT_MODELS": str(root / "models"), "PYTHONPATH": str(root / "runtime")}
+    return [sys.executable, "-m", "tinysplat_runtime", *map(str, words), *quiet], environment
 
 
 def call_of(root: Path, words: Sequence[str | Path]) -> Callable[[], object]:
@@ -166,14 +153,6 @@ def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
     return True
 
 
-def _ratio(key: str) -> Callable[[Sequence[Row]], str]:
-    return mean(key, lambda value: f"{value:.2f}", "costs")
-
-
-def _megabytes(key: str) -> Callable[[Sequence[Row]], str]:
-    return mean(key, lambda value: f"{value / 1e6:.0f}", "costs")
-
-
 def _longest(rows: Sequence[Row]) -> str:
     """A sentence: how long photos, and Gaussians, take to become a file of the default quality."""
     by_thing = {row.setting["thing"]: row for row in of_study(rows, "waits") if row.setting["qp"] == 0}
@@ -193,17 +172,19 @@ WAITING = Study(
     {
         "waits": Listing(
             "waits",
-            {"": said("thing"), "Q_g": said("qp", lambda value: f"{value:g}"),
+            {"": said("thing"), "Q_g": said("qp", "{:g}".format),
              "processor time": mean("cpu", duration, "costs"), "KB": mean("bytes", kilobytes),
-             "dB to raw": mean("psnr_decoded_raw", lambda value: f"{value:.2f}")},
+             "dB to raw": mean("psnr_decoded_raw", decibels)},
             sections="subject",
             text="Medians of interleaved rounds, processor seconds of all threads.",
         ),
         "commands": Listing(
             "commands",
             {"command": said("way"), "processor time": mean("cpu", duration, "costs"),
-             "by the other's": _ratio("cpu_ratio"), "on the clock, by the other's": _ratio("ratio"),
-             "MB": _megabytes("peak_bytes"), "the other's MB": _megabytes("baseline_peak_bytes")},
+             "by the other's": mean("cpu_ratio", digits(2), "costs"),
+             "on the clock, by the other's": mean("ratio", digits(2), "costs"),
+             "memory": mean("peak_bytes", megabytes, "costs"),
+             "the other's": mean("baseline_peak_bytes", megabytes, "costs")},
             sections="subject",
             text="Commands as processes, in turns with those of another checkout.",
         ),

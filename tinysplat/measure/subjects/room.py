@@ -7,10 +7,8 @@ has something to hold on to, depth has steps, and benchmarks need no data. Every
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +16,6 @@ from numpy.typing import NDArray
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
-from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.resampling import resize_cover
 
 from .cases import Case, LeftOut, PhotoSource, PhotoViews, Shots, Window
@@ -177,16 +173,6 @@ class Room(_OneWindow):
     def shots(self, window: Window, size: tuple[int, int]) -> Shots:
         """See `Source`."""
         return _room_shots(self.views, *size)
-
-    def write(self, folder: Path, size: tuple[int, int]) -> None:
-        """Write the input views as a scene folder."""
-        frames = []
-        context = _room_shots(self.views, *size).context
-        for i, (image, camera) in enumerate(zip(context.images, context.cameras, strict=True)):
-            write_png(folder / f"{i}.png", np.rint(image * 255).astype(np.uint8))
-            frames.append(camera_entry(f"{i}.png", camera))
-        document = {"near": NEAR, "far": FAR, "frames": frames}
-        (folder / CAMERAS_FILE).write_text(json.dumps(document), "utf-8")
 
 
 @lru_cache(maxsize=16)

@@ -1,0 +1,115 @@
+"""What reports and pages say is what the rows say."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import refusing
+
+from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, git, read_rows
+from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages, filled, pages
+from tinysplat.measure.studies import STUDIES, find_study
+from tinysplat_runtime.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+
+
+def row(way: str, seconds: float = 1.0, **figures: float) -> Row:
+    costs = dict.fromkeys(("seconds", "low", "high", "cpu"), seconds)
+    return Row("formats", "2×256×256", way, {"profile": way.split()[0]}, figures, costs)
+
+
+def test_of_two_runs_figures_that_moved_are_named_and_the_rows_that_became_slowest():
+    before = [row(f"way{n}", seconds=n + 1, psnr=math.inf, bytes=10) for n in range(9)]
+    assert "bytes" not in "".join(agreement(before, before))
+    now = [replace(one, costs={"seconds": 2 * one.costs["seconds"]}) for one in before]
+    assert "bytes" not in "".join(agreement(before, now))  # times may differ
+    now[3] = replace(now[3], figures={"psnr": math.inf, "bytes": 11}, costs={"seconds": 28.0})
+    told = "\n".join(agreement(before, now))
+    assert "bytes" in told and "10" in told and "11" in told
+    assert any("way3" in line and "7.00" in line for line in told.splitlines())
+
+
+def test_every_study_has_tables_that_say_nothing_of_no_rows(tmp_path):
+    names: list[str] = []
+    for name in STUDIES:
+        study = find_study(name)
+        names += study.tables
+        assert all(table([]) == "" for table in study.tables.values()), name
+        assert not any(plot(tmp_path / "p.png", []) for plot in study.plots.values()), name
+    assert len(names) == len(set(names))  # marks name tables
+
+
+def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
+    (tmp_path / "docs").mkdir()
+    file = RowFile(tmp_path / "benchmarks" / "reports" / "day" / ROWS)
+    file.add(row("balanced 0", bytes=1000, psnr_decoded_raw=40.0))
+    file.add(replace(row("balanced 0", bytes=9000), subject="other"))
+    mark = "<!-- measured day/rows.jsonl: formats where subject=2×256×256 -->"
+    (tmp_path / "README.md").write_text(f"Before {mark}\nold\n<!-- end --> behind")
+    assert fill_pages(tmp_path) == [tmp_path / "README.md"] and fill_pages(tmp_path) == []
+    text = (tmp_path / "README.md").read_text()
+    assert text.startswith(f"Before {mark}\n") and text.endswith("\n<!-- end --> behind")
+    assert "40.00" in text and "9.0" not in text and "old" not in text
+    for words in ("nonsense", "free"):  # no table of that name, no rows of that study
+        with refusing(InputError, f"'{words}'"):
+            filled(f"<!-- measured day/rows.jsonl: {words} --><!-- end -->", tmp_path)
+
+
+def test_figures_of_other_code_are_told_by_the_commits_of_their_runs(tmp_path):
+    checkout = ("-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c")
+    commits = []
+    for text in ("one", "two"):
+        (tmp_path / "runtime").mkdir(exist_ok=True)
+        (tmp_path / "runtime" / "code.py").write_text(text)
+        for words in (("init", "-q"), ("add", "."), ("commit", "-q", "-m", text)):
+            subprocess.run(["git", *checkout, *words], check=True)
+        commits.append(git(tmp_path, "rev-parse", "HEAD"))
+    (tmp_path / "README.md").write_text("<!-- measured day/rows.jsonl: formats --><!-- end -->")
+    file = RowFile(tmp_path / "benchmarks" / "reports" / "day" / ROWS)
+    file.add(row("balanced"))
+    assert commits_of_rows(tmp_path) == {"day/rows.jsonl": []}
+    for commit in commits:
+        file.add(Row("run", commit, "formats", {}, {"commit": commit}))
+    assert commits_of_rows(tmp_path) == {"day/rows.jsonl": commits}
+    found = [changed_since(commit, tmp_path) for commit in (*commits, "nonsense")]
+    assert found == [["runtime/code.py"], [], None]
+
+
+def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):
+    (tmp_path / "docs").mkdir()
+    page = tmp_path / "README.md"
+    page.write_text("Before\n<!-- plotted free -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
+    assert fill_pages(tmp_path) == [] and not (tmp_path / "docs" / "o.png").exists()
+    reports = tmp_path / "benchmarks" / "reports"
+    for day, study in (("2026-01-01", "free"), ("2026-01-02", "free"), ("2026-01-03", "waits")):
+        RowFile(reports / day / ROWS).add(replace(row("balanced", psnr_decoded_raw=40.0, bytes=1e3), study=study))
+    assert fill_pages(tmp_path) == [page] and fill_pages(tmp_path) == []
+    found = page.read_text()
+    assert "![Error](docs/o.png)" in found and "(benchmarks/reports/2026-01-02/report.md)" in found
+    assert "old" not in found and found.startswith("Before") and found.endswith("behind")
+    assert (tmp_path / "docs" / "o.png").read_bytes().startswith(b"\x89PNG")
+    page.write_text("<!-- plotted nonsense -->\n![Error](docs/o.png)\n<!-- end -->")
+    with refusing(InputError, "'nonsense'"):
+        fill_pages(tmp_path)
+
+
+@pytest.mark.parametrize("page", pages(ROOT), ids=lambda path: path.name)
+def test_every_marked_figure_is_that_of_the_committed_rows(page):
+    text = page.read_text("utf-8")
+    assert filled(text, ROOT, page.name) == text, "tinysplat bench --docs fills it"
+
+
+def test_ours_stand_beside_what_the_paper_prints() -> None:
+    rows = read_rows(ROOT / "benchmarks" / "reports" / "2026-11-22" / "scenes" / "paper")
+    table = find_study("paper").tables["paper main"](rows)
+    assert "26.32 / 0.8671 / 0.1349" in table  # TinySplat on MVSplat, RE10K: table 1 of arXiv 2506.09479
+    for profile in ("paper", "balanced"):
+        wanted = {"views": 2, "profile": profile, "qp": 0}
+        ours = [one.figures["psnr"] for one in rows if wanted.items() <= one.setting.items()]
+        assert ours and f"{np.mean(ours):.2f}" in table
