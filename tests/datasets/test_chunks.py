@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 from dataclasses import replace
@@ -13,7 +12,7 @@ import pytest
 import torch
 from datasets.chunks import camera_row, encoded, make_chunk_scene, write_chunks
 from PIL import Image
-from scenes import make_cameras, make_photo, tells
+from scenes import make_cameras, make_photo, refusing, tells
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import fields_of_view, prepare_camera, prepare_image
@@ -76,7 +75,6 @@ def folder(tmp_path_factory) -> Path:
 
 def test_scenes_are_found_over_several_chunks(folder):
     chunks = ChunkFolder(folder, RE10K)
-    assert chunks.chunks == {"a": "000000.torch", "b": "000000.torch", "c": "000001.torch"}
     for n, key in enumerate("abc"):
         images, cameras = chunks.scene(key).views((2, 0), (256, 256))
         assert images.shape == (2, 256, 256, 3) and images.dtype == np.float32
@@ -92,31 +90,34 @@ def test_dl3dv_frames_are_taken_at_both_stored_sizes(tmp_path):
 
 
 def test_frames_that_do_not_exist_or_have_another_shape_are_named(folder, tmp_path):
-    assert "c: frame 9, but there are 0 to 3" in refusal(folder, "c", (9,))
+    assert tells(refusal(folder, "c", (9,)), "frame 9 of 0 to 3")
     changed(tmp_path, images=[encoded(make_photo(360, 640)), encoded(make_photo(90, 160))])
-    assert "frame 1: 160x90 pixels, re10k has 640x360" in refusal(tmp_path, frames=(0, 1))
+    assert tells(refusal(tmp_path, frames=(0, 1)), "frame 1 160x90 re10k 640x360")
 
 
 def test_a_field_of_view_over_the_limit_is_not_evaluated(folder):
     narrow = replace(RE10K, max_fov_degrees=40)
-    assert "field of view 48.9°, scenes over 40° are not evaluated" in refusal(folder, "a", (0,), narrow)
+    assert "40" in refusal(folder, "a", (0,), narrow)
+    assert ChunkFolder(folder, replace(RE10K, max_fov_degrees=50)).scene("a").views((0,), (64, 64))
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "named"),
     [
-        ({"cameras": torch.zeros(2, 12)}, "cameras: expected a tensor (N, 18)"),
-        ({"cameras": torch.zeros(2, 18)}, "cameras: holds focal lengths"),
-        ({"cameras": torch.full((2, 18), torch.nan)}, "cameras: holds focal lengths"),
-        ({"cameras": torch.ones(2, 18)}, "frame 0: cameras: no pose"),
-        ({"images": [torch.zeros(3, dtype=torch.uint8)]}, "images: expected a list of 2 photos"),
-        ({"images": [torch.zeros(3)] * 2}, "images[0]: expected a photo's file"),
-        ({"images": [torch.zeros(3, dtype=torch.uint8)] * 2}, "frame 0: cannot be decoded"),
-        ({"images": [encoded(make_photo(360, 640))[:2000]] * 2}, "frame 0: cannot be decoded"),
+        ({"cameras": torch.zeros(2, 12)}, "cameras"),
+        ({"cameras": torch.zeros(2, 18)}, "cameras"),
+        ({"cameras": torch.full((2, 18), torch.nan)}, "cameras"),
+        ({"cameras": torch.ones(2, 18)}, "frame 0"),
+        ({"images": [torch.zeros(3, dtype=torch.uint8)]}, "images"),
+        ({"images": [torch.zeros(3)] * 2}, "images[0]"),
+        ({"images": [torch.zeros(3, dtype=torch.uint8)] * 2}, "frame 0"),
+        ({"images": [encoded(make_photo(360, 640))[:2000]] * 2}, "frame 0"),
+        ({"images": [encoded(make_photo(360, 640), "BMP")] * 2}, "frame 0"),
     ],
 )
-def test_scenes_that_break_the_layout_are_refused_with_what_is_wrong(tmp_path, fields, said):
-    assert tells(refusal(changed(tmp_path, **fields)), said)
+def test_scenes_that_break_the_layout_are_refused_with_what_is_wrong(tmp_path, fields, named):
+    message = refusal(changed(tmp_path, **fields))
+    assert message.startswith(f"{tmp_path / '000000.torch'}: a: ") and named in message
 
 
 @pytest.mark.parametrize("content", [b"", b"junk" * 100, "cut", "list of numbers"])
@@ -140,7 +141,7 @@ class _Exploit:
 def test_a_chunk_cannot_run_code(tmp_path):
     changed(tmp_path)
     torch.save([{"key": "a", "cameras": _Exploit(tmp_path / "ran")}], tmp_path / "000000.torch")
-    assert "unreadable chunk" in refusal(tmp_path)
+    assert str(tmp_path / "000000.torch") in refusal(tmp_path)
     assert not (tmp_path / "ran").exists()
 
 
@@ -148,17 +149,10 @@ def test_an_index_stays_inside_its_folder(tmp_path):
     changed(tmp_path)
     for document in ({"a": "../000000.torch"}, {"a": 3}, ["a"], {"a": ""}):
         (tmp_path / "index.json").write_text(json.dumps(document))
-        assert "expected an object of chunk files of this folder" in refusal(tmp_path)
+        assert str(tmp_path / "index.json") in refusal(tmp_path)
     (tmp_path / "index.json").write_text(json.dumps({"b": "000000.torch"}))
-    assert "no scene 'a' in index.json" in refusal(tmp_path)
-    assert "no scene 'b', though index.json says so" in refusal(tmp_path, "b")
-
-
-def test_pictures_of_another_kind_are_refused(tmp_path):
-    buffer = io.BytesIO()
-    Image.fromarray(make_photo(360, 640)).save(buffer, "BMP")
-    photo = torch.frombuffer(bytearray(buffer.getvalue()), dtype=torch.uint8)
-    assert "cannot be decoded" in refusal(changed(tmp_path, images=[photo, photo]))
+    for key in "ab":  # which is not in the index, and which is in it alone
+        assert f"'{key}'" in refusal(tmp_path, key)
 
 
 # ---- the public indices ------------------------------------------------------------------------------------------
@@ -172,26 +166,20 @@ def test_scenes_given_as_null_are_not_evaluated(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("text", "said"),
     [
-        ([], "expected an object"),
-        ({"context": [0, 1]}, "a.target: null, expected a list"),
-        ({"context": [0, -1], "target": [0]}, "a.context: [0, -1], expected a list"),
-        ({"context": [0, 1.5], "target": [0]}, "a.context: [0, 1.5], expected a list"),
-        ({"context": [0, 1], "target": []}, "a.target: no frames"),
+        ("[]", ""),
+        ("{", ""),
+        ("[" * 100_000, ""),
+        ('{"a": []}', ": a"),
+        ('{"a": {"context": [0, 1]}}', "a.target"),
+        ('{"a": {"context": [0, -1], "target": [0]}}', "a.context [0, -1]"),
+        ('{"a": {"context": [0, 1.5], "target": [0]}}', "a.context [0, 1.5]"),
+        ('{"a": {"context": [0, 1], "target": []}}', "a.target"),
     ],
 )
-def test_windows_that_name_no_frames_are_refused(tmp_path, entry, said):
-    path = tmp_path / "index.json"
-    path.write_text(json.dumps({"a": entry}))
-    with pytest.raises(InputError) as caught:
-        read_paper_index(path)
-    assert tells(str(caught.value), said)
-
-
-@pytest.mark.parametrize("text", ["[]", "{", "[" * 100_000])
-def test_an_index_that_is_none_is_refused(tmp_path, text):
+def test_what_names_no_frames_is_refused_by_its_place(tmp_path, text, said):
     path = tmp_path / "index.json"
     path.write_text(text)
-    with pytest.raises(InputError, match=r"index\.json"):
+    with refusing(InputError, f"{path} {said}"):
         read_paper_index(path)

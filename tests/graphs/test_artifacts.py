@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,18 +18,17 @@ from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.graphs import DEFAULT_MODEL, inference, providers
 from tinysplat_runtime.graphs.artifacts import Artifact, find_artifact, load_manifest, models_dir, network_by_hash
 from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore
-from tinysplat_runtime.graphs.providers import nodes_by_provider
 
 Change = Callable[[onnx.ModelProto], object]
 
-DATA = {"a": b"first", "b": b"second", "s": b"third"}
+DATA = {"net1": b"first", "net2": b"second", "back": b"third"}
 HASHES = {name: hashlib.sha256(data).hexdigest() for name, data in DATA.items()}
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Two networks and a synthesis with their manifest."""
-    roles = {"a": "network", "b": "network", "s": "synthesis"}
+    roles = {"net1": "network", "net2": "network", "back": "synthesis"}
     entries = {n: {"file": f"{n}.onnx", "role": roles[n], "sha256": HASHES[n], "purpose": n} for n in DATA}
     (tmp_path / "manifest.json").write_text(json.dumps({"artifacts": entries}))
     for name, data in DATA.items():
@@ -36,15 +36,12 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def refused(error: pytest.ExceptionInfo[ModelError]) -> str:
-    return str(error.value)
-
-
 def test_a_manifest_names_files_roles_and_hashes(folder: Path) -> None:
     found = load_manifest(folder)
-    assert [*found] == ["a", "b", "s"] and found["s"].role == "synthesis" and found["a"].path == folder / "a.onnx"
-    assert found["a"].entry["purpose"] == "a" and found["a"].read() == b"first"
-    assert found["a"].file_sha256() == HASHES["a"] == Artifact("own", folder / "a.onnx").file_sha256()
+    assert found.keys() == DATA.keys() and found["back"].role == "synthesis"
+    one = found["net1"]
+    assert one.path == folder / "net1.onnx" and one.entry["purpose"] == "net1" and one.read() == b"first"
+    assert one.file_sha256() == HASHES["net1"] == Artifact("own", one.path).file_sha256()
 
 
 ENTRY = {"file": "x", "role": "network", "sha256": "0", "optimised": {"file": "y"}}  # whose stored graph has no hash
@@ -55,9 +52,8 @@ ENTRY = {"file": "x", "role": "network", "sha256": "0", "optimised": {"file": "y
 )
 def test_what_is_no_manifest_is_refused(folder: Path, text: str) -> None:
     (folder / "manifest.json").write_text(text)
-    with pytest.raises(ModelError) as error:
+    with refusing(ModelError, f"{folder / 'manifest.json'}"):
         load_manifest(folder)
-    assert refused(error).startswith(f"{folder / 'manifest.json'}: not a manifest of artifacts (")
 
 
 def test_the_folder_is_the_argument_or_the_variable_s_or_the_package_s(
@@ -67,55 +63,55 @@ def test_the_folder_is_the_argument_or_the_variable_s_or_the_package_s(
     empty.mkdir()
     monkeypatch.setenv("TINYSPLAT_MODELS", str(folder))
     assert models_dir() == folder
-    with pytest.raises(ModelError) as error:
+    with refusing(ModelError, f"manifest.json {empty}"):
         models_dir(empty)
-    assert f"no manifest.json in {empty}" in refused(error)
     monkeypatch.setenv("TINYSPLAT_MODELS", str(empty))
-    with pytest.raises(ModelError) as error:
+    with refusing(ModelError, f"TINYSPLAT_MODELS {empty}"):
         models_dir()
-    assert refused(error).startswith("TINYSPLAT_MODELS: ") and str(empty) in refused(error)
+    monkeypatch.delenv("TINYSPLAT_MODELS")
+    monkeypatch.delitem(sys.modules, "tinysplat_models", raising=False)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "tinysplat_models").mkdir()
+    for name in ("__init__.py", "manifest.json"):
+        (tmp_path / "tinysplat_models" / name).touch()
+    assert models_dir() == tmp_path / "tinysplat_models"
 
 
 def test_altered_and_missing_files_are_refused(folder: Path) -> None:
     found = load_manifest(folder)
-    (folder / "a.onnx").write_bytes(b"altered")
+    (folder / "net1.onnx").write_bytes(b"altered")
     altered = hashlib.sha256(b"altered").hexdigest()
-    with pytest.raises(ModelError) as error:
-        found["a"].read()
-    assert all(word in refused(error) for word in (str(folder / "a.onnx"), altered[:12], HASHES["a"][:12]))
-    (folder / "b.onnx").unlink()
-    with pytest.raises(ModelError) as error:
-        found["b"].read()
-    assert refused(error).startswith(f"{folder / 'b.onnx'}: ")
+    with refusing(ModelError, f"{folder / 'net1.onnx'} {altered[:8]} {HASHES['net1'][:8]}"):
+        found["net1"].read()
+    (folder / "net2.onnx").unlink()
+    with refusing(ModelError, f"{folder / 'net2.onnx'}"):
+        found["net2"].read()
 
 
 def test_a_name_is_of_the_manifest_or_a_path(folder: Path) -> None:
-    assert find_artifact("a", "network", folder).sha256 == HASHES["a"]
-    for path in (folder / "a.onnx", folder / "own.ort", folder / "plain"):
+    assert find_artifact("net1", "network", folder).sha256 == HASHES["net1"]
+    for path in (folder / "net1.onnx", folder / "own.ort", folder / "plain"):
         path.write_bytes(b"x")
         found = find_artifact(str(path), "network", folder)
         assert (found.name, found.path, found.sha256, found.role) == (path.stem, path, None, None)
-    for name in ("c", "s"):
-        with pytest.raises(ModelError) as error:
+    for name in ("other", "back"):
+        with refusing(ModelError, f"'{name}' net1 net2"):
             find_artifact(name, "network", folder)
-        assert all(word in refused(error) for word in (f"'{name}'", "a, b"))
     for name in ("none.onnx", "x/y", "none.ort"):
-        with pytest.raises(ModelError) as error:
+        with refusing(ModelError, name):
             find_artifact(name, "network", folder)
-        assert refused(error).startswith(f"{name}: ")
 
 
 def test_a_network_is_found_by_its_hash(folder: Path) -> None:
-    assert network_by_hash("whatever", HASHES["b"], folder=folder).name == "b"
-    assert network_by_hash("a", HASHES["a"], "a", folder).name == "a"
-    assert network_by_hash("a", HASHES["b"], str(folder / "b.onnx"), folder).path == folder / "b.onnx"
-    with pytest.raises(ModelError) as error:
-        network_by_hash("a", HASHES["a"], "b", folder)
-    assert refused(error).startswith(f"{folder / 'b.onnx'}: ") and HASHES["a"] in refused(error)
-    for name, other in (("a", HASHES["a"][:12]), ("z", "")):
-        with pytest.raises(ModelError) as error:
-            network_by_hash(name, HASHES["s"], folder=folder)
-        assert all(word in refused(error) for word in (f"'{name}'", HASHES["s"], other, "--model"))
+    one, two = HASHES["net1"], HASHES["net2"]
+    assert network_by_hash("whatever", two, folder=folder).name == "net2"
+    assert network_by_hash("net1", one, "net1", folder).name == "net1"
+    assert network_by_hash("net1", two, str(folder / "net2.onnx"), folder).path == folder / "net2.onnx"
+    with refusing(ModelError, f"{folder / 'net2.onnx'} {one}"):
+        network_by_hash("net1", one, "net2", folder)
+    for name in ("net1", "other"):
+        with refusing(ModelError, f"'{name}' {HASHES['back']} --model"):
+            network_by_hash(name, HASHES["back"], folder=folder)
 
 
 # ---- contracts ------------------------------------------------------------------------------------------------------
@@ -123,7 +119,7 @@ def test_a_network_is_found_by_its_hash(folder: Path) -> None:
 
 def test_files_that_are_no_graphs_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x.onnx").write_bytes(b"nothing")
-    with pytest.raises(ModelError, match=r"x\.onnx: not a graph onnxruntime can run: "):
+    with refusing(ModelError, f"{tmp_path / 'x.onnx'}"):
         inference.open_graph(Artifact("x", tmp_path / "x.onnx"), "network")
 
 
@@ -136,16 +132,13 @@ def rank(name: str, number: int) -> Change:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda model: model.graph.output.pop(), "output 'sh' is missing; it has no other"),
-        (rank("near", 1), "input 'near' is tensor(float) of rank 2, expected tensor(float) of rank 1"),
+        (lambda model: model.graph.output.pop(), "output 'sh'"),
+        (rank("near", 1), "input 'near' of rank 2, expected 1"),
         (
             lambda model: model.graph.input.append(onnx.helper.make_tensor_value_info("extra", 6, [1])),
-            "input 'extra' is not in the contract (images, K, c2w, near, far)",
+            "input 'extra' beside K c2w",
         ),
-        (
-            lambda model: onnx.helper.set_model_props(model, {"tinysplat": '{"contract": 2}'}),
-            "contract version 2, this",
-        ),
+        (lambda model: onnx.helper.set_model_props(model, {"tinysplat": '{"contract": 2}'}), "version 2"),
     ],
 )
 def test_a_graph_says_what_breaks_its_contract(tmp_path: Path, change: Change, said: str) -> None:
@@ -171,29 +164,19 @@ def test_a_graph_runs_and_writes_into_arrays_and_says_in_a_line_what_it_cannot(t
     assert np.array_equal(means, found["means"]) and graph.run(inputs, ["sh"]).keys() == {"sh"}
     wrong = {**inputs, "near": np.float64([1, 1])}
     for run in (lambda: graph.run(wrong), lambda: graph.run_into({"images": images[0]}, {"means": means})):
-        with pytest.raises(ModelError, match=r"^x: onnxruntime: [^\n]+$"):
+        with pytest.raises(ModelError) as caught:
             run()
+        assert caught.value.where == "x" and "\n" not in str(caught.value)
 
 
 # ---- providers ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", [None, ""])
-def test_no_provider_is_the_cpu(text: str | None) -> None:
-    assert providers.providers_of(text) == ("CPUExecutionProvider",)
-
-
-def test_a_provider_has_the_cpu_behind_it() -> None:
+def test_the_cpu_stands_alone_or_behind_a_provider() -> None:
+    assert providers.providers_of(None) == providers.providers_of("") == ("CPUExecutionProvider",)
     assert providers.providers_of("X:a=b") == (("X", {"a": "b"}), "CPUExecutionProvider")
-    with pytest.raises(InputError, match=r"^--provider: 'a' in 'X:a', expected NAME:key=value"):
+    with refusing(InputError, "--provider 'X:a' NAME:key=value"):
         providers.providers_of("X:a")
-
-
-def test_nodes_are_counted_by_provider(tmp_path: Path) -> None:
-    node = {"cat": "Node", "args": {"provider": "CPU"}}
-    events = [node, node, {"cat": "Node", "args": {"provider": "X"}}, {"cat": "Node"}, {**node, "cat": "Session"}]
-    (tmp_path / "p.json").write_text(json.dumps(events))
-    assert nodes_by_provider(str(tmp_path / "p.json")) == {"CPU": 2, "X": 1}
 
 
 @pytest.mark.parametrize("name", [name for name in CONTRACTS if name != "network"])

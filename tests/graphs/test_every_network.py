@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from networks.two_planes import FAR, NEAR, network_inputs, trace
+from networks.two_planes import FAR, NEAR, trace
 from numpy.typing import NDArray
 from scenes import make_photo
 
@@ -68,12 +68,15 @@ every_network = pytest.mark.parametrize("model", ["sweep", "edge"])
 
 
 @every_network
-@pytest.mark.parametrize("size", [(2, 96, 128), (3, 128, 64), (4, 64, 96)])
+@pytest.mark.parametrize("size", [(2, 61, 90), (3, 128, 64), (4, 64, 96)])
 def test_depth_of_textured_planes_is_found(model: str, size: tuple[int, int, int]) -> None:
     scene = trace(*size)
-    outputs = STORE.network(model).run(network_inputs(scene.images, scene.cameras))
-    assert np.median(np.abs(outputs["depth"] / scene.depth - 1)) < 0.02
-    assert outputs["depth"].min() >= NEAR * (1 - 1e-4) and outputs["depth"].max() <= FAR * (1 + 1e-4)
+    found = predict(scene.images, scene.cameras, NEAR, FAR, STORE.network(model))
+    assert found.opacities.shape == scene.depth.shape
+    for means, depth, camera in zip(found.means, scene.depth, scene.cameras, strict=True):
+        z = ((means.astype(np.float64) - camera.centre) @ camera.rotation.T)[..., 2]
+        assert np.median(np.abs(z / depth - 1)) < 0.02
+        assert z.min() >= NEAR * (1 - 1e-3) and z.max() <= FAR * (1 + 1e-3)
 
 
 @every_network
@@ -101,7 +104,7 @@ def test_any_depth_range_gives_finite_gaussians_or_names_the_cause(model: str, n
     try:
         found = predict(_photos(), cameras, near, far, STORE.network(model))
     except NumericError as error:
-        assert "not finite" in str(error) and error.where
+        assert error.where
     else:
         _assert_usable(found, cameras)
 

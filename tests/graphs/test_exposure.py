@@ -40,6 +40,7 @@ def test_what_drifts_is_matched_in_one_exposure_and_shown_in_its_own() -> None:
     found = found_of(gains, np.zeros((VIEWS, 3)))
     photos = [np.float32(0.5 * gain)[:, None, None] * np.ones((3, 2, 2), np.float32) for gain in gains]
     matched = [found.matched(photo, v) for v, photo in enumerate(photos)]
+    np.testing.assert_allclose(matched[0], photos[0], atol=1e-6)  # which stays as it is
     steps = [np.abs(a - b).max() for a, b in pairwise(matched)]
     assert max(steps) < 0.5 * 0.5 * (gains[0, 0] - gains[1, 0])
     np.testing.assert_allclose([found.shown(p, v)[:, 0, 0] for v, p in enumerate(photos)], 0.5 * gains, atol=0.01)

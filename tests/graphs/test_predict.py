@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from networks.two_planes import FAR, NEAR, row_of_cameras, trace
-from scenes import refusing, tells
+from networks.two_planes import FAR, NEAR, row_of_cameras
+from scenes import refusing
 
 from tinysplat_runtime.errors import InputError, ModelError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
-from tinysplat_runtime.graphs.inference import Graph, GraphStore
+from tinysplat_runtime.graphs.inference import Graph
 from tinysplat_runtime.graphs.predict import FAR_FROM_ORIGIN, predict
 from tinysplat_runtime.scene.cameras import Camera
 
@@ -139,9 +139,9 @@ def with_value(value: float) -> np.ndarray:
         (grey(), ROW[:2], (1, np.inf), "far: "),
         (grey(), ROW[:2], (5, 5), "near: "),
         (grey(), ROW[:2], (5, 1), "near: "),
-        (grey(), ROW[:2], (1e-300, 1.0), "expected a depth from 1e-30 to 1e"),
-        (grey(), ROW[:2], (1.0, 1e300), "expected a depth from 1e-30 to 1e"),
-        (grey(1), ROW[:1], (NEAR, FAR), "one view where two are needed"),
+        (grey(), ROW[:2], (1e-300, 1.0), "near 1e-30"),
+        (grey(), ROW[:2], (1.0, 1e300), "far 1e-30"),
+        (grey(1), ROW[:1], (NEAR, FAR), "images: "),
         (grey(7), ROW, (NEAR, FAR), "2 to 6"),
         (grey(3), (*ROW[:2], ROW[0]), (NEAR, FAR), "cameras: views 0 and 2"),
         (grey(3), (*ROW[:2], *moved(ROW[1:2], np.full(3, 1e-7))), (NEAR, FAR), "cameras: views 1 and 2"),
@@ -156,9 +156,8 @@ def with_value(value: float) -> np.ndarray:
     ],
 )
 def test_what_a_network_cannot_be_given_is_refused(images, cameras, depths, said):
-    with pytest.raises(InputError) as caught:
+    with refusing(InputError, said):
         run_plane(images, cameras, *depths)
-    assert tells(str(caught.value), said)
 
 
 def test_a_pure_rotation_is_not_an_identical_pose():
@@ -214,14 +213,5 @@ def test_outputs_that_are_no_scene_are_the_networks_fault(replaced, words):
 def test_a_layer_without_intrinsics_is_the_networks_fault():
     graph, session = plane_graph()
     graph = Graph("plane", session, graph.metadata, graph.output_names[:-1])
-    with pytest.raises(ModelError, match="'layer1_K' is missing"):
+    with refusing(ModelError, "'layer1_K'"):
         predict(grey(), row_of_cameras(2, 16, 24), NEAR, FAR, graph)
-
-
-def test_sweep_finds_the_planes_of_a_traced_scene_of_any_size():
-    scene = trace(2, 61, 90)
-    gaussians = predict(scene.images, scene.cameras, NEAR, FAR, GraphStore(threads=1).network("sweep"))
-    assert gaussians.opacities.shape == (2, 61, 90) and len(gaussians.extra_layers) == 1
-    for v, camera in enumerate(scene.cameras):
-        z = ((gaussians.means[v].astype(np.float64) - camera.centre) @ camera.rotation.T)[..., 2]
-        assert np.median(np.abs(z / scene.depth[v] - 1)) < 0.01

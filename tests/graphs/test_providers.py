@@ -12,10 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 import onnxruntime
 import pytest
-from scenes import make_smooth_gaussians, refusing
+from scenes import make_smooth_gaussians, refusing, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import InputError, ModelError
+from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact
 from tinysplat_runtime.graphs.inference import open_graph
 from tinysplat_runtime.graphs.providers import add_providers, parse_provider
@@ -43,7 +44,7 @@ def test_names_carry_options(text: str, expected: tuple[str, dict[str, str]]) ->
 
 @pytest.mark.parametrize("text", ["CUDA:", "CUDA:device_id", "CUDA:=1", "CUDA:device_id=", ":device_id=1", "CUDA:a=1,"])
 def test_what_is_no_option_is_said(text: str) -> None:
-    with pytest.raises(InputError, match=r"expected NAME.*key=value"):
+    with refusing(InputError, "NAME key=value"):
         parse_provider(text)
 
 
@@ -72,9 +73,9 @@ def test_a_plug_in_runs_on_its_device() -> None:
 @pytest.mark.parametrize(
     ("provider", "message"),
     [
-        (("CPU", {"device_type": "NPU"}), "CPUExecutionProvider has no NPU, its device_type here is CPU"),
-        ("Nope", "execution provider NopeExecutionProvider is not in this onnxruntime; it has"),
-        (("Other", {"library": "none.so"}), f"OtherExecutionProvider: .* load library {Path.cwd()}/none.so"),
+        (("CPU", {"device_type": "NPU"}), "CPUExecutionProvider NPU CPU"),
+        ("Nope", "NopeExecutionProvider"),
+        (("Other", {"library": "none.so"}), f"OtherExecutionProvider {Path.cwd()}/none.so"),
     ],
 )
 def test_what_a_plug_in_lacks_is_said(provider: str | tuple[str, dict[str, str]], message: str) -> None:
@@ -94,20 +95,19 @@ def test_a_plug_in_package_is_found_by_its_provider(tmp_path: Path) -> None:
         package.mkdir()
         (package / "__init__.py").write_text(code)
     ts.save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 16, 16))
-    failed = f"FakeExecutionProvider: [ONNXRuntimeError] : 1 : FAIL : Failed to load library {library}"
-    for provider, messages in (
-        ("Fake", [f": provider: {failed}"]),
-        ("Nope", ["NopeExecutionProvider is not in this onnxruntime; it has ", "CPUExecutionProvider", "FakeExec"]),
-        ("Fake:library", ["tinysplat: --provider: 'library' in 'Fake:library', expected NAME:key=value"]),
+    for provider, words in (
+        ("Fake", f"FakeExecutionProvider {library}"),
+        ("Nope", "NopeExecutionProvider CPUExecutionProvider FakeExecutionProvider"),
+        ("Fake:library", "--provider 'library' 'Fake:library' NAME:key=value"),
     ):
         done = run("compress", "g.npz", "-o", "g.tsplat", "--provider", provider, cwd=tmp_path, path=str(tmp_path))
-        assert done.returncode == 2 and all(message in done.stderr for message in messages), done.stderr
+        assert done.returncode == 2 and tells(done.stderr, words), done.stderr
         assert done.stderr.count("\n") == 1 and not (tmp_path / "g.tsplat").exists()
 
 
 def test_doctor_says_who_ran_which_graph() -> None:
     report = json.loads(run("doctor", "--json", "--provider", "CPU").stdout)
-    assert set(report["graphs"]) == {"edge", "analysis_vpt", "analysis_moment", "analysis_project", "synthesis"}
+    assert {DEFAULT_MODEL, "synthesis"} <= report["graphs"].keys()
     assert all(set(ran) == {"CPUExecutionProvider"} for ran in report["graphs"].values())
     assert min(sum(ran.values()) for ran in report["graphs"].values()) > 0
     assert "graphs" not in json.loads(run("doctor", "--json").stdout)

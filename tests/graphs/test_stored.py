@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import refusing
 
 from tinysplat_runtime.errors import ModelError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
@@ -46,7 +47,7 @@ def test_where_it_does_not_open_the_graph_itself_does(folder, is_listed) -> None
         artifact = replace(artifact, optimised=(folder / "stored.onnx", hashlib.sha256(b"other").hexdigest()))
     assert open_graph(artifact, NAME).name == NAME
     (folder / f"{NAME}.onnx").write_bytes(b"other")
-    with pytest.raises(ModelError, match=rf"{NAME}.onnx: sha256"):
+    with refusing(ModelError, f"{folder / NAME}.onnx"):
         open_graph(artifact, NAME)
 
 

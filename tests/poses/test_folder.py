@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import make_cameras, make_photo
+from scenes import make_cameras, make_photo, refusing
 
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.placing import upright_copies
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.pictures import write_png
@@ -75,7 +76,7 @@ def test_nothing_stays_behind_when_a_photo_cannot_be_read(tmp_path: Path, photos
     (photos / "2.png").write_bytes(b"")
     (tmp_path / "empty").mkdir()
     for output in (tmp_path / "new", tmp_path / "empty"):
-        with pytest.raises(Exception, match=r"2\.png"):
+        with refusing(InputError, "2.png"):
             write_folder(output, photos, entries(), (1.5, 8.0), POINTS, quiet=True)
     assert not (tmp_path / "new").exists() and list((tmp_path / "empty").iterdir()) == []
 

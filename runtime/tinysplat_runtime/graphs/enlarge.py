@@ -51,12 +51,14 @@ class Enlarger:
         networks: names of those whose Gaussians it can make anew.
         pixels: of the photos that they are given in place of large ones, about.
         halo: rows and columns about a tile on which its own depend.
+        tile: most rows and columns of a tile.
     """
 
     graph: Graph
     networks: tuple[str, ...]
     pixels: int
     halo: int
+    tile: int = TILE_SIDE
 
     @classmethod
     def of(cls, graph: Graph) -> Enlarger:
@@ -144,7 +146,8 @@ def _enlarged(
     views, _, height, width = photos.shape
     arrays = {name: np.empty((views, height, width, *tail), np.float32) for name, tail in _SHAPES.items()}
     middle = np.stack([camera.centre for camera in cameras]).mean(axis=0)
-    tiles = [(rows, columns) for rows in _spans(height, enlarger.halo) for columns in _spans(width, enlarger.halo)]
+    down, across = (_spans(side, enlarger.halo, enlarger.tile) for side in (height, width))
+    tiles = [(rows, columns) for rows in down for columns in across]
     for view in range(views):
         fixed = _fixed_inputs(photos, cameras, view, middle, near)
         for rows, columns in tiles:
@@ -170,9 +173,9 @@ class _Span:
     within: slice
 
 
-def _spans(length: int, halo: int) -> list[_Span]:
+def _spans(length: int, halo: int, most: int) -> list[_Span]:
     """Tiles of about equal sides along an axis."""
-    count = -(-length // TILE_SIDE)
+    count = -(-length // most)
     ends = [round(length * i / count) for i in range(count + 1)]
     spans = []
     for first, last in pairwise(ends):
