@@ -261,6 +261,14 @@ def colmap_texts(cameras: Sequence[Camera], points: NDArray, camera: str | None 
     return {"cameras.txt": f"# cameras\n1 {camera}\n", "images.txt": "".join(lines), "points3D.txt": "".join(rows)}
 
 
+def realestate_line(stamp: int, camera: Camera) -> str:
+    """A camera's line of a RealEstate10K file: time in microseconds, fx fy cx cy over the image's size, two unused
+    numbers, world to camera row by row.
+    """
+    K = camera.K_unit
+    return " ".join(map(str, [stamp, K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, *camera.w2c[:3].ravel()]))
+
+
 def write_scene(folder: Path, views: int = 3, height: int = 24, width: int = 32) -> Path:
     """Write a scene folder of PNG photos and `cameras.json`; returns the folder."""
     cameras = make_cameras(views, height, width)

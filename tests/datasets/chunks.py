@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 from PIL import Image
-from scenes import make_cameras, make_photo
+from scenes import make_cameras, make_photo, realestate_line
 
 from tinysplat_runtime.scene.cameras import Camera
 
@@ -24,9 +24,8 @@ def encoded(pixels: NDArray, kind: str = "PNG") -> torch.Tensor:
 
 
 def camera_row(camera: Camera) -> list[float]:
-    """fx fy cx cy over the image's size, two zeros, world to camera row by row."""
-    K = camera.K_unit
-    return [K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, *camera.w2c[:3].ravel()]
+    """As RealEstate10K's own files have it, without the time."""
+    return [float(word) for word in realestate_line(0, camera).split()[1:]]
 
 
 def make_chunk_scene(key: str, frames: int = 4, height: int = 360, width: int = 640, seed: int = 0) -> dict[str, Any]:

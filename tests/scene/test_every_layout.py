@@ -9,7 +9,16 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from scenes import colmap_texts, make_cameras, make_photo, scene_document, transforms_document, write_scene
+from scenes import (
+    colmap_texts,
+    make_cameras,
+    make_photo,
+    realestate_line,
+    scene_document,
+    tells,
+    transforms_document,
+    write_scene,
+)
 from scipy.spatial.transform import Rotation
 
 from tinysplat_runtime.errors import InputError
@@ -80,8 +89,7 @@ def realestate(folder: Path) -> Path:
     lines = ["https://www.youtube.com/watch?v=x"]
     for i, c in enumerate(CAMERAS):
         (folder / "images" / f"{i:04}.png").rename(folder / "images" / f"{i * 1000}.png")
-        K = c.K_unit
-        lines.append(" ".join(map(str, [i * 1000, K[0, 0], K[1, 1], K[0, 2], K[1, 2], 0, 0, *c.w2c[:3].ravel()])))
+        lines.append(realestate_line(i * 1000, c))
     (folder / "clip.txt").write_text("\n".join(lines) + "\n")
     return folder / "clip.txt"
 
@@ -202,6 +210,6 @@ def test_a_photo_that_is_not_there_is_named_or_left_out(written: tuple[Path, Pat
     try:
         images = load_scene(path).images()
     except InputError as error:
-        assert gone.stem in str(error) or "2 photos" in str(error)
+        assert gone.stem in str(error) or tells(str(error), "2 of 3")
     else:
         assert len(images) == 2

@@ -72,8 +72,8 @@ class Camera:
             object.__setattr__(self, name, int(value))
         for axis, name in enumerate(("fx", "fy")):
             if not K[axis, axis] >= MIN_FOCAL_PX:
-                bounds = "> 0" if K[axis, axis] <= 0 else f"at least {MIN_FOCAL_PX:g}"
-                raise InputError(f"focal length {name} = {K[axis, axis]:g} px, expected {bounds}", where="K")
+                fault = f"focal length {name} = {K[axis, axis]:g} px, expected {MIN_FOCAL_PX:g} or more"
+                raise InputError(fault, where="K")
         for name, array, bound in (("K", K, MAX_INTRINSIC_PX), ("c2w", c2w[:3, 3], MAX_POSITION)):
             if np.abs(array).max() > bound:
                 raise InputError(f"holds {np.abs(array).max():g}, expected at most {bound:g}", where=name)
