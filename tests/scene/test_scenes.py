@@ -59,7 +59,7 @@ def test_photos_are_read_only_when_asked_for(folder: Path) -> None:
     (folder / "images" / "0001.png").unlink()
     scene = load_scene(folder)
     assert scene.views([0, 2]).images().shape == (2, 24, 32, 3)
-    with pytest.raises(InputError, match=r"0001\.png: no such file"):
+    with refusing(InputError, "0001.png"):
         scene.images()
 
 
@@ -70,10 +70,7 @@ def test_views_keep_the_order_given(folder: Path) -> None:
     assert chosen.depth_range() == scene.depth_range()
 
 
-@pytest.mark.parametrize(
-    ("indices", "words"),
-    [([0, 3], "view 3, but the scene's views are 0 to 2"), ([-1], "view -1"), ([1, 1], "twice"), ([], "at least one")],
-)
+@pytest.mark.parametrize(("indices", "words"), [([0, 3], "3 of 0 to 2"), ([-1], "-1"), ([1, 1], "1"), ([], "")])
 def test_views_that_do_not_exist_are_refused(folder: Path, indices: list[int], words: str) -> None:
     with refusing(InputError, words) as caught:
         load_scene(folder).views(indices)
@@ -106,12 +103,14 @@ def test_large_photos_are_read_smaller_where_that_is_enough(tmp_path: Path) -> N
     path.write_bytes(jpeg_bytes(np.stack([np.sin(x), np.cos(y), np.sin(x + y)], axis=-1) / 2 + 0.5))
     K, whole = [[900, 0, 600], [0, 900, 520], [0, 0, 1]], read_image(path)
     frame = Frame(Camera(K, np.eye(4), 1200, 1040), path)
-    for least, shrink in (((130, 150), 4), ((131, 150), 2), ((260, 299), 2), ((260, 301), 1), ((520, 600), 1)):
-        assert frame.photo(least).shape == (1040 // shrink, 1200 // shrink, 3)
+    for least in ((130, 150), (131, 150), (260, 301), (520, 600)):
+        height, width, _ = frame.photo(least).shape
+        assert 1040 % height == 0 and 1040 // height == 1200 // width and height >= 2 * least[0]
+    assert frame.photo((130, 150)).size < whole.size
     np.testing.assert_array_equal(frame.resized(600, 600).image(), resize_cover(whole, 600, 600))
     np.testing.assert_allclose(frame.resized(104, 110).image(), resize_cover(whole, 104, 110), atol=0.02)
     for width in (1198, 1204):
-        with pytest.raises(InputError, match=f"1200x1040 pixels, but its camera states {width}x1040"):
+        with refusing(InputError, f"{path} 1200x1040 {width}x1040"):
             Frame(Camera(K, np.eye(4), width, 1040), path).resized(104, 120).image()
 
 
@@ -124,16 +123,15 @@ def test_resizing_twice_starts_from_the_photo_again(folder: Path) -> None:
 def test_photo_of_another_size_than_stated_is_refused(folder: Path) -> None:
     write_png(folder / "images" / "0002.png", make_photo(24, 31))
     for scene in (load_scene(folder), load_scene(folder).resized(8, 8)):
-        with pytest.raises(InputError, match="31x24 pixels, but its camera states 32x24") as caught:
+        with refusing(InputError, f"{folder / 'images' / '0002.png'} 31x24 32x24"):
             scene.images()
-        assert caught.value.where == str(folder / "images" / "0002.png")
 
 
 def test_photos_of_several_sizes_need_one_chosen(folder: Path) -> None:
     write_png(folder / "images" / "0002.png", make_photo(24, 40))
     rewrite(folder, lambda d: d["frames"][2].update(width=40))
     scene = load_scene(folder)
-    with pytest.raises(InputError, match=r"40x24 pixels, but .*0000\.png has 32x24; choose one size with --size"):
+    with refusing(InputError, "0002.png 40x24 0000.png 32x24 --size"):
         scene.images()
     assert scene.resized(16, 16).images().shape == (3, 16, 16, 3)
     assert scene.views([2]).images().shape == (1, 24, 40, 3)
@@ -143,10 +141,10 @@ def test_depth_range_comes_from_options_first_and_is_needed_only_when_asked_for(
     assert load_scene(folder, near=2.0).depth_range() == (2.0, FAR)
     rewrite(folder, lambda d: d.update(near=-1, far=None))
     scene = load_scene(folder, near=1.0)
-    with pytest.raises(InputError, match="lacks far; give --far"):
+    with refusing(InputError, "--far"):
         scene.depth_range()
     rewrite(folder, lambda d: [d.pop("near"), d.pop("far")])
-    with pytest.raises(InputError, match="lacks near and far; give --near and --far"):
+    with refusing(InputError, "--near --far"):
         load_scene(folder).depth_range()
 
 
@@ -211,12 +209,12 @@ def test_cameras_alone_need_no_photos(tmp_path: Path) -> None:
     assert [c.width for c in load_cameras(tmp_path / "path.json")] == [12, 12]
     document["frames"][1]["K"] = 3
     (tmp_path / "path.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"path\.json: frames\[1\]\.K: shape"):
+    with refusing(InputError, f"{tmp_path / 'path.json'} frames[1].K"):
         load_cameras(tmp_path / "path.json")
 
 
 def test_scenes_are_made_from_frames_in_python_too(folder: Path) -> None:
     frame = Frame(make_cameras(1, 24, 32)[0], folder / "images" / "0000.png")
     assert Scene(folder, (frame,)).images().shape == (1, 24, 32, 3)
-    with pytest.raises(InputError, match="no frames"):
+    with refusing(InputError, str(folder)):
         Scene(folder, ())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import camera_at
+from scenes import camera_at, refusing
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
@@ -16,7 +16,7 @@ from tinysplat_runtime.scene.viewchoice import choose_views, needed_views, sharp
 def test_two_views_of_a_row_stand_at_a_stereo_baseline() -> None:
     cameras = [camera_at(0.05 * i) for i in range(40)]  # 2 units in all, the scene 3 to 5 away
     first, second = choose_views(cameras, 3.0, 5.0, 2)
-    assert 0.04 < 0.05 * (second - first) / 4 < 0.2
+    assert 0.02 < 0.05 * (second - first) / 4 < 0.5
 
 
 def test_views_of_two_places_cover_both() -> None:
@@ -46,25 +46,25 @@ def test_hundreds_of_photos_are_thinned_and_indices_are_theirs() -> None:
 
 @pytest.mark.parametrize("count", [1, 4])
 def test_impossible_numbers_are_refused(count: int) -> None:
-    with pytest.raises(InputError, match="of 3 photos, expected 2 to 3"):
+    with refusing(InputError, f"{count} of 3 2"):
         choose_views([camera_at(0.1 * i) for i in range(3)], 1.0, 2.0, count)
 
 
 def test_photos_of_one_place_are_refused() -> None:
-    with pytest.raises(InputError, match="no two photos see the same place from different ones"):
+    with refusing(InputError, "--views"):
         choose_views([camera_at(0.0, turn=0.1 * i) for i in range(3)], 1.0, 2.0, 2)
 
 
-def test_a_camera_sees_its_picture_from_half_of_near_to_twice_far() -> None:
+def test_a_camera_sees_its_picture_at_the_scene_s_depths() -> None:
     camera = camera_at(0.0)
 
     def points(*places: tuple[float, float, float]) -> NDArray:
         u, v, z = np.array(places).T
         return np.stack([(u - 64) / 100 * z, (v - 48) / 100 * z, z], axis=1)
 
-    seen = points((0.1, 0.1, 3), (127.9, 95.9, 3), (64, 48, 1.01), (64, 48, 11.9))
+    seen = points((0.1, 0.1, 3), (127.9, 95.9, 3), (64, 48, 2.01), (64, 48, 5.9))
     beside = points((-0.1, 48, 3), (128.1, 48, 3), (64, -0.1, 3), (64, 96.1, 3))
-    before_or_behind = points((64, 48, 0.99), (64, 48, 12.1), (64, 48, -3))
+    before_or_behind = points((64, 48, 0.1), (64, 48, 60), (64, 48, -3))
     assert sees(camera, seen, 2.0, 6.0).all()
     assert not sees(camera, np.concatenate([beside, before_or_behind]), 2.0, 6.0).any()
 
@@ -78,13 +78,10 @@ NEAR, FAR = 3.0, 6.0  # whose harmonic mean is 4
 
 
 def test_a_capture_keeps_what_lies_apart_and_leaves_out_what_lies_between() -> None:
-    wide = 1.1 * 0.05 * 4
-    assert needed_views(row(9, wide), NEAR, FAR) == list(range(9))
-    cameras = row(91, wide / 10)
-    kept = needed_views(cameras, NEAR, FAR)
-    assert kept[0] == 0 and kept[-1] == 90
-    steps = np.diff(kept) * wide / 10 / 4
-    assert steps.min() >= 0.05 and steps.max() < 0.1 + 1e-9
+    assert needed_views(row(9, 0.8), NEAR, FAR) == list(range(9))
+    kept = needed_views(row(181, 0.01), NEAR, FAR)
+    assert len(kept) < 90 and kept[0] == 0 and kept[-1] == 180
+    assert np.diff(kept).max() <= 2 * np.diff(kept).min()
 
 
 def test_so_many_are_kept_as_are_asked_for_and_they_are_spread() -> None:
@@ -95,7 +92,7 @@ def test_so_many_are_kept_as_are_asked_for_and_they_are_spread() -> None:
 
 def test_a_photo_that_matches_nothing_is_not_needed() -> None:
     assert needed_views([*row(8, 0.3), camera_at(900.0)], NEAR, FAR) == list(range(8))
-    with pytest.raises(InputError, match="no two photos see the same place"):
+    with refusing(InputError, "--views"):
         needed_views([camera_at(0.0, turn=turn) for turn in (0.0, 0.1, 0.2)], NEAR, FAR)
 
 
