@@ -1,11 +1,11 @@
 """Single-line bugs put into the code, one at a time, and what the nearest tests say (`make mutants`).
 
-    python checks/mutants.py [--sample 300] [--seed 1] [--rooms container,web] [--jobs 1] [--again] [--junit tests.xml]
+    python checks/mutants.py [--sample 300] [--seed 1] [--rooms container,web] [--jobs 1] [--again]
 
 Samples evenly over rooms and works in a copy of the checkout under build/mutants. Each answer is a line of
 build/mutants/results.jsonl, so that a run that was stopped goes on; `--again` tries once more, against code and tests
-as they stand, what went unnoticed. With a JUnit report of the tests, quick files go first. A failing test counts only
-if it passes without the bug; a run that takes too long counts for nothing.
+as they stand, what went unnoticed. A failing test counts only if it passes without the bug; a run that takes too long
+counts for nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ import subprocess
 import sys
 import time
 import traceback
-import xml.etree.ElementTree as ET
 from collections import Counter
 from hashlib import sha256
 from itertools import islice
@@ -38,39 +37,22 @@ TREE, RESULTS = BUILD / "tree", BUILD / "results.jsonl"
 RUNTIME = Path("runtime/tinysplat_runtime")
 WITH_TORCH = ("networks", "measure")
 TIMEOUT_S = 600.0
-UNKNOWN_S = 20.0
 FEW = 4
 ACROSS = {
-    "cli": (
-        "e2e/test_cli.py",
-        "e2e/test_convert.py",
-        "e2e/test_doctor.py",
-        "e2e/test_intake.py",
-        "hostile/test_shown.py",
-    ),
-    "codec": ("golden/test_golden.py", "conformance/test_conformance.py", "parity/test_transforms.py", "property/*.py"),
-    "container": (
-        "golden/test_golden.py",
-        "conformance/test_conformance.py",
-        "hostile/*attacks.py",
-        "web/test_inspect.py",
-    ),
-    "formats": ("e2e/test_convert.py", "hostile/test_fuzz.py"),
-    "gaussian": ("parity/test_transforms.py", "property/*.py"),
-    "graphs": ("golden/test_official.py", "parity/test_edge_stages.py", "e2e/test_intake.py"),
-    "measure": ("e2e/test_bench.py", "e2e/test_eval.py"),
-    "networks": ("golden/test_official.py", "parity/test_edge*.py", "parity/test_sweep.py"),
-    "page": ("hostile/test_shown.py",),
-    "recipe": ("e2e/test_cli.py", "e2e/test_intake.py", "e2e/test_convert.py"),
-    "render": ("parity/test_differentiable_rasteriser.py", "property/test_metamorphic.py"),
-    "scene": ("hostile/test_fuzz.py", "e2e/test_intake.py"),
-    "system": ("hostile/test_manifests.py", "hostile/test_shown.py"),
-    "web": (
-        "conformance/test_conformance.py",
-        "page/test_javascript.py",
-        "hostile/test_shown.py",
-        "hostile/test_fuzz.py",
-    ),
+    "cli": "e2e/test_cli e2e/test_convert e2e/test_doctor e2e/test_intake hostile/test_shown",
+    "codec": "golden/test_golden conformance/test_conformance parity/test_transforms property/*",
+    "container": "golden/test_golden conformance/test_conformance hostile/*attacks web/test_inspect",
+    "formats": "e2e/test_convert hostile/test_fuzz",
+    "gaussian": "parity/test_transforms property/*",
+    "graphs": "golden/test_official parity/test_edge_stages e2e/test_intake",
+    "measure": "e2e/test_bench e2e/test_eval",
+    "networks": "golden/test_official parity/test_edge* parity/test_sweep",
+    "page": "hostile/test_shown",
+    "recipe": "e2e/test_cli e2e/test_intake e2e/test_convert",
+    "render": "parity/test_differentiable_rasteriser property/test_metamorphic",
+    "scene": "hostile/test_fuzz e2e/test_intake",
+    "system": "hostile/test_manifests hostile/test_shown",
+    "web": "conformance/test_conformance page/test_javascript hostile/test_shown hostile/test_fuzz",
 }
 """By room, what tests of several rooms say of it: each runs behind the room's own."""
 
@@ -85,7 +67,8 @@ def nearest_tests(module: str) -> list[str]:
     dotted = re.compile(re.escape(".".join(Path(module).with_suffix("").parts)) + r"\b")
     importing = [path for path in others if dotted.search(path.read_text(encoding="utf-8")) and path not in named]
     near = [*named, *(importing if len(importing) <= FEW else [])]
-    beyond = [path for pattern in ACROSS.get(room.name, ()) for path in sorted(Path("tests").glob(pattern))]
+    across = ACROSS.get(room.name, "").split()
+    beyond = [path for pattern in across for path in sorted(Path("tests").glob(f"{pattern}.py"))]
     return list(dict.fromkeys(map(str, [*near, *sorted(room.glob("test_*.py")), *beyond])))
 
 
@@ -114,24 +97,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--rooms", default="", help="rooms to try alone, such as container,web")
     parser.add_argument("--jobs", type=int, default=1, help="workers; more than cores make tests run out of time")
     parser.add_argument("--again", action="store_true", help="try those once more that no test noticed")
-    parser.add_argument("--junit", type=Path, help="what pytest --junitxml wrote, for the order of files")
-    parser.add_argument("-o", "--output", type=Path, default=BUILD / "report.md")
     args = parser.parse_args(arguments)
-    rooms, seconds, known = set(filter(None, args.rooms.split(","))), _seconds(args.junit), _known()
+    rooms, known = set(filter(None, args.rooms.split(","))), _known()
     chosen = _unnoticed(known) if args.again else _sample(args.sample, args.seed)
     wanted = [m for m in chosen if (args.again or m.place not in known) and (not rooms or _room(m.path) in rooms)]
     for name in HEAVY:
         importlib.import_module(name)
-    workers = [_worker(wanted[n :: args.jobs], n, seconds) for n in range(args.jobs)]
+    workers = [_worker(wanted[n :: args.jobs], n) for n in range(args.jobs)]
     if sum(os.waitpid(worker, 0)[1] for worker in workers):
         return 1
     _doubt()
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(_report(), encoding="utf-8")
+    (BUILD / "report.md").write_text(_report(), encoding="utf-8")
     return 0
 
 
-def _worker(wanted: list[Mutation], number: int, seconds: dict[str, float]) -> int:
+def _worker(wanted: list[Mutation], number: int) -> int:
     """A process that tries these, in a copy of its own; its id."""
     child = os.fork()
     if child == 0:
@@ -140,7 +120,7 @@ def _worker(wanted: list[Mutation], number: int, seconds: dict[str, float]) -> i
             TREE = BUILD / f"tree{number}"
             copy_checkout()
             for mutation in wanted:
-                _keep(try_mutation(mutation, seconds))
+                _keep(try_mutation(mutation))
             os._exit(0)
         except BaseException:
             traceback.print_exc()
@@ -200,7 +180,7 @@ def _lines(text: str, mutation: Mutation) -> tuple[str, str]:
     return before[changed].strip(), after[changed].strip()
 
 
-def try_mutation(mutation: Mutation, seconds: dict[str, float]) -> dict[str, Any]:
+def try_mutation(mutation: Mutation) -> dict[str, Any]:
     """What the nearest tests say, as a row."""
     path, began = TREE / mutation.path, time.monotonic()
     text = path.read_text(encoding="utf-8")
@@ -209,10 +189,7 @@ def try_mutation(mutation: Mutation, seconds: dict[str, float]) -> dict[str, Any
     try:
         path.write_text(mutated(text, mutation), encoding="utf-8")
         os.chdir(TREE)
-        files = nearest_tests(str(_inside(mutation.path)))
-        own = [file for file in files if Path(file).stem == f"test_{mutation.path.stem}"]
-        rest = sorted((file for file in files if file not in own), key=lambda file: seconds.get(file, UNKNOWN_S))
-        status, output = run_tests([*own, *rest])
+        status, output = run_tests(nearest_tests(str(_inside(mutation.path))))
     finally:
         path.write_text(text, encoding="utf-8")
         _take_kernels(mutation.path)
@@ -267,19 +244,10 @@ def run_tests(tests: list[str], *options: str) -> tuple[int | None, str]:
         os.dup2(1, 2)
         os.environ.update({"PYTHONPATH": f"{TREE / 'runtime'}:{TREE}", "TINYSPLAT_MODELS": str(TREE / "models")})
         sys.dont_write_bytecode, sys.path[:0] = True, [str(TREE / "runtime"), str(TREE)]
-        command = [
-            "-q",
-            "-x",
-            "--tb=line",
-            "-m",
-            "not slow",
-            "-p",
-            "no:cacheprovider",
-            f"--timeout={TIMEOUT_S / 3:.0f}",
-        ]
+        command = f"-q -x --tb=line -p no:cacheprovider --timeout={TIMEOUT_S / 3:.0f}".split()
         status = 70
         try:
-            status = int(importlib.import_module("pytest").main([*command, *options, *tests]))
+            status = int(importlib.import_module("pytest").main([*command, "-m", "not slow", *options, *tests]))
         except BaseException:
             traceback.print_exc()
         finally:
@@ -316,15 +284,6 @@ def _doubt() -> None:
     RESULTS.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
 
 
-def _seconds(junit: Path | None) -> dict[str, float]:
-    """By file of tests."""
-    total: dict[str, float] = {}
-    for case in ET.parse(junit).iter("testcase") if junit else ():
-        file = case.get("classname", "").replace(".", "/") + ".py"
-        total[file] = total.get(file, 0.0) + float(case.get("time", 0))
-    return total
-
-
 def _keep(row: dict[str, Any]) -> None:
     with RESULTS.open("a", encoding="utf-8") as file:
         file.write(json.dumps(row) + "\n")
@@ -356,15 +315,8 @@ def _report() -> str:
     for tries in known.values():
         row = tries[-1]
         if row["outcome"] != "noticed":
-            lines += [
-                f"{row['place']} ({row['outcome']})",
-                "",
-                "```diff",
-                f"- {row['old']}",
-                f"+ {row['new']}",
-                "```",
-                "",
-            ]
+            change = ["```diff", f"- {row['old']}", f"+ {row['new']}", "```"]
+            lines += [f"{row['place']} ({row['outcome']})", "", *change, ""]
     return "\n".join(lines) + "\n"
 
 

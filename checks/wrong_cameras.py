@@ -127,8 +127,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("--right", action="store_true", help="right cameras only")
-    parser.add_argument("--faults", default="", help="only faults whose names hold this")
-    parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     tally, alarms, right, seconds = defaultdict(lambda: [0, 0, 0]), [], 0, []
     for folder in options.scenes:
@@ -139,8 +137,6 @@ def main() -> None:
             spread = np.linspace(0, len(scene.frames) - 1, 12).round().astype(int).tolist()
             sets.append(("spread 12", dataclasses.replace(scene.views(spread), near=None, far=None)))
         for kind, chosen in sets:
-            if options.faults:
-                continue
             try:
                 ready = prepared(EncodeRequest(chosen), lambda text: None)
             except InputError as error:
@@ -168,7 +164,7 @@ def main() -> None:
                 window = prepared(EncodeRequest(window), lambda text: None)
             images = [np.rint(255 * image).astype(np.uint8) for image in window.images()]
             for name, (fault, words) in FAULTS.items():
-                if (options.faults not in name) or (name.startswith("one ") and size == "pair"):
+                if name.startswith("one ") and size == "pair":
                     continue
                 with tempfile.TemporaryDirectory() as place:
                     only = 1 if name.startswith("one ") else None
@@ -179,8 +175,6 @@ def main() -> None:
                 row[0] += bool(lines)
                 row[1] += any(word in line for line in lines for word in words)
                 row[2] += 1
-                if options.verbose:
-                    print(f"{folder.name} {size}, {name}: {lines[0][:150] if lines else '-'}", flush=True)
     for (name, size), (seen, named, of) in tally.items():
         print(f"{name}, {size}: found {seen}, named {named} of {of}")
     if tally:
