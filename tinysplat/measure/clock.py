@@ -2,8 +2,7 @@
 on all alike; and seconds and peak memory of a piece of work in a process of its own.
 
 The first round warms up and is not counted; its results are what the figures are taken from. Wall-clock medians come
-with their quartiles and with the CPU seconds of this process and its children, which neighbours on a shared machine
-disturb less.
+with the CPU seconds of this process and its children, which neighbours on a shared machine disturb less.
 """
 
 from __future__ import annotations
@@ -78,8 +77,8 @@ class Effort:
 def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effort) -> list[Row]:
     """A row per variant, in their order.
 
-    `costs` are `seconds`, `low`, `high` (median and quartiles), `cpu` and `rounds`; with a baseline also
-    `baseline_seconds`, and `ratio` and `cpu_ratio`, medians over rounds of the variant's time by its baseline's.
+    `costs` are `seconds` and `cpu` (medians), and `rounds`; with a baseline also `ratio` and `cpu_ratio`, medians over
+    rounds of the variant's time by its baseline's.
 
     Raises:
         TinySplatError: a variant cannot work.
@@ -99,10 +98,11 @@ def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effor
     gc.unfreeze()
     rows = []
     for variant, figured, own, base in zip(variants, figures, times, base_times, strict=True):
-        costs = summarised(own)
+        seconds, cpu = (statistics.median(one[i] for one in own) for i in (0, 1))
+        costs = {"seconds": seconds, "cpu": cpu, "rounds": len(own)}
         if base:
             ratios = [statistics.median(a[i] / b[i] for a, b in zip(own, base, strict=True)) for i in (0, 1)]
-            costs |= {"baseline_seconds": summarised(base)["seconds"], "ratio": ratios[0], "cpu_ratio": ratios[1]}
+            costs |= {"ratio": ratios[0], "cpu_ratio": ratios[1]}
         rows.append(Row(study, subject, variant.name, {**variant.setting, "threads": variant.threads}, figured, costs))
     return rows
 
@@ -118,19 +118,6 @@ def timed(run: Callable[[], Any]) -> Times:
         return time.perf_counter() - wall, _cpu_seconds() - cpu
     finally:
         gc.enable()
-
-
-def summarised(times: Sequence[Times]) -> dict[str, float]:
-    """Medians and quartiles of one variant's rounds."""
-    walls, cpus = zip(*times, strict=True)
-    low, _, high = statistics.quantiles(walls, n=4, method="inclusive") if len(walls) > 1 else [walls[0]] * 3
-    return {
-        "seconds": statistics.median(walls),
-        "low": low,
-        "high": high,
-        "cpu": statistics.median(cpus),
-        "rounds": len(walls),
-    }
 
 
 def _cpu_seconds() -> float:

@@ -65,28 +65,19 @@ def find_lpips(
     for path in (backbone, linear):
         if path is not None:
             check_readable(path)
-    cached = _torch_cache() / BACKBONE_FILES[net]
+    home = os.environ.get("TORCH_HOME") or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "torch"
+    cached = Path(home).expanduser() / "hub" / "checkpoints" / BACKBONE_FILES[net]  # as torch.hub.get_dir has it
+    advice = f"--lpips-backbone names torchvision's {BACKBONE_FILES[net]}, from download.pytorch.org/models"
     found_backbone = Path(backbone) if backbone is not None else cached if cached.is_file() else None
     found_linear = Path(linear) if linear is not None else _packaged_linear(net)
     if found_linear is None:
         return None, (
             f"no linear weights of LPIPS-{net}: `pip install --no-deps lpips` brings them, --lpips-linear names them;"
-            f" {_advice(net)}"
+            f" {advice}"
         )
     if found_backbone is None:
-        return None, f"no backbone weights of LPIPS-{net} in {cached.parent}: {_advice(net)}"
+        return None, f"no backbone weights of LPIPS-{net} in {cached.parent}: {advice}"
     return LpipsFiles(net, found_backbone, found_linear), f"LPIPS-{net}: {found_backbone}, {found_linear}"
-
-
-def _advice(net: str) -> str:
-    """Where backbones come from."""
-    return f"--lpips-backbone names torchvision's {BACKBONE_FILES[net]}, from download.pytorch.org/models"
-
-
-def _torch_cache() -> Path:
-    """torch.hub's folder of checkpoints, by the rules of torch.hub.get_dir."""
-    home = os.environ.get("TORCH_HOME") or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "torch"
-    return Path(home).expanduser() / "hub" / "checkpoints"
 
 
 def _packaged_linear(net: str) -> Path | None:
@@ -187,10 +178,6 @@ def _load(path: Path) -> Mapping[str, Tensor]:
 
     check_readable(path)
     try:
-        if path.suffix == ".safetensors":
-            from safetensors.torch import load_file
-
-            return load_file(str(path))
         weights = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises a dozen unrelated types on damaged files
         said = str(error).strip().split("\n")[0][:120]

@@ -15,8 +15,6 @@ from .lpips import LpipsFiles, find_lpips
 from .pictures import Drawing
 from .rows import Row, RowFile
 from .runner import RunOutcome, RunPlan, WindowJob, list_jobs
-from .show.plots import Chart
-from .show.tables import Listing
 from .subjects.cases import Case, Source, Window
 from .subjects.room import Motorcycle, Room
 
@@ -42,12 +40,6 @@ class Study:
     measure: Callable[[Run], Iterator[Row]]
     tables: Mapping[str, Table]
     plots: Mapping[str, Plot] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, title: str, measure: Callable[[Run], Iterator[Row]], *shown: Listing | Chart) -> Study:
-        """A study whose tables and plots go by the names of its rows."""
-        tables = {one.study: one for one in shown if isinstance(one, Listing)}
-        return cls(title, measure, tables, {one.study: one for one in shown if isinstance(one, Chart)})
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,24 +16,12 @@ from ..rows import Row, grouped, of_study
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _COLOURS = ("#1b6ca8", "#d1495b", "#2a9d54", "#8f5bb5", "#c7861f", "#4d4d4d", "#12a0a8", "#a33d8f", "#7a6a00")
 _MARKERS = "osD^vPX*d"
 _DPI = 100
 
-
-@dataclass(frozen=True)
-class Curve:
-    """Named points (x, y), joined by a line in their order.
-
-    Attributes:
-        name: in the legend; one name has one colour and mark throughout a picture.
-        points: finite, x above 0.
-    """
-
-    name: str
-    points: Sequence[tuple[float, float]]
+Points = Sequence[tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -43,14 +31,15 @@ class Panel:
     Attributes:
         title: above it.
         x_label, y_label: of the axes.
-        curves: what is drawn.
+        curves: points (x, y), finite and x above 0, joined in their order; one name has one colour and mark throughout
+            a picture.
         level: a dashed line across, or None.
     """
 
     title: str
     x_label: str
     y_label: str
-    curves: Sequence[Curve]
+    curves: Mapping[str, Points]
     level: float | None = None
 
 
@@ -99,14 +88,16 @@ class Chart:
         """A panel per value of `panel`, those without points left out."""
         drawn = []
         for name, members in _parts(of_study(rows, self.study), self.panel).items():
-            curves = [self._curve(label, group) for label, group in _parts(members, "way").items()]
-            if any(curve.points for curve in curves):
+            curves = {
+                label: points for label, group in _parts(members, "way").items() if (points := self._points(group))
+            }
+            if curves:
                 drawn.append(Panel(name, self.x.label, self.y.label, curves, level))
         return drawn
 
-    def _curve(self, name: str, rows: Sequence[Row]) -> Curve:
+    def _points(self, rows: Sequence[Row]) -> Points:
         points = [(self.x.of(group), self.y.of(group)) for group in _parts(rows, "qp").values()]
-        return Curve(name, sorted((x, y) for x, y in points if x is not None and y is not None))
+        return sorted((x, y) for x, y in points if x is not None and y is not None)
 
 
 def _parts(rows: Sequence[Row], name: str) -> dict[str, list[Row]]:
@@ -117,7 +108,7 @@ def save_grid(path: Path, title: str, rows: Sequence[Sequence[Panel]]) -> None:
     """Panels in rows; the legend stands outside."""
     from matplotlib.figure import Figure
 
-    names = list(dict.fromkeys(curve.name for row in rows for panel in row for curve in panel.curves if curve.points))
+    names = list(dict.fromkeys(name for row in rows for panel in row for name in panel.curves))
     columns = max(len(row) for row in rows)
     figure = Figure(figsize=(3.9 * columns + 1.9, 3.3 * len(rows) + 0.3), layout="constrained")
     figure.suptitle(title, fontsize=10)
@@ -125,10 +116,10 @@ def save_grid(path: Path, title: str, rows: Sequence[Sequence[Panel]]) -> None:
     for i, row in enumerate(rows):
         for j, panel in enumerate(row):
             drawn |= _draw_panel(figure.add_subplot(len(rows), columns, i * columns + j + 1), panel, names)
-    shown = [name for name in names if name]
-    if shown:
-        figure.legend([drawn[name] for name in shown], shown, loc="outside right center", fontsize=8)
-    _save(path, figure)
+    figure.legend([drawn[name] for name in names], names, loc="outside right center", fontsize=8)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=_DPI, metadata={"Software": None})
 
 
 def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Artist]:
@@ -136,13 +127,10 @@ def _draw_panel(axes: Axes, panel: Panel, names: Sequence[str]) -> dict[str, Art
     drawn: dict[str, Artist] = {}
     if panel.level is not None:
         axes.axhline(panel.level, color="black", lw=0.8, ls="--")
-    for curve in panel.curves:
-        if not curve.points:
-            continue
-        n = names.index(curve.name)
-        x, y = zip(*curve.points, strict=True)
+    for name, points in panel.curves.items():
+        n, (x, y) = names.index(name), zip(*points, strict=True)
         colour, marker = _COLOURS[n % len(_COLOURS)], _MARKERS[n % len(_MARKERS)]
-        (drawn[curve.name],) = axes.plot(x, y, color=colour, marker=marker, markersize=4, lw=1.2)
+        (drawn[name],) = axes.plot(x, y, color=colour, marker=marker, markersize=4, lw=1.2)
     _logarithmic(axes)
     axes.margins(0.08, 0.1)
     axes.set_title(panel.title, fontsize=9)
@@ -164,9 +152,3 @@ def _logarithmic(axes: Axes) -> None:
         FuncFormatter(lambda value, _: f"{value:g}" if value < 1e4 else f"{value / 1000:g}k")
     )
     axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _save(path: Path, figure: Figure) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=_DPI, metadata={"Software": None})

@@ -63,16 +63,16 @@ class SheetPicture:
             scores[f"ssim_{name}"] = ssim(image, reference)
         return scores
 
-    def tiles(self, names: tuple[str, str]) -> tuple[list[tuple[str, NDArray]], list[tuple[str, NDArray]]]:
-        """Pictures (H, W, 3) float and error maps (H, W) float64 with their captions."""
-        pictures = [(names[0], self.a), (names[1], self.b)]
+    def tiles(self) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+        """Pictures (H, W, 3) float and error maps (H, W) float64 by their captions."""
+        pictures = {"A": self.a, "B": self.b}
         if self.photo is None:
-            return pictures, [(f"|B − A|  {_decibel(self.b, self.a)}", error_map(self.b, self.a))]
-        maps = [
-            (f"|{letter} − photo|  {_decibel(image, self.photo)}", error_map(image, self.photo))
-            for letter, image in (("A", self.a), ("B", self.b))
-        ]
-        return [("photo", self.photo), *pictures], maps
+            return pictures, {f"|B − A|  {_decibel(self.b, self.a)}": error_map(self.b, self.a)}
+        maps = {
+            f"|{letter} − photo|  {_decibel(image, self.photo)}": error_map(image, self.photo)
+            for letter, image in pictures.items()
+        }
+        return {"photo": self.photo, **pictures}, maps
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def error_map(image: NDArray, reference: NDArray) -> NDArray:
 
 def picture_sheet(a: Path, b: Path) -> Sheet:
     """Two image files of one size."""
-    images = [read_image(path).astype(np.float32) / np.float32(255) for path in (a, b)]
+    images = [_read(path) for path in (a, b)]
     if images[0].shape != images[1].shape:
         (h0, w0, _), (h1, w1, _) = (image.shape for image in images)
         raise InputError(f"{w1}x{h1} pixels, but {a} has {w0}x{h0}", where=str(b))
@@ -168,41 +168,39 @@ def write_sheet(folder: Path, sheet: Sheet) -> list[Path]:
 def _draw(path: Path, title: str, rows: Sequence[SheetPicture]) -> None:
     from matplotlib.figure import Figure
 
-    tiles = [row.tiles(("A", "B")) for row in rows]
-    limit = max(float(np.percentile([m for _, maps in tiles for _, m in maps], _SCALE_PERCENTILE)), 1 / 255)
-    columns = len(tiles[0][0]) + len(tiles[0][1])
+    tiles = [row.tiles() for row in rows]
+    limit = max(float(np.percentile([[*maps.values()] for _, maps in tiles], _SCALE_PERCENTILE)), 1 / 255)
+    columns = sum(map(len, tiles[0]))
     height, width = rows[0].a.shape[:2]
     inches = (columns * _TILE_INCHES + 0.6, len(rows) * (_TILE_INCHES * height / width + 0.3) + 0.5)
     figure = Figure(figsize=inches, dpi=max(72, round(width / _TILE_INCHES)), layout="constrained")
     figure.suptitle(title, fontsize=8)
     axes = figure.subplots(len(rows), columns, squeeze=False)
-    scale = None
     for line, row, (pictures, maps) in zip(axes, rows, tiles, strict=True):
-        for axis, (caption, image) in zip(line, [*pictures, *maps], strict=True):
-            is_map = image.ndim == 2
-            drawn = axis.imshow(
-                image if is_map else np.clip(image, 0, 1), cmap="magma", vmin=0, vmax=limit, interpolation="nearest"
-            )
-            scale = drawn if is_map else scale
+        for axis, (caption, image) in zip(line, [*pictures.items(), *maps.items()], strict=True):
+            pixels = np.clip(image, 0, 1) if image.ndim == 3 else image
+            drawn = axis.imshow(pixels, cmap="magma", vmin=0, vmax=limit, interpolation="nearest")
             axis.set_title(caption, fontsize=7)
             axis.set_xticks([])
             axis.set_yticks([])
         line[0].set_ylabel(row.label, fontsize=7)
-    assert scale is not None
-    figure.colorbar(scale, ax=axes, shrink=0.6, fraction=0.02, pad=0.01).ax.tick_params(labelsize=6)
+    # the last picture of a row is a map, and all have one scale
+    figure.colorbar(drawn, ax=axes, shrink=0.6, fraction=0.02, pad=0.01).ax.tick_params(labelsize=6)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
 def _result_rows(a: Path, b: Path, first: Result, second: Result) -> Iterator[SheetPicture]:
+    folders = [folder / PICTURES / record["pictures"] for folder, record in ((a, first), (b, second))]
     for n, target in enumerate(first["targets"]):
-        images = [
-            read_image(folder / PICTURES / record["pictures"] / f"{n}_decoded.png").astype(np.float32) / 255
-            for folder, record in ((a, first), (b, second))
-        ]
-        path = a / PICTURES / first["pictures"] / f"{n}_photo.png"
-        photo = read_image(path).astype(np.float32) / 255 if path.is_file() else None
-        yield SheetPicture(f"frame {target}", images[0], images[1], photo)
+        images = [_read(folder / f"{n}_decoded.png") for folder in folders]
+        path = folders[0] / f"{n}_photo.png"
+        yield SheetPicture(f"frame {target}", images[0], images[1], _read(path) if path.is_file() else None)
+
+
+def _read(path: Path) -> NDArray:
+    """A picture's (H, W, 3) float32 in [0, 1]."""
+    return read_image(path).astype(np.float32) / np.float32(255)
 
 
 def _pair_title(a: Result, b: Result) -> str:

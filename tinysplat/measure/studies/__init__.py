@@ -19,7 +19,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "curves": ("rate.CURVES", "rate–distortion of profiles"),
     "paper": ("paper.PAPER", "the paper's tables, ours beside"),
     "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
-    "walk": ("walking.WALK", "whole captures: photos left out, drawn from 12, 24, 48 and all others"),
+    "walk": ("walking.WALK", "whole captures: photos left out, drawn from 12, 24 and 48 others"),
     "pruned": ("pruned.PRUNED", "captures as one list: what pruning costs and saves, with cameras and without"),
     "poses": ("placing.PLACING", "photos placed without their cameras, and how many of them right"),
     "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -53,19 +54,15 @@ def _scene_row(name: str, scene: Scene, run: Run) -> Row:
         call = partial(subprocess.run, [*command, "--threads", str(run.threads)], capture_output=True, text=True)
         done: list[subprocess.CompletedProcess[str]] = []
         seconds, cpu = timed(lambda: done.append(call()))
-        costs = {"seconds": seconds, "cpu": cpu}
-        row = Row(STUDY, name, "poses", {"photos": len(known)}, {"placed": 0.0, "right": 0.0}, costs)
+        row = Row(STUDY, name, "poses", {"photos": len(known)}, costs={"seconds": seconds, "cpu": cpu})
         if done[0].returncode:
             line = (done[0].stderr.strip().splitlines() or [f"exit status {done[0].returncode}"])[-1]
-            return Row(row.study, row.subject, row.way, row.setting, row.figures, costs, note=line)
+            return replace(row, figures={"placed": 0.0, "right": 0.0}, note=line)
         placed = {frame.path.stem: frame.camera.centre for frame in load_scene(output).frames}
-    places = np.array(list(known.values()))
-    extent = float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
-    off = misplaced(np.array([placed[stem] for stem in placed]), np.array([known[stem] for stem in placed]))
+    extent = float(np.linalg.norm(np.ptp(list(known.values()), axis=0)))
+    off = misplaced(np.array(list(placed.values())), np.array([known[stem] for stem in placed]))
     right = float((off <= TOLERANCE * extent).sum())
-    return Row(
-        STUDY, name, "poses", row.setting, {"placed": len(placed) / len(known), "right": right / len(known)}, costs
-    )
+    return replace(row, figures={"placed": len(placed) / len(known), "right": right / len(known)})
 
 
 def misplaced(places: NDArray, known: NDArray) -> NDArray:
@@ -86,22 +83,16 @@ def _fitted(places: NDArray, known: NDArray, chosen: NDArray) -> NDArray:
     return scale * (places - a.mean(axis=0)) @ (u * signs @ vt).T + b.mean(axis=0)
 
 
-def _share(value: float) -> str:
-    return f"{value:.0%}"
-
-
-PLACING = Study.of(
-    "Cameras from photos alone",
-    placing_rows,
-    Listing(
-        STUDY,
-        {
-            "scene": said("subject"),
-            "photos": said("photos"),
-            "placed": mean("placed", _share),
-            "right": mean("right", _share),
-            "seconds": mean("seconds", duration, "costs"),
-            "CPU s": mean("cpu", duration, "costs"),
-        },
-    ),
+_TABLE = Listing(
+    STUDY,
+    {
+        "scene": said("subject"),
+        "photos": said("photos"),
+        "placed": mean("placed", "{:.0%}".format),
+        "right": mean("right", "{:.0%}".format),
+        "seconds": mean("seconds", duration, "costs"),
+        "CPU s": mean("cpu", duration, "costs"),
+    },
 )
+
+PLACING = Study("Cameras from photos alone", placing_rows, {STUDY: _TABLE})

@@ -22,7 +22,7 @@ from tinysplat_runtime.render import Renderer
 from ..clock import Variant, measure
 from ..pictures import PictureJudge
 from ..rows import Row, of_study
-from ..show.plots import Curve, Panel, save_grid
+from ..show.plots import Panel, save_grid
 from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean, megabytes, said
 from ..study import Run, Study
 from ..subjects.cases import Case
@@ -147,7 +147,7 @@ def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
         points.setdefault(row.setting["thing"], []).append((row.costs["cpu"], row.figures["psnr_decoded_raw"]))
     if not points:
         return False
-    curves = [Curve(thing, drawn) for thing, drawn in sorted(points.items(), key=lambda item: min(item[1]))]
+    curves = dict(sorted(points.items(), key=lambda item: min(item[1])))
     labels = "processor seconds, all threads", "dB of the file's pictures to those of the Gaussians"
     save_grid(path, "", [[Panel("How long it takes, by the quality of the file", *labels, curves)]])
     return True

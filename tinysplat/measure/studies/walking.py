@@ -11,15 +11,11 @@ the largest change between frames, in medians of the changes about it.
 from __future__ import annotations
 
 import statistics
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -36,7 +32,7 @@ from tinysplat_runtime.scene.scenes import Scene
 from ..metrics import psnr
 from ..pictures import Drawing
 from ..rows import Row
-from ..show.tables import Cell, Listing, decibels, digits, duration, kilobytes, mean
+from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean
 from ..study import Run, Study
 from ..subjects.sources import FolderSource
 
@@ -45,8 +41,6 @@ REFINED, STATED = "refined walk", "walk, range stated"
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
-
-T = TypeVar("T")
 
 TARGETS = 8
 PATH_FRAMES_A_VIEW, ABOUT = 6, 4
@@ -106,32 +100,27 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     def drawn(gaussians: Gaussians) -> list[float]:
         return capture.psnr(list(map(drawing.renderer(gaussians), capture.cameras)))
 
-    def walked(way: str, photos: int, asked: str, gaussians: Gaussians, spent: NDArray) -> Row:
-        """A way with its file, and what both cost: what was spent on the Gaussians, and coding."""
-        data, coding = _timed(partial(runtime.compress, gaussians, drop_invalid=True))
-        seconds, cpu = (spent + coding).tolist()
+    def walked(way: str, photos: int, asked: str, gaussians: Gaussians) -> tuple[Row, Gaussians]:
+        """A way with its file."""
+        data = runtime.compress(gaussians, drop_invalid=True)
         coded = drawn(runtime.decompress(data))
         more = {"bytes": len(data), "coded": statistics.fmean(coded), "coded_worst": min(coded)}
         known_row = row(way, photos, asked, drawn(gaussians))
-        return replace(known_row, figures={**known_row.figures, **more}, costs={"seconds": seconds, "cpu": cpu})
+        return replace(known_row, figures={**known_row.figures, **more}), gaussians
 
-    known: dict[int, list[tuple[Row, Gaussians]]] = {}
-    counts = {str(count): count for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS)}
-    for asked, count in (counts if run.options.views else {**counts, "all": len(capture.others)}).items():
-        given = found_for(capture.given(count))
+    known: dict[int, list[tuple[Row, Gaussians]]] = {}  # of small captures several counts are all photos
+    for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
+        given, asked = found_for(capture.given(count)), str(count)
         photos = len(given.frames)
         if photos not in known:
-            gaussians, made = _timed(partial(runtime.predict, given, model))
-            known[photos] = [(walked(STUDY, photos, asked, gaussians, made), gaussians)]
+            gaussians = runtime.predict(given, model)
+            known[photos] = [walked(STUDY, photos, asked, gaussians)]
             if photos > FEW and find_spec("numba") is not None:
-                better, corrected = _timed(partial(runtime.refine, gaussians, given))
-                known[photos].append((walked(REFINED, photos, asked, better, made + corrected), better))
-            if count == COMPARED and capture.scene.near and capture.scene.far:
-                stated, made = _timed(partial(runtime.predict, capture.given(count), model))
-                known[photos].append((walked(STATED, photos, asked, stated, made), stated))
-        for known_row, gaussians in known[photos]:
-            if known_row.way == STATED and count != COMPARED:
-                continue
+                known[photos].append(walked(REFINED, photos, asked, runtime.refine(gaussians, given)))
+        ways = list(known[photos])
+        if count == COMPARED and capture.scene.near and capture.scene.far:
+            ways.append(walked(STATED, photos, asked, runtime.predict(capture.given(count), model)))
+        for known_row, gaussians in ways:
             swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
             yield replace(
                 known_row, setting={**known_row.setting, "asked": asked}, figures={**known_row.figures, **swing}
@@ -151,13 +140,6 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
 def found_for(scene: Scene) -> Scene:
     """A scene between the depths that `encode` finds where its layout states none, as those of most tools do."""
     return prepared(EncodeRequest.of(replace(scene, near=None, far=None), views=ALL, size="full"), str)
-
-
-def _timed(work: Callable[[], T]) -> tuple[T, NDArray]:
-    """What comes of it; seconds, and those of processors."""
-    start = np.array([time.perf_counter(), time.process_time()])
-    result = work()
-    return result, np.array([time.perf_counter(), time.process_time()]) - start
 
 
 def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
@@ -209,13 +191,11 @@ _COLUMNS = {
     "KB": mean("bytes", kilobytes),
     "flicker": mean("flicker", digits(1)),
 }
-_SECONDS = {"seconds": mean("seconds", duration, "costs"), "CPU s": mean("cpu", duration, "costs")}
 
 WALK = Study(
     "Captures",
     walk_rows,
     {
-        STUDY: Listing(STUDY, {**_COLUMNS, **_SECONDS}, by=("way", "asked")),
         f"{STUDY} summary": Listing(STUDY, _COLUMNS, by=("way", "asked")),
         f"{STUDY} in short": Listing(
             STUDY,

@@ -68,41 +68,27 @@ def _camera(position: float, height: int, width: int) -> Camera:
     return Camera(np.array(K), c2w, width, height)
 
 
-@dataclass
-class _Hits:
-    """The nearest hit so far of every ray: z (H, W), which thing (H, W), normal · light (H, W)."""
-
-    depth: NDArray
-    thing: NDArray
-    light: NDArray
-
-    def add(self, depth: NDArray, thing: int, light: NDArray) -> None:
-        nearer = np.isfinite(depth) & (depth > 1e-3) & (depth < self.depth)
-        self.depth = np.where(nearer, depth, self.depth)
-        self.thing = np.where(nearer, thing, self.thing)
-        self.light = np.where(nearer, light, self.light)
-
-
 def _trace(camera: Camera, K: NDArray, height: int, width: int, with_colour: bool = True) -> tuple[NDArray, NDArray]:
     """z (H, W) and colours (H, W, 3) along the rays through pixel centres; rays have z = 1 in the camera frame."""
     y, x = np.mgrid[:height, :width] + 0.5
     pixels = np.stack([x, y, np.ones_like(x)]).reshape(3, -1)
     rays = (camera.c2w[:3, :3] @ np.linalg.inv(K) @ pixels).reshape(3, height, width)
     eye = camera.centre
-    hits = _Hits(np.full((height, width), np.inf), np.zeros((height, width), int), np.ones((height, width)))
+    hits = []  # of every thing its z and normal · light, (H, W) each
     with np.errstate(divide="ignore", invalid="ignore"):
         _, leave, _, axis_out = _slabs(eye, rays, *_WALLS)
-        hits.add(leave, 0, np.choose(axis_out, [0.8, 0.95, 0.7]))
-        for i, box in enumerate(_BOXES):
+        hits.append((leave, np.choose(axis_out, [0.8, 0.95, 0.7])))
+        for box in _BOXES:
             enter, leave, axis_in, _ = _slabs(eye, rays, *box)
-            hits.add(np.where(enter <= leave, enter, np.inf), 1 + i, np.choose(axis_in, [0.7, 0.95, 0.85]))
-        for i, (centre, radius) in enumerate(_BALLS):
-            depth, light = _sphere(eye, rays, np.array(centre), radius)
-            hits.add(depth, 1 + len(_BOXES) + i, light)
+            hits.append((np.where(enter <= leave, enter, np.inf), np.choose(axis_in, [0.7, 0.95, 0.85])))
+        hits += [_sphere(eye, rays, np.array(centre), radius) for centre, radius in _BALLS]
+        depths, lights = map(np.stack, zip(*hits, strict=True))
+        thing = np.where(np.isfinite(depths) & (depths > 1e-3), depths, np.inf).argmin(axis=0)[None]
+    depth, light = (np.take_along_axis(values, thing, 0)[0] for values in (depths, lights))
     if not with_colour:
-        return hits.depth, np.zeros(0)
-    points = np.moveaxis(eye[:, None, None] + rays * hits.depth, 0, -1)
-    return hits.depth, _texture(points, hits.thing) * hits.light[..., None]
+        return depth, np.zeros(0)
+    points = np.moveaxis(eye[:, None, None] + rays * depth, 0, -1)
+    return depth, _texture(points, thing[0]) * light[..., None]
 
 
 def _slabs(eye: NDArray, rays: NDArray, low: tuple, high: tuple) -> tuple[NDArray, NDArray, NDArray, NDArray]:
