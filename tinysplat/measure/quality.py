@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,15 +102,9 @@ class Quality:
             "targets": window.targets,
             "size": job.size,
         }
+        row = Row(self.study, f"{job.source.name} {window}", "", stamp=stamp)
         return [
-            Row(
-                self.study,
-                f"{job.source.name} {window}",
-                f"{c.profile} {c.qp:g}",
-                {**identity, **asdict(c), **chosen},
-                stamp=stamp,
-            )
-            for c in self.codings
+            replace(row, way=f"{c.profile} {c.qp:g}", setting={**identity, **asdict(c), **chosen}) for c in self.codings
         ]
 
     def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
@@ -122,33 +116,29 @@ class Quality:
             yield _measure_coding(row, prepared, runtime, lpips, folder)
 
 
-@dataclass(frozen=True, eq=False)
-class Zoom:
-    """Targets at a multiple of the coded size.
+class Zoom(NamedTuple):
+    """Targets at a multiple of the coded size, and cameras of the coded size with exactly the same field of view."""
 
-    Attributes:
-        factor: the multiple.
-        shots: photos and cameras of that size.
-        native: cameras of the coded size with exactly the same field of view.
-    """
-
-    factor: float
     shots: Shots
-    native: tuple[Camera, ...]
+    native: list[Camera]
 
     @classmethod
     def of(cls, job: WindowJob, factor: float) -> Zoom:
         """Photos of a window at a multiple of its size."""
-        height, width = (max(1, round(side * factor)) for side in job.size)
-        shots = job.source.shots(job.window, (height, width))
-        return cls(factor, shots, tuple(_shrunk(camera, *job.size) for camera in shots.targets.cameras))
+        height, width = job.size
+        shots = job.source.shots(job.window, (max(1, round(height * factor)), max(1, round(width * factor))))
+        scale = [np.array([[width / c.width], [height / c.height], [1.0]]) for c in shots.targets.cameras]
+        native = [Camera(c.K * s, c.c2w, width, height) for c, s in zip(shots.targets.cameras, scale, strict=True)]
+        return cls(shots, native)
 
-    def figures(self, gaussians: Gaussians, drawing: Drawing) -> tuple[float, float]:
+    def figures(self, gaussians: Gaussians, drawing: Drawing, suffix: str) -> dict[str, float]:
         """dB to the photos: drawn at their size, and drawn at the coded size and brought to theirs."""
         targets, draw = self.shots.targets, drawing.renderer(gaussians)
-        drawn = mean_psnr(map(draw, targets.cameras), targets.images)
-        native = (rescaled(draw(camera), *targets.images.shape[1:3]) for camera in self.native)
-        return drawn, mean_psnr(native, targets.images)
+        enlarged = (rescaled(draw(camera), *targets.images.shape[1:3]) for camera in self.native)
+        return {
+            f"psnr{suffix}": mean_psnr(map(draw, targets.cameras), targets.images),
+            f"psnr{suffix}_enlarged": mean_psnr(enlarged, targets.images),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,14 +149,14 @@ class Prepared:
         pictures: of its raw Gaussians.
         per_image: lists behind the figures of the raw render and the photo baseline.
         covered: (H, W) bool per target, or None.
-        zooms: closer and farther.
+        zooms: closer and farther, by the multiple.
         shared: figures that all codings have.
     """
 
     pictures: PictureJudge
     per_image: dict[str, list[float]]
     covered: tuple[NDArray, ...] | None
-    zooms: tuple[Zoom, ...]
+    zooms: dict[float, Zoom]
     shared: dict[str, Any]
 
     @classmethod
@@ -175,23 +165,18 @@ class Prepared:
         case, drawing, shared = job.case(runtime), Drawing(runtime.threads), {}
         if quality.refine is not None:
             case, shared["refined"] = _refined(case, quality.refine, quality.codings[0], runtime, drawing)
-        pictures = PictureJudge(case, drawing)
-        per_image: dict[str, list[float]] = {}
-        covered, shots = None, case.shots
-        if shots is not None:
-            context, photos = shots.context, shots.targets.images
-            covered = tuple(covered_pixels(c, context.cameras, shots.near, shots.far) for c in case.cameras)
-            per_image["coverage"] = [float(mask.mean()) for mask in covered]
-            nearest = [context.images[nearest_views(camera, context.cameras, 1)[0]] for camera in case.cameras]
-            for name, images in (("_raw", pictures.raw.images), ("_photo", nearest)):
-                per_image |= _scores(images, photos, lpips, name)
-                per_image |= _covered_psnr(images, photos, covered, f"psnr{name}_covered")
-        is_closer = shots is not None and quality.zooms
-        zooms = tuple(Zoom.of(job, factor) for factor in quality.zooms) if is_closer else ()
-        has_more = shots is not None and quality.nested and len(shots.context.cameras) > NESTED[0]
-        if has_more:
+        pictures, shots = PictureJudge(case, drawing), case.shots
+        if shots is None:
+            return cls(pictures, {}, None, {}, shared)
+        context, photos = shots.context, shots.targets.images
+        covered = tuple(covered_pixels(c, context.cameras, shots.near, shots.far) for c in case.cameras)
+        per_image = {"coverage": [float(mask.mean()) for mask in covered]}
+        nearest = [context.images[nearest_views(camera, context.cameras, 1)[0]] for camera in case.cameras]
+        for name, images in (("_raw", pictures.raw.images), ("_photo", nearest)):
+            per_image |= _scores(images, photos, lpips, name, covered)
+        if quality.nested and len(context.cameras) > NESTED[0]:
             shared["nested"] = nested_psnr(case, runtime, drawing)
-        return cls(pictures, per_image, covered, zooms, shared)
+        return cls(pictures, per_image, covered, {factor: Zoom.of(job, factor) for factor in quality.zooms}, shared)
 
 
 def _refined(
@@ -248,9 +233,7 @@ def _measure_coding(
     rendered = pictures.render(decoded)
     per_image = {**prepared.per_image, **_scores(rendered.images, pictures.raw.images, lpips, "_decoded_raw")}
     if case.shots is not None and prepared.covered is not None:
-        photos = case.shots.targets.images
-        per_image |= _scores(rendered.images, photos, lpips, "")
-        per_image |= _covered_psnr(rendered.images, photos, prepared.covered, "psnr_covered")
+        per_image |= _scores(rendered.images, case.shots.targets.images, lpips, "", prepared.covered)
     if folder is not None:
         _write_pictures(folder, pictures, rendered)
     described = inspect_bytes(data)
@@ -274,38 +257,34 @@ def _measure_coding(
         **prepared.shared,
     }
     if prepared.zooms:
-        figures["zoom"] = {f"{z.factor:g}": _zoom_figures(z, case, decoded, pictures.drawing) for z in prepared.zooms}
+        figures["zoom"] = {
+            f"{factor:g}": {
+                **zoom.figures(decoded, pictures.drawing, ""),
+                **zoom.figures(case.gaussians, pictures.drawing, "_raw"),
+                "photos_enlarged": zoom.shots.targets.enlarged,
+            }
+            for factor, zoom in prepared.zooms.items()
+        }
     if folder is not None:
         figures["pictures"] = folder.name
     return replace(row, figures=figures, costs={**case.seconds, **stats.watch.seconds, "render": rendered.seconds})
 
 
-def _zoom_figures(zoom: Zoom, case: Case, decoded: Gaussians, drawing: Drawing) -> dict[str, float]:
-    """`psnr` and `psnr_enlarged` of the decoded Gaussians, the same of the raw ones, and the photos' own scaling."""
-    (psnr, enlarged), (raw, raw_enlarged) = (zoom.figures(g, drawing) for g in (decoded, case.gaussians))
-    return {
-        "psnr": psnr,
-        "psnr_enlarged": enlarged,
-        "psnr_raw": raw,
-        "psnr_raw_enlarged": raw_enlarged,
-        "photos_enlarged": zoom.shots.targets.enlarged,
-    }
-
-
 def _scores(
-    images: Sequence[NDArray], references: Iterable[NDArray], lpips: PictureMetric | None, suffix: str
+    images: Sequence[NDArray],
+    references: Iterable[NDArray],
+    lpips: PictureMetric | None,
+    suffix: str,
+    covered: Sequence[NDArray] = (),
 ) -> dict[str, list[float]]:
+    """By figure, a number per picture; over covered pixels of the targets that have some at all."""
     metrics: dict[str, PictureMetric] = {"psnr": psnr, "ssim": ssim, **({"lpips": lpips} if lpips else {})}
     pairs = list(zip(images, references, strict=True))
-    return {f"{name}{suffix}": [metric(a, b) for a, b in pairs] for name, metric in metrics.items()}
-
-
-def _covered_psnr(
-    images: Sequence[NDArray], photos: NDArray, covered: Sequence[NDArray], name: str
-) -> dict[str, list[float]]:
-    """Of the targets that have covered pixels at all."""
-    triples = zip(images, photos, covered, strict=True)
-    return {name: [psnr(image, photo, mask) for image, photo, mask in triples if mask.any()]}
+    scores = {f"{name}{suffix}": [metric(a, b) for a, b in pairs] for name, metric in metrics.items()}
+    if covered:
+        masked = zip(pairs, covered, strict=True)
+        scores[f"psnr{suffix}_covered"] = [psnr(*pair, mask) for pair, mask in masked if mask.any()]
+    return scores
 
 
 def _depth_scores(case: Case, sets: Mapping[str, Rendered]) -> dict[str, dict[str, float]]:
@@ -328,12 +307,6 @@ def _write_pictures(folder: Path, pictures: PictureJudge, decoded: Rendered) -> 
         for n, image in enumerate(images):
             if image is not None:
                 write_png(folder / f"{n}_{name}.png", image)
-
-
-def _shrunk(camera: Camera, height: int, width: int) -> Camera:
-    """The camera of the same field of view at another size."""
-    scale = np.array([[width / camera.width], [height / camera.height], [1.0]])
-    return Camera(camera.K * scale, camera.c2w, width, height)
 
 
 def _safe(text: str) -> str:
