@@ -6,12 +6,14 @@ rows stand in the file the moment they are measured.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
 import json
 import math
 import os
 import platform
+import re
 import subprocess
 import time
 from collections.abc import Iterable, Mapping
@@ -240,21 +242,34 @@ _VECTOR_FLAGS = ("avx2", "avx512f", "avx512_vnni", "amx_tile", "asimd", "sve")
 
 def describe_machine() -> dict[str, Any]:
     """Processor, memory, load and versions, JSON-ready."""
-    flags = next((line for line in _proc("cpuinfo") if line.startswith(("flags", "Features"))), "").split()
-    memory = next((int(line.split()[1]) * 1024 for line in _proc("meminfo") if line.startswith("MemTotal")), None)
+    import av
+
+    cpu, flags, memory = platform.processor() or platform.machine(), "", None
+    with contextlib.suppress(OSError):  # not on Linux
+        described: dict[str, str] = dict(
+            re.findall(r"^(.+?)\s*: (.*)$", Path("/proc/cpuinfo").read_text("utf-8", "replace"), re.M)
+        )
+        cpu = described.get("model name", cpu).strip()
+        flags = described.get("flags") or described.get("Features") or ""
+        memory = 1024 * int(Path("/proc/meminfo").read_text("utf-8").split()[1])  # MemTotal comes first
+    installed = {}
+    for name in PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            installed[name] = importlib.metadata.version(name)
     return {
         "time": time.strftime("%Y-%m-%d %H:%M %Z"),
-        "cpu": processor_name(),
-        "vector_extensions": [flag for flag in _VECTOR_FLAGS if flag in flags],
+        "cpu": cpu,
+        "vector_extensions": [flag for flag in _VECTOR_FLAGS if flag in flags.split()],
         "cores": available_cores(),
         "cores_of_machine": os.cpu_count(),
         "memory_bytes": memory,
-        "load_average": load_average(),
+        "load_average": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "system": platform.platform(),
         "python": platform.python_version(),
         "tinysplat": __version__,
         "commit": commit(),
-        **package_versions(),
+        **installed,
+        "libavcodec": ".".join(map(str, av.library_versions["libavcodec"])),
     }
 
 
@@ -262,30 +277,6 @@ def run_row(way: str, began: float, **setting: Any) -> Row:
     """What a run was made on, which began at `time.perf_counter() == began`."""
     machine = describe_machine()
     return Row(RUN, machine["time"], way, setting, machine, {"seconds": time.perf_counter() - began})
-
-
-def processor_name() -> str:
-    """The processor's own name."""
-    names = (line.partition(":")[2].strip() for line in _proc("cpuinfo") if line.startswith("model name"))
-    return next(names, platform.processor() or platform.machine())
-
-
-def load_average() -> float | None:
-    """Of the last minute, where the system tells."""
-    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
-
-
-def package_versions() -> dict[str, str]:
-    """Versions of `PACKAGES`, and of the library that decodes video, as PyAV states it."""
-    import av
-
-    versions = {}
-    for name in PACKAGES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return {**versions, "libavcodec": ".".join(map(str, av.library_versions["libavcodec"]))}
 
 
 def commit() -> str | None:
@@ -312,10 +303,3 @@ def git(folder: Path, *words: str) -> str:
     """What git says; CalledProcessError where it refuses."""
     command = ["git", "-C", str(folder), *words]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
-
-def _proc(name: str) -> list[str]:
-    try:
-        return Path("/proc", name).read_text("utf-8", "replace").splitlines()
-    except OSError:
-        return []

@@ -104,7 +104,8 @@ def list_jobs(plan: RunPlan) -> tuple[list[WindowJob], list[LeftOut], list[str]]
             left_out.append(LeftOut(source.name, str(error)))
             continue
         left_out += lost
-        chosen = [window for window in windows if _is_wanted(window, plan)][: plan.limit]
+        of_kind = [window for window in windows if not plan.kinds or window.kind in (*plan.kinds, FILE)]
+        chosen = [window for window in of_kind if not plan.views or len(window.context) in plan.views][: plan.limit]
         if windows and not chosen:
             have = ", ".join(sorted({f"{w.kind} with {len(w.context)} views" for w in windows}))
             notes.append(f"{source.name}: no window of the wanted kind and number of views; it has {have}")
@@ -123,14 +124,11 @@ def run_jobs(
     quiet: bool = True,
     runtime: Runtime | None = None,
 ) -> RunOutcome:
-    """Measure what a plan asks for, keeping what is already there.
+    """Measure what a plan asks for, keeping what is already there; rows are stored as they come.
 
     Args:
-        plan: which windows.
-        work: what is done with each.
-        store: keeps rows as they come.
-        threads: of each process.
-        processes: how many windows are measured at a time.
+        plan, work, store: which windows, what is done with each, and where rows stand.
+        threads, processes: threads of each process, and how many windows are measured at a time.
         quiet: show no progress bar.
         runtime: whose opened graphs to use where one process measures; None for an own one.
 
@@ -159,11 +157,6 @@ def run_jobs(
     left_out += [failed[job] for job in jobs if job in failed]
     rows = [row for job in jobs for row in map(store.find, wanted[job]) if row is not None]
     return RunOutcome(rows, left_out, notes, len(known))
-
-
-def _is_wanted(window: Window, plan: RunPlan) -> bool:
-    kind_fits = not plan.kinds or window.kind in plan.kinds or window.kind == FILE
-    return kind_fits and (not plan.views or len(window.context) in plan.views)
 
 
 def _measured(

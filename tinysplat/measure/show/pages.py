@@ -163,10 +163,7 @@ def commits_of_rows(root: Path) -> dict[str, list[str]]:
 
 def _plotted(match: re.Match[str], root: Path, page: Path) -> str:
     """A plot drawn anew beside its page, and the line that says which report it is of; as it was where none has it."""
-    plots = {name: plot for study in map(find_study, STUDIES) for name, plot in study.plots.items()}
-    draw = plots.get(match["plot"])
-    if draw is None:
-        raise InputError(f"no study has a plot '{match['plot']}'", where=page.name)
+    draw = _shown("plots", match["plot"], page.name)
     for path in sorted((root / REPORTS).glob(f"*/{ROWS}"), reverse=True):
         if draw(page.parent / match["path"], read_rows(path)):
             report = os.path.relpath(path.with_name(REPORT_MD), page.parent)
@@ -178,13 +175,20 @@ def _plotted(match: re.Match[str], root: Path, page: Path) -> str:
 def _marked(path: Path, words: str, page: str) -> str:
     name, _, condition = words.partition(" where ")
     wanted = dict(part.strip().split("=", 1) for part in condition.split(";") if part.strip())
-    rows = read_rows(path)
-    for key, value in wanted.items():
-        rows = [row for row in rows if str(getattr(row, key, row.setting.get(key))) == value]
-    for study in map(find_study, STUDIES):
-        if name in study.tables:
-            text = study.tables[name](rows)
-            if not text:
-                raise InputError(f"{path.name} has no rows for '{words}'", where=page)
-            return text
-    raise InputError(f"no study has a table '{name}'", where=page)
+    rows = [
+        row
+        for row in read_rows(path)
+        if all(str(getattr(row, key, row.setting.get(key))) == value for key, value in wanted.items())
+    ]
+    text = _shown("tables", name, page)(rows)
+    if not text:
+        raise InputError(f"{path.name} has no rows for '{words}'", where=page)
+    return text
+
+
+def _shown(kind: str, name: str, page: str) -> Any:
+    """One of all studies' `tables` or `plots`."""
+    shown = {key: one for study in map(find_study, STUDIES) for key, one in getattr(study, kind).items()}
+    if name not in shown:
+        raise InputError(f"no study has {kind} '{name}'", where=page)
+    return shown[name]

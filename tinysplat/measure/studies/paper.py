@@ -216,33 +216,27 @@ def time_table(rows: Sequence[Row]) -> str:
 
 
 def _lines(label: str, ours: dict[str, list[Row]], columns: Sequence[str]) -> list[list[str]]:
+    """A network's lines: raw, and each profile."""
     if not ours:
         return []
-    lines = [[label, "raw", "here", *(_raw_cell(ours.get(data)) for data in columns)]]
+    lines = [[label, "raw", "here", *(_cell(ours.get(data, ()), "raw") for data in columns)]]
     for profile in dict.fromkeys(row.setting["profile"] for rows in ours.values() for row in rows):
-        cells = (_coded_cell(_at(ours.get(data, ()), profile)) for data in columns)
-        lines.append([label, profile, "here", *cells])
+        lines.append([label, profile, "here", *(_cell(_at(ours.get(data, ()), profile)) for data in columns)])
     return lines
 
 
-def _raw_cell(rows: Sequence[Row] | None) -> str:
+def _cell(rows: Sequence[Row], codec: str = "") -> str:
+    """PSNR, SSIM, LPIPS and MB of pictures of decoded Gaussians, or `raw` ones, against photos; † against raw ones."""
     if not rows:
         return ABSENT
     mean = mean_of_rows(rows)
-    return _cell(number(mean["psnr_raw"], 2), mean["ssim_raw"], mean["lpips_raw"], number(mean["raw_bytes"] / 1e6, 1))
-
-
-def _coded_cell(rows: Sequence[Row]) -> str:
-    if not rows:
-        return ABSENT
-    mean = mean_of_rows(rows)
-    against, mark = ("_decoded_raw", "†") if mean["psnr"] is None else ("", "")
-    psnr, ssim, lpips = (mean[f"{metric}{against}"] for metric in ("psnr", "ssim", "lpips"))
-    return _cell(f"{psnr:.2f}{mark}", ssim, lpips, number(mean["bytes"] / 1e6, 3))
-
-
-def _cell(psnr: str, ssim: float | None, lpips: float | None, megabytes: str) -> str:
-    return f"{psnr} / {number(ssim, 4)} / {number(lpips, 4)} / {megabytes}"
+    suffix, mark, size = "", "", number(mean["bytes"] / 1e6, 3)
+    if codec:
+        suffix, size = "_raw", number(mean["raw_bytes"] / 1e6, 1)
+    elif mean["psnr"] is None:
+        suffix, mark = "_decoded_raw", "†"
+    psnr, ssim, lpips = (mean[f"{metric}{suffix}"] for metric in ("psnr", "ssim", "lpips"))
+    return f"{number(psnr, 2)}{mark} / {number(ssim, 4)} / {number(lpips, 4)} / {size}"
 
 
 PAPER = Study(

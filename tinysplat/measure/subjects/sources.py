@@ -85,7 +85,8 @@ class FolderSource(PhotoSource):
         whole = self.scene()
         near, far = whole.depth_range()
         context, targets = (whole.resized(*size).views(indices) for indices in (window.context, window.targets))
-        enlarged = max(_scale(whole.frames[i].camera, size) for i in window.targets)
+        stored = [whole.frames[i].camera for i in window.targets]
+        enlarged = max(max(size[0] / camera.height, size[1] / camera.width) for camera in stored)
         depths = tuple(self._depths(window.targets, targets.cameras))
         seen = PhotoViews(targets.images(), tuple(targets.cameras), depths, enlarged)
         return Shots(PhotoViews(context.images(), tuple(context.cameras)), seen, near, far, context)
@@ -269,11 +270,6 @@ def _chunk_sources(
 def _chunk_folder(path: Path, dataset: str) -> ChunkFolder:
     """A folder's index is large; it is read once per process."""
     return ChunkFolder(path, SPECS[dataset])
-
-
-def _scale(stored: Camera, size: tuple[int, int]) -> float:
-    """By how much a stored photo is scaled to cover a size."""
-    return max(size[0] / stored.height, size[1] / stored.width)
 
 
 def _stat(path: Path) -> list[int]:
