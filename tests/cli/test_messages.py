@@ -168,6 +168,9 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("poses desk/images -o desk", "not an empty folder"),
         ("poses f.tsplat -o o", "f.tsplat"),
         ("models extra", "extra"),
+        ("models --threads 2", "--threads"),
+        ("info f.tsplat --threads 2", "--threads"),
+        ("encode desk -o o.tsplat --poses p.txt --first-number 2", "--first-number"),
         ("frobnicate", "'frobnicate', accepted are"),
     ],
 )

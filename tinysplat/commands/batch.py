@@ -18,7 +18,7 @@ from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.cli.arguments import byte_count, count, positive
 from tinysplat_runtime.cli.given import given
-from tinysplat_runtime.cli.options import add_coding, add_notes, add_photos, add_provider
+from tinysplat_runtime.cli.options import add_coding, add_notes, add_photos, add_provider, add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import working
@@ -31,11 +31,13 @@ def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
     parser.usage = "tinysplat batch MANIFEST -o DIR [options]"
     parser.description = (
-        "Codes the scenes of MANIFEST (a path, URL or JSON object per line) to DIR/NAME.tsplat, and keeps"
-        f" DIR/{RESULTS}. Run again, it skips what is done and valid."
+        "Codes the scenes of MANIFEST, a path, URL or JSON object per line, to DIR/NAME.tsplat. Run again, it skips"
+        " what is done and valid."
     )
     parser.add_argument("manifest", metavar="MANIFEST", help=SUPPRESS)  # the lines above tell what it is
-    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder or URL (s3://, gs://, memory://)")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="DIR", help=f"folder or URL; {RESULTS} goes there, too"
+    )
     parser.add_argument("--evaluate", action="store_true", help="measure instead, to DIR/NAME.json")
     machines = parser.add_argument_group("machines and failures")
     machines.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
@@ -51,9 +53,10 @@ def configure(parser: ArgumentParser) -> None:
     machines.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
     machines.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
     add_photos(parser)
-    add_coding(parser.add_argument_group("bytes and quality"))
+    add_coding(parser)
     add_notes(parser)
     add_provider(parser)
+    add_threads(machines)
     parser.add_argument(
         "--allow", action="append", choices=CODE, default=[], help="that MANIFEST says what is loaded; twice: both"
     )

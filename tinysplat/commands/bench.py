@@ -16,6 +16,7 @@ from tinysplat.measure.study import Options, Run
 from tinysplat.measure.subjects.sources import find_sources
 from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
 from tinysplat_runtime.cli.arguments import indices, size
+from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
@@ -37,16 +38,13 @@ ROOT = Path(__file__).resolve().parents[2]
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
     parser.usage = "tinysplat bench [STUDY …] [INPUT …] [options]"
-    listed = "; ".join(f"{name}: {line}" for name, (_, line) in STUDIES.items())
     parser.description = (
         "Measure, and write a folder with rows.jsonl, report.md and plots. Words that name studies come first; without"
-        f" any, {', '.join(ORDINARY)} are measured; without INPUT, on scenes of its own. Studies: {listed}."
+        f" any, {', '.join(ORDINARY)} are measured; without INPUT, on scenes of its own. Studies"
+        f" (docs/MEASURING.md): {', '.join(STUDIES)}."
     )
     parser.add_argument(
-        "words",
-        nargs="*",
-        metavar="STUDY … INPUT …",
-        help="studies, then scene folders with eval_index.json, or Gaussian files",
+        "words", nargs="*", metavar="STUDY … INPUT …", help="studies, then scene folders or Gaussian files"
     )
     parser.add_argument(
         "-o",
@@ -57,17 +55,16 @@ def configure(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--quick", action="store_true", help="the short form: smaller pictures, fewer variants")
     parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
-    parser.add_argument(
-        "--docs", action="store_true", help="fill pages from committed rows; status 2 if code changed since"
-    )
+    parser.add_argument("--docs", action="store_true", help="fill pages from rows; status 2 if older than code")
     parser.add_argument(
         "--model",
         dest="models",
         action="append",
         default=[],
         metavar="NAME|FILE.onnx",
-        help="network, may be repeated; default all in the manifest",
+        help="network, may be repeated; default all shipped",
     )
+    add_threads(parser)
     of = parser.add_argument_group("options of some studies")
     of.add_argument(
         "--profile", dest="profiles", type=words, default=(), metavar="P,P", help="profiles; default the study's"
@@ -85,7 +82,7 @@ def configure(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar=("NAME", "FOLDER", "INDEX"),
-        help=f"a data set in chunks for the paper's tables: {', '.join(SPECS)}",
+        help=f"in chunks, for the paper's tables: {', '.join(SPECS)}",
     )
     of.add_argument("--near", type=float, metavar="Z", help="over the inputs' own")
     of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")

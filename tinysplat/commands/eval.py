@@ -21,6 +21,7 @@ from tinysplat.measure.subjects.cases import LeftOut, Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import budget, indices, size
+from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import write_atomically
@@ -47,7 +48,7 @@ def configure(parser: ArgumentParser) -> None:
         "scenes",
         nargs="+",
         metavar="SCENES",
-        help="scene folders with eval_index.json, folders of such, folders of .torch chunks, or Gaussian files",
+        help="folders with eval_index.json or .torch chunks, folders of such, or Gaussian files",
     )
     parser.add_argument(
         "-o",
@@ -71,37 +72,30 @@ def configure(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--limit", type=int, metavar="N", help="windows per scene; default all")
     parser.add_argument(
-        "--size",
-        type=size,
-        metavar="WxH",
-        help="photos are scaled to cover this and cropped; default 256x256, or the data set's",
+        "--size", type=size, metavar="WxH", help="of photos, cropped; default 256x256, or the data set's"
     )
     parser.add_argument("--near", type=float, metavar="Z", help="nearest depth, over the index's")
     parser.add_argument("--far", type=float, metavar="Z", help="farthest depth, over the index's")
     parser.add_argument("--index", metavar="F.json", help="evaluation index of a folder of chunks")
-    parser.add_argument("--dataset", choices=tuple(SPECS), default="re10k", help="what the chunks are; default re10k")
+    parser.add_argument(
+        "--dataset", choices=tuple(SPECS), default="re10k", metavar="NAME", help=f"of the chunks: {', '.join(SPECS)}"
+    )
     parser.add_argument("--lpips", choices=(*BACKBONE_FILES, "none"), default="vgg", help="default vgg")
     parser.add_argument("--lpips-backbone", metavar="F.pth", help="torchvision's weights of the backbone")
     parser.add_argument("--lpips-linear", metavar="F.pth", help="linear weights; default: the package lpips's")
     parser.add_argument(
-        "--zoom",
-        type=numbers,
-        default=(),
-        metavar="Z,Z",
-        help="draw at multiples of the size too, as 0.5,1,2, against photos of that size",
+        "--zoom", type=numbers, default=(), metavar="Z,Z", help="draw and compare at these multiples of the size too"
     )
     parser.add_argument(
         "--nested", action="store_true", help="draw targets from the scenes of their nearest 2, 4 and 6 photos too"
     )
     parser.add_argument(
-        "--refine",
-        type=budget,
-        metavar="STEPS|10s",
-        help="correct Gaussians against their photos first, as `encode --refine` does",
+        "--refine", type=budget, metavar="STEPS|10s", help="correct Gaussians first, as `encode --refine` does"
     )
     parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
+    add_threads(parser)
 
 
 def words(text: str) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import choose_frames
 from tinysplat.poses.placing import coloured_points, copies, encoded, place, upright_copies
+from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
@@ -38,6 +39,7 @@ def configure(parser: ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", required=True, metavar="SCENE", help="folder to write, new or empty")
     parser.add_argument("--frames", type=_count, metavar="N", help="of a video; default: by its movement, 8 to 64")
+    add_threads(parser)
 
 
 def _kinds() -> str:

@@ -10,7 +10,7 @@ import argparse
 from typing import TypeAlias
 
 from ..codec.modes import CHOICES
-from .arguments import budget, byte_count, size_or_full, views
+from .arguments import budget, byte_count, count, size_or_full, views
 
 Options: TypeAlias = "argparse._ActionsContainer"
 """A parser, or a group of its options; argparse has no public name for both."""
@@ -72,3 +72,8 @@ def add_notes(options: Options) -> None:
 def add_provider(options: Options) -> None:
     """What runs graphs."""
     options.add_argument("--provider", metavar="NAME[:K=V,…]", help="of onnxruntime (`tinysplat doctor` lists them)")
+
+
+def add_threads(options: Options) -> None:
+    """How many threads work; for commands whose work has some."""
+    options.add_argument("--threads", type=count, metavar="N", help="default: all cores; changes no result")

@@ -15,9 +15,9 @@ from ..codec.modes import CHOICES
 from ..errors import InputError
 from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
 from .arguments import amount, byte_count, count, indices, numbers, port, positive, size
-from .options import Options, add_coding, add_notes, add_photos, add_provider, add_refine
+from .options import Options, add_coding, add_notes, add_photos, add_provider, add_refine, add_threads
 
-_GAUSSIAN_FILES = ".npz, .ply, .spz, .glb, .sog, .usdz or another (docs/FORMATS.md)"
+_GAUSSIAN_FILES = ".npz, .ply, … (docs/FORMATS.md)"
 
 _EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
 
@@ -35,10 +35,11 @@ EXTRAS = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """Says what is wrong in one line, and nothing of `--help` to those who have found it."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**{"formatter_class": _Help, **options})
+        super().__init__(**{"formatter_class": _Help, "add_help": False, **options})
+        self.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
 
     def error(self, message: str) -> NoReturn:
         print(f"{self.prog}: {message}", file=sys.stderr)
@@ -51,10 +52,15 @@ class _Help(argparse.HelpFormatter):
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30)
 
+    def _format_action_invocation(self, action: argparse.Action) -> str:
+        """`-o, --output FILE`, which before Python 3.13 says FILE twice."""
+        if len(action.option_strings) < 2 or action.nargs == 0:
+            return super()._format_action_invocation(action)
+        return f"{', '.join(action.option_strings)} {action.metavar}"
 
-def _common(options: Options) -> None:
+
+def _quiet(options: Options) -> None:
     options.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
-    options.add_argument("--threads", type=count, metavar="N", help="default: all cores; changes no result")
 
 
 def _written(options: Options) -> None:
@@ -111,6 +117,7 @@ def _reading(parser: _Parser) -> None:
     _prefix(reading)
     _limits(reading)
     add_provider(reading)
+    add_threads(reading)
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
@@ -135,29 +142,24 @@ def _encode(commands: Commands) -> None:
     parser = commands.add_parser(
         "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
     )
-    parser.add_argument(
-        "scene",
-        metavar="SCENE",
-        nargs="+",
-        help="folder with photos and cameras (cameras.json, COLMAP, …); RealEstate10K .txt; two stereo photos; video",
-    )
+    parser.add_argument("scene", metavar="SCENE", nargs="+", help="photos with cameras; two stereo photos; video")
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
-    rarer = parser.add_argument_group("video, stereo, depth")
+    _written(parser)
+    _quiet(parser)
     add_photos(parser)
-    rarer.add_argument("--poses", metavar="POSES", help="of a video: .txt, transforms.json, a folder")
-    rarer.add_argument("--first-number", type=int, choices=(0, 1), help="of frames that POSES names; default 0")
-    rarer.add_argument("--near", type=float, metavar="Z", help="nearest depth, not the scene's own")
-    rarer.add_argument("--far", type=float, metavar="Z", help="farthest depth, not the scene's own")
-    rarer.add_argument("--focal", type=float, metavar="PX", help="of a stereo pair, in pixels")
-    rarer.add_argument("--baseline", type=float, metavar="B", help="distance of its cameras")
     add_coding(parser.add_argument_group("bytes and quality"))
-    more = parser.add_argument_group("output and running")
+    more = parser.add_argument_group("video, stereo, depth, notes, running")
+    more.add_argument("--poses", metavar="POSES", help="of a video: .txt, transforms.json, a folder")
+    more.add_argument("--first-number", type=int, metavar="0|1", help="of frames that POSES names; default 0")
+    more.add_argument("--near", type=float, metavar="Z", help="nearest depth, not the scene's own")
+    more.add_argument("--far", type=float, metavar="Z", help="farthest depth, not the scene's own")
+    more.add_argument("--focal", type=float, metavar="PX", help="of a stereo pair, in pixels")
+    more.add_argument("--baseline", type=float, metavar="B", help="distance of its cameras")
     more.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
     more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
     add_notes(more)
     add_provider(more)
-    _common(more)
-    _written(more)
+    add_threads(more)
 
 
 def _compress(commands: Commands) -> None:
@@ -168,6 +170,8 @@ def _compress(commands: Commands) -> None:
     )
     parser.add_argument("gaussians", metavar="G", help=f".tsplat, {_GAUSSIAN_FILES}; - for standard input")
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
+    _written(parser)
+    _quiet(parser)
     parser.add_argument("--keep-all", action="store_true", help="all of a trained scene; default: pruned (numba)")
     parser.add_argument("--cameras", metavar="SCENE", help="cameras of its photos: what pictures need")
     parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a list")
@@ -176,11 +180,9 @@ def _compress(commands: Commands) -> None:
     coding = parser.add_argument_group("bytes and quality")
     add_coding(coding)
     add_refine(coding)
-    more = parser.add_argument_group("output and running")
-    more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
+    more = parser.add_argument_group("notes and a report")
     add_notes(more)
-    _common(more)
-    _written(more)
+    more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
     _reading(parser)
 
 
@@ -190,9 +192,9 @@ def _decode(commands: Commands) -> None:
     )
     parser.add_argument("file", metavar="F.tsplat", help="- for standard input")
     parser.add_argument("-o", "--output", required=True, metavar="G", help=_GAUSSIAN_FILES)
-    parser.add_argument("--report", metavar="R.json", help="bytes, seconds and memory as JSON")
-    _common(parser)
     _written(parser)
+    _quiet(parser)
+    parser.add_argument("--report", metavar="R.json", help="bytes, seconds and memory as JSON")
     _selection(parser)
     _reading(parser)
 
@@ -203,14 +205,14 @@ def _render(commands: Commands) -> None:
     )
     parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
+    _written(parser)
+    _quiet(parser)
     parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; 0")
     parser.add_argument("--path", choices=("between", "orbit"), help="of a video; default between")
     parser.add_argument("--frames", type=count, metavar="N", help="of a video; 60, of a capture 8 a view")
     parser.add_argument("--size", type=size, metavar="WxH", help="of pictures; default: the camera's")
     parser.add_argument("--depth", action="store_true", help="depth as a picture, near in red, far in blue")
     parser.add_argument("--depth-values", action="store_true", help="depth as numbers (z, 16-bit PNG)")
-    _common(parser)
-    _written(parser)
     more = parser.add_argument_group("more")
     more.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S", help="values per scene unit; 1000")
     more.add_argument(
@@ -229,16 +231,16 @@ def _convert(commands: Commands) -> None:
         help="Gaussian files to other formats, cut, moved or joined",
         usage="%(prog)s IN [IN …] -o OUT [options]",
     )
-    parser.add_argument("files", nargs="+", metavar="IN", help=f".tsplat, {_GAUSSIAN_FILES}")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="the same")
+    parser.add_argument("files", nargs="+", metavar="IN", help=argparse.SUPPRESS)  # the next line tells what it is
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=f"as IN: .tsplat, {_GAUSSIAN_FILES}")
+    _written(parser)
+    _quiet(parser)
     parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
     parser.add_argument("--rotate", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
     parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
     parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
     parser.add_argument("--check", action="store_true", help="print bytes and loss in dB of the file")
     parser.add_argument("--cameras", metavar="SCENE", help="cameras of the photos, for --prune")
-    _common(parser)
-    _written(parser)
     _selection(parser)
     _reading(parser)
 
@@ -247,7 +249,7 @@ def _info(commands: Commands) -> None:
     parser = commands.add_parser("info", help="what a file holds")
     parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--json", action="store_true", help="as JSON")
-    _common(parser)
+    _quiet(parser)
     _limits(parser)
 
 
@@ -278,19 +280,19 @@ def _view(commands: Commands) -> None:
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
     parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
-    _common(parser)
+    _quiet(parser)
     _written(parser)
 
 
 def _models(commands: Commands) -> None:
     parser = commands.add_parser("models", help="the networks and graphs at hand")
     parser.add_argument("--json", action="store_true", help="as JSON")
-    _common(parser)
+    _quiet(parser)
 
 
 def _doctor(commands: Commands) -> None:
     parser = commands.add_parser("doctor", help="what is installed, and what is wrong with it")
-    _common(parser)
+    _quiet(parser)
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument(
         "--provider",
@@ -337,7 +339,7 @@ def join_commands(commands: Commands, arguments: list[str]) -> dict[str, Callabl
             raise missing_extra(word, absent)
         command = commands.add_parser(point.name, help=module.HELP)
         module.configure(command)
-        _common(command)
+        _quiet(command)
         joined[point.name] = module.run
     if word in EXTRAS and word not in commands.choices:
         raise missing_extra(word, None)
