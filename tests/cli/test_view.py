@@ -14,12 +14,11 @@ from pathlib import Path
 import console
 import numpy as np
 import pytest
-from scenes import make_free_gaussians, make_smooth_gaussians, write_scene
+from scenes import make_free_gaussians, make_smooth_gaussians, refused, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.player import write_player
 from tinysplat_runtime.cli.view import serve
-from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
 
@@ -69,38 +68,30 @@ def test_a_page_is_served_to_this_machine_alone(monkeypatch: pytest.MonkeyPatch,
         server.shutdown()
         thread.join()
     out, err = capsys.readouterr()
-    assert (out, err) == (f"{address} (Ctrl-C ends)\n", "") and opened.empty()
+    assert out.split()[0] == address and err == "" and opened.empty()
 
 
 @pytest.mark.parametrize(
-    ("words", "line"),
+    ("words", "named"),
     [
-        ("--networks none", "--networks: goes with --player -o FOLDER"),
-        ("--networks none --player", "--networks: goes with --player -o FOLDER"),
-        ("--networks none -o NEW", "--networks: goes with --player -o FOLDER"),
-        ("--player", "--player: missing; -o names the page to write"),
-        ("", "F: missing; name a scene, or write a player of any with --player"),
+        ("--networks none", ("--networks", "--player", "-o")),
+        ("--networks none --player", ("--networks", "--player", "-o")),
+        ("--networks none -o NEW", ("--networks", "--player", "-o")),
+        ("--player", ("--player", "-o")),
+        ("", ("F: ", "--player")),
     ],
 )
-def test_what_is_missing_is_said(tmp_path: Path, words: str, line: str) -> None:
-    assert line in console.fail("view", *words.replace("NEW", str(tmp_path / "new")).split())
+def test_what_is_missing_is_said(tmp_path: Path, words: str, named: tuple[str, ...]) -> None:
+    said = console.fail("view", *words.replace("NEW", str(tmp_path / "new")).split())
+    assert all(name in said for name in named)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (None, "no npm package"),
-        ("{", "no npm package"),
-        ("[]", "another npm package"),
-        (json.dumps({"name": "three"}), "another npm package"),
-    ],
-)
-def test_folders_that_are_not_onnxruntime_web_are_refused(tmp_path: Path, text: str | None, words: str) -> None:
+@pytest.mark.parametrize("text", [None, "{", "[]", json.dumps({"name": "three"})])
+def test_folders_that_are_not_onnxruntime_web_are_refused(tmp_path: Path, text: str | None) -> None:
     if text is not None:
         (tmp_path / "package.json").write_text(text)
-    with pytest.raises(InputError) as error:
-        write_player(str(tmp_path / "out"), str(tmp_path))
-    assert str(error.value).startswith(f"{tmp_path}: {words}")
+    message = refused(lambda package: write_player(str(tmp_path / "out"), str(package)), tmp_path)
+    assert "onnxruntime-web" in message
 
 
 def test_a_page_is_one_file_of_a_scene_and_its_photos_and_a_player_one_of_none(folder: Path, tmp_path: Path) -> None:
