@@ -203,7 +203,10 @@ def test_commands_of_other_packages_run(others, capsys) -> None:
 
 
 def test_help_lists_commands_even_those_that_cannot_run(others, capsys) -> None:
-    for words, named in ((["--help"], ("good", "does", "bare", "encode", "torch")), (["lame", "--help"], ("lame", "torch"))):
+    for words, named in (
+        (["--help"], ("good", "does", "bare", "encode", "torch")),
+        (["lame", "--help"], ("lame", "torch")),
+    ):
         with pytest.raises(SystemExit) as leaving:
             main(words)
         out = capsys.readouterr().out

@@ -32,8 +32,9 @@ def test_a_sound_installation_has_nothing_wrong() -> None:
     assert report["wrong"] == [] and "CPUExecutionProvider" in report["providers"]
     assert report["codecs"]["libx265"] == "encoder" and report["codecs"]["hevc"] == "decoder"
     assert report["packages"]["numpy"] and report["extras"]["io"] == "installed"
-    assert "as the manifest says" in report["models"]["sweep"]
-    assert tinysplat("doctor").stdout.rstrip().endswith("nothing is wrong")
+    assert "sweep" in report["models"]
+    text = tinysplat("doctor").stdout
+    assert all(name in text for name in (report["python"], report["packages"]["numpy"], "libx265", "sweep"))
 
 
 def test_an_altered_model_is_named(tmp_path: Path) -> None:
@@ -41,8 +42,8 @@ def test_an_altered_model_is_named(tmp_path: Path) -> None:
     shutil.copytree(MODELS, models)
     (models / "sweep.onnx").write_bytes(b"altered")
     done = tinysplat("doctor", models=models)
-    assert done.returncode == 2 and "sweep.onnx: sha256" in done.stderr and done.stderr.count("\n") == 1
-    assert "WRONG: " in done.stdout
+    assert done.returncode == 2 and "sweep.onnx" in done.stderr and done.stderr.count("\n") == 1
+    assert "sweep.onnx" in done.stdout
 
 
 GONE = """
@@ -55,7 +56,8 @@ def without(name):
 metadata.Distribution.from_name = without
 metadata.packages_distributions = lambda: {"onnxruntime": ["onnxruntime-gpu"]}
 from tinysplat_runtime.cli.doctor import examine
-print(examine())
+import json
+print(json.dumps(examine()))
 """
 
 
@@ -66,8 +68,10 @@ def test_another_build_of_a_package_counts_as_it(tmp_path: Path) -> None:
     (brought / "METADATA").write_text("Metadata-Version: 2.1\nName: onnxruntime-gpu\nVersion: 1.2\n")
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     found = subprocess.run([sys.executable, "-c", GONE], capture_output=True, text=True, check=True, env=environment)
-    assert "'onnxruntime': '1.2, of onnxruntime-gpu', 'av': 'not installed'" in found.stdout
-    assert "av is not installed; pip install tinysplat brings it" in found.stdout
+    report = json.loads(found.stdout)
+    assert "1.2" in report["packages"]["onnxruntime"] and "onnxruntime-gpu" in report["packages"]["onnxruntime"]
+    assert any(line.startswith("av ") and "pip install" in line for line in report["wrong"])
+    assert not any(line.startswith("onnxruntime ") for line in report["wrong"])
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
@@ -82,5 +86,4 @@ def test_providers_are_asked_for_by_name(tmp_path: Path) -> None:
     done = tinysplat("compress", tmp_path / "g.npz", "-o", tmp_path / "g.tsplat", "--provider", "CPU")
     assert done.returncode == 0, done.stderr
     done = tinysplat("decode", tmp_path / "g.tsplat", "-o", tmp_path / "d.npz", "--provider", "Nope")
-    assert done.returncode == 2 and "NopeExecutionProvider is not in this onnxruntime" in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert done.returncode == 2 and "Nope" in done.stderr and done.stderr.count("\n") == 1

@@ -138,5 +138,5 @@ def test_help_needs_no_extra(folder: Path, command: str) -> None:
         timeout=120,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "runtime"), str(ROOT)])},
     )
-    assert done.returncode == 0 and f"usage: tinysplat {command}" in done.stdout, done.stderr
-    assert "positional arguments" in done.stdout and "this command needs" not in done.stdout.lower()
+    assert done.returncode == 0 and f"tinysplat {command}" in done.stdout, done.stderr
+    assert "pip install" not in done.stdout  # what it does, not what it lacks

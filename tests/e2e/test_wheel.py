@@ -54,7 +54,7 @@ def test_every_package_on_disk_is_in_the_wheel_with_models_and_marker(wheel):
         for part in (ROOT / "runtime" / "tinysplat_runtime" / room).rglob("*")
         if part.suffix in {".html", ".css", ".js", ".mjs"}
     ]
-    assert len(parts) > 10
+    assert parts
     for part in parts:
         assert str(part.relative_to(ROOT / "runtime")) in names
     for artifact in (ROOT / "models").glob("*.onnx"):

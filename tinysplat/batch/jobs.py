@@ -111,7 +111,7 @@ class BatchJob:
             "far": request.far,
             "model": request.model,
             "profile": coding.planes.name,
-            "qp": 0.0 if coding.qp is None else coding.qp,
+            "qp": coding.step_qp,
         }
         rest = {
             one.name: value
