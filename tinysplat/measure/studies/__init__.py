@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..study import Study
 
-STUDIES: dict[str, tuple[str, str]] = {
-    "formats": ("interchange.INTERCHANGE", "bytes and dB of one scene in every format of Gaussian files"),
-    "free": ("freed.FREE", "lists, a user's files or a made scene, in .tsplat and other formats"),
-    "growth": ("growth.GROWTH", "seconds and memory by pixels of photos, photos of captures, Gaussians of clouds"),
-    "waits": ("waiting.WAITING", "what users wait for, and commands beside those of another checkout (--beside)"),
-    "curves": ("rate.CURVES", "rate–distortion of profiles"),
-    "paper": ("paper.PAPER", "the paper's tables, ours beside"),
-    "refined": ("refining.REFINED", "held-out dB by bytes, refined and unrefined"),
-    "walk": ("walking.WALK", "whole captures: photos left out, drawn from 12, 24 and 48 others"),
-    "pruned": ("pruned.PRUNED", "captures as one list: what pruning costs and saves, with cameras and without"),
-    "poses": ("placing.PLACING", "photos placed without their cameras, and how many of them right"),
-    "quality": ("quality.QUALITY", "pictures of networks and codings: what `tinysplat eval` measures"),
+STUDIES = {
+    "formats": "interchange.INTERCHANGE",
+    "free": "freed.FREE",
+    "growth": "growth.GROWTH",
+    "waits": "waiting.WAITING",
+    "curves": "rate.CURVES",
+    "paper": "paper.PAPER",
+    "refined": "refining.REFINED",
+    "walk": "walking.WALK",
+    "pruned": "pruned.PRUNED",
+    "poses": "placing.PLACING",
+    "quality": "quality.QUALITY",
 }
-"""By name: where it stands in this package, and a line about it."""
+"""By name, where it stands in this package; docs/MEASURING.md says what it asks."""
 
 ORDINARY = ("waits", "formats", "growth")
 """What is measured where no study is named."""
@@ -32,5 +32,5 @@ ORDINARY = ("waits", "formats", "growth")
 
 def find_study(name: str) -> Study:
     """A study of STUDIES."""
-    module, _, attribute = STUDIES[name][0].partition(".")
+    module, _, attribute = STUDIES[name].partition(".")
     return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
