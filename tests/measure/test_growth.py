@@ -17,7 +17,8 @@ def capture(photos: int, power: float) -> Row:
 def test_powers_are_those_of_large_captures(power: float) -> None:
     text = capture_table([capture(photos, power) for photos in (1000, 200, 48)] + [capture(4, 0.1)])
     assert all(told in text for told in ("64×48", "48", "1,000", f"{power:.2f}", "1.00", "0.00"))
-    assert [line.split("|")[1].strip() for line in text.splitlines()[-4:]] == ["4", "48", "200", "1,000"]
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert [line.split("|")[1].strip() for line in lines[-4:]] == ["4", "48", "200", "1,000"]
 
 
 def test_each_axis_has_a_line_with_its_ends_and_the_power_of_its_larger_half() -> None:

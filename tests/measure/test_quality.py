@@ -25,7 +25,7 @@ from scenes import make_smooth_gaussians, refusing, tells
 
 from tinysplat.measure.metrics import psnr, ssim
 from tinysplat.measure.quality import ProfileQp, Quality, document, groups_of, mean_of_rows, mean_of_scenes, record
-from tinysplat.measure.rows import ROWS, Row, RowFile
+from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
 from tinysplat.measure.runner import RunOutcome, RunPlan, list_jobs, run_jobs
 from tinysplat.measure.show.sheets import result_sheets
 from tinysplat.measure.studies.quality import QUALITY
@@ -138,12 +138,8 @@ def measured(tmp_path_factory) -> tuple[Path, Path, RunOutcome]:
 
 def test_figures_are_means_over_images_of_what_the_pictures_show(measured):
     scene, results, outcome = measured
-    assert [(row.setting["kind"], row.way) for row in outcome.rows] == [
-        ("near", "paper 0"),
-        ("near", "balanced 6"),
-        ("wide", "paper 0"),
-        ("wide", "balanced 6"),
-    ]
+    wanted = [(kind, coding.profile, coding.qp) for kind in ("near", "wide") for coding in CODINGS]
+    assert [tuple(row.setting[name] for name in ("kind", "profile", "qp")) for row in outcome.rows] == wanted
     entry = record(outcome.rows[2])
     assert entry["context"] == [0, 3] and entry["targets"] == [1, 2] and entry["views"] == 2
     assert (entry["height"], entry["width"]) == SIZE
@@ -170,7 +166,7 @@ def test_a_row_says_what_coding_cost(measured):
     assert fine["psnr_decoded_raw"] > coarse["psnr_decoded_raw"] > 20
     assert fine["psnr_raw"] == coarse["psnr_raw"] and fine["psnr_photo"] < fine["psnr_raw"]
     assert 0 < fine["coverage"] <= 1 and fine["psnr_covered"] is not None
-    assert {"network", "vpt", "x265", "libavcodec", "synthesis", "render"} <= set(fine["seconds"])
+    assert {"network", "render"} < set(fine["seconds"]) and min(fine["seconds"].values()) >= 0
     assert fine["attribute_errors"]["world"]["means"]["rmse"] < coarse["attribute_errors"]["world"]["means"]["rmse"]
     assert fine["attribute_errors"]["planes"]["depth"]["max"] > 0
     assert fine["lpips"] is None and fine["lpips_raw"] is None
@@ -186,6 +182,7 @@ def test_a_run_cut_short_or_torn_goes_on_to_the_same_figures(measured, tmp_path)
     rest = evaluate(plan_of(scene), tmp_path)
     assert rest.resumed == 1 and rest.rows[0] == first.rows[0]
     assert list(map(figures, rest.rows)) == list(map(figures, outcome.rows))
+    assert list(RowFile(tmp_path / ROWS)) == read_rows(tmp_path) == rest.rows
     (tmp_path / ROWS).write_text('{"study": 1, "other": 2}\n')
     with refusing(InputError, "rows.jsonl line 1"):
         RowFile(tmp_path / ROWS)

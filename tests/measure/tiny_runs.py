@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tinysplat.commands.bench import measure_studies
 from tinysplat.measure.clock import Effort
 from tinysplat.measure.rows import ROWS, Row, RowFile
-from tinysplat.measure.studies import find_study
 from tinysplat.measure.study import Options, Run
 from tinysplat.measure.subjects.sources import find_sources
 from tinysplat_runtime.api import Runtime
@@ -37,7 +37,4 @@ def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
 
 def rows_of(study: str, run: Run) -> list[Row]:
     """Measured and kept."""
-    rows = []
-    for row in find_study(study).measure(run):
-        rows.append(row if row.stamp and run.store.find(row) == row else run.store.add(row))
-    return rows
+    return measure_studies(run, (study,), quiet=True)

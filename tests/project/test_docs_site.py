@@ -29,7 +29,7 @@ def hooks() -> ModuleType:
 
 def test_every_entry_of_the_menu_is_a_page() -> None:
     listed = re.findall(r": (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), flags=re.MULTILINE)
-    assert len(listed) > 10 and all((DOCS / name).exists() for name in listed)
+    assert listed and all((DOCS / name).exists() for name in listed)
 
 
 def test_the_reference_has_every_command_and_option(hooks: ModuleType) -> None:
