@@ -174,18 +174,13 @@ def test_outputs_that_are_not_finite_are_named(name):
     assert caught.value.where is not None and caught.value.where.startswith(name)
 
 
-def test_outputs_of_shapes_outside_the_contract_are_refused():
-    with pytest.raises(ModelError, match="opacities"):
-        run_plane(grey(), row_of_cameras(2, 16, 24), opacities=np.zeros((2, 8, 8), np.float32))
-
-
 @pytest.mark.parametrize(
     ("metadata", "words"),
     [
-        ({"stride": "four"}, "'stride' is four"),
-        ({"stride": 10**6}, "'stride' is 1000000, accepted are whole numbers from 1 to 4096"),
-        ({"min_side": 10**300}, "'min_side' is "),
-        ({"max_views": 1}, "2 to 1 views"),
+        ({"stride": "four"}, "'stride'"),
+        ({"stride": 10**6}, "'stride' 1000000"),
+        ({"min_side": 10**300}, "'min_side'"),
+        ({"max_views": 1}, "2 to 1"),
     ],
 )
 def test_metadata_that_no_network_can_mean_is_refused(metadata, words):
@@ -197,11 +192,12 @@ def test_metadata_that_no_network_can_mean_is_refused(metadata, words):
 @pytest.mark.parametrize(
     ("replaced", "words"),
     [
-        ({"layer1_K": np.ones((2, 2), np.float32)}, r"layer1_K' has shape \(2, 2\)"),
-        ({"layer1_K": 0.0}, "returned K: focal length"),
-        ({"means": np.ones((2, 8, 8, 3), np.float32)}, "beside means"),
-        ({name: np.ones((2, 8, 8, *map(abs, tail)), np.float32) for name, tail in FIELDS.items()}, "a grid"),
-        ({"sh": np.ones((2, 16, 24, 5, 3), np.float32)}, "returned sh"),
+        ({"layer1_K": np.ones((2, 2), np.float32)}, "'layer1_K' 2"),
+        ({"layer1_K": 0.0}, "K"),
+        ({"opacities": np.zeros((2, 8, 8), np.float32)}, "opacities"),
+        ({"means": np.ones((2, 8, 8, 3), np.float32)}, "means"),
+        ({name: np.ones((2, 8, 8, *map(abs, tail)), np.float32) for name, tail in FIELDS.items()}, "8 24x16"),
+        ({"sh": np.ones((2, 16, 24, 5, 3), np.float32)}, "sh"),
     ],
 )
 def test_outputs_that_are_no_scene_are_the_networks_fault(replaced, words):

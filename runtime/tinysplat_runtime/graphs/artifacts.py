@@ -81,12 +81,10 @@ def models_dir(folder: str | os.PathLike[str] | None = None) -> Path:
     for candidate in candidates:
         if (candidate / MANIFEST).is_file():
             return candidate
-    looked = ", ".join(str(c) for c in candidates)
+    fault = f"no {MANIFEST} in {', '.join(map(str, candidates))}"
     if folder is None and named:
-        raise ModelError(
-            f"no {MANIFEST} in {looked}; unset it for the models that came with this", where="TINYSPLAT_MODELS"
-        )
-    raise ModelError(f"no {MANIFEST} in {looked}; set TINYSPLAT_MODELS to the folder that has it", where="models")
+        raise ModelError(f"{fault}; unset it for the models that came with this", where="TINYSPLAT_MODELS")
+    raise ModelError(f"{fault}; set TINYSPLAT_MODELS to the folder that has it", where="models")
 
 
 def load_manifest(folder: str | os.PathLike[str] | None = None) -> dict[str, Artifact]:
@@ -99,17 +97,14 @@ def load_manifest(folder: str | os.PathLike[str] | None = None) -> dict[str, Art
     path = root / MANIFEST
     try:
         entries = json.loads(path.read_text("utf-8"))["artifacts"]
-        return {
-            name: Artifact(name, root / entry["file"], entry["role"], entry["sha256"], entry, _optimised(root, entry))
-            for name, entry in entries.items()
-        }
+        found = {}
+        for name, entry in entries.items():
+            stored = entry.get("optimised")
+            optimised = (root / stored["file"], stored["sha256"]) if stored else None
+            found[name] = Artifact(name, root / entry["file"], entry["role"], entry["sha256"], entry, optimised)
+        return found
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ModelError(f"not a manifest of artifacts ({type(error).__name__}: {error})", where=str(path)) from None
-
-
-def _optimised(root: Path, entry: dict[str, Any]) -> tuple[Path, str] | None:
-    stored = entry.get("optimised")
-    return (root / stored["file"], stored["sha256"]) if stored else None
 
 
 def find_artifact(name: str, role: str, folder: str | os.PathLike[str] | None = None) -> Artifact:

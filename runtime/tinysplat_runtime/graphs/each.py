@@ -120,7 +120,7 @@ class _Capture:
             changes=own.pop("changes"),
         )
         self._let_go("dress", star)
-        return assembled(outputs, [camera], camera.centre, self.near, self.stages["finish"].name)
+        return assembled(outputs, [camera], self.near, self.stages["finish"].name)
 
     def _dressed(self, view: int) -> None:
         if ("dress", view) in self.made:

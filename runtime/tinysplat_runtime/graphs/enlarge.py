@@ -22,7 +22,7 @@ from ..gaussian.sh import C0
 from ..scene.cameras import Camera
 from ..scene.resampling import scaled
 from .inference import Graph, as_input
-from .predict import NetworkLimits, checked_inputs, predict
+from .predict import NetworkLimits, checked_inputs, mean_centre, predict
 
 LARGE_PIXELS = 640 * 480
 """Photos of more are large: networks learned from photos of a third as many, and find fewer of the same places in
@@ -144,8 +144,10 @@ def _enlarged(
 ) -> Gaussians:
     """Gaussians (V, H, W, …) about `origin` of exposed large photos (V, 3, H, W), from `_maps` of small ones."""
     views, _, height, width = photos.shape
-    arrays = {name: np.empty((views, height, width, *tail), np.float32) for name, tail in _SHAPES.items()}
-    middle = np.stack([camera.centre for camera in cameras]).mean(axis=0)
+    arrays: dict[str, Any] = {
+        name: np.empty((views, height, width, *tail), np.float32) for name, tail in _SHAPES.items()
+    }
+    middle = mean_centre(cameras)
     down, across = (_spans(side, enlarger.halo, enlarger.tile) for side in (height, width))
     tiles = [(rows, columns) for rows in down for columns in across]
     for view in range(views):
@@ -157,9 +159,7 @@ def _enlarged(
             for name, array in arrays.items():
                 array[view, rows.kept, columns.kept] = values[name][0, rows.within, columns.within]
     arrays["means"] += (middle - origin).astype(np.float32)
-    return Gaussians(
-        arrays["means"], arrays["quats"], arrays["scales"], arrays["opacities"], arrays["sh"], tuple(cameras), origin
-    )
+    return Gaussians(**arrays, cameras=tuple(cameras), origin=origin)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +81,7 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
         ModelError: the graph failed, or its outputs have shapes outside the contract.
     """
     outputs = graph.run(network_inputs(images, cameras, near, far, NetworkLimits.of(graph)))
-    return assembled(outputs, cameras, _mean_centre(cameras), near, graph.name)
+    return assembled(outputs, cameras, near, graph.name)
 
 
 def network_inputs(
@@ -94,7 +95,7 @@ def network_inputs(
     grown, K_unit = padded(images, cameras, limits)
     c2w = np.stack([camera.c2w for camera in cameras])
     c2w[:, :3, :3] = np.stack([camera.rotation.T for camera in cameras])
-    c2w[:, :3, 3] -= _mean_centre(cameras)
+    c2w[:, :3, 3] -= mean_centre(cameras)
     return {
         "images": as_input(grown.transpose(0, 3, 1, 2)),
         "K": as_input(K_unit),
@@ -114,9 +115,15 @@ def checked_inputs(
     return images
 
 
-def _mean_centre(cameras: Sequence[Camera]) -> NDArray:
+def mean_centre(cameras: Sequence[Camera]) -> NDArray:
     """(3,) float64: where a network's own origin lies in the world."""
     return np.stack([camera.centre for camera in cameras]).mean(axis=0)
+
+
+def origin_of(cameras: Sequence[Camera], near: float) -> NDArray:
+    """(3,) float64: the world's own, or the mean centre of cameras of which one stands far from it; see `predict`."""
+    is_far = max(float(np.linalg.norm(camera.centre)) for camera in cameras) > FAR_FROM_ORIGIN * near
+    return mean_centre(cameras) if is_far else np.zeros(3)
 
 
 def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) -> NDArray:
@@ -185,81 +192,53 @@ def padded(images: NDArray, cameras: Sequence[Camera], limits: NetworkLimits) ->
     return images, np.stack([camera.K for camera in cameras]) / size
 
 
-def assembled(
-    outputs: Mapping[str, NDArray], cameras: Sequence[Camera], middle: NDArray, near: float, name: str
-) -> Gaussians:
-    """What a network returned, cropped, placed in the world, and each layer with its cameras; see `predict`.
-
-    Args:
-        outputs: by name.
-        cameras: of the photos that it was given.
-        middle: (3,) the origin of its means.
-        near: depth of the nearest surface, scene units.
-        name: of the network.
+def assembled(outputs: Mapping[str, NDArray], cameras: Sequence[Camera], near: float, name: str) -> Gaussians:
+    """What a network returned by name, its means about `mean_centre`, cropped, placed in the world, and each layer with
+    its cameras; see `predict`.
     """
-    keep_origin = max(float(np.linalg.norm(camera.centre)) for camera in cameras) > FAR_FROM_ORIGIN * near
-    try:
-        return _assemble(outputs, cameras, middle, keep_origin=keep_origin, name=name)
-    except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
-        raise ModelError(f"returned {error}", where=name) from None
-
-
-def _assemble(
-    outputs: Mapping[str, NDArray], cameras: Sequence[Camera], middle: NDArray, *, keep_origin: bool, name: str
-) -> Gaussians:
     height, width = cameras[0].height, cameras[0].width
-    origin = middle if keep_origin else np.zeros(3)
-    shift = np.zeros(3) if keep_origin else middle
+    origin = origin_of(cameras, near)
+    shift = mean_centre(cameras) - origin
     layers: list[Gaussians] = []
     prefixes = ["", *(f"layer{n}_" for n in range(1, len(outputs)) if f"layer{n}_means" in outputs)]
-    for n, prefix in enumerate(prefixes):
+    for prefix in prefixes:
         arrays = _layer_arrays(outputs, prefix, name)
-        if n == 0:
+        if not prefix:
             arrays = {field: array[:, :height, :width] for field, array in arrays.items()}
-            if arrays["opacities"].shape != (len(cameras), height, width):
-                found = outputs["means"].shape[:3]
-                raise ModelError(f"a grid {found} for {len(cameras)} photos of {width}x{height}", where=name)
-            layer_cameras = tuple(cameras)
-        else:
-            grid = arrays["opacities"].shape
-            if f"{prefix}K" not in outputs:
-                raise ModelError(f"output '{prefix}K' is missing", where=name)
-            K = _finite(outputs, f"{prefix}K")
-            if K.shape != (len(cameras), 3, 3):
-                raise ModelError(f"output '{prefix}K' has shape {K.shape}, expected (V, 3, 3)", where=name)
-            layer_cameras = tuple(Camera(K[v], camera.c2w, grid[2], grid[1]) for v, camera in enumerate(cameras))
+        views, *grid = arrays["opacities"].shape
+        if views != len(cameras) or (not prefix and grid != [height, width]):
+            found = outputs[f"{prefix}means"].shape[:3]
+            raise ModelError(f"a grid {found} for {len(cameras)} photos of {width}x{height}", where=name)
         arrays["means"] = (arrays["means"].astype(np.float64) + shift).astype(np.float32)
         arrays["opacities"] = arrays["opacities"].clip(0, 1)
         if (arrays["scales"] < 0).any():
             raise NumericError("the network returned negative numbers", where=f"{prefix}scales")
-        layers.append(
-            Gaussians(
-                arrays["means"],
-                arrays["quats"],
-                arrays["scales"],
-                arrays["opacities"],
-                arrays["sh"],
-                cameras=layer_cameras,
-                origin=origin,
-            )
-        )
+        try:
+            its = cameras
+            if prefix:
+                K = _finite(outputs, f"{prefix}K", name)
+                if K.shape != (views, 3, 3):
+                    raise ModelError(f"output '{prefix}K' has shape {K.shape}, expected (V, 3, 3)", where=name)
+                its = [Camera(K[v], camera.c2w, grid[1], grid[0]) for v, camera in enumerate(cameras)]
+            layers.append(Gaussians(**arrays, cameras=tuple(its), origin=origin))
+        except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
+            raise ModelError(f"returned {error}", where=name) from None
     return replace(layers[0], extra_layers=tuple(layers[1:]))
 
 
-def _layer_arrays(outputs: Mapping[str, NDArray], prefix: str, name: str) -> dict[str, NDArray]:
+def _layer_arrays(outputs: Mapping[str, NDArray], prefix: str, name: str) -> dict[str, Any]:
     arrays = {}
     lead = outputs[f"{prefix}means"].shape[:3]
     for field, trailing in FIELDS.items():
-        if f"{prefix}{field}" not in outputs:
-            raise ModelError(f"output '{prefix}{field}' is missing", where=name)
-        array = _finite(outputs, f"{prefix}{field}")
+        array = arrays[field] = _finite(outputs, f"{prefix}{field}", name)
         if array.shape[:3] != lead or array.ndim != 3 + len(trailing):
             raise ModelError(f"output '{prefix}{field}' has shape {array.shape} beside means {lead}", where=name)
-        arrays[field] = array
     return arrays
 
 
-def _finite(outputs: Mapping[str, NDArray], name: str) -> NDArray:
+def _finite(outputs: Mapping[str, NDArray], name: str, network: str) -> NDArray:
+    if name not in outputs:
+        raise ModelError(f"output '{name}' is missing", where=network)
     array = outputs[name]
     bad = ~np.isfinite(array)
     if bad.any():

@@ -37,21 +37,16 @@ def parse_provider(text: str) -> tuple[str, dict[str, str]]:
     for item in rest.split(",") if colon else ():
         key, _, value = (part.strip() for part in item.partition("="))
         if not key or not value:
-            raise InputError(f"'{item}' in '{text}', expected NAME:key=value[,key=value]", where="provider")
+            raise InputError(f"'{item}' in '{text}', expected NAME:key=value[,key=value]", where="--provider")
         options[key] = value
     if not name:
-        raise InputError(f"'{text}' names none, expected NAME[:key=value[,key=value]]", where="provider")
+        raise InputError(f"'{text}' names none, expected NAME[:key=value[,key=value]]", where="--provider")
     return name, options
 
 
 def providers_of(text: str | None) -> tuple[Provider, ...]:
-    """What `--provider` names, and the CPU behind it; InputError names the option."""
-    if not text:
-        return (CPU,)
-    try:
-        return (parse_provider(text), CPU)
-    except InputError as error:
-        raise InputError(error.message, where=f"--{error.where}") from None
+    """What `--provider` names, and the CPU behind it; errors of `parse_provider`."""
+    return (parse_provider(text), CPU) if text else (CPU,)
 
 
 def known_providers(library: Any) -> list[str]:

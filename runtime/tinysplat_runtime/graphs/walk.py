@@ -19,7 +19,7 @@ from ..scene.neighbours import GROUP, Group, Neighbours, grouped
 from ..system import scratch
 from ..system.progress import Show, plain
 from .inference import Graph
-from .predict import FAR_FROM_ORIGIN, NetworkLimits, predict
+from .predict import NetworkLimits, origin_of, predict
 
 
 def capture_groups(
@@ -77,7 +77,7 @@ def predict_groups(
     """
     if len(groups) == 1 and len(groups[0].kept) == len(cameras):
         return run(groups[0].views)
-    origin = _origin(cameras, near)
+    origin = origin_of(cameras, near)
     joined: list[dict[str, NDArray]] = []
     seen_by: list[list[Any]] = []
     photos = [(group, place) for group in groups for place in range(len(group.kept))]
@@ -86,7 +86,10 @@ def predict_groups(
             continue
         predicted = run(group.views)
         if not joined:
-            joined = [_empty(layer, len(cameras)) for layer in predicted.layers]
+            joined = [
+                {name: scratch.zeros((len(cameras), *getattr(layer, name).shape[1:])) for name in FIELDS}
+                for layer in predicted.layers
+            ]
             seen_by = [[None] * len(cameras) for _ in joined]
         shift = predicted.origin - origin
         for layer, arrays, its in zip(predicted.layers, joined, seen_by, strict=True):
@@ -103,14 +106,3 @@ def predict_groups(
         for arrays, its in zip(joined, seen_by, strict=True)
     ]
     return Gaussians.stacked(layers)
-
-
-def _origin(cameras: Sequence[Camera], near: float) -> NDArray:
-    """(3,) float64: the world's own, or the middle of a capture that lies far from it."""
-    centres = np.stack([camera.centre for camera in cameras])
-    is_far = np.linalg.norm(centres, axis=1).max() > FAR_FROM_ORIGIN * near
-    return centres.mean(axis=0) if is_far else np.zeros(3)
-
-
-def _empty(layer: Gaussians, views: int) -> dict[str, NDArray]:
-    return {name: scratch.zeros((views, *getattr(layer, name).shape[1:])) for name in FIELDS}
