@@ -15,7 +15,6 @@ Trust boundary: chunks are unpickled with `weights_only`; types, shapes and size
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,8 +27,11 @@ from numpy.typing import NDArray
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import MAX_PIXELS
-from tinysplat_runtime.system.files import StrPath, check_readable, read_limited
+from tinysplat_runtime.scene.intake.realestate import pose_of
+from tinysplat_runtime.scene.lenses import intrinsics
+from tinysplat_runtime.system.files import StrPath, check_readable
 
+from .indices import read_object
 from .specs import DatasetSpec
 
 INDEX_FILE = "index.json"
@@ -106,16 +108,10 @@ class ChunkFolder:
         """
         self.path, self.spec = Path(path), spec
         index = self.path / INDEX_FILE
-        try:
-            chunks = json.loads(read_limited(index, _MAX_INDEX_BYTES))
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"not JSON ({error})", where=str(index)) from None
-        is_index = isinstance(chunks, dict) and all(
-            isinstance(name, str) and name and Path(name).name == name for name in chunks.values()
-        )
-        if not is_index:
-            raise InputError("expected an object of chunk files of this folder by scene key", where=str(index))
-        self.chunks: dict[str, str] = chunks
+        what = "of chunk files of this folder by scene key"
+        self.chunks: dict[str, str] = read_object(index, _MAX_INDEX_BYTES, what)
+        if not all(isinstance(name, str) and name and Path(name).name == name for name in self.chunks.values()):
+            raise InputError(f"expected an object {what}", where=str(index))
 
     def scene(self, key: str) -> ChunkScene:
         """One scene.
@@ -158,13 +154,9 @@ def prepare_camera(row: NDArray, size: tuple[int, int], shape: tuple[int, int]) 
     height, width = size
     scaled_height, scaled_width = _scaled_size(shape, size)
     fx, fy, cx, cy = row[:4]
-    K = np.array([[fx * scaled_width, 0, cx * width], [0, fy * scaled_height, cy * height], [0, 0, 1]])
-    w2c = np.vstack([row[6:].reshape(3, 4), [0, 0, 0, 1]])
-    if not np.isfinite(w2c).all() or abs(np.linalg.det(w2c)) < 1e-6:
-        raise InputError("no pose in the camera row's last 12 values", where="cameras")
-    c2w = np.linalg.inv(w2c)
+    c2w = pose_of(row)
     c2w[3] = (0, 0, 0, 1)
-    return Camera(K, c2w, width=width, height=height)
+    return Camera(intrinsics(fx * scaled_width, fy * scaled_height, cx * width, cy * height), c2w, width, height)
 
 
 def fields_of_view(row: NDArray) -> tuple[float, float]:

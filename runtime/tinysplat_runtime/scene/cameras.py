@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,12 +25,15 @@ MAX_POSITION = 1e15
 """Largest magnitude of a coordinate of a camera or an origin; float64 cannot tell tenths of a unit apart beyond it."""
 
 
-def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
+def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
+    """A read-only float64 array of finite numbers, of any size where `shape` has -1; InputError says what is not."""
     try:
         array = np.array(value, np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"not a {shape} array of numbers", where=name) from None
-    if array.shape != shape:
+    if array.ndim != len(shape) or any(
+        wanted not in (-1, side) for side, wanted in zip(array.shape, shape, strict=True)
+    ):
         raise InputError(f"shape {array.shape}, expected {shape}", where=name)
     if not np.isfinite(array).all():
         raise InputError("holds NaN or infinity, expected finite numbers", where=name)
@@ -57,13 +60,13 @@ class Camera:
             or a number is not finite or beyond MAX_INTRINSIC_PX and MAX_POSITION.
     """
 
-    K: NDArray = field()
+    K: NDArray
     c2w: NDArray
     width: int
     height: int
 
     def __post_init__(self) -> None:
-        K, c2w = _array("K", self.K, (3, 3)), _array("c2w", self.c2w, (4, 4))
+        K, c2w = finite_array("K", self.K, (3, 3)), finite_array("c2w", self.c2w, (4, 4))
         for name in ("width", "height"):
             value = getattr(self, name)
             is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)

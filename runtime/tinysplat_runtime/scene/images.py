@@ -83,13 +83,12 @@ def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArr
     Raises:
         InputError: names the file, which is missing, cut short, damaged, over MAX_PIXELS, or of another kind.
     """
-    data = read_limited(path, MAX_FILE_BYTES)
+    stripped = _headers(path)
     try:
-        stripped = _checked(data)
         pixels = _to_rgb(_decode(stripped, shrink), stripped.is_16_bit)
-        return _orient(pixels, stripped.orientation) if upright else pixels
     except InputError as error:
         raise error.within(str(path)) from None
+    return _orient(pixels, stripped.orientation) if upright else pixels
 
 
 def image_size(path: StrPath) -> tuple[int, int]:
@@ -109,20 +108,17 @@ def is_turned(path: StrPath) -> bool:
 
 
 def _headers(path: StrPath) -> _Stripped:
-    data = read_limited(path, MAX_FILE_BYTES)
+    """A photo's parts, once they are known to be of a size that may be decoded; errors of `image_size`."""
     try:
-        return _checked(data)
+        stripped = _strip(read_limited(path, MAX_FILE_BYTES))
+        size = f"{stripped.width}x{stripped.height} pixels"
+        if not (0 < stripped.width <= MAX_IMAGE_SIDE and 0 < stripped.height <= MAX_IMAGE_SIDE):
+            raise InputError(f"{size}, expected sides of 1 to {MAX_IMAGE_SIDE}")
+        if stripped.width * stripped.height > MAX_PIXELS:
+            raise InputError(f"{size}, expected at most {MAX_PIXELS} in all")
+        return stripped
     except InputError as error:
         raise error.within(str(path)) from None
-
-
-def _checked(data: bytes) -> _Stripped:
-    stripped = _strip(data)
-    if not (0 < stripped.width <= MAX_IMAGE_SIDE and 0 < stripped.height <= MAX_IMAGE_SIDE):
-        raise InputError(f"{stripped.width}x{stripped.height} pixels, expected sides of 1 to {MAX_IMAGE_SIDE}")
-    if stripped.width * stripped.height > MAX_PIXELS:
-        raise InputError(f"{stripped.width}x{stripped.height} pixels, expected at most {MAX_PIXELS} in all")
-    return stripped
 
 
 def _strip(data: bytes) -> _Stripped:

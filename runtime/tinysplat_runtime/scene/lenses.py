@@ -98,7 +98,8 @@ class Lens:
         try:
             camera = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), self._distorted)
         except ValueError as error:
-            raise InputError(f"cannot be undistorted ({_first_line(error)})", where="camera") from None
+            said = " ".join(str(error).split())[:120]
+            raise InputError(f"cannot be undistorted ({said})", where="camera") from None
         return np.array(camera.calibration_matrix()), int(camera.width), int(camera.height)
 
 
@@ -162,7 +163,3 @@ def _pycolmap(model: str) -> Any:
     except ImportError:
         fault = f"a {model} camera has lens distortion"
         raise InputError(f"{fault}; {INSTALL} to undistort, or undistort the photos first") from None
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:120]

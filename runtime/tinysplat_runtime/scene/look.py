@@ -138,13 +138,19 @@ def told(images: NDArray, cameras: Sequence[Camera], pairs: Sequence[tuple[int, 
         pairs: of photos.
         depths: (P,) scene units, > 0.
     """
-    shares = []
-    for v, u in pairs:
-        here = look_at(images[v], cameras[v], images[u], cameras[u], depths)
-        there = look_at(images[u], cameras[u], images[v], cameras[v], depths)
-        both = ((here, cameras[v], there, cameras[u]), (there, cameras[u], here, cameras[v]))
-        shares.append(float(np.mean([(one[0].clear & _agreement(*one)[1]).mean() for one in both])))
-    return shares
+    both = (_told(images, cameras, pair, depths) for pair in pairs)
+    return [float(np.mean([is_told.mean() for _, is_told in looks])) for looks in both]
+
+
+def _told(
+    images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], depths: NDArray
+) -> list[tuple[Look, NDArray]]:
+    """Of either of two photos what it shows of the other, and (H, W) which pixels tell a depth that the other has."""
+    v, u = pair
+    here = look_at(images[v], cameras[v], images[u], cameras[u], depths)
+    there = look_at(images[u], cameras[u], images[v], cameras[v], depths)
+    both = ((here, cameras[v], there, cameras[u]), (there, cameras[u], here, cameras[v]))
+    return [(one[0], one[0].clear & _agreement(*one)[1]) for one in both]
 
 
 def range_seen(images: NDArray, cameras: Sequence[Camera], show: Show = plain) -> tuple[float, float]:
@@ -204,20 +210,11 @@ def _pairs(cameras: Sequence[Camera], least: float) -> list[tuple[int, int]]:
     return sorted(pairs)
 
 
-def _depths_agreed(
-    images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], apart: float
-) -> tuple[NDArray, NDArray]:
+def _depths_agreed(images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], apart: float) -> list[NDArray]:
     """Depths of the pixels of each of two photos that tell it and that the other has at about the same depth."""
     inverse = np.linspace(1 / (apart * REACH[0]), 1 / (apart * REACH[1]), max(images.shape[1:3]))
-    v, u = pair
-    here = look_at(images[v], cameras[v], images[u], cameras[u], 1 / inverse)
-    there = look_at(images[u], cameras[u], images[v], cameras[v], 1 / inverse)
-
-    def told(one: Look, camera: Camera, other: Look, its: Camera) -> NDArray:
-        is_told = one.clear & _agreement(one, camera, other, its)[1]
-        return one.depths[one.costs.argmin(axis=0)[is_told]]
-
-    return told(here, cameras[v], there, cameras[u]), told(there, cameras[u], here, cameras[v])
+    both = _told(images, cameras, pair, 1 / inverse)
+    return [look.depths[look.costs.argmin(axis=0)[is_told]] for look, is_told in both]
 
 
 def _agreement(look: Look, camera: Camera, other: Look, its: Camera) -> tuple[NDArray, NDArray]:

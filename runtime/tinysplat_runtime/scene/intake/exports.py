@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ...errors import InputError, warn
 from ...system.files import read_limited
 from ...system.jsonfields import kind_of, parse_json, parse_object
+from ..cameras import finite_array
 from ..scenes import MAX_CAMERAS_BYTES, Scene
 from .nerfstudio import OPENGL_TO_OPENCV, frames_of
 
@@ -31,7 +32,6 @@ POLYCAM, RECORD3D, OPENSFM = "keyframes", "metadata.json", "reconstruction.json"
 Reader = Callable[[Path, float | None, float | None], Scene]
 """Takes a path, near and far; the latter two replace the scene's own where they are not None."""
 
-_MAX_FRAMES = 10_000
 _MODELS = ("perspective", "simple_radial", "radial", "brown")
 
 
@@ -74,7 +74,7 @@ def _polycam(cameras: Path) -> dict[str, Any]:
 
 def _record3d(file: Path) -> dict[str, Any]:
     document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
-    K, poses = _numbers(document, "K", (9,)).reshape(3, 3).T, _numbers(document, "poses", (None, 7))
+    K, poses = _numbers(document, "K", (9,)).reshape(3, 3).T, _numbers(document, "poses", (-1, 7))
     frames = []
     for i, (x, y, z, w, *centre) in enumerate(poses):
         pose = np.column_stack([_rotation(w, x, y, z, f"poses[{i}]"), centre])
@@ -146,23 +146,12 @@ def _object(value: Any, where: str) -> dict[str, Any]:
     return value
 
 
-def _numbers(fields: dict[str, Any], name: str, shape: tuple[int | None, ...], inside: str = "") -> NDArray:
-    """Finite float64 numbers of a shape, where None is any size up to that of the most frames."""
+def _numbers(fields: dict[str, Any], name: str, shape: tuple[int, ...], inside: str = "") -> NDArray:
+    """Finite float64 numbers of a shape, as `finite_array` has it."""
     where = f"{inside}.{name}" if inside else name
     if name not in fields:
         raise InputError("missing", where=where)
-    try:
-        array = np.array(fields[name], np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.full((0,) * (len(shape) + 1), np.nan)
-    fits = len(array.shape) == len(shape) and all(
-        one == wanted if wanted is not None else 0 < one <= _MAX_FRAMES
-        for one, wanted in zip(array.shape, shape, strict=True)
-    )
-    if not fits or not np.isfinite(array).all():
-        size = "x".join("N" if wanted is None else str(wanted) for wanted in shape)
-        raise InputError(f"expected {size} finite numbers" if size else "expected a finite number", where=where)
-    return array
+    return finite_array(where, fields[name], shape)
 
 
 def _rotation(w: float, x: float, y: float, z: float, where: str) -> NDArray:

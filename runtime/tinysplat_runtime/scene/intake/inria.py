@@ -17,7 +17,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...system.jsonfields import kind_of, photo_name
-from ..cameras import Camera
+from ..cameras import Camera, finite_array
 from ..images import PHOTO_SUFFIXES
 from ..lenses import intrinsics
 from ..scenes import Frame
@@ -50,13 +50,7 @@ def _camera(where: str, entry: Any) -> Camera:
             raise InputError("missing", where=f"{where}.{name}")
     c2w = np.eye(4)
     for name, shape, place in (("rotation", (3, 3), np.s_[:3, :3]), ("position", (3,), np.s_[:3, 3])):
-        try:
-            values = np.array(entry[name], np.float64)
-        except (TypeError, ValueError, OverflowError):
-            values = np.zeros(0)
-        if values.shape != shape:
-            raise InputError(f"expected {'x'.join(map(str, shape))} numbers", where=f"{where}.{name}")
-        c2w[place] = values
+        c2w[place] = finite_array(f"{where}.{name}", entry[name], shape)
     for name in ("width", "height", "fx", "fy"):
         value = entry[name]
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):

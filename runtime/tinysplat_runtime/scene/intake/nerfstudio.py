@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...errors import InputError, warn
 from ...system.files import parsing, read_limited
 from ...system.jsonfields import depth, frame_entries, kind_of, parse_object, photo_name
-from ..cameras import Camera
+from ..cameras import Camera, finite_array
 from ..images import image_size
 from ..lenses import Lens, opencv_lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene, even_sizes
@@ -40,9 +40,7 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
     Raises:
         InputError: names the file and the field at fault.
     """
-    file = path
-    if path.is_dir():
-        file = path / (FILE if (path / FILE).exists() else BLENDER_FILE)
+    file = path / (FILE if (path / FILE).exists() else BLENDER_FILE) if path.is_dir() else path
     try:
         document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
         frames = frames_of(file.parent, document, str(file))
@@ -64,19 +62,19 @@ def frames_of(folder: Path, document: dict[str, Any], named: str) -> tuple[Frame
     """
     entries = list(enumerate(frame_entries(document)))
     photos = [_photo(folder, photo_name(i, entry, "file_path")) for i, entry in entries]
-    there = [photo.is_file() for photo in photos]
-    if any(there) and not all(there):
-        missing = [photo.name for photo, is_there in zip(photos, there, strict=True) if not is_there]
-        text = f"{len(missing)} of {len(photos)} photos are not there and left out ({', '.join(missing[:3])}"
-        warn(f"{named}: {text}{', …' if len(missing) > 3 else ''})")
+    missing = [photo for photo in photos if not photo.is_file()]
+    if 0 < len(missing) < len(photos):
+        text = f"{len(missing)} of {len(photos)} photos are not there and left out"
+        names = ", ".join(photo.name for photo in missing[:3]) + (", …" if len(missing) > 3 else "")
+        warn(f"{named}: {text} ({names})")
+        left_out = set(missing)
     else:
-        there = [True] * len(entries)
-    chosen = [one for one, is_there in zip(entries, there, strict=True) if is_there]
-    return even_sizes([_frame(folder, document, i, entry) for i, entry in chosen])
+        left_out = set()
+    chosen = zip(entries, photos, strict=True)
+    return even_sizes([_frame(folder, document, *one, photo) for one, photo in chosen if photo not in left_out])
 
 
-def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any]) -> Frame:
-    photo = _photo(folder, photo_name(i, entry, "file_path"))
+def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any], photo: Path) -> Frame:
     fields = {**document, **entry}
     try:
         lens = _lens(fields, photo)
@@ -90,37 +88,26 @@ def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any]
 
 
 def _photo(folder: Path, name: str) -> Path:
-    photo = folder / name
-    if photo.is_file():
-        return photo
-    candidates = [photo.with_name(photo.name + suffix) for suffix in _SUFFIXES]
-    return next((candidate for candidate in candidates if candidate.is_file()), photo)
+    candidates = [folder / (name + suffix) for suffix in ("", *_SUFFIXES)]
+    return next((candidate for candidate in candidates if candidate.is_file()), candidates[0])
 
 
 def _pose(entry: dict[str, Any]) -> NDArray:
     """(4, 4) camera to world with OpenCV axes."""
-    try:
-        matrix = np.array(entry["transform_matrix"], np.float64)
-    except KeyError:
-        raise InputError("missing", where="transform_matrix") from None
-    except (TypeError, ValueError, OverflowError):
-        raise InputError("not a 4x4 matrix of numbers", where="transform_matrix") from None
-    if matrix.shape == (3, 4):
-        matrix = np.vstack([matrix, [0, 0, 0, 1]])
-    if matrix.shape != (4, 4):
-        raise InputError(f"shape {matrix.shape}, expected (4, 4)", where="transform_matrix")
-    if not np.isfinite(matrix).all():
-        raise InputError("holds NaN or infinity, expected finite numbers", where="transform_matrix")
-    return matrix @ OPENGL_TO_OPENCV
+    if "transform_matrix" not in entry:
+        raise InputError("missing", where="transform_matrix")
+    rows = entry["transform_matrix"]
+    if isinstance(rows, list) and len(rows) == 3:
+        rows = [*rows, [0, 0, 0, 1]]
+    return finite_array("transform_matrix", rows, (4, 4)) @ OPENGL_TO_OPENCV
 
 
 def _lens(fields: dict[str, Any], photo: Path) -> Lens:
     model = fields.get("camera_model", "OPENCV")
     fisheye = model == "OPENCV_FISHEYE" or fields.get("is_fisheye") is True
     if model not in (*_PERSPECTIVE, "OPENCV_FISHEYE"):
-        raise InputError(
-            f"{str(model)[:40]}, expected one of {', '.join(_PERSPECTIVE)}, OPENCV_FISHEYE", where="camera_model"
-        )
+        fault = f"{str(model)[:40]}, expected one of {', '.join(_PERSPECTIVE)}, OPENCV_FISHEYE"
+        raise InputError(fault, where="camera_model")
     size = _size(fields, photo)
     distortion = [_number(fields, name, 0.0) for name in ("k1", "k2", "k3", "k4", "p1", "p2")]
     centre = (_number(fields, "cx", size[1] / 2), _number(fields, "cy", size[0] / 2))

@@ -8,9 +8,11 @@ has the frames. Source: google.github.io/realestate10k.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...system.files import read_limited
@@ -92,13 +94,18 @@ def _photo(folders: list[Path], stamp: str) -> Path | None:
     return next((name for name in names if name.is_file()), None)
 
 
-def _camera(row: list[float], size: tuple[int, int]) -> Camera:
-    height, width = size
-    fx, fy, cx, cy = row[:4]
+def pose_of(row: Sequence[float] | NDArray) -> NDArray:
+    """(4, 4) camera to world of a line's 18 numbers."""
     w2c = np.vstack([np.reshape(row[6:], (3, 4)), [0, 0, 0, 1]])
     if not np.isfinite(w2c).all() or not abs(np.linalg.det(w2c)) > 0:
         raise InputError("the pose is no rigid motion")
+    return np.linalg.inv(w2c)
+
+
+def _camera(row: list[float], size: tuple[int, int]) -> Camera:
+    height, width = size
+    fx, fy, cx, cy = row[:4]
     try:
-        return Camera(intrinsics(fx * width, fy * height, cx * width, cy * height), np.linalg.inv(w2c), width, height)
+        return Camera(intrinsics(fx * width, fy * height, cx * width, cy * height), pose_of(row), width, height)
     except InputError as error:
         raise InputError(error.message) from None  # the file has no names for fields
