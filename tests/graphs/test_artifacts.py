@@ -14,10 +14,10 @@ import pytest
 from hostile.graphs import network_seeds
 from scenes import refusing
 
-from tinysplat_runtime.errors import InputError, ModelError
-from tinysplat_runtime.graphs import DEFAULT_MODEL, inference, providers
+from tinysplat_runtime.errors import ModelError
+from tinysplat_runtime.graphs import inference
 from tinysplat_runtime.graphs.artifacts import Artifact, find_artifact, load_manifest, models_dir, network_by_hash
-from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore
+from tinysplat_runtime.graphs.inference import CONTRACTS
 
 Change = Callable[[onnx.ModelProto], object]
 
@@ -167,28 +167,3 @@ def test_a_graph_runs_and_writes_into_arrays_and_says_in_a_line_what_it_cannot(t
         with pytest.raises(ModelError) as caught:
             run()
         assert caught.value.where == "x" and "\n" not in str(caught.value)
-
-
-# ---- providers ------------------------------------------------------------------------------------------------------
-
-
-def test_the_cpu_stands_alone_or_behind_a_provider() -> None:
-    assert providers.providers_of(None) == providers.providers_of("") == ("CPUExecutionProvider",)
-    assert providers.providers_of("X:a=b") == (("X", {"a": "b"}), "CPUExecutionProvider")
-    with refusing(InputError, "--provider 'X:a' NAME:key=value"):
-        providers.providers_of("X:a")
-
-
-@pytest.mark.parametrize("name", [name for name in CONTRACTS if name != "network"])
-def test_shipped_graphs_are_within_their_contracts(name: str) -> None:
-    """And have every input at its rank and type, as onnx says it."""
-    role, _, stage = name.partition("_")
-    is_stage = role == "stage"
-    graph = GraphStore().stages(DEFAULT_MODEL)[stage] if is_stage else GraphStore().transform(name)
-    model = onnx.load(str(find_artifact(graph.name, role).path), load_external_data=False).graph
-    kinds = {onnx.TensorProto.FLOAT: "tensor(float)", onnx.TensorProto.UINT16: "tensor(uint16)"}
-    for found, wanted in ((model.input, CONTRACTS[name].inputs), (model.output, CONTRACTS[name].outputs)):
-        types = {value.name: value.type.tensor_type for value in found}
-        has = {n: (kinds[t.elem_type], len(t.shape.dim)) for n, t in types.items()}
-        assert wanted.items() <= has.items() and (stage == "finish" or len(has) == len(wanted))  # which may have layers
-    assert is_stage or (graph.name == name and not graph.lets_go)

@@ -19,7 +19,7 @@ from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact
 from tinysplat_runtime.graphs.inference import open_graph
-from tinysplat_runtime.graphs.providers import add_providers, parse_provider
+from tinysplat_runtime.graphs.providers import add_providers, parse_provider, providers_of
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 NOT_BUILT_IN = SimpleNamespace(
@@ -44,8 +44,13 @@ def test_names_carry_options(text: str, expected: tuple[str, dict[str, str]]) ->
 
 @pytest.mark.parametrize("text", ["CUDA:", "CUDA:device_id", "CUDA:=1", "CUDA:device_id=", ":device_id=1", "CUDA:a=1,"])
 def test_what_is_no_option_is_said(text: str) -> None:
-    with refusing(InputError, "NAME key=value"):
-        parse_provider(text)
+    with refusing(InputError, f"--provider '{text}' NAME key=value"):
+        providers_of(text)
+
+
+def test_the_cpu_stands_alone_or_behind_a_provider() -> None:
+    assert providers_of(None) == providers_of("") == ("CPUExecutionProvider",)
+    assert providers_of("X:a=b") == (("X", {"a": "b"}), "CPUExecutionProvider")
 
 
 def test_options_reach_a_built_in_provider() -> None:
