@@ -19,7 +19,7 @@ from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import PHOTO_SUFFIXES
 from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
-from tinysplat_runtime.scene.intake.depths import depth_range
+from tinysplat_runtime.scene.intake.depths import observed_range
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import progress
 
@@ -89,10 +89,8 @@ def run(args: Namespace) -> None:
         if kept.sum() < 2:
             said = "the places that were found contradict the photos' own matches"
             raise InputError(f"{said}: take photos that overlap more, from places farther apart", where=str(source))
-        views, points = arrays["observations"].T
-        views, points = views[kept[views]], points[kept[views]]
-        w2c = np.array([entry["w2c"] for entry in entries])  # (V, 3, 4)
-        near, far = depth_range((w2c[views, 2, :3] * arrays["points"][points]).sum(axis=1) + w2c[views, 2, 3])
+        w2c, observations = np.array([entry["w2c"] for entry in entries]), arrays["observations"]
+        near, far = observed_range(w2c, arrays["points"], observations[kept[observations[:, 0]]])
         right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
         placed = write_folder(output, photos, right, (near, far), coloured_points(model), quiet=args.quiet)
     missing = sorted(set(names) - set(placed))

@@ -36,70 +36,50 @@ class Contract:
     outputs: Mapping[str, tuple[str, int]]
 
 
-_CAMERA = {"K": (_F32, 3), "rotation": (_F32, 3), "rotation_quat": (_F32, 2)}
-_GAUSSIANS_OUT = {"means": (_F32, 4), "quats": (_F32, 4), "scales": (_F32, 4), "opacities": (_F32, 3), "sh": (_F32, 5)}
+def _f32(**ranks: int) -> dict[str, tuple[str, int]]:
+    """Tensors of float32 by name, of those ranks."""
+    return {name: (_F32, rank) for name, rank in ranks.items()}
 
-_STAGE_CAMERAS = {"K": (_F32, 3), "c2w": (_F32, 3), "ranges": (_F32, 2)}
+
+_CAMERA = _f32(K=3, rotation=3, rotation_quat=2)
+_GEOMETRY = _f32(means=4, quats=4, scales=4, opacities=3)
+_GAUSSIANS_OUT = {**_GEOMETRY, **_f32(sh=5)}
 
 
-def _stage(inputs: str, outputs: Mapping[str, tuple[str, int]] | str) -> Contract:
-    """Of a stage: its cameras and maps, whose names are given, in; maps or something else out."""
+def _stage(inputs: str, outputs: Mapping[str, tuple[str, int]] | str, **others: int) -> Contract:
+    """Of a stage: its cameras and maps, whose names are given, and others in; maps or something else out."""
     maps = outputs if isinstance(outputs, Mapping) else dict.fromkeys(outputs.split(), (_F32, 4))
-    return Contract({**_STAGE_CAMERAS, **dict.fromkeys(inputs.split(), (_F32, 4))}, maps)
+    given = {**_f32(K=3, c2w=3, ranges=2), **dict.fromkeys(inputs.split(), (_F32, 4)), **_f32(**others)}
+    return Contract(given, maps)
 
-
-_FINISH = _stage("shown levels alphas footprint colours changes", _GAUSSIANS_OUT)
 
 CONTRACTS: dict[str, Contract] = {
-    "network": Contract(
-        {"images": (_F32, 4), "K": (_F32, 3), "c2w": (_F32, 3), "near": (_F32, 1), "far": (_F32, 1)}, _GAUSSIANS_OUT
-    ),
+    "network": Contract(_f32(images=4, K=3, c2w=3, near=1, far=1), _GAUSSIANS_OUT),
     "analysis_vpt": Contract(
-        {
-            "means": (_F32, 4),
-            "quats": (_F32, 4),
-            "scales": (_F32, 4),
-            "opacities": (_F32, 3),
-            **_CAMERA,
-            "centre_high": (_F32, 2),
-            "centre_low": (_F32, 2),
-        },
-        {"geometry": (_F32, 4), "rotation_moment": (_F32, 3)},
+        {**_GEOMETRY, **_CAMERA, **_f32(centre_high=2, centre_low=2)}, _f32(geometry=4, rotation_moment=3)
     ),
-    "analysis_moment": Contract({"sh": (_F32, 5)}, {"moment": (_F32, 2)}),
-    "analysis_project": Contract({"sh": (_F32, 5), "projection": (_F32, 2)}, {"color": (_F32, 4)}),
+    "analysis_moment": Contract(_f32(sh=5), _f32(moment=2)),
+    "analysis_project": Contract(_f32(sh=5, projection=2), _f32(color=4)),
     "synthesis": Contract(
         {
             "geometry_codes": (_U16, 4),
-            "geometry_mix": (_F32, 3),
+            **_f32(geometry_mix=3),
             "color_codes": (_U16, 4),
-            "color_mix": (_F32, 2),
+            **_f32(color_mix=2),
             **_CAMERA,
-            "centre": (_F32, 2),
-            "inverse_depth": (_F32, 0),
-            "relative_rotation": (_F32, 0),
-            "depth_limits": (_F32, 1),
+            **_f32(centre=2, inverse_depth=0, relative_rotation=0, depth_limits=1),
         },
-        {**_GAUSSIANS_OUT, "sh": (_F32, 4)},
+        {**_GEOMETRY, **_f32(sh=4)},
     ),
     "enlarge": Contract(
         {
-            "photo": (_F32, 4),
-            "small": (_F32, 4),
-            "rows": (_F32, 1),
-            "columns": (_F32, 1),
-            "K": (_F32, 3),
-            "c2w": (_F32, 3),
-            "sources": (_F32, 4),
-            "source_K": (_F32, 3),
-            "rotation": (_F32, 3),
-            "translation": (_F32, 2),
-            "unit": (_F32, 0),
+            **_f32(photo=4, small=4, rows=1, columns=1),
+            **_f32(K=3, c2w=3, sources=4, source_K=3, rotation=3, translation=2, unit=0),
         },
         _GAUSSIANS_OUT,
     ),
     "stage_glance": _stage("cells", "level"),
-    "stage_settle": _stage("cells levels", {"there": (_F32, 4), "sound": (_F32, 4), "range": (_F32, 2)}),
+    "stage_settle": _stage("cells levels", _f32(there=4, sound=4, range=2)),
     "stage_match": _stage("half", "costs paths coarse_paths level"),
     "stage_estimate": _stage(
         "half costs paths coarse_paths levels", "level agreement features coarse_features full clues"
@@ -107,7 +87,7 @@ CONTRACTS: dict[str, Contract] = {
     "stage_dress": _stage(
         "images shown levels agreements features coarse_features full clues", "level opacity footprint colours changes"
     ),
-    "stage_finish": Contract({**_FINISH.inputs, "far": (_F32, 1)}, _GAUSSIANS_OUT),
+    "stage_finish": _stage("shown levels alphas footprint colours changes", _GAUSSIANS_OUT, far=1),
 }
 """By role `network`, by name for the graphs of the roles `analysis`, `synthesis` and `enlarge`, and by what comes after
 a network's name for its stages."""
@@ -148,7 +128,11 @@ class Graph:
         """
         names = list(outputs or self.output_names)
         try:
-            values = self.session.run(names, dict(inputs), *([_let_go()] if self.lets_go else []))
+            options = []
+            if self.lets_go:
+                options.append(onnxruntime().RunOptions())
+                options[0].add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
+            values = self.session.run(names, dict(inputs), *options)
         except Exception as error:  # onnxruntime raises a dozen unrelated types
             raise ModelError(f"onnxruntime: {first_line(error)}", where=self.name) from error
         return dict(zip(names, values, strict=True))
@@ -249,12 +233,6 @@ def onnxruntime() -> Any:
     return library
 
 
-def _let_go() -> Any:
-    options = onnxruntime().RunOptions()
-    options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
-    return options
-
-
 class GraphStore:
     """Opens each graph once, on first use; safe to share among threads.
 
@@ -299,11 +277,8 @@ class GraphStore:
         """Whether a network has stages, through which so many views go one by one: more than it takes at once."""
         artifact = find_artifact(name, "network", self._models)
         files = _stage_files(artifact.name).values()
-        return (
-            artifact.entry is not None
-            and views > artifact.entry["max_views"]
-            and (load_manifest(self._models).keys() >= set(files))
-        )
+        takes_all = artifact.entry is None or views <= artifact.entry["max_views"]
+        return not takes_all and load_manifest(self._models).keys() >= set(files)
 
     def stages(self, name: str) -> dict[str, Graph]:
         """The stages of a network that has some, by their own names."""

@@ -36,16 +36,13 @@ def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
     Raises:
         InputError: names the file and the field at fault.
     """
-    data = read_limited(file, MAX_CAMERAS_BYTES)
     try:
-        document = parse_json(data)
+        document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
         if isinstance(document, list):
             return Scene(file.parent, tuple(inria_frames(file.parent, document)), near, far)
-        document = as_object(document)
-        entries = frame_entries(document)
         frames = [
             Frame(_camera(i, e), file.parent / photo_name(i, e), taken_with=_taken_with(i, e))
-            for i, e in enumerate(entries)
+            for i, e in enumerate(frame_entries(as_object(document)))
         ]
         near = depth(document, "near") if near is None else near
         far = depth(document, "far") if far is None else far
@@ -56,9 +53,8 @@ def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
 
 def cameras_alone(file: Path) -> list[Camera]:
     """The cameras of a `cameras.json`, whose frames need name no photo; errors of `load_folder`."""
-    data = read_limited(file, MAX_CAMERAS_BYTES)
     try:
-        document = parse_json(data)
+        document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
         if isinstance(document, list):
             return inria_cameras(document)
         return [_camera(i, entry) for i, entry in enumerate(frame_entries(as_object(document)))]

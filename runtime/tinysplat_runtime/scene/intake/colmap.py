@@ -27,7 +27,7 @@ from ..cameras import Camera
 from ..lenses import INSTALL, Lens
 from ..scenes import Frame, Scene, even_sizes
 from .colmap_binary import check_counts
-from .depths import depth_range, depth_range_in_view
+from .depths import depth_range_in_view, observed_range
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 PHOTO_FOLDERS = ("images", ".", "../images", "../../images", "../../../images")
@@ -64,7 +64,8 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
         frames = [_frame(photos, entries[i]) for i in order]
     except InputError as error:
         raise error.within(str(model)) from None
-    depths = _observed_range(arrays, np.stack([np.array(entry["w2c"]) for entry in entries]))
+    w2c = np.stack([np.array(entry["w2c"]) for entry in entries])  # (V, 3, 4)
+    depths = observed_range(w2c, arrays["points"], arrays["observations"])
     if None in depths:
         depths = depth_range_in_view(arrays["points"], [frame.camera for frame in frames])
     near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
@@ -111,10 +112,3 @@ def _frame(photos: Path, entry: dict[str, object]) -> Frame:
     except InputError as error:
         raise error.within(name) from None
     return Frame(seen, photos / name, lens=None if lens.is_pinhole else lens)
-
-
-def _observed_range(arrays: dict[str, NDArray], w2c: NDArray) -> tuple[float | None, float | None]:
-    """`depth_range` over the observations: pairs of a photo (row of `w2c`, (V, 3, 4)) and a point."""
-    views, points = arrays["observations"].T  # (M,), (M,)
-    z = w2c[views, 2]  # (M, 4)
-    return depth_range((z[:, :3] * arrays["points"][points]).sum(axis=1) + z[:, 3])

@@ -25,6 +25,13 @@ def depth_range(depths: NDArray) -> tuple[float | None, float | None]:
     return float(low / MARGIN), float(high * MARGIN)
 
 
+def observed_range(w2c: NDArray, points: NDArray, observations: NDArray) -> tuple[float | None, float | None]:
+    """`depth_range` over observations (M, 2): pairs of a row of world to camera (V, 3, 4) and of points (N, 3)."""
+    views, seen = observations.T
+    z = w2c[views, 2]  # (M, 4)
+    return depth_range((z[:, :3] * points[seen]).sum(axis=1) + z[:, 3])
+
+
 def depth_range_in_view(points: NDArray, cameras: Sequence[Camera]) -> tuple[float | None, float | None]:
     """`depth_range` of points (N, 3) float in the world as the cameras that have them in their picture see them."""
     return depth_range(np.concatenate([np.zeros(0), *(_depths_in_view(points, camera) for camera in cameras)]))
