@@ -151,17 +151,10 @@ class FreeGaussians:
 
         def add(number: int) -> None:
             piece = self.pieces[number]
-            kernels_free.add_up(
-                self._comparer.buffers.records,
-                visible[number],
-                lists.tiles,
-                lists.starts[number],
-                pairs,
-                Moved(piece.rows.start, piece.geometry, nowhere, self.values[:, piece.rows]),
-                piece.base[:, 12],
-                numbers,
-                gradient[:, piece.rows],
-            )
+            values, slopes = self.values[:, piece.rows], gradient[:, piece.rows]
+            moved = Moved(piece.rows.start, piece.geometry, nowhere, values, slopes)
+            records, seen, ends = self._comparer.buffers.records, visible[number], lists.starts[number]
+            kernels_free.add_up(records, seen, lists.tiles, ends, pairs, moved, piece.base[:, 12], numbers)
 
         self._run(add, range(len(self.pieces)))
 

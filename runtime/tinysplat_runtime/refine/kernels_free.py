@@ -79,7 +79,6 @@ def add_up(
     block: Moved,
     units: NDArray,
     view: ViewNumbers,
-    gradient: NDArray,
 ) -> None:
     """Add a block's gradients with respect to its values, of one picture.
 
@@ -87,12 +86,11 @@ def add_up(
         records, seen, tiles: as `kernels_blend.list_by_tile` was given them.
         ends: (tiles,) int64, where each list began; moved on.
         pairs: (pairs, 9) float32.
-        block: the Gaussians; `centre` says nothing here.
+        block: the Gaussians, of ten values each; `centre` says nothing here.
         units: (chunks, 128) float32, what their means move in.
         view: as `kernels_project.project` takes it.
-        gradient: (10, rows) float32 of the block, added to.
     """
-    total, slopes = np.empty(PAIR, np.float64), np.empty(LOGIT, np.float64)
+    total, slopes, gradient = np.empty(PAIR, np.float64), np.empty(LOGIT, np.float64), block.gradient
     for entry in range(seen.ids.size):
         reached = seen.boxes[entry]
         total[:] = 0

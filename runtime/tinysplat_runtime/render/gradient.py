@@ -162,15 +162,13 @@ class Comparer:
         view: View,
         sought: Sought,
         add_up: Callable[[TileLists, NDArray], None] | None = None,
-        has_front: bool = False,
     ) -> PhotoError:
         """Hold what `buffers` have projected against a photo; `add_up` gets sums (pairs, 9) of lists' pairs."""
         sums = np.zeros((visible[0].counts.size, SUMS))
 
         def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
-            kernels_gradient.measure_tile(
-                self.buffers.records, lists.rows, listed, extent, scratch, sought, has_front, sums[tile], pairs
-            )
+            records = self.buffers.records
+            kernels_gradient.measure_tile(records, lists.rows, listed, extent, scratch, sought, sums[tile], pairs)
 
         for lists in self.buffers.lists(visible, view):
             if add_up and len(self._pairs) < lists.rows.size:
@@ -312,10 +310,10 @@ class MovableGaussians:
         visible = self._run(lambda placed: self._project(placed, view, shares), pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
         room = np.empty((0, 0, 0), np.float32) if shown is None else shown
-        sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden))
         has_front = shares is not None and shares.has_front
+        sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden), has_front)
         add_up = partial(self._add_up, pieces, visible, view, gradients) if gradients else None
-        error = self._comparer.compare(visible, view, sought, add_up, has_front)
+        error = self._comparer.compare(visible, view, sought, add_up)
         scratch.set_aside(target.photo)
         return error
 
@@ -365,16 +363,10 @@ class MovableGaussians:
         def add(number: int) -> None:
             placed, piece = pieces[number], pieces[number].piece
             first = piece.start - piece.grid.rows.start
-            kernels_chain.add_up(
-                self._comparer.buffers.records,
-                visible[number],
-                lists.tiles,
-                lists.starts[number],
-                pairs,
-                Moved(placed.start, placed.geometry, piece.centre, self.values[:, piece.rows]),
-                numbers,
-                gradients[piece.grid][:, first : first + CHUNK * len(piece.base)],
-            )
+            gradient = gradients[piece.grid][:, first : first + CHUNK * len(piece.base)]
+            moved = Moved(placed.start, placed.geometry, piece.centre, self.values[:, piece.rows], gradient)
+            records, seen, ends = self._comparer.buffers.records, visible[number], lists.starts[number]
+            kernels_chain.add_up(records, seen, lists.tiles, ends, pairs, moved, numbers)
 
         self._run(add, [number for number, placed in enumerate(pieces) if placed.piece.grid in gradients])
 

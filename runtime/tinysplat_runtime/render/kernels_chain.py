@@ -57,31 +57,26 @@ _FACTORS, _LOGIT = PAIR, PAIR + 3
 
 
 class Moved(NamedTuple):
-    """A block of Gaussians that move.
+    """A block of Gaussians that move, and where their gradients go.
 
     Attributes:
         first: its first row.
         geometry: (chunks, 14, 128) float32, as they stand.
         centre: (3,) float64, of the own camera, relative to the Gaussians' origin.
         values: (6, rows) float32.
+        gradient: (6, rows) float32 with respect to them, added to.
     """
 
     first: int
     geometry: NDArray
     centre: NDArray
     values: NDArray
+    gradient: NDArray
 
 
 @compiled
 def add_up(
-    records: NDArray,
-    seen: Visible,
-    tiles: Tiles,
-    ends: NDArray,
-    pairs: NDArray,
-    block: Moved,
-    view: ViewNumbers,
-    gradient: NDArray,
+    records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, pairs: NDArray, block: Moved, view: ViewNumbers
 ) -> None:
     """Add a block's gradients with respect to its values, of one photo.
 
@@ -91,7 +86,6 @@ def add_up(
         pairs: (pairs, 9) float32.
         block: the Gaussians.
         view: as `kernels_project.project` takes it.
-        gradient: (6, rows) float32 of the block, added to.
     """
     ids, boxes, logits = seen.ids, seen.boxes, block.values[LOGIT]
     work, lanes, entry = np.zeros(_WORK * CHUNK, np.float64), np.empty(CHUNK, np.int64), 0
@@ -128,7 +122,7 @@ def add_up(
             _chain(geometry, _I(chunk * GEOMETRY * CHUNK), block.centre, view, work)
         for kind in range(VALUES):
             for lane in lanes[:moved]:
-                gradient[kind, chunk * CHUNK + lane] += _F(work[_I(kind * CHUNK + lane)])
+                block.gradient[kind, chunk * CHUNK + lane] += _F(work[_I(kind * CHUNK + lane)])
 
 
 @compiled

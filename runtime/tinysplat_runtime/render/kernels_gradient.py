@@ -194,6 +194,7 @@ class Sought(NamedTuple):
             something.
         most_left: where transmittance is more, nothing is known either; 1 where `shown` is (0, 0, 0).
         hidden: transmittance before a splat, at its middle, below which its sums are left out; at 0, none are.
+        has_front: as `kernels_blend.blend_tile` has it.
     """
 
     photo: NDArray
@@ -201,6 +202,7 @@ class Sought(NamedTuple):
     shown: NDArray
     most_left: np.float32 = np.float32(1)
     hidden: np.float32 = np.float32(0)
+    has_front: bool = False
 
 
 @compiled
@@ -211,28 +213,27 @@ def measure_tile(
     extent: Extent,
     work: Scratch,
     sought: Sought,
-    has_front: bool,
     sums: NDArray,
     pairs: NDArray,
 ) -> None:
     """Draw a tile, hold it against the photo, and walk its splats again for their sums.
 
     Args:
-        records, rows, listed, extent, work, has_front: as `kernels_blend.blend_tile` has them.
+        records, rows, listed, extent, work: as `kernels_blend.blend_tile` has them.
         sought: the photo.
         sums: (5,) float64, written.
         pairs: (pairs, 9) float32, written at the tile's places; (0, 9) where none are wanted.
     """
+    if pairs.size:
+        for key in listed.keys:
+            pairs[key & _I(0xFFFFFFFF)] = 0
     if not _is_known(sought.photo, extent):
         sums[:] = 0
-        if pairs.size:
-            for key in listed.keys:
-                pairs[key & _I(0xFFFFFFFF)] = 0
         return
-    keys, count = blend_tile(records, rows, listed, extent, work, has_front)
-    _compare(work.state, sought, extent, has_front, sums)
+    keys, count = blend_tile(records, rows, listed, extent, work, sought.has_front)
+    _compare(work.state, sought, extent, sums)
     if pairs.size:
-        _walk_again(records, rows, keys, count, extent, work, has_front, sought.hidden, pairs)
+        _walk_again(records, rows, keys[:count], extent, work, sought.has_front, sought.hidden, pairs)
 
 
 @compiled
@@ -246,6 +247,8 @@ def differentiate_tile(
         slopes: (H, W, 4) float32, the loss's gradient with respect to the picture and its transmittance.
         pairs: as `measure_tile` has them.
     """
+    for key in listed.keys:
+        pairs[key & _I(0xFFFFFFFF)] = 0
     keys, count = blend_tile(records, rows, listed, extent, work, False)
     state = work.state
     for line in range(extent.rows):
@@ -257,7 +260,7 @@ def differentiate_tile(
                 behind += slope * state[plane]
                 state[plane] = slope
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
-    _walk_again(records, rows, keys, count, extent, work, False, _ZERO, pairs)
+    _walk_again(records, rows, keys[:count], extent, work, False, _ZERO, pairs)
 
 
 @compiled
@@ -265,21 +268,18 @@ def _walk_again(
     records: NDArray,
     rows: NDArray,
     keys: NDArray,
-    count: int,
     extent: Extent,
     work: Scratch,
     has_front: bool,
     hidden: Number,
     pairs: NDArray,
 ) -> None:
-    """Walk a tile's list, of which so many were blended, for its sums, where a pixel's state is full transmittance, the
-    gradient by its colour, and what lies behind the first splat.
+    """Walk what was blended of a tile's list for its sums, where a pixel's state is full transmittance, the gradient by
+    its colour, and what lies behind the first splat.
     """
     state, near = work.state, work.near
-    for key in keys:
-        pairs[key & _I(0xFFFFFFFF)] = 0
-    for start in range(0, count, AHEAD):
-        end = min(start + AHEAD, count)
+    for start in range(0, keys.size, AHEAD):
+        end = min(start + AHEAD, keys.size)
         bring_near(records, rows, keys[start:end], near)
         for entry in range(end - start):
             splat = near[entry]
@@ -309,13 +309,13 @@ def _middle(splat: NDArray, extent: Extent) -> int:
 
 
 @compiled
-def _compare(state: NDArray, sought: Sought, extent: Extent, has_front: bool, sums: NDArray) -> None:
+def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> None:
     """Sum a tile's errors, and turn its state into that of the second walk: full transmittance, the error's gradient by
     colour, and what lies behind the first splat; of the picture in front, too, where there is one.
     """
     row, column, photo, shown = extent.row, extent.column, sought.photo, sought.shown
     gain, offset, weight = sought.exposure
-    front = int(_FRONT)
+    has_front, front = sought.has_front, int(_FRONT)
     absolute = squared = by_gain = by_offset = 0.0
     known = 0
     for line in range(extent.rows):
@@ -353,13 +353,8 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, has_front: bool, su
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
             if has_front:
                 state[at + front], state[at + front + 4 * _STRIDE] = _ONE, behind_front
-    sums[ABSOLUTE], sums[SQUARED], sums[BY_GAIN], sums[BY_OFFSET], sums[KNOWN] = (
-        absolute,
-        squared,
-        by_gain,
-        by_offset,
-        known,
-    )
+    sums[ABSOLUTE], sums[SQUARED], sums[BY_GAIN], sums[BY_OFFSET] = absolute, squared, by_gain, by_offset
+    sums[KNOWN] = known
 
 
 @summing
