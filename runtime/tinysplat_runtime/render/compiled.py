@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import kernels_blend
+from .composite import Canvas
 from .kernels_blend import Extent, Listed, Picture, Scratch
 from .kernels_project import AXES, CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers
@@ -24,27 +25,7 @@ from .near import Shares
 from .prepare import Part, Shelf
 from .project import View, may_show
 
-Packed = Callable[[], Chunks]
-
-
-class Canvas:
-    """What every pixel has gathered."""
-
-    def __init__(self, height: int, width: int, with_depth: bool) -> None:
-        depth = np.empty((height, width) if with_depth else (0, 0), np.float32)
-        self.picture = Picture(np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32), depth)
-
-    def colours(self) -> NDArray:
-        """(H, W, 3) float32 that the splats add."""
-        return self.picture.colour
-
-    def transmittance(self) -> NDArray:
-        """(H, W) float32 that the splats let through."""
-        return self.picture.left
-
-    def depths(self) -> tuple[NDArray, NDArray]:
-        """(H, W) float32 each: Σ w·z, and Σ w."""
-        return self.picture.depth, np.float32(1) - self.picture.left
+Packed = partial[Chunks]
 
 
 class Rasteriser:
@@ -62,17 +43,20 @@ class Rasteriser:
         self._shelf = Shelf(lambda number, place: pack(parts[number], place * longest), places)
         self._keeps, self._buffers = places > 0, SplatBuffers(places * longest, run_jobs, only_shown=True)
 
-    def draw(self, drawn: Sequence[int], view: View, shares: Shares | None, with_depth: bool) -> Canvas:
-        """Draw a frame of some parts; without `shares` as they are, by depth."""
+    def draw(self, drawn: Sequence[int], view: View, shares: Shares, with_depth: bool) -> Canvas:
+        """Draw a frame of some parts."""
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
-        picture, has_front = canvas.picture, shares is not None and shares.has_front
-        buffers, packed = self._kept(drawn) if self._keeps else self._shown(drawn, view)
+        picture, has_front = Picture(canvas.colour, canvas.left, canvas.depth[0]), shares.has_front
+        if self._keeps:
+            self._buffers.clear()
+            buffers, packed = self._buffers, [partial(_itself, chunks) for chunks in self._shelf.take(drawn)]
+        else:
+            buffers, packed = self._shown(drawn, view)
 
         def project(number_and_chunks: tuple[int, Packed]) -> kernels_blend.Visible:
             number, chunks = number_and_chunks
             of = self._parts[number]
-            share, front = (0.0, 0.0) if shares is None else shares.of(of.view, of.is_surface, of.is_coarse)
-            return buffers.project(chunks(), view, share, front)
+            return buffers.project(chunks(), view, *shares.of(of.view, of.is_surface, of.is_coarse))
 
         def blend(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
             kernels_blend.composite_tile(buffers.records, lists.rows, listed, extent, scratch, picture, has_front)
@@ -80,12 +64,9 @@ class Rasteriser:
         visible = self._run(project, list(zip(drawn, packed, strict=True)))
         for lists in buffers.lists(visible, view):
             buffers.work_on(lists, view, blend)
+        if with_depth:
+            canvas.depth[1] = np.float32(1) - canvas.left
         return canvas
-
-    def _kept(self, drawn: Sequence[int]) -> tuple[SplatBuffers, list[Packed]]:
-        """Buffers of a frame, and parts as they are kept."""
-        self._buffers.clear()
-        return self._buffers, [partial(_itself, chunks) for chunks in self._shelf.take(drawn)]
 
     def _shown(self, drawn: Sequence[int], view: View) -> tuple[SplatBuffers, list[Packed]]:
         """Buffers for what of parts may show, and this alone, to be packed where it is projected and not longer."""

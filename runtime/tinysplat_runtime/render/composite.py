@@ -11,6 +11,7 @@ what is the same for all pixels in one piece.
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,7 @@ N_COLOUR, N_DEPTH = 3, 2
 
 
 class Canvas:
-    """What every pixel has gathered, written band by band.
+    """What every pixel has gathered.
 
     Attributes:
         colour: (H, W, 3) float32, what the splats add.
@@ -52,18 +53,6 @@ class Canvas:
         self.colour = np.empty((height, width, N_COLOUR), np.float32)
         self.left = np.empty((height, width), np.float32)
         self.depth = np.empty((N_DEPTH, height, width) if with_depth else (N_DEPTH, 0, 0), np.float32)
-
-    def colours(self) -> NDArray:
-        """(H, W, 3) float32 that the splats add."""
-        return self.colour
-
-    def depths(self) -> tuple[NDArray, NDArray]:
-        """(H, W) float32 each: Σ w·z, and Σ w."""
-        return self.depth[0], self.depth[1]
-
-    def transmittance(self) -> NDArray:
-        """(H, W) float32 that the splats let through."""
-        return self.left
 
 
 class Band:
@@ -129,8 +118,8 @@ class Band:
         return np.moveaxis(image[:, : grid.height, : grid.width], 0, -1)
 
 
-class Workspace:
-    """Scratch arrays of one thread: fresh memory costs more to touch than the arithmetic done in it."""
+class Workspace(threading.local):
+    """Every thread's own scratch arrays: fresh memory costs more to touch than the arithmetic done in it."""
 
     def __init__(self) -> None:
         self.records = np.empty((BATCH * GROUP, RECORD), np.float32)

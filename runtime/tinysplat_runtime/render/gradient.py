@@ -305,13 +305,13 @@ class MovableGaussians:
                 there.
         """
         view = View.of(target.camera, self.origin, NEAR_PLANE)
-        self.shelf.take([grid for grid in self.grids if shares is None or shares.whole[grid.view] > 0])
-        pieces = self._placed([one for one in self._pieces if shares is None or shares.whole[one.grid.view] > 0])
+        shares = shares or Shares.by_depth(np.ones(1 + self.grids[-1].view))
+        self.shelf.take([grid for grid in self.grids if shares.whole[grid.view] > 0])
+        pieces = self._placed([piece for piece in self._pieces if shares.whole[piece.grid.view] > 0])
         visible = self._run(lambda placed: self._project(placed, view, shares), pieces)
         exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
         room = np.empty((0, 0, 0), np.float32) if shown is None else shown
-        has_front = shares is not None and shares.has_front
-        sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden), has_front)
+        sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden), shares.has_front)
         add_up = partial(self._add_up, pieces, visible, view, gradients) if gradients else None
         error = self._comparer.compare(visible, view, sought, add_up)
         scratch.set_aside(target.photo)
@@ -333,12 +333,11 @@ class MovableGaussians:
             for piece, (first, stop) in zip(pieces, starts, strict=True)
         ]
 
-    def _project(self, placed: _Placed, view: View, shares: Shares | None) -> Visible:
+    def _project(self, placed: _Placed, view: View, shares: Shares) -> Visible:
         piece, geometry = placed.piece, placed.geometry
         kernels_gradient.place(piece.base, piece.centre, self.values, piece.start, geometry, piece.sh)
-        share, front = (0.0, 0.0) if shares is None else shares.of(piece.grid.view, piece.grid.layer == 0)
         chunks = Chunks(placed.start, geometry.ravel(), piece.sh, lambda: self._block(placed))
-        return self._comparer.buffers.project(chunks, view, share, front)
+        return self._comparer.buffers.project(chunks, view, *shares.of(piece.grid.view, piece.grid.layer == 0))
 
     def _block(self, placed: _Placed) -> Block:
         """A piece as it stands, for the code that works in float64."""

@@ -46,6 +46,7 @@ from .kernels_project import (
     RED,
     Number,
     ViewNumbers,
+    clipped,
     compiled,
 )
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE
@@ -144,7 +145,7 @@ def _chain(geometry: NDArray, start: Number, centre: NDArray, view: ViewNumbers,
         deeper = (p20 * ray_x + p21 * ray_y + p22 * ray_z) * scale  # relative change of depth
         du = (p00 * ray_x + p01 * ray_y + p02 * ray_z) * scale - u * deeper
         dv = (p10 * ray_x + p11 * ray_y + p12 * ray_z) * scale - v * deeper
-        ju, jv = _clipped(u, min_u, max_u), _clipped(v, min_v, max_v)
+        ju, jv = clipped(u, min_u, max_u), clipped(v, min_v, max_v)
         dju, djv = du if ju == u else 0.0, dv if jv == v else 0.0
         # Rows m and n of J·W·axes; with the ray, axes grow too, which undoes the Jacobian's fall by depth in part
         aa = ab = bb = a_da = ab_d = b_db = 0.0
@@ -183,13 +184,6 @@ def _chain(geometry: NDArray, start: Number, centre: NDArray, view: ViewNumbers,
         work[i + _P[LOG_SIZE]] = along_size + (by_size if own > 0 else 0.0)
         work[i + _P[LOGIT]] = pull / (1 + exp(work[i + _P[_LOGIT]]))  # the rest of the opacity, to 1
         work[i + _P[SH_RED]], work[i + _P[SH_RED + 1]], work[i + _P[SH_RED + 2]] = C0 * red, C0 * green, C0 * blue
-
-
-@compiled
-def _clipped(value: Number, low: Number, high: Number) -> Number:
-    """A number within limits, by two choices, as a vector instruction makes them."""
-    value = value if value > low else low
-    return value if value < high else high
 
 
 @compiled

@@ -163,7 +163,7 @@ def _shapes(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
         work[i], work[i + P[Y]] = _F(u + cx), _F(v + cy)
         work[i + P[DEPTH]] = _F(min(depth, LIMIT)) if depth > near else _F(-1)
         # Rows of J·W, in float32 from here
-        u, v, s = _F(_clipped(u, min_u, max_u)), _F(_clipped(v, min_v, max_v)), _F(1 / depth)
+        u, v, s = _F(clipped(u, min_u, max_u)), _F(clipped(v, min_v, max_v)), _F(1 / depth)
         j0, j1, j2 = (_F(p00) - u * _F(p20)) * s, (_F(p01) - u * _F(p21)) * s, (_F(p02) - u * _F(p22)) * s
         k0, k1, k2 = (_F(p10) - v * _F(p20)) * s, (_F(p11) - v * _F(p21)) * s, (_F(p12) - v * _F(p22)) * s
         a0, a1, a2 = geometry[at + P[AXES]], geometry[at + P[AXES + 1]], geometry[at + P[AXES + 2]]
@@ -171,7 +171,7 @@ def _shapes(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
         c0, c1, c2 = geometry[at + P[AXES + 6]], geometry[at + P[AXES + 7]], geometry[at + P[AXES + 8]]
         m0, m1, m2 = j0 * a0 + j1 * b0 + j2 * c0, j0 * a1 + j1 * b1 + j2 * c1, j0 * a2 + j1 * b2 + j2 * c2
         n0, n1, n2 = k0 * a0 + k1 * b0 + k2 * c0, k0 * a1 + k1 * b1 + k2 * c1, k0 * a2 + k1 * b2 + k2 * c2
-        own_pixel = _clipped(geometry[at + P[OWN_PIXEL]] * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
+        own_pixel = clipped(geometry[at + P[OWN_PIXEL]] * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
         own = _DILATION * own_pixel * own_pixel
         own = own if geometry[at + P[OWN_PIXEL]] > _F(0) else _DILATION
         width, height = m0 * m0 + m1 * m1 + m2 * m2, n0 * n0 + n1 * n1 + n2 * n2
@@ -202,7 +202,7 @@ def _fade(geometry: NDArray, start: Number, log_share: Number, work: NDArray) ->
 
 
 @compiled
-def _clipped(value: Number, low: Number, high: Number) -> Number:
+def clipped(value: Number, low: Number, high: Number) -> Number:
     """A number within limits; NaN is the lower limit. Two choices, as a vector instruction makes them."""
     value = value if value > low else low
     return value if value < high else high
@@ -222,10 +222,10 @@ def _bounds(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
             work[i + P[_SIZE + 1]],
         )
         across, down = half_width * root, half_height * root
-        left = np.ceil(_clipped(x - across - _BEFORE, _F(0), width))
-        right = np.floor(_clipped(x + across - _BEHIND, _F(-1), width - _ONE))
-        top = np.ceil(_clipped(y - down - _BEFORE, _F(0), height))
-        bottom = np.floor(_clipped(y + down - _BEHIND, _F(-1), height - _ONE))
+        left = np.ceil(clipped(x - across - _BEFORE, _F(0), width))
+        right = np.floor(clipped(x + across - _BEHIND, _F(-1), width - _ONE))
+        top = np.ceil(clipped(y - down - _BEFORE, _F(0), height))
+        bottom = np.floor(clipped(y + down - _BEHIND, _F(-1), height - _ONE))
         in_front = work[i + P[DEPTH]] > _F(0)
         is_wide = in_front & (not half_width + half_height < _WIDE)
         shows = in_front & (left <= right) & (top <= bottom)
@@ -274,7 +274,7 @@ def _colours(sh: NDArray, work: NDArray) -> None:
     for plane in (RED, GREEN, BLUE):
         for lane in range(CHUNK):
             i = _I(lane) + P[plane]
-            work[i] = _clipped(work[i], _F(0), _LIMIT)  # NaN, which coefficients near float32's end can sum to, is 0
+            work[i] = clipped(work[i], _F(0), _LIMIT)  # NaN, which coefficients near float32's end can sum to, is 0
 
 
 @compiled

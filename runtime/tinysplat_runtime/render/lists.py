@@ -74,7 +74,7 @@ class SplatBuffers:
         """
         self.records = np.empty((rows, RECORD), np.float32)
         self._found = None if only_shown else (np.empty(rows, np.int32), np.empty((rows, 4), np.int16))
-        self._run, self._local, self._lock, self._used = run_jobs, threading.local(), threading.Lock(), 0
+        self._run, self._work, self._lock, self._used = run_jobs, _Workspace(), threading.Lock(), 0
 
     def clear(self) -> None:
         """Make place for another frame's records where there are only those that may show."""
@@ -89,15 +89,15 @@ class SplatBuffers:
             log_share: logarithm of the share of their opacity that its Gaussians are drawn with.
             front: share of their alphas that is drawn before everything else.
         """
-        rows, scratch = kernels_project.CHUNK * len(chunks.sh), self._workspace()
+        rows = kernels_project.CHUNK * len(chunks.sh)
         if self._found is None:
-            first, (records, ids, boxes) = 0, scratch.block(rows)
+            first, (records, ids, boxes) = 0, self._work.block(rows)
             gaussians = ids
         else:
             first, gaussians = chunks.first, np.zeros(0, np.int32)
             records, ids, boxes = (array[first : first + rows] for array in (self.records, *self._found))
-        numbers, work = view_numbers(view, log_share), scratch.chunk
-        count, wide = kernels_project.project(chunks.geometry, chunks.sh, numbers, work, records, gaussians)
+        numbers, scratch = view_numbers(view, log_share), self._work.chunk
+        count, wide = kernels_project.project(chunks.geometry, chunks.sh, numbers, scratch, records, gaussians)
         records = records[:count]
         if wide:
             _redo_wide(chunks.block().fainter(log_share), view, records, gaussians)
@@ -146,20 +146,14 @@ class SplatBuffers:
             tile_row, tile_column = divmod(lists.tiles.first + number, lists.tiles.columns)
             row, column = tile_row * TILE_HEIGHT, tile_column * TILE_WIDTH
             extent = Extent(row, column, min(TILE_HEIGHT, height - row), min(TILE_WIDTH, width - column))
-            work(lists.tiles.first + number, Listed(lists.keys[own], scratch[own]), extent, self._workspace().tile)
+            work(lists.tiles.first + number, Listed(lists.keys[own], scratch[own]), extent, self._work.tile)
 
         # the longest first, so that threads end together
         self._run(one, np.argsort(np.diff(lists.bounds))[::-1].tolist())
 
-    def _workspace(self) -> _Workspace:
-        if not hasattr(self._local, "workspace"):
-            self._local.workspace = _Workspace()
-        workspace: _Workspace = self._local.workspace
-        return workspace
 
-
-class _Workspace:
-    """Scratch arrays of one thread."""
+class _Workspace(threading.local):
+    """Every thread's own scratch arrays."""
 
     def __init__(self) -> None:
         self.chunk = np.empty(kernels_project.SCRATCH, np.float32)

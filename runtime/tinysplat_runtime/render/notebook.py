@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from html import escape
 
-from ..gaussian.gaussians import Gaussians
+from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.pictures import png_bytes
 from .renderer import render
 
@@ -29,12 +29,9 @@ def html(gaussians: Gaussians) -> str:
         "Gaussians": f"{gaussians.count:,}",
         "SH degree": str(gaussians.degree),
         "layers": " + ".join("x".join(map(str, layer.opacities.shape)) for layer in gaussians.layers),
-        "memory": f"{sum(getattr(a, n).nbytes for a in gaussians.layers for n in _ARRAYS) / 1e6:.1f} MB",
+        "memory": f"{sum(getattr(a, n).nbytes for a in gaussians.layers for n in FIELDS) / 1e6:.1f} MB",
     }
     table = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
     picture = png(gaussians)
     image = f'<img alt="view 0" src="data:image/png;base64,{base64.b64encode(picture).decode()}">' if picture else ""
     return f'<div style="display:flex;gap:1em;align-items:start">{image}<table>{table}</table></div>'
-
-
-_ARRAYS = ("means", "quats", "scales", "opacities", "sh")

@@ -41,9 +41,6 @@ class Block:
         scales: (n, 3) float32 as given, for the few rows that need `axes` in float64.
         own_pixels: (n,) float32, how wide a pixel of the photo that each stands for is at its depth: z / f of its own
             view, scene units; 0 where it lies behind that view. None where they are of no known photo.
-        view: the view that they are of; −1 where they are of none, or of several.
-        is_surface: whether they are of layer 0.
-        is_coarse: whether they are of a surface's coarse copy.
     """
 
     means: NDArray
@@ -53,9 +50,6 @@ class Block:
     quats: NDArray
     scales: NDArray
     own_pixels: NDArray | None = None
-    view: int = -1
-    is_surface: bool = True
-    is_coarse: bool = False
 
     @property
     def size(self) -> int:
@@ -117,10 +111,12 @@ class Part:
     """Up to `BLOCK_SIZE` Gaussians as they were given, of which a block can be made when it is wanted.
 
     Attributes:
-        view, is_surface, is_coarse: as `Block` has them.
+        view: the view that they are of; −1 where they are of none, or of several.
+        is_surface: whether they are of layer 0.
         rows: their arrays by name, (n, …).
         origin: (3,) float64, of the Gaussians.
         photo: the view whose pixels they stand for; None where they are of no known photo.
+        is_coarse: whether they are of a surface's coarse copy.
     """
 
     view: int
@@ -153,36 +149,22 @@ class Part:
 
     def block(self, keep: NDArray | None = None) -> Block:
         """The Gaussians, or of them those where `keep` (n,) bool is true, without those that can never show."""
-        rows = self._shown(keep)
-        return replace(
-            self._outline(rows),
-            axes=principal_axes(rows["quats"], rows["scales"]),
-            sh=np.ascontiguousarray(np.moveaxis(rows["sh"], 0, -1)),
-        )
+        shown = self._shown(keep)
+        sh = np.ascontiguousarray(np.moveaxis(shown.rows["sh"], 0, -1))
+        return replace(shown.outline(), axes=principal_axes(shown.rows["quats"], shown.rows["scales"]), sh=sh)
 
     def outline(self, keep: NDArray | None = None) -> Block:
         """As `block` without `axes` and `sh`, which take most of the work and of the memory."""
-        return self._outline(self._shown(keep))
+        shown, nothing = self._shown(keep), np.zeros((0, 3, 0), np.float32)
+        means, log_opacities = np.ascontiguousarray(shown.rows["means"].T), np.log(shown.rows["opacities"])
+        quats, scales = shown.rows["quats"], shown.rows["scales"]
+        return Block(means, nothing, log_opacities, nothing, quats, scales, shown.own_pixels())
 
-    def _shown(self, keep: NDArray | None) -> Mapping[str, NDArray]:
+    def _shown(self, keep: NDArray | None) -> Part:
         shows = self.rows["opacities"] >= ALPHA_MIN
         keep = shows if keep is None else keep & shows
-        return self.rows if keep.all() else {name: array.compress(keep, axis=0) for name, array in self.rows.items()}
-
-    def _outline(self, rows: Mapping[str, NDArray]) -> Block:
-        nothing = np.zeros((0, 3, 0), np.float32)
-        return Block(
-            means=np.ascontiguousarray(rows["means"].T),
-            axes=nothing,
-            log_opacities=np.log(rows["opacities"]),
-            sh=nothing,
-            quats=rows["quats"],
-            scales=rows["scales"],
-            own_pixels=replace(self, rows=rows).own_pixels(),
-            view=self.view,
-            is_surface=self.is_surface,
-            is_coarse=self.is_coarse,
-        )
+        rows = self.rows if keep.all() else {name: array.compress(keep, axis=0) for name, array in self.rows.items()}
+        return replace(self, rows=rows)
 
 
 def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = True) -> Iterator[Part]:

@@ -115,30 +115,13 @@ class Splats:
         self.boxes = np.empty((3, count), np.int16)
 
 
-@dataclass(frozen=True, eq=False)
-class Projected:
-    """A block's splats, of which some are visible.
-
-    Attributes:
-        visible: (m,) int64 rows of the block, rising: splats whose mean lies beyond the near plane and whose footprint
-            holds a pixel centre.
-        planes: (8, n) float32, columns of `Splats.records`. Colours are those of visible splats.
-        log_opacities: (n,) float32, and
-        depths: (n,) float32.
-        bounds: (4, n) int32 first and last column, first and last row of pixels.
-    """
-
-    visible: NDArray
-    planes: NDArray
-    log_opacities: NDArray
-    depths: NDArray
-    bounds: NDArray
-
-
+@np.errstate(all="ignore")  # overflow is met by float64 and by LIMIT, NaN is looked for
 def project(
     block: Block, view: View, tile: tuple[int, int], splats: Splats, *, first: int = 0, front: float = 0.0
 ) -> NDArray:
     """Project a block into rows of `splats`.
+
+    Visible are splats whose mean lies beyond the near plane and whose footprint holds a pixel centre.
 
     Args:
         block: the Gaussians.
@@ -151,15 +134,32 @@ def project(
     Returns:
         (m,) int32, the rows of visible splats, rising and in the block's order.
     """
-    seen = projected(block, view)
-    if seen is None or not seen.visible.size:
+    planes = np.empty((RECORD, block.size), np.float32)
+    log_opacities = block.log_opacities.copy()
+    ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
+    point = np.einsum("ij,jn->in", view.projection, ray)
+    in_front = point[2] > view.near_plane
+    if not in_front.any():
         return np.zeros(0, np.int32)
-    keep, rows = seen.visible, slice(first, first + seen.visible.size)
+    inverse_z = 1 / point[2]
+    centred = point[:2] * inverse_z  # pixels from the principal point
+    np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
+    extents, wide = _shapes(block, view, centred, inverse_z, in_front, planes, log_opacities)
+    (left, right), (top, bottom) = (
+        pixels_between(centre - extent, centre + extent, size)
+        for centre, extent, size in zip(planes[: Y + 1], extents, (view.camera.width, view.camera.height), strict=True)
+    )
+    keep = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
+    if not keep.size:
+        return np.zeros(0, np.int32)
+    left[wide], right[wide] = 0, view.camera.width - 1
+    _colours(block, ray, keep, planes[RED : BLUE + 1])
+    rows = slice(first, first + keep.size)
     # turned over first, as numpy picks rows in half the time that it picks columns in
-    np.ascontiguousarray(seen.planes.T).take(keep, axis=0, out=splats.records[rows], mode="wrap")
-    splats.log_opacities[rows], splats.fronts[rows] = seen.log_opacities.take(keep), max(front, 0.0)
-    splats.depths[rows] = seen.depths.take(keep)
-    left, right, top, bottom = seen.bounds.take(keep, axis=1)
+    np.ascontiguousarray(planes.T).take(keep, axis=0, out=splats.records[rows], mode="wrap")
+    splats.log_opacities[rows], splats.fronts[rows] = log_opacities.take(keep), max(front, 0.0)
+    splats.depths[rows] = np.minimum(point[2].take(keep), LIMIT)
+    left, right, top, bottom = (edges.take(keep) for edges in (left, right, top, bottom))
     splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]
     splats.boxes[2, rows] = right // tile[0] - left // tile[0] + 1
     return np.arange(rows.start, rows.stop, dtype=np.int32)
@@ -173,12 +173,10 @@ def may_show(part: Block | Part, view: View, every: int = 1) -> NDArray:
     A row of J·W is nowhere longer than at the ends of the image's margin, so that a footprint's half extent is at most
     √(2 ln 255) times the sum of that length by the largest scale and of the root of the dilation.
     """
-    means, scales = (
-        (part.means, part.scales)
-        if isinstance(part, Block)
-        else (np.ascontiguousarray(part.rows["means"].T), part.rows["scales"])
-    )
-    own = part.own_pixels if isinstance(part, Block) else part.own_pixels()
+    if isinstance(part, Block):
+        means, scales, own = part.means, part.scales, part.own_pixels
+    else:
+        means, scales, own = np.ascontiguousarray(part.rows["means"].T), part.rows["scales"], part.own_pixels()
     means, scales, own = means[:, ::every], scales[::every], None if own is None else own[::every]
     point = np.einsum("ij,jn->in", view.projection, means + view.offset[:, None])
     depth = point[2]
@@ -218,29 +216,6 @@ def _longest_rows(view: View) -> list[float]:
     """Of J·W times z, by axis: the greatest length of the row at the ends of the image's margin."""
     rows = view.projection[:2, None] - np.stack(jacobian_limits(view), axis=1)[..., None] * view.projection[2]
     return np.linalg.norm(rows, axis=2).max(axis=1).tolist()
-
-
-@np.errstate(all="ignore")  # overflow is met by float64 and by LIMIT, NaN is looked for
-def projected(block: Block, view: View) -> Projected | None:
-    """Project a block; None where all of it lies before the near plane."""
-    planes = np.empty((RECORD, block.size), np.float32)
-    log_opacities = block.log_opacities.copy()
-    ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
-    point = np.einsum("ij,jn->in", view.projection, ray)
-    in_front = point[2] > view.near_plane
-    if not in_front.any():
-        return None
-    inverse_z = 1 / point[2]
-    centred = point[:2] * inverse_z  # pixels from the principal point
-    np.add(centred, view.camera.K[:2, 2:], out=planes[X : Y + 1], casting="same_kind")
-    extents, wide = _shapes(block, view, centred, inverse_z, in_front, planes, log_opacities)
-    bounds = _bounds(view, planes, extents)
-    left, right, top, bottom = bounds
-    visible = np.flatnonzero((left <= right) & (top <= bottom) & in_front)
-    left[wide], right[wide] = 0, view.camera.width - 1
-    if visible.size:
-        _colours(block, ray, visible, planes[RED : BLUE + 1])
-    return Projected(visible, planes, log_opacities, np.minimum(point[2], LIMIT).astype(np.float32), bounds)
 
 
 def footprint_exponent(log_opacities: NDArray) -> NDArray:
@@ -347,15 +322,6 @@ def _factors(
     alpha_x = np.sqrt(0.5 * c / det)
     log_share = 0.0 if own is None else np.where(own < DILATION, 0.5 * np.log((area + own * (trace + own)) / det), 0)
     return (alpha_x, -alpha_x * (b / c), np.sqrt(0.5 / c), np.sqrt(2 * a), np.sqrt(2 * c)), log_share
-
-
-def _bounds(view: View, planes: NDArray, extents: NDArray) -> NDArray:
-    """(4, n) int32 first and last column, first and last row of pixels whose centres lie within (2, n) `extents`."""
-    bounds = np.empty((4, extents.shape[1]), np.int32)
-    for axis, size in enumerate((view.camera.width, view.camera.height)):
-        centre, extent = planes[X + axis], extents[axis]
-        bounds[2 * axis], bounds[2 * axis + 1] = pixels_between(centre - extent, centre + extent, size)
-    return bounds
 
 
 def pixels_between(low: NDArray, high: NDArray, size: int) -> tuple[NDArray, NDArray]:

@@ -18,7 +18,7 @@ from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
-from .near import NearViews
+from .near import NearViews, Shares
 from .prepare import BLOCK_SIZE, Block, Part, Shelf, coarse_parts, parts
 from .project import Splats, View, may_show, parts_show, project
 from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, TileGrid, bands, depth_order, find_pairs, runs
@@ -96,6 +96,7 @@ class Renderer:
         _check_choice("dilation", dilation, DILATIONS)
         _check_choice("order", order, ORDERS)
         self._near = NearViews.of(gaussians) if order == "near" else None
+        self._whole = Shares.by_depth(np.ones(max(len(gaussians.cameras), 1)))
         by_photo = bool(gaussians.cameras) and (self._near is not None or dilation == "own")
         cut = list(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
         row_bytes = (180 if module else 56) + 4 * 3 * gaussians.sh.shape[-2]
@@ -109,7 +110,7 @@ class Renderer:
         keeps = keep and not module and sum(part.size for part in cut[:needed]) * row_bytes <= KEPT_BYTES
         self._shelf = Shelf(lambda number, _: cut[number].block(), places) if keeps else None
         self._splats = Splats(0)
-        self._local = threading.local()
+        self._work = Workspace()
         self._lock = threading.Lock()
 
     @property
@@ -140,52 +141,50 @@ class Renderer:
         makers: dict[str, Callable[[], NDArray]] = {
             "rgb": lambda: _rgb(canvas, colour),
             "depth": lambda: _depth(canvas),
-            "alpha": lambda: np.float32(1) - canvas.transmittance(),
+            "alpha": lambda: np.float32(1) - canvas.left,
         }
         images = {name: makers[name]() for name in outputs}
         return images["rgb"] if outputs == ("rgb",) else images
 
-    def _draw(self, view: View, with_depth: bool) -> Any:
-        shares = None if self._near is None else self._near.shares(view.camera)
-        drawn = [n for n, cut in enumerate(self._parts) if shares is None or shares.shows(cut.view, cut.is_coarse)]
+    def _draw(self, view: View, with_depth: bool) -> Canvas:
+        shares = self._whole if self._near is None else self._near.shares(view.camera)
+        drawn = [n for n, cut in enumerate(self._parts) if shares.shows(cut.view, cut.is_coarse)]
         if len(drawn) >= MANY_PARTS:
             shows = parts_show([self._parts[n] for n in drawn], view)
             drawn = [n for n, does in zip(drawn, shows, strict=True) if does] or drawn[:1]
         if self._compiled is not None:
-            return self._compiled.draw(drawn, view, shares, with_depth)
+            canvas: Canvas = self._compiled.draw(drawn, view, shares, with_depth)
+            return canvas
         cuts: list[Part | Block] = self._shelf.take(drawn) if self._shelf else [self._parts[n] for n in drawn]
         ends = np.cumsum([0, *(cut.size for cut in cuts)])  # of a stripe that nothing reaches, there are none
         if self._splats.count < ends[-1]:
             self._splats = Splats(int(ends[-1]))
         splats = self._splats
 
-        def project_part(piece: tuple[Part | Block, int]) -> NDArray:
-            cut, end = piece
-            first = end - cut.size
+        def project_part(piece: tuple[int, Part | Block, int]) -> NDArray:
+            number, cut, first = piece
             if not cut.size:
                 return np.zeros(0, np.int32)
             if isinstance(cut, Part):
                 block = cut.block(may_show(cut, view))
             else:  # picking rows costs about as much as projecting a few more
                 block = cut.compress(may_show(cut, view)) if may_show(cut, view, SAMPLE).mean() < 0.75 else cut
-            front = 0.0
-            if shares is not None:
-                whole, front = shares.of(block.view, block.is_surface, block.is_coarse)
-                block = block if whole == 0 else block.fainter(whole)
+            of = self._parts[number]
+            whole, front = shares.of(of.view, of.is_surface, of.is_coarse)
+            block = block if whole == 0 else block.fainter(whole)
             return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
 
-        ids = self._run(project_part, list(zip(cuts, ends[1:].tolist(), strict=True)))
-        is_coarse = [cut.is_coarse for cut in cuts]
+        ids = self._run(project_part, list(zip(drawn, cuts, ends[:-1].tolist(), strict=True)))
+        is_coarse = [self._parts[n].is_coarse for n in drawn]
         whole, behind = (
             _in_order(splats, list(itertools.compress(ids, chosen)))
             for chosen in (np.logical_not(is_coarse), is_coarse)
         )
         pairs = sum(int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64)) for _, boxes in (whole, behind))
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
-        has_front = shares is not None and shares.has_front
 
         def draw_band(place: tuple[int, TileGrid]) -> None:
-            band = Band(*place, with_depth, has_front)
+            band = Band(*place, with_depth, shares.has_front)
             self._composite(band, *whole)
             if behind[0].size:
                 self._composite(band, *behind, band.close())
@@ -204,16 +203,9 @@ class Renderer:
             if open_tiles is not None and not open_tiles.any():
                 return
             pairs = find_pairs(self._splats, order.take(here[run]), first, band.grid, open_tiles)
-            groups = tile_groups(pairs)
-            for tiles in groups:
-                composite(band, self._splats, pairs, tiles, self._workspace())
+            for tiles in tile_groups(pairs):
+                composite(band, self._splats, pairs, tiles, self._work)
             open_tiles = band.open_tiles()
-
-    def _workspace(self) -> Workspace:
-        if not hasattr(self._local, "workspace"):
-            self._local.workspace = Workspace()
-        workspace: Workspace = self._local.workspace
-        return workspace
 
 
 class PictureOptions(TypedDict, total=False):
@@ -291,15 +283,15 @@ def _compiled_module(required: bool) -> ModuleType | None:
     return compiled
 
 
-def _rgb(canvas: Any, background: NDArray) -> NDArray:
-    image = canvas.colours()
+def _rgb(canvas: Canvas, background: NDArray) -> NDArray:
+    image = canvas.colour
     if background.any():
-        image += canvas.transmittance()[..., None] * background
+        image += canvas.left[..., None] * background
     return np.clip(image, 0, 1, out=image)
 
 
-def _depth(canvas: Any) -> NDArray:
-    depths, weights = canvas.depths()
+def _depth(canvas: Canvas) -> NDArray:
+    depths, weights = canvas.depth
     return np.divide(depths, weights, out=np.zeros_like(depths), where=weights > 0)
 
 
