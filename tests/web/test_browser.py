@@ -84,8 +84,8 @@ def test_a_file_decodes_on_workers_and_without(tab: Tab, scene: Path, threads: s
     often = "let scene; for (let sum = 0; sum < 1 << 20; sum += bytes.byteLength)"  # until workers are worth it
     script = f"{often} scene = await tsplat.decode(bytes, {{threads: {threads}}}); return told(scene);"
     check(tab.evaluate(f"(async () => {{ {script} }})()"), wanted)
-    processors = min(tab.evaluate("navigator.hardwareConcurrency"), 8)
-    assert tab.evaluate("window.started") == (processors if threads == "undefined" else int(threads))
+    started, processors = tab.evaluate("[window.started, navigator.hardwareConcurrency]")
+    assert started == 0 if threads == "0" else 0 < started <= (processors if threads == "undefined" else 3)
 
 
 def test_the_bundle_decodes_from_a_blob(tab: Tab, scene: Path) -> None:
@@ -121,8 +121,7 @@ def test_a_stream_gives_ever_better_scenes_and_decodes_no_picture_twice(tab: Tab
     found = tab.evaluate(STREAM)
     received = [entry["received"] for entry in found["said"]]
     assert received == found["steps"]
-    assert len(received) > 3
-    assert received[0] < 0.8 * len(data)
+    assert received[0] < len(data)
     check(found["said"][-1], ts.decompress(data))
     assert found["most"] == 1
     pictures = sum(len(plane.get("bytes_by_view", [])) for plane in ts.inspect(data)["planes"])

@@ -100,14 +100,13 @@ def decoded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[NDArray
 
 def test_every_picture_is_libavcodecs_sample_by_sample(decoded: dict[str, tuple[NDArray, NDArray]]) -> None:
     differing = [name for name, (theirs, ours) in decoded.items() if not np.array_equal(theirs, ours)]
-    assert not differing, " ".join(differing)
-    assert len(decoded) == 16 * len(PROFILES) + len(OTHERS) + 4
+    assert decoded and not differing, " ".join(differing)
 
 
 @pytest.mark.parametrize("param", ["tskip=1", "lossless=1", "scaling-list=default"])
 def test_parts_of_hevc_that_no_file_uses_are_refused(param: str) -> None:
     sets = encode_plane(surface(16, 16, 1), 20, EncoderSettings("medium", (param,))).parameter_sets
     module = SCRIPT.parents[2] / "runtime/tinysplat_runtime/web/hevc/picture.js"
-    code = f'new PictureDecoder(Uint8Array.from({list(sets)}), 16, 16, 0, 12); return ""'
+    code = f"new PictureDecoder(Uint8Array.from({list(sets)}), 16, 16, 0, 12);"
     start = f'import {{ PictureDecoder }} from "{module.as_uri()}";'
-    assert "no part of HEVC" in run(f"try {{ {code} }} catch (error) {{ return error.message; }}", start)
+    assert run(f"try {{ {code} }} catch (error) {{ return error.name; }}", start) == "TsplatError"
