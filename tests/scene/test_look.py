@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.scene.lenses import opencv_lens
-from tinysplat_runtime.scene.look import UNSEEN, agreed, look_at, nearest, neighbours, range_guessed, range_seen, told
+from tinysplat_runtime.scene.look import UNSEEN, agreed, look_at, neighbours, range_guessed, range_seen, told
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
 
 DEPTHS = (2.0, 5.0)
@@ -141,8 +141,7 @@ def test_photos_of_one_thing_agree_about_depths_from_both_sides_and_others_do_no
 
 
 def test_neighbours_are_by_distance() -> None:
-    assert nearest([camera(x) for x in (0, 1, 3, 3.5)]) == [1, 0, 3, 2]
-    assert neighbours([camera(x) for x in (0, 1, 3)]).tolist() == [[1, 2], [0, 2], [1, 0]]
+    assert neighbours([camera(x) for x in (0, 1, 3, 3.5)]).tolist() == [[1, 2, 3], [0, 2, 3], [3, 1, 0], [2, 1, 0]]
 
 
 @pytest.mark.parametrize(

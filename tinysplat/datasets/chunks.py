@@ -15,7 +15,7 @@ Trust boundary: chunks are unpickled with `weights_only`; types, shapes and size
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -81,20 +81,15 @@ class ChunkScene:
                 wanted = " or ".join(f"{w}x{h}" for h, w in self.spec.frame_shapes)
                 fault = f"{pixels.shape[1]}x{pixels.shape[0]} pixels"
                 raise InputError(f"{fault}, {self.spec.name} has {wanted}", where=where)
+            fov, limit = max(fields_of_view(self.rows[index])), self.spec.max_fov_degrees
+            if not fov <= limit:
+                raise InputError(f"field of view {fov:.1f}°, scenes over {limit:g}° are not evaluated", where=where)
             images.append(prepare_image(pixels, size))
-            cameras.append(self._camera(index, size, pixels.shape[:2], where))
+            try:
+                cameras.append(prepare_camera(self.rows[index], size, (pixels.shape[0], pixels.shape[1])))
+            except InputError as error:
+                raise error.within(where) from None
         return np.stack(images), tuple(cameras)
-
-    def _camera(self, index: int, size: tuple[int, int], shape: Sequence[int], where: str) -> Camera:
-        row = self.rows[index]
-        fov = max(fields_of_view(row))
-        if not fov <= self.spec.max_fov_degrees:
-            limit = self.spec.max_fov_degrees
-            raise InputError(f"field of view {fov:.1f}°, scenes over {limit:g}° are not evaluated", where=where)
-        try:
-            return prepare_camera(row, size, (shape[0], shape[1]))
-        except InputError as error:
-            raise error.within(where) from None
 
 
 class ChunkFolder:

@@ -66,8 +66,7 @@ def predict(images: NDArray, cameras: Sequence[Camera], near: float, far: float,
     Args:
         images: (V, H, W, 3) float32 RGB in [0, 1].
         cameras: one per image, of its size.
-        near: z of the nearest surface, scene units, > 0.
-        far: z of the farthest surface, > near.
+        near, far: z of the nearest and the farthest surface, scene units, 0 < near < far.
         graph: an opened network (`inference.GraphStore.network`).
 
     Returns:

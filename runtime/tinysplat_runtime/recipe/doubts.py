@@ -21,7 +21,6 @@ from ..scene.look import (
     agreed,
     look,
     look_at,
-    nearest,
     neighbours,
     range_seen,
     thumbnail_size,
@@ -515,7 +514,8 @@ def _range_doubts(seen: _Thumbnails) -> list[str]:
 def _match(seen: _Thumbnails, looks: Sequence[Look]) -> bool:
     """Whether pixels tell their depth, and any photo most often the depth that the one nearest to it has, too."""
     cameras = seen.cameras
-    alike = max(agreed(looks[v], cameras[v], looks[u], cameras[u]) for v, u in enumerate(nearest(cameras)))
+    nearest = enumerate(neighbours(cameras)[:, 0])
+    alike = max(agreed(looks[v], cameras[v], looks[u], cameras[u]) for v, u in nearest)
     return alike >= ALIKE and max(look.clear.mean() for look in looks) >= HARDLY
 
 

@@ -52,8 +52,7 @@ class Camera:
     Attributes:
         K: (3, 3) float64, pixels; the centre of the top-left pixel lies at (0.5, 0.5). Skew is allowed.
         c2w: (4, 4) float64, camera to world, scene units.
-        width: image width in pixels.
-        height: image height in pixels.
+        width, height: of the image, pixels.
 
     Raises:
         InputError: K is singular or has a focal length below MIN_FOCAL_PX, c2w's rotation is none, the size is none,

@@ -34,8 +34,7 @@ class Lens:
     Attributes:
         model: COLMAP's name, such as OPENCV.
         params: the model's parameters in COLMAP's order, pixels where they are lengths.
-        width: of the photo, pixels.
-        height: of the photo, pixels.
+        width, height: of the photo, pixels.
     """
 
     model: str

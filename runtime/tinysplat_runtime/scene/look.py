@@ -91,16 +91,11 @@ def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray, views: Seq
         depths: (P,) scene units, > 0.
         views: which photos are; None for every one.
     """
-    others = nearest(cameras)
+    others = neighbours(cameras)[:, 0]
     return [
         look_at(images[v], cameras[v], images[others[v]], cameras[others[v]], depths)
         for v in (range(len(cameras)) if views is None else views)
     ]
-
-
-def nearest(cameras: Sequence[Camera]) -> list[int]:
-    """Index of the camera that stands nearest to each of two or more."""
-    return neighbours(cameras)[:, 0].tolist()
 
 
 def neighbours(cameras: Sequence[Camera]) -> NDArray:

@@ -43,15 +43,12 @@ def png_bytes(image: NDArray) -> bytes:
     pixels = np.ascontiguousarray(image) if deep else to_uint8(image)
     if pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)) or 0 in pixels.shape:
         raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3) or (H, W)")
-    pix_fmt = "gray16le" if deep else "rgb24" if pixels.ndim == 3 else "gray"
-    codec: Any = av.CodecContext.create("png", "w")
-    codec.height, codec.width = pixels.shape[:2]
-    codec.pix_fmt, codec.time_base = "gray16be" if deep else pix_fmt, Fraction(1, 1)  # PNG is big-endian
+    frame: Any = av.VideoFrame.from_ndarray(
+        pixels, format="gray16le" if deep else "rgb24" if pixels.ndim == 3 else "gray"
+    )
     # Level 6, zlib's own, takes four times as long (18 ms for 256×256) for 5 % fewer bytes.
-    codec.options = {"pred": "mixed", "compression_level": "4"}
-    frame: Any = av.VideoFrame.from_ndarray(pixels, format=pix_fmt)
-    packets = [*codec.encode(frame.reformat(format="gray16be") if deep else frame), *codec.encode(None)]
-    return b"".join(bytes(packet) for packet in packets)
+    options = {"pred": "mixed", "compression_level": "4"}
+    return _coded(frame.reformat(format="gray16be") if deep else frame, "png", options)  # PNG is big-endian
 
 
 def jpeg_bytes(image: NDArray, quantiser: int = 3) -> bytes:
@@ -69,11 +66,15 @@ def jpeg_bytes(image: NDArray, quantiser: int = 3) -> bytes:
         raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3)")
     ycc = pixels @ _RGB_TO_JPEG.T + (0.0, 128.0, 128.0)
     planes = np.rint(ycc).clip(0, 255).astype(np.uint8).transpose(2, 0, 1)
-    codec: Any = av.CodecContext.create("mjpeg", "w")
-    codec.height, codec.width = pixels.shape[:2]
-    codec.pix_fmt, codec.time_base = "yuvj444p", Fraction(1, 1)
-    codec.options = {"qmin": str(quantiser), "qmax": str(quantiser)}  # PyAV has attributes for them from 14 on
-    frame: Any = av.VideoFrame.from_ndarray(np.ascontiguousarray(planes), format="yuvj444p")
+    options = {"qmin": str(quantiser), "qmax": str(quantiser)}  # PyAV has attributes for them from 14 on
+    return _coded(av.VideoFrame.from_ndarray(np.ascontiguousarray(planes), format="yuvj444p"), "mjpeg", options)
+
+
+def _coded(frame: Any, kind: str, options: dict[str, str]) -> bytes:
+    """A frame as a file of one picture by a codec of libavcodec."""
+    codec: Any = av.CodecContext.create(kind, "w")
+    codec.height, codec.width, codec.pix_fmt = frame.height, frame.width, frame.format.name
+    codec.time_base, codec.options = Fraction(1, 1), options
     return b"".join(bytes(packet) for packet in [*codec.encode(frame), *codec.encode(None)])
 
 

@@ -18,8 +18,7 @@ def resize_cover(image: NDArray, height: int, width: int, whole: tuple[int, int]
 
     Args:
         image: (H, W, 3) uint8, or floating point in [0, 1].
-        height: rows wanted.
-        width: columns wanted.
+        height, width: rows and columns wanted.
         whole: (H, W) of the photo that was shrunk to `image` by `read_image`; None for the image's own.
 
     Returns:

@@ -142,8 +142,7 @@ class Scene:
     Attributes:
         path: where the scene comes from; what messages name.
         frames: photos and cameras, in capture order.
-        near: smallest depth z of interest, scene units, or None when unknown.
-        far: largest depth z of interest, scene units, or None when unknown.
+        near, far: smallest and largest depth z of interest, scene units, or None when unknown.
         is_estimated: whether near or far was found from the photos, where nobody stated it.
 
     Raises:

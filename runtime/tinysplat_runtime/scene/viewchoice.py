@@ -56,8 +56,7 @@ def needed_views(
 
     Args:
         cameras: of all photos.
-        near: depth of the nearest surface, scene units.
-        far: depth of the farthest.
+        near, far: depths of the nearest and the farthest surface, scene units.
         count: how many are wanted, 2 or more; None for as many as it takes.
         sharpness: of a photo by its index, in any unit; asked for few of them.
 
@@ -113,8 +112,7 @@ def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int)
 
     Args:
         cameras: of all photos.
-        near: depth of the nearest surface, scene units.
-        far: depth of the farthest.
+        near, far: depths of the nearest and the farthest surface, scene units.
         count: how many are wanted, 2 or more.
 
     Raises:

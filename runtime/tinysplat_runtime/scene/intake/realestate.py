@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...system.files import read_limited
 from ..cameras import Camera
 from ..footage import SUFFIXES as VIDEO_SUFFIXES
-from ..footage import Video, open_video
+from ..footage import open_video
 from ..images import image_size
 from ..lenses import intrinsics
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
@@ -33,8 +33,7 @@ def load_realestate(file: Path, near: float | None, far: float | None, video: Pa
 
     Args:
         file: the camera file.
-        near: depth of the nearest surface, scene units, or None.
-        far: depth of the farthest, or None.
+        near, far: depths of the nearest and the farthest surface, scene units, or None.
         video: has all the frames, in place of photos.
 
     Raises:
@@ -51,7 +50,9 @@ def load_realestate(file: Path, near: float | None, far: float | None, video: Pa
         photo = photos.get(line)
         try:
             if clip is not None:
-                frames.append(_video_frame(clip, stamp, row))
+                index = clip.index_at(int(stamp) / MICROSECONDS)
+                camera = _camera(row, (clip.height, clip.width))
+                frames.append(Frame(camera, clip.path, video=clip, index=index))
             elif photo is not None:
                 frames.append(Frame(_camera(row, image_size(photo)), photo))
         except InputError as error:
@@ -70,11 +71,6 @@ def _rows(file: Path) -> dict[int, tuple[str, list[float]]]:
         raise InputError("not text, expected a RealEstate10K camera file", where=str(file)) from None
     numbered = enumerate(lines[1:], start=2)
     return {number: _values(line, f"{file}: line {number}") for number, line in numbered if line.strip()}
-
-
-def _video_frame(clip: Video, stamp: str, row: list[float]) -> Frame:
-    index = clip.index_at(int(stamp) / MICROSECONDS)
-    return Frame(_camera(row, (clip.height, clip.width)), clip.path, video=clip, index=index)
 
 
 def _values(line: str, where: str) -> tuple[str, list[float]]:

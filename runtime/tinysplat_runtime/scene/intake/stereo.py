@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,7 @@ def stereo_scene(
         right: photo of the camera `baseline` to its right, rectified: points lie in the same row of both.
         focal: focal length of both in pixels; the principal point is the centre of the photo.
         baseline: distance of the cameras; its unit is the scene's.
-        near: depth of the nearest surface, in units of the baseline's.
-        far: depth of the farthest.
+        near, far: depths of the nearest and the farthest surface, in the baseline's unit.
 
     Raises:
         InputError: names the photo or the option at fault.
@@ -38,10 +38,8 @@ def stereo_scene(
         both = " and ".join(f"{width}x{height}" for height, width in sizes)
         raise InputError(f"photos of {both} pixels, expected a rectified pair of one size", where=str(right))
     height, width = sizes[0]
-    K = intrinsics(focal, focal, width / 2, height / 2)
-    frames = []
-    for photo, x in ((left, 0.0), (right, baseline)):
-        c2w = np.eye(4)
-        c2w[0, 3] = x
-        frames.append(Frame(Camera(K, c2w, width, height), Path(photo)))
-    return Scene(Path(left).parent, tuple(frames), near, far)
+    here = Camera(intrinsics(focal, focal, width / 2, height / 2), np.eye(4), width, height)
+    c2w = np.eye(4)
+    c2w[0, 3] = baseline
+    frames = Frame(here, Path(left)), Frame(replace(here, c2w=c2w), Path(right))
+    return Scene(Path(left).parent, frames, near, far)

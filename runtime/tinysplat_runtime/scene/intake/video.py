@@ -27,8 +27,7 @@ def video_scene(
         video: .mp4, .mov, .m4v, .mkv, .webm or .ts.
         poses: a RealEstate10K file (.txt), a transforms.json, a cameras.json, or a folder with one of these or with a
             COLMAP model; photos that it names need not exist.
-        near: depth of the nearest surface, scene units; replaces the poses' own.
-        far: depth of the farthest.
+        near, far: depths of the nearest and the farthest surface, scene units; replace the poses' own.
         first_number: the number that names give to the video's first frame; 1 after `ffmpeg -i VIDEO %05d.png`.
 
     Raises:
