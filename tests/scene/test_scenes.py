@@ -51,23 +51,15 @@ def test_folder_loads_with_cameras_photos_and_depths(folder: Path) -> None:
     np.testing.assert_array_equal(images, np.stack([make_photo(24, 32, seed=i) for i in range(3)]) / np.float32(255))
 
 
-def test_the_json_file_itself_names_the_scene_as_well(folder: Path) -> None:
-    assert len(load_scene(str(folder / "cameras.json")).images()) == 3
-
-
-def test_photos_are_read_only_when_asked_for(folder: Path) -> None:
+def test_views_keep_the_order_given_and_photos_are_read_only_when_asked_for(folder: Path) -> None:
+    """Of a scene that its .json file names."""
     (folder / "images" / "0001.png").unlink()
-    scene = load_scene(folder)
-    assert scene.views([0, 2]).images().shape == (2, 24, 32, 3)
-    with refusing(InputError, "0001.png"):
-        scene.images()
-
-
-def test_views_keep_the_order_given(folder: Path) -> None:
-    scene = load_scene(folder)
+    scene = load_scene(str(folder / "cameras.json"))
     chosen = scene.views(np.array([2, 0]))
     assert chosen.frames == (scene.frames[2], scene.frames[0])
-    assert chosen.depth_range() == scene.depth_range()
+    assert chosen.depth_range() == scene.depth_range() and chosen.images().shape == (2, 24, 32, 3)
+    with refusing(InputError, "0001.png"):
+        scene.images()
 
 
 @pytest.mark.parametrize(("indices", "words"), [([0, 3], "3 of 0 to 2"), ([-1], "-1"), ([1, 1], "1"), ([], "")])
