@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tinysplat_runtime as ts
-from tinysplat.measure.pictures import Drawing, photo_psnr, rescaled
+from tinysplat.measure.pictures import photo_psnr, rescaled
 from tinysplat.measure.subjects.cases import Window
 from tinysplat.measure.subjects.made import cloud, made_gaussians
 from tinysplat.measure.subjects.room import Room, photograph, room_cameras
@@ -31,7 +31,7 @@ def test_depths_of_the_room_agree_between_views() -> None:
 
 def test_network_like_gaussians_show_their_photos() -> None:
     gaussians, photos = made_gaussians(2, 64, 64, 1), Room(2).shots(Window("any", (0,), (1,)), (64, 64)).context
-    assert photo_psnr(gaussians, gaussians.cameras, photos.images, Drawing()) > 20
+    assert photo_psnr(gaussians, gaussians.cameras, photos.images) > 20
 
 
 def test_rescaling_keeps_a_ramp() -> None:

@@ -47,7 +47,6 @@ class Variant:
         run: the work that is timed.
         figures: errors and bytes of `run`'s result: all that two runs on one machine must agree on exactly.
         setting: what sets it apart, for tables and plots.
-        threads: how many it may use.
         baseline: work in whose units its time is given too, done right after it in every round.
     """
 
@@ -55,7 +54,6 @@ class Variant:
     run: Callable[[], Any]
     figures: Callable[[Any], Figures] = lambda _: {}
     setting: Mapping[str, Any] = field(default_factory=dict)
-    threads: int = 1
     baseline: Callable[[], Any] | None = None
 
 
@@ -103,7 +101,7 @@ def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effor
         if base:
             ratios = [statistics.median(a[i] / b[i] for a, b in zip(own, base, strict=True)) for i in (0, 1)]
             costs |= {"ratio": ratios[0], "cpu_ratio": ratios[1]}
-        rows.append(Row(study, subject, variant.name, {**variant.setting, "threads": variant.threads}, figured, costs))
+        rows.append(Row(study, subject, variant.name, variant.setting, figured, costs))
     return rows
 
 

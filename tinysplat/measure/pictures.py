@@ -4,39 +4,22 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import DEFINITION, Renderer
+from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from .metrics import psnr
 from .subjects.cases import Case
 
 PictureMetric = Callable[[NDArray, NDArray], float]
-
-
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """How Gaussians are drawn: threads, and what `Renderer` is told."""
-
-    threads: int = 1
-    prepare: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def as_defined(cls, threads: int) -> Drawing:
-        """What 3DGS defines, whatever the renderer's own choices: for comparing ways to store the same Gaussians."""
-        return cls(threads, DEFINITION)
-
-    def renderer(self, gaussians: Gaussians) -> Callable[..., Any]:
-        """A call that draws them from a camera; `outputs` as `Renderer.render` has it."""
-        renderer = Renderer(gaussians, self.threads, **self.prepare)
-        return lambda camera, **options: renderer.render(camera, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +44,19 @@ class PictureJudge:
         raw: pictures of the Gaussians as they are.
     """
 
-    def __init__(self, case: Case, drawing: Drawing) -> None:
-        """Render the raw Gaussians at the case's cameras."""
-        self.case, self.drawing = case, drawing
+    def __init__(self, case: Case, threads: int, **prepare: Any) -> None:
+        """Render the raw Gaussians at the case's cameras.
+
+        `prepare` is what `Renderer` is told: `render.DEFINITION` for comparing ways to store the same Gaussians.
+        """
+        self.case = case
+        self.renderer: Callable[[Gaussians], Renderer] = partial(Renderer, threads=threads, **prepare)
         self.raw = self.render(case.gaussians)
         self._raw_to_photo = self._to_photos(self.raw.images)
 
     def render(self, gaussians: Gaussians) -> Rendered:
         """Pictures at the case's cameras, and depth maps where the truth is known."""
-        draw = self.drawing.renderer(gaussians)
+        draw = self.renderer(gaussians).render
         images, depths, seconds = [], [], []
         for camera, truth in zip(self.case.cameras, self.case.depths, strict=True):
             start = time.perf_counter()
@@ -97,9 +84,9 @@ class PictureJudge:
         return mean_psnr(*zip(*pairs, strict=True)) if pairs else None
 
 
-def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable[NDArray], drawing: Drawing) -> float:
+def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable[NDArray], threads: int = 1) -> float:
     """Mean PSNR of Gaussians' pictures to photos (H, W, 3) float, dB."""
-    return mean_psnr(map(drawing.renderer(gaussians), cameras), photos)
+    return mean_psnr(map(Renderer(gaussians, threads).render, cameras), photos)
 
 
 def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:

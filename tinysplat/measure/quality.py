@@ -28,13 +28,14 @@ from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.refine.stats import RefineStats
+from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
 from .metrics import depth_errors, plane_errors, psnr, ssim
-from .pictures import Drawing, PictureJudge, PictureMetric, Rendered, mean_psnr, photo_psnr, rescaled
+from .pictures import PictureJudge, PictureMetric, Rendered, mean_psnr, photo_psnr, rescaled
 from .rows import PICTURES, Row, describe_machine, grouped
 from .runner import RunOutcome, WindowJob
 from .subjects.cases import Case, Shots, covered_pixels, nearest_views, predicted
@@ -131,9 +132,9 @@ class Zoom(NamedTuple):
         native = [Camera(c.K * s, c.c2w, width, height) for c, s in zip(shots.targets.cameras, scale, strict=True)]
         return cls(shots, native)
 
-    def figures(self, gaussians: Gaussians, drawing: Drawing, suffix: str) -> dict[str, float]:
+    def figures(self, gaussians: Gaussians, threads: int, suffix: str) -> dict[str, float]:
         """dB to the photos: drawn at their size, and drawn at the coded size and brought to theirs."""
-        targets, draw = self.shots.targets, drawing.renderer(gaussians)
+        targets, draw = self.shots.targets, Renderer(gaussians, threads).render
         enlarged = (rescaled(draw(camera), *targets.images.shape[1:3]) for camera in self.native)
         return {
             f"psnr{suffix}": mean_psnr(map(draw, targets.cameras), targets.images),
@@ -162,10 +163,10 @@ class Prepared:
     @classmethod
     def of(cls, job: WindowJob, runtime: Runtime, quality: Quality, lpips: PictureMetric | None = None) -> Prepared:
         """Bring a window to Gaussians, render them as they are and score them and the photo baseline."""
-        case, drawing, shared = job.case(runtime), Drawing(runtime.threads), {}
+        case, shared = job.case(runtime), {}
         if quality.refine is not None:
-            case, shared["refined"] = _refined(case, quality.refine, quality.codings[0], runtime, drawing)
-        pictures, shots = PictureJudge(case, drawing), case.shots
+            case, shared["refined"] = _refined(case, quality.refine, quality.codings[0], runtime)
+        pictures, shots = PictureJudge(case, runtime.threads), case.shots
         if shots is None:
             return cls(pictures, {}, None, {}, shared)
         context, photos = shots.context, shots.targets.images
@@ -175,18 +176,16 @@ class Prepared:
         for name, images in (("_raw", pictures.raw.images), ("_photo", nearest)):
             per_image |= _scores(images, photos, lpips, name, covered)
         if quality.nested and len(context.cameras) > NESTED[0]:
-            shared["nested"] = nested_psnr(case, runtime, drawing)
+            shared["nested"] = nested_psnr(case, runtime)
         return cls(pictures, per_image, covered, {factor: Zoom.of(job, factor) for factor in quality.zooms}, shared)
 
 
-def _refined(
-    case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime, drawing: Drawing
-) -> tuple[Case, dict[str, Any]]:
+def _refined(case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime) -> tuple[Case, dict[str, Any]]:
     """The case with its Gaussians corrected, and how far that went: `psnr_before` is that of the network's own."""
     if case.shots is None or case.shots.scene is None:
         raise InputError("only windows of scene folders can be refined", where=case.name)
     stats, watch, shots = RefineStats(), Stopwatch(), case.shots
-    before = photo_psnr(case.gaussians, case.cameras, shots.targets.images, drawing)
+    before = photo_psnr(case.gaussians, case.cameras, shots.targets.images, runtime.threads)
     scene = replace(case.shots.scene, near=shots.near, far=shots.far)
     with watch.stage("refine"):
         better = runtime.refine(
@@ -202,7 +201,7 @@ def _refined(
     return replace(case, gaussians=better, seconds={**case.seconds, **watch.seconds}), told
 
 
-def nested_psnr(case: Case, runtime: Runtime, drawing: Drawing) -> dict[str, float]:
+def nested_psnr(case: Case, runtime: Runtime) -> dict[str, float]:
     """dB of targets drawn from the scenes of their 2, 4, 6 nearest photos, by how many."""
     assert case.shots is not None
     context, targets = case.shots.context, case.shots.targets
@@ -217,7 +216,7 @@ def nested_psnr(case: Case, runtime: Runtime, drawing: Drawing) -> dict[str, flo
                     context, images=context.images[list(views)], cameras=tuple(context.cameras[v] for v in views)
                 )
                 scenes[views] = predicted(case.name, case.model, replace(case.shots, context=fewer), runtime).gaussians
-            psnrs.append(photo_psnr(scenes[views], [camera], [photo], drawing))
+            psnrs.append(photo_psnr(scenes[views], [camera], [photo], runtime.threads))
         by_count[str(count)] = float(np.mean(psnrs))
     return by_count
 
@@ -259,8 +258,8 @@ def _measure_coding(
     if prepared.zooms:
         figures["zoom"] = {
             f"{factor:g}": {
-                **zoom.figures(decoded, pictures.drawing, ""),
-                **zoom.figures(case.gaussians, pictures.drawing, "_raw"),
+                **zoom.figures(decoded, runtime.threads, ""),
+                **zoom.figures(case.gaussians, runtime.threads, "_raw"),
                 "photos_enlarged": zoom.shots.targets.enlarged,
             }
             for factor, zoom in prepared.zooms.items()

@@ -12,7 +12,6 @@ from tinysplat_runtime.errors import InputError
 
 from .clock import Effort
 from .lpips import LpipsFiles, find_lpips
-from .pictures import Drawing
 from .rows import Row, RowFile
 from .runner import RunOutcome, RunPlan, WindowJob, list_jobs
 from .subjects.cases import Case, Source, Window
@@ -109,11 +108,6 @@ class Run:
     def threads(self) -> int:
         """How many the run may use."""
         return self.runtime.threads
-
-    @property
-    def drawing(self) -> Drawing:
-        """How pictures are drawn for judging."""
-        return Drawing.as_defined(self.threads)
 
     @property
     def effort(self) -> Effort:

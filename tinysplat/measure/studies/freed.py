@@ -24,12 +24,12 @@ from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.prune.thinning import ThinningEncoder
 from tinysplat_runtime.prune.views import views_of
+from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.render.paths import ring
-from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from ..curves import bytes_at
-from ..pictures import Drawing, PictureJudge
+from ..pictures import PictureJudge
 from ..rows import Row
 from ..show.plots import Axis, Chart
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
@@ -56,7 +56,7 @@ MOST_DB = 90
 def free_rows(run: Run) -> Iterator[Row]:
     """A row per file and setting: bytes, how many are left, dB; of other formats also what ours takes at their dB."""
     for case in _cases(run):
-        pictures = PictureJudge(case, Drawing.as_defined(run.threads))
+        pictures = PictureJudge(case, run.threads, **DEFINITION)
         curve = list(_own(run, pictures))
         points = [(row.figures["bytes"], row.figures["psnr_decoded_raw"]) for row in curve if row.way == OURS]
         yield from curve
@@ -91,7 +91,7 @@ def _cases(run: Run) -> Iterator[Case]:
     if not run.paths:
         side = run.side // 2
         room = made_gaussians(_ROOM_VIEWS, side, side, _DEGREE)
-        yield _seen(f"room, {_ROOM_VIEWS}×{side}², SH degree {_DEGREE}", room.flat(), room.cameras)
+        yield Case.without_photos(f"room, {_ROOM_VIEWS}×{side}², SH degree {_DEGREE}", room.flat(), room.cameras)
     for path, behind in zip_longest(run.paths, run.paths[1:]):
         if path.is_dir():
             continue
@@ -103,16 +103,11 @@ def _cases(run: Run) -> Iterator[Case]:
             continue
         name = f"{path.name}, {gaussians.count:,} of SH degree {gaussians.degree}"
         if photos is None:
-            yield _seen(name, gaussians, tuple(ring(gaussians, views)))
+            yield Case.without_photos(name, gaussians, ring(gaussians, views))
         else:
             unseen = photos.views(range(len(photos.frames))[UNSEEN])
-            case = _seen(name, gaussians, tuple(unseen.cameras))
+            case = Case.without_photos(name, gaussians, unseen.cameras)
             yield replace(case, photos=tuple(unseen.images()))
-
-
-def _seen(name: str, gaussians: Gaussians, cameras: tuple[Camera, ...]) -> Case:
-    nothing = (None,) * len(cameras)
-    return Case(name, name, gaussians, cameras, nothing, nothing)
 
 
 def _share(rows: Sequence[Row]) -> str:

@@ -20,11 +20,12 @@ from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.recipe.words import ALL
+from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 from ..curves import bytes_at
-from ..pictures import Drawing, PictureJudge
+from ..pictures import PictureJudge
 from ..rows import Row
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
@@ -55,9 +56,9 @@ def _scene_rows(name: str, scene: Scene, run: Run) -> Iterator[Row]:
     left_out = range(2, len(scene.frames), 4)
     targets = scene.views(left_out[:: max(1, len(left_out) // TARGETS)][:TARGETS])
     given = _one_list(name, scene.views(i for i in range(len(scene.frames)) if i not in left_out), run)
-    blind, unknown = replace(given, viewpoints=()), (None,) * len(targets.frames)
-    case = Case(name, name, blind, tuple(targets.cameras), tuple(targets.images()), unknown)
-    pictures = PictureJudge(case, Drawing.as_defined(run.threads))
+    blind = replace(given, viewpoints=())
+    case = replace(Case.without_photos(name, blind, targets.cameras), photos=tuple(targets.images()))
+    pictures = PictureJudge(case, run.threads, **DEFINITION)
     rows = []
     for qp in run.options.qps or QPS:
         rows.append(_row(pictures, WHOLE, qp, blind, run.runtime, keep_all=True))

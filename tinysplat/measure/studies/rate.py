@@ -15,9 +15,10 @@ from pathlib import Path
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.render import DEFINITION
 
 from ..curves import Point, bd_rate, bytes_at
-from ..pictures import Drawing, PictureJudge
+from ..pictures import PictureJudge
 from ..rows import Row, grouped, of_study
 from ..runner import WindowJob, run_jobs
 from ..show.plots import Axis, Chart, save_grid
@@ -69,7 +70,7 @@ class WindowRows:
 
     def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
         """See `runner.Work`."""
-        pictures = PictureJudge(job.case(runtime).only(self.targets), Drawing.as_defined(runtime.threads))
+        pictures = PictureJudge(job.case(runtime).only(self.targets), runtime.threads, **DEFINITION)
         for row in wanted:
             data = runtime.compress(pictures.case.gaussians, row.way, row.setting["qp"], drop_invalid=True)
             yield replace(row, figures={"bytes": len(data), **pictures.figures(runtime.decompress(data))})

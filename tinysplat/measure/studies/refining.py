@@ -12,7 +12,7 @@ from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
 from tinysplat_runtime.errors import TinySplatError
 
 from ..curves import decibels_at
-from ..pictures import Drawing, photo_psnr
+from ..pictures import photo_psnr
 from ..rows import Row, grouped, of_study
 from ..runner import WindowJob
 from ..show.plots import Axis, Chart, save_grid
@@ -39,12 +39,12 @@ def _curve_rows(job: WindowJob, run: Run) -> Iterator[Row]:
     case = job.case(run.runtime)
     if case.shots is None or case.shots.scene is None:
         return
-    profile, drawing = (run.options.profiles or (DEFAULT_PROFILE,))[0], Drawing(run.threads)
+    profile = (run.options.profiles or (DEFAULT_PROFILE,))[0]
     better = run.runtime.refine(case.gaussians, case.shots.scene, profile=profile)
     for way, gaussians in (("unrefined", case.gaussians), ("refined", better)):
         for qp in run.options.qps or (QUICK_CURVE_QPS if run.quick else CURVE_QPS):
             data = run.runtime.compress(gaussians, profile, qp, drop_invalid=True)
-            psnr = photo_psnr(run.runtime.decompress(data), case.cameras, case.shots.targets.images, drawing)
+            psnr = photo_psnr(run.runtime.decompress(data), case.cameras, case.shots.targets.images, run.threads)
             setting = {
                 "scene": job.source.name,
                 "views": len(case.gaussians.cameras),

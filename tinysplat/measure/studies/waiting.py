@@ -17,7 +17,7 @@ from typing import Any
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
 from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.graphs.predict import predict
-from tinysplat_runtime.render import Renderer
+from tinysplat_runtime.render import DEFINITION, Renderer
 
 from ..clock import Variant, measure
 from ..pictures import PictureJudge
@@ -26,7 +26,7 @@ from ..show.plots import Panel, save_grid
 from ..show.tables import Listing, decibels, digits, duration, kilobytes, mean, megabytes, said
 from ..study import Run, Study
 from ..subjects.cases import Case
-from ..subjects.made import made_gaussians, view_between
+from ..subjects.made import made_gaussians
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -45,7 +45,7 @@ PEAK = (
 def waiting_rows(run: Run) -> Iterator[Row]:
     """Rows of `waits` of the real photos, or what there is; then of `commands`."""
     case = run.case
-    pictures = PictureJudge(case, run.drawing)
+    pictures = PictureJudge(case, run.threads, **DEFINITION)
     variants: list[Variant] = []
     with tempfile.TemporaryDirectory() as folder:
         for qp in run.options.qps or (QPS[1:2] if run.quick else QPS):
@@ -83,10 +83,10 @@ def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path
         works[PHOTOS] = DEFAULT_PROFILE, encode
     works["first picture, a command"] = DEFAULT_PROFILE, call_of(ROOT, ["render", path, "-o", picture])
     works["a file to Gaussians"] = DEFAULT_PROFILE, partial(runtime.decompress, files[DEFAULT_PROFILE])
-    works["further pictures"] = DEFAULT_PROFILE, partial(drawn.render, view_between(case.gaussians))
+    works["further pictures"] = DEFAULT_PROFILE, partial(drawn.render, case.cameras[-1])
     for name, (profile, work) in works.items():
-        setting = {"thing": name, "profile": profile, "qp": qp}
-        yield Variant(f"{name}, Q_g {qp:g}", work, lambda _, figured=figures[profile]: figured, setting, run.threads)  # type: ignore[misc]
+        setting = {"thing": name, "profile": profile, "qp": qp, "threads": run.threads}
+        yield Variant(f"{name}, Q_g {qp:g}", work, lambda _, figured=figures[profile]: figured, setting)  # type: ignore[misc]
 
 
 def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
@@ -109,9 +109,9 @@ def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
         photos.mkdir()
         shots.write(photos)
         commands[f"encode of {len(shots.context.cameras)} photos"] = ["encode", photos, "-o", coded]
-    figures, setting = {"bytes": file.stat().st_size}, {"baseline": beside.name}
+    figures, setting = {"bytes": file.stat().st_size}, {"baseline": beside.name, "threads": run.threads}
     variants = [
-        Variant(name, call_of(ROOT, words), lambda _: figures, setting, run.threads, call_of(beside, words))
+        Variant(name, call_of(ROOT, words), lambda _: figures, setting, call_of(beside, words))
         for name, words in commands.items()
     ]
     for row in measure("commands", f"2×{run.side}×{run.side}, SH degree 4", variants, run.effort):

@@ -22,7 +22,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import ALL
-from tinysplat_runtime.render import between
+from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_scene
@@ -30,7 +30,6 @@ from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
 
 from ..metrics import psnr
-from ..pictures import Drawing
 from ..rows import Row
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean
 from ..study import Run, Study
@@ -91,14 +90,14 @@ def walk_rows(run: Run) -> Iterator[Row]:
 
 
 def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
-    runtime, model, drawing = run.runtime, run.models[0], Drawing(run.threads)
+    runtime, model = run.runtime, run.models[0]
 
     def row(way: str, photos: int, asked: str, psnr: Sequence[float]) -> Row:
         figures = {"psnr": statistics.fmean(psnr), "worst": min(psnr)}
         return Row(STUDY, name, way, {"photos": photos, "asked": asked, "model": model}, figures)
 
     def drawn(gaussians: Gaussians) -> list[float]:
-        return capture.psnr(list(map(drawing.renderer(gaussians), capture.cameras)))
+        return capture.psnr(list(map(Renderer(gaussians, run.threads).render, capture.cameras)))
 
     def walked(way: str, photos: int, asked: str, gaussians: Gaussians) -> tuple[Row, Gaussians]:
         """A way with its file."""
@@ -121,7 +120,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         if count == COMPARED and capture.scene.near and capture.scene.far:
             ways.append(walked(STATED, photos, asked, runtime.predict(capture.given(count), model)))
         for known_row, gaussians in ways:
-            swing = {"flicker": flicker(gaussians, drawing)} if count == COMPARED or run.quick else {}
+            swing = {"flicker": flicker(gaussians, run.threads)} if count == COMPARED or run.quick else {}
             yield replace(
                 known_row, setting={**known_row.setting, "asked": asked}, figures={**known_row.figures, **swing}
             )
@@ -130,7 +129,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     yield row("six spread", 6, compared, drawn(runtime.predict(six, model)))
     nearest = [_nearest(given, camera, 2) for camera in capture.cameras]
     pairs = [
-        drawing.renderer(runtime.predict(given.views(pair), model))(camera)
+        Renderer(runtime.predict(given.views(pair), model), run.threads).render(camera)
         for pair, camera in zip(nearest, capture.cameras, strict=True)
     ]
     yield row("own pair", 2, compared, capture.psnr(pairs))
@@ -149,9 +148,9 @@ def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
     return [int(i) for i in np.argsort(distance, kind="stable")[:count]]
 
 
-def flicker(gaussians: Gaussians, drawing: Drawing) -> float:
+def flicker(gaussians: Gaussians, threads: int) -> float:
     """The largest change between frames on the way through all cameras, in medians of the changes about it."""
-    draw, cameras = drawing.renderer(gaussians), gaussians.cameras
+    draw, cameras = Renderer(gaussians, threads).render, gaussians.cameras
     changes, before = [], None
     for camera in between(cameras, PATH_FRAMES_A_VIEW * (len(cameras) - 1) + 1):
         frame = draw(camera)

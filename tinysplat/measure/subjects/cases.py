@@ -161,6 +161,12 @@ class Case:
     shots: Shots | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @classmethod
+    def without_photos(cls, name: str, gaussians: Gaussians, cameras: Sequence[Camera]) -> Case:
+        """Gaussians that no network made here, and where pictures of them are taken."""
+        nothing = (None,) * len(cameras)
+        return cls(name, name, gaussians, tuple(cameras), nothing, nothing)
+
     def with_inputs(self) -> Case:
         """Seen from its input views too; where no photo lies between them, from midway between the first two."""
         views = self.gaussians.cameras

@@ -142,11 +142,3 @@ def cloud_camera(height: int, width: int) -> Camera:
     """At the origin of a `cloud`, a right angle wide."""
     K = np.array([[width / 2, 0, width / 2], [0, width / 2, height / 2], [0, 0, 1]])
     return Camera(K, np.eye(4), width, height)
-
-
-def view_between(gaussians: Gaussians) -> Camera:
-    """Halfway between the first two cameras, where no Gaussian falls on a pixel's centre."""
-    first, second = gaussians.cameras[0], gaussians.cameras[min(1, len(gaussians.cameras) - 1)]
-    c2w = first.c2w.copy()
-    c2w[:3, 3] = (first.centre + second.centre) / 2
-    return Camera(first.K, c2w, first.width, first.height)

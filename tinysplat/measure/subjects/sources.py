@@ -175,9 +175,7 @@ class FileSource:
     def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
         """See `Source`; `model` and `size` are the file's own."""
         gaussians = load_gaussians(self.path)
-        cameras = tuple(self._targets(gaussians))
-        nothing = (None,) * len(cameras)
-        return Case(self.name, self.name, gaussians, cameras, nothing, nothing)
+        return Case.without_photos(self.name, gaussians, self._targets(gaussians))
 
     def fingerprint(self, window: Window) -> str:
         """Of the file's size and time of change."""
