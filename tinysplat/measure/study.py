@@ -8,7 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.scenes import Scene
 
 from .clock import Effort
 from .lpips import LpipsFiles, find_lpips
@@ -16,6 +18,7 @@ from .rows import Row, RowFile
 from .runner import RunOutcome, RunPlan, WindowJob, list_jobs
 from .subjects.cases import Case, Source, Window
 from .subjects.room import Motorcycle, Room
+from .subjects.sources import FolderSource
 
 Table = Callable[[Sequence[Row]], str]
 """Rows of a run to Markdown; empty where none is its."""
@@ -135,6 +138,15 @@ class Run:
         options = self.options
         models = options.models or self.models[:1]
         return RunPlan(self.sources, models, self.size, options.kinds or kinds, options.views, options.limit or 1)
+
+    def of_scenes(self, measure: Callable[[str, Scene], Iterator[Row]]) -> Iterator[Row]:
+        """Rows of every scene folder, by its name and photos; one that is at fault is left out."""
+        for source in self.sources:
+            if isinstance(source, FolderSource):
+                try:
+                    yield from measure(source.name, load_scene(source.path, near=source.near, far=source.far))
+                except TinySplatError as error:
+                    self.left_out.append(f"left out {source.name}: {error}")
 
     def done(self, outcome: RunOutcome) -> list[Row]:
         """The rows of windows; what was left out is noted."""

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
@@ -25,7 +24,6 @@ from ..clock import timed
 from ..rows import Row
 from ..show.tables import Listing, duration, mean, said
 from ..study import Run, Study
-from ..subjects.sources import FolderSource
 
 STUDY = "poses"
 TOLERANCE = 0.02
@@ -35,12 +33,7 @@ ROUNDS = 20
 
 def placing_rows(run: Run) -> Iterator[Row]:
     """A row per scene folder."""
-    for source in run.sources:
-        if isinstance(source, FolderSource):
-            try:
-                yield _scene_row(source.name, load_scene(source.path), run)
-            except TinySplatError as error:
-                run.left_out.append(f"left out {source.name}: {error}")
+    return run.of_scenes(lambda name, scene: iter([_scene_row(name, scene, run)]))
 
 
 def _scene_row(name: str, scene: Scene, run: Run) -> Row:

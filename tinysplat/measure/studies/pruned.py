@@ -13,15 +13,11 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.recipe.words import ALL
 from tinysplat_runtime.render import DEFINITION
-from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 from ..curves import bytes_at
@@ -29,33 +25,24 @@ from ..pictures import PictureJudge
 from ..rows import Row
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
+from ..subjects.captures import Capture
 from ..subjects.cases import Case
-from ..subjects.sources import FolderSource
 
 STUDY = "pruned"
 BLIND, SEEING, WHOLE = "no cameras", "cameras", "all kept"
 QPS = (0.0, 6.0, 12.0)
-GIVEN, TARGETS = 24, 8
+GIVEN = 24
 STEPS, QUICK_STEPS = 240, 4
 """Of fusing."""
 
 
 def pruned_rows(run: Run) -> Iterator[Row]:
     """A row per scene, way and Q_g."""
-    for source in run.sources:
-        if not isinstance(source, FolderSource):
-            continue
-        try:
-            scene = load_scene(source.path, near=source.near, far=source.far).resized(*run.size)
-            yield from _scene_rows(source.name, scene, run)
-        except TinySplatError as error:
-            run.left_out.append(f"left out {source.name}: {error}")
+    return run.of_scenes(lambda name, scene: _scene_rows(name, Capture.of(scene.resized(*run.size)), run))
 
 
-def _scene_rows(name: str, scene: Scene, run: Run) -> Iterator[Row]:
-    left_out = range(2, len(scene.frames), 4)
-    targets = scene.views(left_out[:: max(1, len(left_out) // TARGETS)][:TARGETS])
-    given = _one_list(name, scene.views(i for i in range(len(scene.frames)) if i not in left_out), run)
+def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
+    targets, given = capture.targets, _one_list(name, capture.given(GIVEN), run)
     blind = replace(given, viewpoints=())
     case = replace(Case.without_photos(name, blind, targets.cameras), photos=tuple(targets.images()))
     pictures = PictureJudge(case, run.threads, **DEFINITION)
@@ -78,15 +65,13 @@ def _beside(whole: Row, rows: Sequence[Row]) -> dict[str, float]:
     return reference
 
 
-def _one_list(name: str, others: Scene, run: Run) -> Gaussians:
-    """A capture of some of these photos, fused. It is kept in the report's folder, where the next run finds it."""
+def _one_list(name: str, scene: Scene, run: Run) -> Gaussians:
+    """A capture of these photos, fused. It is kept in the report's folder, where the next run finds it."""
     from tinysplat_runtime.refine.fuse import fused
 
     path = run.folder / f"{name}.npz"
     if not path.exists():
-        count = len(others.frames)
-        some = others.views(np.rint(np.linspace(0, count - 1, min(count, GIVEN))).astype(int).tolist())
-        capture = run.runtime.decompress(run.runtime.encode(some, views=ALL, size="full"))
+        capture = run.runtime.decompress(run.runtime.encode(scene, views=ALL, size="full"))
         steps = QUICK_STEPS if run.quick else STEPS
         run.folder.mkdir(parents=True, exist_ok=True)
         save_gaussians(path, fused(capture, steps=steps, threads=run.threads))

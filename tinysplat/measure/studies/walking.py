@@ -11,13 +11,13 @@ the largest change between frames, in medians of the changes about it.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
@@ -25,7 +25,6 @@ from tinysplat_runtime.recipe.words import ALL
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
 
@@ -33,7 +32,7 @@ from ..metrics import psnr
 from ..rows import Row
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean
 from ..study import Run, Study
-from ..subjects.sources import FolderSource
+from ..subjects.captures import Capture, spread
 
 STUDY = "walk"
 REFINED, STATED = "refined walk", "walk, range stated"
@@ -41,63 +40,28 @@ COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
 
-TARGETS = 8
 PATH_FRAMES_A_VIEW, ABOUT = 6, 4
 """Of the path for flicker: frames from photo to photo, and changes on either side that one is held against."""
 
 
-@dataclass(frozen=True)
-class Capture:
-    """A scene's photos: some to draw, the others to draw them from."""
-
-    scene: Scene
-    targets: tuple[int, ...]
-    others: tuple[int, ...]
-
-    @classmethod
-    def of(cls, scene: Scene) -> Capture:
-        """Every fourth photo is left out, and so many of those drawn, from the first on."""
-        left_out = range(2, len(scene.frames), 4)
-        others = tuple(i for i in range(len(scene.frames)) if i not in left_out)
-        return cls(scene, tuple(left_out[:: max(1, len(left_out) // TARGETS)][:TARGETS]), others)
-
-    def given(self, count: int) -> Scene:
-        """So many of the other photos, spread over the capture; all where there are no more."""
-        spread = np.rint(np.linspace(0, len(self.others) - 1, min(count, len(self.others)))).astype(int)
-        return self.scene.views(self.others[i] for i in spread)
-
-    def psnr(self, pictures: Sequence[np.ndarray]) -> list[float]:
-        """dB of pictures to the photos left out."""
-        photos = (self.scene.frames[i].image() for i in self.targets)
-        return [psnr(picture, photo) for picture, photo in zip(pictures, photos, strict=True)]
-
-    @property
-    def cameras(self) -> list[Camera]:
-        """Of the photos left out."""
-        return [self.scene.cameras[i] for i in self.targets]
-
-
 def walk_rows(run: Run) -> Iterator[Row]:
     """Every way of every scene folder."""
-    for source in run.sources:
-        if not isinstance(source, FolderSource):
-            continue
-        try:
-            capture = Capture.of(load_scene(source.path, near=source.near, far=source.far).resized(*run.size))
-            yield from _scene_rows(source.name, capture, run)
-        except TinySplatError as error:
-            run.left_out.append(f"left out {source.name}: {error}")
+    return run.of_scenes(lambda name, scene: _scene_rows(name, Capture.of(scene.resized(*run.size)), run))
 
 
 def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
+    cameras = capture.targets.cameras
     runtime, model = run.runtime, run.models[0]
 
-    def row(way: str, photos: int, asked: str, psnr: Sequence[float]) -> Row:
-        figures = {"psnr": statistics.fmean(psnr), "worst": min(psnr)}
+    def row(way: str, photos: int, asked: str, decibel: Sequence[float]) -> Row:
+        figures = {"psnr": statistics.fmean(decibel), "worst": min(decibel)}
         return Row(STUDY, name, way, {"photos": photos, "asked": asked, "model": model}, figures)
 
+    def to_photos(pictures: Iterable[NDArray]) -> list[float]:
+        return [psnr(picture, frame.image()) for picture, frame in zip(pictures, capture.targets.frames, strict=True)]
+
     def drawn(gaussians: Gaussians) -> list[float]:
-        return capture.psnr(list(map(Renderer(gaussians, run.threads).render, capture.cameras)))
+        return to_photos(map(Renderer(gaussians, run.threads).render, cameras))
 
     def walked(way: str, photos: int, asked: str, gaussians: Gaussians) -> tuple[Row, Gaussians]:
         """A way with its file."""
@@ -117,7 +81,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             if photos > FEW and find_spec("numba") is not None:
                 known[photos].append(walked(REFINED, photos, asked, runtime.refine(gaussians, given)))
         ways = list(known[photos])
-        if count == COMPARED and capture.scene.near and capture.scene.far:
+        if count == COMPARED and capture.others.near and capture.others.far:
             ways.append(walked(STATED, photos, asked, runtime.predict(capture.given(count), model)))
         for known_row, gaussians in ways:
             swing = {"flicker": flicker(gaussians, run.threads)} if count == COMPARED or run.quick else {}
@@ -125,15 +89,14 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
                 known_row, setting={**known_row.setting, "asked": asked}, figures={**known_row.figures, **swing}
             )
     given, compared = found_for(capture.given(COMPARED)), str(COMPARED)
-    six = Capture(given, (), tuple(range(len(given.frames)))).given(6)
-    yield row("six spread", 6, compared, drawn(runtime.predict(six, model)))
-    nearest = [_nearest(given, camera, 2) for camera in capture.cameras]
+    yield row("six spread", 6, compared, drawn(runtime.predict(spread(given, 6), model)))
+    nearest = [_nearest(given, camera, 2) for camera in cameras]
     pairs = [
         Renderer(runtime.predict(given.views(pair), model), run.threads).render(camera)
-        for pair, camera in zip(nearest, capture.cameras, strict=True)
+        for pair, camera in zip(nearest, cameras, strict=True)
     ]
-    yield row("own pair", 2, compared, capture.psnr(pairs))
-    yield row("nearest photo", 1, compared, capture.psnr([given.frames[pair[0]].image() for pair in nearest]))
+    yield row("own pair", 2, compared, to_photos(pairs))
+    yield row("nearest photo", 1, compared, to_photos([given.frames[pair[0]].image() for pair in nearest]))
 
 
 def found_for(scene: Scene) -> Scene:

@@ -1,0 +1,37 @@
+"""A capture's photos: every fourth is left out, to be drawn from others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tinysplat_runtime.scene.scenes import Scene
+
+TARGETS = 8
+"""Photos drawn at most."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Photos left out, and the others."""
+
+    targets: Scene
+    others: Scene
+
+    @classmethod
+    def of(cls, scene: Scene) -> Capture:
+        """Of the photos left out those that are drawn, from the first on."""
+        left_out = range(2, len(scene.frames), 4)
+        others = scene.views(i for i in range(len(scene.frames)) if i not in left_out)
+        return cls(scene.views(left_out[:: max(1, len(left_out) // TARGETS)][:TARGETS]), others)
+
+    def given(self, count: int) -> Scene:
+        """So many of the others, spread over the capture; all where there are no more."""
+        return spread(self.others, count)
+
+
+def spread(scene: Scene, count: int) -> Scene:
+    """So many of a scene's photos, from the first to the last; all where there are no more."""
+    last = len(scene.frames) - 1
+    return scene.views(np.rint(np.linspace(0, last, min(count, last + 1))).astype(int).tolist())
