@@ -148,8 +148,8 @@ def test_gsplat_tensors_project_where_the_camera_does() -> None:
 
 def test_gsplat_tensors_need_cameras_of_one_size() -> None:
     scene = make_gaussians()
-    with pytest.raises(InputError, match="expected at least one, of one size"):
+    with pytest.raises(InputError):
         to_gsplat(scene.flat())
     cameras: list[Camera] = [*make_cameras(1, 8, 12), *make_cameras(1, 9, 12)]
-    with pytest.raises(InputError, match="of one size"):
+    with pytest.raises(InputError):
         to_gsplat(scene, cameras)

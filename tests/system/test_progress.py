@@ -5,12 +5,12 @@ from __future__ import annotations
 import io
 import re
 import sys
+import threading
 import time
 from collections.abc import Callable
 
 import pytest
 
-from tinysplat_runtime.system import progress as module
 from tinysplat_runtime.system.progress import progress, still_there, working
 
 
@@ -21,13 +21,15 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def said(monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], io.StringIO]:
-    """What goes to standard error from now on, a terminal or a log, with a tenth of a second between words."""
+    """What goes to standard error from now on, a terminal or a log, where no wait is longer than a tenth of a second."""
+    wait = threading.Event.wait
 
     def begin(terminal: bool) -> io.StringIO:
         stream = Terminal() if terminal else io.StringIO()
         monkeypatch.setattr(sys, "stderr", stream)
-        for name in ("LOG_EVERY_S", "TERMINAL_EVERY_S"):
-            monkeypatch.setattr(module, name, 0.1)
+        monkeypatch.setattr(
+            threading.Event, "wait", lambda event, seconds=None: wait(event, seconds and min(seconds, 0.1))
+        )
         monkeypatch.setitem(sys.modules, "tqdm", None)
         return stream
 
@@ -44,22 +46,23 @@ def until(stream: io.StringIO, word: str, times: int) -> str:
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_a_command_speaks_where_nothing_within_it_does(said: Callable[[bool], io.StringIO], terminal: bool) -> None:
-    stream, word, line = said(terminal), *((" s\r", r"(\r\d+ s\r)+") if terminal else ("encode", r"(encode: \d+ s\n)+"))
+    """A terminal's line is begun anew each time, and nothing of it remains."""
+    stream = said(terminal)
     with still_there("encode", quiet=False):
-        assert re.fullmatch(line, until(stream, word, 1))
+        assert re.search(r"\d", until(stream, "\r" if terminal else "encode", 2))
         with working("network", quiet=False):
             before = until(stream, "network", 1)
             within = until(stream, "network", 4).removeprefix(before)
-    assert within.count("network") >= 3
-    assert word not in within
-    assert stream.getvalue().endswith("\r\033[K") is terminal
+    assert within.count("network") >= 3 and "encode" not in within
+    assert ("\n" in within) is not terminal and ("\r" in within) is terminal
+    assert stream.getvalue().endswith("\033[K") is terminal
 
 
 def test_progress_says_how_far_it_is_while_an_item_takes_long(said: Callable[[bool], io.StringIO]) -> None:
     stream, done = said(terminal=False), []
     for item in progress(range(3), 3, "render", quiet=False, note=lambda: f"{len(done)} drawn"):
         if item == 2:
-            assert re.search(r"render: \d+ s 2/3 2 drawn\n", until(stream, " 2/3 ", 1))
+            assert re.search(r"render.*2/3.*2 drawn", until(stream, "2/3", 1))
         done.append(item)
     assert done == [0, 1, 2]
 
@@ -76,7 +79,7 @@ def test_where_nobody_knows_how_many_there_are_only_those_done_are_said(said: Ca
     stream = said(terminal=True)
     for item in progress(range(2), None, "fuse", quiet=False, note=lambda: "busy"):
         if item == 1:
-            assert re.search(r"\rfuse \d s 1 busy\033\[K", until(stream, " s 1 busy", 1))
+            assert re.search(r"fuse.*\b1\b.*busy", until(stream, "1 busy", 1))
 
 
 def test_all_items_come_beside_a_bar(said: Callable[[bool], io.StringIO], monkeypatch: pytest.MonkeyPatch) -> None:
