@@ -201,6 +201,7 @@ def test_every_value_of_a_compressed_ply_is_where_the_format_has_it(tmp_path: Pa
         (b"float max_scale_z", b"float max_scale_q", "chunk: lacks max_scale_z"),
         (b"uint packed_color", b"uint packed_colou", "vertex: lacks packed_color"),
         (b"uint packed_color", b"float packed_color", "vertex: lacks packed_color"),
+        (b"element chunk 1", b"element chunk 0", "0 2"),
         (struct.pack("<f", -3), struct.pack("<f", np.nan), ""),
     ],
 )

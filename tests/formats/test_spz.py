@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import re
 import struct
 from pathlib import Path
 
@@ -181,53 +180,47 @@ def test_what_spz_cannot_hold_is_said(tmp_path: Path) -> None:
         save_gaussians(tmp_path / "g.spz", g, sh_bits=(9, 4))
 
 
-def test_damaged_files_are_refused_in_one_line_and_without_memory(tmp_path: Path) -> None:
+def test_damaged_files_are_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "g.spz"
     save_gaussians(path, some(1))
     data = path.read_bytes()
     raw = gzip.decompress(data)
-    header = struct.pack("<IIIBBBB", 0x5053474E, 3, 2**32 - 1, 3, 12, 0, 0)
-    attacks = {
-        "cut short": gzip.compress(raw[:-1]),
-        "header": gzip.compress(raw[:8]),
-        "gzip": data[: len(data) // 2],
-        "announces": gzip.compress(header + bytes(1 << 20)),
-        "version 9": gzip.compress(struct.pack("<II", 0x5053474E, 9) + raw[8:]),
-        "SPZ header": gzip.compress(b"x" * 40),
-        "SPZ 9 1 4": b"NGSP" + struct.pack("<IIIIII", 9, 1, 1, 0, 0, 0) + bytes(12),
-        "version 4 in a gzip stream": gzip.compress(struct.pack("<II", 0x5053474E, 4) + raw[8:]),
-        "outside a gzip stream": raw + bytes(40),
-        "damaged": b"not gzip",
-        "damaged header: 0 points": gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, 0, 3, 12, 0, 0)),
-        "SH degree 5": gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 5, 12, 0, 0) + bytes(500)),
-        "31 fractional bits": gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, 3, 1, 0, 31, 0, 0) + bytes(500)),
-    }
-    for words, attack in attacks.items():
-        path.write_bytes(attack)
-        said = refused(load_gaussians, path)
-        assert not re.search(r"\d", words) or tells(said, words)
 
+    def headed(*fields: int) -> bytes:
+        return gzip.compress(struct.pack("<IIIBBBB", 0x5053474E, *fields, 0, 0) + bytes(1 << 20))
 
-def test_damaged_files_of_version_4_are_refused_without_memory(tmp_path: Path) -> None:
-    path = tmp_path / "g.spz"
+    attacks = [
+        (gzip.compress(raw[:-1]), ""),
+        (gzip.compress(raw[:8]), ""),
+        (data[: len(data) // 2], ""),
+        (headed(3, 2**32 - 1, 3, 12), f"{2**32 - 1}"),
+        (headed(9, 1, 0, 12), "9"),
+        (headed(4, 1, 0, 12), "4"),
+        (headed(3, 0, 3, 12), "0"),
+        (headed(3, 1, 5, 12), "5"),
+        (headed(3, 1, 0, 31), "31"),
+        (gzip.compress(b"x" * 40), ""),
+        (b"NGSP" + struct.pack("<IIIIII", 9, 1, 1, 0, 0, 0) + bytes(12), "9, 1 4"),
+        (raw + bytes(40), ""),
+        (b"not gzip", ""),
+    ]
     save_gaussians(path, some(1), spz_version=4)
     data = path.read_bytes()
 
     def changed(at: int, octets: bytes) -> bytes:
         return data[:at] + octets + data[at + len(octets) :]
 
-    attacks = {
-        "announces 4294967295 points": changed(8, b"\xff" * 4),
-        "5 streams": changed(15, b"\x05"),
-        "table at byte 4294967295": changed(16, b"\xff" * 4),
-        "table at byte 8": changed(16, struct.pack("<I", 8)),
-        "cut short": changed(32, b"\xff" * 8),  # a stream of 2^64 bytes
-        "cut short.": changed(40, b"\xff" * 8),  # that inflates to as many
-        "damaged zstd stream": changed(32 + 6 * 16, bytes(8)),
-        "1 bytes behind": data + b"x",
-        "header": data[:20],
-    }
-    for words, attack in attacks.items():
+    attacks += [
+        (changed(8, b"\xff" * 4), f"{2**32 - 1}"),
+        (changed(15, b"\x05"), "5"),
+        (changed(16, b"\xff" * 4), f"{2**32 - 1}"),
+        (changed(16, struct.pack("<I", 8)), "8"),
+        (changed(32, b"\xff" * 8), ""),  # a stream of 2^64 bytes
+        (changed(40, b"\xff" * 8), ""),  # that inflates to as many
+        (changed(32 + 6 * 16, bytes(8)), ""),
+        (data + b"x", "1"),
+        (data[:20], ""),
+    ]
+    for attack, words in attacks:
         path.write_bytes(attack)
-        said = refused(load_gaussians, path)
-        assert not re.search(r"\d", words) or tells(said, words)
+        assert tells(refused(load_gaussians, path), words)
