@@ -21,7 +21,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def said(monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], io.StringIO]:
-    """What goes to standard error from now on, a terminal or a log, where no wait is longer than a tenth of a second."""
+    """What goes to standard error from now on, a terminal or a log; no wait is longer than 0.1 s."""
     wait = threading.Event.wait
 
     def begin(terminal: bool) -> io.StringIO:
