@@ -22,7 +22,7 @@ from tinysplat_runtime.errors import InputError
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("bench") / "report"
-    run = tiny_run(root, rounds=1)
+    run = tiny_run(root)
     measure_studies(run, ("waits", "formats"), quiet=True)
     run.options = replace(run.options, size=(32, 32))
     growth = (photo_rows(run, [(64, 64)]), capture_rows(run, [3]), cloud_rows(run, (500, 900), [(16, 16), (32, 48)]))
@@ -52,7 +52,7 @@ def test_the_report_shows_every_plot_that_it_embeds(folder: Path) -> None:
 
 
 def test_two_runs_agree_in_everything_but_time(rows: list[Row], tmp_path: Path) -> None:
-    again = {row.key: row.figures for row in rows_of("formats", tiny_run(tmp_path, rounds=1))}
+    again = {row.key: row.figures for row in rows_of("formats", tiny_run(tmp_path))}
     assert again == {row.key: row.figures for row in rows if row.key in again} and len(again) > 3
 
 

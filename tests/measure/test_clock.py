@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scenes import refusing
 
-from tinysplat.measure.clock import Effort, Variant, measure, measure_apart, timed
+from tinysplat.measure.clock import Variant, measure, measure_apart, timed
 from tinysplat_runtime.errors import TinySplatError
 
 HOG = """
@@ -39,14 +39,14 @@ def spin(seconds: float) -> None:
 def test_rounds_interleave_variants_after_one_that_warms_up_and_gives_figures():
     calls: list[str] = []
     variants = [Variant(name, lambda n=name: calls.append(n) or n, lambda n: {"name": n}) for name in "AB"]
-    rows = measure("s", "c", variants, Effort(rounds=3))
+    rows = measure("s", "c", variants, 3)
     assert "".join(calls) == "AB" + "ABABAB"
     assert [(row.costs["rounds"], row.figures["name"]) for row in rows] == [(3, "A"), (3, "B")]
 
 
 def test_a_baseline_runs_beside_its_variant_and_gives_the_ratio():
     variant = Variant("slow", lambda: spin(0.02), baseline=lambda: spin(0.01))
-    (found,) = measure("s", "c", [variant], Effort(rounds=5))
+    (found,) = measure("s", "c", [variant], 5)
     assert 1.5 < found.costs["cpu_ratio"] < 2.5 and found.costs["ratio"] > 0
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from tinysplat.commands.bench import measure_studies
-from tinysplat.measure.clock import Effort
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.study import Options, Run
 from tinysplat.measure.subjects.sources import find_sources
@@ -13,10 +12,9 @@ from tinysplat_runtime.api import Runtime
 
 
 class TinyRun(Run):
-    """A run of one round on views of 32 pixels."""
+    """A run on views of 32 pixels."""
 
     side = 32  # type: ignore[assignment]
-    effort = Effort(1, 0, 1)  # type: ignore[assignment]
 
 
 def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
@@ -30,7 +28,7 @@ def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
         sources,
         list(paths),
         ["sweep"],
-        Options(**{"size": (48, 64), **options}),
+        Options(**{"size": (48, 64), "rounds": 1, **options}),
         [str(entry) for entry in left_out],  # type: ignore[arg-type]
     )
 

@@ -31,6 +31,8 @@ Figures = dict[str, Any]
 TIMEOUT_S = 3600
 """Of work in a process of its own."""
 
+LEAST_ROUNDS = 3
+
 SETTLE_S = 0.03
 """Idle threads of a BLAS spin for about 20 ms after their work; a call begins when they have stopped."""
 
@@ -57,23 +59,10 @@ class Variant:
     baseline: Callable[[], Any] | None = None
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How long to measure.
-
-    Attributes:
-        rounds: counted rounds at most.
-        budget_s: no further round once variants have taken this long, but `least` are done in any case.
-        least: counted rounds at least.
-    """
-
-    rounds: int
-    budget_s: float = float("inf")
-    least: int = 3
-
-
-def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effort) -> list[Row]:
-    """A row per variant, in their order.
+def measure(
+    study: str, subject: str, variants: Sequence[Variant], rounds: int, budget_s: float = float("inf")
+) -> list[Row]:
+    """A row per variant, in their order, of so many counted rounds, or of fewer (`LEAST_ROUNDS`) that take so long.
 
     `costs` are `seconds` and `cpu` (medians), and `rounds`; with a baseline also `ratio` and `cpu_ratio`, medians over
     rounds of the variant's time by its baseline's.
@@ -86,8 +75,8 @@ def measure(study: str, subject: str, variants: Sequence[Variant], effort: Effor
     base_times: list[list[Times]] = [[] for _ in variants]
     gc.freeze()  # so that collecting before every call looks at what the calls made, not at all of torch
     start = time.perf_counter()
-    for done in range(effort.rounds):
-        if done >= effort.least and time.perf_counter() - start > effort.budget_s:
+    for done in range(rounds):
+        if done >= LEAST_ROUNDS and time.perf_counter() - start > budget_s:
             break
         for variant, own, base in zip(variants, times, base_times, strict=True):
             own.append(timed(variant.run))

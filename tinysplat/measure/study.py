@@ -12,7 +12,6 @@ from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
-from .clock import Effort
 from .lpips import LpipsFiles, find_lpips
 from .rows import Row, RowFile
 from .runner import RunOutcome, RunPlan, WindowJob, list_jobs
@@ -111,12 +110,6 @@ class Run:
     def threads(self) -> int:
         """How many the run may use."""
         return self.runtime.threads
-
-    @property
-    def effort(self) -> Effort:
-        """Of an ordinary comparison."""
-        rounds, budget = (5, 1.5) if self.quick else (9, 20.0)
-        return Effort(self.options.rounds or rounds, budget, least=min(3, self.options.rounds or 3))
 
     @property
     def side(self) -> int:

@@ -50,9 +50,15 @@ def waiting_rows(run: Run) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         for qp in run.options.qps or (QPS[1:2] if run.quick else QPS):
             variants += _waits(run, case, pictures, qp, Path(folder))
-        yield from measure("waits", case.name, variants, run.effort)
+        yield from measure("waits", case.name, variants, *_effort(run))
         if run.options.beside is not None:
             yield from command_rows(run, run.options.beside, Path(folder))
+
+
+def _effort(run: Run) -> tuple[int, float]:
+    """Rounds, and the seconds after which no more are begun."""
+    rounds, budget = (5, 1.5) if run.quick else (9, 20.0)
+    return run.options.rounds or rounds, budget
 
 
 def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path) -> Iterator[Variant]:
@@ -114,7 +120,7 @@ def command_rows(run: Run, beside: Path, folder: Path) -> Iterator[Row]:
         Variant(name, call_of(ROOT, words), lambda _: figures, setting, call_of(beside, words))
         for name, words in commands.items()
     ]
-    for row in measure("commands", f"2×{run.side}×{run.side}, SH degree 4", variants, run.effort):
+    for row in measure("commands", f"2×{run.side}×{run.side}, SH degree 4", variants, *_effort(run)):
         peaks = [peak_bytes(root, commands[row.way]) for root in (ROOT, beside)]
         yield replace(row, costs={**row.costs, "peak_bytes": peaks[0], "baseline_peak_bytes": peaks[1]})
 
