@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 from zlib import crc32
 
 from numpy.typing import NDArray
 
-from ..errors import FormatError
+from ..gaussian.planes import MAX_DECODED
 from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
 from . import layout as L
-from .body import Body, Description, Opened, Piece, calibration, camera_in
+from .body import Body, Description, Opened, Piece, calibration, camera_in, check_totals
 from .layers import PixelGrid, intrinsics
 from .records import StreamRef, read_streams
 from .sections import Cursor, NewSection
@@ -25,13 +25,6 @@ EXACT_PLANES = b"EXAP"
 EXACT_FIXED = struct.Struct("<IIB3sff32s")
 """height, width, SH degree, reserved (0), least z, largest z, SHA-256 of the planes; then per view INTRINSICS, and per
 view and plane a STREAM."""
-
-_MAX_DEPTH = 1e30
-
-
-def exact_plane_count(degree: int) -> int:
-    """Planes of a view: 12 of geometry, and all SH coefficients."""
-    return 12 + 3 * (degree + 1) ** 2
 
 
 @dataclass(frozen=True)
@@ -47,8 +40,8 @@ class ExactLayer(PixelGrid):
 
     @property
     def planes(self) -> int:
-        """Planes of a view."""
-        return exact_plane_count(self.degree)
+        """Planes of a view: 12 of geometry, and all SH coefficients."""
+        return 12 + 3 * (self.degree + 1) ** 2
 
     def payload(self, number: int) -> memoryview:
         """One plane's bytes; FormatError if its CRC differs."""
@@ -88,9 +81,7 @@ class Exact(Body):
             layer = _read_exact(Cursor(file.only(EXACT, index)), poses, planes.data)
             pixels += layer.gaussians
             memory += 12 * layer.gaussians * layer.planes  # float16, float64 and float32 at a time
-            if pixels > file.limits.max_pixels or memory > file.limits.max_memory_bytes:
-                found = f"{pixels} Gaussians, {memory} bytes to decode: over --max-pixels or --max-memory"
-                raise FormatError(found, where=f"section EXAC[{index}]")
+            check_totals(pixels, memory, file.limits, f"section EXAC[{index}]")
             layers.append(layer)
         return cls(cameras=file.cameras(layers[0].height, layers[0].width), layers=tuple(layers))
 
@@ -122,10 +113,10 @@ def _read_exact(cursor: Cursor, poses: Sequence[NDArray], data: memoryview) -> E
     )
     cursor.require(degree <= MAX_SH_DEGREE, f"SH degree {degree}, accepted are 0 to {MAX_SH_DEGREE}")
     depths = f"depth limits {z_min:g} to {z_max:g}, expected positive and ordered"
-    cursor.require(1 / _MAX_DEPTH < z_min <= z_max < _MAX_DEPTH, depths)
+    cursor.require(1 / MAX_DECODED < z_min <= z_max < MAX_DECODED, depths)
     cameras = [
         camera_in(cursor.section, view, calibration(*cursor.unpack(L.INTRINSICS)), c2w, width, height)
         for view, c2w in enumerate(poses)
     ]
-    streams = read_streams(cursor, len(poses) * exact_plane_count(degree), data)
-    return ExactLayer(tuple(cameras), degree, (z_min, z_max), digest, streams, data)
+    layer = ExactLayer(tuple(cameras), degree, (z_min, z_max), digest, (), data)
+    return replace(layer, streams=read_streams(cursor, len(poses) * layer.planes, data))

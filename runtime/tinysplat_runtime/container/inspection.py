@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..gaussian.planes import CODING_ORDER, PlaneClass, hevc_step
-from .body import Container, Description
+from ..gaussian.planes import CODING_ORDER, hevc_step
+from .body import Container, Description, Piece
 from .notes import NOTE_NAMES
 from .reader import read_container
 from .records import ChannelRecord, Limits
@@ -33,7 +33,7 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
     container = read_container(data, limits or Limits.for_describing(), is_prefix=is_prefix)
     camera = container.cameras[0] if container.cameras else None
     own = container.body.describe()
-    by_class, by_view = _bytes_by_class(container, own), _bytes_by_view(container, own)
+    by_class, by_view = _bytes(container, own)
     return {
         "version": ".".join(map(str, container.version)),
         "mode": container.mode,
@@ -70,35 +70,20 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
     }
 
 
-def _streams(container: Container) -> list[tuple[PlaneClass, int, int]]:
-    """(class, view, bytes) of every picture of planes."""
-    return [
-        (channel.plane_class, view, stream.length)
+def _bytes(container: Container, own: Description) -> tuple[dict[str, int], list[int]]:
+    """Bytes by class of pictures or label of pieces, and by view; none of these without cameras."""
+    by_class, by_view = {plane_class.label: 0 for plane_class in CODING_ORDER}, [0] * len(container.cameras)
+    pictures = [
+        Piece(channel.plane_class.label, view, stream.length)
         for channels in container.pictures.channels
         for channel in channels
         for view, stream in enumerate(channel.streams)
     ]
-
-
-def _bytes_by_class(container: Container, own: Description) -> dict[str, int]:
-    totals = {plane_class.label: 0 for plane_class in CODING_ORDER}
-    for plane_class, _, length in _streams(container):
-        totals[plane_class.label] += length
-    for piece in own.pieces:
-        totals[piece.label] = totals.get(piece.label, 0) + piece.bytes
-    return totals
-
-
-def _bytes_by_view(container: Container, own: Description) -> list[int]:
-    totals = [0] * len(container.cameras)
-    if not totals:
-        return totals
-    for _, view, length in _streams(container):
-        totals[view] += length
-    for piece in own.pieces:
-        if piece.view is not None:
-            totals[piece.view] += piece.bytes
-    return totals
+    for piece in (*pictures, *own.pieces):
+        by_class[piece.label] = by_class.get(piece.label, 0) + piece.bytes
+        if by_view and piece.view is not None:
+            by_view[piece.view] += piece.bytes
+    return by_class, by_view
 
 
 def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from zlib import crc32
 
 from ..errors import FormatError
-from ..gaussian.planes import MAX_QP
+from ..gaussian.planes import MAX_DECODED, MAX_QP
 from . import layout as L
 from .body import Body, Description, Opened, Piece
 from .records import StreamRef, read_streams
@@ -50,9 +50,6 @@ YCC_420_10 = 0
 PHOTO_SIDE_MULTIPLE = 16
 PHOTO_PARAMETER_SET = 255
 """Index of the HEVC section that the writer gives to photos; layers count from 0."""
-
-
-_MAX_DEPTH = 1e30
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,7 @@ class Photos(Body):
         """Parse and check the sections NETW, PHOT and PICS."""
         file.check_counts(has_layers=False)
         network = _read_network(Cursor(file.only(NETWORK)))
-        groups = _read_groups(Cursor(file.only(GROUPS)), file.views) if file.has(GROUPS) else _whole(file.views)
+        groups = _read_groups(file)
         pictures = file.only(PHOTO_PICTURES)
         photos = _read_photos(Cursor(file.only(PHOTOS)), file.views, pictures.data)
         pixels = file.views * photos.height * photos.width
@@ -182,22 +179,19 @@ def _read_network(cursor: Cursor) -> NetworkRef:
     cursor.finish()
     name = raw_name.rstrip(b"\0")
     cursor.require(name.isascii() and name.decode("latin-1").isprintable(), "the network's name is not printable ASCII")
-    depths = f"near {near:g} and far {far:g}, expected {1 / _MAX_DEPTH:g} < near < far < {_MAX_DEPTH:g}"
-    cursor.require(1 / _MAX_DEPTH < near < far < _MAX_DEPTH, depths)
+    depths = f"near {near:g} and far {far:g}, expected {1 / MAX_DECODED:g} < near < far < {MAX_DECODED:g}"
+    cursor.require(1 / MAX_DECODED < near < far < MAX_DECODED, depths)
     return NetworkRef(name.decode("ascii"), digest.hex(), near, far)
 
 
-def _whole(views: int) -> tuple[Group, ...]:
-    """All views as one group."""
+def _read_groups(file: Opened) -> tuple[Group, ...]:
+    """Parse and check a section GRPS, every view kept once and one by every group; all views are one without it."""
     from ..scene.neighbours import Group
 
-    return (Group(tuple(range(views)), tuple(range(views))),)
-
-
-def _read_groups(cursor: Cursor, views: int) -> tuple[Group, ...]:
-    """Parse and check a GRPS section: every view is kept once, every group keeps one."""
-    from ..scene.neighbours import Group
-
+    views = file.views
+    if not file.has(GROUPS):
+        return (Group(tuple(range(views)), tuple(range(views))),)
+    cursor = Cursor(file.only(GROUPS))
     (count,) = cursor.unpack(GROUPS_FIXED)
     groups, kept_once = [], set[int]()
     for number in range(count):

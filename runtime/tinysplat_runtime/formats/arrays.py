@@ -12,6 +12,7 @@ unpickled.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import zipfile
@@ -27,7 +28,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.cameras import Camera
 from ..system.files import parsing
-from .file_notes import NPZ_ARRAY, npz_array
+from .file_notes import NPZ_ARRAY
 
 MAX_EXPANSION = 100
 """Most bytes of array per byte of a compressed file beyond MIN_BUDGET. Real Gaussians reach 2, bombs 1,000."""
@@ -136,7 +137,7 @@ def write_npz(path: Path, gaussians: Gaussians) -> list[str]:
     """Write all layers, cameras and notes; nothing is lost, so the list is empty."""
     arrays = _arrays(gaussians)
     if gaussians.notes:
-        arrays[NPZ_ARRAY] = npz_array(gaussians.notes)
+        arrays[NPZ_ARRAY] = np.frombuffer(json.dumps(gaussians.notes.given()).encode(), np.uint8)
     # As numpy.savez does, whose older versions leave the archive open when the disk is full.
     with zipfile.ZipFile(path, "w") as archive:
         for name, array in arrays.items():

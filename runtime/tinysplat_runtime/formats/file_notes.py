@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.notes import MAX_BYTES, NAMES, YES, Notes
@@ -31,11 +30,6 @@ _IN_WORDS = "|".join(name for name in NAMES if name != "antialiased")
 _COMMENT = re.compile(rf"^comment ({_IN_WORDS}): ?(.*?)\r?$", re.MULTILINE)
 _DRAWN = re.compile(r"^comment[ \t]+(?:SplatRenderMode:|antialiased)[ \t]+(\w+)[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
 _MAX_HEADER_BYTES = 1 << 16
-
-
-def npz_array(notes: Notes) -> NDArray:
-    """(bytes,) uint8 for an .npz file."""
-    return np.frombuffer(json.dumps(notes.given()).encode(), np.uint8)
 
 
 def ply_comments(notes: Notes) -> list[str]:

@@ -32,6 +32,7 @@ from ..gaussian.notes import Notes
 from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
+from .assembly import cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, sh_signs
 from .spz import fixed_points
 
@@ -115,9 +116,7 @@ def _plain(gaussians: Gaussians) -> _Body:
         if array.dtype == np.uint16:
             accessor |= {"componentType": _UNSIGNED_SHORT, "normalized": True}
         accessors[name] = accessor
-    losses = []
-    if gaussians.degree > MAX_GLTF_DEGREE:
-        losses.append(f"SH of degree {gaussians.degree} cut to {MAX_GLTF_DEGREE}, the highest of {EXTENSION}")
+    losses = cut_degree_note(gaussians, MAX_GLTF_DEGREE, EXTENSION)
     return _Body(_KERNEL, (), accessors, tuple(arrays.values()), losses)
 
 

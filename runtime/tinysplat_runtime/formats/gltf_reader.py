@@ -134,19 +134,16 @@ class _File:
             raise InputError("damaged accessor", where=name)
         if "sparse" in accessor or "bufferView" not in accessor:
             raise InputError("a sparse accessor, expected one with a buffer view", where=name)
-        view, first, length = self._view(accessor["bufferView"], name)
+        view, data = self._view(accessor["bufferView"], name)
         item = np.dtype(kind).itemsize * width
         stride = view.get("byteStride", item)
         if not _is_index(stride) or not item <= stride <= 252:
             raise InputError("damaged buffer view", where=name)
-        if start + (count - 1) * stride + item > length:
+        if start + (count - 1) * stride + item > len(data):
             raise InputError(f"{count} values, which its buffer view is too short for", where=name)
         if count * width * 8 > self.max_bytes:
             raise InputError(f"{count} values, more than {self.max_bytes} bytes can hold", where=name)
-        data = self._buffer(view.get("buffer"))
-        if first + length > len(data):
-            raise InputError("a buffer view beyond its buffer", where=name)
-        flat = np.frombuffer(data, np.uint8, (count - 1) * stride + item, first + start)
+        flat = np.frombuffer(data, np.uint8, (count - 1) * stride + item, start)
         rows = np.lib.stride_tricks.as_strided(flat, (count, item), (stride, 1))
         with np.errstate(invalid="ignore"):  # Gaussians will name what is not finite
             values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
@@ -156,21 +153,20 @@ class _File:
 
     def blob(self, index: Any, name: str) -> bytes:
         """All bytes of a buffer view."""
-        view, first, length = self._view(index, name)
-        data = self._buffer(view.get("buffer"))
-        if first + length > len(data):
-            raise InputError("a buffer view beyond its buffer", where=name)
-        return data[first : first + length]
+        return bytes(self._view(index, name)[1])
 
-    def _view(self, index: Any, name: str) -> tuple[dict[str, Any], int, int]:
-        """A buffer view, and where in its buffer it begins and how long it is."""
+    def _view(self, index: Any, name: str) -> tuple[dict[str, Any], memoryview]:
+        """A buffer view, and its bytes."""
         view = self.entry("bufferViews", index)
         if view.get("extensions"):
             raise InputError(f"compressed by {ascii(view['extensions'])[:80]}, expected plain values", where=name)
         first, length = view.get("byteOffset", 0), view.get("byteLength")
         if not _is_index(first) or not isinstance(length, int) or not _is_index(length):
             raise InputError("damaged buffer view", where=name)
-        return view, first, length
+        data = self._buffer(view.get("buffer"))
+        if first + length > len(data):
+            raise InputError("a buffer view beyond its buffer", where=name)
+        return view, memoryview(data)[first : first + length]
 
     def _buffer(self, index: Any) -> bytes:
         entry = self.entry("buffers", index)

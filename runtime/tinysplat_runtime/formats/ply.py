@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
+from ..gaussian.sh import C0
 from ..system.files import parsing
 from .assembly import PointCloud, cut_degree_note
 from .compressed_ply import compressed_arrays, is_compressed
@@ -111,21 +112,21 @@ def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
     return notes
 
 
-def write_points(path: Path, means: NDArray, colours: NDArray, comments: Sequence[str] = ()) -> None:
-    """Write a plain point cloud, as MeshLab, CloudCompare and Blender open it.
+def write_points(path: Path, gaussians: Gaussians) -> None:
+    """Write means and colours of degree 0 as a plain point cloud, as MeshLab, CloudCompare and Blender open it.
 
-    Args:
-        path: the file.
-        means: (N, 3) world positions, float32 or float64; the file's type for them follows.
-        colours: (N, 3) uint8 RGB.
-        comments: lines of ASCII for the header.
+    Positions are double where float would lose digits of them.
     """
+    from ..scene.pictures import to_uint8  # which loads av
+
+    points = PointCloud.of(gaussians)
+    means = points.means if points.is_far else points.means.astype(np.float32)
+    colours = to_uint8(0.5 + C0 * points.gaussians.sh[:, 0])
     types = [(axis, means.dtype) for axis in "xyz"] + [(name, np.uint8) for name in ("red", "green", "blue")]
     vertex = np.empty(len(means), types)
-    for i in range(3):
-        vertex["xyz"[i]] = means[:, i]
-        vertex[("red", "green", "blue")[i]] = colours[:, i]
-    _write(path, vertex, comments)
+    for name, column in zip(vertex.dtype.names or (), (*means.T, *colours.T), strict=True):
+        vertex[name] = column
+    _write(path, vertex, ply_comments(gaussians.notes))
 
 
 def _write(path: Path, vertex: NDArray, comments: Sequence[str]) -> None:

@@ -24,6 +24,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from . import SH_BITS, SPZ_VERSION
+from .assembly import cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, is_antialiased, pack_blocks, read_blocks
 
@@ -37,21 +38,15 @@ _COMPONENT_BITS, _COMPONENT_MASK = 10, (1 << 9) - 1
 
 
 def encode_spz(
-    gaussians: Gaussians,
-    means: NDArray,
-    sh_bits: tuple[int, int] = SH_BITS,
-    version: int = SPZ_VERSION,
-    *,
-    antialiased: bool = False,
+    gaussians: Gaussians, means: NDArray, sh_bits: tuple[int, int] = SH_BITS, version: int = SPZ_VERSION
 ) -> tuple[bytes, list[str]]:
     """Points as the bytes of an SPZ file.
 
     Args:
-        gaussians: (N,), without layers.
+        gaussians: (N,), without layers; whether they are antialiased is a flag of the header.
         means: (N, 3) float64 world positions.
         sh_bits: bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8 each.
         version: of the format, one of WRITES.
-        antialiased: the header's flag.
 
     Returns:
         The bytes, and what the format could not keep, one line each.
@@ -62,11 +57,8 @@ def encode_spz(
     """
     if version not in WRITES:
         raise InputError(f"{version}, expected {', '.join(map(str, WRITES))}", where="SPZ version")
-    notes = []
     degree = min(gaussians.degree, _MAX_DEGREE[version])
-    if gaussians.degree > degree:
-        cut = f"SH of degree {gaussians.degree} cut to {degree}"
-        notes.append(f"{cut}, the highest that readers of .spz version {version} know")
+    notes = cut_degree_note(gaussians, _MAX_DEGREE[version], f".spz version {version}")
     points = means.astype(np.float64) * HALF_TURN
     fixed, bits = fixed_points(points)
     notes += _position_notes(points, bits, gaussians.scales)
@@ -89,7 +81,8 @@ def encode_spz(
         _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
         _quantise_sh(sh[:, 1:] * sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
     ]
-    return pack_blocks(SpzHeader(version, len(points), degree, bits, antialiased), blocks), notes
+    header = SpzHeader(version, len(points), degree, bits, bool(gaussians.notes.antialiased))
+    return pack_blocks(header, blocks), notes
 
 
 def fixed_points(points: NDArray) -> tuple[NDArray, int]:
@@ -99,12 +92,15 @@ def fixed_points(points: NDArray) -> tuple[NDArray, int]:
         points: (N, 3) in SPZ's axes.
 
     Returns:
-        (N, 3) int32 of 24 bits, and how many of them are the fraction.
+        (N, 3) int32 of 24 bits, and how many of them are the fraction: all that the positions leave.
 
     Raises:
         InputError: positions too far away for the format.
     """
-    bits = _fractional_bits(points)
+    reach = float(np.abs(points).max())
+    if reach >= _FIXED_LIMIT:
+        raise InputError(f"positions reach {reach:.3g} units, .spz holds {_FIXED_LIMIT}; bring the scene nearer first")
+    bits = int(np.clip(np.floor(np.log2(_FIXED_LIMIT / max(reach, 1e-30))), 0, MAX_FRACTIONAL_BITS))
     return np.rint(np.ldexp(points, bits)).clip(-_FIXED_LIMIT, _FIXED_LIMIT).astype(np.int32), bits
 
 
@@ -144,15 +140,10 @@ def _positions(octets: NDArray, header: SpzHeader) -> NDArray:
     """(N, 3) float64 in SPZ's axes."""
     if header.version == 1:
         return np.ascontiguousarray(octets).view("<f2").astype(np.float64)
-    return np.ldexp(_from_24_bits(octets).astype(np.float64), -header.fractional_bits)
-
-
-def _fractional_bits(points: NDArray) -> int:
-    """As many as positions leave room for in 24 bits."""
-    reach = float(np.abs(points).max())
-    if reach >= _FIXED_LIMIT:
-        raise InputError(f"positions reach {reach:.3g} units, .spz holds {_FIXED_LIMIT}; bring the scene nearer first")
-    return int(np.clip(np.floor(np.log2(_FIXED_LIMIT / max(reach, 1e-30))), 0, MAX_FRACTIONAL_BITS))
+    padded = np.zeros((len(octets), 3, 4), np.uint8)
+    padded[..., 1:] = octets.reshape(-1, 3, 3)
+    fixed = padded.view("<i4")[..., 0] >> 8  # the shift brings the sign along
+    return np.ldexp(fixed.astype(np.float64), -header.fractional_bits)
 
 
 def _position_notes(points: NDArray, bits: int, scales: NDArray) -> list[str]:
@@ -166,13 +157,6 @@ def _position_notes(points: NDArray, bits: int, scales: NDArray) -> list[str]:
 
 def _bytes(values: NDArray) -> NDArray:
     return np.rint(values).clip(0, 255).astype(np.uint8)
-
-
-def _from_24_bits(octets: NDArray) -> NDArray:
-    """(N, 3) int32 of (N, 9) little-endian bytes."""
-    padded = np.zeros((len(octets), 3, 4), np.uint8)
-    padded[..., 1:] = octets.reshape(-1, 3, 3)
-    return padded.view("<i4")[..., 0] >> 8  # the shift brings the sign along
 
 
 def _pack_smallest_three(quats: NDArray) -> NDArray:

@@ -15,13 +15,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import NAMES, NO_NOTES, Notes
-from ..gaussian.sh import C0
 from ..scene.cameras import Camera
 from ..system.files import StrPath, atomic_path, check_readable
 from . import SH_BITS, SPZ_VERSION
@@ -90,13 +88,7 @@ def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
     from .spz import encode_spz
 
     points = PointCloud.of(gaussians)
-    data, notes = encode_spz(
-        points.gaussians,
-        points.means,
-        options.sh_bits,
-        options.spz_version,
-        antialiased=bool(gaussians.notes.antialiased),
-    )
+    data, notes = encode_spz(points.gaussians, points.means, options.sh_bits, options.spz_version)
     path.write_bytes(data)
     return notes
 
@@ -109,12 +101,7 @@ def _gltf(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
         return write_gltf(path, gaussians)
     if options.spz_version > SPZ_VERSION:
         raise InputError(f"{options.spz_version} within glTF, expected at most {SPZ_VERSION}", where="SPZ version")
-    antialiased = bool(gaussians.notes.antialiased)
-
-    def pack(flat: Gaussians) -> tuple[bytes, list[str]]:
-        return encode_spz(flat, flat.means, options.sh_bits, options.spz_version, antialiased=antialiased)
-
-    return write_gltf(path, gaussians, pack)
+    return write_gltf(path, gaussians, lambda flat: encode_spz(flat, flat.means, options.sh_bits, options.spz_version))
 
 
 FORMATS = (
@@ -283,17 +270,11 @@ def save_points(path: StrPath, gaussians: Gaussians) -> None:
     """
     if Path(path).suffix.lower() != ".ply":
         raise InputError(f"suffix '{Path(path).suffix.lower()}', expected .ply", where=str(path))
-    from ..scene.pictures import to_uint8
-    from .assembly import PointCloud
-    from .file_notes import ply_comments
     from .ply import write_points
 
-    points = PointCloud.of(gaussians)
     try:
         with atomic_path(path) as temporary:
-            positions = points.means if points.is_far else points.means.astype(np.float32)
-            colours = to_uint8(0.5 + C0 * points.gaussians.sh[:, 0])
-            write_points(temporary, positions, colours, ply_comments(gaussians.notes))
+            write_points(temporary, gaussians)
     except ImportError:
         raise _missing_package(path, find_format("points.ply", written=True)) from None
 
