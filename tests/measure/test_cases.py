@@ -17,12 +17,9 @@ def camera(x: float, yaw: float = 0.0) -> Camera:
     return Camera(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), c2w, WIDTH, HEIGHT)
 
 
-def test_a_context_view_covers_itself() -> None:
-    assert covered_pixels(camera(0), [camera(0)], 1, 9).all()
-
-
 def test_the_uncovered_margin_is_as_wide_as_the_disparity() -> None:
     # all depths alike: 0.5 · 40 / 2 = 10 pixels that lie beyond the context's right border
+    assert covered_pixels(camera(0), [camera(0)], 2.0, 9.0).all()
     covered = covered_pixels(camera(0.5), [camera(0)], 2.0, 2.0 + 1e-6)
     assert covered[:, : WIDTH - 10].all() and not covered[:, WIDTH - 10 :].any()
 

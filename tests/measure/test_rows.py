@@ -64,9 +64,6 @@ def test_rows_are_json_without_what_is_empty_and_come_back():
     bare = {"study": "s", "subject": "c", "way": "w"}
     assert Row("s", "c", "w").to_json() == bare
     assert Row("s", "c", "w", setting={"a": "inf"}) == Row.from_json({**bare, "setting": {"a": "inf"}})
-    for wrong in ([], 3, None, "row"):
-        with pytest.raises(ValueError):
-            Row.from_json(wrong)
 
 
 def test_a_row_that_is_measured_again_comes_last_and_every_stamp_is_found(tmp_path):
@@ -83,7 +80,7 @@ def test_a_row_that_is_measured_again_comes_last_and_every_stamp_is_found(tmp_pa
     assert {row.subject: row for row in read_rows(tmp_path / "new")} == {"a": later, "b": other}
 
 
-@pytest.mark.parametrize("text", ['{"study": "s"}', '{"a": 1}', "[[[", "{}\n{}"])
+@pytest.mark.parametrize("text", ['{"study": "s"}', '{"a": 1}', "[[[", "[]", "3", "null", "{}\n{}"])
 def test_the_line_that_is_no_row_is_named(tmp_path, text):
     (tmp_path / "rows.jsonl").write_text('{"study": "s", "subject": "a", "way": "w"}\n' + text + "\n")
     with refusing(InputError, "rows.jsonl line 2"):

@@ -107,19 +107,9 @@ def test_imports_never_point_back(folder: str, banned: set[str]) -> None:
 
 
 BLOCKED = (
-    "torch",
-    "onnx",
-    "tinysplat",
-    "export",
-    "onnxscript",
-    "safetensors",
-    "plyfile",
-    "zstandard",
-    "pycolmap",
-    "tqdm",
-    "PIL",
-    "skimage",
-)
+    "torch", "onnx", "tinysplat", "export", "onnxscript", "safetensors", "plyfile", "zstandard", "pycolmap", "tqdm",
+    "PIL", "skimage",
+)  # fmt: skip
 
 IMPORT_ALL = f"""
 import importlib, pkgutil, sys
