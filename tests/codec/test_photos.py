@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
-from scenes import make_photo
+from scenes import make_photo, refusing
 
 from tinysplat_runtime.codec.photos import decode_photos, encode_photos, photo_qp, picture_planes, planes_picture
 from tinysplat_runtime.codec.profiles import PROFILES
@@ -75,5 +74,5 @@ def test_a_damaged_photo_is_named() -> None:
     images = np.stack([make_photo(16, 16, seed).astype(np.float32) / 255 for seed in (0, 1)])
     coded = encode_photos(images, 0.0, PROFILES["fast"].encoder, 1)
     damaged = replace(coded, payloads=(coded.payloads[0], b"no picture"))
-    with pytest.raises(FormatError, match=r"^photo 1: "):
+    with refusing(FormatError, "1"):
         decode_photos(damaged.header(), coded.parameter_sets, 1)
