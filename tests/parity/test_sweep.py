@@ -12,7 +12,7 @@ from tinysplat_runtime.graphs.inference import GraphStore
 
 STORE = GraphStore(threads=1)
 
-RTOL = 5e-4  # of an output's largest magnitude; of two Gaussians at one depth rounding decides which hides the other
+RTOL = 1e-3  # of an output's largest magnitude; of two Gaussians at one depth rounding decides which hides the other
 SHARE = 0.995  # of the values: where two candidates cost the same, rounding decides which is taken
 
 SIZES = [(2, 64, 96), (3, 64, 96), (6, 64, 96), (2, 92, 48), (3, 92, 48)]

@@ -6,7 +6,6 @@ differ by one alpha step, 1/255, more.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -59,7 +58,7 @@ def agree(
 @st.composite
 def cameras(draw: st.DrawFn) -> Camera:
     """Pictures of a pixel, a row or no multiple of a tile; principal points anywhere, skew, turned."""
-    width, height = draw(st.sampled_from([(1, 1), (37, 1), (1, 37), (32, 24), (37, 30), (5, 60)]))
+    width, height = draw(st.sampled_from([(1, 1), (4096, 1), (1, 4096), (32, 24), (37, 30), (5, 60)]))
     focal = max(width, height) * draw(st.sampled_from([0.6, 1.0, 4.0]))
     aside = draw(st.sampled_from([(0.5, 0.5), (0.1, 1.2), (-0.8, -0.4)]))
     skew = draw(st.sampled_from([0.0, 0.2])) * focal
@@ -87,7 +86,7 @@ def clouds(draw: st.DrawFn) -> Gaussians:
     size = draw(st.sampled_from([0.0, 1e-5, 0.03, 0.5, 40.0]))
     stretch = draw(st.sampled_from([(1, 1, 1), (60, 1, 0.1), (20, 20, 0)]))
     opacity = draw(st.sampled_from([None, 1.0, float(np.nextafter(np.float32(1), np.float32(0))), 0.5, 0.006]))
-    degree = draw(st.integers(0, 3))
+    degree = draw(st.integers(0, 4))
     return Gaussians(
         means=means,
         quats=rng.normal(size=(count, 4)),
@@ -112,61 +111,24 @@ def test_photos_gaussians_are_drawn_as_they_are_defined(made: tuple[Gaussians, C
 # ---- scenes that stay ----------------------------------------------------------------------------------------------
 
 
-def cloud(count=1500, degree=1, seed=0, *, centre=(0, 0, 3), spread=(1, 1, 0.6), size=0.04, stretch=(1, 1, 1)):
-    """Random Gaussians about a point, `size` scene units wide, times `stretch` along their axes."""
-    rng = np.random.default_rng(seed)
+def cloud(count, size=0.04):
+    """Random Gaussians before the camera, `size` scene units wide."""
+    rng = np.random.default_rng(0)
     return Gaussians(
-        means=rng.normal(size=(count, 3)) * spread + centre,
+        means=rng.normal(size=(count, 3)) * (1, 1, 0.6) + (0, 0, 3),
         quats=rng.normal(size=(count, 4)),
-        scales=size * np.exp(0.6 * rng.normal(size=(count, 3))) * stretch,
+        scales=size * np.exp(0.6 * rng.normal(size=(count, 3))),
         opacities=rng.uniform(size=count) ** 0.5,
-        sh=0.3 * rng.normal(size=(count, (degree + 1) ** 2, 3)),
+        sh=0.3 * rng.normal(size=(count, 4, 3)),
     )
 
 
-def wall(rows=24, columns=32, opacity=0.6):
-    """A grid of Gaussians at one depth: each tie is drawn in index order."""
-    y, x = np.mgrid[-1 : 1 : rows * 1j, -1.3 : 1.3 : columns * 1j]
-    n = x.size
-    return Gaussians(
-        means=np.stack([x.ravel(), y.ravel(), np.full(n, 2.0)], axis=-1),
-        quats=np.tile([1.0, 0, 0, 0], (n, 1)),
-        scales=np.full((n, 3), 0.1),
-        opacities=np.full(n, opacity),
-        sh=np.random.default_rng(1).normal(size=(n, 1, 3)),
-    )
-
-
-def pinhole(width=64, height=48, fx=60.0, fy=55.0):
-    return Camera([[fx, 0, width / 2], [0, fy, height / 2], [0, 0, 1]], np.eye(4), width, height)
+def pinhole():
+    return Camera([[60, 0, 32], [0, 55, 24], [0, 0, 1]], np.eye(4), 64, 48)
 
 
 def per_pixel():
     return make_gaussians(views=2, height=24, width=32, degree=3, layers=2)
-
-
-SCENES: dict[str, Callable[[], tuple[Gaussians, Camera]]] = {
-    "per-pixel layers from an input view": lambda: (per_pixel(), make_cameras(2, 24, 32)[0]),
-    "per-pixel layers from between, larger": lambda: (per_pixel(), make_cameras(1, 24, 32)[0].resized(45, 61)),
-    "degree 4": lambda: (cloud(degree=4), pinhole()),
-    "needles seen from far off the axis": lambda: (
-        cloud(1000, 1, 6, stretch=(300, 1, 0.1), spread=(3, 3, 1)),
-        pinhole(fx=200, fy=190),
-    ),
-    "opaque and large: alphas at their limit": lambda: (
-        Gaussians(**{**vars(cloud(400, 1, 24, size=3.0)), "opacities": np.ones(400)}),
-        pinhole(),
-    ),
-    "wall of equal depths": lambda: (wall(), pinhole()),
-    "opaque wall of equal depths": lambda: (wall(opacity=1.0), pinhole()),
-    "one row": lambda: (cloud(300, 0, 21), pinhole(width=4096, height=1, fx=2000, fy=2000)),
-    "one column": lambda: (cloud(300, 0, 22), pinhole(width=1, height=4096, fx=2000, fy=2000)),
-}
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_pictures_agree_with_the_reference(name):
-    agree(*SCENES[name]())
 
 
 def test_gaussians_from_very_near_agree_with_the_reference():

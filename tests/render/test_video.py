@@ -52,8 +52,9 @@ def test_video_shows_the_frames_that_went_in(tmp_path: Path, size: tuple[int, in
     write_video(tmp_path / "a.mp4", iter(frames), fps=25)
     shown, stream = decoded(tmp_path / "a.mp4")
     assert stream.codec_context.name == "h264" and stream.average_rate == 25
-    assert (stream.codec_context.color_range, stream.codec_context.colorspace) == (1, 1)
-    assert stream.codec_context.pix_fmt == "yuv420p"
+    context = stream.codec_context
+    assert (context.color_range, context.color_primaries, context.color_trc, context.colorspace) == (1, 1, 1, 1)
+    assert context.pix_fmt == "yuv420p"
     assert len(shown) == 7
     for image, expected in zip(shown, frames, strict=True):
         assert image.shape == (*(n + n % 2 for n in size), 3)
@@ -67,7 +68,7 @@ def test_colours_keep_their_mean(tmp_path: Path, colour: tuple[float, float, flo
     np.testing.assert_allclose(decoded(tmp_path / "a.mp4")[0][1].mean((0, 1)), colour, atol=0.01)
 
 
-@pytest.mark.parametrize("fps", [24, 29.97, 30000 / 1001, 0.5])
+@pytest.mark.parametrize("fps", [12.5, 30000 / 1001, 0.5])
 def test_frame_rate_is_kept(tmp_path: Path, fps: float) -> None:
     write_video(tmp_path / "a.mp4", frames_of(4, 16, 16), fps=fps)
     assert float(decoded(tmp_path / "a.mp4")[1].average_rate) == pytest.approx(fps, rel=1e-3)
@@ -136,14 +137,7 @@ def test_disk_that_fills_up_is_an_oserror_that_names_the_file(tmp_path: Path, li
     assert list(tmp_path.iterdir()) == []
 
 
-def test_frames_follow_one_another_at_the_rate_and_are_tagged(tmp_path: Path) -> None:
-    write_video(tmp_path / "a.mp4", frames_of(5, 16, 16), fps=999)
-    write_video(tmp_path / "b.mp4", frames_of(5, 16, 16), fps=12.5)
-    with av.open(str(tmp_path / "b.mp4")) as container:
-        stream: Any = container.streams.video[0]
-        times = [float(frame.pts * frame.time_base) for frame in container.decode(stream)]
-        context = stream.codec_context
-        assert (context.color_primaries, context.color_trc, context.colorspace) == (1, 1, 1)
-    np.testing.assert_allclose(np.diff(times), 1 / 12.5, rtol=1e-3)
+def test_a_video_plays_before_all_of_it_is_there(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.mp4", frames_of(5, 16, 16))
     data = (tmp_path / "a.mp4").read_bytes()
-    assert data.index(b"moov") < data.index(b"mdat")  # plays before all of it is there
+    assert data.index(b"moov") < data.index(b"mdat")

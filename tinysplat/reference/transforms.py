@@ -86,8 +86,9 @@ def synthesise(inputs: Mapping[str, NDArray], cameras: Sequence[Camera], origin:
     codes, colors = (inputs[name].astype(np.float64) for name in ("geometry_codes", "color_codes"))
     geometry = np.einsum("vcp,vphw->vchw", inputs["geometry_mix"].astype(np.float64), codes)
     low, high = inputs["depth_limits"].astype(np.float64)
-    depth = -1 / geometry[:, 0] if inputs["inverse_depth"] > 0 else geometry[:, 0]
-    geometry[:, 0] = depth.clip(low, high)
+    if inputs["inverse_depth"] > 0:  # one that noise pushed through 0 means far away
+        geometry[:, 0] = -1 / geometry[:, 0].clip(-1 / low, -1 / high)
+    geometry[:, 0] = geometry[:, 0].clip(low, high)
     geometry[:, 3:6] = geometry[:, 3:6].clip(0)
     geometry[:, 10] = geometry[:, 10].clip(0, 1)
     if inputs["relative_rotation"] > 0:
