@@ -33,6 +33,11 @@ if TYPE_CHECKING:
     from .scene.cameras import Camera
     from .scene.scenes import Scene
 
+PATH = str | os.PathLike
+GAUSSIANS = "gaussians", "Gaussians, of `predict` or `load_gaussians`"
+BYTES = "data", "bytes of a .tsplat file; `load_gaussians` reads one by its path"
+"""Arguments of which another kind is given now and then, and what is expected."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -93,8 +98,9 @@ class Runtime:
             NumericError: the network's output is not finite.
         """
         from .recipe import stages
+        from .scene.scenes import Scene
 
-        _check_is_scene(scene)
+        _check(scene, Scene, "scene", "a Scene, which `load_scene` reads")
         return stages.predict(scene, model, self, stages.Way.of(scene, model, self, whole=whole), watch=watch)
 
     def refine(
@@ -166,7 +172,7 @@ class Runtime:
         from .recipe.request import coding_of
         from .recipe.stages import code
 
-        _check_are_gaussians(gaussians)
+        _check(gaussians, Gaussians, *GAUSSIANS)
         if cameras is not None:
             from .formats.viewpoints import seen_from
 
@@ -243,7 +249,7 @@ class Runtime:
         """
         from .codec.decoder import decode_gaussians
 
-        _check_are_bytes(data)
+        _check(data, bytes | bytearray | memoryview, *BYTES)
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
         return decode_gaussians(
@@ -282,8 +288,8 @@ class Runtime:
         request = ExportRequest.of(**options)
         sources: Sequence[Any] = source if isinstance(source, list | tuple) else [source]
         for value in sources:
-            _check_is_path(value, "source")
-        _check_is_path(target, "target")
+            _check(value, PATH, "source", "a path")
+        _check(target, PATH, "target", "a path")
         files = [os.fspath(value) for value in sources]
         parts = [(file, self._loaded(file, request.views)) for file in files]
         origin = files[0] if len(files) == 1 and files[0].lower().endswith(SUFFIX) else None
@@ -344,27 +350,9 @@ def _warn(scene: Scene, text: str) -> None:
     warn(f"{scene.path}: {text}", SceneWarning)
 
 
-def _check_is_path(value: object, where: str) -> None:
-    if not isinstance(value, str | os.PathLike):
-        raise InputError(f"{type_of(value)}, expected a path", where=where)
-
-
-def _check_is_scene(value: object) -> None:
-    from .scene.scenes import Scene
-
-    if not isinstance(value, Scene):
-        raise InputError(f"{type_of(value)}, expected a Scene, which `load_scene` reads", where="scene")
-
-
-def _check_are_bytes(value: object) -> None:
-    if not isinstance(value, bytes | bytearray | memoryview):
-        fault = f"{type_of(value)}, expected bytes of a .tsplat file"
-        raise InputError(f"{fault}; `load_gaussians` reads one by its path", where="data")
-
-
-def _check_are_gaussians(value: object) -> None:
-    if not isinstance(value, Gaussians):
-        raise InputError(f"{type_of(value)}, expected Gaussians, of `predict` or `load_gaussians`", where="gaussians")
+def _check(value: object, kinds: Any, where: str, expected: str) -> None:
+    if not isinstance(value, kinds):
+        raise InputError(f"{type_of(value)}, expected {expected}", where=where)
 
 
 @lru_cache(maxsize=1)
@@ -401,7 +389,7 @@ def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
         FormatError: a damaged `.tsplat` file.
         InputError: names the file: missing, damaged, or options that a `.tsplat` file, which has cameras, cannot take.
     """
-    _check_is_path(path, "path")
+    _check(path, PATH, "path", "a path")
     if not os.fspath(path).lower().endswith(SUFFIX):
         from .formats import table
 
@@ -430,8 +418,8 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
     Raises:
         InputError, NumericError: as `compress`, or as `convert`.
     """
-    _check_is_path(path, "path")
-    _check_are_gaussians(gaussians)
+    _check(path, PATH, "path", "a path")
+    _check(gaussians, Gaussians, *GAUSSIANS)
     from .gaussian.editing import select_views
     from .recipe.export import HOW, ExportRequest, exported, names, write
 
@@ -455,5 +443,5 @@ def inspect(data: bytes) -> dict[str, Any]:
     """What a file holds, without decoding planes; see `tinysplat_runtime.container.inspection.inspect_bytes`."""
     from .container.inspection import inspect_bytes
 
-    _check_are_bytes(data)
+    _check(data, bytes | bytearray | memoryview, *BYTES)
     return inspect_bytes(data)

@@ -70,15 +70,6 @@ def test_fuse_needs_views(capture, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "is_whole"), [("a.ply", True), ("a.SPZ", True), ("a.npz", False), ("a.NPZ", False), ("a.tsplat", False)]
-)
-def test_which_names_are_of_files_that_know_no_views(capture, tmp_path, name, is_whole):
-    wall, _ = capture
-    ts.save_gaussians(tmp_path / name, wall)
-    assert (ts.load_gaussians(tmp_path / name).count < wall.count) == is_whole
-
-
-@pytest.mark.parametrize(
     ("ending", "words", "options"),
     [
         (".ply", (), {}),

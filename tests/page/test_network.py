@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from page.scripts import run as run_with
 from scenes import make_cameras
-from web.node import node
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container.layers import intrinsics
@@ -21,23 +17,15 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.inference import Graph
 from tinysplat_runtime.graphs.predict import NetworkLimits, network_inputs, predict
 
-PAGE = Path(ts.__file__).parent / "page"
 NEAR, FAR = 1.5, 9.0
 
 
-def run(call: str, request: dict[str, Any]) -> Any:
+def run(call: str, **given: Any) -> Any:
     code = f"""
-    import {{ networkInputs, predictionOf }} from "./network.js";
-    import {{ readFileSync }} from "node:fs";
-    const {{ request, outputs }} = JSON.parse(readFileSync(0, "utf8"));
-    for (const tensor of Object.values(outputs ?? {{}})) tensor.data = Float32Array.from(tensor.data);
-    console.log(JSON.stringify({call}, (_, value) => (ArrayBuffer.isView(value) ? [...value] : value)));
+    for (const tensor of Object.values(outputs)) tensor.data = Float32Array.from(tensor.data);
+    return JSON.parse(JSON.stringify({call}, (_, value) => (ArrayBuffer.isView(value) ? [...value] : value)));
     """
-    command = [node(), "--input-type=module", "-e", code]
-    given = json.dumps(request)
-    done = subprocess.run(command, cwd=PAGE, input=given, capture_output=True, text=True, check=False, timeout=60)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return run_with(code, 'import { networkInputs, predictionOf } from "./network.js";', **{"outputs": {}, **given})
 
 
 def asked(images: NDArray, cameras: tuple[ts.Camera, ...]) -> dict[str, Any]:
@@ -79,7 +67,7 @@ def test_inputs_are_the_host_s(height: int, width: int) -> None:
     cameras = placed(make_cameras(3, height, width), (3, -2, 1))
     images = np.random.default_rng(1).random((3, height, width, 3)).astype(np.float32)
     expected = network_inputs(images, cameras, NEAR, FAR, NetworkLimits(stride=16, min_side=40))
-    found = run("networkInputs(request, { stride: 16, minSide: 40 })", {"request": asked(images, tuple(cameras))})
+    found = run("networkInputs(request, { stride: 16, minSide: 40 })", request=asked(images, tuple(cameras)))
     assert set(found) == set(expected)
     for name, array in expected.items():
         data, shape = found[name]
@@ -108,7 +96,7 @@ def test_outputs_become_the_host_s_gaussians(away: tuple[float, float, float]) -
 
     expected = predict(images, cameras, NEAR, FAR, Given("given", None))
     tensors = {name: {"data": array.reshape(-1).tolist(), "dims": array.shape} for name, array in outputs.items()}
-    found = run("predictionOf(outputs, request)", {"request": asked(images, tuple(cameras)), "outputs": tensors})
+    found = run("predictionOf(outputs, request)", request=asked(images, tuple(cameras)), outputs=tensors)
     np.testing.assert_allclose(found["origin"], expected.origin)
     for layer, wanted in zip(found["layers"], expected.layers, strict=True):
         for name in FIELDS:

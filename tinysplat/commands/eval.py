@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from tinysplat.datasets import SPECS
-from tinysplat.measure.lpips import BACKBONE_FILES, LpipsFiles, find_lpips
+from tinysplat.measure.lpips import BACKBONE_FILES, find_lpips
 from tinysplat.measure.quality import ProfileQp, Quality, document
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile, run_row
 from tinysplat.measure.runner import RunOutcome, RunPlan, run_jobs
 from tinysplat.measure.show.tables import within
 from tinysplat.measure.studies.quality import results_text
-from tinysplat.measure.subjects.cases import LeftOut, Source
+from tinysplat.measure.subjects.cases import Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import budget, indices, size
@@ -125,7 +125,9 @@ def run(args: Namespace) -> None:
     for factor in args.zoom:
         if not MIN_ZOOM <= factor <= MAX_ZOOM:
             raise InputError(f"{factor:g}, accepted are {MIN_ZOOM:g} to {MAX_ZOOM:g}", where="--zoom")
-    lpips, lpips_text = choose_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
+    lpips, lpips_text = None, "LPIPS not asked for"
+    if args.lpips != "none":
+        lpips, lpips_text = find_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
     sources, lost = find_sources(args.scenes, index=args.index, dataset=args.dataset, near=args.near, far=args.far)
     plan = RunPlan(
         sources,
@@ -146,24 +148,14 @@ def run(args: Namespace) -> None:
     outcome = run_jobs(plan, quality, store, threads=threads, processes=args.jobs, quiet=args.quiet)
     store.add(run_row("eval", began))
     outcome.left_out[:0] = lost
-    say_left_out(outcome.left_out, outcome.notes)
+    for line in (*map(str, outcome.left_out), *outcome.notes):
+        print(f"tinysplat: {' '.join(line.split())}", file=sys.stderr)
     if not outcome.rows:
         raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
     _write(folder, args.json, document(outcome, lpips_text, threads, args.jobs))
     if not args.quiet:
         print(within(results_text(outcome.rows, has_lpips=lpips is not None), TERMINAL))
         print(f"\n{summary_line(outcome)}; {lpips_text}; results in {folder}")
-
-
-def choose_lpips(net: str, backbone: str | None, linear: str | None) -> tuple[LpipsFiles | None, str]:
-    """Weights as the options say, and a line about them."""
-    return (None, "LPIPS not asked for") if net == "none" else find_lpips(net, backbone, linear)
-
-
-def say_left_out(left_out: Sequence[LeftOut], notes: Sequence[str]) -> None:
-    """One line each on standard error."""
-    for line in (*map(str, left_out), *notes):
-        print(f"tinysplat: {' '.join(line.split())}", file=sys.stderr)
 
 
 def summary_line(outcome: RunOutcome) -> str:

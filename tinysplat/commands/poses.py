@@ -26,6 +26,8 @@ from tinysplat_runtime.system.progress import progress
 HELP = "camera poses of photos or a video, as a scene folder"
 NEEDS = ("pycolmap",)
 
+KINDS = ", ".join(VIDEOS)
+
 
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
@@ -35,15 +37,11 @@ def configure(parser: ArgumentParser) -> None:
         " moved. The scene's unit is arbitrary. Photos that could not be placed are named on standard error."
     )
     parser.add_argument(
-        "photos", metavar="PHOTOS", help=f"folder of .jpg and .png photos of one static place, or a video: {_kinds()}"
+        "photos", metavar="PHOTOS", help=f"folder of .jpg and .png photos of one static place, or a video: {KINDS}"
     )
     parser.add_argument("-o", "--output", required=True, metavar="SCENE", help="folder to write, new or empty")
     parser.add_argument("--frames", type=_count, metavar="N", help="of a video; default: by its movement, 8 to 64")
     add_threads(parser)
-
-
-def _kinds() -> str:
-    return ", ".join(VIDEOS)
 
 
 def _count(text: str) -> int:
@@ -57,7 +55,7 @@ def run(args: Namespace) -> None:
     source, output = Path(args.photos), Path(args.output)
     is_video = source.suffix.lower() in VIDEOS and not source.is_dir()
     if args.frames is not None and not is_video:
-        raise InputError(f"given with {source}, expected a video ({_kinds()})", where="--frames")
+        raise InputError(f"given with {source}, expected a video ({KINDS})", where="--frames")
     names = [] if is_video else _photo_names(source)
     _check_output(output)
     with tempfile.TemporaryDirectory() as work:
@@ -74,10 +72,10 @@ def run(args: Namespace) -> None:
                 more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
                 print(printable(f"{source}: {twin} is the very file {first} and is left out{more}"), file=sys.stderr)
                 names = [name for name in names if name not in twins]
-            if turned := upright_copies(source, names, photos):
-                _say(
-                    args.quiet, f"{source}: {len(turned)} of {len(names)} photos turned as their Exif orientation says"
-                )
+            turned = upright_copies(source, names, photos)
+            if turned and not args.quiet:
+                said = f"{len(turned)} of {len(names)} photos turned as their Exif orientation says"
+                print(f"{source}: {said}", file=sys.stderr)
         try:
             placement = place(photos, names, Path(work), args.threads or -1, quiet=args.quiet)
         except InputError as error:
@@ -114,11 +112,6 @@ def run(args: Namespace) -> None:
         print(f"{output}: {len(placed)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
 
 
-def _say(quiet: bool, text: str) -> None:
-    if not quiet:
-        print(text, file=sys.stderr)
-
-
 def _frames(source: Path, photos: Path, count: int | None, *, quiet: bool) -> list[str]:
     """Write chosen frames of a video as photos; names end in the frame's number."""
     video = open_video(source)
@@ -135,7 +128,7 @@ def _frames(source: Path, photos: Path, count: int | None, *, quiet: bool) -> li
 
 def _photo_names(folder: Path) -> list[str]:
     if not folder.is_dir():
-        fault = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({_kinds()})"
+        fault = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({KINDS})"
         raise InputError(fault, where=str(folder))
     names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in PHOTO_SUFFIXES)
     heic = [path.name for path in folder.iterdir() if path.suffix.lower() in (".heic", ".heif")]

@@ -8,12 +8,13 @@ from dataclasses import replace
 
 from ..container.inspection import inspect_bytes
 from ..container.layout import SUFFIX
+from ..container.records import Limits
 from ..errors import InputError, TinySplatError
 from ..graphs.artifacts import load_manifest
 from ..graphs.providers import providers_of
 from ..system.stopwatch import Stopwatch
-from .files import read_file
-from .given import described_limits_of, reading_of, writing_of
+from .files import read_file, write_json
+from .given import reading_of, writing_of
 from .outputs import STANDARD
 
 
@@ -26,7 +27,6 @@ def decode(args: Namespace) -> None:
     writing_of(args).write([("", reading.decompress(args.file, data, watch))], watch)
     if args.report:
         from ..recipe.report import file_report
-        from .reports import write_json
 
         described = inspect_bytes(data, is_prefix=reading.is_in_part)
         write_json(args.report, file_report(described, watch))
@@ -42,7 +42,7 @@ def info(args: Namespace) -> None:
         return
     data = read_file(args.file)
     try:
-        described = inspect_bytes(data, described_limits_of(args))
+        described = inspect_bytes(data, Limits.for_describing(args.max_pixels, args.max_memory))
     except TinySplatError as error:
         raise error.within(args.file) from None
     print(json.dumps(described, indent=2) if args.json else info_text(args.file, described))
@@ -55,11 +55,7 @@ def doctor(args: Namespace) -> None:
     report = examine(providers_of(args.provider) if args.provider else None)
     print(json.dumps(report, indent=2) if args.json else text(report))
     if report["wrong"]:
-        raise InputError(f"{_things(len(report['wrong']))} wrong, the first: {report['wrong'][0]}", where="doctor")
-
-
-def _things(count: int) -> str:
-    return "1 thing is" if count == 1 else f"{count} things are"
+        raise InputError(f"{len(report['wrong'])} wrong, the first: {report['wrong'][0]}", where="doctor")
 
 
 def models(args: Namespace) -> None:

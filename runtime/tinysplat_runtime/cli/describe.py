@@ -115,13 +115,10 @@ def _prefix_lines(prefixes: Sequence[dict[str, Any]]) -> list[str]:
 def _views_text(d: dict[str, Any]) -> str:
     if not d["views"]:
         return f"a list of {d['gaussians']} Gaussians of SH degree {d['sh_degree']}, k = {d['k']}"
-    return f"{d['views']} views of {d['width']}x{d['height']}" + _gaussians_text(d)
-
-
-def _gaussians_text(d: dict[str, Any]) -> str:
+    views = f"{d['views']} views of {d['width']}x{d['height']}"
     if d["gaussians"] is None:
-        return ""
-    return f", {d['gaussians']} Gaussians in {len(d['layers'])} layers, SH degree {d['sh_degree']}, k = {d['k']}"
+        return views
+    return f"{views}, {d['gaussians']} Gaussians in {len(d['layers'])} layers, SH degree {d['sh_degree']}, k = {d['k']}"
 
 
 def _network_lines(d: dict[str, Any]) -> list[str]:

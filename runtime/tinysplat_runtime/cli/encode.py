@@ -21,9 +21,8 @@ from ..scene.scenes import Scene
 from ..system.printable import printable
 from ..system.progress import Show, progress, working
 from ..system.stopwatch import Stopwatch
-from .files import Voice, grid_option, noted, write_file
+from .files import Voice, grid_option, noted, write_file, write_json
 from .given import coding_of, notes_of, reading_of, request_of, voice_of
-from .reports import write_json
 
 
 def encode(args: Namespace) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ..api import Runtime
 from ..container.layout import MAGIC, MAX_FILE_BYTES, SUFFIX
@@ -117,6 +119,11 @@ def write_file(path: str, data: bytes) -> None:
         return
     sys.stdout.buffer.write(data)
     sys.stdout.buffer.flush()
+
+
+def write_json(path: str, value: dict[str, Any]) -> None:
+    """Write a report, whole or not at all."""
+    write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
 
 
 @dataclass(frozen=True)

@@ -17,20 +17,11 @@ if TYPE_CHECKING:  # who reads a file asks for no coding
     from .written import Writing
 
 
-def limits_of(args: Namespace) -> Limits:
-    """What `--max-pixels` and `--max-memory` allow."""
-    default = Limits()
-    return Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
-
-
-def described_limits_of(args: Namespace) -> Limits:
-    """The same where a file is described and not decoded."""
-    return Limits.for_describing(args.max_pixels, args.max_memory)
-
-
 def reading_of(args: Namespace) -> Reading:
     """How files are read."""
-    return Reading(args.threads, args.provider, limits_of(args), args.max_bytes, bool(args.partial), args.model)
+    default = Limits()
+    limits = Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
+    return Reading(args.threads, args.provider, limits, args.max_bytes, args.partial, args.model)
 
 
 def voice_of(args: Namespace) -> Voice:

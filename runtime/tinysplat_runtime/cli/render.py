@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.layout import SUFFIX
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render import Renderer, between, orbit
@@ -17,8 +18,8 @@ from ..render.paths import outside
 from ..scene.cameras import Camera
 from ..scene.pictures import png_bytes
 from ..system.progress import progress
-from ..system.stopwatch import Stopwatch
-from .files import write_file
+from ..system.stopwatch import Stopwatch, peak_rss_bytes
+from .files import read_file, write_file, write_json
 from .given import reading_of, voice_of
 from .outputs import STANDARD
 
@@ -68,9 +69,14 @@ def render(args: Namespace) -> None:
             frames = (renderer.render(camera, args.size) for camera in path)
             write_video(args.output, progress(frames, len(path), "render", quiet=args.quiet))
     if args.report:
-        from .reports import render_report, write_json
+        from ..container.inspection import inspect_bytes
+        from ..recipe.report import file_report
 
-        write_json(args.report, render_report(args.file, reading, gaussians, watch))
+        about = {"gaussians": gaussians.count, "sh_degree": gaussians.degree}
+        report = {**about, "seconds": watch.seconds, "peak_rss_bytes": peak_rss_bytes()}
+        if Path(args.file).suffix.lower() == SUFFIX:
+            report = file_report(inspect_bytes(read_file(args.file), is_prefix=reading.is_in_part), watch)
+        write_json(args.report, report)
     seconds = watch.seconds["render"]
     rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
     voice_of(args)(f"{args.output}: {seconds:.3f} s{rate}")
