@@ -80,7 +80,6 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("info cut.g.npz", "cut.g.npz"),
         ("info cut.g.ply", "cut.g.ply"),
         ("info cut.f.tsplat", "cut.f.tsplat"),
         ("info bare.glb", "bare.glb"),
@@ -89,7 +88,6 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("info x.doc", "'.doc'"),
         ("info https://host/a.tsplat", "https://host/a.tsplat"),
         ("render s3://bucket/a.ply -o p.png", "s3://bucket/a.ply"),
-        ("compress https://host//a.ply -o o.tsplat", "https://host//a.ply"),
         ("encode https://host/scene -o o.tsplat", "https://host/scene"),
         ("encode desk -o gs://bucket/o.tsplat", "gs://bucket/o.tsplat"),
         ("encode nothing -o o.tsplat", "cameras.json"),
@@ -113,7 +111,6 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("encode desk -o o.tsplat --qp 1 --lossless", "--lossless"),
         ("encode desk -o o.tsplat --target-size 0", "'0'"),
         ("encode desk -o o.tsplat --target-psnr -3", "-3"),
-        ("encode desk -o o.tsplat --model none", "none"),
         ("encode desk -o o.tsplat --model none.onnx", "none.onnx"),
         ("encode desk -o o.tsplat --mode other", "'other'"),
         ("encode desk -o o.tsplat --profile best", "'best'"),
@@ -163,9 +160,6 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("view f.tsplat --html v.tsplat", ".html"),
         ("view f.tsplat --port 99999", "'99999'"),
         ("view f.tsplat --html o.html --photos none", "none"),
-        ("poses none -o o", "none"),
-        ("poses nothing -o o", "nothing"),
-        ("poses desk/images -o desk", "desk"),
         ("poses f.tsplat -o o", "f.tsplat"),
         ("models extra", "extra"),
         ("models --threads 2", "--threads"),

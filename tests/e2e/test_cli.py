@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -83,8 +84,6 @@ def test_a_decoded_scene_is_coded_like_its_file_without_loss(encoded, tmp_path):
     )
     assert (tmp_path / "again.tsplat").read_bytes() == encoded["file"].read_bytes()
     assert json.loads(report.read_text())["error_by_attribute"]["means"]["max"] == 0
-    for wrong in (tmp_path / "g.npz", "gone.tsplat"):
-        assert str(wrong) in fail("compress", tmp_path / "g.npz", "-o", tmp_path / "x.tsplat", "--like", wrong)
 
 
 def test_a_prefix_of_a_file_decodes_and_renders(encoded, tmp_path):
@@ -152,18 +151,11 @@ def test_quiet_commands_print_nothing(encoded, tmp_path):
     assert succeed("decode", encoded["file"], "-o", tmp_path / "g.npz", "-q") == ""
 
 
-def _bad_gaussians(field: str, value: float) -> dict[str, np.ndarray]:
-    g = make_smooth_gaussians(2, 5, 6)
-    arrays = {name: getattr(g, name).copy() for name in ("means", "quats", "scales", "opacities", "sh")}
-    arrays[field][1, 2, 3] = value
-    return {**arrays, "K": np.stack([c.K for c in g.cameras]), "c2w": np.stack([c.c2w for c in g.cameras])}
-
-
 def test_gaussians_behind_their_camera_are_counted_by_view_and_can_be_dropped(tmp_path):
-    arrays = _bad_gaussians("opacities", 0.5)
-    c2w = arrays["c2w"][1]
-    arrays["means"][1, 2, 3] = c2w[:3, 3] - c2w[:3, 2]  # one unit behind
-    np.savez(tmp_path / "g.npz", **arrays)
+    g = make_smooth_gaussians(2, 5, 6)
+    means, c2w = g.means.copy(), g.cameras[1].c2w
+    means[1, 2, 3] = c2w[:3, 3] - c2w[:3, 2]  # one unit behind
+    ts.save_gaussians(tmp_path / "g.npz", replace(g, means=means))
     message = fail("compress", tmp_path / "g.npz", "-o", tmp_path / "o.tsplat")
     assert "view 1" in message and "--drop-invalid" in message
     succeed("compress", tmp_path / "g.npz", "-o", tmp_path / "o.tsplat", "--drop-invalid")

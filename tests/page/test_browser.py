@@ -9,8 +9,8 @@ import json
 import subprocess
 import sys
 import threading
-import urllib.parse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -187,47 +187,28 @@ def test_switches_change_the_picture_and_back(browser: Browser, tmp_path: Path) 
 # ---- the player ----------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def serve() -> Iterator[Callable[[dict[str, bytes]], str]]:
-    """Serves bodies by path on this machine; gives the address."""
-    bodies: dict[str, bytes] = {}
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """A folder of this machine's."""
 
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            body = bodies.get(urllib.parse.unquote(self.path.partition("?")[0]))
-            self.send_response(404 if body is None else 200)
-            self.send_header(
-                "Content-Type", "text/html" if self.path.startswith("/player") else "application/octet-stream"
-            )
-            self.send_header("Content-Length", str(len(body or b"")))
-            self.end_headers()
-            self.wfile.write(body or b"")
-
-        def log_message(self, format: str, *args: object) -> None:
-            """Requests are nobody's concern."""
-
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-
-    def given(more: dict[str, bytes]) -> str:
-        bodies.update(more)
-        return f"http://127.0.0.1:{server.server_address[1]}"
-
-    yield given
-    server.shutdown()
-    server.server_close()
+    def log_message(self, format: str, *args: object) -> None:
+        """Requests are nobody's concern."""
 
 
-def test_the_player_opens_what_is_linked(browser: Browser, serve: Callable[[dict[str, bytes]], str]) -> None:
+def test_the_player_opens_what_is_linked(browser: Browser, tmp_path: Path) -> None:
     data = coded(2)
     gaussians = ts.decompress(data)
-    address = serve({"/player.html": player_page().encode(), "/a b.tsplat": data})
+    (tmp_path / "player.html").write_text(player_page())
+    (tmp_path / "a b.tsplat").write_bytes(data)
     camera = gaussians.cameras[0]
-    tab = browser.open(f"{address}/player.html?file=a%20b.tsplat&bare", camera.width, camera.height)
-    tab.ready()
-    assert psnr(picture(tab), ts.render(gaussians, camera).clip(0, 1)) > LEAST_DB
-    assert tab.evaluate("document.title") == "a b"
-    tab.close()
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}/player.html?file=a%20b.tsplat&bare"
+        tab = browser.open(address, camera.width, camera.height)
+        tab.ready()
+        assert psnr(picture(tab), ts.render(gaussians, camera).clip(0, 1)) > LEAST_DB
+        assert tab.evaluate("document.title") == "a b"
+        tab.close()
+        server.shutdown()
 
 
 def test_the_player_opens_what_is_dropped_and_refuses_what_is_none(browser: Browser, tmp_path: Path) -> None:
