@@ -128,12 +128,6 @@ def _with_header(**fields: object) -> bytes:
     return file_of(sections)
 
 
-def test_a_layer_without_maps_states_that_nothing_is_left_out():
-    layer = next(data for kind, *_, data in sections_of(_file()) if kind == L.LAYER)
-    wanted = struct.pack("<2I4B2H4f", 2, 3, 0, 0, 0, 0, 0, 0, 1.0, 2.0, 0.0, 1.0)
-    assert layer == wanted
-
-
 _CONSTANT = struct.Struct("<BBBBff")
 _OVER, _INFINITE, _NAN = np.float32(1.01e30), np.inf, np.nan
 

@@ -18,7 +18,6 @@ from scenes import refusing
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container.free import decoding_bytes, free_sections
-from tinysplat_runtime.container.layout import PLANES
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import FreeScene, Limits
 from tinysplat_runtime.container.writer import write_container
@@ -139,31 +138,6 @@ def test_what_is_written_by_hand_is_read_and_written_again_to_the_byte() -> None
         [b"FREP", 1, 1, b"".join(STREAMS)],
     ]
     assert [s.minor for s in free_sections(scene, [{}, {}], [b"", b""])] == [4, 6, 0, 0]
-
-
-def test_pictures_stand_by_class_in_the_order_that_a_prefix_needs() -> None:
-    scene = read(Free().file())
-    payloads = {
-        (P.COLOR, 0): b"c",
-        (P.ROTATION, 1): b"r1",
-        (P.ROTATION, 0): b"r",
-        (P.SCALE, 2): b"s",
-        (P.OPACITY, 0): b"o",
-    }
-    sections = free_sections(scene, [payloads], [b"sets"])
-    assert [s.data for s in sections[1:]] == [b"sets", b"abcdef", b"o", b"s", b"c", b"rr1"]
-    classes = [PLANES[each] for each in (P.OPACITY, P.SCALE, P.COLOR, P.ROTATION)]
-    assert [s.kind for s in sections[1:]] == [b"HEVC", b"FREP", *classes]
-    coded = dict(zip([(P.COLOR, 0), *((P(c), t) for c, t in CHANNELS)], range(8), strict=True))
-    at = len(sections[0].data) - 8 * 16 - 5 * 8
-    for place in coded:
-        number, target, coding, qp, _, offset = struct.unpack_from("<4B2f", sections[0].data, at)
-        assert ((number, target), coding, qp, offset) == (place, int(place in payloads), 7, 0.5)
-        at += 16
-        if place in payloads:
-            assert struct.unpack_from("<2I", sections[0].data, at) == (len(payloads[place]), crc32(payloads[place]))
-            at += 8
-    assert at == len(sections[0].data)
 
 
 def one(place: int, **fields: Any) -> dict[str, Any]:

@@ -59,16 +59,12 @@ def ksplat(sections: int = 1, count: int = 1, room: int = 1, mode: int = 0, vers
     return bytes(header + section) + record
 
 
-def test_a_ksplat_by_hand(tmp_path: Path) -> None:
-    (tmp_path / "a.ksplat").write_bytes(ksplat())
+def test_a_ksplat_by_hand_whose_higher_coefficients_lie_band_by_band_and_channel_by_channel(tmp_path: Path) -> None:
+    (tmp_path / "a.ksplat").write_bytes(ksplat(degree=2))
     read = load_gaussians(tmp_path / "a.ksplat")
     np.testing.assert_allclose(read.means, [[1, 2, 3]])
     np.testing.assert_allclose(read.scales, [[0.1, 0.2, 0.3]], rtol=1e-6)
-
-
-def test_higher_coefficients_of_a_ksplat_lie_band_by_band_and_channel_by_channel(tmp_path: Path) -> None:
-    (tmp_path / "a.ksplat").write_bytes(ksplat(degree=2))
-    sh = load_gaussians(tmp_path / "a.ksplat").sh[0]
+    sh = read.sh[0]
     np.testing.assert_array_equal(sh[1:4], np.arange(9).reshape(3, 3).T)
     np.testing.assert_array_equal(sh[4:9], np.arange(9, 24).reshape(3, 5).T)
 

@@ -159,10 +159,8 @@ def _split(words: NDArray, bits: Sequence[int]) -> NDArray:
 
 def _packed_rotation(quats: NDArray) -> NDArray:
     largest, three = smallest_three(normalize_quats(quats.astype(np.float64)))
-    word = largest.astype(np.uint32)
-    for code in np.rint((three * np.sqrt(0.5) + 0.5) * 1023).clip(0, 1023).astype(np.uint32).T:
-        word = word << np.uint32(10) | code
-    return word
+    codes = np.rint((three * np.sqrt(0.5) + 0.5) * 1023).clip(0, 1023)
+    return _joined(np.column_stack([largest, codes]), (2, 10, 10, 10))
 
 
 def _unpacked_rotation(words: NDArray) -> NDArray:
