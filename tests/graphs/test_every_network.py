@@ -8,6 +8,7 @@ import pytest
 from networks.two_planes import FAR, NEAR, trace
 from numpy.typing import NDArray
 from scenes import make_photo
+from scipy.spatial.transform import Rotation
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import NumericError
@@ -20,13 +21,8 @@ HEIGHT, WIDTH = 32, 48
 STORE = GraphStore(threads=1)
 
 
-def _turn(axis: int, angle: float) -> NDArray:
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.eye(3)
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    R[i, i] = R[j, j] = c
-    R[i, j], R[j, i] = -s, s
-    return R
+def _turn(axis: str, angle: float) -> NDArray:
+    return Rotation.from_euler(axis, angle).as_matrix()
 
 
 def _camera(position: tuple[float, float, float], rotation: NDArray | None = None, focal: float = 40.0) -> Camera:
@@ -53,11 +49,11 @@ POSES = {
     "nearly the same place": [_camera((0, 0, 0)), _camera((1e-4, 0, 0))],
     "one behind the other": [_camera((0, 0, 0)), _camera((0, 0, -0.5))],
     "beyond the far plane": [_camera((0, 0, 0)), _camera((0, 0, 100.0))],
-    "turned alone": [_camera((0, 0, 0)), _camera((0, 0, 0), _turn(1, 0.2))],
-    "turned a millionth": [_camera((0, 0, 0)), _camera((0, 0, 0), _turn(1, 2e-5))],
-    "back to back": [_camera((0, 0, 0)), _camera((0.1, 0, 0), _turn(1, np.pi))],
-    "face to face": [_camera((0, 0, 0)), _camera((0, 0, 5.0), _turn(1, np.pi))],
-    "upside down": [_camera((0, 0, 0)), _camera((0.2, 0, 0), _turn(2, np.pi))],
+    "turned alone": [_camera((0, 0, 0)), _camera((0, 0, 0), _turn("y", 0.2))],
+    "turned a millionth": [_camera((0, 0, 0)), _camera((0, 0, 0), _turn("y", 2e-5))],
+    "back to back": [_camera((0, 0, 0)), _camera((0.1, 0, 0), _turn("y", np.pi))],
+    "face to face": [_camera((0, 0, 0)), _camera((0, 0, 5.0), _turn("y", np.pi))],
+    "upside down": [_camera((0, 0, 0)), _camera((0.2, 0, 0), _turn("z", np.pi))],
     "a thousand near planes apart": [_camera((0, 0, 0)), _camera((1000.0, 0, 0))],
     "far from the origin": [_camera((1e7, -1e7, 1e6)), _camera((1e7 + 0.2, -1e7, 1e6))],
     "focal lengths 1000 times apart": [_camera((0, 0, 0), focal=4.0), _camera((0.2, 0, 0), focal=4000.0)],

@@ -67,10 +67,8 @@ def test_how_uncertain_places_are_follows_from_what_a_pixel_at_points_moves(
     lens = next(iter(model.cameras.values()))
 
     def at(v: int, moved: NDArray) -> tuple[NDArray, NDArray]:
-        pose = images[v].cam_from_world()
-        return (pycolmap.Rotation3d(moved[6 * v :][:3]) * pose.rotation).matrix(), pose.translation + moved[
-            6 * v + 3 :
-        ][:3]
+        pose, (turn, shift) = images[v].cam_from_world(), moved[6 * v :][:6].reshape(2, 3)
+        return (pycolmap.Rotation3d(turn) * pose.rotation).matrix(), pose.translation + shift
 
     def seen(moved: NDArray) -> NDArray:
         of_points = moved[6 * len(images) :].reshape(-1, 3)

@@ -55,7 +55,7 @@ def predict_each(
         InputError, NumericError, ModelError: as `predict.predict`.
     """
     places = view_places(cameras, near, far)
-    stars: list[tuple[int, ...]] = [()] * len(cameras)
+    stars: list[tuple[int, ...]] = [()] * len(cameras)  # of each photo, it and its partners, nearest first
     for group in groups:
         for v in group.kept:
             others = [u for u in group.views if u != v]

@@ -34,13 +34,12 @@ def observed_range(w2c: NDArray, points: NDArray, observations: NDArray) -> tupl
 
 def depth_range_in_view(points: NDArray, cameras: Sequence[Camera]) -> tuple[float | None, float | None]:
     """`depth_range` of points (N, 3) float in the world as the cameras that have them in their picture see them."""
-    return depth_range(np.concatenate([np.zeros(0), *(_depths_in_view(points, camera) for camera in cameras)]))
-
-
-def _depths_in_view(points: NDArray, camera: Camera) -> NDArray:
-    local = (points - camera.centre) @ camera.rotation.T  # (N, 3)
-    local = local[local[:, 2] > 0]
-    pixels = local @ camera.K.T
-    with np.errstate(over="ignore"):
-        inside = ((pixels[:, :2] >= 0) & (pixels[:, :2] < pixels[:, 2:] * (camera.width, camera.height))).all(axis=1)
-    return local[inside, 2]
+    depths = [np.zeros(0)]
+    for camera in cameras:
+        local = (points - camera.centre) @ camera.rotation.T  # (N, 3)
+        local = local[local[:, 2] > 0]
+        pixels = local @ camera.K.T
+        with np.errstate(over="ignore"):
+            ends = pixels[:, 2:] * (camera.width, camera.height)
+        depths.append(local[((pixels[:, :2] >= 0) & (pixels[:, :2] < ends)).all(axis=1), 2])
+    return depth_range(np.concatenate(depths))

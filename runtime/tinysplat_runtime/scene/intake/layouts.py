@@ -105,17 +105,13 @@ def _cameras_file(path: Path) -> Path:
         tool = next(
             (f"cameras of {tool} are not read; " for sign, tool in NOT_READ.items() if any(path.glob(sign))), ""
         )
-        photos, folder = max(((_photos_in(folder), folder) for folder in _folders(path)), key=lambda pair: pair[0])
+        inner = (folder for pattern in ("*", "*/*") for folder in sorted(path.glob(pattern)) if folder.is_dir())
+        folders = [path, *islice(inner, _MOST_FOLDERS)]  # two levels deep: where tools keep their photos
+        photos, folder = max(((_photos_in(folder), folder) for folder in folders), key=lambda pair: pair[0])
         only = ", only photos" if photos and folder == path else ""
         advice = f"{only}; `tinysplat poses {folder} -o SCENE` finds the photos' cameras" if photos else ""
         raise InputError(f"{tool}no {ACCEPTED} in this folder{advice}", where=str(path))
     return path / CAMERAS_FILE if path.is_dir() else path
-
-
-def _folders(path: Path) -> list[Path]:
-    """A folder and those in it, two levels deep: where tools keep their photos."""
-    inner = (folder for pattern in ("*", "*/*") for folder in sorted(path.glob(pattern)) if folder.is_dir())
-    return [path, *islice(inner, _MOST_FOLDERS)]
 
 
 def _photos_in(folder: Path) -> int:

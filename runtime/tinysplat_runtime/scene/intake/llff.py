@@ -17,6 +17,7 @@ from ...errors import InputError
 from ...system.files import parsing, read_limited
 from ..cameras import Camera
 from ..images import PHOTO_SUFFIXES, image_size
+from ..lenses import intrinsics
 from ..scenes import Frame, Scene
 
 LLFF_FILE = "poses_bounds.npy"
@@ -69,8 +70,7 @@ def _camera(file: Path, i: int, row: NDArray, photo: Path) -> Camera:
     size = image_size(photo)
     if min(height, width) < 1:
         raise InputError(f"{width:g}x{height:g} pixels, expected 1 or more", where=f"{file}: row {i}")
-    fx, fy = focal * size[1] / width, focal * size[0] / height
-    K = np.array([[fx, 0, size[1] / 2], [0, fy, size[0] / 2], [0, 0, 1]])
+    K = intrinsics(focal * size[1] / width, focal * size[0] / height, size[1] / 2, size[0] / 2)
     try:
         return Camera(K, c2w, size[1], size[0])
     except InputError as error:

@@ -156,7 +156,7 @@ def _depths_of_points(
     """The depth range of the scene's point cloud; (None, None) where there is none, or no package to read it."""
     if "ply_file_path" not in document:
         return None, None
-    file = folder / photo_name(0, {"ply_file_path": document["ply_file_path"]}, "ply_file_path")
+    file = folder / photo_name(0, document, "ply_file_path")
     try:
         import plyfile
     except ImportError:
