@@ -63,13 +63,11 @@ def frames_of(folder: Path, document: dict[str, Any], named: str) -> tuple[Frame
     entries = list(enumerate(frame_entries(document)))
     photos = [_photo(folder, photo_name(i, entry, "file_path")) for i, entry in entries]
     missing = [photo for photo in photos if not photo.is_file()]
-    if 0 < len(missing) < len(photos):
+    left_out = set(missing) if len(missing) < len(photos) else set()
+    if left_out:
         text = f"{len(missing)} of {len(photos)} photos are not there and left out"
         names = ", ".join(photo.name for photo in missing[:3]) + (", …" if len(missing) > 3 else "")
         warn(f"{named}: {text} ({names})")
-        left_out = set(missing)
-    else:
-        left_out = set()
     chosen = zip(entries, photos, strict=True)
     return even_sizes([_frame(folder, document, *one, photo) for one, photo in chosen if photo not in left_out])
 
