@@ -243,12 +243,8 @@ def _losses(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[str]:
     notes = []
     if gaussians.notes.unit not in ("", "metre", "meter", "m"):
         notes.append(f"lengths are in {gaussians.notes.unit}, which glTF takes for metres; --scale converts them")
-    shifted = [camera for camera in cameras if not _is_centred(camera)]
+    off = [np.abs(camera.K[:2, 2] - np.array([camera.width, camera.height]) / 2).max() for camera in cameras]
+    shifted = sum(far > 0.5 or camera.K[0, 1] != 0 for far, camera in zip(off, cameras, strict=True))
     if shifted:
-        notes.append(f"{len(shifted)} cameras look beside the middle of their picture: kept in extras alone")
+        notes.append(f"{shifted} cameras look beside the middle of their picture: kept in extras alone")
     return notes
-
-
-def _is_centred(camera: Camera) -> bool:
-    off = np.abs(camera.K[:2, 2] - np.array([camera.width, camera.height]) / 2).max()
-    return bool(off <= 0.5 and camera.K[0, 1] == 0)
