@@ -216,11 +216,8 @@ def _bounds(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
     for lane in range(CHUNK):
         i = _I(lane)
         log_opacity, x, y = work[i + P[LOG_OPACITY]], work[i], work[i + P[Y]]
-        root, half_width, half_height = (
-            math.sqrt(log_opacity - _LOG_ALPHA_MIN),
-            work[i + P[_SIZE]],
-            work[i + P[_SIZE + 1]],
-        )
+        root = math.sqrt(log_opacity - _LOG_ALPHA_MIN)
+        half_width, half_height = work[i + P[_SIZE]], work[i + P[_SIZE + 1]]
         across, down = half_width * root, half_height * root
         left = np.ceil(clipped(x - across - _BEFORE, _F(0), width))
         right = np.floor(clipped(x + across - _BEHIND, _F(-1), width - _ONE))
@@ -247,11 +244,8 @@ def _directions(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArr
         at = start + i
         x, y, z = geometry[at] + ox, geometry[at + P[1]] + oy, geometry[at + P[2]] + oz
         norm = 1 / math.sqrt(x * x + y * y + z * z)
-        work[i + P[_SIZE + 2]], work[i + P[_SIZE + 3]], work[i + P[_SIZE + 4]] = (
-            _F(x * norm),
-            _F(y * norm),
-            _F(z * norm),
-        )
+        work[i + P[_SIZE + 2]], work[i + P[_SIZE + 3]] = _F(x * norm), _F(y * norm)
+        work[i + P[_SIZE + 4]] = _F(z * norm)
 
 
 @compiled

@@ -52,14 +52,8 @@ def between(cameras: Sequence[Camera], frames: int) -> list[Camera]:
         j = min(i + 1, len(cameras) - 1)
         a, b, s = cameras[i], cameras[j], t - i
         quat = _slerp(quats[i], quats[j], s) if len(cameras) < 3 else _curve(quats, i, s)
-        path.append(
-            _camera(
-                like=a,
-                K=(1 - s) * a.K + s * b.K,
-                rotation=quats_to_matrices(quat / np.linalg.norm(quat)),
-                centre=_curve(centres, i, s),
-            )
-        )
+        rotation = quats_to_matrices(quat / np.linalg.norm(quat))
+        path.append(_camera((1 - s) * a.K + s * b.K, rotation, _curve(centres, i, s), a.width, a.height))
     return path
 
 
@@ -109,16 +103,15 @@ def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
     for angle in 2 * math.pi * np.arange(frames) / frames:
         shift = radius_x * math.cos(angle) * rotation[:, 0] + radius_y * math.sin(angle) * rotation[:, 1]
         turned = looking_along(target - (centre + shift), down=rotation[:, 1])
-        path.append(_camera(like=cameras[0], K=K, rotation=turned, centre=centre + shift))
+        path.append(_camera(K, turned, centre + shift, cameras[0].width, cameras[0].height))
     return path
 
 
 def outside(gaussians: Gaussians) -> Camera:
     """A view of Gaussians that have none, 800×600: in front of all but strays, y down as .ply scenes have it."""
     middle, length = _bulk(gaussians)
-    c2w = np.eye(4)
-    c2w[:3, 3] = middle - (0, 0, 1.5 * length or 1.0)
-    return Camera(np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]]), c2w, 800, 600)
+    K = np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]])
+    return _camera(K, np.eye(3), middle - (0, 0, 1.5 * length or 1.0), 800, 600)
 
 
 def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
@@ -133,10 +126,8 @@ def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
     for number in range(frames):
         turn, rise = 2 * math.pi * number / frames + 0.3, 0.25 * (-1) ** number
         towards = np.array([math.sin(turn) * math.cos(rise), math.sin(rise), math.cos(turn) * math.cos(rise)])
-        c2w = np.eye(4)
-        c2w[:3, :3] = looking_along(-towards, down=np.array([0.0, 1.0, 0.0]))
-        c2w[:3, 3] = target + distance * towards
-        views.append(Camera(K, c2w, RING_SIDE, RING_SIDE))
+        turned = looking_along(-towards, down=np.array([0.0, 1.0, 0.0]))
+        views.append(_camera(K, turned, target + distance * towards, RING_SIDE, RING_SIDE))
     return views
 
 
@@ -157,10 +148,11 @@ def _check(cameras: Sequence[Camera], frames: int) -> None:
         raise InputError(f"{frames!r}, expected a whole number above 0", where="frames")
 
 
-def _camera(*, like: Camera, K: NDArray, rotation: NDArray, centre: NDArray) -> Camera:
+def _camera(K: NDArray, rotation: NDArray, centre: NDArray, width: int, height: int) -> Camera:
+    """From a rotation (3, 3), camera to world."""
     c2w = np.eye(4)
     c2w[:3, :3], c2w[:3, 3] = rotation, centre
-    return Camera(K, c2w, like.width, like.height)
+    return Camera(K, c2w, width, height)
 
 
 def _slerp(a: NDArray, b: NDArray, s: float) -> NDArray:

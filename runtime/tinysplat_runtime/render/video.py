@@ -66,9 +66,8 @@ def write_video(path: StrPath, frames: Iterable[NDArray], fps: float = 30) -> No
         except InputError as error:
             raise error.within(str(path)) from None
         except av.FFmpegError as error:
-            if (
-                error.errno is not None and error.errno in errno.errorcode
-            ):  # the system's, such as a full disk, rather than libavcodec's own
+            # the system's, such as a full disk, rather than libavcodec's own
+            if error.errno is not None and error.errno in errno.errorcode:
                 raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
             raise InputError(f"cannot be encoded ({error.strerror})", where=str(path)) from None
 
