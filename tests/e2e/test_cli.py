@@ -16,6 +16,7 @@ from scenes import make_smooth_gaussians, psnr, tells, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.pictures import write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
@@ -74,6 +75,13 @@ def test_both_ways_to_a_refined_file_tell_what_refinement_did(encoded, scene, tm
     report.unlink()
     succeed("compress", encoded["raw"], "-o", file, "--report", report, "--force")
     assert "refine" not in json.loads(report.read_text())
+
+
+def test_a_decoded_view_looks_like_the_raw_one(encoded, tmp_path):
+    for name in ("file", "raw"):
+        succeed("render", encoded[name], "-o", tmp_path / f"{name}.png", "--camera", "1")
+    decoded, raw = (read_image(tmp_path / f"{name}.png").astype(float) / 255 for name in ("file", "raw"))
+    assert decoded.shape == (48, 64, 3) and psnr(decoded, raw) > 35
 
 
 def test_a_decoded_scene_is_coded_like_its_file_without_loss(encoded, tmp_path):

@@ -121,12 +121,6 @@ def test_files_of_photos_become_gaussians_in_the_page(encoded: dict[str, Path], 
     assert ts.inspect(file_of(Elements((tmp_path / "p.html").read_text())))["mode"] == "gaussians"
 
 
-def test_a_player_has_no_file(encoded: dict[str, Path], tmp_path: Path) -> None:
-    done = tinysplat("view", "--player", "-o", tmp_path / "player.html")
-    assert done.returncode == 0, done.stderr
-    assert file_of(Elements((tmp_path / "player.html").read_text())) == b""
-
-
 def test_a_player_with_networks_is_a_folder_for_a_server(tmp_path: Path) -> None:
     package = tmp_path / "onnxruntime-web"
     (package / "dist").mkdir(parents=True)

@@ -29,26 +29,19 @@ def run(call: str, **given: Any) -> Any:
 
 
 def asked(images: NDArray, cameras: tuple[ts.Camera, ...]) -> dict[str, Any]:
-    return {
-        "photos": [image.reshape(-1).tolist() for image in images],
-        "width": cameras[0].width,
-        "height": cameras[0].height,
-        "near": NEAR,
-        "far": FAR,
-        "cameras": [
-            {
-                "width": camera.width,
-                "height": camera.height,
-                "fx": camera.K[0, 0],
-                "fy": camera.K[1, 1],
-                "cx": camera.K[0, 2],
-                "cy": camera.K[1, 2],
-                "skew": camera.K[0, 1],
-                "c2w": camera.c2w.reshape(-1).tolist(),
-            }
-            for camera in cameras
-        ],
-    }
+    width, height = cameras[0].width, cameras[0].height
+    names = ("fx", "fy", "cx", "cy", "skew")
+    views = [
+        {
+            "width": width,
+            "height": height,
+            **dict(zip(names, map(float, intrinsics(one.K)), strict=True)),
+            "c2w": one.c2w.ravel().tolist(),
+        }
+        for one in cameras
+    ]
+    photos = [image.ravel().tolist() for image in images]
+    return {"photos": photos, "width": width, "height": height, "near": NEAR, "far": FAR, "cameras": views}
 
 
 def placed(cameras: Iterable[ts.Camera], away: tuple[float, float, float]) -> list[ts.Camera]:

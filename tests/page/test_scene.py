@@ -31,16 +31,8 @@ def camera(n: int) -> dict[str, Any]:
     c2w = np.eye(4)
     c2w[:3, :3] = Rotation.from_rotvec([0.1 * n, 0.3 - 0.2 * n, 0.05]).as_matrix()
     c2w[:3, 3] = np.add(ORIGIN, [0.5 * n, -0.2, 0.1 * n * n])
-    return {
-        "width": 64,
-        "height": 48,
-        "fx": 50 + n,
-        "fy": 52,
-        "cx": 31,
-        "cy": 25,
-        "skew": 0.5,
-        "c2w": c2w.ravel().tolist(),
-    }
+    lens = {"fx": 50 + n, "fy": 52, "cx": 31, "cy": 25, "skew": 0.5}
+    return {"width": 64, "height": 48, **lens, "c2w": c2w.ravel().tolist()}
 
 
 def decoded(count: int, cameras: int, degree: int = 1, layers: int = 1, seed: int = 0) -> dict[str, Any]:
