@@ -16,6 +16,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from ..gaussian.sh import C0
 from ..render.kernels_project import Number, compiled
+from ..system.blas import symmetric_eigen
 
 UNLIKE = 0.6
 """Bhattacharyya's distance of two Gaussians plus |Δr| + |Δg| + |Δb|, from which they are not merged."""
@@ -29,7 +30,6 @@ THINNEST = 1e-3
 FULLEST = 0.999
 
 _BITS, _SHIFTS = 20, (0.0, 0.37)
-_SWEEPS = 8
 
 
 def merged(gaussians: Gaussians, kept: NDArray, gone: NDArray) -> Gaussians:
@@ -58,14 +58,14 @@ def merged(gaussians: Gaussians, kept: NDArray, gone: NDArray) -> Gaussians:
 
     middles = mean(means[rows])
     away = means[rows] - middles[to]
-    lengths, turns = principal_axes(mean(covariances[rows] + away[:, :, None] * away[:, None]))
-    opacities = np.minimum(total / np.prod(lengths, axis=1) ** (2 / 3), FULLEST)
     is_more = np.bincount(to) > 1
-    fields = {"means": middles, "scales": lengths, "quats": turns, "opacities": opacities}
-    fields["sh"] = mean(gaussians.sh[rows])
-    for name, values in fields.items():
-        own = getattr(gaussians, name)[kept]
-        fields[name] = np.where(is_more.reshape(-1, *[1] * (own.ndim - 1)), values, own).astype(np.float32)
+    lengths, turns = principal_axes(mean(covariances[rows] + away[:, :, None] * away[:, None])[is_more])
+    opacities = np.minimum(total[is_more] / np.prod(lengths, axis=1) ** (2 / 3), FULLEST)
+    of_both = {"means": middles[is_more], "scales": lengths, "quats": turns, "opacities": opacities}
+    of_both["sh"] = mean(gaussians.sh[rows])[is_more]
+    fields = {name: getattr(gaussians, name)[kept] for name in of_both}
+    for name, values in of_both.items():
+        fields[name][is_more] = values
     return Gaussians.unchecked(
         **fields, origin=gaussians.origin, notes=gaussians.notes, viewpoints=gaussians.viewpoints
     )
@@ -86,8 +86,7 @@ def _neighbours(means: NDArray, kept: NDArray, gone: NDArray) -> Iterator[NDArra
 
 def principal_axes(covariances: NDArray) -> tuple[NDArray, NDArray]:
     """(n, 3) standard deviations and (n, 4) unit quaternions of symmetric matrices (n, 3, 3), float64."""
-    values, vectors = np.empty((len(covariances), 3)), np.empty_like(covariances)
-    diagonalise(covariances, values, vectors)
+    values, vectors = symmetric_eigen(covariances)
     vectors[:, :, 2] *= np.sign(np.linalg.det(vectors))[:, None]
     return np.sqrt(np.maximum(values, 1e-30)), matrices_to_quats(vectors)
 
@@ -137,32 +136,3 @@ def _unlikeness(
     for channel in range(3):
         colour += abs(colours[one, channel] - colours[other, channel])
     return square / 8 + 0.5 * (math.log(det) - logs[one] - logs[other]) + colour
-
-
-@compiled
-def diagonalise(matrices: NDArray, values: NDArray, vectors: NDArray) -> None:
-    """Eigenvalues (n, 3) and eigenvectors, columns of (n, 3, 3), float64, of symmetric matrices, by Jacobi."""
-    for number in range(len(matrices)):
-        a, v = matrices[number].copy(), vectors[number]
-        v[:] = 0
-        v[0, 0] = v[1, 1] = v[2, 2] = 1
-        for _ in range(_SWEEPS):
-            for i in range(2):
-                for j in range(i + 1, 3):
-                    if a[i, j] == 0:
-                        continue
-                    turn = (a[j, j] - a[i, i]) / (2 * a[i, j])
-                    t = (1.0 if turn >= 0 else -1.0) / (abs(turn) + math.sqrt(turn * turn + 1))
-                    c = 1 / math.sqrt(t * t + 1)
-                    s = t * c
-                    for k in range(3):
-                        one, other = a[k, i], a[k, j]
-                        a[k, i], a[k, j] = c * one - s * other, s * one + c * other
-                    for k in range(3):
-                        one, other = a[i, k], a[j, k]
-                        a[i, k], a[j, k] = c * one - s * other, s * one + c * other
-                    for k in range(3):
-                        one, other = v[k, i], v[k, j]
-                        v[k, i], v[k, j] = c * one - s * other, s * one + c * other
-        for k in range(3):
-            values[number, k] = a[k, k]

@@ -10,7 +10,6 @@ to float16 or float32 before anything follows from it. Builds of numpy without O
 from __future__ import annotations
 
 import ctypes
-import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -62,38 +61,38 @@ def product(a: NDArray, b: NDArray) -> NDArray:
     return np.einsum("...nk,...km->...nm", a, b)
 
 
-def symmetric_eigen(matrix: NDArray) -> tuple[NDArray, NDArray]:
-    """Eigenvalues (n,) rising and eigenvectors (n, n), in columns, of a symmetric float64 matrix (n, n).
+def symmetric_eigen(matrices: NDArray) -> tuple[NDArray, NDArray]:
+    """Eigenvalues (…, n) rising and eigenvectors (…, n, n), in columns, of symmetric float64 matrices (…, n, n).
 
     Up to 4 × 4 by cyclic Jacobi rotations (Golub and Van Loan, Matrix Computations, section 8.5); beyond by LAPACK.
     """
-    if len(matrix) > _OWN_SIDE or not np.isfinite(matrix).all():
+    side = matrices.shape[-1]
+    if side > _OWN_SIDE or not np.isfinite(matrices).all():
         with single_thread():
-            values, vectors = np.linalg.eigh(matrix)
+            values, vectors = np.linalg.eigh(matrices)
         return values, vectors
-    rows, vectors = matrix.astype(np.float64), np.eye(len(matrix))
+    rows, vectors = matrices.astype(np.float64), np.broadcast_to(np.eye(side), matrices.shape).copy()
+    pairs = [(p, q) for p in range(side - 1) for q in range(p + 1, side)]
     for _ in range(_SWEEPS):
-        if not np.triu(rows, 1).any():
+        if not any(rows[..., p, q].any() for p, q in pairs):
             break
-        for p in range(len(rows) - 1):
-            for q in range(p + 1, len(rows)):
-                _rotate(rows, vectors, p, q)
-    order = np.argsort(np.diag(rows), kind="stable")
-    return np.diag(rows)[order], vectors[:, order]
+        for p, q in pairs:
+            _rotate(rows, vectors, p, q)
+    values = np.diagonal(rows, axis1=-2, axis2=-1)
+    order = np.argsort(values, axis=-1, kind="stable")
+    return np.take_along_axis(values, order, -1), np.take_along_axis(vectors, order[..., None, :], -1)
 
 
 def _rotate(rows: NDArray, vectors: NDArray, p: int, q: int) -> None:
-    """One Jacobi rotation, in place: entry (p, q) becomes 0."""
-    here, there, beside = float(rows[p, p]), float(rows[q, q]), float(rows[p, q])
-    if abs(beside) <= 1e-17 * math.sqrt(abs(here * there)) or beside == 0:
-        rows[p, q] = rows[q, p] = 0.0
-        return
-    slope = (there - here) / (2 * beside)
-    tangent = math.copysign(1, slope) / (abs(slope) + math.hypot(slope, 1))
-    cosine = 1 / math.hypot(tangent, 1)
-    turn = np.array([[cosine, tangent * cosine], [-tangent * cosine, cosine]])
-    pair = [p, q]
-    rows[:, pair] = product(rows[:, pair], turn)
-    rows[pair] = product(turn.T, rows[pair])
-    rows[p, q] = rows[q, p] = 0.0
-    vectors[:, pair] = product(vectors[:, pair], turn)
+    """One Jacobi rotation of every matrix, in place: entries (p, q) become 0."""
+    here, there, beside = rows[..., p, p], rows[..., q, q], rows[..., p, q]
+    is_small = np.abs(beside) <= 1e-17 * np.sqrt(np.abs(here * there))
+    slope = (there - here) / (2 * np.where(is_small, 1, beside))
+    tangent = np.copysign(1, slope) / (np.abs(slope) + np.sqrt(slope * slope + 1))
+    tangent = np.where(is_small, 0, tangent)[..., None]
+    cosine = 1 / np.sqrt(tangent * tangent + 1)
+    sine = tangent * cosine
+    for array in (rows, rows.swapaxes(-1, -2), vectors):  # columns, rows, and columns of what is turned with them
+        one, other = array[..., p].copy(), array[..., q]
+        array[..., p], array[..., q] = cosine * one - sine * other, sine * one + cosine * other
+    rows[..., p, q] = rows[..., q, p] = 0.0
