@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import make_smooth_gaussians
 
-from tinysplat_runtime.codec.profiles import find_profile
+from tinysplat_runtime.codec.adaptive import known_steps
+from tinysplat_runtime.codec.profiles import ADAPTIVE, find_profile
+from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.refine import kernels
 from tinysplat_runtime.refine.photos import sizes_of
 from tinysplat_runtime.refine.price import plane_prices
@@ -106,6 +108,9 @@ def test_changes_cost_bits_of_the_planes_that_are_coded() -> None:
         np.testing.assert_allclose(plane / plane[0, 0], values / values[0, 0], rtol=1e-4)  # in steps of any length
         np.testing.assert_allclose(half, plane / 2, rtol=1e-5)  # which double over six of Q
     assert (coarse.opacity, coarse.color) == pytest.approx((2 * price.opacity, 2 * price.color))
+    coded = known_steps((np.zeros((3, 3)), np.full(3, sizes.mean())), 0, ADAPTIVE)  # the coder's own
+    np.testing.assert_allclose(price.planes[1], sizes / coded[PlaneClass.SCALE], rtol=0.01)
+    assert price.color == pytest.approx(coded[PlaneClass.COLOR])
 
     def cost(values: np.ndarray) -> float:
         opacities = 1 / (1 + np.exp(-values[LOGIT]))

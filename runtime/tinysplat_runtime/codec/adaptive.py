@@ -164,12 +164,17 @@ def _factor(index: int, settings: AdaptiveSettings) -> float:
     return settings.behind if index else 1.0
 
 
+def shown_width(size: float, settings: AdaptiveSettings) -> float:
+    """Of splats of a mean ŝ, in pixels, of which the rasteriser's dilation hides little; over the settings' own."""
+    return min(max(size, _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
+
+
 def known_steps(scale_mix: tuple[NDArray, NDArray], index: int, settings: AdaptiveSettings) -> Steps:
     """Steps at Q_g = 0 of the classes for which nothing is measured, of the layer of that index.
 
     `scale_mix` is (3, 3) and (3,) float32. Of a small splat, the rasteriser's dilation hides size and rotation.
     """
-    width = min(max(float(scale_mix[1].mean()), _LEAST_WIDTH), _LARGEST_WIDTH) / settings.width
+    width = shown_width(float(scale_mix[1].mean()), settings)
     hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}
     return {
         c: class_step(settings, c) * hidden.get(c, 1.0) * _factor(index, settings)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.adaptive import class_step
+from ..codec.adaptive import class_step, shown_width
 from ..codec.profiles import ADAPTIVE, AdaptiveSettings, Profile
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import PlaneClass
@@ -64,7 +64,6 @@ def plane_prices(
     first = [[plane.mean() for plane in _planes(gaussians, view)] for view in range(views)]
     inverse, size = (float(np.mean(means)) for means in zip(*first, strict=True))
     depth = _DEPTH_FINER * settings.depth_step * inverse * coarser
-    width = min(max(size, 0.2), 1.0) / settings.width
     scale, opacity, color = (
         class_step(settings, c) * coarser for c in (PlaneClass.SCALE, PlaneClass.OPACITY, PlaneClass.COLOR)
     )
@@ -72,7 +71,7 @@ def plane_prices(
     for layer in gaussians.layers:
         kept = scratch.zeros((views, 2, *layer.opacities.shape[1:]))
         for view, planes in enumerate(scratch.by_view(kept)):
-            for plane, values, step in zip(planes, _planes(layer, view), (depth, scale / width), strict=True):
+            for plane, values, step in zip(planes, _planes(layer, view), (depth, scale / shown_width(size, settings)), strict=True):
                 plane[:] = values / step
             prices[grids[len(prices)]] = PlanePrice(planes, opacity, color, bit)
     return prices
