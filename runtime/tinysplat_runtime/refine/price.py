@@ -67,11 +67,12 @@ def plane_prices(
     scale, opacity, color = (
         class_step(settings, c) * coarser for c in (PlaneClass.SCALE, PlaneClass.OPACITY, PlaneClass.COLOR)
     )
+    steps = depth, scale / shown_width(size, settings)
     prices = dict[Grid, PlanePrice]()
     for layer in gaussians.layers:
         kept = scratch.zeros((views, 2, *layer.opacities.shape[1:]))
         for view, planes in enumerate(scratch.by_view(kept)):
-            for plane, values, step in zip(planes, _planes(layer, view), (depth, scale / shown_width(size, settings)), strict=True):
+            for plane, values, step in zip(planes, _planes(layer, view), steps, strict=True):
                 plane[:] = values / step
             prices[grids[len(prices)]] = PlanePrice(planes, opacity, color, bit)
     return prices
