@@ -44,7 +44,7 @@ def test_names_carry_options(text: str, expected: tuple[str, dict[str, str]]) ->
 
 @pytest.mark.parametrize("text", ["CUDA:", "CUDA:device_id", "CUDA:=1", "CUDA:device_id=", ":device_id=1", "CUDA:a=1,"])
 def test_what_is_no_option_is_said(text: str) -> None:
-    with refusing(InputError, f"--provider '{text}' NAME key=value"):
+    with refusing(InputError, f"provider: '{text}' NAME key=value"):
         providers_of(text)
 
 

@@ -162,7 +162,7 @@ def code(
     if coding.mode == DEFAULT_MODE:
         return _planes(gaussians, coding, tools, stats)
     if photos is None:
-        raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
+        raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="mode")
     seconds = stats.watch.seconds.get("network", 0.0)
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, photos=photos)
     stats.mode = coding.mode
