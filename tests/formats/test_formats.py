@@ -252,8 +252,6 @@ def test_zip_bombs_are_refused_by_their_expansion(tmp_path: Path) -> None:
     path = npz_of_members(tmp_path / "g.npz", {"means.npy": data.getvalue()})
     assert path.stat().st_size < 1 << 16
     assert "16777216" in refusal(path, max_bytes=1 << 20)
-    assert "1000" in refusal(write(tmp_path / "h.npz", arrays_of(MADE)), max_bytes=1000)
-    assert "1000" in refusal(write(tmp_path / "h.safetensors", arrays_of(MADE)), max_bytes=1000)
 
 
 def test_npz_with_damaged_data_is_refused_by_its_checksum(tmp_path: Path) -> None:
