@@ -135,10 +135,10 @@ _OVER, _INFINITE, _NAN = np.float32(1.01e30), np.inf, np.nan
 @pytest.mark.parametrize(
     ("accepted", "refused", "words"),
     [
-        ({"height": 1}, {"height": 0}, "grid 3x0"),
-        ({"width": 1}, {"width": 0}, "grid 0x2"),
-        ({"height": 65536}, {"height": 65537}, "grid 3x65537"),
-        ({"width": 65536}, {"width": 65537}, "grid 65537x2"),
+        ({"height": 1}, {"height": 0}, "grid 3 0"),
+        ({"width": 1}, {"width": 0}, "grid 0 2"),
+        ({"height": 65536}, {"height": 65537}, "grid 3 65537"),
+        ({"width": 65536}, {"width": 65537}, "grid 65537 2"),
         ({"source_degree": 4}, {"source_degree": 5}, "SH degree 0 of 5"),
         ({"z_min": 2.0}, {"z_min": 2.001}, "LAYR[0]"),
         ({"z_min": 1e-29}, {"z_min": 0.0}, "LAYR[0]"),
@@ -232,9 +232,9 @@ def _with_photos(
     ("accepted", "refused", "words"),
     [
         ({}, {"layers": 1}, "1 layers, accepted are 0 to 0"),
-        ({"size": (1, 1)}, {"size": (0, 1)}, "photos of 1x0"),
-        ({"size": (1, 65536)}, {"size": (1, 65537)}, "photos of 65537x1"),
-        ({"size": (65536, 1)}, {"size": (65537, 1)}, "photos of 1x65537"),
+        ({"size": (1, 1)}, {"size": (0, 1)}, "photos of 1 0"),
+        ({"size": (1, 65536)}, {"size": (1, 65537)}, "photos of 65537 1"),
+        ({"size": (65536, 1)}, {"size": (65537, 1)}, "photos of 1 65537"),
         ({"qp": 51}, {"qp": 52}, "QP 52, accepted are 0 to 51"),
         ({}, {"format": 1}, "photo format 1 is unknown"),
         ({}, {"sets": 8}, "parameter set 8 is missing"),
@@ -283,9 +283,9 @@ def _with_exact(
 @pytest.mark.parametrize(
     ("accepted", "refused", "words"),
     [
-        ({"size": (1, 1)}, {"size": (0, 1)}, "grid 1x0"),
-        ({"size": (1, 65536)}, {"size": (1, 65537)}, "grid 65537x1"),
-        ({"size": (65536, 1)}, {"size": (65537, 1)}, "grid 1x65537"),
+        ({"size": (1, 1)}, {"size": (0, 1)}, "grid 1 0"),
+        ({"size": (1, 65536)}, {"size": (1, 65537)}, "grid 65537 1"),
+        ({"size": (65536, 1)}, {"size": (65537, 1)}, "grid 1 65537"),
         ({"degree": 4}, {"degree": 5}, "SH degree 5"),
         ({"depths": (2.0, 2.0)}, {"depths": (2.1, 2.0)}, "EXAC[0]"),
         ({"depths": (1.1e-30, 2.0)}, {"depths": (0.9e-30, 2.0)}, "EXAC[0]"),
