@@ -158,7 +158,7 @@ def load_network(
     """Build the network that a checkpoint is for and load it strictly.
 
     Args:
-        source: what `read_checkpoint` takes or returns.
+        source: what `read_checkpoint` takes, or gave.
         name: the network expected; None accepts any known one.
         scale_rule: of DepthSplat; None takes it from the file's hash, and "2025-04" if that is not a published one.
         sh_degree: see `networks.build`.

@@ -9,6 +9,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from scenes import make_cameras, scene_document
 
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 WALL_Z, SQUARE_Z, SQUARE_HALF = 6.0, 3.0, 0.55
 NEAR, FAR = 2.0, 12.0
@@ -36,12 +40,12 @@ def row_of_cameras(views: int, height: int, width: int, spacing: float = 0.2) ->
     return tuple(make_cameras(views, height, width, spacing, turn=0.03, focal=1, shift=(0.7, -0.4)))
 
 
-def trace(views: int, height: int, width: int, spacing: float = 0.2, subpixels: int = SUBPIXELS) -> TracedScene:
-    """Render the scene with `subpixels`² rays per pixel."""
+def trace(views: int, height: int, width: int, spacing: float = 0.2) -> TracedScene:
+    """Render the scene with `SUBPIXELS`² rays per pixel."""
     cameras = row_of_cameras(views, height, width, spacing)
     images, depths = [], []
+    centres = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
     for camera in cameras:
-        centres = (np.arange(subpixels) + 0.5) / subpixels
         shots = [_shoot(camera, dx, dy)[0] for dy in centres for dx in centres]
         images.append(np.mean(shots, axis=0))
         depths.append(_shoot(camera, 0.5, 0.5)[1])
@@ -59,6 +63,13 @@ def network_inputs(
         "near": np.full(len(cameras), near, np.float32),
         "far": np.full(len(cameras), far, np.float32),
     }
+
+
+def network_tensors(scene: TracedScene, near: float = NEAR, far: float = FAR) -> tuple[Tensor, ...]:
+    """The same of a scene, for a network in torch."""
+    import torch
+
+    return tuple(map(torch.from_numpy, network_inputs(scene.images, scene.cameras, near, far).values()))
 
 
 def _shoot(camera: Camera, dx: float, dy: float) -> tuple[NDArray, NDArray]:
