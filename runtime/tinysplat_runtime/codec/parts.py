@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from functools import partial
 from types import TracebackType
 from typing import Any
 
@@ -25,7 +26,7 @@ from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
 from ..system.printable import type_of
-from .decoder import decode_gaussians
+from .decoder import decode_file, read_file
 from .ranges import Ranges
 
 FIRST_BYTES = 1 << 16
@@ -60,14 +61,15 @@ class SceneFile:
 
         Args:
             source: the file's bytes.
-            store, threads, limits, model: as for `decode_gaussians`.
+            store, threads, model: as for `decode_file`.
+            limits: what to accept.
             cache_bytes: most memory of decoded views that are kept; a call can take more for what it returns.
 
         Raises:
             FormatError: damaged, foreign or beyond the limits.
         """
-        self._source, self._store, self._cache_bytes = source, store, cache_bytes
-        self._options: dict[str, Any] = {"threads": threads, "limits": limits, "model": model}
+        self._source, self._limits, self._cache_bytes = source, limits, cache_bytes
+        self._decode = partial(decode_file, store=store, threads=threads, model=model)
         self.bytes_read = 0
         self._cached: OrderedDict[int, Gaussians] = OrderedDict()
         self._last: tuple[tuple[int, ...], Gaussians] | None = None
@@ -76,7 +78,7 @@ class SceneFile:
             outline = read_outline(self._data, limits)
             self.cameras, self._depths, self._ranges = outline.cameras, outline.depth_limits, outline.ranges
         else:
-            whole = decode_gaussians(self._data, store, **self._options)
+            whole = self._decode(read_file(self._data, limits))
             if not whole.is_per_pixel:
                 raise InputError("a file that holds a list has no views to choose from", where="file")
             self.cameras, self._depths = whole.cameras, _depths(whole)
@@ -112,7 +114,7 @@ class SceneFile:
         else:
             held = {view: self._cached[view] for view in wanted if view in self._cached}
             missing = [view for view in wanted if view not in held]
-            held |= dict(zip(missing, self._decoded(missing), strict=True))
+            held |= dict(zip(missing, self._fetched(missing), strict=True))
             found = _joined([held[view] for view in wanted])
             for view in wanted:
                 self._cached[view] = held[view]
@@ -160,14 +162,13 @@ class SceneFile:
         self.bytes_read += sum(map(len, found))
         return found
 
-    def _decoded(self, views: Sequence[int]) -> list[Gaussians]:
+    def _fetched(self, views: Sequence[int]) -> list[Gaussians]:
         """Each view by itself, so that what is let go of frees memory."""
-        found = []
         parts = self._read([self._ranges[view] for view in views]) if views else []
-        for view, part in zip(views, parts, strict=True):
-            one = decode_gaussians(self._data, self._store, views=[view], units={view: part}, **self._options)
-            found.append(one)
-        return found
+        return [
+            self._decode(read_file(self._data, self._limits, views=[view], units={view: part}))
+            for view, part in zip(views, parts, strict=True)
+        ]
 
     def _shrink(self) -> None:
         total = sum(map(_bytes_of, self._cached.values()))

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from ..container.body import Container
 from ..container.layers import CodedChannel, CodedLayer, LayerHeader
 from ..container.planes import Planes
-from ..container.reader import read_container
 from ..container.records import ChannelRecord, Limits
 from ..container.writer import write_container
 from ..errors import FormatError, InputError
@@ -27,7 +26,7 @@ from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
 from ..graphs.inference import GraphStore
 from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
-from .decoder import decode_gaussians
+from .decoder import decode_file, read_file
 from .encoder import EncodeStats, check_readable
 from .hevc import CodedPlane, encode_plane
 from .one_colour import as_seen
@@ -90,9 +89,10 @@ def encode_like(
     stats = stats or EncodeStats()
     with stats.watch.stage("parse"):
         try:
-            container = read_container(file, limits)
+            read = read_file(file, limits)
+            container = read.container
             layers, profile = _checked(gaussians, container)
-            earlier = decode_gaussians(file, store, threads=threads, limits=limits)
+            earlier = decode_file(read, store, threads=threads)
         except FormatError as error:
             raise error.within(_WHERE) from None
     coded = []
