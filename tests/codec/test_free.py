@@ -11,10 +11,12 @@ from scenes import make_free_gaussians, refusing
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.free.attributes import Columns, expanded, from_columns, to_columns
-from tinysplat_runtime.codec.free.encoder import COLOUR_STEPS, LEAST_OPACITY, SPACING, STEPS
-from tinysplat_runtime.codec.free.octree import cells_of, decode_points, encode_points, morton_keys
+from tinysplat_runtime.codec.free.encoder import COLOUR_STEPS, LEAST_OPACITY, STEPS
+from tinysplat_runtime.codec.free.grid import SPACING
+from tinysplat_runtime.codec.free.octree import decode_points, encode_points
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
+from tinysplat_runtime.gaussian.curve import cells_of, morton_keys
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.gaussian.quaternions import quats_to_matrices

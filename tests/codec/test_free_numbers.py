@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tinysplat_runtime.codec.free.octree import CodedPoints, encode_points, morton_keys
+from tinysplat_runtime.codec.free.octree import CodedPoints, encode_points
 from tinysplat_runtime.codec.free.planes import plane_shape, to_plane
+from tinysplat_runtime.gaussian.curve import morton_keys
 
 FILTERS: list[dict[str, Any]] = [
     {"id": lzma.FILTER_LZMA2, "preset": 6, "lc": 0, "lp": 0, "pb": 0, "nice_len": 32, "dict_size": 1 << 16}

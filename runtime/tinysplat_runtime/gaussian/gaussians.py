@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..scene.cameras import MAX_POSITION, Camera
 from .notes import NO_NOTES, Notes
-from .sh import sh_degree
+from .sh import resized_sh, sh_degree
 
 FIELDS: dict[str, tuple[int, ...]] = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (-1, 3)}
 """Arrays of a Gaussian and their trailing shapes; −1 is the number of SH basis functions."""
@@ -145,18 +145,20 @@ class Gaussians:
         highest.
         """
         functions = max(layer.sh.shape[-2] for layer in self.layers)
-
-        def rows(layer: Gaussians, name: str) -> NDArray:
-            array = getattr(layer, name).reshape(
-                layer.opacities.size, *getattr(layer, name).shape[layer.opacities.ndim :]
-            )
-            if name == "sh" and array.shape[1] < functions:
-                array = np.pad(array, ((0, 0), (0, functions - array.shape[1]), (0, 0)))
-            return array
-
-        arrays = {name: np.concatenate([rows(layer, name) for layer in self.layers]) for name in FIELDS}
+        rows = {name: [layer.listed(name) for layer in self.layers] for name in FIELDS}
+        rows["sh"] = [resized_sh(sh, functions) for sh in rows["sh"]]
+        arrays = {name: np.concatenate(parts) for name, parts in rows.items()}
         viewpoints = self.cameras or self.viewpoints
         return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes, viewpoints=viewpoints)
+
+    def listed(self, name: str) -> NDArray:
+        """One of `FIELDS` of this layer alone, (N, …)."""
+        array: NDArray = getattr(self, name)
+        return array.reshape(self.opacities.size, *array.shape[self.opacities.ndim :])
+
+    def taken(self, rows: ArrayLike) -> Gaussians:
+        """Those at `rows` (n,), integer or bool, of the first axis, in this order; cameras stay."""
+        return self.changed(**{name: getattr(self, name)[rows] for name in FIELDS})
 
     def __repr__(self) -> str:
         shape = "x".join(map(str, self.opacities.shape))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
 from ..scene.neighbours import view_places
-from .gaussians import FIELDS, Gaussians
+from .gaussians import Gaussians
 
 LOOKED_AT = 8
 """Nearest views that a Gaussian is held against."""
@@ -72,8 +72,7 @@ def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) 
     keep = opacities >= 0
     if not keep.any():
         return flat
-    fields = {name: getattr(flat, name)[keep] for name in FIELDS} | {"opacities": opacities[keep]}
-    return Gaussians.unchecked(**fields, origin=flat.origin, notes=flat.notes, viewpoints=flat.viewpoints)
+    return flat.taken(keep).changed(opacities=opacities[keep])
 
 
 def _opacities(

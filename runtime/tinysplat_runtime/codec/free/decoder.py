@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from ...container.body import Container
 from ...container.free import DETERMINING, order_of
-from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier, PointGrid
+from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier
 from ...errors import FormatError
+from ...gaussian.curve import cells_of
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import PlaneClass
 from ...system.blas import product
 from ..hevc import CodedPlane
 from ..missing import PlaneRef
-from .attributes import Columns, expanded, from_columns, uncontracted
-from .octree import cells_of, decode_points
+from .attributes import Columns, expanded, from_columns
+from .grid import means_of
+from .octree import decode_points
 from .orders import Order, along_the_curve, channel_values, order_by, reached
 from .planes import plane_shape
 
@@ -126,12 +128,6 @@ def columns_of(
         turns=np.stack([channels[PlaneClass.ROTATION, target] for target in range(3)], axis=1),
         sh=_coefficients(len(channels[PlaneClass.OPACITY, 0]), mean, basis, colours),
     )
-
-
-def means_of(grid: PointGrid, cells: NDArray) -> NDArray:
-    """(N, 3) float32 positions of (N, 3) cells."""
-    space = grid.low + cells * grid.cell
-    return np.ascontiguousarray(grid.centre + grid.radius * uncontracted(space), np.float32)
 
 
 def _coefficients(count: int, mean: NDArray, basis: NDArray, components: list[NDArray]) -> NDArray:
